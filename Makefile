@@ -1,0 +1,67 @@
+# Every target sets up .venv by itself; nothing needs to be installed beforehand but Python 3.11 or newer.
+#
+#   make demo  [SEED=7] [OUT=out/demo]       conceal an effect, seal it, diagnose, compare
+#   make demo  DATA=recordings/ [OUT=...]    diagnose your own recordings instead
+#   make test | test-slow | bench | clean
+#
+# torch is installed on its own before the rest so that the build chosen there (pip's own settings, or PIP_FLAGS, for
+# instance an index of CPU-only builds) stays: the project never needs CUDA.
+
+PYTHON    ?= python3
+PIP_FLAGS ?=
+SEED      ?=
+DATA      ?=
+OUT       ?= out/demo
+
+VENV  := .venv
+BIN   := $(VENV)/bin
+PIP   := $(BIN)/python -m pip --disable-pip-version-check install -qq $(PIP_FLAGS) -c constraints.txt
+DEV   := $(VENV)/.installed-dev
+BENCH := $(VENV)/.installed-bench
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-slow bench clean
+MAKEFLAGS += --no-print-directory
+# OUT and DATA come from the environment of the recipes, so that a blank in a path does no harm.
+export OUT DATA SEED
+
+help:
+	@sed -n 's/^#   //p' Makefile
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(f"Python {sys.version.split()[0]} is too old: set PYTHON= to 3.11 or newer" if sys.version_info < (3, 11) else 0)'
+	@echo "making $(VENV)"
+	@$(PYTHON) -m venv $(VENV)
+
+$(DEV): pyproject.toml setup.py constraints.txt | $(BIN)/python
+	@echo "installing phnn and its tools into $(VENV) (a few minutes the first time)"
+	@$(PIP) "$$(grep '^torch==' constraints.txt)"
+	@$(PIP) -e '.[dev]'
+	@touch $@
+
+$(BENCH): $(DEV)
+	@echo "installing the benchmark's peers into $(VENV)"
+	@$(PIP) -e '.[dev,bench]'
+	@touch $@
+
+demo: $(DEV)
+	@if [ -n "$$DATA" ]; then \
+		exec $(BIN)/phnn diagnose "$$DATA" --out "$$OUT"; \
+	else \
+		exec $(BIN)/phnn demo $${SEED:+--seed "$$SEED"} --out "$$OUT"; \
+	fi
+
+test: $(DEV)
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/python -m pytest
+
+test-slow: $(DEV)
+	@$(BIN)/python -m pytest -m slow
+
+bench: $(BENCH)
+	@$(BIN)/python -m benchmarks
+
+clean:
+	@rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache build phnn.egg-info

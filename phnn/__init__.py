@@ -1,0 +1,1 @@
+"""Port-Hamiltonian models of piezoelectric actuators, and what they leave out."""

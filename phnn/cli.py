@@ -1,0 +1,152 @@
+"""The console command ``phnn``: parses its arguments, loads the rest of the package only when a command runs.
+
+Exit status: 0 done, 1 the work failed, 2 the input was refused, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from phnn.configuration import compose, config_folder
+from phnn.errors import PhnnError
+
+# Commands with settings, and the file under configs/ that holds them.
+_SETTINGS = {"identify": "identify", "diagnose": "diagnose", "compare": "compare", "demo": "diagnose"}
+_DEBUG = "PHNN_DEBUG"
+
+
+class _Version(argparse.Action):
+    """Looks the version up only when it is asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from importlib.metadata import version
+
+        print(f"phnn {version('phnn')}")
+        parser.exit(0)
+
+
+def _seed(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise ValueError(text)
+    return value
+
+
+_seed.__name__ = "whole number, 0 or more"
+
+
+def _add_command(commands: argparse._SubParsersAction, name: str, text: str) -> argparse.ArgumentParser:
+    epilog = ""
+    if name in _SETTINGS:
+        path = config_folder() / f"{_SETTINGS[name]}.yaml"
+        epilog = "settings, given as key=value after the options (with their defaults):\n" + "".join(
+            f"  {line}\n" for line in path.read_text(encoding="utf-8").splitlines()
+        )
+    command: argparse.ArgumentParser = commands.add_parser(
+        name, help=text, description=text, epilog=epilog, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    return command
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="phnn",
+        description="Models of piezoelectric actuators from recordings, and the physics they leave out.",
+        epilog="phnn COMMAND --help tells more. Exit status: 0 done, 1 the work failed, 2 the input was refused.",
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    check = _add_command(commands, "check", "say what is understood of a folder of recordings")
+    identify = _add_command(commands, "identify", "fit the base model")
+    diagnose = _add_command(commands, "diagnose", "find out what the base model leaves out")
+    predict = _add_command(commands, "predict", "simulate recordings with a model that was written earlier")
+    compare = _add_command(commands, "compare", "fit several kinds of model and compare them")
+    demo = _add_command(commands, "demo", "conceal an effect in simulated recordings, seal it, diagnose it")
+    predict.add_argument("model", type=Path, metavar="MODEL", help="model/ or base/ of an earlier result")
+    for command in (check, identify, diagnose, predict, compare):
+        command.add_argument("folder", type=Path, metavar="FOLDER", help="folder of recordings")
+        command.add_argument("--manifest", type=Path, metavar="FILE", help="recordings.yaml that lies elsewhere")
+    for command in (identify, diagnose, predict, compare):
+        command.add_argument("--out", type=Path, metavar="DIR", required=True, help="where the results go")
+    demo.add_argument(
+        "--seed", type=_seed, metavar="N", help="which effect, how strong, what noise (drawn if left out)"
+    )
+    demo.add_argument("--out", type=Path, metavar="DIR", default=Path("out/demo"), help="default: %(default)s")
+    return parser
+
+
+def _parse(argv: Sequence[str] | None) -> tuple[argparse.Namespace, list[str]]:
+    parser = _parser()
+    # Settings may stand before, between and after the options, which argparse's own lists do not allow.
+    arguments, settings = parser.parse_known_args(argv)
+    strangers = [s for s in settings if s.startswith("-") or arguments.command not in _SETTINGS]
+    if strangers:
+        parser.error(f"phnn {arguments.command} does not know {' '.join(strangers)}")
+    return arguments, settings
+
+
+def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
+    name = arguments.command
+    # Settings are refused before torch and numba are loaded.
+    config = compose(_SETTINGS[name], settings) if name in _SETTINGS else {}
+    from phnn import commands
+
+    if name == "check":
+        commands.check(arguments.folder, arguments.manifest)
+    elif name == "identify":
+        commands.identify(arguments.folder, arguments.out, arguments.manifest, config)
+    elif name == "diagnose":
+        commands.diagnose(arguments.folder, arguments.out, arguments.manifest, config)
+    elif name == "predict":
+        commands.predict(arguments.model, arguments.folder, arguments.out, arguments.manifest)
+    elif name == "compare":
+        commands.compare(arguments.folder, arguments.out, arguments.manifest, config)
+    else:
+        commands.demo(arguments.seed, arguments.out, config)
+
+
+def _say(message: str) -> None:
+    print(f"phnn: {message}", file=sys.stderr)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Args:
+        argv: arguments after the program's name; those of the process if left out.
+
+    Returns:
+        The exit status.
+    """
+    arguments, settings = _parse(argv)
+    try:
+        _run(arguments, settings)
+        sys.stdout.flush()
+    except PhnnError as error:
+        _say(str(error))
+        return error.exit_status
+    except KeyboardInterrupt:
+        out = getattr(arguments, "out", None)
+        _say("interrupted" + (f"; what was finished is in {out}" if out else ""))
+        return 130
+    except BrokenPipeError:
+        # The reader has gone (phnn check ... | head): nothing to say, and nobody to say it to.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return 1
+    except Exception as error:
+        if os.environ.get(_DEBUG):
+            raise
+        if isinstance(error, OSError) and error.filename is not None:
+            _say(f"cannot use {error.filename}: {error.strerror}")
+        else:
+            _say(f"internal error, {type(error).__name__}: {error}; set {_DEBUG}=1 to see the traceback")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

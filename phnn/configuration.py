@@ -1,0 +1,86 @@
+"""Settings of a command: ``configs/<command>.yaml`` with the user's ``key=value`` overrides, composed by hydra."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from phnn.errors import InputRefused
+
+# What a value must satisfy beyond having the type of its default: a test, and the words for a refusal.
+_LEAST = {"seed": 0, "starts": 1, "max_effects": 0, "workers": 1}
+
+
+def config_folder() -> Path:
+    """Where the yaml files lie: inside an installed package, beside ``phnn/`` in a source tree."""
+    package = Path(__file__).resolve().parent
+    for candidate in (package / "configs", package.parent / "configs"):
+        if candidate.is_dir():
+            return candidate
+    raise InputRefused(f"no configs folder in {package} or beside it: install phnn again")
+
+
+def compose(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """The settings of a command.
+
+    Args:
+        command: name of the yaml file.
+        overrides: ``key=value`` in hydra's grammar.
+
+    Raises:
+        InputRefused: an override without ``=``, an unknown key, a value of the wrong kind or out of range.
+    """
+    # hydra costs a third of a second: not before somebody needs settings.
+    import hydra
+    from hydra.errors import HydraException
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    folder = config_folder()
+    defaults = dict(OmegaConf.load(folder / f"{command}.yaml"))
+    for override in overrides:
+        _check_key(command, override, defaults)
+    try:
+        with hydra.initialize_config_dir(str(folder), version_base=None, job_name=f"phnn_{command}"):
+            composed = hydra.compose(command, list(overrides))
+        settings = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+    except (HydraException, OmegaConfBaseException) as error:
+        reason = str(error).strip().splitlines()[0]
+        raise InputRefused(f"settings {' '.join(overrides)} cannot be read ({reason}): write key=value") from error
+    if not isinstance(settings, dict):
+        raise InputRefused(f"{folder / command}.yaml must hold key: value lines")
+    named = {str(key): value for key, value in settings.items()}
+    return {key: _checked(key, value, defaults[key]) for key, value in named.items()}
+
+
+def _check_key(command: str, override: str, defaults: Mapping[str, Any]) -> None:
+    accepted = ", ".join(str(key) for key in defaults)
+    key, equals, _ = override.partition("=")
+    if not equals:
+        raise InputRefused(f"{override!r} is no setting: write key=value with a key out of {accepted}")
+    if key not in defaults:
+        raise InputRefused(f"unknown setting {key!r} in {override!r}: phnn {command} accepts {accepted}")
+
+
+def _checked(key: str, value: Any, default: Any) -> Any:
+    """The value, as a float where the default is one.
+
+    Raises:
+        InputRefused: wrong kind or out of range.
+    """
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise InputRefused(f"setting {key}={value} must be true or false")
+        return value
+    if isinstance(default, float):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
+            raise InputRefused(f"setting {key}={value} must be a positive number")
+        return float(value)
+    if isinstance(default, int):
+        least = _LEAST.get(key, 0)
+        if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            raise InputRefused(f"setting {key}={value} must be a whole number, {least} or more")
+        return value
+    return value

@@ -1,0 +1,126 @@
+"""Make a folder of recordings that conceals one effect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from omegaconf import OmegaConf
+
+from phnn.demo.actuator import TABLE, Array, simulate_all
+from phnn.demo.concealed import EFFECTS, ON_REQUEST, described, draw, drifts, quasi_static_peak
+from phnn.demo.excitation import Excitation, plan_of
+from phnn.demo.sealed import Sealed
+from phnn.demo.strength import find_strength, ruler
+from phnn.errors import InputRefused
+
+_SPREAD = 0.2  # each parameter of Table 1 moves by up to this part of itself
+_TARGETS = (1.5, 10.0)  # residual over noise that an effect leaves
+_ZERO = 5e-6  # m, largest displacement zero of a recording
+
+
+def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "demo") -> Sealed:
+    """Draw an actuator, an effect and its strength; simulate, add noise, write the recordings.
+
+    Nothing in the folder tells the effect. The answer is returned: keep it with ``write_seal``, elsewhere.
+
+    Args:
+        seed: everything follows from it.
+        folder: made if need be; gets ``NAME.csv`` per recording and ``recordings.yaml``.
+        effect: one of ``EFFECTS`` or ``ON_REQUEST``; drawn if left out.
+        plan: "demo" (12 recordings) or "short" (4).
+
+    Raises:
+        InputRefused: an unknown effect or plan, a negative seed, or a folder that holds something already.
+        SolverFailed: the simulation failed, or the effect cannot be made strong enough.
+    """
+    excitations = plan_of(plan)
+    known = (*EFFECTS, *ON_REQUEST)
+    if effect is not None and effect not in known:
+        raise InputRefused(f"no effect called {effect!r} to conceal: take one of {', '.join(known)}")
+    if seed < 0:
+        raise InputRefused(f"seed = {seed}: give a whole number, 0 or more")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputRefused(f"{folder}: is not an empty folder; name one that is new, or empty it")
+
+    # The noise has a stream of its own: it stays the same whatever effect a seed is told to conceal.
+    choices, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    drawn = str(choices.choice(EFFECTS))
+    base = _draw_base(choices)
+    noise = float(choices.uniform(20e-9, 80e-9))
+    quantisation = int(choices.integers(5, 21)) * 1e-9
+    target = float(np.exp(choices.uniform(*np.log(_TARGETS))))
+
+    name = effect or drawn
+    parameters: dict[str, float] = {}
+    reached = 0.0
+    if name == "none":
+        outputs = simulate_all(base, excitations)
+    else:
+        measure = ruler(base, excitations)
+        concealed = draw(name, choices, base, excitations)
+        strength, left = find_strength(
+            lambda z: measure.residual(concealed, z), concealed.guess, concealed.most, target * noise
+        )
+        parameters, reached = described(concealed, strength), left / noise
+        moved = simulate_all({**base, **concealed.law(strength)}, excitations)
+        outputs = tuple(q + d for q, d in zip(moved, drifts(concealed, strength, excitations), strict=True))
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for excitation, q in zip(excitations, outputs, strict=True):
+        _write(folder / f"{excitation.name}.csv", excitation, _measured(q, noise, quantisation, sensor))
+    _write_manifest(folder / "recordings.yaml", base, excitations)
+    return Sealed(name, parameters, base, reached, noise, quantisation, seed, plan)
+
+
+def _draw_base(rng: np.random.Generator) -> dict[str, float]:
+    """Table 1 with every parameter moved by up to ±20 %, such that each hysteron slips at the largest voltage.
+
+    A hysteron that never slips is a capacitor in series: its slope and width would be in no recording.
+    """
+    while True:
+        base = {name: value * float(rng.uniform(1.0 - _SPREAD, 1.0 + _SPREAD)) for name, value in TABLE.items()}
+        charge = base["alpha"] * quasi_static_peak(base)
+        if all(charge / base[f"C_{i}"] > 1.1 * 0.5 * base[f"d_{i}"] for i in (1, 2)):
+            return base
+
+
+def _measured(q: Array, noise: float, quantisation: float, rng: np.random.Generator) -> Array:
+    """What the sensor reports: its zero, noise, and least step."""
+    y = q + rng.uniform(-_ZERO, _ZERO) + noise * rng.standard_normal(q.size)
+    rounded: Array = np.round(y / quantisation) * quantisation
+    return rounded
+
+
+def _write(path: Path, excitation: Excitation, y: Array) -> None:
+    t = excitation.t
+    table = {
+        "time_s": t,
+        "voltage_V": excitation.voltage(t),
+        # The least step is a whole number of nanometres: more decimals would only be rounding errors.
+        "displacement_um": np.round(y * 1e6, 3),
+    }
+    pd.DataFrame(table).to_csv(path, index=False)
+
+
+def _write_manifest(path: Path, base: Mapping[str, float], plan: Sequence[Excitation]) -> None:
+    recordings = []
+    for excitation in plan:
+        entry: dict[str, object] = {
+            "file": f"{excitation.name}.csv",
+            "name": excitation.name,
+            "start": {"state": "rest", "input_before": 0.0},
+        }
+        if excitation.held:
+            entry["input"] = "zero_order"
+        recordings.append(entry)
+    mass = base["m"]
+    manifest = {
+        "setup": {"model": "piezo_actuator", "hysterons": 2},
+        "known": {"m": {"value": mass, "std": float(f"{0.01 * mass:.3g}")}},
+        "voltage": "command",
+        "recordings": recordings,
+    }
+    path.write_text(OmegaConf.to_yaml(OmegaConf.create(manifest)), encoding="utf-8")

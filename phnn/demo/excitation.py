@@ -1,0 +1,124 @@
+"""Voltages of the demonstration: continuous functions of time, sampled only after the simulation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.errors import InputRefused
+
+PEAK = 75.0  # V, largest voltage of every plan
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A stretch on which the voltage is smooth: ``V(t) = level + A sin(2π (f₀ t + ½ f' t²))``.
+
+    Attributes:
+        start, end: s; the voltage may jump where one piece follows another.
+        level, amplitude: V.
+        frequency: ``f₀`` in Hz.
+        rate: ``f'`` in Hz/s.
+    """
+
+    start: float
+    end: float
+    level: float = 0.0
+    amplitude: float = 0.0
+    frequency: float = 0.0
+    rate: float = 0.0
+
+    def voltage(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Voltage [V] at times ``t`` [s], shape as ``t``."""
+        phase = 2.0 * math.pi * (self.frequency * t + 0.5 * self.rate * t * t)
+        voltage: NDArray[np.float64] = self.level + self.amplitude * np.sin(phase)
+        return voltage
+
+    def as_array(self) -> NDArray[np.float64]:
+        """``(level, amplitude, frequency, rate)`` for the right-hand side."""
+        return np.array([self.level, self.amplitude, self.frequency, self.rate])
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """One recording to be made: pieces of voltage that follow each other, and how they are sampled.
+
+    Attributes:
+        name: of the recording.
+        pieces: without gaps, the first one starts at 0; a sample on a border belongs to the later piece.
+        dt: sampling interval in s.
+        samples: their number.
+        held: the voltage comes from a converter that holds each sample (else it is smooth between samples).
+    """
+
+    name: str
+    pieces: tuple[Piece, ...]
+    dt: float
+    samples: int
+    held: bool = False
+
+    @property
+    def t(self) -> NDArray[np.float64]:
+        """Sampling times, (samples,), s."""
+        return np.arange(self.samples, dtype=np.float64) * self.dt
+
+    def piece_of(self, t: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Index of the piece that each time lies in, shape as ``t``."""
+        return np.searchsorted(np.array([piece.start for piece in self.pieces[1:]]), t, side="right")
+
+    def voltage(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Voltage [V] at times ``t`` [s], shape as ``t``."""
+        which = self.piece_of(t)
+        voltage = np.empty_like(t)
+        for i, piece in enumerate(self.pieces):
+            voltage[which == i] = piece.voltage(t[which == i])
+        return voltage
+
+
+def sine(frequency: float, amplitude: float = PEAK, periods: int = 3, samples: int = 2500) -> Excitation:
+    """Whole periods of a sine that starts from rest at zero."""
+    duration = periods / frequency
+    piece = Piece(0.0, duration, amplitude=amplitude, frequency=frequency)
+    return Excitation(f"sine_{frequency:03.0f}Hz_{amplitude:.0f}V", (piece,), duration / samples, samples)
+
+
+def step(amplitude: float = PEAK, before: float = 0.1, hold: float = 2.0, after: float = 0.9) -> Excitation:
+    """Rest, a voltage held, and release, sampled at 2 kHz; the durations are rounded to whole samples."""
+    dt = 5e-4
+    # Borders are multiples of dt in the very arithmetic of the sampling times, so that they coincide exactly.
+    up, off, end = (round(time / dt) for time in (before, before + hold, before + hold + after))
+    pieces = (Piece(0.0, up * dt), Piece(up * dt, off * dt, level=amplitude), Piece(off * dt, end * dt))
+    return Excitation(f"step_{amplitude:.0f}V", pieces, dt, end, held=True)
+
+
+def chirp(amplitude: float = 60.0, low: float = 1.0, high: float = 100.0, duration: float = 2.0) -> Excitation:
+    """A sine whose frequency rises linearly, sampled at 5 kHz."""
+    piece = Piece(0.0, duration, amplitude=amplitude, frequency=low, rate=(high - low) / duration)
+    return Excitation(f"chirp_{low:.0f}-{high:.0f}Hz_{amplitude:.0f}V", (piece,), 2e-4, round(duration / 2e-4))
+
+
+def _demo() -> tuple[Excitation, ...]:
+    sines = tuple(sine(f) for f in (1.0, 10.0, 25.0, 50.0, 75.0, 100.0, 150.0))
+    return (*sines, sine(10.0, 25.0), sine(10.0, 50.0), sine(50.0, 40.0), step(), chirp())
+
+
+def _short() -> tuple[Excitation, ...]:
+    return sine(10.0), sine(100.0), sine(10.0, 50.0), step(before=0.05, hold=0.3, after=0.15)
+
+
+PLANS: dict[str, Callable[[], tuple[Excitation, ...]]] = {"demo": _demo, "short": _short}
+
+
+def plan_of(name: str) -> tuple[Excitation, ...]:
+    """The recordings of a plan.
+
+    Raises:
+        InputRefused: no plan of this name.
+    """
+    if name not in PLANS:
+        raise InputRefused(f"no plan called {name!r}: take one of {', '.join(PLANS)}")
+    return PLANS[name]()

@@ -1,0 +1,70 @@
+"""The sealed answer of a demonstration: written before the diagnosis, opened after it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+from phnn.errors import InputRefused
+
+
+@dataclass(frozen=True)
+class Sealed:
+    """What was concealed.
+
+    Attributes:
+        effect: canonical name, or "none".
+        parameters: of the effect, SI.
+        base: the ten parameters of the actuator, SI.
+        strength_over_noise: root mean square of what the effect changes beyond a refit of the base model, over the
+            standard deviation of the noise.
+        noise: standard deviation of the added noise, m.
+        quantisation: least step of the displacement, m.
+        seed: everything was drawn from it.
+        plan: name of the set of recordings.
+    """
+
+    effect: str
+    parameters: Mapping[str, float]
+    base: Mapping[str, float]
+    strength_over_noise: float
+    noise: float
+    quantisation: float
+    seed: int
+    plan: str
+
+
+def write_seal(sealed: Sealed, path: Path) -> str:
+    """Write the answer as json; it must lie outside the folder that is diagnosed.
+
+    Returns:
+        The SHA-256 of the file, in hexadecimal: printed now, it proves later that the answer was not changed.
+    """
+    data = (json.dumps(asdict(sealed), indent=2, sort_keys=True, allow_nan=False) + "\n").encode()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(path.name + ".part")
+    temporary.write_bytes(data)
+    os.replace(temporary, path)
+    return hashlib.sha256(data).hexdigest()
+
+
+def open_seal(path: Path) -> Sealed:
+    """Read the answer back.
+
+    Raises:
+        InputRefused: the file is absent or is no sealed answer.
+    """
+    try:
+        content = json.loads(path.read_bytes())
+    except OSError as error:
+        raise InputRefused(f"{path}: cannot be read ({error.strerror}): give the file that write_seal wrote") from error
+    except ValueError as error:
+        raise InputRefused(f"{path}: is not json ({error}): give the file that write_seal wrote") from error
+    names = {field.name for field in fields(Sealed)}
+    if not isinstance(content, dict) or set(content) != names:
+        raise InputRefused(f"{path}: is no sealed answer, which has {', '.join(sorted(names))}")
+    return Sealed(**content)

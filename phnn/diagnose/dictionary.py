@@ -1,0 +1,206 @@
+"""Dictionaries of generic local functions: what a missing element at a location could do, without naming any.
+
+Every group belongs to a location and a detail. Its functions use only variables that are local to it (powers of
+``q`` at a spring, functions of ``v`` at a damper, …), evaluated on the simulated base trajectory. They enter as
+a force on the junction, as a change of the port's voltage, or at the output.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.diagnose.filters import low_pass, play_operator, rate, stop_operator
+from phnn.effects import Scales
+from phnn.integrate.program import DISSIPATIVE
+from phnn.simulate import Trajectory, input_before
+
+Array = NDArray[np.float64]
+
+FORCE, VOLTAGE, OUTPUT = "force", "voltage", "output"
+
+
+@dataclass(frozen=True)
+class Group:
+    """Local functions of one kind.
+
+    Attributes:
+        location: canonical location; detail: which kind of element there.
+        enters: `FORCE`, `VOLTAGE` or `OUTPUT`.
+        functions: ``(trajectory, scales) -> (n or N, F)``; zero for zero motion.
+        axis: name of the variable against which the learned function is drawn, with its unit; empty where the
+            functions have memory and no static picture.
+        static: ``x -> (len(x), F)`` the same functions of the axis variable alone.
+    """
+
+    location: str
+    detail: str
+    enters: str
+    functions: Callable[[Trajectory, Scales], Array]
+    axis: str = ""
+    static: Callable[[Array, Scales], Array] | None = None
+
+
+def _elastic(q: Array, scales: Scales) -> Array:
+    s = q / scales.displacement
+    ramps = [np.maximum(side * s - c, 0.0) for side in (1.0, -1.0) for c in (0.0, 0.25, 0.5, 0.7, 0.85)]
+    return np.column_stack([s**2, s**3, s**5, *ramps])
+
+
+def _dissipative(v: Array, scales: Scales) -> Array:
+    w = v / scales.velocity
+    slow = scales.slowest / scales.fastest
+    speeds = (0.03 * slow, 0.3 * slow, 0.03, 0.3)
+    return np.column_stack([*(np.tanh(w / c) for c in speeds), np.abs(w) * w, w**3])
+
+
+def _memory(trajectory: Trajectory, scales: Scales) -> Array:
+    s = trajectory.mid_displacement / scales.displacement
+    times = np.geomspace(0.1 / scales.fastest, scales.duration, 8)
+    return np.column_stack([s - low_pass(s, trajectory.h, t, float(s[0])) for t in times])
+
+
+def _modes(trajectory: Trajectory, scales: Scales) -> Array:
+    a = rate(trajectory.velocity, trajectory.h) / (scales.velocity * scales.fastest)
+    times = 1.0 / (2.0 * np.pi * scales.fastest * np.array([3.0, 10.0]))
+    filtered = [low_pass(low_pass(a, trajectory.h, t, 0.0), trajectory.h, t, 0.0) for t in times]
+    return np.column_stack([a, *filtered])
+
+
+def _damped_by_displacement(trajectory: Trajectory, scales: Scales) -> Array:
+    s = trajectory.mid_displacement / scales.displacement
+    w = trajectory.velocity / scales.velocity
+    return np.column_stack([s * w, s**2 * w])
+
+
+def _hysteron(trajectory: Trajectory, scales: Scales) -> Array:
+    s = trajectory.mid_displacement / scales.displacement
+    radii = (0.01, 0.03, 0.06, 0.12, 0.25, 0.5)
+    stops = [stop_operator(s, r) for r in radii]
+    leaves = [trajectory.efforts[:, i] / scales.voltage for i in _electrical_leaves(trajectory)]
+    return np.column_stack([*stops, *leaves])
+
+
+def _asymmetric_hysteron(trajectory: Trajectory, scales: Scales) -> Array:
+    s = trajectory.mid_displacement / scales.displacement
+    stops = [stop_operator(s, r) * s for r in (0.03, 0.12, 0.3)]
+    leaves = [trajectory.efforts[:, i] / scales.voltage * s for i in _electrical_leaves(trajectory)]
+    return np.column_stack([*stops, *leaves])
+
+
+def _leakage(trajectory: Trajectory, scales: Scales) -> Array:
+    times = np.geomspace(1.0 / scales.fastest, scales.duration, 4)
+    columns = []
+    for i in _electrical_leaves(trajectory):
+        e = trajectory.efforts[:, i] / scales.voltage
+        columns += [low_pass(e, trajectory.h, t, float(e[0])) for t in times]
+    return np.column_stack(columns) if columns else np.zeros((trajectory.velocity.size, 0))
+
+
+def _electrical_leaves(trajectory: Trajectory) -> list[int]:
+    rows = trajectory.program.leaves
+    return [i for i in range(len(rows)) if rows[i][0] == DISSIPATIVE]
+
+
+def _coupling(trajectory: Trajectory, scales: Scales) -> Array:
+    u = trajectory.u[:, 0] / scales.voltage
+    s = trajectory.mid_displacement / scales.displacement
+    inner = u - trajectory.efforts[:, _electrical_leaves(trajectory)].sum(axis=1) / scales.voltage
+    return np.column_stack([u**2, u**3, u * s, inner * s, inner * s**2])
+
+
+def _coupling_static(u: Array, scales: Scales) -> Array:
+    w = u / scales.voltage
+    return np.column_stack([w**2, w**3, w**2, w**2, w**3])
+
+
+def _amplifier_lag(trajectory: Trajectory, scales: Scales) -> Array:
+    u, h = trajectory.u[:, 0] / scales.voltage, trajectory.h
+    times = 1.0 / (2.0 * np.pi * scales.fastest) * np.array([0.02, 0.1, 0.4, 2.0, 10.0])
+    before = input_before(trajectory.recording, trajectory.recording.u) / scales.voltage
+    return np.column_stack([u - low_pass(u, h, t, before) for t in times])
+
+
+def _amplifier_limit(u: Array, scales: Scales) -> Array:
+    w = u / scales.voltage
+    return np.column_stack([np.sign(w) * np.maximum(np.abs(w) - c, 0.0) for c in (0.4, 0.6, 0.75, 0.85, 0.92, 0.97)])
+
+
+def _amplifier_slew(trajectory: Trajectory, scales: Scales) -> Array:
+    u, h = trajectory.u[:, 0] / scales.voltage, trajectory.h
+    slope = rate(u, h) / (2.0 * np.pi * scales.fastest)
+    return np.column_stack([np.sign(slope) * np.maximum(np.abs(slope) - c, 0.0) for c in (0.1, 0.3, 0.6)])
+
+
+def _thermal(trajectory: Trajectory, scales: Scales) -> Array:
+    u, h = trajectory.u[:, 0] / scales.voltage, trajectory.h
+    power = (trajectory.velocity / scales.velocity) ** 2
+    times = np.geomspace(0.05 * scales.duration, 5.0 * scales.duration, 3)
+    return np.column_stack([u * low_pass(power, h, t, 0.0) for t in times])
+
+
+def _sensor_static(q: Array, scales: Scales) -> Array:
+    s = q / scales.displacement
+    return np.column_stack([s**2, s**3])
+
+
+def _sensor_memory(trajectory: Trajectory, scales: Scales) -> Array:
+    q = trajectory.states[trajectory.nodes[trajectory.lead :], trajectory.program.output] / scales.displacement
+    lag = np.gradient(q, trajectory.t) / (2.0 * np.pi * scales.fastest)
+    plays = [q - play_operator(q, r) for r in (0.002, 0.01, 0.03)]
+    return np.column_stack([lag, *plays])
+
+
+def _drift(trajectory: Trajectory, scales: Scales) -> Array:
+    t = trajectory.t / scales.duration
+    return np.column_stack([t, t**2])
+
+
+def _lines(trajectory: Trajectory, scales: Scales) -> Array:
+    columns = []
+    for line in (50.0, 60.0, 100.0, 120.0):
+        if line * 2.2 < 1.0 / trajectory.recording.dt:
+            columns += [np.sin(2 * np.pi * line * trajectory.t), np.cos(2 * np.pi * line * trajectory.t)]
+        else:
+            columns += [np.zeros_like(trajectory.t)] * 2
+    return np.column_stack(columns)
+
+
+def _of_displacement(law: Callable[[Array, Scales], Array]) -> Callable[[Trajectory, Scales], Array]:
+    return lambda trajectory, scales: law(trajectory.mid_displacement, scales)
+
+
+def _of_velocity(law: Callable[[Array, Scales], Array]) -> Callable[[Trajectory, Scales], Array]:
+    return lambda trajectory, scales: law(trajectory.velocity, scales)
+
+
+def _of_voltage(law: Callable[[Array, Scales], Array]) -> Callable[[Trajectory, Scales], Array]:
+    return lambda trajectory, scales: law(trajectory.u[:, 0], scales)
+
+
+def _of_output(law: Callable[[Array, Scales], Array]) -> Callable[[Trajectory, Scales], Array]:
+    return lambda trajectory, scales: law(trajectory.y, scales)
+
+
+GROUPS = (
+    Group("mechanical", "elastic", FORCE, _of_displacement(_elastic), "displacement [µm]", _elastic),
+    Group("mechanical", "dissipative", FORCE, _of_velocity(_dissipative), "velocity [m/s]", _dissipative),
+    Group("mechanical", "position-dependent damping", FORCE, _damped_by_displacement),
+    Group("mechanical", "memory", FORCE, _memory),
+    Group("mechanical", "mode", FORCE, _modes),
+    Group("hysteron", "shape", FORCE, _hysteron),
+    Group("hysteron", "asymmetry", FORCE, _asymmetric_hysteron),
+    Group("electrical", "leakage", FORCE, _leakage),
+    Group("coupling", "nonlinear", FORCE, _coupling, "voltage [V]", _coupling_static),
+    Group("amplifier", "lag", VOLTAGE, _amplifier_lag),
+    Group("amplifier", "limit", VOLTAGE, _of_voltage(_amplifier_limit), "voltage [V]", _amplifier_limit),
+    Group("amplifier", "slew", VOLTAGE, _amplifier_slew),
+    Group("thermal", "gain drift", FORCE, _thermal),
+    Group("sensor", "nonlinear", OUTPUT, _of_output(_sensor_static), "displacement [µm]", _sensor_static),
+    Group("sensor", "lag or play", OUTPUT, _sensor_memory),
+    Group("sensor", "drift", OUTPUT, _drift),
+    Group("environment", "mains", OUTPUT, _lines),
+)

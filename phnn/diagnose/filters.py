@@ -1,0 +1,57 @@
+"""Small causal operators on sampled signals: low-pass, play, differences."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.integrate.dispatch import kernel_cache
+
+Array = NDArray[np.float64]
+
+
+def _low_pass_loop(x: Any, h: Any, tau: Any, state: Any) -> Any:
+    out = np.empty_like(x)
+    for n in range(x.size):
+        state += (x[n] - state) * (1.0 - np.exp(-h[n] / tau))
+        out[n] = state
+    return out
+
+
+def _play_loop(x: Any, radius: Any) -> Any:
+    out = np.empty_like(x)
+    state = 0.0
+    for n in range(x.size):
+        state = min(max(state, x[n] - radius), x[n] + radius)
+        out[n] = state
+    return out
+
+
+with kernel_cache():
+    _low_pass = numba.njit(cache=True, nogil=True)(_low_pass_loop)
+    _play = numba.njit(cache=True, nogil=True)(_play_loop)
+
+
+def low_pass(x: Array, h: Array, tau: float, before: float) -> Array:
+    """First-order low-pass with time constant ``tau`` and steps ``h``, settled at ``before`` when it begins."""
+    return np.asarray(_low_pass(x, h, tau, before))
+
+
+def stop_operator(x: Array, radius: float) -> Array:
+    """``x`` minus its play of half-width ``radius``: saturates at ``±radius``."""
+    return x - np.asarray(_play(x, radius))
+
+
+def play_operator(x: Array, radius: float) -> Array:
+    """Play (backlash) of half-width ``radius`` from the virgin state."""
+    return np.asarray(_play(x, radius))
+
+
+def rate(x: Array, h: Array) -> Array:
+    """Derivative of a signal known at the mid-points of the steps."""
+    middle = np.concatenate([[0.0], np.cumsum(h)])
+    middle = 0.5 * (middle[1:] + middle[:-1])
+    return np.gradient(x, middle) if x.size > 2 else np.zeros_like(x)

@@ -1,0 +1,96 @@
+"""The ground a diagnosis stands on: the fitted base model, its residual and everything projected on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.effects import Scales
+from phnn.identify.fit import Fit
+from phnn.identify.problem import Plan, centred
+from phnn.identify.staged import dominant_frequency
+from phnn.recordings.recording import Recording
+from phnn.simulate import Trajectory, simulate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A fit with its trajectories.
+
+    Attributes:
+        fit: residual and Jacobian are stacked over the identification samples of ``fit.plan``.
+        trajectories: of the recordings in the plan, in order.
+        scales: sizes from which dictionaries and effects take their grids.
+    """
+
+    fit: Fit
+    trajectories: tuple[Trajectory, ...]
+    scales: Scales
+
+    @property
+    def plan(self) -> Plan:
+        """Recordings and sub-steps."""
+        return self.fit.plan
+
+    @cached_property
+    def basis(self) -> Array:
+        """(N, K) orthonormal basis of what base parameters and nuisances explain to first order."""
+        if self.fit.jacobian.shape[1] == 0:
+            return np.zeros((self.fit.residual.size, 0))
+        return np.linalg.qr(self.fit.jacobian)[0]
+
+    @cached_property
+    def residual(self) -> Array:
+        """(N,) residual without what the base could still explain."""
+        return self.project(self.fit.residual)
+
+    def project(self, columns: Array) -> Array:
+        """Columns without their part in the span of the base sensitivities."""
+        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+
+    def stack(self, outputs: Sequence[Array]) -> Array:
+        """Changes of the outputs, one array a recording, as weighted centred columns."""
+        rows = [
+            centred(o, r.mask("identification")) / r.noise for o, r in zip(outputs, self.plan.recordings, strict=True)
+        ]
+        return np.concatenate(rows)
+
+    @cached_property
+    def slices(self) -> list[slice]:
+        """Rows of every recording in the stacked arrays."""
+        lengths = [int(r.mask("identification").sum()) for r in self.plan.recordings]
+        edges = np.concatenate([[0], np.cumsum(lengths)])
+        return [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+
+def prepare(fit: Fit) -> Ground:
+    """Simulate the fitted model on its plan and take the scales."""
+
+    def run(recording: Recording) -> Trajectory:
+        return simulate(fit.setup, recording, fit.plan.steps_of(recording), initial=fit.initial(recording.name))
+
+    trajectories = tuple(fit.plan.each(run))
+    return Ground(fit, trajectories, scales_of(fit, trajectories))
+
+
+def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:
+    """Sizes met in the recordings."""
+    recordings = fit.plan.recordings
+    frequencies = [f for r in recordings if (f := dominant_frequency(r)) > 0.0]
+    k = fit.setup.parameters.get("k")
+    return Scales(
+        voltage=max(float(np.abs(r.u).max()) for r in recordings),
+        displacement=max(float(np.abs(t.mid_displacement).max()) for t in trajectories),
+        velocity=max(float(np.quantile(np.abs(t.velocity), 0.999)) for t in trajectories),
+        stiffness=k.value if k is not None else 1.0,
+        slowest=min(frequencies),
+        fastest=max(frequencies),
+        duration=max(float(r.t[-1]) for r in recordings),
+        noise=float(np.median([r.noise for r in recordings])),
+    )

@@ -1,0 +1,208 @@
+"""Where the mismatch is: which location's own variables explain it on recordings that were left out.
+
+For every location the residual of some recordings is regressed (ridge) on the responses to the location's
+local functions, base sensitivities free beside them; the fit then predicts the residual of the others. The
+score is the share of the explainable residual that is predicted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, Group
+from phnn.diagnose.ground import Ground
+from phnn.simulate import Trajectory, input_force, output_derivatives
+
+Array = NDArray[np.float64]
+
+_RIDGES = (1e-6, 1e-4, 1e-2, 1e-1, 1.0)
+_TIE = 0.03
+_FOLDS = 6
+
+
+@dataclass(frozen=True)
+class Responses:
+    """Responses of the output to all local functions.
+
+    Attributes:
+        columns: (N, F) weighted, centred, normalised.
+        norms: (F,) what the columns were divided by.
+        owner: (F,) index into `GROUPS`.
+    """
+
+    columns: Array
+    norms: Array
+    owner: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where the mismatch is.
+
+    Attributes:
+        name: best location; detail: its best kind of element.
+        tied: locations that explain as much.
+        scores: by location; details: by ``location/detail``.
+        group: index of the best group; weights: its fitted coefficients (physical), with standard errors.
+    """
+
+    name: str
+    detail: str
+    tied: tuple[str, ...]
+    scores: dict[str, float]
+    details: dict[str, float]
+    group: int
+    weights: Array
+    weight_std: Array
+
+
+def responses(ground: Ground) -> Responses:
+    """One forward-sensitivity sweep a recording with all local functions as right-hand sides."""
+    parts = ground.plan.each(lambda r, t: _responses_of(t, ground), ground.trajectories)
+    columns = ground.stack([p[0] for p in parts])
+    norms = np.linalg.norm(columns, axis=0)
+    usable = norms > 1e-12 * norms.max()
+    # A function that these recordings never excite keeps its place, as a column of zeros.
+    norms = np.where(usable, norms, np.inf)
+    return Responses(columns / norms, norms, parts[0][1])
+
+
+def _responses_of(trajectory: Trajectory, ground: Ground) -> tuple[Array, NDArray[np.int64]]:
+    """(N, F) responses of one recording and the owners of the columns: inner groups first, then the sensor's."""
+    forces, outputs, inner, outer = [], [], [], []
+    for index, group in enumerate(GROUPS):
+        functions = group.functions(trajectory, ground.scales)
+        if group.enters == OUTPUT:
+            outputs.append(functions * ground.scales.displacement)
+            outer += [index] * functions.shape[1]
+            continue
+        unit = ground.scales.stiffness * ground.scales.displacement
+        scaled = functions * unit if group.enters == FORCE else input_force(trajectory, functions * ground.scales.voltage)
+        forces.append(scaled)
+        inner += [index] * functions.shape[1]
+    through = output_derivatives(trajectory, (), (), np.ascontiguousarray(np.hstack(forces)))
+    return np.hstack([through, *outputs]), np.array(inner + outer)
+
+
+def locate(ground: Ground, given: Responses | None = None) -> Location:
+    """Score every location by generalisation to left-out recordings."""
+    found = given if given is not None else responses(ground)
+    folds = _folds(ground)
+    details = {
+        f"{g.location}/{g.detail}": _generalise(ground, found.columns[:, found.owner == i], folds)
+        for i, g in enumerate(GROUPS)
+    }
+    names = list(dict.fromkeys(g.location for g in GROUPS))
+    scores = {}
+    for name in names:
+        members = [i for i, g in enumerate(GROUPS) if g.location == name]
+        joint = _generalise(ground, found.columns[:, np.isin(found.owner, members)], folds)
+        # A location may be explained best by one kind of element or by several together.
+        scores[name] = max([joint] + [details[f"{GROUPS[i].location}/{GROUPS[i].detail}"] for i in members])
+    best = max(scores, key=lambda n: scores[n])
+    inside = {g.detail: details[f"{best}/{g.detail}"] for g in GROUPS if g.location == best}
+    detail = max(inside, key=lambda d: inside[d])
+    group = next(i for i, g in enumerate(GROUPS) if (g.location, g.detail) == (best, detail))
+    weights, std = _weights(ground, found, group)
+    tied = tuple(n for n in names if n != best and scores[n] >= scores[best] - _TIE)
+    return Location(best, detail, tied, scores, details, group, weights, std)
+
+
+def _folds(ground: Ground) -> list[NDArray[np.int64]]:
+    """Rows to leave out together: recordings, or stretches of time where there is one recording."""
+    blocks: Sequence[slice] = ground.slices
+    if len(blocks) == 1:
+        rows = np.arange(blocks[0].start, blocks[0].stop)
+        return list(np.array_split(rows, _FOLDS))
+    groups: list[list[int]] = [[] for _ in range(min(_FOLDS, len(blocks)))]
+    for i in range(len(blocks)):
+        groups[i % len(groups)].append(i)
+    return [np.concatenate([np.arange(blocks[i].start, blocks[i].stop) for i in g]) for g in groups]
+
+
+def _generalise(ground: Ground, columns: Array, folds: Sequence[NDArray[np.int64]]) -> float:
+    """Share of the explainable residual predicted on what was left out, best over the ridge grid."""
+    if columns.shape[1] == 0:
+        return 0.0
+    r = ground.residual
+    base = ground.basis
+    k = base.shape[1]
+    # Projected columns need no help from the base to fit all recordings, so that its prior shrinks nothing true.
+    design = np.hstack([base, ground.project(columns)])
+    grams = [design[f].T @ design[f] for f in folds]
+    rights = [design[f].T @ r[f] for f in folds]
+    squares = [float(r[f] @ r[f]) for f in folds]
+    total_gram, total_right = sum(grams), sum(rights)
+    # The base was fitted to all recordings: what is left out may move it only weakly.
+    prior = np.zeros_like(grams[0])
+    prior[:k, :k] = np.eye(k)
+
+    def error(ridge: float, use: slice) -> float:
+        total = 0.0
+        penalty = prior + ridge * np.diag(np.r_[np.zeros(k), np.ones(columns.shape[1])])
+        for gram, right, square in zip(grams, rights, squares, strict=True):
+            a = (total_gram - gram + penalty)[use, use]
+            w = np.linalg.solve(a + 1e-12 * np.eye(a.shape[0]), (total_right - right)[use])
+            total += square - 2.0 * w @ right[use] + w @ gram[use, use] @ w
+        return total
+
+    alone = error(0.0, slice(0, k)) if k else sum(squares)
+    explainable = max(alone - r.size, 1e-3 * alone)
+    best = min(error(ridge, slice(0, None)) for ridge in _RIDGES)
+    return float(np.clip((alone - best) / explainable, 0.0, 1.0))
+
+
+def _weights(ground: Ground, found: Responses, group: int) -> tuple[Array, Array]:
+    """Coefficients of one group's functions fitted to the whole residual, in the units of the functions."""
+    mine = found.owner == group
+    x = ground.project(found.columns[:, mine])
+    gram = x.T @ x + 1e-4 * np.eye(x.shape[1])
+    inverse = np.linalg.inv(gram)
+    weights = inverse @ (x.T @ ground.residual)
+    rest = ground.residual - x @ weights
+    spread = float(rest @ rest / rest.size)
+    std = np.sqrt(np.maximum(np.diag(inverse @ (x.T @ x) @ inverse), 0.0) * spread)
+    return weights / found.norms[mine], std / found.norms[mine]
+
+
+def group_of(location: Location) -> Group:
+    """The dictionary group behind a location."""
+    return GROUPS[location.group]
+
+
+def recording_scores(ground: Ground) -> dict[str, float]:
+    """Residual over noise of every identification recording."""
+    return {
+        r.name: float(np.sqrt(np.mean(ground.fit.residual[s] ** 2)))
+        for r, s in zip(ground.plan.recordings, ground.slices, strict=True)
+    }
+
+
+def strongest_frequencies(ground: Ground, count: int = 5) -> list[float]:
+    """Frequencies [Hz] that carry most of the residual above the noise, over all recordings."""
+    peaks: list[tuple[float, float]] = []
+    for recording, rows in zip(ground.plan.recordings, ground.slices, strict=True):
+        r = ground.fit.residual[rows]
+        power = np.abs(np.fft.rfft(r * np.hanning(r.size))) ** 2 / (0.375 * r.size)
+        grid = np.fft.rfftfreq(r.size, recording.dt)
+        for i in np.argsort(power)[-3:]:
+            if power[i] > 10.0 and grid[i] > 0.0:
+                peaks.append((float(power[i]), float(grid[i])))
+    return [round(f, 3) for _, f in sorted(peaks, reverse=True)[:count]]
+
+
+def strongest_times(ground: Ground, count: int = 3) -> list[float]:
+    """Instants [s] of the largest residuals in the recording that fits worst."""
+    worst = max(recording_scores(ground).items(), key=lambda item: item[1])[0]
+    for recording, rows in zip(ground.plan.recordings, ground.slices, strict=True):
+        if recording.name == worst:
+            r = np.abs(ground.fit.residual[rows])
+            t = recording.t[recording.mask("identification")]
+            return [float(x) for x in t[np.sort(np.argsort(r)[-count:])]]
+    return []
+
+

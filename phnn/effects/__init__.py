@@ -1,0 +1,34 @@
+"""The catalogue of left-out physics: every module of this folder that defines ``EFFECT`` is a member."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from functools import cache
+
+from phnn.effects.effect import Effect, Scales
+from phnn.errors import InputRefused
+
+__all__ = ["Effect", "Scales", "catalogue", "effect"]
+
+
+@cache
+def catalogue() -> dict[str, Effect]:
+    """All effects by name."""
+    found = {}
+    for module in pkgutil.iter_modules(__path__):
+        member = getattr(importlib.import_module(f"{__name__}.{module.name}"), "EFFECT", None)
+        if member is not None:
+            found[member.name] = member
+    return found
+
+
+def effect(name: str) -> Effect:
+    """One effect by name.
+
+    Raises:
+        InputRefused: there is no such effect; the message lists those that exist.
+    """
+    if name not in catalogue():
+        raise InputRefused(f"no effect called {name!r}: the catalogue has {', '.join(catalogue())}")
+    return catalogue()[name]

@@ -1,0 +1,39 @@
+"""An amplifier that lags behind its command."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from phnn.effects.effect import Effect, Scales
+from phnn.parameters import Parameter
+from phnn.setup import Block, Setup
+
+
+def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """``τ V̇ = u − V`` before the port."""
+    tau = values["tau_a"]
+    parameter = Parameter("tau_a", tau, "s", 1e-9, 10.0, positive=True, description="time constant of the amplifier")
+    return setup.with_block("amplifier", Block("lowpass", ("tau_a",)), (parameter,))
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """Small against the fastest line, and two finite corners where the response is no longer proportional."""
+    unit = 1.0 / (2.0 * 3.141592653589793 * scales.fastest)
+    return [{"tau_a": unit * share} for share in (1e-3, 0.1, 1.0, 10.0)]
+
+
+EFFECT = Effect(
+    name="amplifier_lowpass",
+    location="amplifier",
+    equation=r"\tau_a \dot{V} = u - V",
+    statement="The amplifier does not follow its command at once: it is a low-pass with a time constant of {tau_a}.",
+    references=("Fleming & Leang 2014, Design, Modeling and Control of Nanopositioning Systems, ch. 14",),
+    passive=False,
+    strength="tau_a",
+    one_sided=True,
+    grid=grid,
+    build=build,
+    parameters=("tau_a",),
+    needs_command=True,
+    neighbours=("delay", "sensor_lag"),
+)

@@ -1,0 +1,52 @@
+"""Creep: a Maxwell cell beside the spring."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from phnn.effects.effect import Effect, Scales, with_network
+from phnn.network.elements import Coupling, Resistor, Storage
+from phnn.parameters import positive
+from phnn.setup import Setup
+
+
+def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """``F += −k_s s``, ``ṡ = v − s/τ``: storage ``s`` with ``J[s, p] = 1`` and a linear resistor."""
+    return with_network(
+        setup,
+        setup.network.extend(
+            storages=(Storage("s", "spring", ("k_s",), "m"),),
+            resistors=(Resistor("creep", "maxwell", {"s": 1.0}, ("k_s", "tau_s")),),
+            couplings=(Coupling("s", "p", 1.0),),
+            parameters=(
+                positive("k_s", values["k_s"], "N/m", "stiffness of the relaxing spring", 1e8),
+                positive("tau_s", values["tau_s"], "s", "creep time", 1e3),
+            ),
+        ),
+    )
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """Relaxation times from the fastest period to the longest recording."""
+    shortest = 0.1 / scales.fastest
+    times = np.geomspace(shortest, 2.0 * scales.duration, 10)
+    return [{"k_s": 1e-3 * scales.stiffness, "tau_s": float(t)} for t in times]
+
+
+EFFECT = Effect(
+    name="creep",
+    location="mechanical",
+    equation=r"F_s = k_s\,s, \quad \dot{s} = v - s/\tau_s",
+    statement="Part of the stiffness relaxes: a spring of {k_s} gives way with a time constant of {tau_s}, so the "
+    "displacement goes on growing after a change of voltage.",
+    references=("Findley, Lai & Onaran 1976, Creep and Relaxation of Nonlinear Viscoelastic Materials",),
+    passive=True,
+    strength="k_s",
+    one_sided=True,
+    grid=grid,
+    build=build,
+    parameters=("k_s", "tau_s"),
+    neighbours=("extra_hysteron", "sensor_drift"),
+)

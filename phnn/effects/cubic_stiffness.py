@@ -1,0 +1,40 @@
+"""Cubic stiffness: a spring that hardens or softens symmetrically."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from phnn.effects.effect import Effect, Scales, replace_storage, with_network
+from phnn.parameters import Parameter, constant
+from phnn.setup import Setup
+
+
+def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """Effort of ``q`` becomes ``k q (1 + κ₃ s² + c s⁴)``, ``s = q/q₀``; ``c`` completes a softening spring."""
+    extra = (
+        Parameter("kappa_3", values["kappa_3"], "1", -2.0, 20.0, typical=0.05, description="cubic stiffness"),
+        constant("q_0", values["q_0"], "m", "reference displacement of the cubic stiffness"),
+    )
+    return with_network(setup, replace_storage(setup.network, "q", "cubic_spring", extra))
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """The law is linear in its strength: one point."""
+    return [{"kappa_3": 1e-3, "q_0": scales.displacement}]
+
+
+EFFECT = Effect(
+    name="cubic_stiffness",
+    location="mechanical",
+    equation=r"F_k = k\,q\,(1 + \kappa_3 (q/q_0)^2)",
+    statement="The stiffness depends on the amplitude: at a displacement of {q_0} the spring force differs by the "
+    "share {kappa_3} from a straight line.",
+    references=("Kovacic & Brennan 2011, The Duffing Equation",),
+    passive=True,
+    strength="kappa_3",
+    one_sided=False,
+    grid=grid,
+    build=build,
+    parameters=("kappa_3", "q_0"),
+    neighbours=("amplifier_saturation",),
+)

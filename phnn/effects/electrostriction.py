@@ -1,0 +1,43 @@
+"""Electrostriction: a force that grows with the square of the voltage."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from phnn.effects.effect import Effect, Scales, with_network
+from phnn.parameters import Parameter, as_table
+from phnn.setup import Setup
+
+
+def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """The voltage port acts through ``ψ(V) = V + ε V²/2``; its conjugate current gains the factor ``1 + ε V``."""
+    network = setup.network
+    extra = Parameter("epsilon", values["epsilon"], "1/V", -1.0, 1.0, typical=1e-3, description="electrostriction")
+    ports = tuple(
+        replace(p, law="electrostriction", parameters=("epsilon",)) if p.name == "voltage" else p for p in network.ports
+    )
+    parameters = as_table((*network.parameters.values(), extra))
+    return with_network(setup, replace(network, ports=ports, parameters=parameters))
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """The law is linear in its strength: one point."""
+    return [{"epsilon": 1e-3 / scales.voltage}]
+
+
+EFFECT = Effect(
+    name="electrostriction",
+    location="coupling",
+    equation=r"F = \alpha (V + \frac{1}{2} \varepsilon V^2)",
+    statement="The force is not proportional to the voltage: electrostriction adds the share {epsilon} times half "
+    "the voltage, the same at every frequency.",
+    references=("Uchino 1997, Piezoelectric Actuators and Ultrasonic Motors",),
+    passive=True,
+    strength="epsilon",
+    one_sided=False,
+    grid=grid,
+    build=build,
+    parameters=("epsilon",),
+    neighbours=("displacement_coupling", "quadratic_stiffness", "sensor_nonlinearity"),
+)

@@ -1,0 +1,53 @@
+"""One more RC hysteron than the model has."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from phnn.effects.effect import Effect, Scales, with_network
+from phnn.models.actuator import hysteron, hysteron_parameters
+from phnn.setup import Setup
+
+
+def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """``Q_x`` with a dead-zone resistor, coupled by the same ``α`` as the others (eq. (1))."""
+    storage, resistor, coupling = hysteron("x")
+    return with_network(
+        setup,
+        setup.network.extend(
+            storages=(storage,),
+            resistors=(resistor,),
+            couplings=(coupling,),
+            parameters=hysteron_parameters("x", values["C_x"], values["rho_x"], values["d_x"], 1e6),
+        ),
+    )
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """Dead zones across the drive, relaxation from slower than the slowest to faster than the fastest line."""
+    points = []
+    for share in (0.02, 0.06, 0.12, 0.25, 0.5, 0.9):
+        for rate in 2.0 * np.pi * np.array([0.3 * scales.slowest, 3.0 * scales.slowest, scales.fastest / 3.0, 1e3]):
+            # Strength is α²/C; a charge that matters little is α·q against C·V.
+            c = 1e3 * 0.05 * scales.displacement / scales.voltage
+            points.append({"C_x": c, "rho_x": float(rate) * c, "d_x": share * scales.voltage})
+    return points
+
+
+EFFECT = Effect(
+    name="extra_hysteron",
+    location="hysteron",
+    equation=r"\dot{Q}_x = \alpha v - h_x^{-1}(Q_x/C_x)",
+    statement="The hysteresis needs one more hysteron: capacitance {C_x}, dead zone {d_x}, conductance {rho_x} outside "
+    "it.",
+    references=("Díaz, Ramírez, Le Gorrec & Wu, eqs. (1)–(4)",),
+    passive=True,
+    strength="C_x",
+    one_sided=True,
+    grid=grid,
+    build=build,
+    parameters=("C_x", "rho_x", "d_x"),
+    neighbours=("creep", "coulomb_friction"),
+)

@@ -1,0 +1,44 @@
+"""Quadratic drag on the moving mass."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from phnn.effects.effect import Effect, Scales, with_network
+from phnn.network.elements import Resistor
+from phnn.parameters import positive
+from phnn.setup import Setup
+
+
+def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """One more resistor on ``p``: ``c₂ |v| v``."""
+    return with_network(
+        setup,
+        setup.network.extend(
+            resistors=(Resistor("quadratic_drag", "quadratic_drag", {"p": 1.0}, ("c_2",)),),
+            parameters=(positive("c_2", values["c_2"], "N s²/m²", "quadratic drag", 1e8),),
+        ),
+    )
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """The law is linear in its strength: one point."""
+    force = 1e-4 * scales.stiffness * scales.displacement
+    return [{"c_2": force / scales.velocity**2}]
+
+
+EFFECT = Effect(
+    name="quadratic_drag",
+    location="mechanical",
+    equation=r"F_d = c_2 |v| v",
+    statement="A resistance of {c_2} grows with the square of the velocity, so that fast motion is damped more than "
+    "slow motion.",
+    references=("Batchelor 1967, An Introduction to Fluid Dynamics, sec. 5.11",),
+    passive=True,
+    strength="c_2",
+    one_sided=True,
+    grid=grid,
+    build=build,
+    parameters=("c_2",),
+    neighbours=("slew_limit",),
+)

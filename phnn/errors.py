@@ -1,0 +1,23 @@
+"""The few exceptions of the package; every message carries the offending value and the remedy."""
+
+from __future__ import annotations
+
+
+class PhnnError(Exception):
+    """Base class. The command line prints the message without a traceback."""
+
+    exit_status = 1
+
+
+class InputRefused(PhnnError):
+    """What the user supplied cannot be used as it is: names the file, column, row, value and remedy."""
+
+    exit_status = 2
+
+
+class SolverFailed(PhnnError):
+    """A simulation could not be completed: names the time, the cause and the remedy."""
+
+
+class StructureViolated(PhnnError):
+    """A network is not a port-Hamiltonian system, or not one that the requested operation covers."""

@@ -1,0 +1,187 @@
+"""Fit a setup to a campaign: bounded nonlinear least squares with covariance and identifiability."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from phnn.identify.problem import Plan, Problem, Variables, variables_of
+from phnn.setup import Setup
+
+Array = NDArray[np.float64]
+
+# A parameter whose estimation coordinate is uncertain by more than this is not identified by the recordings.
+_UNIDENTIFIED = 1.5
+_BLOCKS = 20
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted setup.
+
+    Attributes:
+        setup: with the estimates.
+        plan: recordings and sub-steps of the fit.
+        variables, z: what was moved and where it ended.
+        covariance: (K, K) of ``z``, sandwich over blocks of samples.
+        held: parameters that were not estimated, with the reason.
+        residual: (N,) weighted identification residual; jacobian: (N, K) its derivatives by ``z``.
+        evaluations: simulations of the whole plan.
+    """
+
+    setup: Setup
+    plan: Plan
+    variables: Variables
+    z: Array
+    covariance: Array
+    held: Mapping[str, str]
+    residual: Array
+    jacobian: Array
+    evaluations: int
+
+    @property
+    def chi2(self) -> float:
+        """Weighted sum of squares over its number of samples; 1 at the noise floor."""
+        return float(self.residual @ self.residual / self.residual.size)
+
+    @property
+    def cost(self) -> float:
+        """Weighted sum of squares."""
+        return float(self.residual @ self.residual)
+
+    def std(self) -> dict[str, float]:
+        """Standard errors of the estimated parameters, SI."""
+        parameters = self.setup.parameters
+        return {
+            n: float(np.sqrt(max(self.covariance[i, i], 0.0)) * parameters[n].slope(parameters[n].value))
+            for i, n in enumerate(self.variables.names)
+        }
+
+    def initial(self, name: str) -> Array | None:
+        """Estimated initial state of a recording, or None."""
+        recording = next(r for r in self.plan.recordings if r.name == name)
+        return self.variables.initial(recording, self.z)
+
+
+def fit(
+    setup: Setup,
+    plan: Plan,
+    names: Sequence[str],
+    held: Mapping[str, str] | None = None,
+    max_evaluations: int = 40,
+    tolerance: float = 1e-9,
+    origin: Fit | None = None,
+) -> Fit:
+    """Estimate the named parameters from the identification samples of a plan.
+
+    Args:
+        setup: model with starting values and bounds.
+        names: parameters to estimate.
+        held: reasons why others are not estimated, carried along.
+        max_evaluations: bound on the simulations of the plan.
+        tolerance: relative change of the cost and of ``z`` at which to stop.
+        origin: an earlier fit whose estimated initial states to start from.
+    """
+    variables = variables_of(setup, plan, names)
+    if origin is not None and origin.variables.unknown == variables.unknown:
+        moved = {n: _initial_or(origin, n, variables) for n in variables.unknown}
+        variables = Variables(variables.names, variables.unknown, variables.scales, moved)
+    problem = Problem(setup, plan, variables)
+    lower, upper = variables.bounds(setup)
+    start = np.clip(variables.start(setup), lower + 1e-12, upper - 1e-12)
+    if start.size == 0:
+        return _finish(problem, start, dict(held or {}), 1)
+    # Residual and Jacobian come from one factorisation, and the optimiser asks for them one after the other.
+    reduced = last_call_of(problem.reduced)
+    result = least_squares(
+        lambda z: reduced(z)[:, -1],
+        start,
+        jac=lambda z: reduced(z)[:, :-1],
+        bounds=(lower, upper),
+        x_scale="jac",
+        ftol=tolerance,
+        xtol=tolerance,
+        gtol=None,
+        max_nfev=max_evaluations,
+    )
+    return _finish(problem, result.x, dict(held or {}), int(result.nfev))
+
+
+def last_call_of(function: Callable[[Array], Array]) -> Callable[[Array], Array]:
+    """Remember the last call of a function of an array."""
+    last: dict[bytes, Array] = {}
+
+    def remembered(z: Array) -> Array:
+        key = z.tobytes()
+        if key not in last:
+            last.clear()
+            last[key] = function(z)
+        return last[key]
+
+    return remembered
+
+
+def _initial_or(origin: Fit, name: str, variables: Variables) -> Array:
+    earlier = origin.initial(name)
+    own = variables.origin[name]
+    return own if earlier is None or earlier.shape != own.shape else earlier
+
+
+def _finish(problem: Problem, z: Array, held: dict[str, str], evaluations: int) -> Fit:
+    residual = problem.residual(z)
+    jacobian = problem.jacobian(z) if z.size else np.zeros((residual.size, 0))
+    return Fit(
+        setup=problem.variables.setup(problem.template, z),
+        plan=problem.plan,
+        variables=problem.variables,
+        z=z,
+        covariance=sandwich(residual, jacobian, [int(m.sum()) for m in problem.masks]),
+        held=held,
+        residual=residual,
+        jacobian=jacobian,
+        evaluations=evaluations,
+    )
+
+
+def sandwich(residual: Array, jacobian: Array, lengths: Sequence[int]) -> Array:
+    """Covariance ``B (Σ_b g_b g_bᵀ) B`` with ``B = (JᵀJ)⁻¹`` and ``g_b = J_bᵀ r_b`` over blocks of neighbouring samples.
+
+    Valid for coloured residuals (White 1980; blocks instead of single samples). Never below the covariance that
+    white noise of the stated floor would give.
+    """
+    if jacobian.shape[1] == 0:
+        return np.zeros((0, 0))
+    bread = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
+    meat = np.zeros_like(bread)
+    first = 0
+    for length in lengths:
+        for block in np.array_split(np.arange(first, first + length), min(_BLOCKS, max(1, length // 20))):
+            g = jacobian[block].T @ residual[block]
+            meat += np.outer(g, g)
+        first += length
+    robust = bread @ meat @ bread
+    scale = np.sqrt(np.maximum(1.0, np.diag(bread) / np.maximum(np.diag(robust), 1e-300)))
+    return np.asarray(robust * np.outer(scale, scale))
+
+
+def unidentified(jacobian: Array, names: Sequence[str]) -> list[str]:
+    """Names that the recordings cannot identify, worst first, from the sensitivities alone.
+
+    A parameter is dropped while some direction of the scaled Jacobian leaves a coordinate uncertain by more than
+    a factor ``e^1.5``; what is dropped is the largest entry of the weakest direction.
+    """
+    left = list(range(len(names)))
+    dropped: list[str] = []
+    while left:
+        _, singular, rows = np.linalg.svd(jacobian[:, left], full_matrices=False)
+        spread = np.sqrt(np.sum((rows / np.maximum(singular, 1e-300)[:, None]) ** 2, axis=0))
+        if spread.max() <= _UNIDENTIFIED and singular[-1] > 1e-10 * singular[0]:
+            break
+        worst = left[int(np.argmax(np.abs(rows[-1])))]
+        dropped.append(names[worst])
+        left.remove(worst)
+    return dropped

@@ -1,0 +1,205 @@
+"""The weighted residual of a setup on a campaign, and its derivatives.
+
+    r = (y − ŷ(θ) − zero) / σ     over the samples of one use, recording by recording
+
+The displacement zero enters linearly; it is projected out of residual and derivatives (variable projection),
+so that no optimiser sees it. Initial states of recordings with an unknown start are variables beside ``θ``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.errors import SolverFailed
+from phnn.recordings.recording import Recording
+from phnn.setup import Setup
+from phnn.simulate import Trajectory, output_derivatives, simulate
+
+Array = NDArray[np.float64]
+
+_FAILED = 1e6
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Which recordings are simulated how.
+
+    Attributes:
+        recordings: those that take part.
+        substeps: by recording name.
+        workers: threads; the compiled march releases the interpreter lock.
+    """
+
+    recordings: tuple[Recording, ...]
+    substeps: Mapping[str, int] = field(default_factory=dict)
+    workers: int = 2
+
+    def steps_of(self, recording: Recording) -> int:
+        """Sub-steps of a recording, 1 where nothing was chosen."""
+        return self.substeps.get(recording.name, 1)
+
+    def each(self, function: object, *sequences: Sequence[object]) -> list:
+        """Apply a function to every recording (and matching entries of the sequences), in threads."""
+        if self.workers < 2 or len(self.recordings) < 2:
+            return list(map(function, self.recordings, *sequences))  # type: ignore[call-overload]
+        with ThreadPoolExecutor(self.workers) as pool:
+            return list(pool.map(function, self.recordings, *sequences))  # type: ignore[arg-type]
+
+
+def centred(values: Array, mask: Array) -> Array:
+    """The masked rows without their mean: what the displacement zero cannot explain."""
+    inside = values[mask]
+    return inside - inside.mean(axis=0) if inside.size else inside
+
+
+@dataclass(frozen=True)
+class Variables:
+    """The vector an optimiser moves: estimation coordinates ``z`` of parameters, then scaled initial states.
+
+    Attributes:
+        names: parameters.
+        unknown: names of the recordings whose initial state is estimated.
+        scales: (L+1,) typical size of each state.
+        origin: initial states to which the scaled changes are added, by recording.
+    """
+
+    names: tuple[str, ...]
+    unknown: tuple[str, ...]
+    scales: Array
+    origin: Mapping[str, Array]
+
+    def start(self, setup: Setup) -> Array:
+        """``z`` of a setup, initial states at their origin."""
+        parameters = setup.parameters
+        z = [parameters[n].to_coordinate(parameters[n].value) for n in self.names]
+        return np.array(z + [0.0] * (len(self.unknown) * self.scales.size))
+
+    def bounds(self, setup: Setup) -> tuple[Array, Array]:
+        """Bounds declared on the parameters; initial states are free."""
+        pairs = [setup.parameters[n].coordinate_bounds for n in self.names]
+        extra = len(self.unknown) * self.scales.size
+        lower = [p[0] for p in pairs] + [-np.inf] * extra
+        upper = [p[1] for p in pairs] + [np.inf] * extra
+        return np.array(lower), np.array(upper)
+
+    def setup(self, template: Setup, z: Array) -> Setup:
+        """The setup at ``z``."""
+        parameters = template.parameters
+        values = {}
+        for n, c in zip(self.names, z[: len(self.names)], strict=True):
+            p = parameters[n]
+            values[n] = float(np.clip(p.from_coordinate(float(c)), p.lower, p.upper))
+        return template.with_values(values)
+
+    def initial(self, recording: Recording, z: Array) -> Array | None:
+        """Initial state of a recording at ``z``; None where its start says it."""
+        if recording.name not in self.unknown:
+            return None
+        first = len(self.names) + self.unknown.index(recording.name) * self.scales.size
+        return self.origin[recording.name] + z[first : first + self.scales.size] * self.scales
+
+    def columns(self, setup: Setup, recording: Recording, derivatives: Array) -> Array:
+        """Derivatives by physical quantities put into their places in ``z``."""
+        out = np.zeros((derivatives.shape[0], len(self.names) + len(self.unknown) * self.scales.size))
+        slopes = np.array([setup.parameters[n].slope(setup.parameters[n].value) for n in self.names])
+        out[:, : len(self.names)] = derivatives[:, : len(self.names)] * slopes
+        if recording.name in self.unknown:
+            first = len(self.names) + self.unknown.index(recording.name) * self.scales.size
+            out[:, first : first + self.scales.size] = derivatives[:, len(self.names) :] * self.scales
+        return out
+
+
+def variables_of(setup: Setup, plan: Plan, names: Sequence[str], masses: Sequence[Trajectory] = ()) -> Variables:
+    """The variables of a fit: the named parameters, and initial states where a start is unknown."""
+    unknown = [r for r in plan.recordings if r.start.state == "unknown" or _aperiodic(r)]
+    if not unknown:
+        return Variables(tuple(names), (), np.zeros(0), {})
+    trajectories = {r.name: simulate(setup, r, plan.steps_of(r)) for r in unknown}
+    spread = np.max([np.ptp(t.states, axis=0) for t in trajectories.values()], axis=0)
+    origin = {n: t.states[0].copy() for n, t in trajectories.items()}
+    return Variables(tuple(names), tuple(trajectories), np.where(spread > 0.0, spread, 1.0), origin)
+
+
+def _aperiodic(recording: Recording) -> bool:
+    return recording.start.state == "periodic" and recording.period is None
+
+
+class Problem:
+    """Residual and Jacobian for `scipy.optimize.least_squares`; the last trajectories are kept for the Jacobian."""
+
+    def __init__(self, template: Setup, plan: Plan, variables: Variables, use: str = "identification") -> None:
+        self.template = template
+        self.plan = plan
+        self.variables = variables
+        self.masks = [r.mask(use) for r in plan.recordings]
+        self._z: Array | None = None
+        self._trajectories: list[Trajectory] = []
+
+    def trajectories(self, z: Array) -> list[Trajectory]:
+        """Simulations at ``z``."""
+        if self._z is None or not np.array_equal(self._z, z):
+            setup = self.variables.setup(self.template, z)
+
+            def run(recording: Recording) -> Trajectory:
+                initial = self.variables.initial(recording, z)
+                return simulate(setup, recording, self.plan.steps_of(recording), initial=initial)
+
+            self._trajectories = self.plan.each(run)
+            self._z = z.copy()
+        return self._trajectories
+
+    def residual(self, z: Array) -> Array:
+        """(N,) weighted residual."""
+        found = self.trajectories(z)
+        return np.concatenate([weighted_residual(t, m) for t, m in zip(found, self.masks, strict=True)])
+
+    def jacobian(self, z: Array) -> Array:
+        """(N, K) derivatives of the residual by ``z``."""
+        return np.concatenate(self.plan.each(self._derivatives(z), self.trajectories(z), self.masks))
+
+    def reduced(self, z: Array) -> Array:
+        """(K+1, K+1) triangular factor of ``[J r]``: the same cost, gradient and normal matrix in a small square.
+
+        Factored recording by recording and then together, so that no tall matrix is ever assembled.
+        """
+        columns = z.size + 1
+        try:
+            found = self.trajectories(z)
+        except SolverFailed:
+            failed = np.zeros((columns, columns))
+            failed[-1, -1] = _FAILED * np.sqrt(self.samples)
+            return failed
+        derivatives = self._derivatives(z)
+
+        def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
+            residual = weighted_residual(trajectory, mask)[:, None]
+            return np.linalg.qr(np.hstack([derivatives(recording, trajectory, mask), residual]), mode="r")
+
+        stacked = np.concatenate([*self.plan.each(one, found, self.masks), np.zeros((columns, columns))])
+        return np.linalg.qr(stacked, mode="r")
+
+    @property
+    def samples(self) -> int:
+        """How many samples are scored."""
+        return sum(int(m.sum()) for m in self.masks)
+
+    def _derivatives(self, z: Array) -> Callable[[Recording, Trajectory, Array], Array]:
+        setup = self.variables.setup(self.template, z)
+
+        def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
+            initial = range(self.variables.scales.size) if recording.name in self.variables.unknown else ()
+            raw = output_derivatives(trajectory, self.variables.names, tuple(initial))
+            return -centred(self.variables.columns(setup, recording, raw), mask) / recording.noise
+
+        return one
+
+
+def weighted_residual(trajectory: Trajectory, mask: Array) -> Array:
+    """``(y − ŷ)/σ`` on the masked samples without its mean."""
+    recording = trajectory.recording
+    return centred(recording.y - trajectory.y, mask) / recording.noise

@@ -1,0 +1,206 @@
+"""Identify an actuator from nothing but recordings, in the stages of Fig. 9.
+
+Mechanical → linear electrical part with ``d = 0`` → dead zones opened, nonlinear least squares, several starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.errors import PhnnError
+from phnn.identify.fit import Fit, fit, unidentified
+from phnn.identify.problem import Plan, Problem, variables_of
+from phnn.models.actuator import hrc
+from phnn.recordings.recording import Anchor, Recording
+from phnn.setup import Setup
+
+Array = NDArray[np.float64]
+
+_DEFAULT_MASS = 1.0e-3
+_RESONANCES_HZ = (200.0, 800.0, 3000.0)
+_QUICK = 8
+
+
+def identify_actuator(
+    plan: Plan, known: Mapping[str, Anchor], hysterons: int, starts: int, seed: int, setup: Setup | None = None
+) -> Fit:
+    """The HRC actuator fitted to the identification samples of a plan, no starting values needed.
+
+    Args:
+        plan: recordings and sub-steps.
+        known: anchors; a known parameter is held at its value.
+        hysterons: number of hysterons.
+        starts: starting points of the nonlinear stage.
+        seed: of the random starting points.
+        setup: start from this setup alone instead.
+    """
+    held = {n: f"held at the stated {a.value:g}" for n, a in known.items()}
+    if "m" not in known:
+        held["m"] = f"held at {_DEFAULT_MASS:g} kg: voltage and displacement identify values up to one common factor"
+    if setup is not None:
+        return fit_identified(setup, plan, held)
+    anchored = {n: a.value for n, a in known.items()}
+    stages = _mechanical(plan, anchored, held)
+    if hysterons == 0:
+        return min((fit_identified(f.setup, plan, held) for f in stages), key=lambda f: f.cost)
+    candidates = [
+        *_linear_starts(min(stages, key=lambda f: f.cost).setup, plan, hysterons, anchored, held),
+        *(s for f in stages for s in _random_starts(f.setup, plan, hysterons, anchored, starts, seed)),
+    ]
+    tried = []
+    for candidate in candidates:
+        try:
+            tried.append(fit_identified(candidate, plan, held, max_evaluations=_QUICK))
+        except PhnnError:
+            continue
+    if not tried:
+        raise PhnnError("no starting point of the identification could be simulated: check units and sampling")
+    tried.sort(key=lambda f: f.cost)
+    finished = [fit_identified(f.setup, plan, held, origin=f) for f in tried[:2]]
+    return min(finished, key=lambda f: f.cost)
+
+
+def fit_identified(
+    setup: Setup,
+    plan: Plan,
+    held: Mapping[str, str],
+    max_evaluations: int = 60,
+    origin: Fit | None = None,
+    keep: Sequence[str] = (),
+) -> Fit:
+    """Fit what the recordings identify; the rest is held at its value and reported.
+
+    Args:
+        keep: parameters that are estimated in any case.
+    """
+    free = [n for n in setup.free if n not in held]
+    reasons = dict(held)
+    problem = Problem(setup, plan, variables_of(setup, plan, free))
+    start = problem.variables.start(setup)
+    jacobian = problem.jacobian(start)[:, : len(free)]
+    for name in unidentified(jacobian, free):
+        if name not in keep:
+            reasons[name] = _reason(setup, name)
+    names = [n for n in free if n not in reasons]
+    found = fit(setup, plan, names, reasons, max_evaluations, origin=origin)
+    weak = [n for n in unidentified(found.jacobian[:, : len(names)], names) if n not in keep]
+    if not weak:
+        return found
+    reasons |= {n: _reason(found.setup, n) for n in weak}
+    return fit(found.setup, plan, [n for n in names if n not in weak], reasons, max_evaluations, origin=found)
+
+
+def _reason(setup: Setup, name: str) -> str:
+    p = setup.parameters[name]
+    return f"held at {p.value:.4g} {p.unit}: these recordings do not identify it"
+
+
+def _mechanical(plan: Plan, anchored: Mapping[str, float], held: Mapping[str, str]) -> list[Fit]:
+    """First stage: mass–spring–dampers from several resonances."""
+    gain = static_gain(plan.recordings)
+    mass = anchored.get("m", _DEFAULT_MASS)
+    tried = []
+    for resonance in _RESONANCES_HZ:
+        omega = 2.0 * np.pi * resonance
+        k = anchored.get("k", mass * omega**2)
+        values = {"m": mass, "k": k, "b": 0.6 * mass * omega, "alpha": gain * k} | {
+            n: v for n, v in anchored.items() if n in ("m", "k", "b", "alpha")
+        }
+        setup = Setup(hrc(0, {n: abs(v) for n, v in values.items()}), name="linear")
+        here = {n: why for n, why in held.items() if n in setup.parameters}
+        tried.append(fit_identified(setup, plan, here, max_evaluations=15))
+    return tried
+
+
+def static_gain(recordings: Sequence[Recording]) -> float:
+    """Displacement per volt from the recording with the largest output."""
+    chosen = max(recordings, key=lambda r: float(np.ptp(r.y)))
+    return float(np.ptp(chosen.y) / np.ptp(chosen.u))
+
+
+def _with_hysterons(
+    linear: Setup, anchored: Mapping[str, float], shares: Sequence[float], rates: Sequence[float], widths: Sequence[float]
+) -> Setup:  # fmt: skip
+    """Hysterons added to a linear setup: ``α²/C_i = share·k``, relaxation rate ``ϱ_i⁻¹/C_i``, dead zone.
+
+    Stiffness gives up what the hysterons take while they stick, so that the small-signal gain stays.
+    """
+    v = linear.values()
+    total = v["k"]
+    k = total / (1.0 + 0.5 * sum(shares))
+    values = {"m": v["m"], "k": k, "b": v["b"], "alpha": v["alpha"]}
+    for i, (share, rate, width) in enumerate(zip(shares, rates, widths, strict=True), start=1):
+        c = v["alpha"] ** 2 / (share * k)
+        values |= {f"C_{i}": c, f"rho_{i}": rate * c, f"d_{i}": width}
+    network = hrc(len(shares), values | {n: a for n, a in anchored.items() if n in values})
+    return Setup(network, name="phs")
+
+
+def _linear_starts(
+    linear: Setup, plan: Plan, hysterons: int, anchored: Mapping[str, float], held: Mapping[str, str]
+) -> list[Setup]:
+    """Second stage: hysterons with ``d = 0``; then dead zones opened at fractions of the drive."""
+    drive = drive_amplitude(plan.recordings)
+    omega = 2.0 * np.pi * middle_frequency(plan.recordings)
+    rates = [30.0 * omega if i == 0 else omega for i in range(hysterons)]
+    closed = _with_hysterons(linear, anchored, [0.15] * hysterons, rates, [1e-6 * drive] * hysterons)
+    fixed = dict(held) | {f"d_{i + 1}": "closed in the linear stage" for i in range(hysterons)}
+    stage = fit_identified(closed, plan, fixed, max_evaluations=15).setup
+    starts = []
+    for fraction in (0.05, 0.15, 0.3):
+        widths = {f"d_{i + 1}": drive * fraction / (1 + i) for i in range(hysterons)}
+        starts.append(_rebound(stage, widths | {n: a for n, a in anchored.items() if n in widths}))
+    return starts
+
+
+def _random_starts(
+    linear: Setup, plan: Plan, hysterons: int, anchored: Mapping[str, float], count: int, seed: int
+) -> list[Setup]:
+    """Starting points spread over shares, relaxation rates and dead zones; the first is the typical actuator."""
+    rng = np.random.default_rng(seed)
+    drive = drive_amplitude(plan.recordings)
+    omega = 2.0 * np.pi * middle_frequency(plan.recordings)
+    found = []
+    for number in range(count):
+        spread = 0.0 if number == 0 else 1.0
+        shares = 0.15 * np.exp(0.5 * spread * rng.standard_normal(hysterons))
+        fast = np.where(np.arange(hysterons) % 2 == 0, 300.0, 1.0)
+        rates = omega * fast * np.exp(1.2 * spread * rng.standard_normal(hysterons))
+        widths = drive * 0.2 / (1.0 + 0.7 * np.arange(hysterons)) * np.exp(spread * rng.standard_normal(hysterons))
+        found.append(_with_hysterons(linear, anchored, shares.tolist(), rates.tolist(), widths.tolist()))
+    return found
+
+
+def drive_amplitude(recordings: Sequence[Recording]) -> float:
+    """Half the largest range of the input."""
+    return 0.5 * max(float(np.ptp(r.u)) for r in recordings)
+
+
+def middle_frequency(recordings: Sequence[Recording]) -> float:
+    """Geometric mean of the excited frequencies [Hz]."""
+    found = [f for r in recordings if (f := dominant_frequency(r)) > 0.0]
+    return float(np.exp(np.mean(np.log(found)))) if found else 10.0
+
+
+def dominant_frequency(recording: Recording) -> float:
+    """Frequency of the strongest input line [Hz]."""
+    if recording.period:
+        return 1.0 / recording.period
+    u = recording.u - recording.u.mean()
+    spectrum = np.abs(np.fft.rfft(u * np.hanning(u.size)))
+    peak = int(np.argmax(spectrum[1:])) + 1
+    return peak / (u.size * recording.dt)
+
+
+def _rebound(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """New values with bounds drawn around them again."""
+    blocks = setup.network.parameters
+    table = {
+        n: replace(p, value=values[n], lower=values[n] * 1e-6, upper=values[n] * 1e6) if n in values else p
+        for n, p in blocks.items()
+    }
+    return replace(setup, network=replace(setup.network, parameters=table))

@@ -1,0 +1,93 @@
+"""What a scalar constitutive law is: the registries that kernels, torch modules and tests share.
+
+A law is a set of plain functions written with `phnn.laws.namespace`. It is registered once and is then
+available to the compiled kernel (by its position in the registry), to the torch module (by its name)
+and to the contract tests (through its example parameters).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from phnn.errors import StructureViolated
+
+
+@dataclass(frozen=True)
+class StorageLaw:
+    """An energy ``H(x; θ) ≥ H(0) = 0``.
+
+    Attributes:
+        name: as used in networks.
+        energy: ``H(x, *θ)`` [J].
+        mean_effort: ``(H(b) − H(a)) / (b − a)`` as ``mean_effort(a, b, *θ)``, in a form without
+            cancellation; the effort ``H'(x)`` is ``mean_effort(x, x, *θ)``.
+        example: parameter values for the contract tests.
+        convex: whether the effort is monotone.
+    """
+
+    name: str
+    energy: Callable[..., Any]
+    mean_effort: Callable[..., Any]
+    example: tuple[float, ...]
+    convex: bool = True
+
+
+@dataclass(frozen=True)
+class ResistorLaw:
+    """A sector law ``ε φ(ε, q; θ) ≥ 0``; ``q`` is a read-only argument (an energy variable of the network).
+
+    Attributes:
+        name: as used in networks.
+        flow: ``φ(ε, q, *θ)``.
+        example: parameter values for the contract tests.
+        thresholds: for piecewise linear laws ``(ρ, lo, hi)(q, *θ)`` with
+            ``φ = ρ (max(ε − hi, 0) + min(ε − lo, 0))``, ``lo ≤ 0 ≤ hi``; such a law on a linear capacitor has
+            the exact flow of `phnn.laws.leaf`.
+        monotone: whether ``φ`` is non-decreasing in ``ε``.
+    """
+
+    name: str
+    flow: Callable[..., Any]
+    example: tuple[float, ...]
+    thresholds: Callable[..., Any] | None = None
+    monotone: bool = True
+
+
+@dataclass(frozen=True)
+class PortLaw:
+    """How a port's input acts: ``ẋ += g ψ(u)``; the conjugate output is ``y = ψ'(u) gᵀ∇H``.
+
+    Attributes:
+        name: as used in networks.
+        action: ``ψ(u, *θ)``.
+        slope: ``ψ'(u, *θ)``.
+        example: parameter values for the contract tests.
+    """
+
+    name: str
+    action: Callable[..., Any]
+    slope: Callable[..., Any]
+    example: tuple[float, ...]
+
+
+STORAGE_LAWS: dict[str, StorageLaw] = {}
+RESISTOR_LAWS: dict[str, ResistorLaw] = {}
+PORT_LAWS: dict[str, PortLaw] = {}
+
+
+def register(law: StorageLaw | ResistorLaw | PortLaw) -> None:
+    """Make a law available under its name.
+
+    Raises:
+        StructureViolated: the name is taken.
+    """
+    table: dict[str, Any]
+    if isinstance(law, StorageLaw):
+        table = STORAGE_LAWS
+    else:
+        table = RESISTOR_LAWS if isinstance(law, ResistorLaw) else PORT_LAWS
+    if law.name in table:
+        raise StructureViolated(f"a law called {law.name!r} exists already: choose another name")
+    table[law.name] = law

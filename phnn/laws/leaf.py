@@ -1,0 +1,120 @@
+"""A leaf: a capacitor with a piecewise linear resistor, advanced exactly under a constant current.
+
+    ẋ = i − φ(x/C),   φ(e) = ρ (max(e − hi, 0) + min(e − lo, 0))
+
+Under constant ``i`` the scalar autonomous equation is monotone in time, so it visits the regions below,
+inside and above the dead zone in order, each with a closed form. The rule has no step-size limit, damps
+stiff leaves without ringing, and returns the *average* effort ``ē = (1/h)∫e dt``, so that the exchanged power
+``i ē`` is exact: ``H(x⁺) − H(x) = h i ē − (loss ≥ 0)``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from phnn.laws.namespace import certain, exp, log1p, maximum, minimum, real, reciprocal, shared, where
+
+_SERIES = 0.05
+_NO_CURRENT = 1e-100
+_SATURATED = 40.0
+_NEVER = 1e300
+
+
+@shared
+def _phi(z: Any) -> Any:
+    """``φ₁(−z) = (1 − e^{−z})/z`` and ``φ₂(−z) = (1 − φ₁(−z))/z``, ``z ≥ 0``, by series where they would cancel."""
+    small = real(z) < _SERIES
+    tail = where(small, z, 0.0 * z)
+    two = 0.5 - tail * (1.0 / 6 - tail * (1.0 / 24 - tail * (1.0 / 120 - tail * (1.0 / 720 - tail * (1.0 / 5040)))))
+    if certain(small):
+        return 1.0 - z * two, two
+    safe = where(small, 1.0 + 0.0 * z, z)
+    inverse = reciprocal(safe)
+    if certain(real(z) > _SATURATED):
+        return inverse, (1.0 - inverse) * inverse
+    one_large = (1.0 - exp(-safe)) * inverse
+    two_large = (1.0 - one_large) * inverse
+    return where(small, 1.0 - z * two, one_large), where(small, two, two_large)
+
+
+@shared
+def _relax(e: Any, duration: Any, current: Any, rho: Any, threshold: Any, inverse_c: Any) -> Any:
+    """End value and time integral of ``C ė = i − ρ(e − threshold)`` over a duration."""
+    if certain(real(duration) <= 0.0):
+        return e, 0.0 * e
+    climb = (current - rho * (e - threshold)) * inverse_c * duration
+    one, two = _phi(duration * rho * inverse_c)
+    return e + climb * one, duration * (e + climb * two)
+
+
+@shared
+def _time_to_threshold(depth: Any, current: Any, rho: Any, capacitance: Any) -> Any:
+    """When ``C ė = i − ρ(e − lo)`` has risen by ``depth`` to ``lo``; never for ``i ≤ 0``."""
+    if certain(real(depth) <= 0.0):
+        return 0.0 * depth
+    rising = real(current) > _NO_CURRENT
+    inverse_i = reciprocal(where(rising, current, 1.0 + 0.0 * current))
+    slope = depth * rho * inverse_i
+    flat = real(slope) < 1e-8
+    straight = depth * (1.0 - 0.5 * slope) * inverse_i * capacitance
+    if certain(flat):
+        return where(rising, straight, _NEVER + 0.0 * straight)
+    relaxing = log1p(slope) * reciprocal(where(flat, 1.0 + 0.0 * rho, rho)) * capacitance
+    time = where(flat, straight, relaxing)
+    return where(rising, time, _NEVER + 0.0 * time)
+
+
+@shared
+def rc_flow(x: Any, current: Any, h: Any, capacitance: Any, rho: Any, low: Any, high: Any) -> Any:
+    """Advance one leaf by ``h`` under a constant current.
+
+    Args:
+        x: charge [C] (or the energy variable of any linear storage).
+        current: constant inflow [A].
+        h: duration [s], positive.
+        capacitance: ``C`` with ``e = x/C``.
+        rho, low, high: slope and thresholds of the resistor, ``ρ ≥ 0``, ``lo ≤ 0 ≤ hi``.
+
+    Returns:
+        ``(x⁺, ē)``: the charge at the end and the average effort.
+    """
+    inverse_c = reciprocal(capacitance)
+    e0 = x * inverse_c
+    excess = e0 - high
+    deficit = e0 - low
+    drive = current - rho * (maximum(excess, 0.0 * excess) + minimum(deficit, 0.0 * deficit))
+    # Mirror a falling leaf: what follows moves upwards through (below, inside, above).
+    falling = real(drive) < 0.0
+    e = where(falling, -e0, e0)
+    i = where(falling, -current, current)
+    bottom = where(falling, -high, low)
+    top = where(falling, -low, high)
+    # Below the dead zone, until the lower threshold is met.
+    depth = bottom - e
+    below = real(depth) > 0.0
+    depth = where(below, depth, 0.0 * depth)
+    whole = h + 0.0 * depth
+    meet = minimum(_time_to_threshold(depth, i, rho, capacitance), whole)
+    time_below = where(below, meet, 0.0 * meet)
+    e1, area1 = _relax(e, time_below, i, rho, bottom, inverse_c)
+    # Inside the dead zone: a straight line until the upper threshold is met.
+    room = top - e1
+    inside = real(room) > 0.0
+    cross = minimum(_time_to_threshold(where(inside, room, 0.0 * room), i, 0.0 * rho, capacitance), whole - time_below)
+    time_inside = where(inside, cross, 0.0 * cross)
+    climb = i * time_inside * inverse_c
+    e2 = e1 + climb
+    area2 = time_inside * (e1 + 0.5 * climb)
+    # Above it: relaxation for what is left of the step.
+    rest = whole - time_below - time_inside
+    e3, area3 = _relax(e2, where(real(rest) > 0.0, rest, 0.0 * rest), i, rho, top, inverse_c)
+    end = where(falling, -e3, e3) * capacitance
+    mean = (area1 + area2 + area3) * reciprocal(whole)
+    return end, where(falling, -mean, mean)
+
+
+def loss(x: Any, x_next: Any, current: Any, mean_effort: Any, h: Any, capacitance: Any) -> Any:
+    """Energy dissipated in the leaf's resistor during the step, ``h i ē − ΔH ≥ 0``."""
+    return h * current * mean_effort - 0.5 * (x_next - x) * (x_next + x) / capacitance
+
+

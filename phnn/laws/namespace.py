@@ -1,0 +1,168 @@
+"""The few elementary functions laws are written in: one source for floats, arrays, tensors and numba.
+
+A law written with these names runs unchanged
+
+* in python on floats, numpy arrays and torch tensors,
+* inside compiled kernels on ``float64``,
+* inside compiled kernels on ``complex128`` whose imaginary part is a tiny perturbation. With
+  ``Im z ≈ 1e-140`` the first-order rules used here are exact to rounding, so that
+  ``Im f(x + i·1e-140)/1e-140 = f'(x)`` (complex-step derivative, Squire & Trapp 1998).
+
+Comparisons act on the value alone: write ``real(x) > real(y)``.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import Any
+
+import numpy as np
+from numba import types
+from numba.extending import overload, register_jitable
+
+_INLINE = {"error_model": "numpy", "forceinline": True}
+# Marks a helper that laws call, so that compiled code can call it too; in python it stays as it is.
+shared = register_jitable(**_INLINE)
+
+
+def _torch_of(*values: Any) -> Any:
+    """The torch module if one of the values is a tensor (then it has been imported), else None."""
+    torch = sys.modules.get("torch")
+    if torch is not None and any(isinstance(v, torch.Tensor) for v in values):
+        return torch
+    return None
+
+
+def real(x: Any) -> Any:
+    """The value without its perturbation."""
+    return x if _torch_of(x) else np.real(x)
+
+
+def where(condition: Any, a: Any, b: Any) -> Any:
+    """``a`` where the condition holds, else ``b``; both are evaluated."""
+    torch = _torch_of(condition, a, b)
+    if not torch:
+        return np.where(condition, a, b)
+    tensor = next(v for v in (a, b, condition) if isinstance(v, torch.Tensor))
+    dtype = torch.float64 if tensor.dtype == torch.bool else tensor.dtype
+    a, b = (torch.as_tensor(v, dtype=dtype, device=tensor.device) for v in (a, b))
+    return torch.where(torch.as_tensor(condition, device=tensor.device), a, b)
+
+
+def certain(condition: Any) -> bool:
+    """Whether a scalar evaluation may leave early; arrays and tensors, whose entries may differ, never do."""
+    return bool(condition) if isinstance(condition, bool | np.bool_) else False
+
+
+def reciprocal(x: Any) -> Any:
+    """``1/x``; a perturbation costs no second division, which is why inner loops prefer it."""
+    return 1.0 / x
+
+
+def exp(x: Any) -> Any:
+    """Exponential."""
+    torch = _torch_of(x)
+    return torch.exp(x) if torch else np.exp(x)
+
+
+def log1p(x: Any) -> Any:
+    """``log(1 + x)``."""
+    torch = _torch_of(x)
+    return torch.log1p(x) if torch else np.log1p(x)
+
+
+def tanh(x: Any) -> Any:
+    """Hyperbolic tangent."""
+    torch = _torch_of(x)
+    return torch.tanh(x) if torch else np.tanh(x)
+
+
+def maximum(a: Any, b: Any) -> Any:
+    """The larger value, with its perturbation."""
+    return where(real(a) >= real(b), a, b)
+
+
+def minimum(a: Any, b: Any) -> Any:
+    """The smaller value, with its perturbation."""
+    return where(real(a) <= real(b), a, b)
+
+
+def absolute(x: Any) -> Any:
+    """Absolute value of the value, its perturbation following the sign."""
+    return where(real(x) >= 0.0, x, -x)
+
+
+@overload(real, strict=False, jit_options=_INLINE)
+def _real(x: Any) -> Any:
+    if isinstance(x, types.Complex):
+        return lambda x: x.real
+    return lambda x: x
+
+
+@overload(where, strict=False, jit_options=_INLINE)
+def _where(condition: Any, a: Any, b: Any) -> Any:
+    return lambda condition, a, b: a if condition else b
+
+
+@overload(maximum, strict=False, jit_options=_INLINE)
+def _maximum(a: Any, b: Any) -> Any:
+    return lambda a, b: a if real(a) >= real(b) else b
+
+
+@overload(minimum, strict=False, jit_options=_INLINE)
+def _minimum(a: Any, b: Any) -> Any:
+    return lambda a, b: a if real(a) <= real(b) else b
+
+
+@overload(absolute, strict=False, jit_options=_INLINE)
+def _absolute(x: Any) -> Any:
+    return lambda x: x if real(x) >= 0.0 else -x
+
+
+@overload(certain, strict=False, jit_options=_INLINE)
+def _certain(condition: Any) -> Any:
+    return lambda condition: condition
+
+
+@overload(reciprocal, strict=False, jit_options=_INLINE)
+def _reciprocal(x: Any) -> Any:
+    if not isinstance(x, types.Complex):
+        return lambda x: 1.0 / x
+
+    def perturbed(x: Any) -> Any:
+        value = 1.0 / x.real
+        return complex(value, -value * value * x.imag)
+
+    return perturbed
+
+
+@overload(exp, strict=False, jit_options=_INLINE)
+def _exp(x: Any) -> Any:
+    if not isinstance(x, types.Complex):
+        return lambda x: math.exp(x)
+
+    def perturbed(x: Any) -> Any:
+        value = math.exp(x.real)
+        return complex(value, value * x.imag)
+
+    return perturbed
+
+
+@overload(log1p, strict=False, jit_options=_INLINE)
+def _log1p(x: Any) -> Any:
+    if not isinstance(x, types.Complex):
+        return lambda x: math.log1p(x)
+    return lambda x: complex(math.log1p(x.real), x.imag / (1.0 + x.real))
+
+
+@overload(tanh, strict=False, jit_options=_INLINE)
+def _tanh(x: Any) -> Any:
+    if not isinstance(x, types.Complex):
+        return lambda x: math.tanh(x)
+
+    def perturbed(x: Any) -> Any:
+        value = math.tanh(x.real)
+        return complex(value, (1.0 - value * value) * x.imag)
+
+    return perturbed

@@ -1,0 +1,86 @@
+"""Resistor laws: sector functions ``ε φ(ε) ≥ 0``, so that every network built from them is passive."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from phnn.laws.law import ResistorLaw, register
+from phnn.laws.namespace import absolute, maximum, minimum, reciprocal, shared, tanh
+
+
+@shared
+def piecewise_linear(effort: Any, rho: Any, low: Any, high: Any) -> Any:
+    """``φ = ρ (max(ε − hi, 0) + min(ε − lo, 0))``, with ``lo ≤ 0 ≤ hi`` a sector law."""
+    above = effort - high
+    below = effort - low
+    return rho * (maximum(above, 0.0 * above) + minimum(below, 0.0 * below))
+
+
+def linear_thresholds(q: Any, rho: Any) -> Any:
+    """No dead zone."""
+    return rho, 0.0 * rho, 0.0 * rho
+
+
+def linear(effort: Any, q: Any, rho: Any) -> Any:
+    """``φ = ρ ε``."""
+    return rho * effort
+
+
+def maxwell_thresholds(q: Any, stiffness: Any, tau: Any) -> Any:
+    """No dead zone; slope ``1/(k_s τ)``."""
+    rho = reciprocal(stiffness * tau)
+    return rho, 0.0 * rho, 0.0 * rho
+
+
+def maxwell(effort: Any, q: Any, stiffness: Any, tau: Any) -> Any:
+    """Dashpot of a Maxwell cell by its relaxation time: ``φ = ε/(k_s τ)`` beside a spring ``k_s``."""
+    return effort * reciprocal(stiffness * tau)
+
+
+def dead_zone_thresholds(q: Any, rho: Any, width: Any) -> Any:
+    """Symmetric thresholds ``±d/2``."""
+    return rho, -0.5 * width, 0.5 * width
+
+
+def dead_zone(effort: Any, q: Any, rho: Any, width: Any) -> Any:
+    """Eq. (2): zero for ``|ε| ≤ d/2``, slope ``ϱ⁻¹`` outside."""
+    return piecewise_linear(effort, rho, -0.5 * width, 0.5 * width)
+
+
+@shared
+def following_width(q: Any, width: Any, kappa: Any, q0: Any) -> Any:
+    """``d max(0, 1 + κ q/q₀)``: never negative, hence a sector law at every displacement."""
+    factor = 1.0 + kappa * q / q0
+    return width * maximum(factor, 0.0 * factor)
+
+
+def following_dead_zone_thresholds(q: Any, rho: Any, width: Any, kappa: Any, q0: Any) -> Any:
+    """Symmetric thresholds that follow the displacement."""
+    half = 0.5 * following_width(q, width, kappa, q0)
+    return rho + 0.0 * half, -half, half
+
+
+def following_dead_zone(effort: Any, q: Any, rho: Any, width: Any, kappa: Any, q0: Any) -> Any:
+    """Eq. (2) with the width ``d max(0, 1 + κ q/q₀)``."""
+    half = 0.5 * following_width(q, width, kappa, q0)
+    return piecewise_linear(effort, rho, -half, half)
+
+
+def coulomb(effort: Any, q: Any, force: Any, velocity: Any) -> Any:
+    """Dry friction, regularised: ``F_c tanh(v/v_s)``."""
+    return force * tanh(effort / velocity)
+
+
+def quadratic_drag(effort: Any, q: Any, drag: Any) -> Any:
+    """``c₂ |v| v``."""
+    return drag * absolute(effort) * effort
+
+
+register(ResistorLaw("linear", linear, (0.7,), linear_thresholds))
+register(ResistorLaw("maxwell", maxwell, (0.7, 0.4), maxwell_thresholds))
+register(ResistorLaw("dead_zone", dead_zone, (0.7, 0.6), dead_zone_thresholds))
+register(
+    ResistorLaw("following_dead_zone", following_dead_zone, (0.7, 0.6, 0.5, 0.9), following_dead_zone_thresholds)
+)
+register(ResistorLaw("coulomb", coulomb, (0.4, 0.3)))
+register(ResistorLaw("quadratic_drag", quadratic_drag, (0.8,)))

@@ -1,0 +1,80 @@
+"""Storage laws: energies with their discrete gradients in closed form.
+
+The coordinate-wise discrete gradient ``ē = (H(b) − H(a))/(b − a)`` (Itoh & Abe 1988) is written as a
+polynomial in ``a`` and ``b`` or as a difference of like terms, so that nothing cancels when ``b → a``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from phnn.laws.law import StorageLaw, register
+from phnn.laws.namespace import absolute, maximum, real, reciprocal, shared, where
+
+
+def capacitor_energy(x: Any, capacitance: Any) -> Any:
+    """``H = x²/(2C)``: charge on a capacitor, momentum of a mass."""
+    return 0.5 * x * x * reciprocal(capacitance)
+
+
+def capacitor_mean_effort(a: Any, b: Any, capacitance: Any) -> Any:
+    """``(a + b)/(2C)``."""
+    return 0.5 * (a + b) * reciprocal(capacitance)
+
+
+def spring_energy(x: Any, stiffness: Any) -> Any:
+    """``H = k x²/2``."""
+    return 0.5 * stiffness * x * x
+
+
+def spring_mean_effort(a: Any, b: Any, stiffness: Any) -> Any:
+    """``k (a + b)/2``."""
+    return 0.5 * stiffness * (a + b)
+
+
+@shared
+def _completion(kappa: Any) -> Any:
+    """Smallest coefficient of ``s⁵`` that keeps ``H″ = k(1 + 3κs² + 5cs⁴) ≥ 0`` for softening ``κ < 0``."""
+    return where(real(kappa) < 0.0, 0.45 * kappa * kappa, 0.0 * kappa)
+
+
+def cubic_spring_energy(x: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
+    """Duffing spring, effort ``k x (1 + κ s² + c s⁴)``, ``s = x/q₀``; ``c = 9κ²/20`` where ``κ < 0``, else 0."""
+    s2 = (x / q0) * (x / q0)
+    return stiffness * x * x * (0.5 + kappa * s2 / 4.0 + _completion(kappa) * s2 * s2 / 6.0)
+
+
+def cubic_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
+    """Differences of powers factored: ``(bⁿ − aⁿ)/(b − a)``."""
+    u = a / q0
+    w = b / q0
+    quadratic = u * u + w * w
+    sextic = (quadratic + u * w) * (quadratic - u * w)
+    return stiffness * (a + b) * (0.5 + kappa * quadratic / 4.0 + _completion(kappa) * sextic / 6.0)
+
+
+def stop_energy(x: Any, stiffness: Any, gap: Any) -> Any:
+    """One-sided elastic stop, ``H = k max(x − gap, 0)²/2`` for ``gap ≥ 0`` and mirrored for ``gap < 0``."""
+    depth = maximum(where(real(gap) < 0.0, gap - x, x - gap), 0.0 * x)
+    return 0.5 * stiffness * depth * depth
+
+
+def stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any) -> Any:
+    """``k/2 (P_a + P_b) (P_b − P_a)/(b − a)``, ``P = max(±(x − gap), 0)``."""
+    side = where(real(gap) < 0.0, -1.0 + 0.0 * gap, 1.0 + 0.0 * gap)
+    raw_a = side * (a - gap)
+    raw_b = side * (b - gap)
+    depth_a = maximum(raw_a, 0.0 * raw_a)
+    depth_b = maximum(raw_b, 0.0 * raw_b)
+    crossing = real(raw_a) * real(raw_b) < 0.0
+    span = where(crossing, absolute(raw_b - raw_a), 1.0 + 0.0 * raw_a)
+    inside = where(real(raw_a) + real(raw_b) > 0.0, 1.0 + 0.0 * raw_a, 0.0 * raw_a)
+    # On a crossing one depth is zero and the other lies on the segment, hence the share depth/span.
+    share = where(crossing, (depth_a + depth_b) / span, inside)
+    return 0.5 * stiffness * side * (depth_a + depth_b) * share
+
+
+register(StorageLaw("capacitor", capacitor_energy, capacitor_mean_effort, (0.7,)))
+register(StorageLaw("spring", spring_energy, spring_mean_effort, (1.3,)))
+register(StorageLaw("cubic_spring", cubic_spring_energy, cubic_spring_mean_effort, (1.3, 0.4, 0.8)))
+register(StorageLaw("stop", stop_energy, stop_mean_effort, (2.0, 0.3)))

@@ -1,0 +1,46 @@
+"""What a network must satisfy before a torch module is made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from torch import nn
+
+from phnn.errors import StructureViolated
+from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.network.elements import Network
+
+
+def check_name(name: str, holder: nn.Module) -> None:
+    """Refuse what torch cannot register: a dot, or an attribute that the holding module has already."""
+    if not name or "." in name or hasattr(holder, name):
+        raise StructureViolated(f"torch cannot register the name {name!r}: rename it (no dots, no python method names)")
+
+
+def check_laws(network: Network) -> None:
+    """Every named law exists and is given as many parameters as it takes."""
+    rooms: tuple[tuple[str, Mapping[str, Any], Sequence[Any]], ...] = (
+        ("storage", STORAGE_LAWS, network.storages),
+        ("resistor", RESISTOR_LAWS, network.resistors),
+        ("port", PORT_LAWS, network.ports),
+    )
+    for kind, table, elements in rooms:
+        for element in elements:
+            if not isinstance(element.law, str):
+                if element.parameters:
+                    raise StructureViolated(
+                        f"{kind} {element.name}: a law that is a torch module holds its own parameters; "
+                        f"leave out {', '.join(element.parameters)}"
+                    )
+                continue
+            if element.law not in table:
+                raise StructureViolated(
+                    f"{kind} {element.name}: no law called {element.law!r}; there are {', '.join(table)}"
+                )
+            wanted = len(table[element.law].example)
+            if len(element.parameters) != wanted:
+                raise StructureViolated(
+                    f"{kind} {element.name}: the law {element.law} takes {wanted} parameters, "
+                    f"{len(element.parameters)} are given"
+                )

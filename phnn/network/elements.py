@@ -1,0 +1,146 @@
+"""The parts of a port-Hamiltonian network, as values: storages, resistors, couplings, ports.
+
+    ẋ = [J(x) − D(x)] ∇H(x) + g(x) u,   y = g(x)ᵀ ∇H(x),   H(x) = Σ_k H_k(x_k)
+    D(x) ∇H = Σ_r b_r φ_r(b_rᵀ ∇H),     ε φ_r(ε) ≥ 0
+
+A ratio or parameter is referred to by name, so that elements can share one (the transducer ratio α
+appears in every hysteron coupling and in the voltage port).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from phnn.errors import StructureViolated
+from phnn.parameters import Parameter, as_table, with_values
+
+Ratio = str | float
+
+
+@dataclass(frozen=True)
+class Storage:
+    """A scalar energy ``H_k(x_k)``.
+
+    Attributes:
+        name: name of the energy variable (``Q_1``, ``q``, ``p``).
+        law: name of a storage law in `phnn.laws`, or a torch module with ``energy(x)``.
+        parameters: names of the law's parameters, in the law's order.
+        unit: unit of the energy variable.
+    """
+
+    name: str
+    law: Any
+    parameters: tuple[str, ...] = ()
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
+class Resistor:
+    """A scalar sector law ``φ_r`` on one linear combination of efforts ``ε = b_rᵀ ∇H``.
+
+    Attributes:
+        name: for tables and the energy ledger.
+        law: name of a resistor law in `phnn.laws`, or a torch module ``φ(ε)`` with ``ε φ(ε) ≥ 0``.
+        on: storage name to ratio, the vector ``b_r``.
+        parameters: names of the law's parameters, in the law's order.
+        modulated_by: storage whose energy variable the law may read (never change).
+    """
+
+    name: str
+    law: Any
+    on: Mapping[str, Ratio]
+    parameters: tuple[str, ...] = ()
+    modulated_by: str | None = None
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """``J[to, of] = ratio`` and ``J[of, to] = −ratio``: skew because only one number is kept."""
+
+    to: str
+    of: str
+    ratio: Ratio = 1.0
+
+
+@dataclass(frozen=True)
+class Port:
+    """An input ``u`` acting through the column ``g``: ``ẋ += g ψ(u)``, ``y = ψ'(u) gᵀ∇H``.
+
+    Attributes:
+        name: ``voltage`` or ``force``.
+        on: storage name to ratio.
+        law: ``linear`` (``ψ(u) = u``) or a port law in `phnn.laws`.
+        parameters: names of the law's parameters.
+    """
+
+    name: str
+    on: Mapping[str, Ratio]
+    law: str = "linear"
+    parameters: tuple[str, ...] = ()
+    unit: str = "V"
+
+
+@dataclass(frozen=True)
+class Network:
+    """A port-Hamiltonian network as a value; ``PortHamiltonianSystem(network)`` makes it run.
+
+    Attributes:
+        storages, resistors, couplings, ports: the elements.
+        parameters: by name.
+        output: the storage whose energy variable is measured.
+    """
+
+    storages: tuple[Storage, ...]
+    resistors: tuple[Resistor, ...]
+    couplings: tuple[Coupling, ...]
+    ports: tuple[Port, ...]
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
+    output: str = "q"
+
+    def __post_init__(self) -> None:
+        states = self.state_names
+        if len(set(states)) != len(states):
+            raise StructureViolated(f"two storages share a name among {states}: rename one")
+        referred = [name for c in self.couplings for name in (c.to, c.of)] + [self.output]
+        referred += [n for r in self.resistors for n in r.on] + [n for p in self.ports for n in p.on]
+        referred += [r.modulated_by for r in self.resistors if r.modulated_by]
+        for name in referred:
+            if name not in states:
+                raise StructureViolated(f"an element refers to the storage {name!r}; there are {', '.join(states)}")
+        for name in self._parameter_references():
+            if name not in self.parameters:
+                raise StructureViolated(f"an element refers to the parameter {name!r}, which is not defined")
+
+    def _parameter_references(self) -> list[str]:
+        elements = (*self.storages, *self.resistors, *self.ports)
+        names = [n for element in elements for n in element.parameters]
+        ratios: list[Ratio] = [c.ratio for c in self.couplings]
+        ratios += [v for element in (*self.resistors, *self.ports) for v in element.on.values()]
+        return names + [v for v in ratios if isinstance(v, str)]
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the energy variables in the order of the state vector."""
+        return tuple(s.name for s in self.storages)
+
+    def with_values(self, values: Mapping[str, float]) -> Network:
+        """The same network with other parameter values."""
+        return replace(self, parameters=with_values(self.parameters, values))
+
+    def extend(
+        self,
+        storages: tuple[Storage, ...] = (),
+        resistors: tuple[Resistor, ...] = (),
+        couplings: tuple[Coupling, ...] = (),
+        parameters: tuple[Parameter, ...] = (),
+    ) -> Network:
+        """The network with more elements; the momentum stays the last state as in the paper's (9)."""
+        return replace(
+            self,
+            storages=(*self.storages[:-1], *storages, self.storages[-1]),
+            resistors=(*self.resistors, *resistors),
+            couplings=(*self.couplings, *couplings),
+            parameters=as_table((*self.parameters.values(), *parameters)),
+        )

@@ -1,0 +1,50 @@
+"""Matrices whose entries are numbers or named ratios, assembled from present parameter values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import torch
+from torch import Tensor, nn
+
+from phnn.network.elements import Port, Ratio, Resistor
+
+Entry = tuple[int, int, Ratio]
+
+
+class Incidence(nn.Module):
+    """A matrix given by its entries ``(row, column, ratio)``; entries at one place add up.
+
+    Called with the function that gives a named ratio's present value, it returns the (rows, columns) matrix,
+    differentiable by the ratios that have names.
+    """
+
+    base: Tensor
+    at_rows: Tensor
+    at_columns: Tensor
+
+    def __init__(self, rows: int, columns: int, entries: Sequence[Entry]) -> None:
+        super().__init__()
+        base = torch.zeros(rows, columns, dtype=torch.float64)
+        named = [(i, j, ratio) for i, j, ratio in entries if isinstance(ratio, str)]
+        for i, j, ratio in entries:
+            if not isinstance(ratio, str):
+                base[i, j] += ratio
+        self.names = tuple(ratio for _, _, ratio in named)
+        self.register_buffer("base", base, persistent=False)
+        self.register_buffer("at_rows", torch.tensor([i for i, _, _ in named], dtype=torch.long), persistent=False)
+        self.register_buffer("at_columns", torch.tensor([j for _, j, _ in named], dtype=torch.long), persistent=False)
+
+    def forward(self, value: Callable[[str], Tensor]) -> Tensor:
+        """(rows, columns) the matrix at present values."""
+        if not self.names:
+            return self.base
+        ratios = torch.stack([value(name) for name in self.names])
+        return self.base.index_put((self.at_rows, self.at_columns), ratios, accumulate=True)
+
+
+def columns(elements: Sequence[Resistor | Port], place: Mapping[str, int]) -> Incidence:
+    """The (n, number of elements) matrix whose columns are the elements' ``on`` vectors."""
+    vectors = [element.on for element in elements]
+    entries: list[Entry] = [(place[name], j, ratio) for j, on in enumerate(vectors) for name, ratio in on.items()]
+    return Incidence(len(place), len(elements), entries)

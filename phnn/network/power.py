@@ -1,0 +1,23 @@
+"""What a power balance consists of."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from torch import Tensor
+
+
+class PowerBalance(NamedTuple):
+    """``dH/dt = Σ supplied − Σ dissipated``; the defect is what rounding leaves of it.
+
+    Attributes:
+        stored: (...) ``∇Hᵀ ẋ`` [W].
+        dissipated: (..., R) ``ε_r φ_r(ε_r) ≥ 0`` of every resistor [W].
+        supplied: (..., P) ``ψ(u) gᵀ∇H`` of every port [W].
+        defect: (...) ``stored − Σ supplied + Σ dissipated`` [W].
+    """
+
+    stored: Tensor
+    dissipated: Tensor
+    supplied: Tensor
+    defect: Tensor

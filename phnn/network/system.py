@@ -1,0 +1,293 @@
+"""A network as a torch module: its energy, efforts, structure, vector field and power balance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor, nn
+
+from phnn.errors import InputRefused, StructureViolated
+from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, gradient
+from phnn.network.checks import check_laws, check_name
+from phnn.network.driven import DrivenSystem
+from phnn.network.elements import Network, Resistor, Storage
+from phnn.network.incidence import Entry, Incidence, columns
+from phnn.network.power import PowerBalance
+
+# Smaller efforts are taken as zero when a resistor's conductance φ(ε)/ε is inspected.
+_NO_EFFORT = 1e-150
+
+
+class PortHamiltonianSystem(nn.Module):
+    """The port-Hamiltonian system of a network.
+
+        ẋ = J ∇H(x) − Σ_r b_r φ_r(b_rᵀ∇H, q_r) + g ψ(u),     y = ψ'(u) gᵀ∇H,     H(x) = Σ_k H_k(x_k)
+
+    ``J`` holds one number per pair of storages and is skew by construction; every ``φ_r`` is a sector law, hence
+    ``dH/dt ≤ Σ ψ(u) gᵀ∇H``. All tensors are batched, ``x`` is (..., n), ``u`` is (..., P), in SI and float64.
+
+    Attributes:
+        network: the network as built; `as_network` has the present values.
+        free: physical parameter values by name, as `nn.Parameter`.
+        constants: the values of parameters that are fixed, as buffers.
+        laws: the laws that are torch modules.
+
+    Raises:
+        StructureViolated: an unknown law, a wrong number of law parameters, a name that torch cannot register,
+            or a neural law that is not in float64.
+    """
+
+    def __init__(self, network: Network) -> None:
+        super().__init__()
+        self.network = network
+        self.free = nn.ParameterDict()
+        self.constants = nn.Module()
+        self.laws = nn.ModuleDict()
+        for name, parameter in network.parameters.items():
+            value = torch.tensor(parameter.value, dtype=torch.float64)
+            check_name(name, self.constants if parameter.fixed else self.free)
+            if parameter.fixed:
+                self.constants.register_buffer(name, value)
+            else:
+                self.free[name] = nn.Parameter(value)
+        check_laws(network)
+        for storage in network.storages:
+            self._adopt("storage", storage)
+        for resistor in network.resistors:
+            self._adopt("resistor", resistor)
+        place = {name: k for k, name in enumerate(network.state_names)}
+        n = len(place)
+        couplings: list[Entry] = [(place[c.to], place[c.of], c.ratio) for c in network.couplings]
+        self._half = Incidence(n, n, couplings)
+        self._branches = columns(network.resistors, place)
+        self._inputs = columns(network.ports, place)
+        self._modulators = tuple(None if r.modulated_by is None else place[r.modulated_by] for r in network.resistors)
+
+    def _adopt(self, kind: str, element: Storage | Resistor) -> None:
+        """Register the law of an element if it is a module."""
+        if isinstance(element.law, str):
+            return
+        if not isinstance(element.law, nn.Module):
+            raise StructureViolated(
+                f"the law of {element.name} is {element.law!r}: give a law's name or a torch module"
+            )
+        for name, tensor in element.law.named_parameters():
+            if tensor.dtype != torch.float64:
+                raise StructureViolated(
+                    f"{name} in the law of {element.name} is {tensor.dtype}: convert the law with .double()"
+                )
+        key = f"{kind}_{element.name}"
+        check_name(key, self.laws)
+        self.laws[key] = element.law
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the energy variables, in the order of ``x``."""
+        return self.network.state_names
+
+    def value(self, name: str) -> Tensor:
+        """() present value of a parameter."""
+        # Looked up at every use: a tensor kept aside would get no gradient from the adjoint method.
+        return self.free[name] if name in self.free else getattr(self.constants, name)
+
+    def as_network(self) -> Network:
+        """The network with the present parameter values."""
+        return self.network.with_values({name: tensor.item() for name, tensor in self.free.items()})
+
+    def energies(self, x: Tensor) -> Tensor:  # x: (..., n)
+        """(..., n) energy of every storage [J]."""
+        self._check_state(x)
+        values = []
+        for k, s in enumerate(self.network.storages):
+            known = STORAGE_LAWS[s.law].energy if isinstance(s.law, str) else s.law.energy
+            values.append(known(x[..., k], *map(self.value, s.parameters)))
+        return torch.stack(values, dim=-1)
+
+    def energy(self, x: Tensor) -> Tensor:  # x: (..., n)
+        """(...) stored energy ``H(x)`` [J]."""
+        return self.energies(x).sum(-1)
+
+    def mean_efforts(
+        self,
+        a: Tensor,  # (..., n) state at the start of a step
+        b: Tensor,  # (..., n) and at its end
+    ) -> Tensor:
+        """(..., n) discrete gradient ``ē_k = (H_k(b_k) − H_k(a_k))/(b_k − a_k)``; ``∇H(a)`` where ``b = a``."""
+        self._check_state(a)
+        values = []
+        for k, s in enumerate(self.network.storages):
+            start, end = a[..., k], b[..., k]
+            if isinstance(s.law, str):
+                values.append(STORAGE_LAWS[s.law].mean_effort(start, end, *map(self.value, s.parameters)))
+            elif hasattr(s.law, "mean_effort"):
+                values.append(s.law.mean_effort(start, end))
+            else:
+                values.append(
+                    gradient.effort(s.law.energy, start) if a is b else gradient.mean_effort(s.law.energy, start, end)
+                )
+        return torch.stack(values, dim=-1)
+
+    def efforts(self, x: Tensor) -> Tensor:  # x: (..., n)
+        """(..., n) efforts ``e = ∇H(x)``."""
+        return self.mean_efforts(x, x)
+
+    def structure(self, x: Tensor) -> Tensor:  # x: (..., n)
+        """(..., n, n) interconnection ``J = A − Aᵀ``: skew to the last bit."""
+        half = self._half(self.value)
+        skew = half - half.mT
+        return skew.expand(*x.shape[:-1], *skew.shape)
+
+    def dissipation(self, x: Tensor) -> Tensor:  # x: (..., n)
+        """(..., n, n) ``D(x) = Σ_r b_r (φ_r(ε_r)/ε_r) b_rᵀ ⪰ 0``, with the slope of ``φ_r`` where ``ε_r = 0``.
+
+        For inspection (eq. (11)): the vector field itself never divides by an effort.
+        """
+        branches = self._branches(self.value)
+        if not self.network.resistors:
+            return branches.new_zeros(*x.shape, x.shape[-1])
+        epsilon = self.efforts(x) @ branches
+        conductance = torch.stack([self._conductance(r, epsilon[..., r], x) for r in range(epsilon.shape[-1])], dim=-1)
+        return (branches * conductance.unsqueeze(-2)) @ branches.mT
+
+    def _conductance(self, r: int, epsilon: Tensor, x: Tensor) -> Tensor:
+        """``φ_r(ε)/ε`` with its limit at ``ε = 0``."""
+        silent = epsilon.abs() < _NO_EFFORT
+        probe = torch.where(silent, _NO_EFFORT, epsilon)
+        ratio = self._branch_flow(r, probe, x) / probe
+        if isinstance(self.network.resistors[r].law, str) or not bool(silent.any()):
+            return ratio
+        # A module need not resolve its value at so small an effort; its slope it knows.
+        slope = gradient.effort(lambda e: self._branch_flow(r, e, x), torch.zeros_like(epsilon))
+        return torch.where(silent, slope, ratio)
+
+    def incidences(self) -> tuple[Tensor, Tensor]:
+        """(n, R) columns ``b_r`` of the resistors and (n, P) columns ``g_p`` of the ports."""
+        return self._branches(self.value), self._inputs(self.value)
+
+    def branch_efforts(
+        self,
+        efforts: Tensor,  # (..., n)
+    ) -> Tensor:
+        """(..., R) effort ``ε_r = b_rᵀ e`` on every resistor."""
+        return efforts @ self._branches(self.value)
+
+    def branch_flows(
+        self,
+        epsilon: Tensor,  # (..., R) effort on every resistor
+        x: Tensor,  # (..., n) state that modulated laws read
+    ) -> Tensor:
+        """(..., R) flow ``φ_r(ε_r, q_r)`` through every resistor."""
+        if not self.network.resistors:
+            return epsilon
+        return torch.stack([self._branch_flow(r, epsilon[..., r], x) for r in range(epsilon.shape[-1])], dim=-1)
+
+    def _branch_flow(self, r: int, epsilon: Tensor, x: Tensor) -> Tensor:
+        resistor, place = self.network.resistors[r], self._modulators[r]
+        q = torch.zeros_like(epsilon) if place is None else x[..., place]
+        if isinstance(resistor.law, str):
+            return RESISTOR_LAWS[resistor.law].flow(epsilon, q, *map(self.value, resistor.parameters))
+        return resistor.law(epsilon) if place is None else resistor.law(epsilon, q)
+
+    def resistor_flows(self, x: Tensor) -> Tensor:  # x: (..., n)
+        """(..., R) flow through every resistor at a state."""
+        return self.branch_flows(self.branch_efforts(self.efforts(x)), x)
+
+    def actions(
+        self,
+        u: Tensor,  # (..., P)
+    ) -> Tensor:
+        """(..., P) ``ψ_p(u_p)`` of every port.
+
+        Raises:
+            InputRefused: the last dimension is not the number of ports.
+        """
+        self._check_input(u)
+        values = [
+            PORT_LAWS[p.law].action(u[..., k], *map(self.value, p.parameters)) for k, p in enumerate(self.network.ports)
+        ]
+        return torch.stack(values, dim=-1) if values else u
+
+    def rate(
+        self,
+        efforts: Tensor,  # (..., n) efforts, of a state or averaged over a step
+        x: Tensor,  # (..., n) state that modulated laws read
+        u: Tensor,  # (..., P)
+    ) -> Tensor:
+        """(..., n) ``J e − Σ_r b_r φ_r(b_rᵀ e) + g ψ(u)`` for any effort ``e``."""
+        branches, inputs = self.incidences()
+        conserved = (self.structure(x) @ efforts.unsqueeze(-1)).squeeze(-1)
+        return conserved - self.branch_flows(efforts @ branches, x) @ branches.mT + self.actions(u) @ inputs.mT
+
+    def vector_field(
+        self,
+        x: Tensor,  # (..., n)
+        u: Tensor,  # (..., P)
+    ) -> Tensor:
+        """(..., n) ``ẋ``."""
+        return self.rate(self.efforts(x), x, u)
+
+    def port_outputs(
+        self,
+        x: Tensor,  # (..., n)
+        u: Tensor,  # (..., P)
+    ) -> Tensor:
+        """(..., P) ``y = ψ'(u) gᵀ∇H``, conjugate to ``u``: current at a voltage port, velocity at a force port.
+
+        For a nonlinear port ``yᵀu`` also fills the port's own field energy; what enters ``H`` is ``ψ(u) gᵀ∇H``.
+        """
+        self._check_input(u)
+        flows = self.efforts(x) @ self._inputs(self.value)
+        slopes = [
+            PORT_LAWS[p.law].slope(u[..., k], *map(self.value, p.parameters)) for k, p in enumerate(self.network.ports)
+        ]
+        return torch.stack(slopes, dim=-1) * flows if slopes else flows
+
+    def power(
+        self,
+        efforts: Tensor,  # (..., n) efforts, of a state or averaged over a step
+        x: Tensor,  # (..., n) state that modulated laws read
+        u: Tensor,  # (..., P)
+        stored: Tensor,  # (...) rate of change of the stored energy [W]
+    ) -> PowerBalance:
+        """The balance of a given rate of storage at given efforts."""
+        epsilon = self.branch_efforts(efforts)
+        dissipated = epsilon * self.branch_flows(epsilon, x)
+        supplied = self.actions(u) * (efforts @ self._inputs(self.value))
+        return PowerBalance(stored, dissipated, supplied, stored - supplied.sum(-1) + dissipated.sum(-1))
+
+    def power_balance(
+        self,
+        x: Tensor,  # (..., n)
+        u: Tensor,  # (..., P)
+    ) -> PowerBalance:
+        """The power balance at a state."""
+        efforts = self.efforts(x)
+        return self.power(efforts, x, u, (efforts * self.rate(efforts, x, u)).sum(-1))
+
+    def forward(
+        self,
+        t: Tensor,  # () time, not used: the system is autonomous
+        x: Tensor,  # (..., n)
+    ) -> Tensor:
+        """(..., n) ``ẋ`` with every input at zero, in the order of arguments that `torchdiffeq.odeint` calls."""
+        return self.vector_field(x, x.new_zeros(len(self.network.ports)))
+
+    def with_input(self, u: Callable[[Tensor], Tensor], ports: Sequence[str] | None = None) -> DrivenSystem:
+        """This system driven by ``u(t)``; see `DrivenSystem`."""
+        return DrivenSystem(self, u, ports)
+
+    def _check_state(self, x: Tensor) -> None:
+        n = len(self.network.storages)
+        if x.shape[-1:] != (n,):
+            raise InputRefused(
+                f"a state has shape {tuple(x.shape)}: its last dimension must be {n} ({', '.join(self.state_names)})"
+            )
+
+    def _check_input(self, u: Tensor) -> None:
+        ports = self.network.ports
+        if u.shape[-1:] != (len(ports),):
+            raise InputRefused(
+                f"an input has shape {tuple(u.shape)}: its last dimension must be {len(ports)}, the number of ports "
+                f"({', '.join(p.name for p in ports) or 'none'})"
+            )

@@ -1,0 +1,110 @@
+"""Physical parameters: a value with its unit, its bounds and the scale on which it is estimated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from phnn.errors import InputRefused
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One scalar physical parameter.
+
+    Estimation works in the coordinate ``z``: ``z = log θ`` for ``positive`` parameters and
+    ``z = θ / typical`` for the others, so that a step of one is a sensible step for every parameter.
+
+    Attributes:
+        name: canonical name, unique in a setup.
+        value: value in SI units.
+        unit: SI unit as text, ``"1"`` where there is none.
+        lower, upper: bounds on the value; part of the parameter, never of the optimiser.
+        positive: estimated on a logarithmic scale.
+        typical: size of a noticeable change of a parameter that is not positive.
+        fixed: never estimated (a constant of the model such as a reference displacement).
+        description: what it is, for a person.
+    """
+
+    name: str
+    value: float
+    unit: str = "1"
+    lower: float = -math.inf
+    upper: float = math.inf
+    positive: bool = False
+    typical: float = 1.0
+    fixed: bool = False
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.value):
+            raise InputRefused(f"parameter {self.name} is {self.value}: give a finite value in {self.unit}")
+        if not self.lower <= self.value <= self.upper:
+            raise InputRefused(
+                f"parameter {self.name} = {self.value:g} {self.unit} lies outside its bounds "
+                f"[{self.lower:g}, {self.upper:g}]: give a value inside"
+            )
+        if self.positive and self.value <= 0.0:
+            raise InputRefused(f"parameter {self.name} = {self.value:g} {self.unit} must be positive")
+
+    def to_coordinate(self, value: float) -> float:
+        """The estimation coordinate ``z`` of a physical value."""
+        return math.log(value) if self.positive else value / self.typical
+
+    def from_coordinate(self, z: float) -> float:
+        """The physical value of an estimation coordinate ``z``."""
+        return math.exp(z) if self.positive else z * self.typical
+
+    def slope(self, value: float) -> float:
+        """``dθ/dz`` at a physical value."""
+        return value if self.positive else self.typical
+
+    @property
+    def coordinate_bounds(self) -> tuple[float, float]:
+        """Bounds on ``z``."""
+        if not self.positive:
+            return self.lower / self.typical, self.upper / self.typical
+        lower = math.log(self.lower) if self.lower > 0.0 else -math.inf
+        return lower, math.log(self.upper) if math.isfinite(self.upper) else math.inf
+
+
+def positive(name: str, value: float, unit: str, description: str = "", span: float = 1e6) -> Parameter:
+    """A positive parameter that may move by a factor ``span`` either way."""
+    return Parameter(name, value, unit, value / span, value * span, positive=True, description=description)
+
+
+def constant(name: str, value: float, unit: str, description: str = "") -> Parameter:
+    """A parameter that is never estimated."""
+    return Parameter(name, value, unit, fixed=True, description=description)
+
+
+def as_table(parameters: Iterable[Parameter]) -> dict[str, Parameter]:
+    """Parameters by name.
+
+    Raises:
+        InputRefused: two parameters share a name.
+    """
+    table: dict[str, Parameter] = {}
+    for parameter in parameters:
+        if parameter.name in table:
+            raise InputRefused(f"two parameters are called {parameter.name}: rename one")
+        table[parameter.name] = parameter
+    return table
+
+
+def with_values(table: Mapping[str, Parameter], values: Mapping[str, float]) -> dict[str, Parameter]:
+    """The table with some values replaced, bounds widened where a stated value lies outside them.
+
+    Raises:
+        InputRefused: a name that the table does not have.
+    """
+    unknown = sorted(set(values) - set(table))
+    if unknown:
+        raise InputRefused(f"no parameter called {', '.join(unknown)}: this model has {', '.join(table)}")
+    return {
+        name: replace(p, value=float(v), lower=min(p.lower, float(v)), upper=max(p.upper, float(v)))
+        if (v := values.get(name)) is not None
+        else p
+        for name, p in table.items()
+    }

@@ -1,0 +1,109 @@
+"""Reading .mat (v5 and v7.3) and .npy files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from phnn.errors import InputRefused
+from phnn.recordings.table import Table, Where
+
+_MOST_COLUMNS = 64
+
+
+def read_mat(path: Path) -> Table:
+    """The numeric variables of a .mat file.
+
+    Vectors are found by name, structure fields as ``name.field``, the columns of a matrix as ``name[0]``, ….
+
+    Raises:
+        InputRefused: not a .mat file, damaged, or without numbers.
+    """
+    variables = dict(_vectors(_load_v73(path) if _is_hdf5(path) else _load_v5(path)))
+    if not variables:
+        raise InputRefused(f"{path.name}: no numeric variables in it: save the samples as vectors")
+    return Table(Where(path.name), tuple(variables), tuple(variables.values()), by_name=True)
+
+
+def read_npy(path: Path) -> Table:
+    """A two-dimensional array (samples, columns), or a structured one with named fields.
+
+    Raises:
+        InputRefused: not a .npy file, damaged, or of another shape.
+    """
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError, OSError) as error:
+        raise InputRefused(f"{path.name}: not a readable .npy file ({error}): save it again with numpy.save") from error
+    if not isinstance(array, np.ndarray):
+        raise InputRefused(f"{path.name}: an archive of arrays, not one array: save one array with numpy.save")
+    if array.dtype.names:
+        fields = array.reshape(-1)
+        return Table(Where(path.name), array.dtype.names, tuple(fields[name] for name in array.dtype.names))
+    if array.ndim != 2:
+        raise InputRefused(
+            f"{path.name}: an array of shape {array.shape}: save it as (samples, columns) with voltage and "
+            f"displacement among the columns"
+        )
+    if array.shape[0] < array.shape[1] and array.shape[0] <= _MOST_COLUMNS:
+        array = array.T  # channels along the first axis: never more channels than samples
+    if array.shape[1] > _MOST_COLUMNS:
+        raise InputRefused(f"{path.name}: shape {array.shape} is no table of samples: save it as (samples, columns)")
+    return Table(Where(path.name), ("",) * array.shape[1], tuple(array.T))
+
+
+def _is_hdf5(path: Path) -> bool:
+    import h5py
+
+    return bool(h5py.is_hdf5(path))
+
+
+def _load_v5(path: Path) -> Mapping[str, Any]:
+    import scipy.io
+
+    if path.stat().st_size == 0:
+        raise InputRefused(f"{path.name}: the file is empty: record it again or remove it")
+    try:
+        content = scipy.io.loadmat(path, simplify_cells=True)
+    except Exception as error:  # on damaged bytes scipy raises whatever its reader stumbles over
+        raise InputRefused(
+            f"{path.name}: not a readable .mat file ({type(error).__name__}: {error}): save it again from MATLAB"
+        ) from error
+    return {name: value for name, value in content.items() if not name.startswith("__")}
+
+
+def _load_v73(path: Path) -> Mapping[str, Any]:
+    import h5py
+
+    def content(group: Any) -> dict[str, Any]:
+        return {
+            name: content(item) if isinstance(item, h5py.Group) else np.asarray(item).T
+            for name, item in group.items()
+            if not name.startswith("#")
+        }
+
+    try:
+        with h5py.File(path, "r") as file:
+            return content(file)
+    except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
+        raise InputRefused(f"{path.name}: damaged .mat v7.3 file ({error}): save it again from MATLAB") from error
+
+
+def _vectors(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
+    for name, value in content.items():
+        full = prefix + name
+        if isinstance(value, Mapping):
+            yield from _vectors(value, full + ".")
+            continue
+        array = np.asarray(value)
+        if array.dtype.kind not in "iufbc":
+            continue
+        array = np.squeeze(array)
+        if array.ndim <= 1:
+            yield full, np.atleast_1d(array)
+        elif array.ndim == 2 and array.shape[1] <= _MOST_COLUMNS:
+            for i in range(array.shape[1]):
+                yield f"{full}[{i}]", array[:, i]

@@ -1,0 +1,81 @@
+"""From the columns of a table to channels in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from phnn.errors import InputRefused
+from phnn.recordings import checks
+from phnn.recordings.manifest import Column
+from phnn.recordings.table import Table
+from phnn.recordings.units import QUANTITIES, UNITS, check_unit, parse_name, spelled, to_si
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One quantity of a file: ``(N,)`` SI values, where they stand, and the factor from number to SI."""
+
+    values: np.ndarray
+    label: str
+    unit: str
+    factor: float
+
+
+def select(table: Table, columns: Mapping[str, Column]) -> dict[str, Channel]:
+    """Every quantity that the manifest's columns or the table's own names give.
+
+    Raises:
+        InputRefused: a column that is absent, ambiguous, without a unit or with an impossible one, of unequal
+            length, or with cells that are no finite numbers.
+    """
+    channels = {}
+    for quantity in QUANTITIES:
+        said = columns.get(quantity, Column())
+        index = table.find(said.place) if said.place is not None else _by_name(table, quantity, said.unit)
+        if index is None:
+            continue
+        label = table.label(index)
+        if said.place is not None and table.names[index] == "":
+            label = f"column {said.place}"
+        unit = _unit(table, index, quantity, said.unit)
+        values = table.numbers(index)
+        checks.finite(values, f"{quantity} ({label})", table.where)
+        channels[quantity] = Channel(to_si(said.scale * values, unit), label, unit, said.scale * UNITS[unit][1])
+    lengths = {f"{q} ({c.label})": c.values.size for q, c in channels.items()}
+    checks.equal_lengths(lengths, table.where)
+    return channels
+
+
+def _by_name(table: Table, quantity: str, unit: str | None) -> int | None:
+    """Index of the one column whose name says ``quantity``."""
+    parsed = [parse_name(name) if name else None for name in table.names]
+    named = [(i, p[1]) for i, p in enumerate(parsed) if p is not None and p[0] == quantity]
+    # a name such as voltage_monitor belongs to another column where voltage_V stands beside it
+    known = [i for i, u in named if u in UNITS] or [i for i, _ in named]
+    if len(known) > 1:
+        names = ", ".join(table.names[i] for i in known)
+        raise InputRefused(
+            f"{table.where}: {names} all claim to be the {quantity}: keep one, or say which in recordings.yaml, "
+            f"columns: {{{quantity}: {{column: NAME}}}}"
+        )
+    return known[0] if known else None
+
+
+def _unit(table: Table, index: int, quantity: str, stated: str | None) -> str:
+    parsed = parse_name(table.names[index]) if table.names[index] else None
+    named = parsed[1] if parsed is not None and parsed[0] == quantity else None
+    where = f"{table.where}: {table.label(index)}"
+    if stated is not None and named in UNITS and spelled(stated) != named:
+        raise InputRefused(
+            f"{where}: the name says {named}, recordings.yaml says {stated}: make them agree, or leave out the latter"
+        )
+    return check_unit(quantity, stated if stated is not None else named, where)
+
+
+def unused(table: Table, channels: Mapping[str, Channel]) -> list[str]:
+    """Header names that serve as no channel."""
+    used = {channel.label for channel in channels.values()}
+    return [name for i, name in enumerate(table.names) if name and table.label(i) not in used]

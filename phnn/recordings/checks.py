@@ -1,0 +1,232 @@
+"""Checks of what was recorded: each refuses with one message that names place, value, cause and remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from phnn.errors import InputRefused
+from phnn.recordings.table import Where
+from phnn.signals.noise import quantisation_step
+
+FEWEST_SAMPLES = 50
+LARGEST_JITTER = 0.01  # of the sampling interval
+LARGEST_CLIPPED_SHARE = 0.02
+SHORTEST_CLIPPED_RUN = 5
+
+
+def folder_exists(folder: Path) -> None:
+    """Refuse a folder that is absent or a file."""
+    if not folder.exists():
+        raise InputRefused(f"folder {folder}: there is no such folder: check the path")
+    if not folder.is_dir():
+        raise InputRefused(f"{folder}: this is a file: give the folder that holds it (one file is one recording)")
+
+
+def any_recordings(files: Sequence[Path], left: Sequence[str], folder: Path) -> None:
+    """Refuse a folder without recordings, naming what lies in it."""
+    if files:
+        return
+    found = f"; it holds {', '.join(left[:8])}" if left else "; it is empty"
+    raise InputRefused(
+        f"folder {folder}: no recordings in it{found}: add .csv files with columns time_s, voltage_V, displacement_um, "
+        f"or describe the files in recordings.yaml"
+    )
+
+
+def file_exists(path: Path, where: str) -> None:
+    """Refuse a manifest entry whose file is absent."""
+    if not path.is_file():
+        raise InputRefused(f"{where}: file {path.name!r} is not in {path.parent}: correct its name or remove the entry")
+
+
+def unique_names(names: Iterable[tuple[str, str]]) -> None:
+    """Refuse two recordings, given as ``(name, file)``, of one name."""
+    seen: dict[str, str] = {}
+    for name, file in names:
+        if name in seen:
+            raise InputRefused(
+                f"two recordings are called {name!r} ({seen[name]} and {file}): rename a file, or give each a `name` "
+                f"in recordings.yaml"
+            )
+        seen[name] = file
+
+
+def input_present(found: bool, names: Sequence[str], where: Where) -> None:
+    """Refuse a file without an input column."""
+    if not found:
+        raise InputRefused(f"{where}: no voltage column{_found(names)}: {_remedy('voltage', 'V')}")
+
+
+def output_present(found: bool, names: Sequence[str], where: Where) -> None:
+    """Refuse a file without an output column."""
+    if not found:
+        raise InputRefused(f"{where}: no displacement column{_found(names)}: {_remedy('displacement', 'um')}")
+
+
+def rate_present(rate: float | None, names: Sequence[str], where: Where) -> float:
+    """The stated sample rate; refuse a file that has neither a time column nor a stated rate."""
+    if rate is None:
+        raise InputRefused(
+            f"{where}: no time column{_found(names)}: name one time_s, or write sample_rate_hz in recordings.yaml"
+        )
+    return rate
+
+
+def _found(names: Sequence[str]) -> str:
+    listed = [name for name in names if name]
+    return f" (columns found: {', '.join(listed[:12])})" if listed else " (the columns have no names)"
+
+
+def _remedy(quantity: str, unit: str) -> str:
+    return (
+        f"name the column with its unit, such as {quantity}_{unit}, or write in recordings.yaml "
+        f"columns: {{{quantity}: {{column: ..., unit: {unit}}}}}"
+    )
+
+
+def equal_lengths(lengths: Mapping[str, int], where: Where) -> None:
+    """Refuse channels of unequal length."""
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"{label} has {n}" for label, n in lengths.items())
+        raise InputRefused(f"{where}: unequal numbers of samples: {said}: give channels of one recording")
+
+
+def slice_inside(bounds: tuple[int, int], size: int, where: Where) -> None:
+    """Refuse a slice that leaves the file."""
+    if bounds[1] > size:
+        raise InputRefused(
+            f"{where}: slice {list(bounds)} reaches beyond the file's {size} samples: correct it in recordings.yaml"
+        )
+
+
+def enough_samples(size: int, where: Where) -> None:
+    """Refuse a recording of fewer than 50 samples."""
+    if size < FEWEST_SAMPLES:
+        raise InputRefused(
+            f"{where}: {size} sample{'s' if size != 1 else ''}, at least {FEWEST_SAMPLES} are needed: "
+            f"record longer or faster, or remove the file"
+        )
+
+
+def finite(values: np.ndarray, label: str, where: Where) -> None:
+    """Refuse missing (NaN) and infinite values."""
+    bad = ~np.isfinite(values)
+    if bad.any():
+        row = int(np.argmax(bad))
+        what = "is missing (NaN or empty)" if np.isnan(values[row]) else f"is {values[row]}"
+        raise InputRefused(
+            f"{where}: {label}, {where.row(row)}: the value {what}, {int(bad.sum())} such rows in all: "
+            f"repair them, or cut the recording there (`slice` in recordings.yaml)"
+        )
+
+
+def time_advances(t: np.ndarray, where: Where) -> None:
+    """Refuse time that goes back or stands still."""
+    steps = np.diff(t)
+    for bad, cause, remedy in (
+        (steps < 0.0, "time goes back", "sort the rows, or split the file where a new recording begins"),
+        (steps == 0.0, "two rows with one time", "delete the repeated row, or write time with more digits"),
+    ):
+        if bad.any():
+            i = int(np.argmax(bad)) + 1
+            raise InputRefused(
+                f"{where}: time, {where.row(i)}: {cause} ({t[i - 1]:.9g} s, then {t[i]:.9g} s): {remedy}"
+            )
+
+
+def no_gaps(t: np.ndarray, where: Where) -> None:
+    """Refuse gaps and a change of the sampling rate within one file."""
+    steps = np.diff(t)
+    typical = float(np.median(steps))
+    ends = [float(np.median(part)) for part in (steps[: steps.size // 5 + 1], steps[-(steps.size // 5 + 1) :])]
+    if max(ends) > 1.1 * min(ends):
+        i = int(np.argmax(np.abs(np.log(steps / ends[0])) > 0.5 * abs(np.log(ends[1] / ends[0])))) + 1
+        raise InputRefused(
+            f"{where}: time, {where.row(i)}: the sampling rate changes from {1 / ends[0]:.6g} Hz to "
+            f"{1 / ends[1]:.6g} Hz within the file: split it into one file per rate"
+        )
+    gap = steps > 1.5 * typical
+    if gap.any():
+        i = int(np.argmax(gap)) + 1
+        raise InputRefused(
+            f"{where}: time, {where.row(i)}: a gap of {steps[i - 1]:.6g} s where samples are {typical:.6g} s apart: "
+            f"split the file there, or take one side of it with `slice` in recordings.yaml"
+        )
+
+
+def little_jitter(deviation: np.ndarray, dt: float, where: Where) -> None:
+    """Refuse sample times that leave a uniform grid; ``deviation`` ``(N,)`` is in s."""
+    i = int(np.argmax(np.abs(deviation)))
+    if abs(deviation[i]) > LARGEST_JITTER * dt:
+        raise InputRefused(
+            f"{where}: time, {where.row(i)}: jittered sampling, this sample lies {abs(deviation[i]):.3g} s "
+            f"({abs(deviation[i]) / dt:.1%} of the interval) off a uniform grid of {dt:.6g} s, at most "
+            f"{LARGEST_JITTER:.0%} is accepted: resample to a uniform rate with a clock you trust"
+        )
+
+
+def output_moves(y: np.ndarray, label: str, where: Where) -> None:
+    """Refuse a constant output."""
+    if np.ptp(y) == 0.0:
+        raise InputRefused(
+            f"{where}: {label}: constant at {y[0]:.6g} in all {y.size} rows: check the sensor and the choice of column"
+        )
+
+
+def input_moves(u: np.ndarray, before: float | None, label: str, where: Where) -> None:
+    """Refuse a constant input, unless the recording begins with a step from rest at ``before``."""
+    if np.ptp(u) == 0.0 and (before is None or before == u[0]):
+        raise InputRefused(
+            f"{where}: {label}: constant at {u[0]:.6g} in all {u.size} rows, nothing drives the system: check "
+            f"the column, or state the step at the start in recordings.yaml, start: {{state: rest, input_before: ...}}"
+        )
+
+
+def not_clipped(u: np.ndarray, y: np.ndarray, label: str, factor: float, where: Where) -> None:
+    """Refuse an output stuck at its exact extreme while the input moves on (a sensor out of range).
+
+    A run counts where it is 5 samples or longer, where the input moves during it, and where a parabola through
+    the samples on both sides of it passes well beyond the extreme: a resolved reversal that the sensor merely
+    quantises does not. A play, which comes to its plateau gently and leaves it steeply, is no clipping either.
+    ``factor`` turns the file's numbers into SI.
+    """
+    step = quantisation_step(y)
+    for extreme, name in ((float(y.max()), "largest"), (float(y.min()), "smallest")):
+        runs = [run for run in _runs(y == extreme) if _is_clipped(u, y, run, step)]
+        stuck = sum(last - first for first, last in runs)
+        if stuck > LARGEST_CLIPPED_SHARE * y.size:
+            raise InputRefused(
+                f"{where}: {label}, {where.row(runs[0][0])}: clipped, {stuck} samples ({stuck / y.size:.1%}) sit "
+                f"exactly at the {name} value {extreme / factor:.6g} while the input moves on: record again within the "
+                f"sensor's range, or leave these stretches out with `slice` in recordings.yaml"
+            )
+
+
+def _runs(stuck: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], stuck.astype(int), [0]))))
+    pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+    return [(first, last) for first, last in pairs if last - first >= SHORTEST_CLIPPED_RUN]
+
+
+def _is_clipped(u: np.ndarray, y: np.ndarray, run: tuple[int, int], step: float) -> bool:
+    first, last = run
+    side = max(4, (last - first) // 2)
+    if first < side or last + side > y.size:
+        return False  # nothing on one side to judge by
+    least = max(3.0 * step, 5e-4 * float(np.ptp(y)))
+    inside = u[first:last]
+    share = float(np.quantile(inside, 0.9) - np.quantile(inside, 0.1)) / max(float(np.ptp(u)), 1e-300)
+    if share * float(np.ptp(y)) < least:
+        return False
+    near = max(4, side // 4)
+    arrival, departure = abs(y[first] - y[first - near]), abs(y[last + near - 1] - y[last - 1])
+    if arrival < 0.4 * departure:
+        return False
+    k = np.r_[first - side : first, last : last + side]
+    middle = 0.5 * (first + last - 1)
+    parabola = np.polyfit(k - middle, y[k], 2)
+    overshoot = np.abs(np.polyval(parabola, np.arange(first, last) - middle) - y[first])
+    return float(overshoot.max()) > least

@@ -1,0 +1,84 @@
+"""A campaign in words: what `phnn check` prints."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from phnn.recordings.excitation import Excitation, excitation_of
+from phnn.recordings.recording import Campaign, Recording
+
+_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
+
+
+def describe(campaign: Campaign) -> str:
+    """Per recording: rate, length, ranges, start, excitation, noise floor and its source, use; then the notes."""
+    count = len(campaign.recordings)
+    setup = ", ".join(f"{key} {value}" for key, value in campaign.setup.items())
+    lines = [
+        f"{campaign.folder}: {count} recording{'s' if count != 1 else ''}; {setup}; "
+        f"the voltage is {'the command' if campaign.voltage == 'command' else 'measured at the terminals'}",
+        "",
+    ]
+    for recording in campaign.recordings:
+        lines += [*_recording(recording), ""]
+    if campaign.known:
+        anchors = (f"{name} = {a.value:g} ± {a.std:g}" for name, a in campaign.known.items())
+        lines += [f"known (SI): {', '.join(anchors)}", ""]
+    lines.append("Understood:")
+    lines += [f"  {note}" for note in campaign.notes]
+    return "\n".join(lines)
+
+
+def _recording(r: Recording) -> list[str]:
+    excitation = excitation_of(r.u, r.dt)
+    start = f"rest, input {r.start.input_before:g} before" if r.start.state == "rest" else r.start.state
+    lines = [
+        f"{r.name} ({r.source})",
+        f"  sampled     {1 / r.dt:.6g} Hz, {r.t.size} samples, {r.t.size * r.dt:.4g} s",
+        f"  input       {r.u.min():.4g} to {r.u.max():.4g}; {_words(excitation)}; {r.interpolation} between samples",
+    ]
+    if np.isfinite(r.y).all():
+        lines.append(f"  output      {_span(r.y)}")
+        colour = "" if r.noise_correlation.size == 1 else f", correlated over {r.noise_correlation.size} samples"
+        lines.append(f"  noise floor {_scaled(r.noise)} from {r.noise_source}{colour}")
+    lines.append(f"  start       {start}")
+    if r.channels:
+        lines.append(f"  also        {', '.join(r.channels)}")
+    lines.append(f"  use         {_uses(r)}")
+    return lines
+
+
+def _words(e: Excitation) -> str:
+    if e.kind == "sine":
+        return f"sine of {e.low_Hz:.4g} Hz, amplitude {e.amplitude:.4g}, {e.cycles:.3g} periods"
+    if e.kind == "periodic":
+        return f"periodic, {e.low_Hz:.4g} Hz with content to {e.high_Hz:.4g} Hz, {e.cycles:.3g} periods"
+    if e.kind == "chirp":
+        return f"sweep between {e.low_Hz:.3g} and {e.high_Hz:.3g} Hz, amplitude {e.amplitude:.4g}"
+    if e.kind == "broadband":
+        return f"broadband, {e.low_Hz:.3g} to {e.high_Hz:.3g} Hz"
+    return {"steps": "steps and holds", "constant": "constant"}[e.kind]
+
+
+def _prefix(size: float) -> tuple[float, str]:
+    return next(((factor, name) for factor, name in _PREFIXES if size >= factor), _PREFIXES[-1])
+
+
+def _scaled(value: float) -> str:
+    factor, name = _prefix(abs(value))
+    return f"{value / factor:.3g} {name}m"
+
+
+def _span(y: np.ndarray) -> str:
+    factor, name = _prefix(float(np.ptp(y)))
+    return f"{y.min() / factor:.4g} to {y.max() / factor:.4g} {name}m"
+
+
+def _uses(r: Recording) -> str:
+    said = []
+    for part in r.parts:
+        whole = part.first == 0 and part.last == r.t.size
+        place = "" if whole else f" {part.first * r.dt:.4g} to {part.last * r.dt:.4g} s"
+        use = "start, not scored" if part.use == "nuisance" else part.use
+        said.append(use + place)
+    return "; ".join(said)

@@ -1,0 +1,203 @@
+"""What drives a recording: its kind, frequencies, amplitude and period."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from phnn.signals.noise import longest_hold
+
+_UNLIKE = 0.3  # mismatch that a signal must reach before a return counts as a period
+_ALIKE = 1e-3  # mismatch of a noisy repetition
+_EXACT = 1e-4  # mismatch accepted where only two periods bear witness
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """The input of one recording in a few numbers.
+
+    Attributes:
+        kind: ``"constant"``, ``"steps"``, ``"sine"``, ``"periodic"``, ``"chirp"`` or ``"broadband"``.
+        low_Hz, high_Hz: band of the input; equal for a sine, 0 for steps.
+        amplitude: half the input's range, SI.
+        period: s, where at least two periods were recorded.
+        cycles: number of periods recorded.
+        span: samples ``[first, last)`` in which the input is at work, rests before and after left out.
+    """
+
+    kind: str
+    low_Hz: float
+    high_Hz: float
+    amplitude: float
+    period: float | None
+    cycles: float
+    span: tuple[int, int]
+
+    @property
+    def frequency(self) -> float:
+        """A single frequency that stands for the band, Hz."""
+        return float(np.sqrt(self.low_Hz * self.high_Hz))
+
+
+def excitation_of(u: np.ndarray, dt: float) -> Excitation:
+    """Recognise the input ``u`` ``(N,)`` sampled every ``dt`` seconds."""
+    amplitude = 0.5 * float(np.ptp(u))
+    if amplitude == 0.0:
+        return Excitation("constant", 0.0, 0.0, 0.0, None, 0.0, (0, u.size))
+    first, last = span = active_span(u)
+    x = u[first:last]
+    samples = find_period(x)
+    if samples is not None:
+        period = samples * dt
+        cycles = x.size / samples
+        sine = _sine_misfit(x, 1.0 / samples) < 1e-3
+        high = 1.0 / period if sine else _band(x, dt)[1]
+        return Excitation("sine" if sine else "periodic", 1.0 / period, high, amplitude, period, cycles, span)
+    if _few_levels(u):
+        return Excitation("steps", 0.0, 0.0, amplitude, None, 0.0, span)
+    frequency = _single_sine(x)
+    if frequency is not None:
+        return Excitation("sine", frequency / dt, frequency / dt, amplitude, None, x.size * frequency, span)
+    sweep = _sweep(x)
+    if sweep is not None:
+        return Excitation("chirp", sweep[0] / dt, sweep[1] / dt, amplitude, None, 0.0, span)
+    return Excitation("broadband", *_band(x, dt), amplitude, None, 0.0, span)
+
+
+def active_span(u: np.ndarray) -> tuple[int, int]:
+    """Samples ``[first, last)`` between the rests at the beginning and the end."""
+    moving = np.flatnonzero(np.abs(np.diff(u)) > 1e-9 * max(float(np.ptp(u)), 1e-300))
+    if moving.size == 0:
+        return 0, u.size
+    first, last = int(moving[0]), int(moving[-1]) + 2
+    return (first if first > 2 else 0), (last if last < u.size - 2 else u.size)
+
+
+def find_period(x: np.ndarray) -> float | None:
+    """The period of ``x`` ``(N,)`` in samples (not necessarily whole), where at least two are there.
+
+    A lag L counts when ``mean((x[k+L] − x[k])²) / (2 var x)`` returns to nearly nothing after the signal has become
+    unlike itself, and when it does not grow over several periods, as it would for a changing amplitude.
+    """
+    x = x - x.mean()
+    most = int(x.size / 1.95) + 2
+    if x.size < 16 or float(np.ptp(x)) == 0.0:
+        return None
+    mismatch = _mismatches(x, most)
+    unlike = np.flatnonzero(mismatch > _UNLIKE)
+    if unlike.size == 0:
+        return None
+    inner = np.arange(max(int(unlike[0]), 1), most)
+    dips = inner[(mismatch[inner] <= mismatch[inner - 1]) & (mismatch[inner] <= mismatch[inner + 1])]
+    dips = dips[mismatch[dips] < 0.2][:20]
+    for lag in dips.tolist():
+        period, left = _refined(x, float(lag), 1.0)
+        if left < _ALIKE:
+            return _over_many(x, period, left)
+    return None
+
+
+def _over_many(x: np.ndarray, period: float, left: float) -> float | None:
+    """The period refined over as many cycles as there are; ``None`` where the repetition is not steady."""
+    count = int((x.size - 0.95 * period) / period)
+    if count < 2:
+        return _snapped(period, 1) if left < _EXACT else None
+    multiple, left_many = _refined(x, count * period, min(1.0 + 0.02 * count, 0.2 * period))
+    if left_many > 3.0 * left + 1e-5:
+        return None
+    return _snapped(multiple / count, count)
+
+
+def _snapped(period: float, count: int) -> float:
+    """A whole number of samples where the difference cannot be seen over the recording."""
+    return float(round(period)) if abs(period - round(period)) * count < 0.02 else period
+
+
+def _mismatches(x: np.ndarray, most: int) -> np.ndarray:
+    """``(most+1,)`` mismatch of ``x`` with itself at whole lags."""
+    n = x.size
+    spectrum = np.fft.rfft(x, 2 * n)
+    cross = np.fft.irfft(np.abs(spectrum) ** 2)[: most + 1]
+    squares = np.concatenate(([0.0], np.cumsum(x * x)))
+    lags = np.arange(most + 1)
+    energy = squares[n - lags] + (squares[n] - squares[lags])
+    return np.asarray((energy - 2.0 * cross) / (n - lags) / (2.0 * float(x.var())))
+
+
+def _refined(x: np.ndarray, lag: float, reach: float) -> tuple[float, float]:
+    """The lag of least mismatch within ``reach`` samples, and that mismatch."""
+    from scipy.interpolate import CubicSpline
+    from scipy.optimize import minimize_scalar
+
+    stride = max(1, x.size // 20_000)  # some thousands of samples settle it
+    k = np.arange(x.size)
+    curve = CubicSpline(k, x)
+    variance = 2.0 * float(x.var())
+
+    def mismatch(at: float) -> float:
+        here = k[: max(int(x.size - np.ceil(at)), 1) : stride]
+        return float(np.mean((curve(here + at) - x[here]) ** 2)) / variance
+
+    highest = min(lag + reach, x.size - 2.0)
+    best = minimize_scalar(mismatch, bounds=(lag - reach, highest), method="bounded", options={"xatol": 1e-4})
+    whole = float(round(lag))
+    # corners and jumps do not survive interpolation; at a whole lag none is needed
+    return min(((float(best.x), float(best.fun)), (whole, mismatch(whole))), key=lambda pair: pair[1])
+
+
+def _sine_misfit(x: np.ndarray, frequency: float) -> float:
+    """Share of the variance of ``x`` that a sine of that frequency (cycles per sample) leaves."""
+    phase = 2.0 * np.pi * frequency * np.arange(x.size)
+    basis = np.column_stack([np.ones(x.size), np.sin(phase), np.cos(phase)])
+    rest = x - basis @ np.linalg.lstsq(basis, x, rcond=None)[0]
+    return float(rest @ rest) / max(float(np.sum((x - x.mean()) ** 2)), 1e-300)
+
+
+def _single_sine(x: np.ndarray) -> float | None:
+    """Frequency in cycles per sample of a sine of about half a period to two periods; ``None`` for other signals."""
+    from scipy.optimize import minimize_scalar
+
+    stride = max(1, x.size // 1000)
+    thin = x[::stride]
+    grid = np.geomspace(0.3, 3.0, 24) / thin.size
+    coarse = [_sine_misfit(thin, float(f)) for f in grid]
+    i = int(np.argmin(coarse))
+    bounds = (float(grid[max(i - 1, 0)]), float(grid[min(i + 1, grid.size - 1)]))
+    best = minimize_scalar(lambda f: _sine_misfit(thin, float(f)), bounds=bounds, method="bounded")
+    return float(best.x) / stride if best.fun < 1e-4 else None
+
+
+def _few_levels(u: np.ndarray) -> bool:
+    """Whether the input mostly stands still: steps and holds."""
+    still = np.abs(np.diff(u)) <= 1e-6 * float(np.ptp(u))
+    first, last = longest_hold(u)
+    return bool(still.mean() > 0.9 or (still.mean() > 0.5 and last - first > 0.3 * u.size))
+
+
+def _sweep(x: np.ndarray) -> tuple[float, float] | None:
+    """First and last frequency (cycles per sample, ascending) of a sweep, from its zero crossings."""
+    centred = x - 0.5 * (x.max() + x.min())
+    i = np.flatnonzero(np.signbit(centred[1:]) != np.signbit(centred[:-1]))
+    if i.size < 6:
+        return None
+    crossings = i + centred[i] / (centred[i] - centred[i + 1])
+    if abs(float(centred[0])) <= 1e-6 * float(np.ptp(x)) and crossings[0] > 0.5:
+        crossings = np.concatenate(([0.0], crossings))  # it begins with a crossing
+    rate = 0.5 / np.diff(crossings)
+    from scipy.stats import spearmanr
+
+    if float(np.ptp(rate)) <= 1e-6 * float(rate.max()):
+        return None
+    order = float(spearmanr(np.arange(rate.size), rate).statistic)
+    low, high = float(rate.min()), float(rate.max())
+    return (low, high) if abs(order) > 0.95 and high > 1.5 * low else None
+
+
+def _band(x: np.ndarray, dt: float) -> tuple[float, float]:
+    """Frequencies in Hz between which 98 % of the power lies."""
+    power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size))) ** 2
+    share = np.cumsum(power) / max(float(power.sum()), 1e-300)
+    frequency = np.fft.rfftfreq(x.size, dt)
+    low, high = np.searchsorted(share, [0.01, 0.99])
+    return float(frequency[max(int(low), 1)]), float(frequency[min(int(high), frequency.size - 1)])

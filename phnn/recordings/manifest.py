@@ -1,0 +1,249 @@
+"""``recordings.yaml``: what cannot be told from the files themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from phnn.errors import InputRefused
+from phnn.recordings.recording import Anchor, Start
+from phnn.recordings.units import QUANTITIES, check_unit
+from phnn.recordings.values import choice, flag, keys_of, mapping, number, text
+
+MODELS = ("piezo_actuator", "hrc", "linear", "bouc_wen")
+STATES = ("rest", "unknown", "periodic")
+INPUTS = ("cubic", "band_limited", "linear", "zero_order")
+USES = ("identification", "confirmation")
+VOLTAGES = ("command", "terminals")
+
+_SHARED = ("columns", "variables", "sample_rate_hz", "start", "periodic", "input")
+_TOP = ("setup", "known", "voltage", *_SHARED, "recordings")
+_EACH = ("file", "name", *_SHARED, "slice", "use")
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a quantity is found and how it is read: SI value = unit(scale × number)."""
+
+    place: int | str | None = None
+    unit: str | None = None
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What the manifest says about one recording; ``None`` means it says nothing."""
+
+    file: str = ""
+    name: str | None = None
+    columns: Mapping[str, Column] = field(default_factory=dict)
+    sample_rate_hz: float | None = None
+    slice: tuple[int, int] | None = None
+    use: str | None = None
+    start: Start | None = None
+    periodic: bool | None = None
+    input: str | None = None
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """The manifest, validated. ``entries`` is ``None`` where it lists no recordings: then every file is one."""
+
+    setup: Mapping[str, Any]
+    known: Mapping[str, Anchor]
+    voltage: str
+    common: Entry
+    entries: tuple[Entry, ...] | None
+    path: Path | None
+
+
+DEFAULT_SETUP: Mapping[str, Any] = {"model": "piezo_actuator", "hysterons": 2}
+
+
+def load_manifest(folder: Path, path: Path | None) -> Manifest:
+    """The manifest at ``path``, else ``folder/recordings.yaml``, else the defaults.
+
+    Raises:
+        InputRefused: a manifest that is absent, unreadable or says something that is not understood.
+    """
+    if path is None:
+        path = folder / "recordings.yaml"
+        if not path.is_file():
+            return Manifest(DEFAULT_SETUP, {}, "command", Entry(), None, None)
+    top = _load(path)
+    name = path.name
+    keys_of(top, _TOP, name)
+    common = _entry({key: top[key] for key in _SHARED if key in top}, Entry(), name)
+    listed = top.get("recordings")
+    entries = None if listed is None else _entries(listed, common, name)
+    return Manifest(
+        _setup(top.get("setup"), name, path.parent, folder),
+        _known(top.get("known"), name),
+        choice(top.get("voltage", "command"), VOLTAGES, f"{name}: voltage"),
+        common,
+        entries,
+        path,
+    )
+
+
+def _load(path: Path) -> Mapping[str, Any]:
+    from omegaconf import DictConfig, OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+    from yaml import YAMLError
+
+    if not path.is_file():
+        raise InputRefused(f"manifest {path}: there is no such file: check the path given to --manifest")
+    try:
+        # omegaconf rather than plain yaml: it reads 1e-5 as a number and refuses a key given twice
+        config = OmegaConf.load(path)
+        content = OmegaConf.to_container(config, resolve=True) if isinstance(config, DictConfig) else config
+    except (YAMLError, OmegaConfBaseException, OSError, UnicodeDecodeError) as error:
+        cause = " ".join(str(error).split())
+        raise InputRefused(f"{path.name}: not readable as yaml ({cause}): correct it at the line named") from error
+    return mapping(content, f"{path.name}")
+
+
+def _entries(listed: Any, common: Entry, name: str) -> tuple[Entry, ...]:
+    if not isinstance(listed, list) or not listed:
+        raise InputRefused(
+            f"{name}: recordings must be a list such as `- {{file: loops.csv}}`, not {listed!r}: "
+            f"list the files, or leave `recordings` out to take every file of the folder"
+        )
+    entries = []
+    for i, item in enumerate(listed):
+        where = f"{name}: recordings[{i}]"
+        item = mapping({"file": item} if isinstance(item, str) else item, where)
+        if "file" not in item:
+            raise InputRefused(f"{where}: no `file`: name the file it describes")
+        entries.append(_entry(item, common, where))
+    return tuple(entries)
+
+
+def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
+    """One entry laid over the common one: what it says itself wins, quantity by quantity for columns."""
+    keys_of(item, _EACH, where)
+    entry = common
+    if "columns" in item:
+        entry = replace(entry, columns=_columns(item["columns"], entry.columns, f"{where}: columns"))
+    if "variables" in item:
+        entry = replace(entry, columns=_variables(item["variables"], entry.columns, f"{where}: variables"))
+    if "sample_rate_hz" in item:
+        rate = number(item["sample_rate_hz"], f"{where}: sample_rate_hz", above=0.0)
+        entry = replace(entry, sample_rate_hz=rate)
+    if "start" in item:
+        entry = replace(entry, start=_start(item["start"], f"{where}: start"))
+    if "periodic" in item:
+        entry = replace(entry, periodic=flag(item["periodic"], f"{where}: periodic"))
+    if "input" in item:
+        entry = replace(entry, input=choice(item["input"], INPUTS, f"{where}: input"))
+    if "slice" in item:
+        entry = replace(entry, slice=_slice(item["slice"], f"{where}: slice"))
+    if "use" in item:
+        entry = replace(entry, use=choice(item["use"], USES, f"{where}: use"))
+    if "file" in item:
+        entry = replace(entry, file=text(item["file"], f"{where}: file"))
+    if "name" in item:
+        entry = replace(entry, name=text(item["name"], f"{where}: name"))
+    return entry
+
+
+def _columns(value: Any, inherited: Mapping[str, Column], where: str) -> dict[str, Column]:
+    content = mapping(value, where)
+    keys_of(content, QUANTITIES, where)
+    columns = dict(inherited)
+    for quantity, said in content.items():
+        columns[quantity] = _column(said, columns.get(quantity, Column()), quantity, f"{where}: {quantity}")
+    return columns
+
+
+def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
+    if isinstance(said, (int, str)) and not isinstance(said, bool):
+        said = {"column": said}
+    content = mapping(said, where)
+    keys_of(content, ("column", "unit", "scale"), where)
+    column = inherited
+    if "column" in content:
+        place = content["column"]
+        if isinstance(place, bool) or not isinstance(place, (int, str)) or (isinstance(place, int) and place < 0):
+            raise InputRefused(f"{where}: column {place!r} is neither an index from 0 on nor a name: give one of them")
+        column = replace(column, place=place)
+    if "unit" in content:
+        column = replace(column, unit=check_unit(quantity, str(content["unit"]), where))
+    if "scale" in content:
+        scale = number(content["scale"], f"{where}: scale")
+        if scale == 0.0:
+            raise InputRefused(f"{where}: scale 0 would erase the column: give the factor from number to {quantity}")
+        column = replace(column, scale=scale)
+    return column
+
+
+def _variables(value: Any, inherited: Mapping[str, Column], where: str) -> dict[str, Column]:
+    """Names of variables. Places given elsewhere no longer count (they describe other files), units still do."""
+    content = mapping(value, where)
+    columns = {quantity: replace(column, place=None) for quantity, column in inherited.items()}
+    return _columns(content, columns, where)
+
+
+def _start(value: Any, where: str) -> Start:
+    content = mapping({"state": value} if isinstance(value, str) else value, where)
+    keys_of(content, ("state", "input_before"), where)
+    state = choice(content.get("state", "rest"), STATES, f"{where}: state")
+    if "input_before" in content and state != "rest":
+        raise InputRefused(
+            f"{where}: input_before has a meaning only for a start at rest, not for {state!r}: leave it out"
+        )
+    return Start(state, number(content.get("input_before", 0.0), f"{where}: input_before"))
+
+
+def _slice(value: Any, where: str) -> tuple[int, int]:
+    whole = isinstance(value, list) and len(value) == 2 and all(type(v) is int for v in value)
+    if not whole or not 0 <= value[0] < value[1]:
+        raise InputRefused(f"{where}: {value!r} is no range of samples: write [first, last], first included, last not")
+    return value[0], value[1]
+
+
+def _known(value: Any, name: str) -> dict[str, Anchor]:
+    anchors = {}
+    for key, said in mapping(value if value is not None else {}, f"{name}: known").items():
+        where = f"{name}: known: {key}"
+        content = mapping({"value": said} if isinstance(said, (int, float)) else said, where)
+        keys_of(content, ("value", "std"), where)
+        if "value" not in content:
+            raise InputRefused(f"{where}: no value: write {{value: ..., std: ...}} in SI units")
+        std = number(content.get("std", 0.0), f"{where}: std")
+        if std < 0.0:
+            raise InputRefused(f"{where}: std {std:g} is negative: give the standard deviation, 0 or more")
+        anchors[str(key)] = Anchor(number(content["value"], f"{where}: value"), std)
+    return anchors
+
+
+def _setup(value: Any, name: str, *homes: Path) -> Mapping[str, Any]:
+    if value is None:
+        return DEFAULT_SETUP
+    where = f"{name}: setup"
+    if isinstance(value, str):
+        value = {"model": value} if value in MODELS else {"network": value}
+    content = dict(mapping(value, where))
+    keys_of(content, ("model", "network", "hysterons"), where)
+    if "network" in content:
+        return {**content, "network": _network_file(text(content["network"], f"{where}: network"), where, homes)}
+    content.setdefault("model", DEFAULT_SETUP["model"])
+    choice(content["model"], MODELS, f"{where}: model", "or `network: FILE.yaml` for a network of your own")
+    if content["model"] in ("piezo_actuator", "hrc"):
+        content.setdefault("hysterons", DEFAULT_SETUP["hysterons"])
+    count = content.get("hysterons", 0)
+    if type(count) is not int or not 0 <= count <= 20:
+        raise InputRefused(f"{where}: hysterons {count!r} is no whole number from 0 to 20: give one")
+    return content
+
+
+def _network_file(file: str, where: str, homes: Iterable[Path]) -> str:
+    for home in homes:
+        if (home / file).is_file():
+            return str((home / file).resolve())
+    raise InputRefused(
+        f"{where}: {file!r} is neither a model ({', '.join(MODELS)}) nor a network file beside the manifest: "
+        f"name one of these"
+    )

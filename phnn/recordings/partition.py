@@ -1,0 +1,167 @@
+"""Which samples identify, which confirm: chosen so that confirmation interpolates and is touched once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from phnn.errors import InputRefused
+from phnn.recordings.excitation import Excitation
+from phnn.recordings.recording import Part
+
+_HELD_OUT_SHARE = 0.28  # of the recordings
+_NUISANCE_SHARE, _NUISANCE_LEAST = 0.02, 50
+_SAME = 0.05  # amplitudes and frequencies nearer than this are no new ones
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What the choice needs to know of a recording; ``use`` is what the manifest demands, ``None`` if nothing."""
+
+    name: str
+    size: int
+    dt: float
+    excitation: Excitation
+    use: str | None
+
+
+def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ...]], bool, tuple[str, ...]]:
+    """The parts of every recording by name, whether the held-out ones are new, and notes.
+
+    Raises:
+        InputRefused: the manifest keeps nothing for identification.
+    """
+    if all(c.use == "confirmation" for c in candidates):
+        raise InputRefused(
+            "recordings.yaml: every recording has use: confirmation, nothing is left to identify from: "
+            "give at least one use: identification, or leave `use` out"
+        )
+    if len(candidates) == 1 and candidates[0].use is None:
+        one = candidates[0]
+        parts, note = split_one(one)
+        return {one.name: parts}, False, (note,)
+    stated = {c.use for c in candidates}
+    if "confirmation" in stated or stated == {"identification"}:
+        held = {c.name for c in candidates if c.use == "confirmation"}
+        note = f"Held out for confirmation, as recordings.yaml says: {', '.join(sorted(held)) or 'nothing'}."
+    else:
+        held = choose(candidates)
+        note = f"Held out for confirmation, chosen here within the span of the others: {', '.join(sorted(held))}."
+    if not held:
+        note += " No result can be confirmed on recordings that were not used."
+    parts_by_name = {c.name: whole_parts(c.name, c.size, c.name in held) for c in candidates}
+    new = brings_new([c for c in candidates if c.name in held], [c for c in candidates if c.name not in held])
+    if held:
+        note += f" They bring {'an' if new else 'no'} amplitude or frequency that identification lacks."
+    return parts_by_name, new, (note,)
+
+
+def whole_parts(name: str, size: int, held_out: bool) -> tuple[Part, ...]:
+    """The parts of a recording that serves one use; a held-out one spends its head on zero and initial state."""
+    if not held_out:
+        return (Part(name, 0, size, "identification"),)
+    head = min(max(_NUISANCE_LEAST, int(np.ceil(_NUISANCE_SHARE * size))), size // 2)
+    return Part(f"{name}[start]", 0, head, "nuisance"), Part(name, head, size, "confirmation")
+
+
+def split_one(one: Candidate) -> tuple[tuple[Part, ...], str]:
+    """A single recording in two parts with a gap: whole periods where it has at least four, else stretches of time."""
+    first, last = one.excitation.span
+    cycles = int((last - first) * 1.0001 / (one.excitation.period / one.dt)) if one.excitation.period else 0
+    if cycles >= 4 and one.excitation.period:
+        period = one.excitation.period / one.dt
+        confirm, gap = max(1, round(0.35 * cycles)), max(1, round(0.05 * cycles))
+        begin = first + round((cycles - confirm) * period)
+        until = first + round((cycles - confirm - gap) * period)
+        end = min(one.size, first + round(cycles * period))
+        gap_words = f"{gap} period{'s' if gap > 1 else ''}"
+    else:
+        until, begin, end = round(0.60 * one.size), round(0.65 * one.size), one.size
+        gap_words = f"{(begin - until) * one.dt:.3g} s"
+    parts = (
+        Part(f"{one.name}[identification]", 0, until, "identification"),
+        Part(f"{one.name}[confirmation]", begin, end, "confirmation"),
+    )
+    note = (
+        f"There is one recording only: its samples up to {until * one.dt:.4g} s identify, those from "
+        f"{begin * one.dt:.4g} s to {end * one.dt:.4g} s confirm, {gap_words} between them left out. "
+        f"They bring no new amplitude or frequency, which limits what can be concluded."
+    )
+    return parts, note
+
+
+def choose(candidates: Sequence[Candidate]) -> set[str]:
+    """Names of the recordings to hold out: about a quarter, inside the span of the rest, spread over it.
+
+    Kept for identification where possible: the extremes of frequency and of amplitude, and whatever is unique in
+    kind (steps, chirps, broadband signals). The choice depends on nothing but the recordings.
+    """
+    free = [c for c in candidates if c.use is None]
+    wanted = min(max(1, round(_HELD_OUT_SHARE * len(candidates))), len(candidates) - 1, len(free))
+    rank = {c.name: _worth_keeping(c, candidates) for c in candidates}
+    held: list[Candidate] = []
+    for level in sorted({rank[c.name] for c in free}):
+        if held and level >= 3:
+            break  # a smaller set serves better than one that takes the last chirp or extreme away
+        group = [c for c in free if rank[c.name] == level]
+        group.sort(key=lambda c: (c.excitation.frequency, c.excitation.amplitude, c.name))
+        held += _spread_over(group, wanted - len(held))
+        if len(held) >= wanted:
+            break
+    return {c.name for c in held}
+
+
+def _spread_over(group: Sequence[Candidate], count: int) -> list[Candidate]:
+    """``count`` members evenly over a sorted group."""
+    if count >= len(group):
+        return list(group)
+    return [group[int((i + 0.5) * len(group) / count)] for i in range(count)]
+
+
+def _worth_keeping(one: Candidate, everyone: Sequence[Candidate]) -> int:
+    """0: interpolated by the rest, 1: repeats another, 2: smallest amplitude, 3: an extreme, 4: unique in kind."""
+    tones = [c for c in everyone if c.excitation.kind in ("sine", "periodic")]
+    others = [c for c in everyone if c is not one]
+    if any(_alike(one, other) for other in others):
+        # of several alike the first one stays, the rest repeat it
+        first = next(c for c in everyone if c is one or _alike(one, c))
+        return 1 if first is not one else 3
+    if one not in tones:
+        return 4 if one.excitation.kind not in {c.excitation.kind for c in others} else 3
+    frequencies = [c.excitation.frequency for c in tones]
+    amplitudes = [c.excitation.amplitude for c in everyone]
+    mine = one.excitation
+    if max(frequencies) > (1 + _SAME) * min(frequencies) and not (
+        min(frequencies) * (1 + _SAME) < mine.frequency < max(frequencies) * (1 - _SAME)
+    ):
+        # several may share the lowest frequency: the one of largest amplitude stands for it
+        rivals = [c for c in tones if _near(c.excitation.frequency, mine.frequency)]
+        if mine.amplitude >= max(c.excitation.amplitude for c in rivals) * (1 - 1e-9):
+            return 3
+    largest = [c for c in everyone if c.excitation.amplitude > (1 - _SAME) * max(amplitudes)]
+    if largest == [one]:
+        return 3
+    if mine.amplitude < (1 + _SAME) * min(amplitudes) and max(amplitudes) > (1 + _SAME) * min(amplitudes):
+        return 2
+    return 0
+
+
+def _alike(a: Candidate, b: Candidate) -> bool:
+    """Same kind of input at the same frequency and amplitude."""
+    return (
+        a.excitation.kind == b.excitation.kind
+        and _near(a.excitation.amplitude, b.excitation.amplitude)
+        and _near(a.excitation.low_Hz, b.excitation.low_Hz)
+        and _near(a.excitation.high_Hz, b.excitation.high_Hz)
+    )
+
+
+def _near(a: float, b: float) -> bool:
+    return abs(a - b) <= _SAME * max(abs(a), abs(b))
+
+
+def brings_new(held: Sequence[Candidate], kept: Sequence[Candidate]) -> bool:
+    """Whether some held-out recording differs from every kept one in amplitude, frequency or kind."""
+    return any(not any(_alike(c, k) for k in kept) for c in held)

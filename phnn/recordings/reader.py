@@ -1,0 +1,248 @@
+"""From a folder to a campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from phnn.errors import InputRefused
+from phnn.recordings import checks
+from phnn.recordings.array_files import read_mat, read_npy
+from phnn.recordings.channels import Channel, select, unused
+from phnn.recordings.excitation import Excitation, excitation_of
+from phnn.recordings.manifest import Entry, Manifest, load_manifest
+from phnn.recordings.partition import Candidate, divide, whole_parts
+from phnn.recordings.recording import Campaign, Part, Recording, Start
+from phnn.recordings.sampling import on_grid
+from phnn.recordings.table import Table, Where
+from phnn.recordings.text_files import looks_like_numbers, read_csv, read_text
+from phnn.recordings.units import UNITS, parse_name
+from phnn.signals.noise import noise_floor
+
+READERS: Mapping[str, Callable[[Path], Table]] = {
+    ".csv": read_csv,
+    ".dat": read_text,
+    ".txt": read_text,
+    ".mat": read_mat,
+    ".npy": read_npy,
+}
+FURTHER = ("current", "charge", "force", "temperature")
+_NEAR_ZERO = 0.01  # of the input's range
+
+
+def read(folder: str | Path, manifest: str | Path | None = None, *, need_output: bool = True) -> Campaign:
+    """Read, check and understand a folder of recordings.
+
+    Args:
+        folder: holds one file per recording, and ``recordings.yaml`` where something is to be said about them.
+        manifest: a ``recordings.yaml`` that lies elsewhere.
+        need_output: refuse recordings without an output. Otherwise (to predict) such recordings have ``y`` NaN
+            and ``noise`` NaN, and no recording is set aside: every one is a confirmation part as a whole.
+
+    Raises:
+        InputRefused: with one message naming file, column, row, value, cause and remedy.
+    """
+    home = Path(folder)
+    checks.folder_exists(home)
+    said = load_manifest(home, Path(manifest) if manifest is not None else None)
+    entries, left = _files(home, said)
+    drafts = [_draft(home, entry, said, need_output) for entry in entries]
+    checks.unique_names((d.recording.name, d.recording.source) for d in drafts)
+    parts, new, notes = _divided(drafts, need_output)
+    recordings = tuple(replace(d.recording, parts=parts[d.recording.name]) for d in drafts)
+    notes = (_extent(recordings), *_columns(drafts), *(note for d in drafts for note in d.notes), *notes)
+    if left:
+        notes = (*notes, f"Left alone, no recordings: {', '.join(left)}.")
+    return Campaign(recordings, said.setup, said.known, said.voltage, notes, new, str(home))
+
+
+@dataclass(frozen=True, eq=False)
+class _Draft:
+    """A recording that has not been given its parts yet."""
+
+    recording: Recording
+    excitation: Excitation
+    use: str | None
+    columns: str
+    notes: tuple[str, ...]
+
+
+def _files(home: Path, said: Manifest) -> tuple[list[Entry], list[str]]:
+    """The entries to read, and the files left alone, each with its reason where that is not plain."""
+    present = sorted(p for p in home.iterdir() if not p.name.startswith(".") and p.name != "recordings.yaml")
+    if said.path is not None:
+        present = [p for p in present if p.resolve() != said.path.resolve()]
+    if said.entries is not None:
+        where = said.path.name if said.path is not None else "recordings.yaml"
+        for i, entry in enumerate(said.entries):
+            checks.file_exists(home / entry.file, f"{where}: recordings[{i}]")
+            _reader(home / entry.file)
+        listed = {(home / entry.file).resolve() for entry in said.entries}
+        return list(said.entries), [_shown(p) for p in present if p.resolve() not in listed]
+    chosen, left = [], []
+    for path in present:
+        reason = _no_recording(path, said)
+        if reason is None:
+            chosen.append(path)
+        else:
+            left.append(_shown(path) + reason)
+    checks.any_recordings(chosen, left, home)
+    return [replace(said.common, file=path.name) for path in chosen], left
+
+
+def _shown(path: Path) -> str:
+    return path.name + ("/" if path.is_dir() else "")
+
+
+def _no_recording(path: Path, said: Manifest) -> str | None:
+    """Why a file found in the folder is no recording, in words to follow its name; ``None`` if it is one."""
+    if not path.is_file() or path.suffix.lower() not in READERS:
+        return ""
+    kind = path.suffix.lower()
+    if kind == ".csv" or any(column.place is not None for column in said.common.columns.values()):
+        return "" if kind in (".dat", ".txt") and not looks_like_numbers(path) else None
+    if kind in (".dat", ".txt") and not looks_like_numbers(path):
+        return ""
+    names = READERS[kind](path).names
+    described = {p[0] for name in names if name and (p := parse_name(name)) is not None}
+    if described & {"voltage", "input", "force"}:
+        return None
+    return " (numbers that nothing describes: to use it, say in recordings.yaml which columns are what)"
+
+
+def _reader(path: Path) -> Callable[[Path], Table]:
+    kind = path.suffix.lower()
+    if kind not in READERS:
+        raise InputRefused(f"{path.name}: unknown format {kind!r}: accepted are {', '.join(READERS)}")
+    return READERS[kind]
+
+
+def _draft(home: Path, entry: Entry, said: Manifest, need_output: bool) -> _Draft:
+    path = home / entry.file
+    table = _reader(path)(path)
+    channels = select(table, entry.columns)
+    u_name, y_name = _roles(channels, said, table, need_output)
+    dt, values, where, notes = _sampled(entry, table, channels)
+    u = values[u_name]
+    y = values[y_name] if y_name is not None else np.full(u.size, np.nan)
+    start = entry.start or _default_start(u)
+    before = start.input_before if start.state == "rest" else None
+    if y_name is not None:
+        checks.input_moves(u, before, f"{u_name} ({channels[u_name].label})", where)
+        label = f"{y_name} ({channels[y_name].label})"
+        checks.output_moves(y, label, where)
+        checks.not_clipped(u, y, label, channels[y_name].factor, where)
+    excitation = _excitation(u, dt, entry, where)
+    name = entry.name or path.stem
+    recording = _recording(name, path.name, dt, u, y, start, entry, excitation)
+    further = {q: values[q] for q in FURTHER if q in values and q != u_name}
+    recording = replace(recording, channels=further)
+    what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
+    spare = unused(table, channels)
+    if spare and not table.by_name:
+        notes.append(f"{name}: columns not used: {', '.join(spare)}.")
+    return _Draft(recording, excitation, entry.use, what, tuple(notes))
+
+
+def _recording(
+    name: str, file: str, dt: float, u: np.ndarray, y: np.ndarray, start: Start, entry: Entry, excitation: Excitation
+) -> Recording:
+    value, source, correlation = float("nan"), "no output recorded", np.array([1.0])
+    if np.isfinite(y).all():
+        floor = noise_floor(u, y, dt, excitation.period, excitation.span, start.state == "periodic")
+        value, source, correlation = floor.value, floor.source, floor.correlation
+    return Recording(
+        name=name,
+        t=dt * np.arange(u.size),
+        u=u,
+        y=y,
+        start=start,
+        interpolation=entry.input or "cubic",
+        parts=(),
+        noise=value,
+        noise_source=source,
+        noise_correlation=correlation,
+        period=excitation.period,
+        channels={},
+        source=file,
+    )
+
+
+def _roles(channels: Mapping[str, Channel], said: Manifest, table: Table, need_output: bool) -> tuple[str, str | None]:
+    """Which channels are input and output. A force drives only what is no piezo actuator."""
+    actuator = said.setup.get("model") in ("piezo_actuator", "hrc")
+    inputs = ["voltage"] if actuator else ["input", "voltage", "force"]
+    outputs = ["displacement"] if actuator else ["output", "displacement"]
+    found_inputs = [q for q in inputs if q in channels]
+    found_outputs = [q for q in outputs if q in channels]
+    checks.input_present(bool(found_inputs), table.names, table.where)
+    if need_output:
+        checks.output_present(bool(found_outputs), table.names, table.where)
+    return found_inputs[0], found_outputs[0] if found_outputs else None
+
+
+def _sampled(
+    entry: Entry, table: Table, channels: Mapping[str, Channel]
+) -> tuple[float, dict[str, np.ndarray], Where, list[str]]:
+    """The interval and the channels on a uniform grid, cut to the slice."""
+    size = next(iter(channels.values())).values.size
+    first, last = entry.slice or (0, size)
+    checks.slice_inside((first, last), size, table.where)
+    where = table.where.after(first)
+    values = {q: c.values[first:last] for q, c in channels.items() if q != "time"}
+    checks.enough_samples(last - first, where)
+    if "time" not in channels:
+        return 1.0 / checks.rate_present(entry.sample_rate_hz, table.names, table.where), values, where, []
+    time = channels["time"]
+    dt, values, note = on_grid(time.values[first:last], UNITS[time.unit][1], values, where)
+    return dt, values, where, [f"{entry.name or Path(entry.file).stem}: {note}."] if note else []
+
+
+def _default_start(u: np.ndarray) -> Start:
+    near = abs(float(u[0])) <= _NEAR_ZERO * float(np.ptp(u))
+    return Start("rest", 0.0) if near else Start("unknown")
+
+
+def _excitation(u: np.ndarray, dt: float, entry: Entry, where: Where) -> Excitation:
+    found = excitation_of(u, dt)
+    if entry.periodic is False and found.period is not None:
+        return replace(found, period=None)
+    if entry.periodic and found.period is None:
+        raise InputRefused(
+            f"{where}: recordings.yaml says periodic: true, but the input does not repeat (two whole periods are "
+            f"needed): correct it, or leave `periodic` out"
+        )
+    return found
+
+
+def _divided(drafts: list[_Draft], need_output: bool) -> tuple[Mapping[str, tuple[Part, ...]], bool, tuple[str, ...]]:
+    if not need_output:
+        return {d.recording.name: whole_parts(d.recording.name, d.recording.t.size, True) for d in drafts}, False, ()
+    return divide(
+        [Candidate(d.recording.name, d.recording.t.size, d.recording.dt, d.excitation, d.use) for d in drafts]
+    )
+
+
+def _extent(recordings: tuple[Recording, ...]) -> str:
+    """How much was recorded, and at which rates."""
+    seconds = sum(r.t.size * r.dt for r in recordings)
+    rates = sorted({float(f"{1 / r.dt:.6g}") for r in recordings})
+    said = f"at {rates[0]:g} Hz"
+    if len(rates) > 1:
+        said = f"at {len(rates)} different rates, each kept, {rates[0]:g} to {rates[-1]:g} Hz"
+    samples = sum(r.t.size for r in recordings)
+    many = "s" if len(recordings) > 1 else ""
+    return f"Read {len(recordings)} recording{many}: {samples} samples, {seconds:.4g} s, {said}."
+
+
+def _columns(drafts: list[_Draft]) -> tuple[str, ...]:
+    """Which columns serve as what, said once for all recordings that share it."""
+    names: dict[str, list[str]] = {}
+    for draft in drafts:
+        names.setdefault(draft.columns, []).append(draft.recording.name)
+    if len(names) == 1:
+        return (f"Understood as {next(iter(names))}.",)
+    return tuple(f"{', '.join(who)}: understood as {columns}." for columns, who in names.items())

@@ -1,0 +1,117 @@
+"""What was measured: recordings in SI units, the parts they serve as, and the set of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Start:
+    """How a recording begins.
+
+    Attributes:
+        state: ``"rest"`` (in equilibrium before the first sample), ``"unknown"`` or ``"periodic"`` (steady cycle).
+        input_before: the input before the first sample, SI; it has a meaning for ``"rest"`` only.
+    """
+
+    state: str
+    input_before: float = 0.0
+
+
+@dataclass(frozen=True)
+class Part:
+    """The samples ``[first, last)`` of a recording and what they are for.
+
+    Attributes:
+        name: shown to people; equal to the recording's name where that has one scored part.
+        first, last: half-open range of samples.
+        use: ``"identification"``, ``"confirmation"`` or ``"nuisance"`` (fits zero and initial state, never scored).
+    """
+
+    name: str
+    first: int
+    last: int
+    use: str
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One uniformly sampled recording in SI units.
+
+    Attributes:
+        name: unique in its campaign.
+        t: ``(N,)`` time in s, uniform, starts at 0.
+        u: ``(N,)`` input, V (or N for a force).
+        y: ``(N,)`` output, m; all NaN where none was recorded and none was asked for.
+        start: how the recording begins.
+        interpolation: the input between samples: ``"cubic"``, ``"band_limited"``, ``"linear"`` or ``"zero_order"``.
+        parts: which samples serve as what; samples in no part are never used for scoring.
+        noise: standard deviation of the output's noise, SI.
+        noise_source: where that number comes from, in words.
+        noise_correlation: ``(K,)`` autocorrelation of the noise at lags 0..K-1; ``[1.0]`` when white or unknown.
+        period: s, where the excitation repeats at least twice.
+        channels: further channels in SI: current (A), charge (C), force (N), temperature (K).
+        source: the file's name.
+    """
+
+    name: str
+    t: np.ndarray
+    u: np.ndarray
+    y: np.ndarray
+    start: Start
+    interpolation: str
+    parts: tuple[Part, ...]
+    noise: float
+    noise_source: str
+    noise_correlation: np.ndarray
+    period: float | None
+    channels: Mapping[str, np.ndarray]
+    source: str
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval in s."""
+        return float(self.t[-1] - self.t[0]) / (self.t.size - 1)
+
+    def mask(self, use: str) -> np.ndarray:
+        """``(N,)`` bool: the samples that serve as ``use``."""
+        chosen = np.zeros(self.t.size, dtype=bool)
+        for part in self.parts:
+            if part.use == use:
+                chosen[part.first : part.last] = True
+        return chosen
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """A parameter known from elsewhere: value and standard deviation, SI."""
+
+    value: float
+    std: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """A folder of recordings, understood.
+
+    Attributes:
+        recordings: in the order of the manifest, otherwise by file name.
+        setup: what was recorded, for example ``{"model": "piezo_actuator", "hysterons": 2}``.
+        known: anchors by parameter name.
+        voltage: ``"command"`` or ``"terminals"``.
+        notes: what was understood, in sentences.
+        held_out_is_new: the confirmation parts bring an amplitude or a frequency that identification lacks.
+        folder: where the recordings lie.
+    """
+
+    recordings: tuple[Recording, ...]
+    setup: Mapping[str, Any]
+    known: Mapping[str, Anchor]
+    voltage: str
+    notes: tuple[str, ...]
+    held_out_is_new: bool
+    folder: str

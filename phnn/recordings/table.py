@@ -1,0 +1,114 @@
+"""Columns as they stand in a file, before anything is known of their meaning."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from phnn.errors import InputRefused
+
+DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*$")
+REMEDY_COMMA = "write numbers with a point as decimal sign"
+
+
+@dataclass(frozen=True)
+class Where:
+    """A place in a file, for messages: the file's name and how its rows are counted.
+
+    Attributes:
+        file: name of the file.
+        first_line: line of the first data row in a text file (1-based), ``None`` for binary files.
+        offset: rows left out before the first one in use (a slice).
+    """
+
+    file: str
+    first_line: int | None = None
+    offset: int = 0
+
+    def row(self, i: int) -> str:
+        """The i-th used row in words; data rows are counted from 1."""
+        row = i + self.offset
+        return f"row {row + 1}" + (f" (line {row + self.first_line})" if self.first_line is not None else "")
+
+    def after(self, rows: int) -> Where:
+        """The same file with ``rows`` more rows left out at its head."""
+        return replace(self, offset=self.offset + rows)
+
+    def __str__(self) -> str:
+        return self.file
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A file's columns.
+
+    Attributes:
+        where: the file.
+        names: header names; empty texts where there is no header.
+        columns: one array per column, numeric or of texts; lengths may differ in a ``.mat`` file.
+        by_name: the columns have no order (``.mat``), so an index does not find one.
+    """
+
+    where: Where
+    names: tuple[str, ...]
+    columns: tuple[np.ndarray, ...]
+    by_name: bool = False
+
+    def find(self, place: int | str) -> int:
+        """Index of the column at an index or of a name.
+
+        Raises:
+            InputRefused: there is none.
+        """
+        named = [n for n in self.names if n]
+        if isinstance(place, str):
+            hits = [i for i, name in enumerate(self.names) if name == place]
+            if len(hits) == 1:
+                return hits[0]
+            found = f"it has {', '.join(named)}" if named else "it has no header, give an index from 0 on"
+            cause = "several columns are" if hits else "no column is"
+            raise InputRefused(f"{self.where}: {cause} called {place!r}: {found}; correct recordings.yaml")
+        if self.by_name:
+            raise InputRefused(
+                f"{self.where}: column {place} is an index, but a .mat file has names only ({', '.join(named)}): "
+                f"use `variables: {{voltage: NAME, displacement: NAME}}` in recordings.yaml"
+            )
+        if place >= len(self.columns):
+            raise InputRefused(
+                f"{self.where}: column {place} does not exist, the file has {len(self.columns)} columns "
+                f"(0 to {len(self.columns) - 1}): correct `columns` in recordings.yaml"
+            )
+        return place
+
+    def label(self, index: int) -> str:
+        """The column in words."""
+        return f"column {self.names[index] or index}"
+
+    def numbers(self, index: int) -> np.ndarray:
+        """``(N,)`` the column as float64; empty cells become NaN.
+
+        Raises:
+            InputRefused: a cell that is no number.
+        """
+        column = self.columns[index]
+        if np.iscomplexobj(column):
+            raise InputRefused(f"{self.where}: {self.label(index)} holds complex numbers: export real samples")
+        if column.dtype.kind in "iufb":
+            return column.astype(float)
+        import pandas as pd
+
+        cells = pd.Series(column)
+        values = np.asarray(pd.to_numeric(cells, errors="coerce"), dtype=float)
+        bad = np.isnan(values) & ~np.asarray(cells.isna())
+        if bad.any():
+            row = int(np.argmax(bad))
+            cell = str(column[row])
+            comma = DECIMAL_COMMA.match(cell) is not None
+            cause = "a comma as decimal sign" if comma else "not a number"
+            remedy = REMEDY_COMMA if comma else "correct or delete that row"
+            raise InputRefused(
+                f"{self.where}: {self.label(index)}, {self.where.row(row)}: {cell[:40]!r} is {cause}: {remedy}"
+            )
+        return values

@@ -1,0 +1,96 @@
+"""The verdict on a terminal: a few lines, a table, and where to look further."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from phnn.report.document import Document, Missing, Score, read_document
+from phnn.report.evidence import Evidence
+from phnn.report.formatting import Unit, display_unit, listing, p_value, percent, ratio, with_error, words
+from phnn.report.verdicts import equivalence_sentence, headline, remainder_sentence
+
+_STYLES = {"named": "bold green", "equivalent": "bold yellow", "unknown": "bold magenta", "none": "bold cyan"}
+_MOST_ROWS = 12
+
+
+def _missing_lines(missing: Missing) -> list[Text]:
+    place = f" ({words(missing.location)})" if missing.location else ""
+    chance = f", {p_value(missing.p_value)}" if missing.p_value is not None else ""
+    lines = [Text.assemble("missing: ", (words(missing.effect), "bold"), f"{place}{chance}")]
+    lines += [Text(f"  {missing.statement}")] if missing.statement else []
+    for parameter in missing.parameters:
+        value = with_error(parameter.value, parameter.std)
+        lines.append(Text(f"  {parameter.name} = {value} {parameter.unit}".rstrip()))
+    sentence = equivalence_sentence(missing)
+    lines += [Text(f"  {sentence}")] if sentence else []
+    return lines
+
+
+def _location_line(document: Document) -> list[Text]:
+    location = document.location
+    if location is None or not location.name:
+        return []
+    scores = dict(location.scores)
+    parts = [words(location.name)]
+    if location.detail:
+        parts.append(f"– {words(location.detail)}")
+    if scores.get(location.name) is not None:
+        parts.append(f"(score {scores[location.name]:.2f})")
+    if location.tied:
+        parts.append(f"tied with {listing(words(name) for name in location.tied)}")
+    return [Text(f"location: {' '.join(parts)}")]
+
+
+def _cells(score: Score, unit: Unit) -> list[str]:
+    return [percent(score.fit_percent, 2), unit.show(score.rmse), ratio(score.residual_over_noise)]
+
+
+def _fit_table(document: Document) -> list[RenderableType]:
+    rows = document.fits
+    if not rows:
+        return []
+    largest = max((score.rmse or 0.0 for row in rows for score in (row.before, row.after)), default=None)
+    unit = display_unit(largest, document.output_unit)
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    table.add_column("recording", no_wrap=True, overflow="ellipsis", max_width=30)
+    for heading in ("fit %", f"RMSE {unit.name}", "× noise"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    if document.has_after:
+        for heading in ("→ fit %", f"RMSE {unit.name}", "× noise"):
+            table.add_column(heading, justify="right", no_wrap=True)
+    for row in rows[:_MOST_ROWS]:
+        cells = _cells(row.before, unit) + (_cells(row.after, unit) if document.has_after else [])
+        style = "bold" if row.held_out else ""
+        table.add_row(Text(row.name + (" *" if row.held_out else "")), *cells, style=style)
+    caption = "* held out" if any(row.held_out for row in rows) else ""
+    if len(rows) > _MOST_ROWS:
+        caption += f"{'; ' if caption else ''}{len(rows) - _MOST_ROWS} more recordings in the report"
+    return [Padding(table, (1, 0, 0, 0)), *([Text(caption, style="dim")] if caption else [])]
+
+
+def console_summary(document: Mapping[str, Any], evidence: Evidence) -> RenderableType:
+    """A summary to be printed with :class:`rich.console.Console`; plain text when piped.
+
+    Raises:
+        InputRefused: the verdict is none of the four.
+    """
+    content = read_document(document)
+    chance = f"  {p_value(content.p_value)}" if content.p_value is not None else ""
+    verdict = Text.assemble("verdict: ", (content.verdict, _STYLES[content.verdict]), chance)
+    parts: list[RenderableType] = [Text(headline(content, evidence.verdict_sentence), style="bold"), verdict]
+    for missing in content.missing:
+        parts += _missing_lines(missing)
+    parts += _location_line(content)
+    parts += _fit_table(content)
+    parts.append(Padding(Text(f"remainder: {remainder_sentence(content.remainder)}"), (1, 0, 0, 0)))
+    following = content.next_experiment
+    if following is not None:
+        why = f" – {following.why}" if following.why else ""
+        parts.append(Text(f"record next: {following.recording}{why}"))
+    return Group(*parts)

@@ -1,0 +1,251 @@
+"""diagnosis.json read tolerantly: whatever is null or absent becomes ``None`` or empty, never a failure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from phnn.errors import InputRefused
+from phnn.report.formatting import finite
+
+VERDICTS = ("named", "equivalent", "unknown", "none")
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well one model follows one recording."""
+
+    fit_percent: float | None = None
+    rmse: float | None = None
+    residual_over_noise: float | None = None
+
+    @property
+    def empty(self) -> bool:
+        """Nothing is known."""
+        return self.fit_percent is None and self.rmse is None and self.residual_over_noise is None
+
+
+@dataclass(frozen=True)
+class FitRow:
+    """One recording before and after."""
+
+    name: str
+    held_out: bool
+    before: Score
+    after: Score
+
+
+@dataclass(frozen=True)
+class MissingParameter:
+    """A parameter of what is missing."""
+
+    name: str
+    value: float | None
+    std: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class Missing:
+    """One entry of ``missing``."""
+
+    effect: str
+    location: str
+    equivalent_to: tuple[str, ...]
+    p_value: float | None
+    statement: str
+    equation: str
+    passive: bool | None
+    parameters: tuple[MissingParameter, ...]
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where the mismatch is."""
+
+    name: str
+    detail: str
+    tied: tuple[str, ...]
+    scores: tuple[tuple[str, float | None], ...]  # best first, those without a score last
+    recordings: tuple[tuple[str, float | None], ...]  # name, residual over noise; worst first
+    frequencies_hz: tuple[float, ...]
+    times_s: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is left after what was named."""
+
+    verdict: str
+    residual_over_noise: float | None
+    p_value: float | None
+    location: str
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """The recording to make next."""
+
+    recording: str
+    separates: tuple[str, ...]
+    why: str
+
+
+@dataclass(frozen=True)
+class Document:
+    """A diagnosis as a reader needs it."""
+
+    verdict: str
+    statistic: float | None
+    p_value: float | None
+    candidate: str
+    missing: tuple[Missing, ...]
+    remainder: Remainder | None
+    location: Location | None
+    noise_floor: tuple[tuple[str, float | None], ...]
+    numerical_error_sigma: float | None
+    fits: tuple[FitRow, ...]  # held-out recordings first
+    next_experiment: NextExperiment | None
+    versions: tuple[tuple[str, str], ...]
+    seed: str
+    seconds: float | None
+    input_unit: str
+    output_unit: str
+
+    @property
+    def has_after(self) -> bool:
+        """Some recording was scored with a final model."""
+        return any(not row.after.empty for row in self.fits)
+
+    def fit(self, name: str) -> FitRow | None:
+        """The row of a recording."""
+        return next((row for row in self.fits if row.name == name), None)
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    if isinstance(value, str):
+        return (value,)
+    return tuple(str(item) for item in value if item is not None) if isinstance(value, Sequence) else ()
+
+
+def _numbers(value: Any) -> tuple[float, ...]:
+    items = value if isinstance(value, Sequence) and not isinstance(value, str) else ()
+    return tuple(number for item in items if (number := finite(item)) is not None)
+
+
+def _text(value: Any) -> str:
+    return "" if value is None else str(value)
+
+
+def _score(value: Any) -> Score:
+    entry = _mapping(value)
+    return Score(finite(entry.get("fit_percent")), finite(entry.get("rmse")), finite(entry.get("residual_over_noise")))
+
+
+def _fits(value: Any) -> tuple[FitRow, ...]:
+    entry = _mapping(value)
+    before, after = _mapping(entry.get("before")), _mapping(entry.get("after"))
+    held_out = set(_texts(entry.get("held_out")))
+    names = list(dict.fromkeys([*before, *after]))
+    rows = [FitRow(n, n in held_out, _score(before.get(n)), _score(after.get(n))) for n in names]
+    return tuple(sorted(rows, key=lambda row: not row.held_out))
+
+
+def _parameter(name: str, value: Any) -> MissingParameter:
+    if not isinstance(value, Mapping):
+        return MissingParameter(name, finite(value), None, "")
+    unit = _text(value.get("unit"))
+    return MissingParameter(name, finite(value.get("value")), finite(value.get("std")), "" if unit == "1" else unit)
+
+
+def _missing(value: Any) -> Missing:
+    entry = _mapping(value)
+    passive = entry.get("passive")
+    return Missing(
+        effect=_text(entry.get("effect")) or "unknown",
+        location=_text(entry.get("location")),
+        equivalent_to=_texts(entry.get("equivalent_to")),
+        p_value=finite(entry.get("p_value")),
+        statement=_text(entry.get("statement")),
+        equation=_text(entry.get("equation")),
+        passive=passive if isinstance(passive, bool) else None,
+        parameters=tuple(_parameter(name, item) for name, item in _mapping(entry.get("parameters")).items()),
+    )
+
+
+def _descending(items: Mapping[str, float | None]) -> tuple[tuple[str, float | None], ...]:
+    return tuple(sorted(items.items(), key=lambda item: (item[1] is None, -(item[1] or 0.0))))
+
+
+def _location(value: Any) -> Location | None:
+    if not isinstance(value, Mapping):
+        return None
+    recordings = {
+        str(name): finite(_mapping(item).get("residual_over_noise"))
+        for name, item in _mapping(value.get("recordings")).items()
+    }
+    scores = {str(name): finite(item) for name, item in _mapping(value.get("scores")).items()}
+    return Location(
+        name=_text(value.get("name")),
+        detail=_text(value.get("detail")),
+        tied=_texts(value.get("tied")),
+        scores=_descending(scores),
+        recordings=_descending(recordings),
+        frequencies_hz=_numbers(value.get("frequencies_Hz")),
+        times_s=_numbers(value.get("times_s")),
+    )
+
+
+def _remainder(value: Any) -> Remainder | None:
+    if not isinstance(value, Mapping):
+        return None
+    return Remainder(
+        _text(value.get("verdict")),
+        finite(value.get("residual_over_noise")),
+        finite(value.get("p_value")),
+        _text(value.get("location")),
+    )
+
+
+def _next_experiment(value: Any) -> NextExperiment | None:
+    if not isinstance(value, Mapping):
+        return None
+    return NextExperiment(_text(value.get("recording")), _texts(value.get("separates")), _text(value.get("why")))
+
+
+def read_document(document: Mapping[str, Any]) -> Document:
+    """The document as values.
+
+    An optional entry ``units: {input: V, output: m}`` names the units of the channels.
+
+    Raises:
+        InputRefused: the verdict is not one of the four.
+    """
+    verdict = document.get("verdict")
+    if verdict not in VERDICTS:
+        raise InputRefused(f"diagnosis.json: verdict is {verdict!r}: it must be one of {', '.join(VERDICTS)}")
+    test, units = _mapping(document.get("test")), _mapping(document.get("units"))
+    seed, missing = document.get("seed"), document.get("missing")
+    return Document(
+        verdict=str(verdict),
+        statistic=finite(test.get("statistic")),
+        p_value=finite(test.get("p_value")),
+        candidate=_text(test.get("candidate")),
+        missing=tuple(_missing(item) for item in missing) if isinstance(missing, Sequence) else (),
+        remainder=_remainder(document.get("remainder")),
+        location=_location(document.get("location")),
+        noise_floor=tuple((str(n), finite(v)) for n, v in _mapping(document.get("noise_floor")).items()),
+        numerical_error_sigma=finite(document.get("numerical_error_sigma")),
+        fits=_fits(document.get("fit")),
+        next_experiment=_next_experiment(document.get("next_experiment")),
+        versions=tuple((str(n), _text(v)) for n, v in _mapping(document.get("versions")).items()),
+        seed=_text(seed),
+        seconds=finite(document.get("seconds")),
+        input_unit=_text(units.get("input")) or "V",
+        output_unit=_text(units.get("output")) or "m",
+    )

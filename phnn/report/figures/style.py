@@ -1,0 +1,112 @@
+"""One look for all figures: colours that the colour-blind can tell apart, units that suit, labels taken literally."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.mathtext import MathTextParser
+
+# Okabe & Ito's palette; before and after also differ in lightness, so that they survive a grey print
+MEASURED = "#b4babf"
+BEFORE = "#d55e00"
+AFTER = "#00518f"
+INK = "#23282d"
+FAINT = "#c9ced3"
+CATEGORIES = ("#0072b2", "#e69f00", "#009e73", "#56b4e9", "#cc79a7", "#7a5195", "#a6761d")
+
+RC: dict[Any, Any] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.titlepad": 7.0,
+    "axes.labelsize": 9.0,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": "#8f969c",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "text.color": INK,
+    "xtick.color": "#4d555c",
+    "ytick.color": "#4d555c",
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "legend.handlelength": 1.6,
+    "grid.color": "#eceef0",
+    "grid.linewidth": 0.8,
+    "lines.solid_capstyle": "round",
+    "hatch.linewidth": 0.6,
+    "agg.path.chunksize": 20000,
+    "mathtext.fontset": "dejavusans",
+    "figure.constrained_layout.use": True,
+    "figure.constrained_layout.h_pad": 0.08,
+    "figure.constrained_layout.w_pad": 0.06,
+}
+DPI = 150
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A finished figure: file name, what it shows (one sentence), and the picture."""
+
+    file: str
+    title: str
+    alt: str
+    png: bytes
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure in inches; call inside ``rc_context(RC)``."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as PNG; the same figure gives the same bytes."""
+    buffer = io.BytesIO()
+    with rc_context(RC), warnings.catch_warnings():
+        # a recording may be named in a script that the font lacks: the page spells it, the figure may show a box
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def literal(text: str, longest: int = 60) -> str:
+    """A name that is never read as mathematics, shortened in the middle where it is long."""
+    if len(text) > longest:
+        half = (longest - 1) // 2
+        text = f"{text[:half]}…{text[-half:]}"
+    return text.replace("$", r"\$")
+
+
+def label(text: str) -> str:
+    """A label that may hold ``$mathematics$``; taken literally where that cannot be parsed."""
+    if "$" not in text:
+        return text
+    try:
+        MathTextParser("agg").parse(text)
+    except (ValueError, RuntimeError):
+        return literal(text, longest=len(text))
+    return text
+
+
+def quiet_grid(axes: Axes, axis: str = "both") -> None:
+    """A faint grid behind the data."""
+    axes.grid(True, axis=axis, which="major")  # type: ignore[arg-type]
+
+
+def say(axes: Axes, text: str) -> None:
+    """A sentence in place of data."""
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#6a7278", wrap=True)
+    axes.set_xticks([])
+    axes.set_yticks([])

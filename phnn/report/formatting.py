@@ -1,0 +1,197 @@
+"""Numbers as a person reads them: significant digits, errors that match, powers of ten, one unit per column."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+DASH = "–"
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_LENGTHS = ((1e-9, "nm"), (1e-6, "µm"), (1e-3, "mm"), (1.0, "m"))
+
+
+def finite(value: object) -> float | None:
+    """The value as a finite float, ``None`` where it is missing, not a number or infinite."""
+    if value is None or isinstance(value, bool):
+        return None
+    try:
+        number_ = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return None
+    return number_ if math.isfinite(number_) else None
+
+
+def power_of_ten(exponent: int) -> str:
+    """``10⁻⁵``."""
+    return "10" + str(exponent).translate(_SUPERSCRIPT)
+
+
+def _exponent(value: float, digits: int = 3) -> int:
+    """Decimal exponent after rounding to ``digits``: 9.999 has 1."""
+    return int(f"{value:.{digits - 1}e}".partition("e")[2])
+
+
+def _fixed(value: float, decimals: int) -> str:
+    decimals = max(decimals, 0)
+    text = f"{value:.{decimals}f}"
+    return text.replace("-", "−") if float(text) else f"{0.0:.{decimals}f}"
+
+
+def plain(value: float | None, digits: int = 3) -> str:
+    """``digits`` significant digits without an exponent, for columns that share a unit; extreme values keep one."""
+    value = finite(value)
+    if value is None:
+        return DASH
+    if value and not 1e-6 <= abs(value) < 1e9:
+        return number(value, digits)
+    exponent = _exponent(value, digits)
+    return _fixed(round(value, digits - 1 - exponent), digits - 1 - exponent)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """``digits`` significant digits, with a power of ten outside 0.001 … 99999."""
+    value = finite(value)
+    if value is None:
+        return DASH
+    if value == 0.0:
+        return "0"
+    exponent = _exponent(value, digits)
+    if -4 < exponent < 5:
+        return _fixed(round(value, digits - 1 - exponent), digits - 1 - exponent)
+    mantissa = f"{value:.{digits - 1}e}".partition("e")[0].replace("-", "−")
+    return f"{mantissa} × {power_of_ten(exponent)}"
+
+
+def with_error(value: float | None, std: float | None) -> str:
+    """``0.310 ± 0.020``: the error with two digits, the value to the same place.
+
+    Where the error is missing the value stands with three digits.
+    """
+    value, std = finite(value), finite(std)
+    if value is None:
+        return DASH
+    if std is None or std <= 0.0:
+        return number(value)
+    scale = max(abs(value), std)
+    exponent = _exponent(scale, 2)
+    if abs(exponent) > 290:  # 10**exponent is no longer exact
+        return f"{number(value)} ± {number(std, 2)}"
+    shift = 0 if -4 < exponent < 5 else exponent
+    unit = 10.0**shift
+    rounded_std = float(f"{std / unit:.1e}")
+    decimals = 1 - _exponent(rounded_std, 2)
+    if decimals > 9:
+        return f"{number(value, 6)} ± {number(std, 2)}"
+    text = f"{_fixed(value / unit, decimals)} ± {_fixed(rounded_std, decimals)}"
+    return text if shift == 0 else f"({text}) × {power_of_ten(shift)}"
+
+
+def p_value(value: float | None) -> str:
+    """``p = 0.041``, ``p = 2 × 10⁻⁵``; a zero means that no draw was as extreme."""
+    value = finite(value)
+    if value is None:
+        return "p not computed"
+    if value <= 0.0:
+        return "p below what the draws resolve"
+    if value >= 0.001:
+        return f"p = {value:.2g}"
+    mantissa, _, exponent = f"{value:.0e}".partition("e")
+    return f"p = {'' if mantissa == '1' else f'{mantissa} × '}{power_of_ten(int(exponent))}"
+
+
+def chance(value: float | None) -> str:
+    """A p-value for a column headed *p*."""
+    return DASH if finite(value) is None else p_value(value).removeprefix("p ").removeprefix("= ")
+
+
+def percent(value: float | None, decimals: int = 1) -> str:
+    """A percentage without its sign."""
+    value = finite(value)
+    return DASH if value is None else _fixed(value, decimals)
+
+
+def ratio(value: float | None) -> str:
+    """A residual over noise: ``1.01``, ``12.4``, ``350``."""
+    value = finite(value)
+    if value is None:
+        return DASH
+    return _fixed(value, 2 if abs(value) < 9.995 else 1 if abs(value) < 99.95 else 0)
+
+
+def short(value: float | None) -> str:
+    """At most four digits and no trailing zeros, for lists of times and frequencies."""
+    value = finite(value)
+    return DASH if value is None else f"{value:.4g}".replace("-", "−")
+
+
+def words(name: str | None) -> str:
+    """A canonical name as words: ``charge_leakage`` → ``charge leakage``."""
+    return (name or "").replace("_", " ")
+
+
+def listing(names: Iterable[str], last: str = "and") -> str:
+    """``a, b and c``."""
+    items = list(names)
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} {last} {items[-1]}"
+
+
+def change(before: float | None, after: float | None) -> str:
+    """Relative change in percent, as ``+3.2 %``; a factor where it is large."""
+    before, after = finite(before), finite(after)
+    if before is None or after is None or before == 0.0:
+        return DASH
+    factor = finite(after / before)
+    if factor is None:
+        return DASH
+    if factor <= 0.0 or factor >= 10.0:
+        return f"× {number(factor, 2)}"
+    relative = 100.0 * (factor - 1.0)
+    if abs(relative) < 0.05:
+        return "0 %"
+    return f"{'+' if relative > 0 else '−'}{_fixed(abs(relative), 1)} %"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A display unit: ``shown = value_in_SI / scale``."""
+
+    scale: float
+    name: str
+
+    def show(self, value: float | None) -> str:
+        """The value in this unit, without the unit's name; one decimal for a length, so that columns align."""
+        value = finite(value)
+        if value is None:
+            return DASH
+        shown = value / self.scale
+        return _fixed(shown, 1) if self.scale != 1.0 and abs(shown) >= 1.0 else plain(shown)
+
+
+def display_unit(largest: float | None, unit: str = "m", floor: float = 10.0) -> Unit:
+    """The metric unit in which ``largest`` reads as a handy number (``floor`` or more, where there is one).
+
+    Only metres are rescaled; every other unit is shown as it is.
+    """
+    largest = finite(largest)
+    if unit != "m":
+        return Unit(1.0, unit)
+    if not largest:
+        return Unit(1e-6, "µm")
+    for scale, name in reversed(_LENGTHS):
+        if abs(largest) >= floor * scale:
+            return Unit(scale, name)
+    return Unit(*_LENGTHS[0])
+
+
+def quantity(value: float | None, unit: str = "m") -> str:
+    """A value with its unit, lengths in the unit that suits: ``52 nm``."""
+    value = finite(value)
+    if value is None:
+        return DASH
+    if unit != "m":
+        return f"{number(value)} {unit}".strip()
+    shown = display_unit(value, unit, floor=1.0)
+    return f"{number(value / shown.scale)} {shown.name}"

@@ -1,0 +1,105 @@
+"""All figures of one report, numbered as the page shows them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from phnn.report.document import Document
+from phnn.report.evidence import Evidence, Trace
+from phnn.report.figures import (
+    RC,
+    Drawing,
+    draw_ledger,
+    draw_locations,
+    draw_overview,
+    draw_picture,
+    draw_recording,
+    png,
+)
+from phnn.report.formatting import listing, words
+from phnn.report.shares import Shares
+
+_MOST_DRAWN = 12  # recordings of each kind that get a figure of their own; the table has them all
+OWN_FILES = re.compile(r"\d\d-(locations|picture|overview|ledger|held-out|identification)\b.*\.png")
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """The figures in the order of the page; ``None`` where there is nothing to draw."""
+
+    locations: Drawing | None
+    picture: Drawing | None
+    overview: Drawing | None
+    held_out: tuple[Drawing, ...]
+    identification: tuple[Drawing, ...]
+    ledger: Drawing | None
+    omitted: int  # recordings without a figure of their own
+
+    @property
+    def drawings(self) -> tuple[Drawing, ...]:
+        """All of them."""
+        single = [self.locations, self.picture, self.overview]
+        rest = [*self.held_out, *self.identification, self.ledger]
+        return tuple(drawing for drawing in [*single, *rest] if drawing is not None)
+
+
+class _Counter:
+    """Gives each file its number."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def drawing(self, stem: str, title: str, alt: str, figure: Figure) -> Drawing:
+        self.count += 1
+        name = re.sub(r"[^A-Za-z0-9._-]+", "-", stem).strip("-.")[:80]
+        return Drawing(f"{self.count:02d}-{name}.png", title, alt, png(figure))
+
+
+def _worst_first(traces: Sequence[Trace], document: Document) -> list[Trace]:
+    def ratio(trace: Trace) -> float:
+        row = document.fit(trace.name)
+        return (row.before.residual_over_noise or 0.0) if row else 0.0
+
+    return sorted(traces, key=ratio, reverse=True)
+
+
+def _recordings(
+    traces: Sequence[Trace], kind: str, document: Document, counter: _Counter
+) -> tuple[tuple[Drawing, ...], int]:
+    chosen = _worst_first(traces, document)[:_MOST_DRAWN]
+    drawings = []
+    for trace in chosen:
+        fit = document.fit(trace.name)
+        figure = draw_recording(trace, fit, document.input_unit, document.output_unit)
+        alt = f"{trace.name}: measured and modelled output in time and as a loop, error in time, spectrum of the error"
+        drawings.append(counter.drawing(f"{kind}-{trace.name}", trace.name, alt, figure))
+    return tuple(drawings), len(traces) - len(chosen)
+
+
+def draw_gallery(document: Document, evidence: Evidence, shares: Sequence[Shares]) -> Gallery:
+    """Draw everything that the document and the evidence hold."""
+    counter = _Counter()
+    location, curves = document.location, evidence.curves
+    with rc_context(RC):
+        locations = picture = overview = ledger = None
+        if location is not None and any(score is not None for _, score in location.scores):
+            alt = f"Scores of the locations; best: {words(location.name)}"
+            locations = counter.drawing("locations", "Which location explains it", alt, draw_locations(location))
+        if curves:
+            alt = f"Learned curves: {listing(curve.title for curve in curves)}"
+            picture = counter.drawing("picture", "What happens there", alt, draw_picture(curves))
+        ratios = [s.residual_over_noise for row in document.fits for s in (row.before, row.after)]
+        if len(document.fits) > 1 and any(ratio is not None for ratio in ratios):
+            alt = "Residual over noise of every recording, before and after; held-out recordings on top"
+            overview = counter.drawing("overview", "Before and after", alt, draw_overview(document.fits))
+        held_out, left = _recordings([t for t in evidence.traces if t.held_out], "held-out", document, counter)
+        others, more = _recordings([t for t in evidence.traces if not t.held_out], "identification", document, counter)
+        if shares:
+            alt = "Share of the supplied energy that each element dissipated, that was stored, and that is unexplained"
+            ledger = counter.drawing("ledger", "Energy", alt, draw_ledger(shares))
+    return Gallery(locations, picture, overview, held_out, others, ledger, left + more)

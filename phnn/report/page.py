@@ -1,0 +1,121 @@
+"""One offline page from a finished diagnosis: everything inlined, no script, nothing fetched."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from importlib.resources import files
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from phnn.report import formatting, verdicts
+from phnn.report.document import Document, FitRow
+from phnn.report.evidence import CandidateRow, Evidence, ParameterRow
+from phnn.report.figures import Drawing
+from phnn.report.formatting import Unit, display_unit, finite
+from phnn.report.formula import formula, symbol
+from phnn.report.gallery import Gallery
+from phnn.report.shares import Shares
+
+_SHOWN = 8
+
+
+def _image(drawing: Drawing) -> Markup:
+    """The picture as part of the page, sized so that a point of print is a point on the screen."""
+    width, height = (int.from_bytes(drawing.png[start : start + 4], "big") for start in (16, 20))
+    data = base64.b64encode(drawing.png).decode("ascii")
+    return Markup('<img src="data:image/png;base64,{}" alt="{}" width="{}" height="{}">').format(
+        data, drawing.alt, round(width * 96 / 150), round(height * 96 / 150)
+    )
+
+
+def _error_unit(rows: Sequence[FitRow], unit: str) -> Unit:
+    """One unit for the whole column of root mean squares: that of the largest, yet small ones keep digits."""
+    values = [v for row in rows for v in (row.before.rmse, row.after.rmse) if v is not None]
+    return display_unit(max(values, default=None), unit)
+
+
+def _first(values: Sequence[float], unit: str) -> str:
+    """The first few values, and how many more there are."""
+    shown = ", ".join(formatting.short(v) for v in values[:_SHOWN])
+    more = f" and {len(values) - _SHOWN} more" if len(values) > _SHOWN else ""
+    return f"{shown} {unit}{more}" if values else ""
+
+
+def _group(rows: Sequence[FitRow], which: str) -> list[float]:
+    scores = [getattr(row, which).residual_over_noise for row in rows]
+    return [score for score in scores if score is not None]
+
+
+def _headline_ratio(document: Document) -> tuple[str, str, str] | None:
+    """Caption, before and after: the worst residual over noise, on held-out recordings where there are any."""
+    held_out = [row for row in document.fits if row.held_out]
+    rows = held_out or list(document.fits)
+    before, after = _group(rows, "before"), _group(rows, "after")
+    if not before:
+        return None
+    if not rows[1:]:
+        caption = "residual over noise, held out" if held_out else "residual over noise"
+    else:
+        caption = f"worst residual over noise, {len(rows)} {'held-out ' if held_out else ''}recordings"
+    return caption, formatting.ratio(max(before)), formatting.ratio(max(after)) if after else ""
+
+
+def _bar(row: CandidateRow, rows: Sequence[CandidateRow]) -> int:
+    """Length of the bar in percent of the largest score."""
+    largest = max((finite(r.score) or 0.0 for r in rows), default=0.0)
+    return round(100.0 * max(finite(row.score) or 0.0, 0.0) / largest) if largest > 0.0 else 0
+
+
+def _unit_of(row: ParameterRow) -> str:
+    return "" if row.unit == "1" else row.unit
+
+
+def _environment() -> Environment:
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(
+        number=formatting.number,
+        ratio=formatting.ratio,
+        symbol=symbol,
+        percent=formatting.percent,
+        p_value=formatting.p_value,
+        chance=formatting.chance,
+        words=formatting.words,
+        listing=formatting.listing,
+        image=_image,
+        formula=formula,
+        equivalence=verdicts.equivalence_sentence,
+        passivity=verdicts.passive_sentence,
+    )
+    return environment
+
+
+def render_page(
+    document: Document, evidence: Evidence, gallery: Gallery, shares: Sequence[Shares], unsupplied: Sequence[str]
+) -> str:
+    """The page as text. Every name and sentence from outside is escaped."""
+    location = document.location
+    noise_unit = display_unit(max((v for _, v in document.noise_floor if v), default=None), document.output_unit)
+    template = _environment().from_string(files("phnn.report").joinpath("template.html").read_text("utf-8"))
+    return template.render(
+        document=document,
+        evidence=evidence,
+        gallery=gallery,
+        shares=shares,
+        unsupplied=unsupplied,
+        headline=verdicts.headline(document, evidence.verdict_sentence),
+        test_sentence=verdicts.test_sentence(document),
+        remainder_sentence=verdicts.remainder_sentence(document.remainder),
+        headline_ratio=_headline_ratio(document),
+        frequencies=_first(location.frequencies_hz, "Hz") if location else "",
+        times=_first(location.times_s, "s") if location else "",
+        error_unit=_error_unit(document.fits, document.output_unit),
+        noise_unit=noise_unit,
+        with_error=formatting.with_error,
+        change=formatting.change,
+        unscored=any(not trace.scored.all() for trace in evidence.traces if trace.held_out),
+        named_law=any(curve.named_y is not None for curve in evidence.curves),
+        bar=_bar,
+        unit_of=_unit_of,
+    )

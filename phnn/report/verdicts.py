@@ -1,0 +1,68 @@
+"""The four verdicts in words."""
+
+from __future__ import annotations
+
+from phnn.report.document import Document, Missing, Remainder
+from phnn.report.formatting import chance, finite, listing, number, p_value, ratio, words
+
+VERDICT_WORDS = {
+    "named": "One missing effect was named.",
+    "equivalent": "Something is missing: one of a class of effects that these recordings cannot tell apart.",
+    "unknown": "Something real is missing that no element of the catalogue explains.",
+    "none": "Nothing is missing: the base model explains these recordings down to the noise.",
+}
+
+
+def headline(document: Document, sentence: str) -> str:
+    """The verdict in a sentence: the one supplied, or the general one."""
+    return sentence.strip() or VERDICT_WORDS[document.verdict]
+
+
+def test_sentence(document: Document) -> str:
+    """What the p-value means here, for a person."""
+    if document.p_value is None:
+        return ""
+    lead = f" (leading candidate: {words(document.candidate)})" if document.candidate else ""
+    statistic = "" if document.statistic is None else f" of {number(document.statistic)}"
+    if document.verdict == "none":
+        return (
+            f"The largest score among all candidates{lead}, with a statistic{statistic}, is what chance alone "
+            f"would give: {p_value(document.p_value)}."
+        )
+    return (
+        f"If nothing were missing, chance alone would give the largest score among all candidates{lead} a statistic"
+        f"{statistic} or more with probability {chance(document.p_value)}."
+    )
+
+
+def equivalence_sentence(missing: Missing) -> str:
+    """Which other effects these recordings cannot tell from this one."""
+    others = [words(name) for name in missing.equivalent_to if name != missing.effect]
+    if not others:
+        return ""
+    return f"These recordings cannot tell {words(missing.effect)} from {listing(others, 'or')}."
+
+
+def passive_sentence(missing: Missing) -> str:
+    """What the new element does to the structure."""
+    if missing.passive is None:
+        return ""
+    if missing.passive:
+        return "The model with it stays passive."
+    return "It is not passive by itself: it stands openly outside the passive network."
+
+
+def remainder_sentence(remainder: Remainder | None) -> str:
+    """What is left after what was named."""
+    if remainder is None:
+        return "The remainder was not judged."
+    value = finite(remainder.residual_over_noise)
+    size = "" if value is None else f" The residual is {ratio(value)} × the noise"
+    odds = "" if remainder.p_value is None else f" ({p_value(remainder.p_value)})"
+    tail = f"{size}{odds}." if size or odds else ""
+    if remainder.verdict == "none":
+        return f"Nothing significant is left.{tail}"
+    if remainder.verdict != "unknown":
+        return f"The remainder was not judged.{tail}"
+    place = f" It points to: {words(remainder.location)}." if remainder.location else ""
+    return f"Something significant is left that was not named.{tail}{place}"

@@ -1,0 +1,261 @@
+"""The noise floor of a recorded output, from the recording alone (never from a model's fit).
+
+Three sources, in order of preference: repeated periods of the excitation, a stretch at rest, and the part of the
+output's spectrum above everything that was excited. Quantisation is a lower bound in every case.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb, sqrt
+
+import numpy as np
+
+WHITE = np.array([1.0])
+_FEWEST_PERIODS = 3  # after the first one, which holds the transient
+_FEWEST_AT_REST = 200
+_LEAST_SHARE_OF_RANGE = 1e-6
+_ORDERS = range(1, 9)
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseFloor:
+    """Standard deviation of the noise (unit of the output), its source in words, and its autocorrelation.
+
+    ``correlation`` is ``(K,)``, lags ``0..K-1``, first entry 1; ``[1.0]`` when white or unknown.
+    """
+
+    value: float
+    source: str
+    correlation: np.ndarray
+
+
+def noise_floor(
+    u: np.ndarray,
+    y: np.ndarray,
+    dt: float,
+    period: float | None = None,
+    span: tuple[int, int] | None = None,
+    settled: bool = False,
+) -> NoiseFloor:
+    """The noise floor of one recording by the best source it offers.
+
+    Args:
+        u: ``(N,)`` input.
+        y: ``(N,)`` output.
+        dt: sampling interval, s.
+        period: of the excitation, s, where it repeats.
+        span: samples ``[first, last)`` over which it repeats; all of them where left out.
+        settled: the recording begins in the periodic steady state, so no period is lost to a transient.
+    """
+    first, last = span if span is not None else (0, y.size)
+    found = None
+    if period is not None:
+        found = from_periods(y[first:last], period / dt, 0 if settled else 1)
+    found = found or from_rest(u, y) or from_high_band(u, y, dt)
+    step = quantisation_step(y)
+    if found.value < step / sqrt(12.0):
+        found = NoiseFloor(step / sqrt(12.0), f"quantisation in steps of {step:.3g}", WHITE)
+    least = _LEAST_SHARE_OF_RANGE * float(np.ptp(y))
+    if found.value < least:
+        found = NoiseFloor(least, "no noise found; taken as a millionth of the output's range", WHITE)
+    return found
+
+
+def from_periods(y: np.ndarray, period: float, skip: int = 1) -> NoiseFloor | None:
+    """From differences of consecutive periods, divided by √2; ``None`` where there are too few settled periods.
+
+    What changes slowly from period to period (offset, trend, amplitude) and the fraction of a sample by which the
+    period misses a whole number of samples are projected out of each difference.
+
+    Args:
+        y: ``(N,)`` output.
+        period: in samples, not necessarily whole.
+        skip: periods to leave out at the start.
+    """
+    lag = round(period)
+    whole = int((y.size + 0.02 * period) / period)
+    fewest = 2 if skip == 0 else _FEWEST_PERIODS
+    if lag < 16 or whole - skip < fewest:
+        return None
+    pieces, shapes = [], []
+    for j in range(skip, whole - 1):
+        # starts are rounded one by one: errors of a fraction of a sample do not add up
+        a, b = round(j * period), round((j + 1) * period)
+        n = min(lag, y.size - b)
+        if n >= 0.9 * lag:
+            basis = _slow_changes(y[a : a + n], y[b : b + n], abs(period - lag) > 1e-9)
+            difference = y[b : b + n] - y[a : a + n]
+            pieces.append(difference - basis @ (basis.T @ difference))
+            shapes.append(basis)
+    variances = np.array([p @ p / (p.size - s.shape[1]) for p, s in zip(pieces, shapes, strict=True)])
+    settled = _settled(variances, lag)
+    if variances.size - settled < (2 if settled else 1):
+        return None  # still dying away, and not enough left to tell that from noise
+    pieces, variances = pieces[settled:], variances[settled:]
+    # the median leaves out periods that were disturbed; few pairs need the mean's efficiency
+    variance = float(np.median(variances) if variances.size >= 8 else np.mean(variances))
+    correlation = _correlation(pieces)
+    variance *= _white_loss(shapes[-1]) / _loss(shapes[-1], correlation)
+    source = f"period-to-period differences over {variances.size + 1} cycles"
+    return NoiseFloor(sqrt(variance / 2.0), source, correlation)
+
+
+def _settled(variances: np.ndarray, n: int) -> int:
+    """How many leading differences still hold a transient: they exceed the typical later one beyond chance."""
+    limit = 1.0 + max(0.3, 8.0 / sqrt(n))
+    for first in range(variances.size - 1):
+        if variances[first] <= limit * float(np.median(variances[first + 1 :])):
+            return first
+    return max(variances.size - 1, 0)
+
+
+def _slow_changes(earlier: np.ndarray, later: np.ndarray, fractional: bool) -> np.ndarray:
+    """``(n, c)`` orthonormal shapes by which two periods may differ without noise.
+
+    Offset, trend and amplitude; with a period of a fractional number of samples also the small shift in time, to
+    second order.
+    """
+    from scipy.signal import savgol_filter
+
+    n = earlier.size
+    mean = 0.5 * (earlier + later)
+    mean = (mean - mean.mean()) / max(float(np.ptp(mean)), 1e-300)
+    window = max(7, 2 * (n // 40) + 1)
+    shapes = [np.ones(n), np.linspace(-1.0, 1.0, n), mean]
+    if fractional:
+        shapes += [savgol_filter(mean, window, 4, deriv=d) for d in (1, 2)]
+    basis = np.column_stack([s / max(float(np.linalg.norm(s)), 1e-300) for s in shapes])
+    return np.asarray(np.linalg.qr(basis)[0])
+
+
+def _white_loss(basis: np.ndarray) -> float:
+    """Share of the variance of white noise that projecting out the basis leaves."""
+    return 1.0 - basis.shape[1] / basis.shape[0]
+
+
+def _loss(basis: np.ndarray, correlation: np.ndarray) -> float:
+    """The same for noise of a given autocorrelation: ``1 − tr(Qᵀ R Q)/n``; a coloured noise loses more."""
+    n = basis.shape[0]
+    spectrum = np.abs(np.fft.rfft(basis, 2 * n, axis=0)) ** 2
+    overlaps = np.fft.irfft(spectrum.sum(axis=1))[: correlation.size]
+    taken = float(correlation[0] * overlaps[0] + 2.0 * correlation[1:] @ overlaps[1:])
+    return float(np.clip(1.0 - taken / n, 0.5, 1.0))
+
+
+def from_rest(u: np.ndarray, y: np.ndarray) -> NoiseFloor | None:
+    """From the longest stretch of constant input, its settled part, trend removed; ``None`` without one."""
+    first, last = longest_hold(u)
+    first += int(0.4 * (last - first))
+    n = last - first
+    if n < _FEWEST_AT_REST:
+        return None
+    k = np.linspace(-1.0, 1.0, n)
+    trend = np.polynomial.Polynomial.fit(k, y[first:last], 3)
+    rest = y[first:last] - trend(k)
+    sigma = sqrt(float(rest @ rest) / (n - 4))
+    above, _ = _plateau(y[first:last])
+    if sigma > 1.5 * above and _lag_one(rest) > 0.9:
+        return None  # it still moves smoothly: this is settling, not noise
+    return NoiseFloor(sigma, f"{n} samples at rest", _correlation([rest]))
+
+
+def longest_hold(u: np.ndarray) -> tuple[int, int]:
+    """Samples ``[first, last)`` of the longest stretch of constant input."""
+    still = np.abs(np.diff(u)) <= 1e-9 * max(float(np.ptp(u)), 1e-300)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], still.astype(int), [0]))))
+    if edges.size == 0:
+        return 0, 0
+    longest = int(np.argmax(edges[1::2] - edges[::2]))
+    return int(edges[2 * longest]), int(edges[2 * longest + 1]) + 1
+
+
+def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
+    """From the highest frequencies, taking the noise as white.
+
+    Differences of order p pass white noise with the factor ``√C(2p, p)`` and a tone of angular frequency ω with
+    ``(2 sin(ω dt/2))^p``, so with rising order what was excited vanishes and the estimate comes to rest at the noise.
+    Jumps and corners touch few samples and are clipped away.
+    """
+    sigma, order = _plateau(y)
+    source = f"the spectrum above {0.25 / dt:.4g} Hz, noise taken as white"
+    gain = float(np.ptp(y)) / max(float(np.ptp(u)), 1e-300)
+    if gain * _spread(np.diff(u, order)) / sqrt(comb(2 * order, order)) > 0.5 * sigma:
+        source += "; an upper bound, for the excitation reaches that high"
+    return NoiseFloor(sigma, source, WHITE)
+
+
+def _plateau(y: np.ndarray) -> tuple[float, int]:
+    """Noise by differences of the lowest order that agrees with the best one, and that order."""
+    sigmas = [_spread(np.diff(y, p)) / sqrt(comb(2 * p, p)) for p in _ORDERS]
+    best = min(sigmas)
+    order = next(i for i, s in enumerate(sigmas) if s <= 1.05 * best)
+    return sigmas[order], order + 1
+
+
+def _spread(values: np.ndarray) -> float:
+    """Standard deviation of the Gaussian core: median absolute deviation, then clipped at 3σ without bias."""
+    core = np.abs(values)
+    sigma = float(np.median(core)) / 0.67449
+    for _ in range(10):
+        kept = core[core <= 3.0 * sigma]
+        if kept.size == 0:
+            break
+        sigma = sqrt(float(kept @ kept) / kept.size) / 0.98652
+    return sigma
+
+
+def _lag_one(values: np.ndarray) -> float:
+    return float(values[1:] @ values[:-1]) / max(float(values @ values), 1e-300)
+
+
+def _correlation(pieces: list[np.ndarray]) -> np.ndarray:
+    """``(K,)`` mean autocorrelation of the pieces, tapered, cut where it is no longer significant."""
+    from scipy.signal.windows import parzen
+
+    total = sum(p.size for p in pieces)
+    lags = min(p.size for p in pieces) // 4
+    sums = np.zeros(lags)
+    for p in pieces:
+        spectrum = np.abs(np.fft.rfft(p, 2 * p.size)) ** 2
+        sums += np.fft.irfft(spectrum)[:lags]
+    if sums[0] <= 0.0:
+        return WHITE
+    rho = sums / sums[0]
+    significant = np.abs(rho) > 3.5 / sqrt(total)
+    # two insignificant lags in a row end it: a single zero crossing of a coloured noise does not
+    quiet = ~significant[1:-1] & ~significant[2:]
+    cut = 1 + int(np.argmax(quiet)) if quiet.any() else lags
+    if cut <= 1:
+        return WHITE
+    kept = min(4 * cut, lags)
+    # Parzen's window is positive definite, so the tapered sequence remains an autocorrelation
+    return np.asarray(rho[:kept] * parzen(2 * kept - 1)[kept - 1 :])
+
+
+def quantisation_step(y: np.ndarray) -> float:
+    """The step of which all differences of ``y`` are multiples; 0 where there is none to be seen."""
+    levels = np.unique(y)
+    if levels.size < 2:
+        return 0.0
+    gaps = np.diff(levels)
+    blur = 64.0 * float(np.spacing(np.abs(levels).max()))
+    gaps = gaps[gaps > blur]
+    if gaps.size == 0:
+        return 0.0
+    step = float(gaps[gaps < 1.5 * gaps.min()].mean())  # the mean evens out digits lost in printing
+    if step < 1e3 * blur:
+        return 0.0
+    for part in range(1, 9):
+        candidate = step / part
+        counts = (levels - levels[0]) / candidate
+        refined = candidate * _slope(np.round(counts), counts)
+        misfit = np.abs((levels - levels[0]) / refined - np.round((levels - levels[0]) / refined))
+        if misfit.max() < 0.02:
+            return refined
+    return 0.0
+
+
+def _slope(whole: np.ndarray, counts: np.ndarray) -> float:
+    """Least-squares factor between whole numbers and nearly whole counts."""
+    return float(whole @ counts) / max(float(whole @ whole), 1e-300)

@@ -1,0 +1,273 @@
+"""Simulate a setup on a recording, with exact derivatives of the output.
+
+    recorded input → reconstruction → amplifier → network (compiled march) → sensor → output
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.errors import SolverFailed
+from phnn.integrate import kernel
+from phnn.integrate.program import DISSIPATIVE, Program, compile_network
+from phnn.integrate.step import TINY
+from phnn.laws import PORT_LAWS, STORAGE_LAWS
+from phnn.recordings.recording import Recording
+from phnn.setup import AMPLIFIERS, SENSORS, Block, Setup
+from phnn.signals.reconstruct import mean_input, substep_counts, substep_input
+
+Array = NDArray[np.float64]
+
+SPIN_UP_PERIODS = 3
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A simulated recording: ``N`` samples and ``n`` steps, those of a spin-up among them.
+
+    Attributes:
+        setup, recording, program, theta: what was simulated.
+        h: (n,) steps [s].
+        nodes: (N + lead,) step index of every sample.
+        lead: spin-up samples before the first recorded one.
+        t: (N,) time of the samples [s].
+        y: (N,) sensor output without the displacement zero.
+        fine: (n, 3) port input within the steps; u: (n, P) mean inputs.
+        states: (n+1, L+1) leaf states and momentum at the nodes.
+        velocity: (n,) mid-step velocities; efforts: (n, L) mean efforts of the leaves.
+    """
+
+    setup: Setup
+    recording: Recording
+    program: Program
+    theta: Array
+    h: Array
+    nodes: NDArray[np.int64]
+    lead: int
+    t: Array
+    y: Array
+    fine: Array
+    u: Array
+    states: Array
+    velocity: Array
+    efforts: Array
+
+    @property
+    def mid_displacement(self) -> Array:
+        """(n,) output state in the middle of the steps."""
+        q = self.states[:, self.program.output]
+        return 0.5 * (q[1:] + q[:-1])
+
+
+def simulate(
+    setup: Setup,
+    recording: Recording,
+    substeps: int = 1,
+    method: str | None = None,
+    initial: Array | None = None,
+) -> Trajectory:
+    """Simulate a setup on the input of a recording.
+
+    Args:
+        setup: the model.
+        recording: gives input, sampling, start and reconstruction.
+        substeps: steps per sample interval.
+        method: another reconstruction than the recording's.
+        initial: (L+1,) initial state; without it, the one the recording's start says.
+
+    Raises:
+        SolverFailed: no root of the step equation was found, with the time.
+    """
+    program = compile_network(setup.network)
+    theta = program.theta(setup.network)
+    lead, samples = _with_spin_up(recording)
+    before = input_before(recording, samples)
+    counts = substep_counts(samples, before, substeps)
+    nodes = np.concatenate([[0], np.cumsum(counts)])
+    fine = substep_input(samples, counts, method or recording.interpolation)
+    h = np.repeat(recording.dt / counts, counts)
+    for block in setup.amplifier:
+        fine = np.real(_through(setup, block, fine, h, before))
+        before = _settled(setup, block, before)
+    u = np.zeros((fine.shape[0], len(program.ports)))
+    u[:, 0] = mean_input(fine)
+    x0 = equilibrium(program, theta, before) if initial is None else initial
+    n = u.shape[0]
+    states = np.empty((n + 1, x0.size))
+    velocity = np.empty(n)
+    efforts = np.empty((n, x0.size - 1))
+    done = kernel.march(
+        program.leaves, program.modulators, program.resistors, program.ports, program.inertia, theta, x0, u, h, states,
+        velocity, efforts,
+    )  # fmt: skip
+    if done < n:
+        raise SolverFailed(
+            f"{recording.name}: no solution of the step at t = {h[:done].sum() - lead * recording.dt:.6g} s; "
+            "a parameter is probably far from physical: narrow its bounds or use more sub-steps"
+        )
+    t = recording.t
+    q = states[nodes[lead:], program.output]
+    for block in setup.sensor:
+        q = SENSORS[block.kind](q, t, *(setup.parameters[p].value for p in block.parameters))
+    return Trajectory(
+        setup, recording, program, theta, h, nodes, lead, t, q, fine, u, states, velocity, efforts
+    )  # fmt: skip
+
+
+def _with_spin_up(recording: Recording) -> tuple[int, Array]:
+    """The input with a few periods before it where the recording starts in a steady cycle."""
+    if recording.start.state != "periodic" or recording.period is None:
+        return 0, recording.u
+    one = round(recording.period / recording.dt)
+    lead = SPIN_UP_PERIODS * one
+    return lead, np.concatenate([np.tile(recording.u[:one], SPIN_UP_PERIODS), recording.u])
+
+
+def input_before(recording: Recording, samples: Array) -> float:
+    """The input before the first sample; the first sample itself where the start does not say."""
+    return recording.start.input_before if recording.start.state == "rest" else float(samples[0])
+
+
+def _through(setup: Setup, block: Block, fine: Array, h: Array, before: float, perturbed: str = "") -> Array:
+    """One amplifier block, a parameter of it perturbed for its complex-step derivative."""
+    values = [
+        complex(setup.parameters[p].value, TINY) if p == perturbed else setup.parameters[p].value
+        for p in block.parameters
+    ]
+    return AMPLIFIERS[block.kind](fine, h, before, *values)
+
+
+def _settled(setup: Setup, block: Block, before: float) -> float:
+    """What a block puts out after a long constant input."""
+    return float(np.real(_through(setup, block, np.full((1, 3), before), np.ones(1), before)[0, 0]))
+
+
+def equilibrium(program: Program, theta: Array, voltage: float) -> Array:
+    """(L+1,) rest state under a constant voltage with uncharged hysterons, eq. (12) with ``Q* = 0``.
+
+    Raises:
+        SolverFailed: nothing holds the displacement, so that there is no equilibrium.
+    """
+    x0 = np.zeros(len(program.leaf_names) + 1)
+    if voltage == 0.0:
+        return x0
+    row = program.ports[0]
+    action = list(PORT_LAWS.values())[row[0]].action
+    force = theta[row[1]] * action(voltage, *theta[row[2 : 2 + _count(PORT_LAWS, row[0])]])
+    held = [i for i, leaf in enumerate(program.leaves) if leaf[0] != DISSIPATIVE]
+    if not held:
+        raise SolverFailed("no spring holds the output, so a constant input has no rest state: declare start: unknown")
+    q = 0.0
+    for _ in range(60):
+        total, slope = -force, 0.0
+        for i in held:
+            value = _spring(program, theta, i, complex(q, TINY))
+            total += theta[program.leaves[i, 3]] * value.real
+            slope += theta[program.leaves[i, 3]] * value.imag / TINY
+        q -= total / slope
+        if abs(total) <= 1e-14 * abs(force):
+            break
+    x0[held] = q
+    return x0
+
+
+def _count(table: dict[str, object], position: int) -> int:
+    return len(list(table.values())[position].example)  # type: ignore[attr-defined]
+
+
+def _spring(program: Program, theta: Array, i: int, q: complex) -> complex:
+    row = program.leaves[i]
+    law = list(STORAGE_LAWS.values())[row[1]]
+    return complex(law.mean_effort(q, q, *theta[row[4 : 4 + len(law.example)]]))
+
+
+def output_derivatives(
+    trajectory: Trajectory,
+    names: Sequence[str],
+    initial: Sequence[int] = (),
+    forces: Array | None = None,
+) -> Array:
+    """(N, K + S + F) derivatives of the output.
+
+    Args:
+        names: K parameters of the setup.
+        initial: S states whose initial value is perturbed.
+        forces: (n, F) perturbations of the junction force, constant within each step.
+    """
+    setup, program = trajectory.setup, trajectory.program
+    network_names = [n for n in names if n in program.names]
+    amplifier = [(b, n) for b in setup.amplifier for n in b.parameters if n in names]
+    active = np.array([program.names.index(n) for n in network_names], dtype=np.int64)
+    steps = trajectory.u.shape[0]
+    given = np.zeros((steps, 0)) if forces is None else forces
+    columns = [_amplifier_force(trajectory, block, name)[:, None] for block, name in amplifier]
+    rows = trajectory.t.size + trajectory.lead
+    out = np.empty((rows, active.size + len(initial) + len(columns) + given.shape[1]))
+    kernel.sensitivities(
+        program.leaves, program.modulators, program.resistors, program.ports, program.inertia, trajectory.theta, active,
+        trajectory.states, trajectory.velocity, trajectory.u, trajectory.h, _start_derivative(trajectory, network_names),
+        np.ascontiguousarray(np.hstack([*columns, given])), np.array(initial, dtype=np.int64), trajectory.nodes,
+        program.output, out,
+    )  # fmt: skip
+    out = out[trajectory.lead :]
+    by_name = {n: out[:, k] for k, n in enumerate(network_names)}
+    first = active.size + len(initial)
+    by_name |= {n: out[:, first + j] for j, (_, n) in enumerate(amplifier)}
+    by_name |= _sensor_derivatives(trajectory, names)
+    head = np.column_stack([by_name[n] for n in names]) if names else np.zeros((out.shape[0], 0))
+    return np.hstack([head, out[:, active.size : first], out[:, first + len(columns) :]])
+
+
+def input_force(trajectory: Trajectory, change: Array) -> Array:
+    """(n, …) change of the junction force by a change of the port's input, ``g ψ'(V) δV``."""
+    row = trajectory.program.ports[0]
+    law = list(PORT_LAWS.values())[row[0]]
+    slope = law.slope(trajectory.u[:, 0], *trajectory.theta[row[2 : 2 + len(law.example)]])
+    force = trajectory.theta[row[1]] * np.asarray(slope)
+    return force * change if change.ndim == 1 else force[:, None] * change
+
+
+def _amplifier_force(trajectory: Trajectory, block: Block, name: str) -> Array:
+    """(n,) change of the junction force by a parameter of an amplifier block."""
+    setup, recording = trajectory.setup, trajectory.recording
+    _, samples = _with_spin_up(recording)
+    before = input_before(recording, samples)
+    fine = substep_input(samples, np.diff(trajectory.nodes), recording.interpolation)
+    for other in setup.amplifier:
+        fine = _through(setup, other, fine, trajectory.h, before, name if other is block else "")
+        before = _settled(setup, other, before)
+    return input_force(trajectory, mean_input(np.imag(fine)) / TINY)
+
+
+def _start_derivative(trajectory: Trajectory, names: Sequence[str]) -> Array:
+    """(L+1, K) derivative of the rest state by the parameters."""
+    start = np.zeros((trajectory.states.shape[1], len(names)))
+    x0 = trajectory.states[0]
+    program, theta = trajectory.program, trajectory.theta
+    rest = trajectory.recording.start
+    if rest.state == "rest" and rest.input_before != 0.0:
+        for k, name in enumerate(names):
+            m = program.names.index(name)
+            step = 1e-6 * abs(theta[m]) + 1e-300
+            moved = theta.copy()
+            moved[m] += step
+            start[:, k] = (equilibrium(program, moved, rest.input_before) - x0) / step
+    return start
+
+
+def _sensor_derivatives(trajectory: Trajectory, names: Sequence[str]) -> dict[str, Array]:
+    setup = trajectory.setup
+    found = {}
+    for block in setup.sensor:
+        for name in block.parameters:
+            if name in names:
+                values = [
+                    complex(setup.parameters[p].value, TINY if p == name else 0.0) for p in block.parameters
+                ]  # fmt: skip
+                y = SENSORS[block.kind](trajectory.y, trajectory.t, *values)
+                found[name] = np.imag(y) / TINY
+    return found

@@ -1,0 +1,15 @@
+"""What every test shares: one torch thread, so that timings and results do not depend on the machine's load."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> None:
+    # Only where a test module has loaded torch already: the command line's tests must not pay for it.
+    torch = sys.modules.get("torch")
+    if torch is not None:
+        torch.set_num_threads(1)

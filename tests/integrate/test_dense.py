@@ -1,0 +1,250 @@
+"""The power-preserving step in torch: exact balance, accuracy, gradients, and failures that say why."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from networks import networks, random_network, random_states
+from scipy.integrate import solve_ivp
+from torch import Tensor, nn
+
+from phnn.errors import InputRefused, SolverFailed
+from phnn.integrate.dense import ledger, solve_dense, step_residual
+from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
+from phnn.models.actuator import from_paper
+from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.parameters import as_table, positive
+
+torch.set_num_threads(1)
+
+
+def oscillator(storage: object = "spring", resistor: object = "linear", b: float = 0.5) -> PortHamiltonianSystem:
+    """A driven mass on a spring with a damper, whose laws can be exchanged."""
+    network = Network(
+        (Storage("q", storage, ("k",) if storage == "spring" else ()), Storage("p", "capacitor", ("m",))),
+        (Resistor("damper", resistor, {"p": 1.0}, ("b",) if resistor == "linear" else ()),),
+        (Coupling("q", "p"),),
+        (Port("force", {"p": 1.0}),),
+        as_table([positive("m", 2.0, "kg"), positive("k", 8.0, "N/m"), positive("b", b, "N s/m")]),
+    )
+    return PortHamiltonianSystem(network)
+
+
+def closes(system: PortHamiltonianSystem, x: Tensor, u: Tensor, h: float) -> bool:
+    """Whether every step keeps the balance to 1e-10 of the energies that meet in it."""
+    with torch.no_grad():
+        balance = ledger(system, x, u, h)
+        size = h * (balance.supplied.abs().sum(-1) + balance.dissipated.sum(-1)) + system.energy(x).abs().max()
+    return bool((balance.dissipated >= 0.0).all() and (h * balance.defect.abs() <= 1e-10 * size).all())
+
+
+@settings(max_examples=40, deadline=None)
+@given(networks(monotone=True), st.integers(0, 10**6), st.sampled_from([1e-3, 0.1, 3.0]))
+def test_power_balance_is_exact_for_any_network_and_step(network: Network, seed: int, h: float) -> None:
+    system = PortHamiltonianSystem(network)
+    x0, u = (torch.from_numpy(v) for v in random_states(network, seed, 3))
+    with torch.no_grad():
+        x = solve_dense(system, x0[0], u, h)
+    assert x.shape == (4, x0.shape[-1])
+    assert closes(system, x, u, h)
+
+
+def test_actuator_at_a_step_a_hundred_times_its_fastest_mode() -> None:
+    system = PortHamiltonianSystem(from_paper())
+    h = 1e-4
+    u = 75.0 * torch.sin(2 * np.pi * 150.0 * h * (torch.arange(80, dtype=torch.float64) + 0.5))
+    with torch.no_grad():
+        x = solve_dense(system, torch.zeros(4, dtype=torch.float64), u, h)
+    assert closes(system, x, u, h)
+    assert 1e-5 < x[:, 2].abs().max() < 1e-3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_agrees_with_radau_at_second_order(seed: int) -> None:
+    network = random_network(seed, 4, 3, 1, monotone=True)
+    system = PortHamiltonianSystem(network)
+    start, _ = random_states(network, seed, 1)
+    x0 = torch.from_numpy(start[0])
+
+    def rate(t: float, x: np.ndarray) -> np.ndarray:
+        with torch.no_grad():
+            u = torch.full((1,), np.sin(t), dtype=torch.float64)
+            return system.vector_field(torch.from_numpy(x), u).numpy()
+
+    reference = solve_ivp(rate, (0.0, 0.5), start[0], method="Radau", rtol=1e-9, atol=1e-11).y[:, -1]
+    errors = []
+    for steps in (20, 40):
+        h = 0.5 / steps
+        u = torch.sin(h * (torch.arange(steps, dtype=torch.float64) + 0.5))
+        with torch.no_grad():
+            errors.append(np.abs(solve_dense(system, x0, u, h)[-1].numpy() - reference).max())
+    assert errors[1] < 3e-3 * np.abs(reference).max()
+    # Second order where the laws are smooth; kinks cost a little.
+    assert errors[1] < 0.45 * errors[0] + 1e-8
+
+
+@pytest.mark.parametrize("kind", ["analytic", "neural", "energy only"])
+def test_gradients_agree_with_finite_differences(kind: str) -> None:
+    if kind == "analytic":
+        system = PortHamiltonianSystem(random_network(5, 3, 2, 1, monotone=True))
+    elif kind == "neural":
+        system = oscillator(EnergyMLP(1.0, 4.0, 2), MonotoneMLP(1.0, 1.0, 1))
+    else:
+        system = oscillator(Quartic(), DampingMLP(1.0, 1.0, (3,)))
+    n, ports = len(system.state_names), len(system.network.ports)
+    random = torch.Generator().manual_seed(1)
+    x0 = torch.randn(n, generator=random, dtype=torch.float64, requires_grad=True)
+    u = torch.randn(3, ports, generator=random, dtype=torch.float64, requires_grad=True)
+    names = [name for name, _ in system.named_parameters()]
+    values = tuple(p.detach().clone().requires_grad_(True) for p in system.parameters())
+
+    def solve(x0: Tensor, u: Tensor, *parameters: Tensor) -> Tensor:
+        return _Call(system)(dict(zip(names, parameters, strict=True)), x0, u)
+
+    assert torch.autograd.gradcheck(solve, (x0, u, *values), eps=1e-6, atol=1e-6, rtol=1e-4)
+
+
+class Quartic(nn.Module):
+    """``H = x²/2 + a x⁴/4`` with nothing but an energy."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.a = nn.Parameter(torch.tensor(0.7, dtype=torch.float64))
+
+    def energy(self, x: Tensor) -> Tensor:
+        return 0.5 * x**2 + 0.25 * self.a * x**4
+
+
+class _Call:
+    """A solve with the module's parameters replaced."""
+
+    def __init__(self, system: PortHamiltonianSystem) -> None:
+        self.holder = nn.Module()
+        self.holder.add_module("system", system)
+        self.holder.forward = lambda x0, u: solve_dense(system, x0, u, 0.1)  # type: ignore[assignment]
+
+    def __call__(self, values: dict[str, Tensor], x0: Tensor, u: Tensor) -> Tensor:
+        renamed = {f"system.{name}": value for name, value in values.items()}
+        return torch.func.functional_call(self.holder, renamed, (x0, u))
+
+
+def test_gradient_is_exact_where_the_step_is_stiff() -> None:
+    # A scalar relaxation, x⁺ = (1 − r)/(1 + r) x with r = h b/(2m), differentiated by hand.
+    m, b, h, steps = 2.0, 300.0, 0.2, 6
+    network = Network(
+        (Storage("p", "capacitor", ("m",)),),
+        (Resistor("damper", "linear", {"p": 1.0}, ("b",)),),
+        (),
+        (),
+        as_table([positive("m", m, "kg"), positive("b", b, "N s/m")]),
+        "p",
+    )
+    system = PortHamiltonianSystem(network)
+    x = solve_dense(system, torch.ones(1, dtype=torch.float64), torch.zeros(steps, 0, dtype=torch.float64), h)
+    x[-1].sum().backward()
+    r = h * b / (2.0 * m)
+    factor = (1.0 - r) / (1.0 + r)
+    slope = steps * factor ** (steps - 1) * (-2.0 / (1.0 + r) ** 2) * h / (2.0 * m)
+    assert x[-1].item() == pytest.approx(factor**steps, rel=1e-10)
+    assert system.free["b"].grad.item() == pytest.approx(slope, rel=1e-9)  # type: ignore[union-attr]
+
+
+def test_batches_are_solved_as_their_members_are() -> None:
+    network = random_network(11, 4, 3, 2, monotone=True)
+    system = PortHamiltonianSystem(network)
+    x0, u = (torch.from_numpy(v) for v in random_states(network, 0, 5))
+    together = solve_dense(system, x0, u, 0.05)
+    alone = torch.stack([solve_dense(system, x, u, 0.05) for x in x0], dim=1)
+    torch.testing.assert_close(together, alone, rtol=1e-9, atol=1e-11)
+    gradients = []
+    for x in (together, alone):
+        system.zero_grad()
+        (x**2).sum().backward()
+        gradients.append([p.grad.clone() for p in system.parameters() if p.grad is not None])
+    torch.testing.assert_close(*gradients, rtol=1e-8, atol=1e-10)
+
+
+def test_steep_friction_is_solved_at_any_step() -> None:
+    network = Network(
+        (Storage("p", "capacitor", ("m",)),),
+        (Resistor("friction", "coulomb", {"p": 1.0}, ("f", "v")),),
+        (),
+        (Port("force", {"p": 1.0}),),
+        as_table([positive("m", 1.0, "kg"), positive("f", 1.0, "N"), positive("v", 1e-4, "m/s")]),
+        "p",
+    )
+    system = PortHamiltonianSystem(network)
+    u = 1.5 * torch.sin(0.3 * torch.arange(100, dtype=torch.float64))
+    for h in (1e-2, 1.0):
+        with torch.no_grad():
+            x = solve_dense(system, torch.zeros(1, dtype=torch.float64), u, h)
+        assert closes(system, x, u, h)
+
+
+class Falling(nn.Module):
+    """A sector law that falls so steeply that long steps have no connected solution."""
+
+    def forward(self, effort: Tensor) -> Tensor:
+        return 50.0 * effort * torch.exp(-((effort / 0.1) ** 2))
+
+
+def test_a_step_without_connected_solution_names_time_and_remedy() -> None:
+    network = Network(
+        (Storage("p", "capacitor", ("m",)),),
+        (Resistor("friction", Falling(), {"p": 1.0}),),
+        (),
+        (Port("force", {"p": 1.0}),),
+        as_table([positive("m", 2.0, "kg")]),
+        "p",
+    )
+    system = PortHamiltonianSystem(network)
+    x0 = torch.zeros(1, dtype=torch.float64)
+    u = torch.linspace(0.0, 4.0, 60, dtype=torch.float64)
+    with torch.no_grad(), pytest.raises(SolverFailed, match=r"from t = .* has no solution: .* monotone"):
+        solve_dense(system, x0, u, 0.5)
+    # Short steps follow the branch over the top of the friction law.
+    u = u.repeat_interleave(10)
+    with torch.no_grad():
+        x = solve_dense(system, x0, u, 0.05)
+    assert closes(system, x, u, 0.05)
+    assert (x[1:] >= x[:-1]).all()
+    assert x[-1] / 2.0 > 0.3
+
+
+class Broken(nn.Module):
+    def forward(self, effort: Tensor) -> Tensor:
+        return torch.where(effort > 0.1, torch.nan, effort)
+
+
+def test_a_law_that_is_not_finite_is_named_with_its_time() -> None:
+    system = oscillator(resistor=Broken())
+    u = torch.ones(50, dtype=torch.float64)
+    with torch.no_grad(), pytest.raises(SolverFailed, match=r"step from t = 0\.\d+ s .*not finite"):
+        solve_dense(system, torch.zeros(2, dtype=torch.float64), u, 0.02)
+
+
+def test_unusable_arguments_are_refused() -> None:
+    system, x0, u = oscillator(), torch.zeros(2, dtype=torch.float64), torch.zeros(3, dtype=torch.float64)
+    for h in (0.0, -1.0, float("nan")):
+        with pytest.raises(InputRefused, match="positive"):
+            solve_dense(system, x0, u, h)
+    with pytest.raises(InputRefused, match=r"\.double"):
+        solve_dense(system, x0.float(), u, 0.1)
+    with pytest.raises(InputRefused, match=r"not finite at index \(1, 0\)"):
+        solve_dense(system, x0, torch.tensor([0.0, float("nan"), 0.0], dtype=torch.float64), 0.1)
+    with pytest.raises(InputRefused, match="number of ports"):
+        solve_dense(system, x0, torch.zeros(3, 2, dtype=torch.float64), 0.1)
+    with pytest.raises(InputRefused, match="do not fit"):
+        solve_dense(system, torch.zeros(4, 2, dtype=torch.float64), torch.zeros(3, 5, 1, dtype=torch.float64), 0.1)
+
+
+def test_residual_sees_a_wrong_state() -> None:
+    system, u = oscillator(), torch.ones(5, dtype=torch.float64)
+    with torch.no_grad():
+        x = solve_dense(system, torch.zeros(2, dtype=torch.float64), u, 0.1)
+        assert step_residual(system, x[:-1], x[1:], u.unsqueeze(-1), 0.1).abs().max() < 1e-14
+        x[3, 0] += 1e-6
+        assert step_residual(system, x[:-1], x[1:], u.unsqueeze(-1), 0.1).abs().max() > 1e-7

@@ -1,0 +1,155 @@
+"""Learned one-ports: passive for every weight, accurate at every magnitude, able to learn what they are for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor, nn
+
+from phnn.errors import InputRefused
+from phnn.laws import gradient
+from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
+
+torch.set_num_threads(1)
+fuzzy = settings(max_examples=60, deadline=None)
+SCALE = 1e-5
+
+
+def shaken(law: nn.Module, seed: int, size: float) -> nn.Module:
+    """The law with weights moved far from their initial values."""
+    random = torch.Generator().manual_seed(seed)
+    with torch.no_grad():
+        for weight in law.parameters():
+            weight.add_(size * torch.randn(weight.shape, generator=random, dtype=torch.float64))
+    return law
+
+
+def magnitudes(seed: int, count: int = 200) -> Tensor:
+    """Arguments from far below to far above the typical magnitude, of both signs."""
+    random = torch.Generator().manual_seed(seed)
+    exponent = torch.rand(count, generator=random, dtype=torch.float64) * 10.0 - 8.0
+    sign = torch.where(torch.rand(count, generator=random) < 0.5, -1.0, 1.0)
+    return torch.cat([sign * SCALE * 10.0**exponent, torch.zeros(1, dtype=torch.float64)])
+
+
+def train(law: nn.Module, x: Tensor, y: Tensor, unit: float, rate: float = 0.1, steps: int = 500) -> float:
+    """Fit by Adam; the root mean square error relative to the target's."""
+    optimiser = torch.optim.Adam(law.parameters(), rate)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
+    for _ in range(steps):
+        optimiser.zero_grad()
+        (((law(x) - y) / unit) ** 2).mean().backward()
+        optimiser.step()
+        schedule.step()
+    with torch.no_grad():
+        return float((law(x) - y).norm() / y.norm())
+
+
+@fuzzy
+@given(st.integers(0, 10**6), st.floats(0.0, 5.0), st.booleans())
+def test_damping_lies_in_the_sector_whatever_the_weights(seed: int, size: float, symmetric: bool) -> None:
+    law = shaken(DampingMLP(SCALE, 3e4, symmetric=symmetric), seed, size)
+    effort = magnitudes(seed)
+    flow = law(effort)
+    assert torch.isfinite(flow).all()
+    assert (effort * flow >= 0.0).all()
+    assert flow[-1] == 0.0
+    if symmetric:
+        assert torch.equal(law(-effort), -flow)
+
+
+@fuzzy
+@given(st.integers(0, 10**6), st.floats(0.0, 5.0))
+def test_monotone_law_is_monotone_and_passes_through_zero(seed: int, size: float) -> None:
+    law = shaken(MonotoneMLP(SCALE, 3e4), seed, size)
+    effort = magnitudes(seed).sort().values
+    flow = law(effort)
+    assert (flow.diff() >= -1e-12 * flow.abs().max()).all()
+    assert law(torch.zeros((), dtype=torch.float64)) == 0.0
+    assert (effort * flow >= 0.0).all()
+
+
+@fuzzy
+@given(st.integers(0, 10**6), st.floats(0.0, 5.0))
+def test_energy_is_convex_with_minimum_zero_at_zero(seed: int, size: float) -> None:
+    law = shaken(EnergyMLP(SCALE, 3e4), seed, size)
+    x = magnitudes(seed).sort().values
+    energy, effort = law.energy(x), law(x)
+    unit = SCALE * 3e4
+    assert (energy >= -1e-14 * unit).all()
+    assert law.energy(torch.zeros((), dtype=torch.float64)) == 0.0
+    assert law(torch.zeros((), dtype=torch.float64)) == 0.0
+    assert (effort.diff() >= -1e-10 * effort.abs().max()).all()
+
+
+@fuzzy
+@given(st.integers(0, 10**6), st.floats(0.0, 5.0))
+def test_mean_effort_closes_the_power_balance_at_every_difference(seed: int, size: float) -> None:
+    law = shaken(EnergyMLP(SCALE, 3e4), seed, size)
+    a = magnitudes(seed)
+    b = a + magnitudes(seed + 1) * torch.logspace(-8, 0, len(a), dtype=torch.float64)
+    change, work = law.energy(b) - law.energy(a), law.mean_effort(a, b) * (b - a)
+    size_of = law.energy(a).abs() + law.energy(b).abs() + SCALE * 3e4 * 1e-3
+    assert ((change - work).abs() <= 1e-12 * size_of).all()
+
+
+@pytest.mark.parametrize("difference", [0.0, 1e-14, 1e-9, 1e-6, 1e-4, 1e-2, 1.0])
+def test_mean_effort_and_its_slope_agree_with_quadrature(difference: float) -> None:
+    law = shaken(EnergyMLP(1.0, 1.0), 1, 0.5)
+    a = torch.linspace(-1.5, 1.5, 31, dtype=torch.float64)
+    b = (a + difference).requires_grad_(True)
+    nodes, weights = (torch.as_tensor(v) for v in np.polynomial.legendre.leggauss(40))
+    tau = 0.5 * (1.0 + nodes)
+    reference = (law(a.unsqueeze(-1) + (b - a).unsqueeze(-1) * tau) * 0.5 * weights).sum(-1)
+    for found in (law.mean_effort(a, b), gradient.mean_effort(law.energy, a, b)):
+        torch.testing.assert_close(found, reference, rtol=1e-9, atol=1e-10)
+        slope, wanted = (torch.autograd.grad(v.sum(), b, retain_graph=True)[0] for v in (found, reference))
+        torch.testing.assert_close(slope, wanted, rtol=1e-6, atol=1e-7)
+
+
+def test_effort_by_automatic_differentiation_agrees() -> None:
+    law = shaken(EnergyMLP(SCALE, 3e4), 2, 0.5)
+    x = magnitudes(3)
+    torch.testing.assert_close(gradient.effort(law.energy, x), law(x), rtol=1e-6, atol=1e-10 * 3e4)
+
+
+@pytest.mark.parametrize("law", [DampingMLP(SCALE, 3e4), MonotoneMLP(SCALE, 3e4)], ids=["damping", "monotone"])
+def test_a_dead_zone_with_a_slope_is_learned(law: nn.Module) -> None:
+    effort = SCALE * torch.linspace(-2.0, 2.0, 201, dtype=torch.float64)
+    half, slope = 0.7 * SCALE, 2.0 * 3e4 / SCALE
+    target = slope * (effort - effort.clamp(-half, half))
+    assert train(law, effort, target, 3e4) < 0.04
+    if isinstance(law, DampingMLP):
+        # Zero on an interval, not merely small.
+        assert (law(effort[(effort.abs() > 0) & (effort.abs() < 0.8 * half)]) == 0.0).double().mean() > 0.9
+
+
+def test_dry_friction_is_learned() -> None:
+    effort = SCALE * torch.linspace(-2.0, 2.0, 201, dtype=torch.float64)
+    assert train(MonotoneMLP(SCALE, 3e4), effort, 3e4 * torch.tanh(effort / (0.2 * SCALE)), 3e4) < 0.03
+
+
+def test_a_hardening_spring_is_learned() -> None:
+    x = SCALE * torch.linspace(-2.0, 2.0, 101, dtype=torch.float64)
+    z = x / SCALE
+    assert train(EnergyMLP(SCALE, 3e4), x, 3e4 * (z + 0.5 * z**3), 3e4) < 0.03
+
+
+def test_gradients_do_not_depend_on_the_units() -> None:
+    large, small = DampingMLP(1.0, 1.0), DampingMLP(1e-7, 1e-5)
+    z = torch.linspace(-2.0, 2.0, 11, dtype=torch.float64)
+    for law, effort, flow in ((large, 1.0, 1.0), (small, 1e-7, 1e-5)):
+        ((law(effort * z) / flow) ** 2).sum().backward()
+    for a, b in zip(large.parameters(), small.parameters(), strict=True):
+        torch.testing.assert_close(a.grad, b.grad)
+        assert a.grad is not None
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, float("nan"), float("inf")])
+def test_scales_that_are_not_positive_are_refused(scale: float) -> None:
+    for make in (DampingMLP, MonotoneMLP, EnergyMLP):
+        with pytest.raises(InputRefused, match="positive typical magnitude"):
+            make(1.0, scale)

@@ -1,0 +1,193 @@
+"""Every format gives the same recording; units are converted once, at the boundary."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recordings_example import output, refused, sine, write
+
+from phnn.recordings import read
+from phnn.recordings.units import QUANTITIES, UNITS, parse_name, to_si
+
+STATED = "columns: {time: {column: 0, unit: s}, voltage: {column: 1, unit: V}, displacement: {column: 2, unit: m}}\n"
+
+
+def units_of(si: str) -> list[str]:
+    return [name for name, (base, _, _) in UNITS.items() if base == si]
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    time=st.sampled_from(units_of("s")),
+    voltage=st.sampled_from(units_of("V")),
+    displacement=st.sampled_from(units_of("m")),
+    temperature=st.sampled_from(units_of("K")),
+    order=st.permutations(range(4)),
+    brackets=st.booleans(),
+    seed=st.integers(0, 1000),
+)
+def test_round_trip_with_random_units(
+    time: str, voltage: str, displacement: str, temperature: str, order: list[int], brackets: bool, seed: int
+) -> None:
+    t, u = sine(10.0, 75.0, samples=60)
+    channels = {"time": (t, time), "voltage": (u, voltage), "displacement": (output(u, seed=seed), displacement)}
+    channels["temperature"] = (np.linspace(290.0, 300.0, t.size), temperature)
+    names, columns = [], []
+    for name, (values, unit) in channels.items():
+        _, factor, offset = UNITS[unit]
+        names.append(f"{name} [{unit}]" if brackets else f"{name}_{unit}")
+        columns.append((values - offset) / factor)
+    with tempfile.TemporaryDirectory() as folder:
+        rows = np.column_stack([columns[i] for i in order])
+        head = ",".join(names[i] for i in order)
+        np.savetxt(Path(folder) / "a.csv", rows, delimiter=",", header=head, comments="", fmt="%.17g")
+        r = read(folder).recordings[0]
+    np.testing.assert_allclose(r.t, t, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(r.u, u, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(r.y, channels["displacement"][0], rtol=1e-12, atol=1e-20)
+    np.testing.assert_allclose(r.channels["temperature"], channels["temperature"][0], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "value", "expected"),
+    [("min", 2.0, 120.0), ("kV", 1.5, 1500.0), ("nm", 3.0, 3e-9), ("degC", 20.0, 293.15), ("nC", 1.0, 1e-9)],
+)
+def test_units(unit: str, value: float, expected: float) -> None:
+    assert to_si(np.array([value]), unit)[0] == pytest.approx(expected, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("name", "parsed"),
+    [
+        ("displacement_um", ("displacement", "um")),
+        ("displacement_\u00b5m", ("displacement", "um")),
+        ("displacement_\u03bcm", ("displacement", "um")),
+        ("Voltage (mV)", ("voltage", "mV")),
+        ("temperature_\u00b0C", ("temperature", "degC")),
+        ("time", ("time", None)),
+        ("position_um", None),
+        ("u[V", None),
+    ],
+)
+def test_names(name: str, parsed: tuple[str, str | None] | None) -> None:
+    assert parse_name(name) == parsed
+
+
+def test_every_quantity_has_a_unit() -> None:
+    assert {si for si in QUANTITIES.values() if si} <= {base for base, _, _ in UNITS.values()}
+
+
+def recorded(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    t, u = sine(10.0, 75.0)
+    y = output(u)
+    r = read(folder).recordings[0]
+    np.testing.assert_allclose(r.t, t, atol=1e-12)
+    np.testing.assert_array_equal(r.u, u)
+    np.testing.assert_array_equal(r.y, y)
+    return t, u, y
+
+
+def made() -> np.ndarray:
+    t, u = sine(10.0, 75.0)
+    return np.column_stack([t, u, output(u)])
+
+
+@pytest.mark.parametrize("transposed", [False, True])
+def test_npy(tmp_path: Path, transposed: bool) -> None:
+    np.save(tmp_path / "a.npy", made().T if transposed else made())
+    (tmp_path / "recordings.yaml").write_text(STATED)
+    recorded(tmp_path)
+
+
+def test_structured_npy_describes_itself(tmp_path: Path) -> None:
+    fields = np.dtype([("time_s", float), ("voltage_V", float), ("displacement_m", float)])
+    np.save(tmp_path / "a.npy", np.array([tuple(row) for row in made()], dtype=fields))
+    recorded(tmp_path)
+
+
+@pytest.mark.parametrize("row_vectors", [False, True])
+def test_mat_v5_by_name(tmp_path: Path, row_vectors: bool) -> None:
+    import scipy.io
+
+    names = ("time_s", "voltage_V", "displacement_m")
+    columns = {n: (c[None, :] if row_vectors else c[:, None]) for n, c in zip(names, made().T, strict=True)}
+    scipy.io.savemat(tmp_path / "a.mat", columns)
+    recorded(tmp_path)
+
+
+def test_mat_v5_structure(tmp_path: Path) -> None:
+    import scipy.io
+
+    t, u, y = made().T
+    scipy.io.savemat(tmp_path / "a.mat", {"run": {"t": t, "both": np.column_stack([u, y])}})
+    (tmp_path / "recordings.yaml").write_text(
+        STATED
+        + "recordings: [{file: a.mat, variables: {time: run.t, voltage: 'run.both[0]', displacement: 'run.both[1]'}}]"
+    )
+    recorded(tmp_path)
+
+
+def test_mat_v73(tmp_path: Path) -> None:
+    import h5py
+
+    with h5py.File(tmp_path / "a.mat", "w") as file:
+        for name, column in zip(("T", "V1", "V2"), made().T, strict=True):
+            file[name] = column[None, :]
+    (tmp_path / "recordings.yaml").write_text(
+        STATED + "recordings: [{file: a.mat, variables: {time: T, voltage: V1, displacement: V2}}]"
+    )
+    recorded(tmp_path)
+
+
+@pytest.mark.parametrize("header", ["", "time_s voltage_V displacement_m\n", "# time_s voltage_V displacement_m\n"])
+def test_white_space_text(tmp_path: Path, header: str) -> None:
+    rows = "\n".join("  ".join(repr(float(v)) for v in row) for row in made())
+    (tmp_path / "a.txt").write_text(header + rows)
+    if not header:
+        (tmp_path / "recordings.yaml").write_text(STATED)
+    recorded(tmp_path)
+
+
+def test_csv_without_header_by_index(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "a.csv", made(), delimiter=",", fmt="%.17g")
+    (tmp_path / "recordings.yaml").write_text(STATED)
+    recorded(tmp_path)
+
+
+def test_csv_with_mark_comment_and_latin_micro(tmp_path: Path) -> None:
+    t, u, y = made().T
+    path = write(tmp_path / "a.csv", t, u, 1e6 * y, header="# bench 3\ntime_s,voltage_V,displacement_\u00b5m")
+    path.write_bytes(path.read_text().encode("latin-1"))
+    np.testing.assert_allclose(read(tmp_path).recordings[0].y, y, rtol=1e-14)
+
+
+def test_unequal_variables(tmp_path: Path) -> None:
+    import scipy.io
+
+    scipy.io.savemat(tmp_path / "a.mat", {"voltage_V": np.arange(90.0), "displacement_m": np.arange(91.0)})
+    refused(tmp_path, "a.mat", "unequal", "voltage_V", "90", "91")
+
+
+def test_array_of_another_shape(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.zeros((100, 3, 2)))
+    refused(tmp_path, "a.npy", "(100, 3, 2)", "(samples, columns)")
+
+
+def test_pickled_arrays_are_not_loaded(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.array([{"x": 1}], dtype=object), allow_pickle=True)
+    refused(tmp_path, "a.npy", "not a readable .npy file")
+
+
+def test_prediction_needs_no_output(tmp_path: Path) -> None:
+    t, u, _ = made().T
+    rows = "\n".join(f"{a!r},{b!r}" for a, b in zip(t.tolist(), u.tolist(), strict=True))
+    (tmp_path / "a.csv").write_text("time_s,voltage_V\n" + rows)
+    refused(tmp_path, "no displacement column")
+    r = read(tmp_path, need_output=False).recordings[0]
+    assert np.isnan(r.y).all()
+    np.testing.assert_array_equal(r.u, u)

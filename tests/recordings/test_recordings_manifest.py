@@ -1,0 +1,202 @@
+"""The manifest: what it may say, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recordings_example import output, refused, sine, write_sine
+
+from phnn.recordings import read
+
+COLUMNS = "columns: {voltage: {column: 0, unit: V}, displacement: {column: 1, unit: um}}\nsample_rate_hz: 4000\n"
+
+
+def loops(folder: Path, name: str = "loops.dat") -> tuple[np.ndarray, np.ndarray]:
+    """A headerless text file: voltage in V, displacement in um, 4 kHz."""
+    _, u = sine(10.0, 75.0, cycles=8)
+    y = output(u)
+    np.savetxt(folder / name, np.column_stack([u, 1e6 * y]), fmt="%.17g")
+    return u, y
+
+
+def manifest(folder: Path, text: str) -> Path:
+    path = folder / "recordings.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_the_contract_example(tmp_path: Path) -> None:
+    import scipy.io
+
+    u, y = loops(tmp_path)
+    scipy.io.savemat(tmp_path / "sweep.mat", {"V1": u[None, :], "V2": 1e6 * y[None, :], "note": "x"})
+    manifest(
+        tmp_path,
+        "setup: {model: piezo_actuator, hysterons: 3}\n"
+        "known: {m: {value: 1.11e-3, std: 1e-5}}\n"
+        "voltage: terminals\n" + COLUMNS + "recordings:\n"
+        "  - {file: loops.dat, name: loops, use: identification, periodic: false,"
+        " start: {state: rest, input_before: 0.0}}\n"
+        "  - {file: sweep.mat, variables: {voltage: V1, displacement: V2}, slice: [100, 3000], use: confirmation,"
+        " input: band_limited}\n",
+    )
+    campaign = read(tmp_path)
+    first, second = campaign.recordings
+    assert dict(campaign.setup) == {"model": "piezo_actuator", "hysterons": 3}
+    assert campaign.known["m"].value == 1.11e-3
+    assert campaign.known["m"].std == 1e-5
+    assert campaign.voltage == "terminals"
+    assert (first.name, second.name) == ("loops", "sweep")
+    assert first.period is None
+    assert first.parts[0].use == "identification"
+    assert np.allclose(second.u, u[100:3000])
+    assert np.allclose(second.y, y[100:3000], rtol=1e-12)
+    assert second.t[0] == 0.0
+    assert second.interpolation == "band_limited"
+    assert [p.use for p in second.parts] == ["nuisance", "confirmation"]
+    assert first.dt == pytest.approx(1 / 4000)
+
+
+def test_entries_override_common_keys(tmp_path: Path) -> None:
+    u, y = loops(tmp_path)
+    loops(tmp_path, "b.dat")
+    manifest(
+        tmp_path,
+        COLUMNS + "start: unknown\nrecordings:\n"
+        "  - {file: loops.dat, sample_rate_hz: 2000, start: rest, columns: {displacement: {unit: mm}}}\n  - b.dat\n",
+    )
+    a, b = read(tmp_path).recordings
+    assert (a.dt, b.dt) == (pytest.approx(1 / 2000), pytest.approx(1 / 4000))
+    assert (a.start.state, b.start.state) == ("rest", "unknown")
+    assert np.allclose(a.y, 1e3 * y)
+    assert np.allclose(b.y, y)
+    assert np.allclose(a.u, u)
+
+
+def test_scale(tmp_path: Path) -> None:
+    u, _ = loops(tmp_path)
+    manifest(tmp_path, COLUMNS.replace("unit: V", "unit: V, scale: 20"))
+    assert np.allclose(read(tmp_path).recordings[0].u, 20.0 * u)
+
+
+def test_manifest_elsewhere(tmp_path: Path) -> None:
+    data, other = tmp_path / "data", tmp_path / "other"
+    data.mkdir(), other.mkdir()
+    loops(data)
+    assert read(data, manifest(other, COLUMNS)).recordings[0].name == "loops"
+
+
+def test_absent_manifest(tmp_path: Path) -> None:
+    refused(tmp_path, "no.yaml", "--manifest", manifest=tmp_path / "no.yaml")
+
+
+def test_files_that_are_not_listed_are_left_alone(tmp_path: Path) -> None:
+    write_sine(tmp_path, "a", 1.0, 10.0)
+    write_sine(tmp_path, "b", 2.0, 10.0)
+    (tmp_path / "LICENSE").write_text("free")
+    manifest(tmp_path, "recordings: [{file: a.csv}]")
+    campaign = read(tmp_path)
+    assert [r.name for r in campaign.recordings] == ["a"]
+    assert any("LICENSE" in n and "b.csv" in n for n in campaign.notes)
+
+
+def test_undescribed_numbers_are_left_alone_with_the_reason(tmp_path: Path) -> None:
+    write_sine(tmp_path, "a", 1.0, 10.0)
+    loops(tmp_path)
+    assert any("loops.dat (numbers that nothing describes" in n for n in read(tmp_path).notes)
+    (tmp_path / "a.csv").unlink()
+    refused(tmp_path, "no recordings", "loops.dat", "recordings.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("sampel_rate_hz: 3", ("'sampel_rate_hz'", "did you mean sample_rate_hz?", "voltage")),
+        ("recordings: [{file: loops.dat, usage: confirmation}]", ("recordings[0]", "'usage'", "use")),
+        ("recordings: [{file: gone.dat}]", ("recordings[0]", "gone.dat")),
+        ("recordings: [{name: x}]", ("recordings[0]", "no `file`")),
+        ("recordings: []", ("must be a list",)),
+        ("setup: {model: magnet}", ("'magnet'", "piezo_actuator", "hrc", "linear", "bouc_wen")),
+        ("setup: {model: hrc, hysterons: 1.5}", ("hysterons", "1.5")),
+        ("setup: {network: gone.yaml}", ("gone.yaml", "network file")),
+        ("voltage: battery", ("'battery'", "command", "terminals")),
+        ("known: {m: heavy}", ("known: m",)),
+        ("known: {m: {value: 1, std: -1}}", ("negative",)),
+        ("start: {state: moving}", ("'moving'", "rest", "unknown", "periodic")),
+        ("start: {state: unknown, input_before: 3}", ("input_before", "rest")),
+        ("input: spline", ("'spline'", "band_limited")),
+        ("periodic: maybe", ("'maybe'", "true")),
+        ("sample_rate_hz: -3", ("sample_rate_hz", "-3")),
+        ("columns: {voltage: {column: 0, unit: um}}", ("voltage cannot be in um",)),
+        ("columns: {volts: {column: 0, unit: V}}", ("'volts'", "voltage")),
+        ("columns: {voltage: {column: -1, unit: V}}", ("-1",)),
+        ("recordings: [{file: loops.dat, slice: [5, 3]}]", ("slice", "[5, 3]")),
+        ("recordings: [{file: loops.dat, use: training}]", ("'training'", "identification")),
+        ("a: [1, 2", ("not readable as yaml", "line")),
+        ("- 1\n- 2", ("keys and values",)),
+    ],
+)
+def test_refused(tmp_path: Path, text: str, words: tuple[str, ...]) -> None:
+    loops(tmp_path)
+    manifest(tmp_path, text)
+    refused(tmp_path, "recordings.yaml", *words)
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ("{file: loops.dat, slice: [0, 99999]}", ("slice", "99999", "3200 samples")),
+        ("{file: loops.dat, columns: {displacement: {column: 9}}}", ("column 9", "2 columns", "0 to 1")),
+        ("{file: loops.dat, columns: {displacement: {column: sensor}}}", ("'sensor'", "no header")),
+        ("{file: loops.dat, variables: {voltage: V1}}", ("'V1'",)),
+        ("{file: loops.dat, periodic: true, slice: [0, 500]}", ("periodic: true", "does not repeat")),
+        ("{file: notes.md}", ("notes.md", "unknown format", ".csv")),
+    ],
+)
+def test_entries_that_do_not_fit_the_file(tmp_path: Path, entry: str, words: tuple[str, ...]) -> None:
+    loops(tmp_path)
+    (tmp_path / "notes.md").write_text("x")
+    manifest(tmp_path, COLUMNS + f"recordings: [{entry}]")
+    refused(tmp_path, *words)
+
+
+def test_column_index_in_a_mat_file(tmp_path: Path) -> None:
+    import scipy.io
+
+    scipy.io.savemat(tmp_path / "a.mat", {"V1": np.arange(100.0)})
+    manifest(tmp_path, COLUMNS)
+    refused(tmp_path, "a.mat", "column 0", "variables", "V1")
+
+
+def test_variable_without_a_unit(tmp_path: Path) -> None:
+    import scipy.io
+
+    scipy.io.savemat(tmp_path / "a.mat", {"V1": np.arange(100.0), "V2": np.arange(100.0) ** 2})
+    manifest(tmp_path, "sample_rate_hz: 1\nrecordings: [{file: a.mat, variables: {voltage: V1, displacement: V2}}]")
+    refused(tmp_path, "V1", "no unit", "columns: {voltage: {unit: ...}}")
+
+
+def test_contradicting_units(tmp_path: Path) -> None:
+    write_sine(tmp_path, "a", 1.0, 10.0)
+    manifest(tmp_path, "columns: {displacement: {unit: nm}}")
+    refused(tmp_path, "displacement_m", "says m", "says nm")
+
+
+def test_start_defaults(tmp_path: Path) -> None:
+    write_sine(tmp_path, "zero", 1.0, 10.0)
+    text = (tmp_path / "zero.csv").read_text().splitlines()
+    (tmp_path / "later.csv").write_text("\n".join([text[0], *text[60:]]))
+    later, zero = read(tmp_path).recordings
+    assert (zero.start.state, zero.start.input_before) == ("rest", 0.0)
+    assert later.start.state == "unknown"
+    assert zero.interpolation == "cubic"
+
+
+def test_a_force_drives_other_systems(tmp_path: Path) -> None:
+    path = write_sine(tmp_path, "a", 1.0, 10.0)
+    path.write_text(path.read_text().replace("voltage_V", "force_mN"))
+    refused(tmp_path, "no voltage column")
+    manifest(tmp_path, "setup: {model: linear}")
+    assert np.ptp(read(tmp_path).recordings[0].u) == pytest.approx(0.02, rel=1e-3)

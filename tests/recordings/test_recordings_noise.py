@@ -1,0 +1,155 @@
+"""The noise floor against simulated truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from recordings_example import NOISE, output, sine
+from scipy.signal import chirp, lfilter
+
+from phnn.recordings.excitation import excitation_of
+from phnn.signals.noise import (
+    NoiseFloor,
+    from_high_band,
+    from_periods,
+    from_rest,
+    longest_hold,
+    noise_floor,
+    quantisation_step,
+)
+
+
+def floor_of(t: np.ndarray, u: np.ndarray, y: np.ndarray) -> NoiseFloor:
+    e = excitation_of(u, float(t[1]))
+    return noise_floor(u, y, float(t[1]), e.period, e.span)
+
+
+def resonant(u: np.ndarray, dt: float, seed: int = 0, step: float = 0.0) -> np.ndarray:
+    """Output through a 400 Hz resonance and creep of 0.3 s, as an actuator's is; then noise and quantisation."""
+    from scipy.signal import cont2discrete
+
+    w = 2.0 * np.pi * 400.0
+    b, a, _ = cont2discrete(([w * w], [1.0, 0.4 * w, w * w]), dt, "bilinear")
+    q = lfilter(np.ravel(b), np.ravel(a), output(u, noise=0.0))
+    fade = np.exp(-dt / 0.3)
+    q = q + 0.02 * lfilter([1.0 - fade], [1.0, -fade], q)
+    q = q + NOISE * np.random.default_rng(seed).normal(size=u.size)
+    return np.round(q / step) * step if step else q
+
+
+@pytest.mark.parametrize("frequency", [1.0, 10.0, 50.0, 150.0])
+@pytest.mark.parametrize("cycles", [2, 3, 4])
+@pytest.mark.parametrize("step", [0.0, 10e-9, 100e-9])
+def test_white_noise_on_sines(frequency: float, cycles: int, step: float) -> None:
+    t, u = sine(frequency, 75.0, cycles, samples=1000)
+    found = floor_of(t, u, resonant(u, t[1], seed=cycles, step=step))
+    assert found.value == pytest.approx(np.hypot(NOISE, step / np.sqrt(12.0)), rel=0.10)
+
+
+@pytest.mark.parametrize("step", [0.0, 20e-9])
+def test_step_response(step: float) -> None:
+    t = np.arange(6000) / 2000.0
+    u = np.where((t >= 0.01) & (t < 2.01), 75.0, 0.0)
+    found = floor_of(t, u, resonant(u, t[1], step=step))
+    assert found.value == pytest.approx(np.hypot(NOISE, step / np.sqrt(12.0)), rel=0.10)
+    assert "at rest" in found.source
+
+
+def test_chirp() -> None:
+    t = np.arange(10_000) / 5000.0
+    u = 60.0 * chirp(t, 1.0, 2.0, 100.0, phi=-90)
+    found = floor_of(t, u, resonant(u, t[1]))
+    assert found.value == pytest.approx(NOISE, rel=0.10)
+    assert "spectrum above" in found.source
+
+
+@pytest.mark.parametrize("samples", [833.37, 1000.0])
+def test_periods_of_a_fractional_number_of_samples(samples: float) -> None:
+    t = np.arange(8000) / (samples * 5.0)
+    u = 75.0 * np.sin(2.0 * np.pi * 5.0 * t)
+    found = floor_of(t, u, resonant(u, t[1]))
+    assert "period-to-period" in found.source
+    assert found.value == pytest.approx(NOISE, rel=0.06)
+    assert found.correlation.tolist() == [1.0]
+
+
+def test_slow_drift_is_no_noise() -> None:
+    t, u = sine(5.0, 75.0, cycles=10, samples=800)
+    drift = 5e-6 * np.sin(2.0 * np.pi * t / 4.0) + 1e-6 * t + 0.002 * t * output(u, noise=0.0)
+    found = from_periods(output(u) + drift, 800.0)
+    assert found is not None
+    assert found.value == pytest.approx(NOISE, rel=0.06)
+
+
+def test_coloured_noise_and_its_correlation() -> None:
+    t, u = sine(2.0, 75.0, cycles=40, samples=500)
+    white = np.random.default_rng(3).normal(size=t.size + 500)
+    coloured = lfilter([np.sqrt(1.0 - 0.8**2)], [1.0, -0.8], white)[500:]
+    found = floor_of(t, u, output(u, noise=0.0) + NOISE * coloured)
+    assert found.value == pytest.approx(NOISE, rel=0.08)
+    assert found.correlation[0] == 1.0
+    np.testing.assert_allclose(found.correlation[1:6], 0.8 ** np.arange(1, 6), atol=0.08)
+    # an autocorrelation: its Toeplitz matrix, padded with zeros, has no negative eigenvalue
+    padded = np.zeros(4 * found.correlation.size)
+    padded[: found.correlation.size] = found.correlation
+    padded[1:] += padded[:0:-1]
+    assert np.fft.rfft(padded).real.min() > -1e-6 * padded.size
+
+
+def test_a_transient_is_not_taken_for_noise() -> None:
+    t, u = sine(50.0, 75.0, cycles=6, samples=800)
+    fading = 20e-6 * np.exp(-t / 0.012) * np.sin(2.0 * np.pi * 333.0 * t)
+    found = floor_of(t, u, output(u) + fading)
+    assert found.value == pytest.approx(NOISE, rel=0.10)
+
+
+def test_too_few_periods_give_nothing() -> None:
+    _, u = sine(5.0, 75.0, cycles=4)
+    settled = output(u)[400:]
+    assert from_periods(settled, 400.0) is None
+    assert from_periods(settled, 400.0, skip=0) is not None
+
+
+def test_rest_needs_a_hold() -> None:
+    _, u = sine(5.0, 75.0)
+    assert from_rest(u, output(u)) is None
+    assert longest_hold(np.array([1.0, 2.0, 2.0, 2.0, 3.0, 3.0])) == (1, 4)
+
+
+def test_settling_is_no_rest() -> None:
+    u = np.full(2000, 10.0)
+    u[0] = 0.0
+    y = 1e-5 * np.exp(-np.linspace(0.0, 12.0, 2000)) * np.cos(np.linspace(0.0, 60.0, 2000)) + 1e-5
+    assert from_rest(u, y) is None
+
+
+def test_an_excitation_that_fills_the_band_is_named() -> None:
+    u = np.random.default_rng(0).normal(size=4000)
+    found = from_high_band(u, 1e-6 * u + NOISE * np.random.default_rng(1).normal(size=4000), 1e-3)
+    assert "upper bound" in found.source
+
+
+def test_noise_free_recordings_have_a_positive_floor() -> None:
+    t, u = sine(5.0, 75.0, cycles=6)
+    found = floor_of(t, u, 1e-6 * u)
+    assert found.value == pytest.approx(1e-6 * np.ptp(1e-6 * u))
+    assert "no noise found" in found.source
+
+
+def test_quantisation_is_a_lower_bound() -> None:
+    t = np.arange(2000) * 1e-3
+    u = np.where(t > 0.1, 50.0, 0.0)
+    y = np.round(1e-6 * lfilter([0.1], [1.0, -0.9], u) / 1e-7) * 1e-7
+    found = floor_of(t, u, y)
+    assert found.value == pytest.approx(1e-7 / np.sqrt(12.0), rel=1e-6)
+    assert "quantisation" in found.source
+
+
+@pytest.mark.parametrize("step", [1e-9, 2.4414e-8, 1e-6])
+def test_quantisation_step(step: float) -> None:
+    y = np.round(np.random.default_rng(0).normal(0.0, 1e-5, 3000) / step) * step + 3.21e-5
+    assert quantisation_step(y) == pytest.approx(step, rel=1e-4)
+
+
+def test_no_quantisation() -> None:
+    assert quantisation_step(np.random.default_rng(0).normal(0.0, 1e-5, 3000)) == 0.0

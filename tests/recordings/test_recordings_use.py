@@ -1,0 +1,246 @@
+"""Excitations are recognised, the held-out recordings are well chosen, and all of it is said in words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recordings_example import output, play, refused, sine, write, write_sine
+from scipy.signal import chirp
+
+from phnn.recordings import describe, read
+from phnn.recordings.excitation import Excitation, excitation_of, find_period
+from phnn.recordings.partition import Candidate, choose, divide
+
+SHARED = Path(__file__).parents[3] / "shared" / "recordings"
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    samples=st.floats(12.0, 900.0),
+    cycles=st.floats(2.05, 9.0),
+    phase=st.floats(0.0, 6.28),
+    third=st.floats(0.0, 0.3),
+)
+def test_period_of_periodic_inputs(samples: float, cycles: float, phase: float, third: float) -> None:
+    k = np.arange(int(samples * cycles) + 1)
+    angle = 2.0 * np.pi * k / samples + phase
+    found = find_period(np.sin(angle) + third * np.sin(3.0 * angle) + 0.2)
+    assert found == pytest.approx(samples, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "u"),
+    [
+        ("sine", sine(5.0, 10.0, cycles=3)[1]),
+        ("sine", sine(5.0, 10.0, cycles=1.3)[1]),
+        ("periodic", np.abs(np.arange(900) % 300 - 150.0)),
+        ("periodic", np.where(np.arange(1000) % 200 < 60, 5.0, 0.0)),
+        ("steps", np.where(np.arange(1000) > 30, 5.0, 0.0)),
+        ("steps", np.interp(np.arange(1000), [100, 120, 700, 720], [0.0, 5.0, 5.0, 2.0])),
+        ("chirp", chirp(np.arange(5000) / 1000.0, 1.0, 5.0, 40.0)),
+        ("broadband", np.random.default_rng(0).normal(size=4000)),
+        ("broadband", np.exp(-np.arange(4000) / 900.0) * np.sin(np.arange(4000) / 25.0)),
+        ("constant", np.ones(100)),
+    ],
+)
+def test_kinds(kind: str, u: np.ndarray) -> None:
+    assert excitation_of(u, 1e-3).kind == kind
+
+
+def test_a_noisy_measured_voltage_still_has_its_period() -> None:
+    _, u = sine(5.0, 75.0, cycles=6)
+    u = u + np.random.default_rng(0).normal(0.0, 0.3, u.size)
+    assert excitation_of(u, 1e-3).period == pytest.approx(0.4, rel=1e-3)
+
+
+def test_rests_around_a_sine_are_left_out() -> None:
+    _, u = sine(5.0, 75.0, cycles=4)
+    e = excitation_of(np.concatenate([np.zeros(500), u, np.zeros(300)]), 1e-3)
+    assert (e.kind, e.period) == ("sine", pytest.approx(0.4))
+    assert e.span[0] == pytest.approx(500, abs=2)
+
+
+def tone(name: str, frequency: float, amplitude: float, use: str | None = None) -> Candidate:
+    e = Excitation("sine", frequency, frequency, amplitude, 1.0 / frequency, 3.0, (0, 2500))
+    return Candidate(name, 2500, 1.0 / (frequency * 833.0), e, use)
+
+
+def other(name: str, kind: str, amplitude: float, use: str | None = None) -> Candidate:
+    low, high = (1.0, 100.0) if kind == "chirp" else (0.0, 0.0)
+    return Candidate(name, 5000, 1e-3, Excitation(kind, low, high, amplitude, None, 0.0, (0, 5000)), use)
+
+
+def plan() -> list[Candidate]:
+    tones = [tone(f"f{f}_a75", f, 75.0) for f in (1, 10, 25, 50, 75, 100, 150)]
+    return [
+        *tones,
+        tone("f10_a25", 10, 25.0),
+        tone("f10_a50", 10, 50.0),
+        tone("f50_a40", 50, 40.0),
+        other("step", "steps", 37.5),
+        other("sweep", "chirp", 60.0),
+    ]
+
+
+def test_confirmation_interpolates() -> None:
+    held = choose(plan())
+    assert 3 <= len(held) <= 4
+    assert not held & {"f1_a75", "f150_a75", "f10_a25", "step", "sweep"}
+    amplitudes = {n[-3:] for n in held}
+    assert len(amplitudes) > 1
+
+
+def test_the_choice_does_not_depend_on_order() -> None:
+    assert choose(plan()) == choose(plan()[::-1])
+
+
+@pytest.mark.parametrize("count", range(2, 9))
+def test_something_is_held_out_and_something_kept(count: int) -> None:
+    candidates = [tone(f"r{i}", 2.0**i, 10.0) for i in range(count)]
+    held = choose(candidates)
+    assert 1 <= len(held) < count
+    if count > 2:
+        assert not held & {"r0", f"r{count - 1}"}
+
+
+def test_of_two_the_larger_amplitude_identifies() -> None:
+    assert choose([tone("small", 5.0, 10.0), tone("large", 5.0, 50.0)]) == {"small"}
+
+
+def test_repetitions_are_nothing_new() -> None:
+    parts, new, notes = divide([tone(f"r{i}", 5.0, 10.0) for i in range(4)])
+    assert not new
+    assert "no amplitude or frequency" in notes[0]
+    assert parts["r0"][0].use == "identification"
+
+
+def test_manifest_use_wins() -> None:
+    candidates = [tone("a", 1.0, 10.0, "confirmation"), tone("b", 5.0, 10.0), tone("c", 9.0, 10.0)]
+    parts, new, notes = divide(candidates)
+    assert [p.use for p in parts["a"]] == ["nuisance", "confirmation"]
+    assert parts["b"][0].use == parts["c"][0].use == "identification"
+    assert new
+    assert "as recordings.yaml says: a" in notes[0]
+
+
+def test_partly_stated_identification_leaves_a_choice() -> None:
+    candidates = [tone("a", 1.0, 10.0), tone("b", 5.0, 10.0, "identification"), tone("c", 9.0, 10.0)]
+    parts, _, _ = divide(candidates)
+    uses = {name: p[-1].use for name, p in parts.items()}
+    assert uses["b"] == "identification"
+    assert list(uses.values()).count("confirmation") == 1
+
+
+def test_nothing_to_identify_from(tmp_path: Path) -> None:
+    write_sine(tmp_path, "a", 1.0, 10.0)
+    (tmp_path / "recordings.yaml").write_text("recordings: [{file: a.csv, use: confirmation}]")
+    refused(tmp_path, "nothing is left to identify from")
+
+
+@pytest.mark.parametrize(("size", "head"), [(2500, 50), (5000, 100), (60, 30)])
+def test_the_start_of_a_confirmation_recording_is_not_scored(size: int, head: int) -> None:
+    e = Excitation("sine", 1.0, 1.0, 1.0, None, 1.0, (0, size))
+    a = Candidate("a", size, 1e-3, e, "confirmation")
+    parts, _, _ = divide([a, tone("b", 5.0, 10.0)])
+    start, scored = parts["a"]
+    assert (start.name, start.first, start.last, start.use) == ("a[start]", 0, head, "nuisance")
+    assert (scored.name, scored.first, scored.last, scored.use) == ("a", head, size, "confirmation")
+
+
+@pytest.mark.parametrize("cycles", [1.5, 2.0, 3.0, 4.0, 7.3, 40.2])
+def test_a_single_recording_is_split_with_a_gap(tmp_path: Path, cycles: float) -> None:
+    write_sine(tmp_path, "loops", 5.0, 40.0, cycles)
+    campaign = read(tmp_path)
+    r = campaign.recordings[0]
+    first, second = r.parts
+    assert (first.name, second.name) == ("loops[identification]", "loops[confirmation]")
+    assert not campaign.held_out_is_new
+    assert first.first == 0
+    assert second.last <= r.t.size
+    assert second.first - first.last >= (400 if cycles >= 4 else 0.04 * r.t.size)
+    assert 0.2 * r.t.size < second.last - second.first < 0.4 * r.t.size
+    if cycles >= 4:
+        assert (second.last - second.first) % 400 == 0
+    assert not (r.mask("identification") & r.mask("confirmation")).any()
+
+
+def test_describe_says_it_in_words(tmp_path: Path) -> None:
+    write_sine(tmp_path, "slow", 1.0, 75.0)
+    write_sine(tmp_path, "middle", 10.0, 50.0, cycles=6)
+    write_sine(tmp_path, "fast", 100.0, 75.0)
+    t = np.arange(3000) * 1e-3
+    u = np.where((t > 0.05) & (t < 2.0), 60.0, 0.0)
+    write(tmp_path / "hold.csv", t, u, output(u))
+    (tmp_path / "notes.md").write_text("bench 3")
+    (tmp_path / "recordings.yaml").write_text("known: {m: {value: 1.1e-3, std: 1e-5}}\n")
+    text = describe(read(tmp_path))
+    for words in (
+        "4 recordings",
+        "middle (middle.csv)",
+        "sine of 10 Hz, amplitude 50, 6 periods",
+        "steps and holds",
+        "4000 Hz",
+        "period-to-period differences over 5 cycles",
+        "rest, input 0 before",
+        "m = 0.0011 ± 1e-05",
+        "Left alone, no recordings: notes.md",
+        "start, not scored",
+    ):
+        assert words in text
+
+
+def test_describe_without_output(tmp_path: Path) -> None:
+    t, u = sine(1.0, 10.0)
+    rows = "\n".join(f"{a!r},{b!r}" for a, b in zip(t.tolist(), u.tolist(), strict=True))
+    (tmp_path / "a.csv").write_text("time_s,voltage_V\n" + rows)
+    assert "noise floor" not in describe(read(tmp_path, need_output=False))
+
+
+def real(name: str) -> Path:
+    folder = SHARED / name
+    if not folder.is_dir():
+        pytest.skip(f"the real recordings are not here ({folder}); get them from their public source")
+    return folder
+
+
+def test_piezo_stack() -> None:
+    campaign = read(real("piezo-stack"))
+    r = campaign.recordings[0]
+    assert (r.name, r.t.size) == ("loops", 8027)
+    assert r.dt == pytest.approx(5e-3)
+    assert r.u[0] == pytest.approx(1.8)
+    assert r.y[0] == pytest.approx(-123.059139e-6)
+    assert (r.start.state, r.start.input_before) == ("rest", 0.0)
+    assert r.period == pytest.approx(1.0)
+    assert 0.04e-6 < r.noise < 0.09e-6
+    assert any("LICENSE" in note for note in campaign.notes)
+
+
+def test_emps_and_silverbox_by_manifest(tmp_path: Path) -> None:
+    path = tmp_path / "emps.yaml"
+    path.write_text(
+        "setup: {model: linear}\nrecordings:\n  - file: DATA_EMPS.mat\n    start: unknown\n    columns:\n"
+        "      time: {column: t, unit: s}\n      force: {column: vir, unit: N, scale: 35.15}\n"
+        "      displacement: {column: qm, unit: m}\n"
+    )
+    r = read(real("emps"), path).recordings[0]
+    assert r.dt == pytest.approx(1e-3, rel=1e-6)
+    assert np.abs(r.u).max() == pytest.approx(152.047, rel=1e-4)
+    path = tmp_path / "silverbox.yaml"
+    path.write_text(
+        "setup: {model: linear}\nsample_rate_hz: 610.35\ncolumns: {input: {unit: V}, output: {unit: V}}\nrecordings:\n"
+        "  - {file: SNLS80mV.mat, name: multisine, variables: {input: V1, output: V2}, slice: [40650, 95000]}\n"
+        "  - {file: SNLS80mV.mat, name: arrow, variables: {input: V1, output: V2}, slice: [100, 40575],"
+        " use: confirmation}\n"
+    )
+    campaign = read(real("silverbox"), path)
+    assert [r.t.size for r in campaign.recordings] == [54350, 40475]
+
+
+def test_play_helper_has_hysteresis() -> None:
+    u = np.array([0.0, 2.0, 0.0])
+    assert play(u, 1.0).tolist() == [0.0, 1.0, 1.0]

@@ -1,0 +1,268 @@
+"""The report as a whole: complete, self-contained, in order, and unmoved by what is absent or odd."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from report_example import NOISE, make_document, make_evidence, make_trace
+
+from phnn.errors import InputRefused
+from phnn.report import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace, write_report
+
+VERDICTS = ("named", "equivalent", "unknown", "none")
+EMPTY = Evidence((), (), (), (), (), (), "")
+_VOID = {"meta", "img", "br", "path", "link", "hr", "input"}
+
+
+class _Page(HTMLParser):
+    """Collects what a browser would fetch, the visible text, and tags left open."""
+
+    def __init__(self, content: str) -> None:
+        super().__init__()
+        self.fetched: list[str] = []
+        self.tags: list[str] = []
+        self.open: list[str] = []
+        self.text = ""
+        self.feed(content)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.fetched += [value or "" for name, value in attrs if name in ("src", "href", "srcset", "data")]
+        if tag not in _VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in _VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if "style" not in self.open:
+            self.text += data
+
+
+def _write(document: dict[str, Any], evidence: Evidence, folder: Path) -> _Page:
+    write_report(document, evidence, folder)
+    return _Page((folder / "report.html").read_text("utf-8"))
+
+
+@pytest.fixture(scope="module", params=VERDICTS)
+def report(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, _Page]:
+    verdict = request.param
+    evidence = make_evidence(
+        ("sine_1Hz_75V", "step_50V"), creeps=verdict != "none", sentence=f"The {verdict} headline."
+    )
+    folder = tmp_path_factory.mktemp(verdict)
+    return verdict, folder, _write(make_document(verdict, evidence), evidence, folder)
+
+
+def test_page_opens_offline_and_runs_nothing(report: tuple[str, Path, _Page]) -> None:
+    _, _, page = report
+    assert not {"script", "link", "iframe", "object", "base"} & set(page.tags)
+    assert page.fetched
+    assert all(target.startswith(("data:image/png;base64,", "#")) for target in page.fetched)
+    assert "url(" not in (report[1] / "report.html").read_text("utf-8")
+    assert page.open == []
+
+
+def test_anchors_lead_somewhere(report: tuple[str, Path, _Page]) -> None:
+    content = (report[1] / "report.html").read_text("utf-8")
+    for target in report[2].fetched:
+        if target.startswith("#"):
+            assert f'id="{target[1:]}"' in content
+
+
+def test_figures_are_written_as_png_and_inlined(report: tuple[str, Path, _Page]) -> None:
+    verdict, folder, page = report
+    names = sorted(path.name for path in (folder / "figures").iterdir())
+    assert len([t for t in page.fetched if t.startswith("data:")]) == len(names)
+    stems = {re.sub(r"^\d\d-|\.png$", "", name) for name in names}
+    expected = {"overview", "held-out-step_50V", "identification-sine_1Hz_75V", "ledger"}
+    assert stems == (expected if verdict == "none" else expected | {"locations", "picture"})
+    for name in names:
+        assert (folder / "figures" / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_page_reads_top_down(report: tuple[str, Path, _Page]) -> None:
+    verdict, _, page = report
+    landmarks = [
+        f"The {verdict} headline.",
+        "Where it acts\n",
+        "Before and after\n",
+        "Held out: step_50V",
+        "Identification recordings",
+        "Parameters\n",
+        "Energy\n",
+        "What was tried\n",
+        "What remains, and what to record next",
+        "What was understood of the recordings",
+        "readme.txt is no recording",
+    ]
+    places = [page.text.rindex(landmark) for landmark in landmarks]
+    assert places == sorted(places)
+
+
+def test_verdict_decides_what_is_said(report: tuple[str, Path, _Page]) -> None:
+    verdict, _, page = report
+    said = {
+        "named": "The model with it stays passive.",
+        "equivalent": "These recordings cannot tell creep from charge leakage.",
+        "unknown": "A learned element",
+        "none": "so there is nothing to locate",
+    }
+    assert said[verdict] in page.text
+    assert ("p = 0.44" if verdict == "none" else "p = 10⁻⁵") in page.text
+    assert ("final model" in page.text) == (verdict != "none")
+    assert ("Record next" in page.text) == (verdict in ("equivalent", "unknown"))
+
+
+def test_numbers_of_the_document_are_shown(report: tuple[str, Path, _Page]) -> None:
+    verdict, _, page = report
+    assert "41.2" in page.text
+    assert "50.0" in page.text  # noise floor in nm
+    if verdict == "named":
+        assert "0.312 ± 0.021" in page.text
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+@pytest.mark.parametrize("filler", ["absent", "null", "hollow"])
+def test_absent_and_null_entries_are_shown_as_absent(verdict: str, filler: str, tmp_path: Path) -> None:
+    document: dict[str, Any] = {"verdict": verdict}
+    if filler != "absent":
+        document |= {key: None for key in make_document(verdict, EMPTY) if key != "verdict"}
+    if filler == "hollow":
+        document |= {"test": {}, "missing": [{}, None], "remainder": {}, "location": {}, "next_experiment": {}}
+        document["fit"] = {"before": {"a": None, "b": {}}, "after": None, "held_out": None}
+        document["noise_floor"] = {"a": None}
+    page = _write(document, EMPTY, tmp_path)
+    assert not re.search(r"\b(None|nan|null|Undefined)\b", page.text)
+    assert "The remainder was not judged." in page.text
+
+
+def test_a_single_recording_without_curves_or_held_out_part(tmp_path: Path) -> None:
+    evidence = replace(make_evidence(("sine_1Hz_75V",)), curves=())
+    page = _write(make_document("named", evidence), evidence, tmp_path)
+    assert "No recording was held out" in page.text
+    assert "No curve was learned" in page.text
+    assert not any("overview" in path.name or "picture" in path.name for path in (tmp_path / "figures").iterdir())
+
+
+def test_held_out_rows_come_first_wherever_the_document_lists_them(tmp_path: Path) -> None:
+    fit = {"a_identified": {"rmse": 1e-6}, "z_confirmed": {"rmse": 2e-6}}
+    page = _write({"verdict": "none", "fit": {"before": fit, "held_out": ["z_confirmed"]}}, EMPTY, tmp_path)
+    assert page.text.index("z_confirmed") < page.text.index("a_identified")
+
+
+def test_names_from_outside_are_escaped(tmp_path: Path) -> None:
+    name = '<script>alert("1")</script> $\\frac$ [bold]'
+    trace = replace(make_trace("step_50V", 400), name=name)
+    evidence = Evidence(
+        traces=(trace,),
+        curves=(Curve(np.arange(3.0), np.arange(3.0), None, "$x", r"$\nonsense$", r"$\frac{$"),),
+        parameters=(ParameterRow("<b>", "<i>", "<u>", 1.0, 2.0, None, "<img src=x>"),),
+        candidates=(CandidateRow("<b>", "", 1.0, 0.1, None, "<img src=x>"),),
+        ledger=(LedgerRow(name, 1.0, 0.0, {"<b>$": 1.0}, 0.0),),
+        notes=("<script>",),
+        verdict_sentence="<script>",
+    )
+    document = make_document("unknown", evidence)
+    document["missing"][0] |= {"statement": "<script>", "equation": r"\undefined{<script>}"}
+    page = _write(document, evidence, tmp_path)
+    assert "script" not in page.tags
+    assert all(target.startswith(("data:", "#")) for target in page.fetched)
+    assert name in page.text
+    for path in (tmp_path / "figures").iterdir():
+        assert re.fullmatch(r"[A-Za-z0-9._-]+\.png", path.name)
+
+
+def test_a_model_that_failed_and_a_recording_without_noise_are_drawn(tmp_path: Path) -> None:
+    good = make_trace("step_50V", 400)
+    broken = replace(good, name="broken", after=np.full(400, np.nan))
+    silent = replace(good, name="silent", noise=0.0, u=np.zeros(400), measured=np.zeros(400), before=np.zeros(400))
+    unscored = replace(good, name="unscored", scored=np.zeros(400, dtype=bool))
+    short = Trace("short", *(np.arange(5.0) for _ in range(5)), NOISE, True, np.ones(5, dtype=bool))
+    evidence = replace(EMPTY, traces=(broken, silent, unscored, short))
+    _write({"verdict": "unknown"}, evidence, tmp_path)
+    assert len(list((tmp_path / "figures").iterdir())) == 4
+
+
+def test_a_long_recording_is_drawn_in_little_time_and_space(tmp_path: Path) -> None:
+    evidence = replace(EMPTY, traces=(make_trace("sine_150Hz_75V", 100_000),))
+    _write(make_document("named", evidence), evidence, tmp_path)
+    assert (tmp_path / "report.html").stat().st_size < 2_000_000
+
+
+def test_only_the_worst_recordings_get_a_figure_when_there_are_many(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("phnn.report.gallery._MOST_DRAWN", 1)
+    first = make_trace("step_50V", 400)
+    evidence = replace(EMPTY, traces=(first, replace(first, name="worse")))
+    fit = {"step_50V": {"residual_over_noise": 2.0}, "worse": {"residual_over_noise": 5.0}}
+    page = _write({"verdict": "named", "fit": {"before": fit}}, evidence, tmp_path)
+    assert [path.name for path in (tmp_path / "figures").glob("*held-out*")] == ["02-held-out-worse.png"]
+    assert "1 further recording has no figure here" in page.text
+
+
+def test_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
+    evidence = replace(make_evidence(("step_50V",)), traces=(make_trace("step_50V", 400),), ledger=())
+    document = make_document("named", evidence)
+    for folder in ("a", "b"):
+        write_report(document, evidence, tmp_path / folder)
+    assert (tmp_path / "a/report.html").read_bytes() == (tmp_path / "b/report.html").read_bytes()
+
+
+def test_figures_of_an_earlier_report_go_and_other_files_stay(tmp_path: Path) -> None:
+    figures = tmp_path / "figures"
+    figures.mkdir()
+    for name in ("07-held-out-old.png", "07-mine.png", "notes.txt"):
+        (figures / name).write_bytes(b"")
+    _write({"verdict": "none"}, EMPTY, tmp_path)
+    assert {path.name for path in figures.iterdir()} == {"07-mine.png", "notes.txt"}
+
+
+def test_an_interrupted_write_leaves_the_earlier_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _write({"verdict": "none"}, EMPTY, tmp_path)
+    before = (tmp_path / "report.html").read_bytes()
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", fail)
+    with pytest.raises(InputRefused, match=r"report\.html: cannot be written \(No space left on device\)"):
+        write_report({"verdict": "named"}, EMPTY, tmp_path)
+    assert (tmp_path / "report.html").read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_a_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("")
+    with pytest.raises(InputRefused, match="choose another folder"):
+        write_report({"verdict": "none"}, EMPTY, tmp_path / "out")
+
+
+@pytest.mark.parametrize("verdict", [None, "maybe"])
+def test_a_verdict_that_does_not_exist_is_refused(verdict: str | None, tmp_path: Path) -> None:
+    with pytest.raises(InputRefused, match="must be one of named, equivalent, unknown, none"):
+        write_report({"verdict": verdict}, EMPTY, tmp_path)
+
+
+def test_lengths_that_differ_are_named() -> None:
+    trace = make_trace("step_50V", 400)
+    with pytest.raises(ValueError, match=r"trace step_50V: before has shape \(3,\), t has \(400,\)"):
+        replace(trace, before=np.zeros(3))
+    with pytest.raises(ValueError, match="curve c: named_y"):
+        Curve(np.zeros(3), np.zeros(3), None, "x", "y", "c", np.zeros(2))
+
+
+def test_importing_the_report_loads_no_drawing_and_no_torch() -> None:
+    code = "import sys, phnn.report; print([m for m in ('matplotlib', 'torch', 'jinja2', 'scipy') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,130 @@
+"""Numbers as text, and the summary on a terminal."""
+
+from __future__ import annotations
+
+import io
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from report_example import make_document, make_evidence
+from rich.console import Console
+
+from phnn.report import Evidence, console_summary
+from phnn.report import formatting as f
+
+EMPTY = Evidence((), (), (), (), (), (), "")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        (math.nan, "–"),
+        (0.0, "0"),
+        (1.03, "1.03"),
+        (0.0012345, "0.00123"),
+        (1.11e-5, "1.11 × 10⁻⁵"),
+        (-3.02e5, "−3.02 × 10⁵"),
+        (9.999, "10.0"),
+        (99999.0, "1.00 × 10⁵"),
+    ],
+)
+def test_number(value: float | None, text: str) -> None:
+    assert f.number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (0.31, 0.02, "0.310 ± 0.020"),
+        (3.11e5, 2.1e3, "(3.110 ± 0.021) × 10⁵"),
+        (9210.0, 330.0, "9210 ± 330"),
+        (1.11e-3, None, "0.00111"),
+        (0.5, 4.0, "0.5 ± 4.0"),
+        (None, 1.0, "–"),
+        (1e-7, 9.96e-9, "(1.00 ± 0.10) × 10⁻⁷"),
+    ],
+)
+def test_with_error(value: float | None, std: float | None, text: str) -> None:
+    assert f.with_error(value, std) == text
+
+
+@given(st.floats(allow_nan=True, allow_infinity=True), st.floats(allow_nan=True, allow_infinity=True))
+def test_every_float_has_a_text(value: float, std: float) -> None:
+    for text in (f.number(value), f.with_error(value, std), f.p_value(value), f.plain(value), f.change(value, std)):
+        assert text
+        assert not {"nan", "inf"} & set(text.split())
+
+
+@given(st.floats(1e-12, 1e12))
+def test_number_keeps_three_digits(value: float) -> None:
+    text = f.number(value)
+    mantissa, _, power = text.partition(" × 10")
+    exponent = int(power.translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789"))) if power else 0
+    assert float(mantissa) * 10.0**exponent == pytest.approx(value, rel=0.0051)
+
+
+@pytest.mark.parametrize(
+    ("p", "text"),
+    [
+        (0.4, "p = 0.4"),
+        (0.0412, "p = 0.041"),
+        (1e-5, "p = 10⁻⁵"),
+        (3.2e-4, "p = 3 × 10⁻⁴"),
+        (9.7e-5, "p = 10⁻⁴"),
+        (0.0, "p below what the draws resolve"),
+        (None, "p not computed"),
+    ],
+)
+def test_p_value(p: float | None, text: str) -> None:
+    assert f.p_value(p) == text
+
+
+def test_units_listing_and_change() -> None:
+    assert f.display_unit(2.3e-6).name == "nm"
+    assert f.display_unit(4e-5).name == "µm"
+    assert f.display_unit(0.3, "K") == f.Unit(1.0, "K")
+    assert f.display_unit(3.4e-7).show(5.03e-8) == "50.3"
+    assert f.listing(["a", "b", "c"], "or") == "a, b or c"
+    assert f.listing([]) == ""
+    assert f.change(2.0, 1.0) == "−50.0 %"
+    assert f.change(0.0, 1.0) == "–"
+    assert f.change(1.0, 1.0) == "0 %"
+    assert f.chance(math.nan) == "–"
+    assert f.chance(2e-5) == "2 × 10⁻⁵"
+    assert f.ratio(0.989) == "0.99"
+    assert f.ratio(9.999) == "10.0"
+
+
+def _printed(document: dict[str, object], evidence: Evidence, width: int = 100) -> str:
+    stream = io.StringIO()
+    Console(file=stream, width=width).print(console_summary(document, evidence))
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("verdict", ["named", "equivalent", "unknown", "none"])
+def test_summary_holds_the_verdict_and_the_fit(verdict: str) -> None:
+    evidence = make_evidence(("sine_10Hz_75V", "sine_1Hz_75V"), creeps=verdict != "none", sentence="The headline.")
+    text = _printed(make_document(verdict, evidence), evidence)
+    assert text.startswith("The headline.")
+    assert f"verdict: {verdict}" in text
+    assert "sine_10Hz_75V *" in text
+    assert "1.01" in text
+    assert ("→ fit %" in text) == (verdict != "none")
+    assert ("missing: creep (mechanical)" in text) == (verdict in ("named", "equivalent"))
+    assert ("cannot tell creep from charge leakage" in text) == (verdict == "equivalent")
+    assert "\x1b" not in text
+
+
+@pytest.mark.parametrize("verdict", ["named", "equivalent", "unknown", "none"])
+def test_summary_of_a_bare_document(verdict: str) -> None:
+    text = _printed({"verdict": verdict, "missing": None, "fit": None, "location": None}, EMPTY, width=40)
+    assert f"verdict: {verdict}" in text
+    assert "None" not in text
+
+
+def test_names_are_not_read_as_markup() -> None:
+    fit = {"before": {"[red]x[/red]": {"fit_percent": 99.0}}}
+    assert "[red]x[/red]" in _printed({"verdict": "none", "fit": fit}, EMPTY)

@@ -1,0 +1,184 @@
+"""The console command: arguments, settings, exit status, and that it starts quickly."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+import types
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import phnn
+from phnn import cli
+from phnn.configuration import compose, config_folder
+from phnn.errors import InputRefused, SolverFailed
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, tuple[Any, ...]]]:
+    """Replaces the commands by recorders."""
+    seen: list[tuple[str, tuple[Any, ...]]] = []
+
+    def recorder(name: str) -> Callable[..., None]:
+        return lambda *arguments: seen.append((name, arguments))
+
+    stub = types.ModuleType("phnn.commands")
+    for name in ("check", "identify", "diagnose", "predict", "compare", "demo"):
+        setattr(stub, name, recorder(name))
+    _install(monkeypatch, stub)
+    return seen
+
+
+def _install(monkeypatch: pytest.MonkeyPatch, stub: types.ModuleType) -> None:
+    monkeypatch.setitem(sys.modules, "phnn.commands", stub)
+    monkeypatch.setattr(phnn, "commands", stub, raising=False)
+
+
+def _failing(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
+    def check(folder: Path, manifest: Path | None) -> None:
+        raise error
+
+    stub = types.ModuleType("phnn.commands")
+    stub.check = check  # type: ignore[attr-defined]
+    _install(monkeypatch, stub)
+
+
+def test_arguments_reach_the_commands(calls: list[tuple[str, tuple[Any, ...]]]) -> None:
+    assert cli.main(["check", "data", "--manifest", "m.yaml"]) == 0
+    assert cli.main(["predict", "model", "data", "--out", "o"]) == 0
+    assert cli.main(["demo", "--seed", "3"]) == 0
+    assert calls[0] == ("check", (Path("data"), Path("m.yaml")))
+    assert calls[1] == ("predict", (Path("model"), Path("data"), Path("o"), None))
+    name, (seed, out, config) = calls[2]
+    assert (name, seed, out, config["max_effects"]) == ("demo", 3, Path("out/demo"), 2)
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["identify", "data", "--out", "o", "starts=7", "seed=1"],
+        ["identify", "data", "starts=7", "--out", "o", "seed=1"],
+        ["identify", "--out", "o", "data", "starts=7", "seed=1"],
+    ],
+)
+def test_settings_may_stand_anywhere(calls: list[tuple[str, tuple[Any, ...]]], argv: list[str]) -> None:
+    assert cli.main(argv) == 0
+    name, (folder, out, manifest, config) = calls[0]
+    assert (name, folder, out, manifest) == ("identify", Path("data"), Path("o"), None)
+    assert config == {"seed": 1, "starts": 7, "error_bound_sigma": 1.0, "workers": 2}
+
+
+@pytest.mark.parametrize("command", ["identify", "diagnose", "compare"])
+def test_every_settings_file_composes(command: str) -> None:
+    config = compose(command)
+    assert set(config) >= {"seed", "starts", "error_bound_sigma", "workers"}
+    text = (config_folder() / f"{command}.yaml").read_text()
+    lines = text.splitlines()
+    for key in config:
+        at = next(i for i, line in enumerate(lines) if line.startswith(f"{key}:"))
+        assert lines[at - 1].startswith("# "), f"{command}.yaml: {key} has no comment"
+
+
+@pytest.mark.parametrize(
+    ("override", "needle"),
+    [
+        ("beginnings=3", "beginnings"),
+        ("+starts=3", "accepts seed, starts"),
+        ("hydra.run.dir=x", "hydra.run.dir"),
+        ("starts=many", "whole number"),
+        ("starts=0", "1 or more"),
+        ("starts=1.5", "whole number"),
+        ("starts=true", "whole number"),
+        ("error_bound_sigma=-1", "positive"),
+        ("error_bound_sigma=nan", "positive"),
+        ("starts", "key=value"),
+        ("starts=[1", "key=value"),
+        ("starts=1,2", "starts=1,2"),
+    ],
+)
+def test_bad_settings_are_refused(capsys: pytest.CaptureFixture[str], override: str, needle: str) -> None:
+    assert cli.main(["identify", "data", "--out", "o", override]) == 2
+    error = capsys.readouterr().err
+    assert needle in error
+    assert error.count("\n") == 1
+
+
+def test_a_whole_number_is_a_number() -> None:
+    value = compose("identify", ["error_bound_sigma=2"])["error_bound_sigma"]
+    assert isinstance(value, float)
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "needle"),
+    [
+        (InputRefused("a.csv: no voltage column"), 2, "a.csv: no voltage column"),
+        (SolverFailed("no step at t = 1 s"), 1, "no step at t = 1 s"),
+        (PermissionError(13, "Permission denied", "out"), 1, "cannot use out: Permission denied"),
+        (KeyError("x"), 1, "PHNN_DEBUG=1"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+    ],
+)
+def test_exit_status_and_one_line(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: BaseException,
+    status: int,
+    needle: str,
+) -> None:
+    monkeypatch.delenv("PHNN_DEBUG", raising=False)
+    _failing(monkeypatch, error)
+    assert cli.main(["check", "data"]) == status
+    streams = capsys.readouterr()
+    assert needle in streams.err
+    assert streams.err.count("\n") == 1
+    assert streams.out == ""
+
+
+def test_bugs_show_themselves_on_request(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PHNN_DEBUG", "1")
+    _failing(monkeypatch, KeyError("x"))
+    with pytest.raises(KeyError):
+        cli.main(["check", "data"])
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        [],
+        ["paint"],
+        ["check"],
+        ["identify", "data"],
+        ["demo", "--seed", "-1"],
+        ["check", "d", "a=1"],
+        ["check", "d", "-q"],
+    ],
+)
+def test_wrong_usage_exits_with_2(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(argv)
+    assert stop.value.code == 2
+    assert "usage" in capsys.readouterr().err
+
+
+def test_help_is_quick_and_loads_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom phnn import cli\ntry:\n    cli.main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "heavy = {'torch', 'numba', 'scipy', 'numpy', 'hydra', 'matplotlib', 'pandas'} & set(sys.modules)\n"
+        "sys.exit(f'loaded {heavy}' if heavy else 0)"
+    )
+    start = time.perf_counter()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    seconds = time.perf_counter() - start
+    assert done.returncode == 0, done.stderr
+    assert "diagnose" in done.stdout
+    assert seconds < 1.0
+
+
+def test_help_of_a_command_tells_its_settings(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        cli.main(["diagnose", "--help"])
+    assert "max_effects: 2" in capsys.readouterr().out
