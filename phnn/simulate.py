@@ -190,31 +190,37 @@ def output_derivatives(
     names: Sequence[str],
     initial: Sequence[int] = (),
     forces: Array | None = None,
+    varied: Sequence[tuple[str, Array]] = (),
 ) -> Array:
-    """(N, K + S + F) derivatives of the output.
+    """(N, K + S + F + W) derivatives of the output.
 
     Args:
         names: K parameters of the setup.
         initial: S states whose initial value is perturbed.
         forces: (n, F) perturbations of the junction force, constant within each step.
+        varied: W pairs of a network parameter and the (n,) signal by which it is perturbed.
     """
     setup, program = trajectory.setup, trajectory.program
     network_names = [n for n in names if n in program.names]
+    asked = len(network_names)
+    network_names += [n for n in dict.fromkeys(n for n, _ in varied) if n not in network_names]
     amplifier = [(b, n) for b in setup.amplifier for n in b.parameters if n in names]
     active = np.array([program.names.index(n) for n in network_names], dtype=np.int64)
     steps = trajectory.u.shape[0]
     given = np.zeros((steps, 0)) if forces is None else forces
     columns = [_amplifier_force(trajectory, block, name)[:, None] for block, name in amplifier]
     rows = trajectory.t.size + trajectory.lead
-    out = np.empty((rows, active.size + len(initial) + len(columns) + given.shape[1]))
+    out = np.empty((rows, active.size + len(initial) + len(columns) + given.shape[1] + len(varied)))
+    signals = np.column_stack([w for _, w in varied]) if varied else np.zeros((steps, 0))
     kernel.sensitivities(
         program.leaves, program.modulators, program.resistors, program.ports, program.inertia, trajectory.theta, active,
         trajectory.states, trajectory.velocity, trajectory.u, trajectory.h, _start_derivative(trajectory, network_names),
-        np.ascontiguousarray(np.hstack([*columns, given])), np.array(initial, dtype=np.int64), trajectory.nodes,
-        program.output, out,
+        np.array(initial, dtype=np.int64), np.ascontiguousarray(np.hstack([*columns, given])),
+        np.array([network_names.index(n) for n, _ in varied], dtype=np.int64), np.ascontiguousarray(signals),
+        trajectory.nodes, program.output, out,
     )  # fmt: skip
     out = out[trajectory.lead :]
-    by_name = {n: out[:, k] for k, n in enumerate(network_names)}
+    by_name = {n: out[:, k] for k, n in enumerate(network_names[:asked])}
     first = active.size + len(initial)
     by_name |= {n: out[:, first + j] for j, (_, n) in enumerate(amplifier)}
     by_name |= _sensor_derivatives(trajectory, names)

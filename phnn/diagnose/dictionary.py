@@ -20,7 +20,7 @@ from phnn.simulate import Trajectory, input_before
 
 Array = NDArray[np.float64]
 
-FORCE, VOLTAGE, OUTPUT = "force", "voltage", "output"
+FORCE, VOLTAGE, OUTPUT, PARAMETER = "force", "voltage", "output", "parameter"
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,8 @@ class Group:
 
     Attributes:
         location: canonical location; detail: which kind of element there.
-        enters: `FORCE`, `VOLTAGE` or `OUTPUT`.
+        enters: `FORCE`, `VOLTAGE` or `OUTPUT`; or `PARAMETER`: the functions scale the parameters whose names begin
+            with one of ``varies``, as a law or a transformer that is modulated would.
         functions: ``(trajectory, scales) -> (n or N, F)``; zero for zero motion.
         axis: name of the variable against which the learned function is drawn, with its unit; empty where the
             functions have memory and no static picture.
@@ -42,6 +43,7 @@ class Group:
     functions: Callable[[Trajectory, Scales], Array]
     axis: str = ""
     static: Callable[[Array, Scales], Array] | None = None
+    varies: tuple[str, ...] = ()
 
 
 def _elastic(q: Array, scales: Scales) -> Array:
@@ -70,10 +72,14 @@ def _modes(trajectory: Trajectory, scales: Scales) -> Array:
     return np.column_stack([a, *filtered])
 
 
-def _damped_by_displacement(trajectory: Trajectory, scales: Scales) -> Array:
+def _by_displacement(trajectory: Trajectory, scales: Scales) -> Array:
     s = trajectory.mid_displacement / scales.displacement
-    w = trajectory.velocity / scales.velocity
-    return np.column_stack([s * w, s**2 * w])
+    return np.column_stack([s, s**2])
+
+
+def _by_speed(trajectory: Trajectory, scales: Scales) -> Array:
+    w = np.abs(trajectory.velocity) / scales.velocity
+    return np.column_stack([w, w / (w + 0.05)])
 
 
 def _hysteron(trajectory: Trajectory, scales: Scales) -> Array:
@@ -81,13 +87,6 @@ def _hysteron(trajectory: Trajectory, scales: Scales) -> Array:
     radii = (0.01, 0.03, 0.06, 0.12, 0.25, 0.5)
     stops = [stop_operator(s, r) for r in radii]
     leaves = [trajectory.efforts[:, i] / scales.voltage for i in _electrical_leaves(trajectory)]
-    return np.column_stack([*stops, *leaves])
-
-
-def _asymmetric_hysteron(trajectory: Trajectory, scales: Scales) -> Array:
-    s = trajectory.mid_displacement / scales.displacement
-    stops = [stop_operator(s, r) * s for r in (0.03, 0.12, 0.3)]
-    leaves = [trajectory.efforts[:, i] / scales.voltage * s for i in _electrical_leaves(trajectory)]
     return np.column_stack([*stops, *leaves])
 
 
@@ -107,14 +106,12 @@ def _electrical_leaves(trajectory: Trajectory) -> list[int]:
 
 def _coupling(trajectory: Trajectory, scales: Scales) -> Array:
     u = trajectory.u[:, 0] / scales.voltage
-    s = trajectory.mid_displacement / scales.displacement
-    inner = u - trajectory.efforts[:, _electrical_leaves(trajectory)].sum(axis=1) / scales.voltage
-    return np.column_stack([u**2, u**3, u * s, inner * s, inner * s**2])
+    return np.column_stack([u**2, u**3])
 
 
 def _coupling_static(u: Array, scales: Scales) -> Array:
     w = u / scales.voltage
-    return np.column_stack([w**2, w**3, w**2, w**2, w**3])
+    return np.column_stack([w**2, w**3])
 
 
 def _amplifier_lag(trajectory: Trajectory, scales: Scales) -> Array:
@@ -135,11 +132,10 @@ def _amplifier_slew(trajectory: Trajectory, scales: Scales) -> Array:
     return np.column_stack([np.sign(slope) * np.maximum(np.abs(slope) - c, 0.0) for c in (0.1, 0.3, 0.6)])
 
 
-def _thermal(trajectory: Trajectory, scales: Scales) -> Array:
-    u, h = trajectory.u[:, 0] / scales.voltage, trajectory.h
+def _warmth(trajectory: Trajectory, scales: Scales) -> Array:
     power = (trajectory.velocity / scales.velocity) ** 2
     times = np.geomspace(0.05 * scales.duration, 5.0 * scales.duration, 3)
-    return np.column_stack([u * low_pass(power, h, t, 0.0) for t in times])
+    return np.column_stack([low_pass(power, trajectory.h, t, 0.0) for t in times])
 
 
 def _sensor_static(q: Array, scales: Scales) -> Array:
@@ -188,17 +184,19 @@ def _of_output(law: Callable[[Array, Scales], Array]) -> Callable[[Trajectory, S
 GROUPS = (
     Group("mechanical", "elastic", FORCE, _of_displacement(_elastic), "displacement [µm]", _elastic),
     Group("mechanical", "dissipative", FORCE, _of_velocity(_dissipative), "velocity [m/s]", _dissipative),
-    Group("mechanical", "position-dependent damping", FORCE, _damped_by_displacement),
+    Group("mechanical", "damping that follows the displacement", PARAMETER, _by_displacement, varies=("b",)),
     Group("mechanical", "memory", FORCE, _memory),
     Group("mechanical", "mode", FORCE, _modes),
     Group("hysteron", "shape", FORCE, _hysteron),
-    Group("hysteron", "asymmetry", FORCE, _asymmetric_hysteron),
+    Group("hysteron", "threshold that follows the displacement", PARAMETER, _by_displacement, varies=("d_",)),
+    Group("hysteron", "threshold that follows the rate", PARAMETER, _by_speed, varies=("d_",)),
     Group("electrical", "leakage", FORCE, _leakage),
-    Group("coupling", "nonlinear", FORCE, _coupling, "voltage [V]", _coupling_static),
+    Group("coupling", "force against voltage", FORCE, _coupling, "voltage [V]", _coupling_static),
+    Group("coupling", "ratio that follows the displacement", PARAMETER, _by_displacement, varies=("alpha",)),
     Group("amplifier", "lag", VOLTAGE, _amplifier_lag),
     Group("amplifier", "limit", VOLTAGE, _of_voltage(_amplifier_limit), "voltage [V]", _amplifier_limit),
     Group("amplifier", "slew", VOLTAGE, _amplifier_slew),
-    Group("thermal", "gain drift", FORCE, _thermal),
+    Group("thermal", "ratio that follows the warmth", PARAMETER, _warmth, varies=("alpha",)),
     Group("sensor", "nonlinear", OUTPUT, _of_output(_sensor_static), "displacement [µm]", _sensor_static),
     Group("sensor", "lag or play", OUTPUT, _sensor_memory),
     Group("sensor", "drift", OUTPUT, _drift),

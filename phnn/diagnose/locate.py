@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, Group
+from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
 from phnn.diagnose.ground import Ground
 from phnn.simulate import Trajectory, input_force, output_derivatives
 
@@ -72,20 +72,27 @@ def responses(ground: Ground) -> Responses:
 
 
 def _responses_of(trajectory: Trajectory, ground: Ground) -> tuple[Array, NDArray[np.int64]]:
-    """(N, F) responses of one recording and the owners of the columns: inner groups first, then the sensor's."""
-    forces, outputs, inner, outer = [], [], [], []
+    """(N, F) responses of one recording and the owners of the columns: forces, varied parameters, outputs."""
+    scales = ground.scales
+    owners: dict[str, list[int]] = {FORCE: [], PARAMETER: [], OUTPUT: []}
+    forces, varied, outputs = [], [], []
+    parameters = trajectory.setup.network.parameters
     for index, group in enumerate(GROUPS):
-        functions = group.functions(trajectory, ground.scales)
+        functions = group.functions(trajectory, scales)
         if group.enters == OUTPUT:
-            outputs.append(functions * ground.scales.displacement)
-            outer += [index] * functions.shape[1]
-            continue
-        unit = ground.scales.stiffness * ground.scales.displacement
-        scaled = functions * unit if group.enters == FORCE else input_force(trajectory, functions * ground.scales.voltage)
-        forces.append(scaled)
-        inner += [index] * functions.shape[1]
-    through = output_derivatives(trajectory, (), (), np.ascontiguousarray(np.hstack(forces)))
-    return np.hstack([through, *outputs]), np.array(inner + outer)
+            outputs.append(functions * scales.displacement)
+            owners[OUTPUT] += [index] * functions.shape[1]
+        elif group.enters == PARAMETER:
+            names = [n for n in parameters if n.startswith(group.varies)]
+            varied += [(n, parameters[n].value * f) for n in names for f in functions.T]
+            owners[PARAMETER] += [index] * (functions.shape[1] * len(names))
+        else:
+            unit = scales.stiffness * scales.displacement
+            volts = group.enters == VOLTAGE
+            forces.append(input_force(trajectory, functions * scales.voltage) if volts else functions * unit)
+            owners[FORCE] += [index] * functions.shape[1]
+    through = output_derivatives(trajectory, (), (), np.hstack(forces), varied)
+    return np.hstack([through, *outputs]), np.array(owners[FORCE] + owners[PARAMETER] + owners[OUTPUT])
 
 
 def locate(ground: Ground, given: Responses | None = None) -> Location:

@@ -73,7 +73,7 @@ def fit(
     names: Sequence[str],
     held: Mapping[str, str] | None = None,
     max_evaluations: int = 40,
-    tolerance: float = 1e-9,
+    tolerance: float = 3e-7,
     origin: Fit | None = None,
 ) -> Fit:
     """Estimate the named parameters from the identification samples of a plan.

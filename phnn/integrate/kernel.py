@@ -139,11 +139,12 @@ def _linearise(
 
 @numba.njit(error_model="numpy")
 def _propagate(
-    by_state: Any, by_velocity: Any, by_theta: Any, force: Any, first_force: Any, mass: Any, d_state: Any, d_v: Any,
-    d_next: Any,
+    by_state: Any, by_velocity: Any, by_theta: Any, force: Any, first_force: Any, varied: Any, weight_of: Any, mass: Any,
+    d_state: Any, d_v: Any, d_next: Any,
 ) -> None:  # fmt: skip
     """One step of the linearised recursion for all columns."""
     size, columns = d_state.shape
+    first_varied = first_force + force.shape[0]
     count = size - 1
     inverse = 1.0 / by_velocity[count]
     d_v[:] = 0.0
@@ -155,6 +156,8 @@ def _propagate(
         d_v[k] -= by_theta[count, k] * inverse
     for f in range(force.shape[0]):
         d_v[first_force + f] += force[f] * inverse
+    for m in range(varied.shape[0]):
+        d_v[first_varied + m] -= by_theta[count, varied[m]] * weight_of[m] * inverse
     for l in range(count):  # noqa: E741
         rate = by_velocity[l]
         for c in range(columns):
@@ -166,30 +169,35 @@ def _propagate(
                     d_next[l, c] += weight * d_state[j, c]
         for k in range(by_theta.shape[1]):
             d_next[l, k] += by_theta[l, k]
+        for m in range(varied.shape[0]):
+            d_next[l, first_varied + m] += by_theta[l, varied[m]] * weight_of[m]
     for c in range(columns):
         d_next[count, c] = 2.0 * mass * d_v[c] - d_state[count, c]
 
 
 def _sensitivities(
     leaves: Any, modulators: Any, resistors: Any, ports: Any, inertia: Any, theta: Any, active: Any, states: Any,
-    velocity: Any, u: Any, h: Any, start: Any, forces: Any, initial: Any, nodes: Any, output: Any, out: Any,
+    velocity: Any, u: Any, h: Any, start: Any, initial: Any, forces: Any, varied: Any, weights: Any, nodes: Any,
+    output: Any, out: Any,
 ) -> None:  # fmt: skip
     """Forward sweep of the linearised recursion with many right-hand sides.
 
-    Columns are, in order: the active parameters, perturbed initial states, perturbed junction forces.
+    Columns are, in order: the active parameters, perturbed initial states, perturbed junction forces, and
+    parameters perturbed by a signal instead of a constant.
 
     Args:
         active: (K,) indices into theta.
         start: (L+1, K) derivative of the initial state by the active parameters.
-        forces: (n, F) perturbations of the junction force, one column each.
         initial: (S,) state whose initial value column ``K + s`` perturbs.
+        forces: (n, F) perturbations of the junction force, one column each.
+        varied: (W,) which active parameter is perturbed; weights: (n, W) by which signal.
         nodes: (N,) increasing step indices at which the output is wanted, the first 0.
         output: measured leaf.
-        out: (N, K + S + F) filled with the output's derivatives.
+        out: (N, K + S + F + W) filled with the output's derivatives.
     """
     count = leaves.shape[0]
     k_active = active.shape[0]
-    columns = k_active + initial.shape[0] + forces.shape[1]
+    columns = k_active + initial.shape[0] + forces.shape[1] + varied.shape[0]
     theta_c = theta.astype(np.complex128)
     x = np.zeros(count, np.complex128)
     by_state = np.zeros((count + 1, count + 1))
@@ -213,7 +221,8 @@ def _sensitivities(
             by_velocity, by_theta,
         )  # fmt: skip
         _propagate(
-            by_state, by_velocity, by_theta, forces[n], k_active + initial.shape[0], mass, d_state, d_v, d_next
+            by_state, by_velocity, by_theta, forces[n], k_active + initial.shape[0], varied, weights[n], mass, d_state,
+            d_v, d_next,
         )  # fmt: skip
         for k in range(k_active):
             if active[k] == inertia:

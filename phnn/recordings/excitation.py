@@ -184,7 +184,7 @@ def _sweep(x: np.ndarray) -> tuple[float, float] | None:
     crossings = i + centred[i] / (centred[i] - centred[i + 1])
     if abs(float(centred[0])) <= 1e-6 * float(np.ptp(x)) and crossings[0] > 0.5:
         crossings = np.concatenate(([0.0], crossings))  # it begins with a crossing
-    rate = 0.5 / np.diff(crossings)
+    rate = 0.5 / np.maximum(np.diff(crossings), 1e-9)
     from scipy.stats import spearmanr
 
     if float(np.ptp(rate)) <= 1e-6 * float(rate.max()):
