@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,9 +87,8 @@ def simulate(
     theta = program.theta(setup.network)
     lead, samples = _with_spin_up(recording)
     before = input_before(recording, samples)
-    counts = substep_counts(samples, before, substeps)
+    counts, fine = _reconstructed(recording, substeps, method or recording.interpolation)
     nodes = np.concatenate([[0], np.cumsum(counts)])
-    fine = substep_input(samples, counts, method or recording.interpolation)
     h = np.repeat(recording.dt / counts, counts)
     for block in setup.amplifier:
         fine = np.real(_through(setup, block, fine, h, before))
@@ -116,6 +116,16 @@ def simulate(
     return Trajectory(
         setup, recording, program, theta, h, nodes, lead, t, q, fine, u, states, velocity, efforts
     )  # fmt: skip
+
+
+@lru_cache(maxsize=64)
+def _reconstructed(recording: Recording, substeps: int, method: str) -> tuple[NDArray[np.int64], Array]:
+    """Sub-steps of the intervals and the input on them; kept, because every candidate model sees the same input."""
+    _, samples = _with_spin_up(recording)
+    counts = substep_counts(samples, input_before(recording, samples), substeps)
+    fine = substep_input(samples, counts, method)
+    fine.flags.writeable = False
+    return counts, fine
 
 
 def _with_spin_up(recording: Recording) -> tuple[int, Array]:

@@ -159,7 +159,6 @@ def _solve(x: Array, times: Array, w: Array, drive: Array, name: str) -> Array:
                 args=(w, drive),
                 rtol=_RELATIVE,
                 atol=_RELATIVE * 1e-2 * _SIZES,
-                tcrit=times[-1:],
                 mxstep=200_000,
                 tfirst=True,
             )

@@ -53,6 +53,7 @@ class Effect:
         build: adds the effect with given parameter values.
         needs_command: makes sense only where the recorded voltage is the amplifier's command.
         neighbours: effects that ordinary recordings cannot always tell apart from it.
+        rescale: how to multiply the strength where that is more than multiplying one parameter.
     """
 
     name: str
@@ -68,6 +69,21 @@ class Effect:
     parameters: tuple[str, ...]
     needs_command: bool = False
     neighbours: tuple[str, ...] = ()
+    rescale: Callable[[Mapping[str, float], float], dict[str, float]] | None = None
+
+    def scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
+        """Parameter values with the strength multiplied, kept within a physical range.
+
+        Args:
+            values: a grid point.
+            factor: how much stronger than there the effect seems to be, to first order.
+        """
+        if self.rescale is not None:
+            return self.rescale(values, factor)
+        if self.strength is None:
+            return dict(values)
+        factor = max(factor, 1e-3) if self.one_sided else factor
+        return dict(values) | {self.strength: values[self.strength] * factor}
 
     def add_to(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         """The setup with this effect at the given parameter values (SI)."""

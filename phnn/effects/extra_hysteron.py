@@ -36,6 +36,12 @@ def grid(scales: Scales) -> list[dict[str, float]]:
     return points
 
 
+def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
+    """Strength is ``1/C``; the relaxation rate ``ϱ⁻¹/C`` stays."""
+    weight = min(max(factor, 1e-2), 1e5)
+    return dict(values) | {"C_x": values["C_x"] / weight, "rho_x": values["rho_x"] / weight}
+
+
 EFFECT = Effect(
     name="extra_hysteron",
     location="hysteron",
@@ -50,4 +56,5 @@ EFFECT = Effect(
     build=build,
     parameters=("C_x", "rho_x", "d_x"),
     neighbours=("creep", "coulomb_friction"),
+    rescale=rescale,
 )

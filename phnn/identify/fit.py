@@ -75,6 +75,7 @@ def fit(
     max_evaluations: int = 40,
     tolerance: float = 3e-7,
     origin: Fit | None = None,
+    use: str = "identification",
 ) -> Fit:
     """Estimate the named parameters from the identification samples of a plan.
 
@@ -85,12 +86,13 @@ def fit(
         max_evaluations: bound on the simulations of the plan.
         tolerance: relative change of the cost and of ``z`` at which to stop.
         origin: an earlier fit whose estimated initial states to start from.
+        use: which samples are fitted.
     """
     variables = variables_of(setup, plan, names)
     if origin is not None and origin.variables.unknown == variables.unknown:
         moved = {n: _initial_or(origin, n, variables) for n in variables.unknown}
         variables = Variables(variables.names, variables.unknown, variables.scales, moved)
-    problem = Problem(setup, plan, variables)
+    problem = Problem(setup, plan, variables, use)
     lower, upper = variables.bounds(setup)
     start = np.clip(variables.start(setup), lower + 1e-12, upper - 1e-12)
     if start.size == 0:

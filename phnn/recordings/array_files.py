@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from phnn.errors import InputRefused
+from phnn.recordings.mat_layout import check_layout, is_v5
 from phnn.recordings.table import Table, Where
 
 _MOST_COLUMNS = 64
@@ -67,7 +69,12 @@ def _load_v5(path: Path) -> Mapping[str, Any]:
     if path.stat().st_size == 0:
         raise InputRefused(f"{path.name}: the file is empty: record it again or remove it")
     try:
-        content = scipy.io.loadmat(path, simplify_cells=True)
+        raw = path.read_bytes()
+        if is_v5(raw):
+            check_layout(raw)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", message="We do not support byte ordering")
+            content = scipy.io.loadmat(path, simplify_cells=True)
     except Exception as error:  # on damaged bytes scipy raises whatever its reader stumbles over
         raise InputRefused(
             f"{path.name}: not a readable .mat file ({type(error).__name__}: {error}): save it again from MATLAB"

@@ -15,6 +15,7 @@ FEWEST_SAMPLES = 50
 LARGEST_JITTER = 0.01  # of the sampling interval
 LARGEST_CLIPPED_SHARE = 0.02
 SHORTEST_CLIPPED_RUN = 5
+LARGEST_VALUE = 1e30
 
 
 def folder_exists(folder: Path) -> None:
@@ -112,11 +113,11 @@ def enough_samples(size: int, where: Where) -> None:
 
 
 def finite(values: np.ndarray, label: str, where: Where) -> None:
-    """Refuse missing (NaN) and infinite values."""
-    bad = ~np.isfinite(values)
+    """Refuse missing (NaN) and infinite values, and numbers that no instrument writes but as a marker."""
+    bad = ~(np.abs(values) < LARGEST_VALUE)
     if bad.any():
         row = int(np.argmax(bad))
-        what = "is missing (NaN or empty)" if np.isnan(values[row]) else f"is {values[row]}"
+        what = "is missing (NaN or empty)" if np.isnan(values[row]) else f"is {values[row]:g}"
         raise InputRefused(
             f"{where}: {label}, {where.row(row)}: the value {what}, {int(bad.sum())} such rows in all: "
             f"repair them, or cut the recording there (`slice` in recordings.yaml)"

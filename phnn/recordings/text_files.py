@@ -13,6 +13,7 @@ from phnn.errors import InputRefused
 from phnn.recordings.table import DECIMAL_COMMA, REMEDY_COMMA, Table, Where
 from phnn.recordings.units import parse_name
 
+_LONGEST_HEADER = 100_000
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
 
 
@@ -25,6 +26,8 @@ def read_csv(path: Path) -> Table:
     lines = _lines(path)
     start, _ = _skip_comments(lines)
     head = lines[start]
+    if len(head) > _LONGEST_HEADER:
+        raise InputRefused(f"{path.name}: line {start + 1} has {len(head)} characters: write one row per sample")
     sample = lines[start : start + 20]
     if any(";" in line for line in sample):
         raise InputRefused(

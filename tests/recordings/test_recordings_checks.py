@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from recordings_example import output, play, refused, sine, write, write_sine
 
+from phnn.errors import InputRefused
 from phnn.recordings import read
 
 
@@ -77,7 +81,7 @@ def test_name_that_only_resembles_a_quantity_is_left_alone(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("column", [0, 1, 2])
-@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("value", [np.nan, np.inf, 9.9e37])
 def test_nan_and_infinity(tmp_path: Path, column: int, value: float) -> None:
     columns = [c.copy() for c in good()]
     columns[column][41] = value
@@ -284,6 +288,41 @@ def test_damaged_mat(tmp_path: Path) -> None:
     whole = (tmp_path / "a.mat").read_bytes()
     (tmp_path / "a.mat").write_bytes(whole[: len(whole) // 2])
     refused(tmp_path, "a.mat", "save it again")
+
+
+@pytest.mark.parametrize("byte", [145, 172, 184, 185])
+def test_damaged_tags_in_a_mat_file_do_not_crash_the_reader(tmp_path: Path, byte: int) -> None:
+    import scipy.io
+
+    t, u, y = good()
+    scipy.io.savemat(tmp_path / "a.mat", {"time_s": t, "voltage_V": u, "displacement_m": y})
+    raw = bytearray((tmp_path / "a.mat").read_bytes())
+    raw[byte] = 255
+    (tmp_path / "a.mat").write_bytes(bytes(raw))
+    refused(tmp_path, "a.mat", "save it again")
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.integers(0, 10**6), st.integers(0, 255), st.sampled_from(["csv", "dat", "npy"]))
+def test_one_wrong_byte_is_read_or_refused_in_words(position: int, value: int, suffix: str) -> None:
+    t, u, y = good()
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / f"a.{suffix}"
+        if suffix == "npy":
+            kinds = np.dtype([("time_s", float), ("voltage_V", float), ("displacement_m", float)])
+            np.save(path, np.array(list(zip(t, u, y, strict=True))[:80], dtype=kinds))
+        else:
+            write(path, t[:80], u[:80], y[:80])
+            path.write_text(path.read_text().replace(",", "," if suffix == "csv" else " "))
+        raw = bytearray(path.read_bytes())
+        raw[position % len(raw)] = value
+        path.write_bytes(bytes(raw))
+        try:
+            campaign = read(Path(name))
+        except InputRefused as error:
+            assert str(error)
+        else:
+            assert np.isfinite(campaign.recordings[0].noise)
 
 
 def test_header_without_rows(tmp_path: Path) -> None:

@@ -1,0 +1,84 @@
+"""Learn a passive one-port where no element of the catalogue explains the mismatch.
+
+Its law is a sum of generic passive elements with strengths that cannot be negative: one-sided stops at spaced gaps
+(a convex spring), friction and drag (a monotone damper), Maxwell cells at spaced times (a passive memory).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from phnn.diagnose.ground import Ground
+from phnn.effects import Scales
+from phnn.effects.effect import with_network
+from phnn.errors import PhnnError
+from phnn.identify.fit import Fit, fit
+from phnn.network.elements import Coupling, Resistor, Storage
+from phnn.parameters import Parameter, constant
+from phnn.setup import Setup
+
+_SHARES = (0.25, 0.4, 0.55, 0.7, 0.8, 0.9)
+
+
+def learned_setup(setup: Setup, detail: str, scales: Scales) -> Setup | None:
+    """The setup with the learned element of a kind at strength almost zero; None where there is none of that kind."""
+    build = {"elastic": _springs, "dissipative": _dampers, "memory": _memories}.get(detail)
+    return None if build is None else replace(build(setup, scales), name=f"{setup.name}+learned")
+
+
+def learn(ground: Ground, detail: str) -> Fit | None:
+    """Fit the learned element together with the base parameters; None where the location has no passive one-port."""
+    setup = learned_setup(ground.fit.setup, detail, ground.scales)
+    if setup is None:
+        return None
+    own = [n for n in setup.free if n not in ground.fit.setup.parameters]
+    try:
+        return fit(setup, ground.plan, [*ground.fit.variables.names, *own], ground.fit.held, 60, origin=ground.fit)
+    except PhnnError:
+        return None
+
+
+def _strength(name: str, typical: float, unit: str) -> Parameter:
+    return Parameter(name, 1e-4 * typical, unit, 0.0, 1e6 * typical, typical=typical, description="learned strength")
+
+
+def _springs(setup: Setup, scales: Scales) -> Setup:
+    storages, couplings, parameters = [], [], []
+    for i, share in enumerate((*_SHARES, *(-s for s in _SHARES))):
+        storages.append(Storage(f"x_{i}", "stop", (f"k_x{i}", f"g_x{i}"), "m"))
+        couplings.append(Coupling(f"x_{i}", "p", 1.0))
+        parameters += [
+            _strength(f"k_x{i}", 0.05 * scales.stiffness, "N/m"),
+            constant(f"g_x{i}", share * scales.displacement, "m", "gap of the learned spring"),
+        ]
+    network = setup.network.extend(tuple(storages), (), tuple(couplings), tuple(parameters))
+    return with_network(setup, network)
+
+
+def _dampers(setup: Setup, scales: Scales) -> Setup:
+    force = 1e-3 * scales.stiffness * scales.displacement
+    slow = scales.velocity * scales.slowest / scales.fastest
+    resistors, parameters = [], []
+    for i, speed in enumerate((0.1 * slow, slow, 0.1 * scales.velocity)):
+        resistors.append(Resistor(f"learned_{i}", "coulomb", {"p": 1.0}, (f"F_x{i}", f"v_x{i}")))
+        parameters += [_strength(f"F_x{i}", force, "N"), constant(f"v_x{i}", speed, "m/s", "velocity scale")]
+    resistors.append(Resistor("learned_drag", "quadratic_drag", {"p": 1.0}, ("c_x",)))
+    parameters.append(_strength("c_x", force / scales.velocity**2, "N s²/m²"))
+    return with_network(setup, setup.network.extend((), tuple(resistors), (), tuple(parameters)))
+
+
+def _memories(setup: Setup, scales: Scales) -> Setup:
+    storages, resistors, couplings, parameters = [], [], [], []
+    for i, tau in enumerate(np.geomspace(0.3 / scales.fastest, scales.duration, 5)):
+        storages.append(Storage(f"s_x{i}", "spring", (f"k_x{i}",), "m"))
+        resistors.append(Resistor(f"learned_{i}", "maxwell", {f"s_x{i}": 1.0}, (f"k_x{i}", f"tau_x{i}")))
+        couplings.append(Coupling(f"s_x{i}", "p", 1.0))
+        strength = _strength(f"k_x{i}", 0.01 * scales.stiffness, "N/m")
+        parameters += [
+            replace(strength, lower=1e-9 * scales.stiffness),
+            constant(f"tau_x{i}", float(tau), "s", "time of a learned memory"),
+        ]
+    network = setup.network.extend(tuple(storages), tuple(resistors), tuple(couplings), tuple(parameters))
+    return with_network(setup, network)

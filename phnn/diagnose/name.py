@@ -1,0 +1,167 @@
+"""What the mismatch is: the supremum of the score over the catalogue and its shape grids, against its null.
+
+For a candidate at one grid point the direction ``d`` is the change of the output when the effect is added, with base
+parameters, zeros and initial states projected out. The score is ``dᵀr/√(dᵀRd)``, ``R`` the correlation of the noise;
+shape parameters are not identified at strength zero, hence the supremum over their grid (Davies 1987). Its null is
+drawn from Gaussian scores with the correlation of the directions, no simulation needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.diagnose.ground import Ground
+from phnn.diagnose.locate import Responses
+from phnn.effects import Effect
+from phnn.errors import SolverFailed
+from phnn.recordings.recording import Recording
+from phnn.simulate import simulate
+
+Array = NDArray[np.float64]
+
+_DRAWS = 100_000
+_CHUNK = 10_000
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect at the grid point where its score is largest.
+
+    Attributes:
+        effect: which.
+        values: parameter values at which the data ask for it, strength estimated from the score.
+        others: further starting values, from other grid points.
+        score: supremum over the grid; p_value: of that score under the null of the supremum over everything.
+    """
+
+    effect: Effect
+    values: dict[str, float]
+    others: tuple[dict[str, float], ...]
+    score: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Naming:
+    """All candidates, best first; the overall supremum with its p-value; what the numerical error could fake.
+
+    Attributes:
+        generic: largest score of a generic local function (also under the null of the supremum).
+        numerical: largest score that the numerical error alone has along a direction.
+    """
+
+    candidates: tuple[Candidate, ...]
+    statistic: float
+    p_value: float
+    generic: float
+    numerical: float
+
+
+def score(
+    ground: Ground, effects: Sequence[Effect], generic: Responses | None, seed: int, error: Array | None = None
+) -> Naming:
+    """Score the effects of a catalogue on a ground.
+
+    Args:
+        generic: responses of local functions, which take part in the supremum: what no catalogue lists is noticed too.
+        seed: of the draws from the null.
+        error: (N,) weighted numerical error of the simulations.
+    """
+    points = [(e, v) for e in effects for v in e.grid(ground.scales)]
+    directions = [_direction(ground, e, v) for e, v in points]
+    raw = np.column_stack([*directions, *([generic.columns] if generic is not None else [])])
+    d = ground.project(raw)
+    colour = noise_correlation(ground)
+    rd = colour(d)
+    power = np.einsum("ij,ij->j", d, rd)
+    alive = power > 1e-16 * max(float(power.max(initial=0.0)), 1e-300)
+    scale = np.where(alive, 1.0 / np.sqrt(np.maximum(power, 1e-300)), 0.0)
+    scores = scale * (d.T @ ground.residual)
+    sided = np.array([e.one_sided for e, _ in points] + [False] * (raw.shape[1] - len(points)))
+    value = np.where(sided, np.maximum(scores, 0.0), np.abs(scores))
+    null = _null_of_supremum((d.T @ rd) * np.outer(scale, scale), sided, seed)
+    strengths = (d.T @ ground.residual) / np.maximum(np.einsum("ij,ij->j", d, d), 1e-300)
+    candidates = _best_of_each(points, value, strengths, null)
+    statistic = float(value.max(initial=0.0))
+    fake = 0.0 if error is None else float(np.abs(scale * (d.T @ ground.project(error))).max(initial=0.0))
+    return Naming(
+        candidates=tuple(sorted(candidates, key=lambda c: -c.score)),
+        statistic=statistic,
+        p_value=tail(null, statistic),
+        generic=float(value[len(points) :].max(initial=0.0)),
+        numerical=fake,
+    )
+
+
+def _best_of_each(
+    points: Sequence[tuple[Effect, dict[str, float]]], value: Array, strengths: Array, null: Array
+) -> list[Candidate]:
+    found = []
+    for effect in dict.fromkeys(e for e, _ in points):
+        mine = [i for i, (e, _) in enumerate(points) if e is effect]
+        order = sorted(mine, key=lambda i: -value[i])
+        starts = [effect.scaled(points[i][1], float(strengths[i])) for i in order]
+        best = float(value[order[0]])
+        found.append(Candidate(effect, starts[0], tuple(starts[1:3]), best, tail(null, best)))
+    return found
+
+
+def _direction(ground: Ground, effect: Effect, values: dict[str, float]) -> Array:
+    """(N,) weighted change of the output by an effect; zero where the changed model cannot be simulated."""
+    setup = effect.add_to(ground.fit.setup, values)
+
+    def one(recording: Recording, base: object) -> Array:
+        initial = ground.fit.initial(recording.name)
+        if initial is not None and len(setup.network.storages) != initial.size:
+            initial = _longer(initial, len(setup.network.storages))
+        return simulate(setup, recording, ground.plan.steps_of(recording), initial=initial).y - base.y  # type: ignore[attr-defined]
+
+    try:
+        return ground.stack(ground.plan.each(one, ground.trajectories))
+    except SolverFailed:
+        return np.zeros(ground.fit.residual.size)
+
+
+def _longer(initial: Array, size: int) -> Array:
+    """Initial state of a network with further leaves, which begin uncharged; the momentum stays last."""
+    return np.concatenate([initial[:-1], np.zeros(size - initial.size), initial[-1:]])
+
+
+def noise_correlation(ground: Ground) -> Callable[[Array], Array]:
+    """Multiplication by the block-diagonal correlation matrix of the noise."""
+
+    def multiply(columns: Array) -> Array:
+        out = np.array(columns, copy=True)
+        for recording, rows in zip(ground.plan.recordings, ground.slices, strict=True):
+            rho = recording.noise_correlation
+            block = columns[rows]
+            for lag in range(1, min(rho.size, block.shape[0])):
+                out[rows][lag:] += rho[lag] * block[:-lag]
+                out[rows][:-lag] += rho[lag] * block[lag:]
+        return out
+
+    return multiply
+
+
+def _null_of_supremum(correlation: Array, sided: Array, seed: int) -> Array:
+    """(draws,) sorted suprema of Gaussian scores with the given correlation."""
+    values, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    root = root[:, values > 1e-10 * max(values.max(initial=0.0), 1e-300)]
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(_DRAWS // _CHUNK):
+        z = root @ rng.standard_normal((root.shape[1], _CHUNK))
+        z[~sided] = np.abs(z[~sided])
+        found.append(z.max(axis=0, initial=0.0))
+    return np.sort(np.concatenate(found))
+
+
+def tail(null: Array, value: float) -> float:
+    """Share of the null at or above a value, never below one over the number of draws."""
+    above = null.size - int(np.searchsorted(null, value, side="left"))
+    return (above + 1.0) / (null.size + 1.0)

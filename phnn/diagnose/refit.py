@@ -1,0 +1,85 @@
+"""Refit candidate effects in full, from several starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from phnn.diagnose.name import Candidate
+from phnn.effects import Effect
+from phnn.errors import PhnnError
+from phnn.identify.fit import Fit
+from phnn.identify.staged import fit_identified
+from phnn.setup import Setup
+
+_QUICK, _FULL = 8, 40
+_TIE = 12.0
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A candidate with its refit; ``fit`` is None where no start could be simulated."""
+
+    candidate: Candidate
+    fit: Fit | None
+
+    @property
+    def cost(self) -> float:
+        """Weighted sum of squares, infinite where there is no fit."""
+        return self.fit.cost if self.fit is not None else float("inf")
+
+
+def refit(base: Fit, candidates: Sequence[Candidate]) -> list[Trial]:
+    """Every candidate refitted together with the base parameters, best first."""
+    return sorted((Trial(c, _best_fit(base, c)) for c in candidates), key=lambda t: t.cost)
+
+
+def _best_fit(base: Fit, candidate: Candidate) -> Fit | None:
+    effect = candidate.effect
+    quick = []
+    for values in (candidate.values, *candidate.others):
+        try:
+            setup = _clamped(effect, base.setup, values)
+            quick.append(fit_identified(setup, base.plan, _held(base), _QUICK, base, effect.parameters))
+        except PhnnError:
+            continue
+    if not quick:
+        return None
+    best = min(quick, key=lambda f: f.cost)
+    try:
+        return fit_identified(best.setup, base.plan, _held(base), _FULL, best, effect.parameters)
+    except PhnnError:
+        return best
+
+
+def _held(base: Fit) -> dict[str, str]:
+    """What the base fit held because the user said so stays held; what it could not identify is asked again."""
+    return {n: why for n, why in base.held.items() if why.startswith("held at the stated") or "common factor" in why}
+
+
+def _clamped(effect: Effect, setup: Setup, values: Mapping[str, float]) -> Setup:
+    """The effect at starting values moved inside the bounds of its parameters."""
+    probe = effect.add_to(setup, effect_defaults(effect, values))
+    inside = {}
+    for name in effect.parameters:
+        p = probe.parameters[name]
+        inside[name] = p.value if p.fixed else min(max(values[name], p.lower), p.upper)
+    return effect.add_to(setup, inside)
+
+
+def effect_defaults(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+    """Values with a two-sided strength at zero, which lies within every bound."""
+    if effect.one_sided or effect.strength is None:
+        return dict(values)
+    return dict(values) | {effect.strength: 0.0}
+
+
+def class_of(trials: Sequence[Trial]) -> list[Trial]:
+    """The trials that these recordings cannot tell from the best one.
+
+    Two refitted models count as told apart when their sums of squares differ by more than twelve times the residual
+    variance: some 3.5 standard deviations for one parameter.
+    """
+    best = trials[0]
+    scale = max(1.0, best.fit.chi2) if best.fit is not None else 1.0
+    return [t for t in trials if t.cost - best.cost <= _TIE * scale]

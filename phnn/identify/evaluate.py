@@ -1,0 +1,95 @@
+"""Score a model on every part of every recording, held-out ones included."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.identify.fit import fit
+from phnn.identify.problem import Plan
+from phnn.recordings.recording import Recording
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PartScore:
+    """Attributes:
+    fit_percent: ``100 (1 − ‖y − ŷ‖/‖y − mean(y)‖)``; rmse: SI; residual_over_noise: rmse over the noise floor.
+    """
+
+    name: str
+    use: str
+    fit_percent: float
+    rmse: float
+    residual_over_noise: float
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Model output, zero included, by recording, and the scores of its parts."""
+
+    outputs: Mapping[str, Array]
+    parts: tuple[PartScore, ...]
+
+    def table(self) -> dict[str, dict[str, float]]:
+        """Scores by part name."""
+        return {
+            p.name: {"fit_percent": p.fit_percent, "rmse": p.rmse, "residual_over_noise": p.residual_over_noise}
+            for p in self.parts
+        }
+
+    def over_noise(self, use: str) -> float:
+        """Root mean square of the residual over noise over the parts of one use; NaN where there is none."""
+        found = [p.residual_over_noise for p in self.parts if p.use == use]
+        return float(np.sqrt(np.mean(np.square(found)))) if found else float("nan")
+
+
+def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluation:
+    """Simulate all recordings of a plan and score their parts.
+
+    The zero of a recording comes from its nuisance part where it has one, else from its identification part; so does
+    the initial state of a recording whose start is unknown and that took no part in the fit.
+
+    Args:
+        initial: initial states estimated by the fit, by recording name.
+    """
+
+    def one(recording: Recording) -> Array:
+        own = initial.get(recording.name)
+        nuisance = recording.mask("nuisance")
+        if own is None and recording.start.state == "unknown" and nuisance.any():
+            own = initial_from_nuisance(setup, recording, plan.steps_of(recording))
+        y = simulate(setup, recording, plan.steps_of(recording), initial=own).y
+        mask = nuisance if nuisance.any() else recording.mask("identification")
+        mask = mask if mask.any() else np.ones(recording.t.size, dtype=bool)
+        return np.asarray(y + np.mean(recording.y[mask] - y[mask]))
+
+    outputs = plan.each(one)
+    parts = [
+        _score(recording, y, first, last, name, use)
+        for recording, y in zip(plan.recordings, outputs, strict=True)
+        for name, first, last, use in ((p.name, p.first, p.last, p.use) for p in recording.parts)
+        if use != "nuisance"
+    ]
+    return Evaluation({r.name: y for r, y in zip(plan.recordings, outputs, strict=True)}, tuple(parts))
+
+
+def initial_from_nuisance(setup: Setup, recording: Recording, substeps: int) -> Array | None:
+    """Initial state of one recording estimated from its nuisance part alone, the model held."""
+    plan = Plan((recording,), {recording.name: substeps}, workers=1)
+    return fit(setup, plan, (), max_evaluations=15, use="nuisance").initial(recording.name)
+
+
+def _score(recording: Recording, y: Array, first: int, last: int, name: str, use: str) -> PartScore:
+    measured, model = recording.y[first:last], y[first:last]
+    error = measured - model
+    rmse = float(np.sqrt(np.mean(error**2)))
+    span = float(np.linalg.norm(measured - measured.mean()))
+    fit_percent = 100.0 * (1.0 - float(np.linalg.norm(error)) / span) if span > 0.0 else float("nan")
+    return PartScore(name, use, fit_percent, rmse, rmse / recording.noise)
