@@ -100,13 +100,13 @@ def _rates(t: float, x: Array, w: Array, drive: Array) -> Array:
         voltage = x[6]
     voltage = min(max(voltage, -v_max), v_max)
 
-    width = max(0.0, 1.0 + kappa_d * q / 1e-4)
+    width = max(0.0, 1.0 + kappa_d * q / Q_0)
     e_1, e_2, e_3 = x[0] / c_1, x[1] / c_2, x[5] * inv_c_3
     out[0] = alpha * v - _dead_zone(e_1, rho_1, 0.5 * d_1 * width)
     out[1] = alpha * v - _dead_zone(e_2, rho_2, 0.5 * d_2 * width)
     out[2] = v
     force = alpha * (voltage * (1.0 + 0.5 * epsilon * voltage) - e_1 - e_2 - e_3)
-    force -= k * q * (1.0 + kappa_3 * (q / 1e-4) ** 2) + (b + drag * abs(v)) * v
+    force -= k * q * (1.0 + kappa_3 * (q / Q_0) ** 2) + (b + drag * abs(v)) * v
     if f_c != 0.0:
         force -= f_c * math.tanh(v / v_s)
     if k_s != 0.0:

@@ -18,6 +18,7 @@ from phnn.errors import InputRefused
 
 _SPREAD = 0.2  # each parameter of Table 1 moves by up to this part of itself
 _TARGETS = (1.5, 10.0)  # residual over noise that an effect leaves
+_MANIFEST = "recordings.yaml"
 _ZERO = 5e-6  # m, largest displacement zero of a recording
 
 
@@ -33,18 +34,11 @@ def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "de
         plan: "demo" (12 recordings) or "short" (4).
 
     Raises:
-        InputRefused: an unknown effect or plan, a negative seed, or a folder that holds something already.
+        InputRefused: an unknown effect or plan, a negative seed, or a folder that holds files of others.
         SolverFailed: the simulation failed, or the effect cannot be made strong enough.
     """
     excitations = plan_of(plan)
-    known = (*EFFECTS, *ON_REQUEST)
-    if effect is not None and effect not in known:
-        raise InputRefused(f"no effect called {effect!r} to conceal: take one of {', '.join(known)}")
-    if seed < 0:
-        raise InputRefused(f"seed = {seed}: give a whole number, 0 or more")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputRefused(f"{folder}: is not an empty folder; name one that is new, or empty it")
-
+    _check(seed, effect, folder, excitations)
     # The noise has a stream of its own: it stays the same whatever effect a seed is told to conceal.
     choices, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
     drawn = str(choices.choice(EFFECTS))
@@ -59,8 +53,8 @@ def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "de
     if name == "none":
         outputs = simulate_all(base, excitations)
     else:
-        measure = ruler(base, excitations)
         concealed = draw(name, choices, base, excitations)
+        measure = ruler(base, excitations)
         strength, left = find_strength(
             lambda z: measure.residual(concealed, z), concealed.guess, concealed.most, target * noise
         )
@@ -71,8 +65,23 @@ def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "de
     folder.mkdir(parents=True, exist_ok=True)
     for excitation, q in zip(excitations, outputs, strict=True):
         _write(folder / f"{excitation.name}.csv", excitation, _measured(q, noise, quantisation, sensor))
-    _write_manifest(folder / "recordings.yaml", base, excitations)
+    _write_manifest(folder / _MANIFEST, base, excitations)
     return Sealed(name, parameters, base, reached, noise, quantisation, seed, plan)
+
+
+def _check(seed: int, effect: str | None, folder: Path, plan: Sequence[Excitation]) -> None:
+    known = (*EFFECTS, *ON_REQUEST)
+    if effect is not None and effect not in known:
+        raise InputRefused(f"no effect called {effect!r} to conceal: take one of {', '.join(known)}")
+    if seed < 0:
+        raise InputRefused(f"seed = {seed}: give a whole number, 0 or more")
+    if folder.exists() and not folder.is_dir():
+        raise InputRefused(f"{folder}: is a file; name a folder")
+    # A second run may replace what the first one wrote; any other file would end up among the recordings.
+    own = {_MANIFEST, *(f"{excitation.name}.csv" for excitation in plan)}
+    strangers = sorted(path.name for path in folder.iterdir() if path.name not in own) if folder.exists() else []
+    if strangers:
+        raise InputRefused(f"{folder}: holds {strangers[0]}, which the demonstration did not write; name a new folder")
 
 
 def _draw_base(rng: np.random.Generator) -> dict[str, float]:

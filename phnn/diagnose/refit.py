@@ -14,6 +14,7 @@ from phnn.setup import Setup
 
 _QUICK, _FULL = 8, 40
 _TIE = 12.0
+_IMPERFECT = 0.2
 
 
 @dataclass(frozen=True)
@@ -74,12 +75,18 @@ def effect_defaults(effect: Effect, values: Mapping[str, float]) -> dict[str, fl
     return dict(values) | {effect.strength: 0.0}
 
 
-def class_of(trials: Sequence[Trial]) -> list[Trial]:
+def class_of(trials: Sequence[Trial], unexplained: bool) -> list[Trial]:
     """The trials that these recordings cannot tell from the best one.
 
     Two refitted models count as told apart when their sums of squares differ by more than twelve times the residual
-    variance: some 3.5 standard deviations for one parameter.
+    variance: some 3.5 standard deviations for one parameter. Where even the best leaves something real unexplained,
+    that remainder may favour either, and a difference of less than a fifth decides nothing.
+
+    Args:
+        trials: best first.
+        unexplained: whether the best refit leaves a significant remainder.
     """
     best = trials[0]
     scale = max(1.0, best.fit.chi2) if best.fit is not None else 1.0
-    return [t for t in trials if t.cost - best.cost <= _TIE * scale]
+    reach = max(_TIE * scale, _IMPERFECT * best.cost if unexplained else 0.0)
+    return [t for t in trials if t.cost - best.cost <= reach]

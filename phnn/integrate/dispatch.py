@@ -14,15 +14,16 @@ import numba
 import phnn
 from phnn.laws import law as law_module
 
-_SOURCES = ("laws", "integrate")
+# What compiled code is made from; torch modules beside them may be edited without compiling anew.
+_SOURCES = ("laws/*.py", "integrate/dispatch.py", "integrate/program.py", "integrate/step.py", "integrate/kernel.py")
 
 
 def _fingerprint() -> str:
     """Hash of the sources a kernel is made from: numba's own cache does not see an edited callee elsewhere."""
     root = Path(phnn.__file__).parent
     digest = hashlib.sha256()
-    for room in _SOURCES:
-        for path in sorted((root / room).glob("*.py")):
+    for pattern in _SOURCES:
+        for path in sorted(root.glob(pattern)):
             digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -57,7 +58,8 @@ def look_up(name: str, functions: Sequence[Callable[..., Any] | None], counts: S
         call = f"return f{code}({', '.join(arguments + parameters[:count])})"
         # The last one needs no test, so that the function returns on every path.
         lines.append(f"    {call}" if code == present[-1][0] else f"    if code == {code}:\n        {call}")
-    exec("\n".join(lines), scope)  # noqa: S102 - the text is built from positions only
+    # The text is built from positions only.
+    exec("\n".join(lines), scope)
     return numba.njit(scope[name], forceinline=True, error_model="numpy")
 
 

@@ -50,8 +50,8 @@ def _march(
         for j in range(ports.shape[0]):
             drive += port_force(ports, j, theta, u[n, j])
         v = solve_step(
-            leaves, modulators, resistors, inertia, theta, theta_c, x, x_c, p, drive, h[n], guess, x_next, mean, x_scratch,
-            e_scratch,
+            leaves, modulators, resistors, inertia, theta, theta_c, x, x_c, p, drive, h[n], guess, x_next, mean,
+            x_scratch, e_scratch,
         )  # fmt: skip
         if not np.isfinite(v):
             return n
@@ -76,6 +76,18 @@ def _users(rows: Any, first: Any, active: Any) -> Any:
             for k in range(active.shape[0]):
                 if rows[i, c] == active[k]:
                     found[i, k] = True
+    return found
+
+
+@numba.njit(error_model="numpy")
+def _resistor_users(leaves: Any, resistors: Any, active: Any) -> Any:
+    """(R, K) the same for resistors, which also depend on the ratio of the leaf whose mid-step state they read."""
+    found = _users(resistors, 2, active)
+    for r in range(resistors.shape[0]):
+        if resistors[r, 1] >= 0:
+            for k in range(active.shape[0]):
+                if leaves[resistors[r, 1], 3] == active[k]:
+                    found[r, k] = True
     return found
 
 
@@ -139,8 +151,8 @@ def _linearise(
 
 @numba.njit(error_model="numpy")
 def _propagate(
-    by_state: Any, by_velocity: Any, by_theta: Any, force: Any, first_force: Any, varied: Any, weight_of: Any, mass: Any,
-    d_state: Any, d_v: Any, d_next: Any,
+    by_state: Any, by_velocity: Any, by_theta: Any, force: Any, first_force: Any, varied: Any, weight_of: Any,
+    mass: Any, d_state: Any, d_v: Any, d_next: Any,
 ) -> None:  # fmt: skip
     """One step of the linearised recursion for all columns."""
     size, columns = d_state.shape
@@ -203,7 +215,7 @@ def _sensitivities(
     by_state = np.zeros((count + 1, count + 1))
     by_velocity = np.zeros(count + 1)
     by_theta = np.zeros((count + 1, k_active))
-    users = (_users(leaves, 3, active), _users(resistors, 2, active), _users(ports, 1, active))
+    users = (_users(leaves, 3, active), _resistor_users(leaves, resistors, active), _users(ports, 1, active))
     d_state = np.zeros((count + 1, columns))
     d_next = np.zeros((count + 1, columns))
     d_v = np.zeros(columns)
@@ -227,6 +239,9 @@ def _sensitivities(
         for k in range(k_active):
             if active[k] == inertia:
                 d_next[count, k] += 2.0 * velocity[n]
+        for m in range(varied.shape[0]):
+            if active[varied[m]] == inertia:
+                d_next[count, columns - varied.shape[0] + m] += 2.0 * velocity[n] * weights[n, m]
         d_state, d_next = d_next, d_state
         if following < nodes.shape[0] and nodes[following] == n + 1:
             out[following] = d_state[output]

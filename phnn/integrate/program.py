@@ -108,11 +108,14 @@ def compile_network(network: Network) -> Program:
         raise StructureViolated("the kernel needs every storage coupled once to the shared flow")
     by_leaf, on_flow = _resistors_by_place(network, junction)
     rows = [_leaf_row(s, by_leaf.get(s.name), ratios[s.name], index) for s in leaves]
-    modulators = [_modulator(by_leaf.get(s.name), names) for s in leaves]
+    lossless = tuple(name if name not in by_leaf else "" for name in names)
+    modulators = [_modulator(by_leaf.get(s.name), lossless) for s in leaves]
     resistors = [
-        [_position(RESISTOR_LAWS, r.law, "resistor"), _modulator(r, names), *index.parameters(r.parameters)]
+        [_position(RESISTOR_LAWS, r.law, "resistor"), _modulator(r, lossless), *index.parameters(r.parameters)]
         for r in on_flow
     ]
+    if network.output not in names:
+        raise StructureViolated(f"the kernel needs an output beside {junction}, not {network.output}")
     ports = []
     for port in network.ports:
         if set(port.on) != {junction}:
@@ -162,6 +165,11 @@ def _leaf_row(storage: Storage, resistor: Resistor | None, ratio: Ratio, index: 
 
 
 def _modulator(resistor: Resistor | None, names: tuple[str, ...]) -> int:
+    """Place of the leaf that a resistor reads; only a lossless one is known at mid-step from the velocity alone."""
     if resistor is None or resistor.modulated_by is None:
         return _NONE
+    if resistor.modulated_by not in names:
+        raise StructureViolated(
+            f"the kernel needs resistor {resistor.name} modulated by a lossless leaf, not by {resistor.modulated_by}"
+        )
     return names.index(resistor.modulated_by)

@@ -1,0 +1,90 @@
+"""A finished diagnosis: the whole path from recordings to verdict, as one value."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from phnn.diagnose.judge import Judgement, judge
+from phnn.diagnose.propose import NextExperiment, propose
+from phnn.effects import Effect, catalogue
+from phnn.identify.base import Options, Progress, identify_base, quiet, refined
+from phnn.identify.evaluate import Evaluation, evaluate
+from phnn.identify.fit import Fit
+from phnn.identify.numerics import NumericalError
+from phnn.identify.problem import Plan
+from phnn.recordings.recording import Campaign
+
+# Above this score along a candidate's direction a numerical error could be named as physics.
+_FAKE = 0.3
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Attributes:
+    campaign: what was diagnosed; base: the fitted base model; error: its numerical error.
+    judgement: verdict, location, effects, remainder.
+    before, after: scores of the base and the final model on all recordings, held-out ones among them.
+    proposal: the next recording, where a class of effects remains.
+    options, seconds: how it was made.
+    """
+
+    campaign: Campaign
+    base: Fit
+    error: NumericalError
+    judgement: Judgement
+    before: Evaluation
+    after: Evaluation
+    proposal: NextExperiment | None
+    options: Options
+    seconds: float
+
+
+def available(campaign: Campaign) -> list[Effect]:
+    """Effects that can exist: with the voltage measured at the terminals the amplifier is no culprit."""
+    return [e for e in catalogue().values() if not (e.needs_command and campaign.voltage == "terminals")]
+
+
+def diagnose(
+    campaign: Campaign,
+    options: Options | None = None,
+    progress: Progress = quiet,
+    effects: Sequence[Effect] | None = None,
+) -> Diagnosis:
+    """Fit the base model, locate what it misses, name it, refit, judge and confirm.
+
+    Args:
+        campaign: recordings with their identification and confirmation parts.
+        options: how hard to try.
+        progress: called with a line of text at every stage.
+        effects: the catalogue to use; all that can exist otherwise.
+    """
+    began = time.monotonic()
+    chosen = options or Options()
+    base, error = identify_base(campaign, chosen, progress)
+    catalogue_ = list(effects) if effects is not None else available(campaign)
+    progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
+    judgement = judge(base, catalogue_, chosen.seed, chosen.max_effects, campaign.held_out_is_new, error)
+    for _ in range(2):
+        if judgement.naming.numerical <= _FAKE:
+            break
+        progress(f"numerical error could score {judgement.naming.numerical:.2g}: finer steps")
+        base, error = refined(base, chosen)
+        judgement = judge(base, catalogue_, chosen.seed, chosen.max_effects, campaign.held_out_is_new, error)
+    progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
+    before = score_on_all(base, campaign)
+    after = score_on_all(judgement.final, campaign) if judgement.final is not base else before
+    members = judgement.findings[0].members if judgement.findings else ()
+    proposal = propose(members, judgement.ground.scales)
+    return Diagnosis(
+        campaign, base, error, judgement, before, after, proposal, chosen, time.monotonic() - began
+    )  # fmt: skip
+
+
+def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
+    """A fit's scores on every recording of a campaign; held-out ones get the finest sub-steps of the fit's plan."""
+    finest = max((fitted.plan.steps_of(r) for r in fitted.plan.recordings), default=1)
+    steps = {r.name: fitted.plan.substeps.get(r.name, finest) for r in campaign.recordings}
+    initial = {n: state for n in fitted.variables.unknown if (state := fitted.initial(n)) is not None}
+    return evaluate(fitted.setup, Plan(campaign.recordings, steps, fitted.plan.workers), initial)

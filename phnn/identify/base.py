@@ -1,0 +1,110 @@
+"""The base model of a campaign, fitted with sub-steps that keep the numerical error below the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from phnn.errors import InputRefused
+from phnn.identify.fit import Fit
+from phnn.identify.numerics import NumericalError, numerical_error, substeps_for
+from phnn.identify.problem import Plan
+from phnn.identify.staged import fit_identified, identify_actuator
+from phnn.models.bouc_wen import bouc_wen
+from phnn.recordings.recording import Campaign
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How hard to try; the keys of the configuration files.
+
+    Attributes:
+        seed: of every random draw.
+        starts: starting points of the nonlinear stage per resonance.
+        error_bound_sigma: bound on the numerical error over the plan, in standard deviations.
+        max_effects: how many effects a diagnosis may add.
+        workers: threads.
+    """
+
+    seed: int = 0
+    starts: int = 2
+    error_bound_sigma: float = 1.0
+    max_effects: int = 2
+    workers: int = 2
+
+    @classmethod
+    def from_config(cls, config: Any) -> Options:
+        """From a mapping such as a hydra configuration; keys it lacks keep their defaults."""
+        known = cls()
+        return cls(**{n: type(getattr(known, n))(config[n]) for n in cls.__dataclass_fields__ if n in config})
+
+
+def quiet(message: str) -> None:
+    """Say nothing."""
+
+
+def identification_plan(campaign: Campaign, workers: int) -> Plan:
+    """The recordings with identification samples.
+
+    Raises:
+        InputRefused: there are none.
+    """
+    chosen = tuple(r for r in campaign.recordings if r.mask("identification").any())
+    if not chosen:
+        raise InputRefused("no recording is for identification: set `use: identification` for some in recordings.yaml")
+    return Plan(chosen, {}, workers)
+
+
+def identify_base(campaign: Campaign, options: Options, progress: Progress = quiet) -> tuple[Fit, NumericalError]:
+    """Fit the campaign's base model; the sub-steps are chosen on the way and checked at the end."""
+    model = str(campaign.setup.get("model", "piezo_actuator"))
+    plan = identification_plan(campaign, options.workers)
+    hysterons = int(campaign.setup.get("hysterons", 2)) if model in ("piezo_actuator", "hrc") else 0
+    if model == "bouc_wen":
+        return _converged(identify_bouc_wen(plan, campaign, options, progress), options)
+    progress(f"identify {model} with {hysterons} hysterons")
+    return _converged(identify_actuator(plan, campaign.known, hysterons, options.starts, options.seed), options)
+
+
+def identify_bouc_wen(plan: Plan, campaign: Campaign, options: Options, progress: Progress = quiet) -> Fit:
+    """Bouc–Wen with its parameters scaled to the drive, from several starts."""
+    progress("identify bouc_wen")
+    linear = identify_actuator(plan, campaign.known, 0, 1, options.seed)
+    values = {n: v for n, v in linear.setup.values().items() if n in ("m", "k", "b", "alpha")}
+    drive = max(float(abs(r.u).max()) for r in plan.recordings)
+    tried = []
+    for weight, rate in ((0.15, 1.5), (0.3, 4.0), (0.1, 10.0)):
+        # Table 2 has A = 0.0087 per volt; the state saturates at A/(β + γ).
+        beta, gamma = 0.3 * rate / drive, 0.7 * rate / drive
+        start = {"beta": beta, "gamma": gamma, "w": weight * drive / (0.008743 / (beta + gamma))}
+        setup = bouc_wen(values | start)
+        held = {n: why for n, why in linear.held.items() if n in setup.parameters}
+        tried.append(fit_identified(setup, plan, held, 30))
+    return min(tried, key=lambda f: f.cost)
+
+
+def _converged(first: Fit, options: Options) -> tuple[Fit, NumericalError]:
+    """Refit with sub-steps for the bound, once more where the fit has moved enough to need finer ones."""
+    fitted = first
+    for _ in range(3):
+        plan = substeps_for(fitted.setup, fitted.plan, options.error_bound_sigma)
+        held = {n: w for n, w in fitted.held.items() if "do not identify" not in w}
+        fitted = fit_identified(fitted.setup, plan, held, origin=fitted)
+        error = numerical_error(fitted)
+        if error.sigma <= options.error_bound_sigma:
+            break
+    return fitted, error
+
+
+def refined(fitted: Fit, options: Options) -> tuple[Fit, NumericalError]:
+    """The same fit with all sub-steps doubled."""
+    doubled = {r.name: 2 * fitted.plan.steps_of(r) for r in fitted.plan.recordings}
+    plan = replace(fitted.plan, substeps=doubled)
+    held = {n: w for n, w in fitted.held.items() if "do not identify" not in w}
+    again = fit_identified(fitted.setup, plan, held, origin=fitted)
+    return again, numerical_error(again)
+
+
