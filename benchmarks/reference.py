@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from benchmarks.case import AMPLITUDE, FREQUENCIES, PERIODS, SAMPLES, TRUTH, Array, times
+from benchmarks.case import AMPLITUDE, FREQUENCIES, NAMES, PERIODS, SAMPLES, TRUTH, Array, times
 
 CACHE = Path(__file__).parent / "results" / ".cache"
 TIGHT = 1e-10
@@ -89,10 +89,21 @@ def reference_campaign(theta: Array = TRUTH) -> Array:
     return np.stack([reference(f, theta) for f in FREQUENCIES])
 
 
-def reference_sensitivities(step: float = 5e-3) -> Array:
+def difference_step(name: str) -> float:
+    """Step in the logarithm of a parameter for central differences of the reference.
+
+    The stiff hysteron switches within microseconds, so that sensitivities all but jump: a step that moves the
+    switching by a good part of a sample would smear them. Only ``rho_1`` does not move it; its sensitivity is
+    so small that it needs a large step to stand out from the reference's own error.
+    """
+    return 1e-2 if name == "rho_1" else 5e-5
+
+
+def reference_sensitivities() -> Array:
     """(7, SAMPLES, 10) derivatives of the displacement by the logarithms of the parameters, central differences [m]."""
     columns = []
-    for k in range(TRUTH.size):
+    for k, name in enumerate(NAMES):
+        step = difference_step(name)
         up, down = TRUTH.copy(), TRUTH.copy()
         up[k] *= np.exp(step)
         down[k] *= np.exp(-step)

@@ -93,7 +93,7 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
     name = arguments.command
     # Settings are refused before torch and numba are loaded.
     config = compose(_SETTINGS[name], settings) if name in _SETTINGS else {}
-    from phnn import commands
+    import phnn.commands as commands
 
     if name == "check":
         commands.check(arguments.folder, arguments.manifest)

@@ -1,6 +1,6 @@
 """Simulate a setup on a recording, with exact derivatives of the output.
 
-    recorded input → reconstruction → amplifier → network (compiled march) → sensor → output
+recorded input → reconstruction → amplifier → network (compiled march) → sensor → output
 """
 
 from __future__ import annotations
@@ -166,8 +166,8 @@ def equilibrium(program: Program, theta: Array, voltage: float) -> Array:
     if voltage == 0.0:
         return x0
     row = program.ports[0]
-    action = list(PORT_LAWS.values())[row[0]].action
-    force = theta[row[1]] * action(voltage, *theta[row[2 : 2 + _count(PORT_LAWS, row[0])]])
+    law = list(PORT_LAWS.values())[row[0]]
+    force = theta[row[1]] * law.action(voltage, *theta[row[2 : 2 + len(law.example)]])
     held = [i for i, leaf in enumerate(program.leaves) if leaf[0] != DISSIPATIVE]
     if not held:
         raise SolverFailed("no spring holds the output, so a constant input has no rest state: declare start: unknown")
@@ -183,10 +183,6 @@ def equilibrium(program: Program, theta: Array, voltage: float) -> Array:
             break
     x0[held] = q
     return x0
-
-
-def _count(table: dict[str, object], position: int) -> int:
-    return len(list(table.values())[position].example)  # type: ignore[attr-defined]
 
 
 def _spring(program: Program, theta: Array, i: int, q: complex) -> complex:
@@ -222,9 +218,10 @@ def output_derivatives(
     rows = trajectory.t.size + trajectory.lead
     out = np.empty((rows, active.size + len(initial) + len(columns) + given.shape[1] + len(varied)))
     signals = np.column_stack([w for _, w in varied]) if varied else np.zeros((steps, 0))
+    start = _start_derivative(trajectory, network_names)
     kernel.sensitivities(
         program.leaves, program.modulators, program.resistors, program.ports, program.inertia, trajectory.theta, active,
-        trajectory.states, trajectory.velocity, trajectory.u, trajectory.h, _start_derivative(trajectory, network_names),
+        trajectory.states, trajectory.velocity, trajectory.u, trajectory.h, start,
         np.array(initial, dtype=np.int64), np.ascontiguousarray(np.hstack([*columns, given])),
         np.array([network_names.index(n) for n, _ in varied], dtype=np.int64), np.ascontiguousarray(signals),
         trajectory.nodes, program.output, out,

@@ -59,10 +59,17 @@ def _dissipative(v: Array, scales: Scales) -> Array:
     return np.column_stack([*(np.tanh(w / c) for c in speeds), np.abs(w) * w, w**3])
 
 
+def _memory_times(scales: Scales) -> Array:
+    return np.geomspace(0.1 / scales.fastest, scales.duration, 8)
+
+
 def _memory(trajectory: Trajectory, scales: Scales) -> Array:
     s = trajectory.mid_displacement / scales.displacement
-    times = np.geomspace(0.1 / scales.fastest, scales.duration, 8)
-    return np.column_stack([s - low_pass(s, trajectory.h, t, float(s[0])) for t in times])
+    return np.column_stack([s - low_pass(s, trajectory.h, t, float(s[0])) for t in _memory_times(scales)])
+
+
+def _after_a_step(t: Array, scales: Scales) -> Array:
+    return np.column_stack([np.exp(-t / tau) for tau in _memory_times(scales)])
 
 
 def _modes(trajectory: Trajectory, scales: Scales) -> Array:
@@ -72,13 +79,13 @@ def _modes(trajectory: Trajectory, scales: Scales) -> Array:
     return np.column_stack([a, *filtered])
 
 
-def _by_displacement(trajectory: Trajectory, scales: Scales) -> Array:
-    s = trajectory.mid_displacement / scales.displacement
+def _by_displacement(q: Array, scales: Scales) -> Array:
+    s = q / scales.displacement
     return np.column_stack([s, s**2])
 
 
-def _by_speed(trajectory: Trajectory, scales: Scales) -> Array:
-    w = np.abs(trajectory.velocity) / scales.velocity
+def _by_speed(v: Array, scales: Scales) -> Array:
+    w = np.abs(v) / scales.velocity
     return np.column_stack([w, w / (w + 0.05)])
 
 
@@ -104,19 +111,22 @@ def _electrical_leaves(trajectory: Trajectory) -> list[int]:
     return [i for i in range(len(rows)) if rows[i][0] == DISSIPATIVE]
 
 
-def _coupling(trajectory: Trajectory, scales: Scales) -> Array:
-    u = trajectory.u[:, 0] / scales.voltage
-    return np.column_stack([u**2, u**3])
-
-
-def _coupling_static(u: Array, scales: Scales) -> Array:
+def _coupling(u: Array, scales: Scales) -> Array:
     w = u / scales.voltage
     return np.column_stack([w**2, w**3])
 
 
+def _lag_times(scales: Scales) -> Array:
+    return np.array([0.02, 0.1, 0.4, 2.0, 10.0]) / (2.0 * np.pi * scales.fastest)
+
+
+def _lag_after_a_step(t: Array, scales: Scales) -> Array:
+    return np.column_stack([np.exp(-t / tau) for tau in _lag_times(scales)])
+
+
 def _amplifier_lag(trajectory: Trajectory, scales: Scales) -> Array:
     u, h = trajectory.u[:, 0] / scales.voltage, trajectory.h
-    times = 1.0 / (2.0 * np.pi * scales.fastest) * np.array([0.02, 0.1, 0.4, 2.0, 10.0])
+    times = _lag_times(scales)
     before = input_before(trajectory.recording, trajectory.recording.u) / scales.voltage
     return np.column_stack([u - low_pass(u, h, t, before) for t in times])
 
@@ -150,9 +160,13 @@ def _sensor_memory(trajectory: Trajectory, scales: Scales) -> Array:
     return np.column_stack([lag, *plays])
 
 
+def _drifts(t: Array, scales: Scales) -> Array:
+    x = t / scales.duration
+    return np.column_stack([x, x**2])
+
+
 def _drift(trajectory: Trajectory, scales: Scales) -> Array:
-    t = trajectory.t / scales.duration
-    return np.column_stack([t, t**2])
+    return _drifts(trajectory.t, scales)
 
 
 def _lines(trajectory: Trajectory, scales: Scales) -> Array:
@@ -181,24 +195,35 @@ def _of_output(law: Callable[[Array, Scales], Array]) -> Callable[[Trajectory, S
     return lambda trajectory, scales: law(trajectory.y, scales)
 
 
+_Q, _V, _U, _T = "displacement [m]", "velocity [m/s]", "voltage [V]", "time after a step [s]"
+
 GROUPS = (
-    Group("mechanical", "elastic", FORCE, _of_displacement(_elastic), "displacement [µm]", _elastic),
-    Group("mechanical", "dissipative", FORCE, _of_velocity(_dissipative), "velocity [m/s]", _dissipative),
-    Group("mechanical", "damping that follows the displacement", PARAMETER, _by_displacement, varies=("b",)),
-    Group("mechanical", "memory", FORCE, _memory),
+    Group("mechanical", "elastic", FORCE, _of_displacement(_elastic), _Q, _elastic),
+    Group("mechanical", "dissipative", FORCE, _of_velocity(_dissipative), _V, _dissipative),
+    Group(
+        "mechanical", "damping that follows the displacement", PARAMETER, _of_displacement(_by_displacement), _Q,
+        _by_displacement, ("b",),
+    ),
+    Group("mechanical", "memory", FORCE, _memory, _T, _after_a_step),
     Group("mechanical", "mode", FORCE, _modes),
     Group("hysteron", "shape", FORCE, _hysteron),
-    Group("hysteron", "threshold that follows the displacement", PARAMETER, _by_displacement, varies=("d_",)),
-    Group("hysteron", "threshold that follows the rate", PARAMETER, _by_speed, varies=("d_",)),
+    Group(
+        "hysteron", "threshold that follows the displacement", PARAMETER, _of_displacement(_by_displacement), _Q,
+        _by_displacement, ("d_",),
+    ),
+    Group("hysteron", "threshold that follows the rate", PARAMETER, _of_velocity(_by_speed), _V, _by_speed, ("d_",)),
     Group("electrical", "leakage", FORCE, _leakage),
-    Group("coupling", "force against voltage", FORCE, _coupling, "voltage [V]", _coupling_static),
-    Group("coupling", "ratio that follows the displacement", PARAMETER, _by_displacement, varies=("alpha",)),
-    Group("amplifier", "lag", VOLTAGE, _amplifier_lag),
-    Group("amplifier", "limit", VOLTAGE, _of_voltage(_amplifier_limit), "voltage [V]", _amplifier_limit),
+    Group("coupling", "force against voltage", FORCE, _of_voltage(_coupling), _U, _coupling),
+    Group(
+        "coupling", "ratio that follows the displacement", PARAMETER, _of_displacement(_by_displacement), _Q,
+        _by_displacement, ("alpha",),
+    ),
+    Group("amplifier", "lag", VOLTAGE, _amplifier_lag, _T, _lag_after_a_step),
+    Group("amplifier", "limit", VOLTAGE, _of_voltage(_amplifier_limit), _U, _amplifier_limit),
     Group("amplifier", "slew", VOLTAGE, _amplifier_slew),
-    Group("thermal", "ratio that follows the warmth", PARAMETER, _warmth, varies=("alpha",)),
-    Group("sensor", "nonlinear", OUTPUT, _of_output(_sensor_static), "displacement [µm]", _sensor_static),
+    Group("thermal", "ratio that follows the warmth", PARAMETER, _warmth, "", None, ("alpha",)),
+    Group("sensor", "nonlinear", OUTPUT, _of_output(_sensor_static), _Q, _sensor_static),
     Group("sensor", "lag or play", OUTPUT, _sensor_memory),
-    Group("sensor", "drift", OUTPUT, _drift),
+    Group("sensor", "drift", OUTPUT, _drift, "time [s]", _drifts),
     Group("environment", "mains", OUTPUT, _lines),
-)
+)  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -66,7 +67,7 @@ class Ground:
         """Rows of every recording in the stacked arrays."""
         lengths = [int(r.mask("identification").sum()) for r in self.plan.recordings]
         edges = np.concatenate([[0], np.cumsum(lengths)])
-        return [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
 
 
 def prepare(fit: Fit) -> Ground:

@@ -18,6 +18,8 @@ SIGNIFICANT = 0.01
 _REFITS = 5
 # Below this share of the excess residual explained, a catalogue entry imitates the truth rather than being it.
 _EXPLAINS = 0.7
+# What comes second explains what the first left, which in real recordings is itself a mixture.
+_EXPLAINS_MORE = 0.4
 # A second effect must matter: it is looked for only where the residual exceeds the noise by this much.
 _MATERIAL = 1.1
 
@@ -96,9 +98,12 @@ def judge(
         after = prepare(fitted)
         remainder = score(after, _others(effects, findings, trials[0]), responses(after), seed)
         share = 1.0 - max(excess(fitted), 0.0) / max(excess(current), 1e-300)
-        if share < _EXPLAINS and remainder.p_value < SIGNIFICANT and not _weak(current):
+        enough = _EXPLAINS_MORE if findings else _EXPLAINS
+        if share < enough and remainder.p_value < SIGNIFICANT and not _weak(current):
             break
-        findings.append(Finding(trials[0], tuple(class_of(trials, remainder.p_value < SIGNIFICANT)), tuple(trials), scores))
+        findings.append(
+            Finding(trials[0], tuple(class_of(trials, remainder.p_value < SIGNIFICANT)), tuple(trials), scores)
+        )
         current, here, scores = fitted, after, remainder
         if remainder.p_value >= SIGNIFICANT or fitted.chi2 < _MATERIAL**2:
             break

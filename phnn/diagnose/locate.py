@@ -47,7 +47,7 @@ class Location:
         name: best location; detail: its best kind of element.
         tied: locations that explain as much.
         scores: by location; details: by ``location/detail``.
-        group: index of the best group; weights: its fitted coefficients (physical), with standard errors.
+        group: index of the best group; weights: its fitted coefficients, with their covariance.
     """
 
     name: str
@@ -57,7 +57,7 @@ class Location:
     details: dict[str, float]
     group: int
     weights: Array
-    weight_std: Array
+    weight_covariance: Array
 
 
 def responses(ground: Ground) -> Responses:
@@ -114,9 +114,9 @@ def locate(ground: Ground, given: Responses | None = None) -> Location:
     inside = {g.detail: details[f"{best}/{g.detail}"] for g in GROUPS if g.location == best}
     detail = max(inside, key=lambda d: inside[d])
     group = next(i for i, g in enumerate(GROUPS) if (g.location, g.detail) == (best, detail))
-    weights, std = _weights(ground, found, group)
+    weights, covariance = _weights(ground, found, group)
     tied = tuple(n for n in names if n != best and scores[n] >= scores[best] - _TIE)
-    return Location(best, detail, tied, scores, details, group, weights, std)
+    return Location(best, detail, tied, scores, details, group, weights, covariance)
 
 
 def _folds(ground: Ground) -> list[NDArray[np.int64]]:
@@ -172,8 +172,8 @@ def _weights(ground: Ground, found: Responses, group: int) -> tuple[Array, Array
     weights = inverse @ (x.T @ ground.residual)
     rest = ground.residual - x @ weights
     spread = float(rest @ rest / rest.size)
-    std = np.sqrt(np.maximum(np.diag(inverse @ (x.T @ x) @ inverse), 0.0) * spread)
-    return weights / found.norms[mine], std / found.norms[mine]
+    norms = found.norms[mine]
+    return weights / norms, spread * (inverse @ (x.T @ x) @ inverse) / np.outer(norms, norms)
 
 
 def group_of(location: Location) -> Group:
@@ -211,5 +211,3 @@ def strongest_times(ground: Ground, count: int = 3) -> list[float]:
             t = recording.t[recording.mask("identification")]
             return [float(x) for x in t[np.sort(np.argsort(r)[-count:])]]
     return []
-
-

@@ -156,7 +156,7 @@ def _null_of_supremum(correlation: Array, sided: Array, seed: int) -> Array:
     found = []
     for _ in range(_DRAWS // _CHUNK):
         z = root @ rng.standard_normal((root.shape[1], _CHUNK))
-        z[~sided] = np.abs(z[~sided])
+        z = np.where(sided[:, None], z, np.abs(z))
         found.append(z.max(axis=0, initial=0.0))
     return np.sort(np.concatenate(found))
 

@@ -15,6 +15,10 @@ from phnn.setup import Setup
 _QUICK, _FULL = 8, 40
 _TIE = 12.0
 _IMPERFECT = 0.2
+# Scores are costs saved to first order; what scores below this share of the best cannot overtake it.
+_WITHIN = 0.35
+_NEAR = 2.0
+_OTHER_STARTS = 1
 
 
 @dataclass(frozen=True)
@@ -31,26 +35,41 @@ class Trial:
 
 
 def refit(base: Fit, candidates: Sequence[Candidate]) -> list[Trial]:
-    """Every candidate refitted together with the base parameters, best first."""
-    return sorted((Trial(c, _best_fit(base, c)) for c in candidates), key=lambda t: t.cost)
+    """Candidates refitted together with the base parameters, best first.
+
+    All that score within reach of the best are refitted a little from several starts; those that come near are
+    carried to convergence.
+    """
+    if not candidates:
+        return []
+    reach = _WITHIN * candidates[0].score
+    quick = [Trial(c, _quick_fit(base, c)) for c in candidates if c.score >= reach]
+    best = min(t.cost for t in quick)
+    finished = [_finished(base, t) if t.cost <= _NEAR * best else t for t in quick]
+    return sorted(finished, key=lambda t: t.cost)
 
 
-def _best_fit(base: Fit, candidate: Candidate) -> Fit | None:
+def _quick_fit(base: Fit, candidate: Candidate) -> Fit | None:
     effect = candidate.effect
-    quick = []
-    for values in (candidate.values, *candidate.others):
+    found = []
+    for values in (candidate.values, *candidate.others[:_OTHER_STARTS]):
         try:
             setup = _clamped(effect, base.setup, values)
-            quick.append(fit_identified(setup, base.plan, _held(base), _QUICK, base, effect.parameters))
+            found.append(fit_identified(setup, base.plan, _held(base), _QUICK, base, effect.parameters))
         except PhnnError:
             continue
-    if not quick:
-        return None
-    best = min(quick, key=lambda f: f.cost)
+    return min(found, key=lambda f: f.cost) if found else None
+
+
+def _finished(base: Fit, trial: Trial) -> Trial:
+    if trial.fit is None:
+        return trial
+    effect = trial.candidate.effect
     try:
-        return fit_identified(best.setup, base.plan, _held(base), _FULL, best, effect.parameters)
+        full = fit_identified(trial.fit.setup, base.plan, _held(base), _FULL, trial.fit, effect.parameters)
     except PhnnError:
-        return best
+        return trial
+    return Trial(trial.candidate, full if full.cost < trial.cost else trial.fit)
 
 
 def _held(base: Fit) -> dict[str, str]:

@@ -106,5 +106,3 @@ def refined(fitted: Fit, options: Options) -> tuple[Fit, NumericalError]:
     held = {n: w for n, w in fitted.held.items() if "do not identify" not in w}
     again = fit_identified(fitted.setup, plan, held, origin=fitted)
     return again, numerical_error(again)
-
-

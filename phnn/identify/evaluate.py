@@ -53,7 +53,7 @@ class Evaluation:
 def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluation:
     """Simulate all recordings of a plan and score their parts.
 
-    The zero of a recording comes from its nuisance part where it has one, else from its identification part; so does
+    The zero of a recording comes from its identification part where it has one, else from its nuisance part; so does
     the initial state of a recording whose start is unknown and that took no part in the fit.
 
     Args:
@@ -66,8 +66,8 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
         if own is None and recording.start.state == "unknown" and nuisance.any():
             own = initial_from_nuisance(setup, recording, plan.steps_of(recording))
         y = simulate(setup, recording, plan.steps_of(recording), initial=own).y
-        mask = nuisance if nuisance.any() else recording.mask("identification")
-        mask = mask if mask.any() else np.ones(recording.t.size, dtype=bool)
+        masks = (recording.mask("identification"), nuisance, np.ones(recording.t.size, dtype=bool))
+        mask = next(m for m in masks if m.any())
         return np.asarray(y + np.mean(recording.y[mask] - y[mask]))
 
     outputs = plan.each(one)

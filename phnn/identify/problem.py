@@ -114,7 +114,7 @@ class Variables:
         return out
 
 
-def variables_of(setup: Setup, plan: Plan, names: Sequence[str], masses: Sequence[Trajectory] = ()) -> Variables:
+def variables_of(setup: Setup, plan: Plan, names: Sequence[str]) -> Variables:
     """The variables of a fit: the named parameters, and initial states where a start is unknown."""
     unknown = [r for r in plan.recordings if r.start.state == "unknown" or _aperiodic(r)]
     if not unknown:
@@ -178,10 +178,10 @@ class Problem:
 
         def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
             residual = weighted_residual(trajectory, mask)[:, None]
-            return np.linalg.qr(np.hstack([derivatives(recording, trajectory, mask), residual]), mode="r")
+            return np.asarray(np.linalg.qr(np.hstack([derivatives(recording, trajectory, mask), residual]), mode="r"))
 
         stacked = np.concatenate([*self.plan.each(one, found, self.masks), np.zeros((columns, columns))])
-        return np.linalg.qr(stacked, mode="r")
+        return np.asarray(np.linalg.qr(stacked, mode="r"))
 
     @property
     def samples(self) -> int:

@@ -123,8 +123,12 @@ def static_gain(recordings: Sequence[Recording]) -> float:
 
 
 def _with_hysterons(
-    linear: Setup, anchored: Mapping[str, float], shares: Sequence[float], rates: Sequence[float], widths: Sequence[float]
-) -> Setup:  # fmt: skip
+    linear: Setup,
+    anchored: Mapping[str, float],
+    shares: Sequence[float],
+    rates: Sequence[float],
+    widths: Sequence[float],
+) -> Setup:
     """Hysterons added to a linear setup: ``α²/C_i = share·k``, relaxation rate ``ϱ_i⁻¹/C_i``, dead zone.
 
     Stiffness gives up what the hysterons take while they stick, so that the small-signal gain stays.

@@ -32,12 +32,12 @@ def _fingerprint() -> str:
 def kernel_cache() -> Iterator[None]:
     """Compile inside this context: the machine code is kept per version of the sources."""
     home = os.environ.get("PHNN_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
-    numba.config.CACHE_DIR = str(Path(home) / "phnn" / _fingerprint())  # type: ignore[attr-defined]
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(Path(home) / "phnn" / _fingerprint())
     try:
         yield
     finally:
-        numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
+        numba.config.CACHE_DIR = before
 
 
 def look_up(name: str, functions: Sequence[Callable[..., Any] | None], counts: Sequence[int], leading: int) -> Any:

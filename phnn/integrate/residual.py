@@ -25,6 +25,9 @@ from phnn.network.system import PortHamiltonianSystem
 if TYPE_CHECKING:
     from phnn.simulate import Trajectory
 
+# A motion that dies away passes through the smallest numbers, where relative accuracy is lost.
+_NOTHING = 1e-180
+
 
 class Residual(NamedTuple):
     """What the march leaves of its equations, and the size of the terms that cancel in each.
@@ -38,8 +41,8 @@ class Residual(NamedTuple):
     scale: Tensor
 
     def relative(self) -> Tensor:
-        """(n, L+2) residual in units of its terms; zero where all of them are zero."""
-        return self.value.abs() / torch.where(self.scale > 0.0, self.scale, 1.0)
+        """(n, L+2) residual in units of its terms; nothing where a motion has died away altogether."""
+        return self.value.abs() / (self.scale + _NOTHING)
 
 
 class _Steps:

@@ -27,7 +27,7 @@ from phnn.laws.namespace import reciprocal
 # Far below any flow that matters, so that the perturbation stays small even where a flow has died away.
 TINY = 1e-140
 _TOLERANCE = 1e-14
-_ITERATIONS = 80
+_ITERATIONS = 120
 # A motion that has died away reaches the smallest numbers, where relative accuracy is lost.
 _NOTHING = 1e-200
 
@@ -107,36 +107,45 @@ def solve_step(
 ) -> Any:  # fmt: skip
     """The root ``v̄`` by Newton inside a bracket; NaN where none was found. ``*_c`` are complex copies.
 
-    ``R`` increases at least as fast as ``2 m v̄/h``, which turns any one value into a bracket.
+    Every network is passive, so that ``v̄ R(v̄) > 0`` far out and a root exists. Where no law is modulated ``R``
+    increases at least as fast as ``2 m v̄/h``: one root, and one step of that slope leads beyond it. A modulated
+    threshold may let ``R`` fall for a while; hence only signs that were seen bound the root.
     """
     floor = 2.0 * theta[inertia] / h
     low = -np.inf
     high = np.inf
     v = guess
     last = np.inf
+    reach = 1.0
     for iteration in range(_ITERATIONS):
         value, _ = balance(
             leaves, modulators, resistors, inertia, theta_c, x_c, p, complex(v, TINY), drive, h, x_scratch, e_scratch
         )  # fmt: skip
         if not np.isfinite(value.real):
             return np.nan
-        reach = v - value.real / floor
         if value.real > 0.0:
             high = v
-            low = max(low, reach)
         else:
             low = v
-            high = min(high, reach)
-        step = v - value.real / (value.imag / TINY)
-        # Not finite fails the comparison as well, and is then replaced by the middle of the bracket.
-        # Newton may also hop between two kinks: a step that did not halve the residual is followed by a bisection.
-        newton = low <= step <= high and abs(value.real) <= 0.5 * last
+        slope = value.imag / TINY
+        step = v - value.real / slope
+        # Not finite fails the comparison as well. Newton may also hop between two kinks: a step that did not halve
+        # the residual is followed by a bisection. On a falling branch it would go to a root that is not connected.
+        newton = low <= step <= high and slope > 0.0 and abs(value.real) <= 0.5 * last
         last = abs(value.real)
-        v = step if newton else 0.5 * (low + high)
+        exhausted = False
+        if newton:
+            v = step
+        elif np.isfinite(high - low):
+            v = 0.5 * (low + high)
+            exhausted = v in (low, high)
+        else:
+            v -= reach * value.real / floor
+            reach *= 2.0
         residual, size = balance(
             leaves, modulators, resistors, inertia, theta, x, p, v, drive, h, x_next, efforts
         )  # fmt: skip
         slack = _TOLERANCE if iteration < 12 else 1e-12
-        if abs(residual) <= slack * size + _NOTHING or low >= high:
+        if exhausted or abs(residual) <= slack * size + _NOTHING:
             return v
     return np.nan

@@ -83,11 +83,12 @@ def register(law: StorageLaw | ResistorLaw | PortLaw) -> None:
     Raises:
         StructureViolated: the name is taken.
     """
-    table: dict[str, Any]
-    if isinstance(law, StorageLaw):
-        table = STORAGE_LAWS
-    else:
-        table = RESISTOR_LAWS if isinstance(law, ResistorLaw) else PORT_LAWS
+    tables: tuple[tuple[type, dict[str, Any]], ...] = (
+        (StorageLaw, STORAGE_LAWS),
+        (ResistorLaw, RESISTOR_LAWS),
+        (PortLaw, PORT_LAWS),
+    )
+    table = next(table for kind, table in tables if isinstance(law, kind))
     if law.name in table:
         raise StructureViolated(f"a law called {law.name!r} exists already: choose another name")
     table[law.name] = law

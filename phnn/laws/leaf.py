@@ -116,5 +116,3 @@ def rc_flow(x: Any, current: Any, h: Any, capacitance: Any, rho: Any, low: Any, 
 def loss(x: Any, x_next: Any, current: Any, mean_effort: Any, h: Any, capacitance: Any) -> Any:
     """Energy dissipated in the leaf's resistor during the step, ``h i ē − ΔH ≥ 0``."""
     return h * current * mean_effort - 0.5 * (x_next - x) * (x_next + x) / capacitance
-
-

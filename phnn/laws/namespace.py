@@ -43,7 +43,8 @@ def where(condition: Any, a: Any, b: Any) -> Any:
     """``a`` where the condition holds, else ``b``; both are evaluated."""
     torch = _torch_of(condition, a, b)
     if not torch:
-        return np.where(condition, a, b)
+        # A number stays a number: an array without dimensions cannot be multiplied by a tensor.
+        return np.where(condition, a, b)[()]
     tensor = next(v for v in (a, b, condition) if isinstance(v, torch.Tensor))
     dtype = torch.float64 if tensor.dtype == torch.bool else tensor.dtype
     a, b = (torch.as_tensor(v, dtype=dtype, device=tensor.device) for v in (a, b))

@@ -79,8 +79,6 @@ def quadratic_drag(effort: Any, q: Any, drag: Any) -> Any:
 register(ResistorLaw("linear", linear, (0.7,), linear_thresholds))
 register(ResistorLaw("maxwell", maxwell, (0.7, 0.4), maxwell_thresholds))
 register(ResistorLaw("dead_zone", dead_zone, (0.7, 0.6), dead_zone_thresholds))
-register(
-    ResistorLaw("following_dead_zone", following_dead_zone, (0.7, 0.6, 0.5, 0.9), following_dead_zone_thresholds)
-)
+register(ResistorLaw("following_dead_zone", following_dead_zone, (0.7, 0.6, 0.5, 0.9), following_dead_zone_thresholds))
 register(ResistorLaw("coulomb", coulomb, (0.4, 0.3)))
 register(ResistorLaw("quadratic_drag", quadratic_drag, (0.8,)))

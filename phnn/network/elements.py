@@ -114,10 +114,10 @@ class Network:
                 raise StructureViolated(f"an element refers to the parameter {name!r}, which is not defined")
 
     def _parameter_references(self) -> list[str]:
-        elements = (*self.storages, *self.resistors, *self.ports)
-        names = [n for element in elements for n in element.parameters]
+        names = [n for s in self.storages for n in s.parameters]
+        names += [n for r in self.resistors for n in r.parameters] + [n for p in self.ports for n in p.parameters]
         ratios: list[Ratio] = [c.ratio for c in self.couplings]
-        ratios += [v for element in (*self.resistors, *self.ports) for v in element.on.values()]
+        ratios += [v for r in self.resistors for v in r.on.values()] + [v for p in self.ports for v in p.on.values()]
         return names + [v for v in ratios if isinstance(v, str)]
 
     @property

@@ -7,6 +7,8 @@ instant of the later one, as a digital source does.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
@@ -82,7 +84,7 @@ def substep_input(u: Array, counts: NDArray[np.int64], method: str) -> Array:
     positions = np.column_stack([first, first + 0.5 * size, first + size])
     fine = np.empty((int(nodes[-1]), 3))
     edges = [0, *find_jumps(u).tolist(), u.size]
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in pairwise(edges):
         rows = slice(nodes[start], nodes[stop - 1])
         fine[rows] = _smooth(u[start:stop], positions[rows] - start, method)
         if stop < u.size:

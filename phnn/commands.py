@@ -1,0 +1,183 @@
+"""What the console commands do: thin covers over reading, identifying, diagnosing and writing."""
+
+from __future__ import annotations
+
+import json
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+
+from phnn.demo import EFFECTS, generate, open_seal, write_seal
+from phnn.diagnose.diagnosis import Diagnosis, score_on_all
+from phnn.diagnose.diagnosis import diagnose as run_diagnosis
+from phnn.errors import PhnnError
+from phnn.identify.base import Options, Progress, identification_plan, identify_base, identify_bouc_wen
+from phnn.identify.evaluate import Evaluation, evaluate
+from phnn.identify.fit import Fit
+from phnn.identify.problem import Plan
+from phnn.identify.staged import identify_actuator
+from phnn.models.store import load, save
+from phnn.recordings import Campaign, describe, read
+from phnn.report import console_summary
+from phnn.report.files import write_atomic
+from phnn.report.result import write
+
+_CLASS = 3
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """A status line on a terminal; silence in a pipe."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda message: None
+        return
+    with console.status("reading") as status:
+        yield status.update
+
+
+def check(folder: Path, manifest: Path | None) -> None:
+    """Print what was understood of a folder of recordings."""
+    print(describe(read(folder, manifest)))
+
+
+def identify(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any]) -> None:
+    """Fit the base model; writes ``base/`` and ``identify.json``."""
+    campaign = read(folder, manifest)
+    options = Options.from_config(config)
+    with _progress() as progress:
+        fitted, error = identify_base(campaign, options, progress)
+        scores = score_on_all(fitted, campaign)
+    save(fitted.setup, out / "base", max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
+    std = fitted.std()
+    parameters = {
+        n: {"value": p.value, "unit": p.unit, "std": std.get(n), "held": fitted.held.get(n)}
+        for n, p in fitted.setup.parameters.items()
+    }
+    content = {
+        "parameters": parameters,
+        "fit": scores.table(),
+        "numerical_error_sigma": error.sigma,
+        "seed": options.seed,
+    }
+    _write_json(out / "identify.json", content)
+    console = Console()
+    table = Table("parameter", "value", "standard error", "note", title=f"base model of {folder}")
+    for name, row in parameters.items():
+        error_text = f"{row['std']:.2g}" if row["std"] is not None else "–"
+        table.add_row(name, f"{row['value']:.5g} {row['unit']}", error_text, str(row["held"] or ""))
+    console.print(table)
+    console.print(_score_table({"base": scores}))
+
+
+def diagnose(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any]) -> None:
+    """Diagnose a folder; writes ``diagnosis.json``, ``report.html``, ``model/``, ``base/`` and ``figures/``."""
+    _diagnose(read(folder, manifest), out, Options.from_config(config))
+
+
+def _diagnose(campaign: Campaign, out: Path, options: Options) -> Diagnosis:
+    from phnn.report.result import evidence
+
+    with _progress() as progress:
+        diagnosis = run_diagnosis(campaign, options, progress)
+        progress("write the report")
+        document = write(diagnosis, out)
+    console = Console()
+    console.print(console_summary(document, evidence(diagnosis)))
+    console.print(f"report: {out / 'report.html'}   seed: {options.seed}")
+    return diagnosis
+
+
+def predict(model: Path, folder: Path, out: Path, manifest: Path | None) -> None:
+    """Simulate the recordings of a folder with a stored model; writes one ``NAME.csv`` per recording."""
+    setup, substeps = load(model)
+    campaign = read(folder, manifest, need_output=False)
+    out.mkdir(parents=True, exist_ok=True)
+    for recording in campaign.recordings:
+        plan = Plan((recording,), {recording.name: substeps}, workers=1)
+        measured = bool(np.isfinite(recording.y).all())
+        if measured:
+            y = evaluate(setup, plan, {}).outputs[recording.name]
+        else:
+            from phnn.simulate import simulate
+
+            y = simulate(setup, recording, substeps).y
+        table = pd.DataFrame({"time_s": recording.t, "displacement_m": y})
+        write_atomic(out / f"{recording.name}.csv", table.to_csv(index=False).encode())
+        print(out / f"{recording.name}.csv")
+
+
+def compare(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any]) -> None:
+    """Fit the port-Hamiltonian, the Bouc–Wen and the linear model; writes ``compare.json``."""
+    campaign = read(folder, manifest)
+    options = Options.from_config(config)
+    plan = identification_plan(campaign, options.workers)
+    with _progress() as progress:
+        fits: dict[str, Fit] = {"phs": identify_base(campaign, options, progress)[0]}
+        plan = fits["phs"].plan
+        fits["bouc_wen"] = identify_bouc_wen(plan, campaign, options, progress)
+        fits["linear"] = identify_actuator(plan, campaign.known, 0, 1, options.seed)
+    scores = {name: score_on_all(f, campaign) for name, f in fits.items()}
+    content = {
+        name: {
+            p.name: {
+                "fit_percent": p.fit_percent,
+                "rmse": p.rmse,
+                "residual_over_noise": p.residual_over_noise,
+                "held_out": p.use == "confirmation",
+            }
+            for p in s.parts
+        }
+        for name, s in scores.items()
+    }
+    _write_json(out / "compare.json", content)
+    Console().print(_score_table(scores))
+
+
+def demo(seed: int | None, out: Path, config: Mapping[str, Any]) -> None:
+    """Conceal an effect, seal it, diagnose the recordings, open the seal.
+
+    Raises:
+        PhnnError: the sealed effect was neither named nor in a stated class of at most three.
+    """
+    chosen = secrets.randbelow(10_000) if seed is None else seed
+    print(f"seed {chosen} (repeat with SEED={chosen}); one of {', '.join(EFFECTS)} is concealed", flush=True)
+    folder = out / "recordings"
+    seal_file = out / "sealed.json"
+    digest = write_seal(generate(chosen, folder), seal_file)
+    print(f"sealed the answer in {seal_file}, SHA-256 {digest}", flush=True)
+    diagnosis = _diagnose(read(folder), out / "diagnosis", Options.from_config(config))
+    sealed = open_seal(seal_file)
+    j = diagnosis.judgement
+    named = [f.trial.candidate.effect.name for f in j.findings]
+    members = list(dict.fromkeys(t.candidate.effect.name for f in j.findings for t in f.members))
+    held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")
+    print(
+        f"opened the seal: {sealed.effect}, residual {sealed.strength_over_noise:.3g} × noise, {sealed.parameters}"
+    )
+    print(f"held-out residual over noise: {held[0]:.3g} -> {held[1]:.3g}")
+    words = ("+".join(named) or j.verdict, ",".join(members) or "-")
+    print(f"sealed: {sealed.effect}  verdict: {j.verdict}  named: {words[0]}  class: {words[1]}", flush=True)
+    if sealed.effect not in named and not (sealed.effect in members and len(members) <= _CLASS):
+        raise PhnnError(f"the sealed effect {sealed.effect} was not found; see {out / 'diagnosis' / 'report.html'}")
+
+
+def _score_table(scores: Mapping[str, Evaluation]) -> Table:
+    table = Table("recording", "use", *scores, title="fit %, and residual over noise")
+    parts = next(iter(scores.values())).parts
+    for i, part in enumerate(parts):
+        cells = [f"{s.parts[i].fit_percent:.2f}  {s.parts[i].residual_over_noise:.3g}" for s in scores.values()]
+        table.add_row(part.name, "held out" if part.use == "confirmation" else "identified", *cells)
+    return table
+
+
+def _write_json(path: Path, content: Mapping[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(path, (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode())

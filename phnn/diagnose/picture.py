@@ -1,0 +1,101 @@
+"""The picture at the location: the learned local function against its own variable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE
+from phnn.diagnose.ground import Ground
+from phnn.diagnose.locate import Location
+from phnn.effects import Scales
+
+Array = NDArray[np.float64]
+
+_POINTS = 241
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A learned function (or the missing signal along one cycle) with labels and units.
+
+    Attributes:
+        x, y: (M,); std: (M,) one standard error, None for a cycle.
+    """
+
+    x: Array
+    y: Array
+    std: Array | None
+    x_label: str
+    y_label: str
+    title: str
+
+
+def picture(ground: Ground, location: Location) -> Picture | None:
+    """The learned function of the best group of a location."""
+    group = GROUPS[location.group]
+    if not location.weights.size:
+        return None
+    scales = ground.scales
+    unit, label = {
+        FORCE: (scales.stiffness * scales.displacement, "missing force [N]"),
+        VOLTAGE: (scales.voltage, "missing voltage [V]"),
+        OUTPUT: (1e9 * scales.displacement, "missing displacement [nm]"),
+        PARAMETER: (1.0, f"relative change of {'…, '.join(group.varies)}…" if group.varies else "relative change"),
+    }[group.enters]
+    title = f"{location.name}: {location.detail}"
+    if group.static is None:
+        return _cycle(ground, location, unit, label, title)
+    x = _axis(group.axis, scales)
+    functions = group.static(x, scales)
+    # A parameter group has one block of weights a parameter; the first one is drawn.
+    count = functions.shape[1]
+    weights, covariance = location.weights[:count], location.weight_covariance[:count, :count]
+    std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", functions, covariance, functions), 0.0))
+    shown, axis = _micrometres(x, group.axis)
+    return Picture(shown, unit * (functions @ weights), unit * std, axis, label, title)
+
+
+def _micrometres(x: Array, axis: str) -> tuple[Array, str]:
+    return (1e6 * x, "displacement [µm]") if axis == "displacement [m]" else (x, axis)
+
+
+def _axis(axis: str, scales: Scales) -> Array:
+    if axis.startswith("time after"):
+        return np.geomspace(0.1 / scales.fastest, scales.duration, _POINTS)
+    if axis.startswith("time"):
+        return np.linspace(0.0, scales.duration, _POINTS)
+    reach = {"displacement": scales.displacement, "velocity": scales.velocity, "voltage": scales.voltage}
+    return np.linspace(-1.0, 1.0, _POINTS) * reach[axis.split()[0]]
+
+
+def _cycle(ground: Ground, location: Location, unit: float, label: str, title: str) -> Picture | None:
+    """The missing signal against the displacement along the recording with the largest motion."""
+    group = GROUPS[location.group]
+    if group.enters == OUTPUT:
+        return None
+    trajectory = max(ground.trajectories, key=lambda t: float(np.ptp(t.y)))
+    functions = group.functions(trajectory, ground.scales)
+    signal = unit * (functions @ location.weights[: functions.shape[1]])
+    last = signal.size
+    if trajectory.recording.period:
+        elapsed = np.cumsum(trajectory.h)
+        last = int(np.searchsorted(elapsed, elapsed[-1] - trajectory.recording.period))
+        window = slice(last, signal.size)
+    else:
+        window = slice(0, last)
+    step = max(1, (window.stop - window.start) // 600)
+    q = trajectory.mid_displacement[window][::step]
+    shown, axis = _micrometres(q, "displacement [m]")
+    return Picture(shown, signal[window][::step], None, axis, label, title)
+
+
+def missing_force(ground: Ground, location: Location, index: int) -> Array | None:
+    """(n,) effort that a located mismatch asks for along one trajectory; None where it is not a force."""
+    group = GROUPS[location.group]
+    if group.enters != FORCE:
+        return None
+    functions = group.functions(ground.trajectories[index], ground.scales)
+    return np.asarray(ground.scales.stiffness * ground.scales.displacement * (functions @ location.weights))

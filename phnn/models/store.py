@@ -1,0 +1,108 @@
+"""Models on disk: a setup as one readable json file."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from phnn.errors import InputRefused, PhnnError
+from phnn.network.elements import Coupling, Network, Port, Resistor, Storage
+from phnn.parameters import Parameter
+from phnn.setup import Block, Setup
+
+SCHEMA = "phnn.model/1"
+FILE = "model.json"
+
+
+def save(setup: Setup, folder: Path, substeps: int = 1) -> None:
+    """Write a setup into a folder, atomically.
+
+    Args:
+        substeps: sub-steps a sample interval that kept the numerical error below the noise.
+
+    Raises:
+        PhnnError: a law is a torch module, which this format does not hold.
+    """
+    network = setup.network
+    laws = [s.law for s in network.storages] + [r.law for r in network.resistors]
+    if not all(isinstance(law, str) for law in laws):
+        raise PhnnError("a network with learned torch laws is saved with torch.save, not as json")
+    content = {
+        "schema": SCHEMA,
+        "name": setup.name,
+        "substeps": substeps,
+        "storages": [asdict(s) for s in network.storages],
+        "resistors": [asdict(r) for r in network.resistors],
+        "couplings": [asdict(c) for c in network.couplings],
+        "ports": [asdict(p) for p in network.ports],
+        "output": network.output,
+        "amplifier": [asdict(b) for b in setup.amplifier],
+        "sensor": [asdict(b) for b in setup.sensor],
+        "parameters": {n: _plain(p) for n, p in network.parameters.items()},
+        "block_parameters": {n: _plain(p) for n, p in (setup.block_parameters or {}).items()},
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    part = folder / (FILE + ".part")
+    part.write_text(json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    os.replace(part, folder / FILE)
+
+
+def load(folder: Path) -> tuple[Setup, int]:
+    """Read a setup and its sub-steps from a folder that `save` wrote.
+
+    Raises:
+        InputRefused: the file is absent, no json, or not a model of this package.
+    """
+    path = folder / FILE if folder.is_dir() else folder
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputRefused(f"{path}: cannot be read ({error.strerror}): give model/ or base/ of a result") from error
+    except ValueError as error:
+        raise InputRefused(f"{path}: is not json ({error}): give model/ or base/ of a result") from error
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        raise InputRefused(f"{path}: is no {SCHEMA} file: give model/ or base/ of a result of this version")
+    try:
+        return _setup(content), int(content["substeps"])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputRefused(f"{path}: is damaged ({type(error).__name__}: {error}): write the model again") from error
+
+
+def _setup(content: Mapping[str, Any]) -> Setup:
+    network = Network(
+        storages=tuple(Storage(**_tupled(s)) for s in content["storages"]),
+        resistors=tuple(Resistor(**_tupled(r)) for r in content["resistors"]),
+        couplings=tuple(Coupling(**c) for c in content["couplings"]),
+        ports=tuple(Port(**_tupled(p)) for p in content["ports"]),
+        parameters={n: _parameter(p) for n, p in content["parameters"].items()},
+        output=content["output"],
+    )
+    return Setup(
+        network=network,
+        amplifier=tuple(Block(**_tupled(b)) for b in content["amplifier"]),
+        sensor=tuple(Block(**_tupled(b)) for b in content["sensor"]),
+        block_parameters={n: _parameter(p) for n, p in content["block_parameters"].items()},
+        name=content["name"],
+    )
+
+
+def _tupled(element: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in element.items()}
+
+
+def _plain(parameter: Parameter) -> dict[str, Any]:
+    # JSON has no infinity: an absent bound is null.
+    return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in asdict(parameter).items()}
+
+
+def _parameter(content: Mapping[str, Any]) -> Parameter:
+    values: dict[str, Any] = dict(content)
+    for bound, unbounded in (("lower", -math.inf), ("upper", math.inf)):
+        if values.get(bound) is None:
+            values[bound] = unbounded
+    return Parameter(**values)

@@ -1,0 +1,295 @@
+"""From a finished diagnosis to what is written: ``diagnosis.json``, the report and the models."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.judge import SIGNIFICANT, Finding, Judgement
+from phnn.diagnose.ledger import account
+from phnn.diagnose.locate import (
+    group_of,
+    recording_scores,
+    strongest_frequencies,
+    strongest_times,
+)
+from phnn.diagnose.name import Candidate
+from phnn.diagnose.picture import Picture, missing_force, picture
+from phnn.identify.fit import Fit
+from phnn.models.store import save
+from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace
+from phnn.report.files import write_atomic
+from phnn.report.write import write_report
+from phnn.units import quantity
+
+SCHEMA = "phnn.diagnosis/1"
+_PACKAGES = ("phnn", "torch", "numpy", "scipy", "numba")
+
+
+def write(diagnosis: Diagnosis, out: Path) -> dict[str, Any]:
+    """Write models, ``diagnosis.json`` and ``report.html`` into a folder; returns the document."""
+    out.mkdir(parents=True, exist_ok=True)
+    plan = diagnosis.base.plan
+    finest = max(plan.steps_of(r) for r in plan.recordings)
+    save(diagnosis.base.setup, out / "base", finest)
+    save(diagnosis.judgement.final.setup, out / "model", finest)
+    content = document(diagnosis)
+    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    write_atomic(out / "diagnosis.json", text.encode())
+    write_report(content, evidence(diagnosis), out)
+    return content
+
+
+def document(diagnosis: Diagnosis) -> dict[str, Any]:
+    """``diagnosis.json`` as a mapping; numbers that are not finite become null."""
+    j = diagnosis.judgement
+    names = {p.name: p.use for p in diagnosis.before.parts}
+    best = j.naming.candidates[0].effect.name if j.naming.candidates else None
+    proposal = diagnosis.proposal
+    content = {
+        "schema": SCHEMA,
+        "verdict": j.verdict,
+        "test": {"statistic": j.naming.statistic, "p_value": j.naming.p_value, "candidate": best},
+        "missing": _missing(diagnosis),
+        "remainder": _remainder(j),
+        "location": _location(diagnosis),
+        "noise_floor": {r.name: r.noise for r in diagnosis.campaign.recordings},
+        "numerical_error_sigma": diagnosis.error.sigma,
+        "fit": {
+            "before": diagnosis.before.table(),
+            "after": diagnosis.after.table() if j.final is not diagnosis.base else {},
+            "held_out": [n for n, use in names.items() if use == "confirmation"],
+        },
+        "next_experiment": None
+        if proposal is None
+        else {"recording": proposal.recording, "separates": list(proposal.separates), "why": proposal.why},
+        "versions": {name: version(name) for name in _PACKAGES},
+        "seed": diagnosis.options.seed,
+        "seconds": round(diagnosis.seconds, 2),
+    }
+    return _finite(content)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
+def _missing(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    j = diagnosis.judgement
+    if j.verdict == "none":
+        return []
+    if j.verdict == "unknown":
+        return [_learned(j)]
+    return [_entry(j.final, f) for f in j.findings]
+
+
+def _entry(final: Fit, finding: Finding) -> dict[str, Any]:
+    effect = finding.trial.candidate.effect
+    parameters, std = final.setup.parameters, final.std()
+    shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in effect.parameters}
+    return {
+        "effect": effect.name,
+        "location": effect.location,
+        "equivalent_to": [t.candidate.effect.name for t in finding.members[1:]],
+        "p_value": finding.trial.candidate.p_value,
+        "statement": effect.statement.format(**shown),
+        "equation": effect.equation,
+        "passive": effect.passive,
+        "parameters": {
+            n: {"value": parameters[n].value, "unit": parameters[n].unit, "std": std.get(n)} for n in effect.parameters
+        },
+    }
+
+
+def _learned(j: Judgement) -> dict[str, Any]:
+    where = j.location
+    name = where.name if where else "mechanical"
+    detail = where.detail if where else ""
+    added = [n for n in j.final.setup.parameters if n not in j.ground.fit.setup.parameters]
+    parameters, std = j.final.setup.parameters, j.final.std()
+    model = (
+        "A passive one-port learned there is part of the model."
+        if j.learned
+        else "No passive one-port of that kind is learned; the model is still the base model."
+    )
+    return {
+        "effect": "unknown",
+        "location": name,
+        "equivalent_to": list(where.tied) if where else [],
+        "p_value": j.naming.p_value,
+        "statement": f"Something real is left out at the {name} location ({detail}), and no element of the catalogue "
+        f"explains it. {model}",
+        "equation": r"F_x = \sum_j \theta_j f_j" if j.learned else "",
+        "passive": j.learned,
+        "parameters": {n: {"value": parameters[n].value, "unit": parameters[n].unit, "std": std.get(n)} for n in added},
+    }
+
+
+def _remainder(j: Judgement) -> dict[str, Any]:
+    over = float(np.sqrt(j.final.chi2))
+    if j.remainder is None:
+        return {"verdict": "none", "residual_over_noise": over, "p_value": j.naming.p_value, "location": None}
+    found = j.remainder.p_value < SIGNIFICANT
+    where = j.remainder_location.name if found and j.remainder_location else None
+    return {
+        "verdict": "unknown" if found else "none",
+        "residual_over_noise": over,
+        "p_value": j.remainder.p_value,
+        "location": where,
+    }
+
+
+def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    j = diagnosis.judgement
+    if j.location is None:
+        return None
+    return {
+        "name": j.location.name,
+        "detail": j.location.detail,
+        "tied": list(j.location.tied),
+        "scores": {n: round(s, 4) for n, s in j.location.scores.items()},
+        "recordings": {n: {"residual_over_noise": v} for n, v in recording_scores(j.ground).items()},
+        "frequencies_Hz": strongest_frequencies(j.ground),
+        "times_s": strongest_times(j.ground),
+    }
+
+
+def evidence(diagnosis: Diagnosis) -> Evidence:
+    """Traces, curves and tables of the report."""
+    j = diagnosis.judgement
+    curves = []
+    for ground, where in ((j.ground, j.location), (j.final_ground, j.remainder_location)):
+        found = picture(ground, where) if where is not None else None
+        if found is not None:
+            curves.append(_curve(found, ground is not j.ground))
+    return Evidence(
+        traces=tuple(_traces(diagnosis)),
+        curves=tuple(curves[:2] if j.verdict != "unknown" else curves[:1]),
+        parameters=tuple(_parameters(diagnosis)),
+        candidates=tuple(_candidates(j)),
+        ledger=tuple(_ledger(j)),
+        notes=(*diagnosis.campaign.notes, *(f"{r.name}: noise from {r.noise_source}." for r in _few(diagnosis))),
+        verdict_sentence=sentence(diagnosis),
+    )
+
+
+def _few(diagnosis: Diagnosis) -> list[Any]:
+    return list(diagnosis.campaign.recordings[:12])
+
+
+def _curve(found: Picture, remainder: bool) -> Curve:
+    title = found.title + (" (what remains)" if remainder else "")
+    return Curve(found.x, found.y, found.std, found.x_label, found.y_label, title)
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """The verdict for a person."""
+    j = diagnosis.judgement
+    held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")
+    change = f"On held-out recordings the residual goes from {held[0]:.3g} to {held[1]:.3g} × noise."
+    if j.verdict == "none":
+        return (
+            f"Nothing is missing that these recordings could show: the base model leaves "
+            f"{diagnosis.base.chi2**0.5:.3g} × noise."
+        )
+    if j.verdict == "unknown":
+        return f"{_learned(j)['statement']} {change}"
+    names = " and ".join(_with_members(f) for f in j.findings)
+    others = any(len(f.members) > 1 for f in j.findings)
+    if j.verdict == "named":
+        start = f"The model leaves out {names}."
+    elif others:
+        start = f"The model leaves out {names}; these recordings cannot tell apart what stands in brackets."
+    else:
+        start = f"Of the catalogue {names} explains most; the held-out part brings nothing new to confirm it."
+    rest = " More remains." if j.remainder is not None and j.remainder.p_value < SIGNIFICANT else ""
+    return f"{start} {change}{rest}"
+
+
+def _with_members(finding: Finding) -> str:
+    first, *others = [t.candidate.effect.name.replace("_", " ") for t in finding.members]
+    return f"{first} (or {', '.join(others)})" if others else first
+
+
+def _traces(diagnosis: Diagnosis) -> list[Trace]:
+    found = []
+    for r in diagnosis.campaign.recordings:
+        for part in r.parts:
+            if part.use == "nuisance":
+                continue
+            rows = slice(part.first, part.last)
+            before, after = diagnosis.before.outputs[r.name][rows], diagnosis.after.outputs[r.name][rows]
+            scored = np.ones(part.last - part.first, dtype=bool)
+            held = part.use == "confirmation"
+            found.append(Trace(part.name, r.t[rows], r.u[rows], r.y[rows], before, after, r.noise, held, scored))
+    return found
+
+
+def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
+    j = diagnosis.judgement
+    before, after = diagnosis.base.setup.parameters, j.final.setup.parameters
+    std, held = j.final.std(), j.final.held
+    anchored = bool({"m", "k", "b", "alpha"} & set(diagnosis.campaign.known))
+    rows = []
+    for name, p in after.items():
+        note = held.get(name, "constant" if p.fixed else "")
+        if not note and not anchored and name[0] in "kbaCr":
+            note = "up to one common factor"
+        old = before[name].value if name in before else None
+        rows.append(ParameterRow(name, p.description, p.unit, old, p.value, std.get(name), note))
+    return rows
+
+
+def _candidates(j: Judgement) -> list[CandidateRow]:
+    refits = {t.candidate.effect.name: t for t in j.tried}
+    added = {f.trial.candidate.effect.name for f in j.findings}
+    members = {t.candidate.effect.name for f in j.findings for t in f.members} - added
+    samples = j.ground.fit.residual.size
+
+    def outcome(c: Candidate) -> str:
+        name = c.effect.name
+        if name in added:
+            return "added"
+        if name in members:
+            return "cannot be told from the one added"
+        if name not in refits:
+            return "not significant" if c.p_value >= SIGNIFICANT else "others score higher: not refitted"
+        if not j.findings:
+            return "refitted; explains too little"
+        return "refitted; fits worse"
+
+    return [
+        CandidateRow(
+            c.effect.name,
+            c.effect.location,
+            c.score,
+            c.p_value,
+            refits[c.effect.name].cost / samples if c.effect.name in refits else None,
+            outcome(c),
+        )
+        for c in j.naming.candidates
+    ]
+
+
+def _ledger(j: Judgement) -> list[LedgerRow]:
+    rows = []
+    for index, trajectory in enumerate(j.ground.trajectories):
+        force = None
+        if j.location is not None and group_of(j.location).enters == "force":
+            force = missing_force(j.ground, j.location, index)
+        a = account(trajectory, force)
+        rows.append(LedgerRow(trajectory.recording.name, a.supplied, a.stored, a.dissipated, a.unexplained))
+    return rows
