@@ -159,9 +159,7 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any]) -> None:
     named = [f.trial.candidate.effect.name for f in j.findings]
     members = list(dict.fromkeys(t.candidate.effect.name for f in j.findings for t in f.members))
     held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")
-    print(
-        f"opened the seal: {sealed.effect}, residual {sealed.strength_over_noise:.3g} × noise, {sealed.parameters}"
-    )
+    print(f"opened the seal: {sealed.effect}, residual {sealed.strength_over_noise:.3g} × noise, {sealed.parameters}")
     print(f"held-out residual over noise: {held[0]:.3g} -> {held[1]:.3g}")
     words = ("+".join(named) or j.verdict, ",".join(members) or "-")
     print(f"sealed: {sealed.effect}  verdict: {j.verdict}  named: {words[0]}  class: {words[1]}", flush=True)

@@ -63,6 +63,17 @@ class Ground:
         return np.concatenate(rows)
 
     @cached_property
+    def coarse_outputs(self) -> list[Array]:
+        """Outputs with the coarse sub-steps, the origin of finite changes."""
+        plan = self.plan.coarse()
+
+        def run(recording: Recording) -> Array:
+            initial = self.fit.initial(recording.name)
+            return simulate(self.fit.setup, recording, plan.steps_of(recording), initial=initial).y
+
+        return plan.each(run)
+
+    @cached_property
     def slices(self) -> list[slice]:
         """Rows of every recording in the stacked arrays."""
         lengths = [int(r.mask("identification").sum()) for r in self.plan.recordings]

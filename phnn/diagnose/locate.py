@@ -196,9 +196,8 @@ def strongest_frequencies(ground: Ground, count: int = 5) -> list[float]:
         r = ground.fit.residual[rows]
         power = np.abs(np.fft.rfft(r * np.hanning(r.size))) ** 2 / (0.375 * r.size)
         grid = np.fft.rfftfreq(r.size, recording.dt)
-        for i in np.argsort(power)[-3:]:
-            if power[i] > 10.0 and grid[i] > 0.0:
-                peaks.append((float(power[i]), float(grid[i])))
+        top = [i for i in np.argsort(power)[-3:] if power[i] > 10.0 and grid[i] > 0.0]
+        peaks += [(float(power[i]), float(grid[i])) for i in top]
     return [round(f, 3) for _, f in sorted(peaks, reverse=True)[:count]]
 
 

@@ -113,15 +113,16 @@ def _best_of_each(
 def _direction(ground: Ground, effect: Effect, values: dict[str, float]) -> Array:
     """(N,) weighted change of the output by an effect; zero where the changed model cannot be simulated."""
     setup = effect.add_to(ground.fit.setup, values)
+    plan = ground.plan.coarse()
 
-    def one(recording: Recording, base: object) -> Array:
+    def one(recording: Recording, base: Array) -> Array:
         initial = ground.fit.initial(recording.name)
         if initial is not None and len(setup.network.storages) != initial.size:
             initial = _longer(initial, len(setup.network.storages))
-        return simulate(setup, recording, ground.plan.steps_of(recording), initial=initial).y - base.y  # type: ignore[attr-defined]
+        return simulate(setup, recording, plan.steps_of(recording), initial=initial).y - base
 
     try:
-        return ground.stack(ground.plan.each(one, ground.trajectories))
+        return ground.stack(plan.each(one, ground.coarse_outputs))
     except SolverFailed:
         return np.zeros(ground.fit.residual.size)
 

@@ -55,21 +55,22 @@ def _quick_fit(base: Fit, candidate: Candidate) -> Fit | None:
     for values in (candidate.values, *candidate.others[:_OTHER_STARTS]):
         try:
             setup = _clamped(effect, base.setup, values)
-            found.append(fit_identified(setup, base.plan, _held(base), _QUICK, base, effect.parameters))
+            found.append(fit_identified(setup, base.plan.coarse(), _held(base), _QUICK, base, effect.parameters))
         except PhnnError:
             continue
     return min(found, key=lambda f: f.cost) if found else None
 
 
 def _finished(base: Fit, trial: Trial) -> Trial:
+    """Carried to convergence with the sub-steps of the base fit."""
     if trial.fit is None:
         return trial
     effect = trial.candidate.effect
     try:
         full = fit_identified(trial.fit.setup, base.plan, _held(base), _FULL, trial.fit, effect.parameters)
     except PhnnError:
-        return trial
-    return Trial(trial.candidate, full if full.cost < trial.cost else trial.fit)
+        return Trial(trial.candidate, None)
+    return Trial(trial.candidate, full)
 
 
 def _held(base: Fit) -> dict[str, str]:

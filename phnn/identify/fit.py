@@ -150,7 +150,7 @@ def _finish(problem: Problem, z: Array, held: dict[str, str], evaluations: int) 
 
 
 def sandwich(residual: Array, jacobian: Array, lengths: Sequence[int]) -> Array:
-    """Covariance ``B (Σ_b g_b g_bᵀ) B`` with ``B = (JᵀJ)⁻¹`` and ``g_b = J_bᵀ r_b`` over blocks of neighbouring samples.
+    """Covariance ``B (Σ_b g_b g_bᵀ) B`` with ``B = (JᵀJ)⁻¹``, ``g_b = J_bᵀ r_b`` over blocks of neighbouring samples.
 
     Valid for coloured residuals (White 1980; blocks instead of single samples). Never below the covariance that
     white noise of the stated floor would give.
@@ -180,7 +180,7 @@ def unidentified(jacobian: Array, names: Sequence[str]) -> list[str]:
     dropped: list[str] = []
     while left:
         _, singular, rows = np.linalg.svd(jacobian[:, left], full_matrices=False)
-        spread = np.sqrt(np.sum((rows / np.maximum(singular, 1e-300)[:, None]) ** 2, axis=0))
+        spread = np.sqrt(np.sum((rows / np.maximum(singular, 1e-100)[:, None]) ** 2, axis=0))
         if spread.max() <= _UNIDENTIFIED and singular[-1] > 1e-10 * singular[0]:
             break
         worst = left[int(np.argmax(np.abs(rows[-1])))]

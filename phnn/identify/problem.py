@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,12 +44,22 @@ class Plan:
         """Sub-steps of a recording, 1 where nothing was chosen."""
         return self.substeps.get(recording.name, 1)
 
-    def each(self, function: object, *sequences: Sequence[object]) -> list:
+    def each(self, function: Callable[..., Any], *sequences: Sequence[Any]) -> list[Any]:
         """Apply a function to every recording (and matching entries of the sequences), in threads."""
-        if self.workers < 2 or len(self.recordings) < 2:
-            return list(map(function, self.recordings, *sequences))  # type: ignore[call-overload]
+        tasks = list(zip(self.recordings, *sequences, strict=True))
+        if self.workers < 2 or len(tasks) < 2:
+            return [function(*task) for task in tasks]
         with ThreadPoolExecutor(self.workers) as pool:
-            return list(pool.map(function, self.recordings, *sequences))  # type: ignore[arg-type]
+            # The longest first: one that comes last would leave the other threads idle.
+            order = sorted(
+                range(len(tasks)), key=lambda i: -self.recordings[i].t.size * self.steps_of(self.recordings[i])
+            )
+            waiting = {i: pool.submit(function, *tasks[i]) for i in order}
+            return [waiting[i].result() for i in range(len(tasks))]
+
+    def coarse(self) -> Plan:
+        """The same recordings with a quarter of the sub-steps, for first looks."""
+        return replace(self, substeps={r.name: max(1, self.steps_of(r) // 4) for r in self.recordings})
 
 
 def centred(values: Array, mask: Array) -> Array:

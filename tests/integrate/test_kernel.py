@@ -120,9 +120,10 @@ def test_actuator_of_table_1_against_radau() -> None:
 def test_stiff_leaf_does_not_ring_at_long_steps() -> None:
     h, n = 1e-4, 200
     u = np.zeros((n, 2))
-    u[:, 0] = 60.0 * np.minimum(np.arange(n) / 50.0, 1.0)
+    u[:, 0] = np.arange(n)
     states = march(from_paper(), u, np.full(n, h), np.zeros(4)).states
-    sliding = states[10:50, 0]
+    sliding = states[80:, 0]
+    assert sliding.min() > 0.99 * 0.5 * TABLE_1["d_1"] * TABLE_1["C_1"]
     # A hundred relaxation times in a step: the charge sits on its threshold instead of hopping about it.
     assert np.abs(np.diff(sliding)).max() < 1e-3 * np.abs(sliding).max()
 

@@ -1,0 +1,246 @@
+"""The torch module as judge of the compiled march, and gradients through it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from junctions import march, random_junction, random_march, recording
+from torch import Tensor, nn
+
+from phnn.errors import InputRefused, SolverFailed
+from phnn.integrate.dense import solve_dense
+from phnn.integrate.differentiable import simulate_torch
+from phnn.integrate.ode import odeint
+from phnn.integrate.program import compile_network
+from phnn.integrate.residual import check, march_residual, network_order, power_balance
+from phnn.laws.neural import MonotoneMLP
+from phnn.models.actuator import from_paper, hrc
+from phnn.network import Network, PortHamiltonianSystem, Resistor
+from phnn.setup import Setup
+from phnn.simulate import Trajectory, simulate
+
+torch.set_num_threads(1)
+
+
+def sine(samples: int = 400) -> Trajectory:
+    t = np.arange(samples) * 1e-5
+    return simulate(Setup(from_paper()), recording(t, 75.0 * np.sin(2 * np.pi * 150.0 * t)))
+
+
+def test_a_march_satisfies_the_equations_of_the_module() -> None:
+    trajectory = sine()
+    assert 0.0 < check(trajectory) < 1e-13
+    assert check(trajectory, system=PortHamiltonianSystem(from_paper())) == check(trajectory)
+
+
+@pytest.mark.parametrize(("place", "name"), [(0, "Q_1"), (1, "Q_2"), (2, "q"), (3, "momentum")])
+def test_a_wrong_state_is_named_with_its_time(place: int, name: str) -> None:
+    trajectory = sine()
+    states = trajectory.states.copy()
+    states[201, place] *= 1.0 + 1e-7
+    with pytest.raises(SolverFailed, match=rf"at t = 0\.002(01)? s .* at the ({name}|junction) equation"):
+        check(replace(trajectory, states=states))
+    velocity = trajectory.velocity.copy()
+    velocity[150] = np.nan
+    with pytest.raises(SolverFailed, match=r"t = 0\.0015 s"):
+        check(replace(trajectory, velocity=velocity))
+
+
+def test_another_parameter_is_noticed() -> None:
+    trajectory = sine()
+    for name, p in trajectory.setup.network.parameters.items():
+        other = trajectory.setup.with_values({name: p.value * (1.0 + 1e-6)})
+        with pytest.raises(SolverFailed):
+            check(replace(trajectory, setup=other), 1e-12)
+
+
+def test_balance_of_a_cycle_matches_what_the_elements_take() -> None:
+    trajectory = sine(1334)
+    balance = power_balance(trajectory)
+    assert balance.dissipated.shape == (1333, 3)
+    assert (balance.dissipated >= -1e-20).all()
+    system = PortHamiltonianSystem(from_paper())
+    with torch.no_grad():
+        h = system.energy(torch.from_numpy(trajectory.states))
+    assert balance.stored.sum().item() == pytest.approx((h[-1] - h[0]).item())
+    # The damper's share by its own law, and the balance of the whole.
+    damper = float(np.sum(trajectory.h * 3.7356 * trajectory.velocity**2))
+    assert balance.dissipated[:, 2].sum().item() == pytest.approx(damper, rel=1e-12)
+    total = balance.supplied.sum() - balance.dissipated.sum() - balance.stored.sum()
+    assert abs(total.item()) < 1e-13 * balance.supplied.abs().sum().item()
+    # A wrong effort leaves a defect.
+    wrong = replace(trajectory, efforts=trajectory.efforts * (1.0 + 1e-6))
+    assert power_balance(wrong).defect.abs().max() > 1e4 * balance.defect.abs().max()
+
+
+def called(system: PortHamiltonianSystem, function: nn.Module) -> tuple[list[str], tuple[Tensor, ...]]:
+    names = [f"system.{name}" for name, _ in system.named_parameters()]
+    return names, tuple(p.detach().clone().requires_grad_(True) for p in system.parameters())
+
+
+class Solve(nn.Module):
+    """A march whose parameters can be replaced."""
+
+    def __init__(self, system: PortHamiltonianSystem, order: str = "program") -> None:
+        super().__init__()
+        self.system, self.order = system, order
+
+    def forward(self, u: Tensor, h: Tensor, x0: Tensor) -> Tensor:
+        return simulate_torch(self.system, u, h, x0, self.order)
+
+
+# Seeds whose motion keeps clear of kinks by more than a finite difference moves it.
+@pytest.mark.parametrize("seed", [0, 2, 3, 5, 7, 12])
+@pytest.mark.parametrize("order", ["program", "network"])
+def test_gradcheck_by_parameters_inputs_steps_and_start(seed: int, order: str) -> None:
+    network = random_junction(seed, stiff=False)
+    system = PortHamiltonianSystem(network)
+    random = np.random.default_rng(seed)
+    u = torch.from_numpy(random.normal(size=(4, len(network.ports)))).requires_grad_(True)
+    h = torch.from_numpy(random.uniform(0.05, 0.2, 4)).requires_grad_(True)
+    x0 = torch.from_numpy(random.normal(size=len(network.storages))).requires_grad_(True)
+    names, values = called(system, Solve(system))
+
+    def solve(u: Tensor, h: Tensor, x0: Tensor, *parameters: Tensor) -> Tensor:
+        replaced = dict(zip(names, parameters, strict=True))
+        return torch.func.functional_call(Solve(system, order), replaced, (u, h, x0))
+
+    assert torch.autograd.gradcheck(solve, (u, h, x0, *values), eps=1e-6, atol=2e-6, rtol=1e-4)
+
+
+def test_states_come_in_the_order_that_is_asked_for() -> None:
+    seed = next(s for s in range(50) if random_junction(s).state_names[-1] != "p")
+    network = random_junction(seed)
+    system, program = PortHamiltonianSystem(network), compile_network(network)
+    u = torch.ones(5, len(network.ports), dtype=torch.float64)
+    x0 = torch.arange(1.0, 1.0 + len(network.storages), dtype=torch.float64)
+    own = simulate_torch(system, u, 0.01, x0, "network")
+    places = network_order(system, program)
+    theirs = simulate_torch(system, u, 0.01, x0[torch.tensor(places).argsort()])
+    assert torch.equal(own[0], x0)
+    assert torch.equal(own, theirs[:, places])
+
+
+def conservative() -> PortHamiltonianSystem:
+    """Without leaves that carry resistors, the compiled step and the torch step are the same equations."""
+    seeds = (s for s in range(1000) if all("p" in r.on for r in random_junction(s).resistors))
+    seed = next(s for s in seeds if len(random_junction(s).resistors) == 2)
+    return PortHamiltonianSystem(random_junction(seed))
+
+
+def gradients(system: PortHamiltonianSystem, path: Tensor, *others: Tensor) -> list[Tensor]:
+    weights = torch.linspace(0.2, 1.0, path.numel(), dtype=torch.float64).reshape(path.shape)
+    found = torch.autograd.grad((weights * path).sum(), [*system.parameters(), *others], allow_unused=True)
+    return [torch.zeros(()) if g is None else g for g in found]
+
+
+def test_gradient_is_that_of_the_torch_step() -> None:
+    system = conservative()
+    random = np.random.default_rng(0)
+    u = torch.from_numpy(random.normal(size=(30, len(system.network.ports)))).requires_grad_(True)
+    x0 = torch.from_numpy(random.normal(size=len(system.state_names))).requires_grad_(True)
+    paths = (simulate_torch(system, u, 0.05, x0, "network"), solve_dense(system, x0, u, 0.05))
+    torch.testing.assert_close(*paths, rtol=1e-10, atol=1e-11)
+    for a, b in zip(*(gradients(system, p, u, x0) for p in paths), strict=True):
+        assert (a - b).abs().max() <= 1e-10 * (b.abs().max() + 1.0)
+
+
+def soft_actuator() -> PortHamiltonianSystem:
+    """Table 1 with the first hysteron slowed down, so that an explicit method can follow it."""
+    return PortHamiltonianSystem(hrc(2, {"rho_1": 6e-4}))
+
+
+def without_kinks() -> PortHamiltonianSystem:
+    """Hysterons that relax without a dead zone: dopri5's own gradient is 1e-3 wrong where a step straddles a kink."""
+    base = hrc(2)
+    slow = [Resistor(f"hysteron_{i}", "linear", {f"Q_{i}": 1.0}, (f"rho_{i}",)) for i in (1, 2)]
+    network = replace(base, resistors=(*slow, base.resistors[-1])).with_values({"rho_1": 6e-4})
+    return PortHamiltonianSystem(
+        replace(network, parameters={n: p for n, p in network.parameters.items() if n not in ("d_1", "d_2")})
+    )
+
+
+def test_gradient_tends_to_that_of_torchdiffeq() -> None:
+    duration, system = 2e-3, without_kinks()
+
+    def voltage(t: Tensor) -> Tensor:
+        return torch.stack([75.0 * torch.sin(2 * np.pi * 250.0 * t), 0.0 * t], dim=-1)
+
+    def gradient(end: Tensor) -> Tensor:
+        # Relative to the parameters, whose sizes differ by many decades; the states are of the order 1e-6.
+        found = torch.autograd.grad(1e6 * end.sum(), list(system.parameters()))
+        return torch.stack([g * p.detach() for g, p in zip(found, system.parameters(), strict=True)])
+
+    x0 = torch.zeros(4, dtype=torch.float64)
+    times = torch.tensor([0.0, duration], dtype=torch.float64)
+    wanted = gradient(odeint(system.with_input(voltage), x0, times, rtol=1e-10, atol=1e-16, method="dopri5")[-1])
+    errors = []
+    for n in (4000, 8000):
+        fine = voltage(torch.linspace(0.0, duration, 2 * n + 1, dtype=torch.float64))
+        u = (fine[:-2:2] + 4.0 * fine[1::2] + fine[2::2]) / 6.0
+        got = gradient(simulate_torch(system, u, duration / n, x0)[-1])
+        errors.append(float(((got - wanted).abs() / wanted.abs()).max()))
+    assert errors[1] < 1e-6
+    assert errors[1] == pytest.approx(errors[0] / 4.0, rel=0.1)
+
+
+def test_networks_without_a_kernel_take_the_torch_step() -> None:
+    base = from_paper()
+    learned = Network(
+        base.storages,
+        (*base.resistors[:2], Resistor("damper", MonotoneMLP(1e-2, 0.1, 4), {"p": 1.0})),
+        base.couplings,
+        base.ports,
+        base.parameters,
+    )
+    system = PortHamiltonianSystem(learned)
+    h = torch.tensor([1e-5] * 3 + [2e-5] * 2, dtype=torch.float64)
+    u = torch.full((5, 2), 0.5, dtype=torch.float64)
+    x0 = torch.zeros(4, dtype=torch.float64)
+    path = simulate_torch(system, u, h, x0)
+    first = solve_dense(system, x0, u[:3], 1e-5)
+    torch.testing.assert_close(path, torch.cat([first, solve_dense(system, first[-1], u[3:], 2e-5)[1:]]))
+    path[-1, 2].backward()
+    assert all(p.grad is not None for name, p in system.named_parameters() if name.startswith("laws"))
+
+
+def test_without_gradients_and_without_steps() -> None:
+    system = soft_actuator()
+    x0 = torch.zeros(4, dtype=torch.float64)
+    with torch.no_grad():
+        path = simulate_torch(system, torch.ones(3, 2, dtype=torch.float64), 1e-5, x0)
+    assert not path.requires_grad
+    assert simulate_torch(system, torch.ones(0, 2, dtype=torch.float64), 1e-5, x0).shape == (1, 4)
+    reference = march(system.as_network(), np.ones((3, 2)), np.full(3, 1e-5), np.zeros(4))
+    np.testing.assert_array_equal(path.numpy(), reference.states)
+
+
+def test_unusable_arguments_are_refused() -> None:
+    system = soft_actuator()
+    x0, u = torch.zeros(4, dtype=torch.float64), torch.zeros(3, 2, dtype=torch.float64)
+    with pytest.raises(InputRefused, match="choose 'program' or 'network'"):
+        simulate_torch(system, u, 1e-5, x0, "other")
+    with pytest.raises(InputRefused, match=r"initial state has shape \(3,\)"):
+        simulate_torch(system, u, 1e-5, x0[:3])
+    with pytest.raises(InputRefused, match=r"mean input has shape \(3, 1\)"):
+        simulate_torch(system, u[:, :1], 1e-5, x0)
+    with pytest.raises(InputRefused, match=r"\.double\(\)"):
+        simulate_torch(system, u.float(), 1e-5, x0)
+    with pytest.raises(InputRefused, match=r"not finite at index \(1, 0\)"):
+        simulate_torch(system, u + torch.tensor([[0.0], [np.nan], [0.0]], dtype=torch.float64), 1e-5, x0)
+    with pytest.raises(InputRefused, match="positive steps"):
+        simulate_torch(system, u, 0.0, x0)
+
+
+def test_residual_is_differentiable_by_everything_it_reads() -> None:
+    trajectory = random_march(9, stiff=False, steps=6)
+    system = PortHamiltonianSystem(trajectory.setup.network)
+    tensors = [
+        torch.from_numpy(a).clone().requires_grad_(True)
+        for a in (trajectory.states, trajectory.velocity, trajectory.u, trajectory.h)
+    ]
+    march_residual(system, trajectory.program, *tensors).value.sum().backward()
+    assert all(t.grad is not None and bool(torch.isfinite(t.grad).all()) for t in tensors)
