@@ -109,7 +109,9 @@ def saturation(fine: Array, h: Array, before: float, limit: Any) -> Array:
 
 def bouc_wen(fine: Array, h: Array, before: float, a: Any, beta: Any, gamma: Any, weight: Any) -> Array:
     """``V − w h`` with ``ḣ = A V̇ − β|V̇|h − γ|h|V̇`` (eq. (19)), exact for an input monotone between points."""
-    state = _bouc_wen_state(fine + 0.0 * a, before + 0.0 * a, a + 0.0 * beta, beta + 0.0 * gamma, gamma + 0.0 * beta)
+    # All of them complex where one is, so that the loop is compiled for two types only.
+    zero = 0.0 * (a + beta + gamma)
+    state = _bouc_wen_state(fine + zero, before + zero, a + zero, beta + zero, gamma + zero)
     return np.asarray(fine - weight * state)
 
 

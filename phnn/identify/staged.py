@@ -22,7 +22,9 @@ Array = NDArray[np.float64]
 
 _DEFAULT_MASS = 1.0e-3
 _RESONANCES_HZ = (200.0, 800.0, 3000.0)
-_QUICK = 8
+_QUICK = 10
+_FULL = 50
+_FINALISTS = 5
 
 
 def identify_actuator(
@@ -44,12 +46,12 @@ def identify_actuator(
     if setup is not None:
         return fit_identified(setup, plan, held)
     anchored = {n: a.value for n, a in known.items()}
-    stages = _mechanical(plan, anchored, held)
+    mechanical = _mechanical(plan, anchored, held)
     if hysterons == 0:
-        return min((fit_identified(f.setup, plan, held) for f in stages), key=lambda f: f.cost)
+        return fit_identified(mechanical.setup, plan, held)
     candidates = [
-        *_linear_starts(min(stages, key=lambda f: f.cost).setup, plan, hysterons, anchored, held),
-        *(s for f in stages for s in _random_starts(f.setup, plan, hysterons, anchored, starts, seed)),
+        *_linear_starts(mechanical.setup, plan, hysterons, anchored, held),
+        *_random_starts(mechanical.setup, plan, hysterons, anchored, 2 * starts, seed),
     ]
     tried = []
     for candidate in candidates:
@@ -59,8 +61,9 @@ def identify_actuator(
             continue
     if not tried:
         raise PhnnError("no starting point of the identification could be simulated: check units and sampling")
+    # The first steps say little about where a start ends: several of the best go on.
     tried.sort(key=lambda f: f.cost)
-    finished = [fit_identified(f.setup, plan, held, origin=f) for f in tried[:2]]
+    finished = [fit_identified(f.setup, plan, held, _FULL, f) for f in tried[:_FINALISTS]]
     return min(finished, key=lambda f: f.cost)
 
 
@@ -99,8 +102,8 @@ def _reason(setup: Setup, name: str) -> str:
     return f"held at {p.value:.4g} {p.unit}: these recordings do not identify it"
 
 
-def _mechanical(plan: Plan, anchored: Mapping[str, float], held: Mapping[str, str]) -> list[Fit]:
-    """First stage: mass–spring–dampers from several resonances."""
+def _mechanical(plan: Plan, anchored: Mapping[str, float], held: Mapping[str, str]) -> Fit:
+    """First stage: a mass–spring–damper, the best of several resonances."""
     gain = static_gain(plan.recordings)
     mass = anchored.get("m", _DEFAULT_MASS)
     tried = []
@@ -113,7 +116,7 @@ def _mechanical(plan: Plan, anchored: Mapping[str, float], held: Mapping[str, st
         setup = Setup(hrc(0, {n: abs(v) for n, v in values.items()}), name="linear")
         here = {n: why for n, why in held.items() if n in setup.parameters}
         tried.append(fit_identified(setup, plan, here, max_evaluations=15))
-    return tried
+    return min(tried, key=lambda f: f.cost)
 
 
 def static_gain(recordings: Sequence[Recording]) -> float:
@@ -172,7 +175,7 @@ def _random_starts(
     for number in range(count):
         spread = 0.0 if number == 0 else 1.0
         shares = 0.15 * np.exp(0.5 * spread * rng.standard_normal(hysterons))
-        fast = np.where(np.arange(hysterons) % 2 == 0, 300.0, 1.0)
+        fast = np.where(np.arange(hysterons) % 2 == 0, 30.0, 1.0)
         rates = omega * fast * np.exp(1.2 * spread * rng.standard_normal(hysterons))
         widths = drive * 0.2 / (1.0 + 0.7 * np.arange(hysterons)) * np.exp(spread * rng.standard_normal(hysterons))
         found.append(_with_hysterons(linear, anchored, shares.tolist(), rates.tolist(), widths.tolist()))

@@ -36,7 +36,8 @@ def find_jumps(u: Array) -> NDArray[np.int64]:
     if span == 0.0 or u.size < 4:
         return np.zeros(0, np.int64)
     steps = np.abs(np.diff(u))
-    padded = np.concatenate([np.zeros(3), steps, np.zeros(3)])
+    # Mirrored at the ends: padding with zeros would make every difference of a short record a jump.
+    padded = np.pad(steps, 3, mode="reflect")
     around = np.lib.stride_tricks.sliding_window_view(padded, 7)
     neighbours = np.delete(around, 3, axis=1)
     typical = np.median(neighbours, axis=1)
@@ -97,7 +98,7 @@ def _smooth(u: Array, positions: Array, method: str) -> Array:
     if method == "band_limited" and u.size > 32:
         # A straight line is taken out, because the filter assumes zero outside the record.
         line = np.linspace(u[0], u[-1], u.size)
-        dense = np.asarray(signal.resample_poly(u - line, _DENSE, 1, window=("kaiser", 12.0)))
+        dense = np.asarray(signal.resample_poly(u - line, _DENSE, 1, window=("kaiser", 14.0)))
         dense = dense[: (u.size - 1) * _DENSE + 1]
         spline = make_interp_spline(np.arange(dense.size) / _DENSE, dense, k=3)
         return np.asarray(spline(positions) + np.interp(positions, np.arange(u.size), line))

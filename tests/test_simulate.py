@@ -1,0 +1,188 @@
+"""From a recorded input to an output with its derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from junctions import recording
+
+from phnn.effects import effect
+from phnn.errors import SolverFailed
+from phnn.integrate import kernel
+from phnn.integrate.program import compile_network
+from phnn.models.actuator import from_paper, hrc
+from phnn.models.bouc_wen import bouc_wen
+from phnn.recordings.recording import Recording, Start
+from phnn.setup import Setup
+from phnn.simulate import equilibrium, input_force, output_derivatives, simulate
+
+BASE = Setup(from_paper())
+
+
+def sine(cycles: float = 2.0, offset: float = 0.0, **other: object) -> Recording:
+    t = np.arange(round(100 * cycles) + 1) * 1e-4
+    return recording(t, offset + 90.0 * np.sin(2 * np.pi * 100.0 * t), **other)  # type: ignore[arg-type]
+
+
+def test_a_trajectory_holds_what_it_says() -> None:
+    run = simulate(BASE, sine(), substeps=3)
+    n = 3 * 200
+    assert run.y.shape == run.t.shape == (201,)
+    assert run.states.shape == (n + 1, 4)
+    assert run.efforts.shape == (n, 3)
+    assert run.fine.shape == (n, 3)
+    assert run.u.shape == (n, 2)
+    assert (run.u[:, 1] == 0.0).all()
+    assert run.mid_displacement.shape == (n,)
+    np.testing.assert_array_equal(run.y, run.states[run.nodes, 2])
+    assert run.nodes[-1] == n
+    assert run.h.sum() == pytest.approx(run.t[-1])
+
+
+def test_error_falls_at_second_order_in_the_substeps() -> None:
+    best = simulate(BASE, sine(), substeps=64).y
+    errors = [np.abs(simulate(BASE, sine(), substeps=n).y - best).max() for n in (2, 4, 8)]
+    assert errors[2] < 0.1 * errors[0]
+    assert errors[2] < 1e-3 * np.abs(best).max()
+
+
+def test_rest_under_a_voltage_stays_at_rest() -> None:
+    t = np.arange(100) * 1e-4
+    held = recording(t, np.full(100, 20.0), Start("rest", 20.0))
+    for setup in (BASE, effect("cubic_stiffness").add_to(BASE, {"kappa_3": 0.3, "q_0": 1e-5})):
+        y = simulate(setup, held).y
+        np.testing.assert_allclose(y, y[0], rtol=1e-12)
+        assert y[0] > 1e-5
+    assert simulate(BASE, held).y[0] == pytest.approx(0.046311 * 20.0 / 24579.0)
+    jump = simulate(BASE, recording(t, np.full(100, 20.0), Start("rest", 0.0))).y
+    assert jump[0] == 0.0
+    assert np.abs(jump).max() > 1e-6
+
+
+def test_equilibrium_needs_something_that_holds() -> None:
+    base = from_paper()
+    free = base.__class__(
+        tuple(s for s in base.storages if s.name != "q"),
+        base.resistors,
+        tuple(c for c in base.couplings if c.to != "q"),
+        base.ports,
+        base.parameters,
+        "Q_1",
+    )
+    program = compile_network(free)
+    with pytest.raises(SolverFailed, match="declare start: unknown"):
+        equilibrium(program, program.theta(free), 10.0)
+    assert (equilibrium(program, program.theta(free), 0.0) == 0.0).all()
+
+
+def test_a_periodic_start_is_in_its_cycle() -> None:
+    cycles = simulate(BASE, sine(2.0, start=Start("periodic"), period=0.01))
+    assert cycles.lead == 300
+    assert cycles.t[0] == 0.0
+    assert cycles.y.size == 201
+    np.testing.assert_allclose(cycles.y[:100], cycles.y[100:200], atol=1e-3 * np.abs(cycles.y).max())
+    from_rest = simulate(BASE, sine(2.0)).y
+    assert np.abs(from_rest[:100] - from_rest[100:200]).max() > 1e-2 * np.abs(from_rest).max()
+
+
+def test_blocks_act_in_their_order_and_the_sensor_on_the_output() -> None:
+    lag = effect("amplifier_lowpass").add_to(BASE, {"tau_a": 1e-3})
+    clipped = effect("amplifier_saturation").add_to(lag, {"V_max": 20.0})
+    assert np.abs(simulate(clipped, sine()).fine).max() == 20.0
+    other = effect("amplifier_lowpass").add_to(
+        effect("amplifier_saturation").add_to(BASE, {"V_max": 20.0}), {"tau_a": 1e-3}
+    )
+    assert np.abs(simulate(other, sine()).fine).max() < 20.0
+    drifting = effect("sensor_drift").add_to(BASE, {"drift_rate": 1e-4})
+    run = simulate(drifting, sine())
+    np.testing.assert_allclose(run.y, simulate(BASE, sine()).y + 1e-4 * run.t, rtol=1e-12)
+
+
+def test_settled_blocks_start_without_a_transient() -> None:
+    lag = effect("amplifier_lowpass").add_to(BASE, {"tau_a": 1e-3})
+    t = np.arange(50) * 1e-4
+    y = simulate(lag, recording(t, np.full(50, 30.0), Start("unknown"))).y
+    np.testing.assert_allclose(y, y[0], rtol=1e-12)
+
+
+def differences(setup: Setup, run: Recording, name: str) -> np.ndarray:
+    value = setup.parameters[name].value
+    step = 1e-6 * abs(value)
+    ends = [simulate(setup.with_values({name: value + s}), run).y for s in (step, -step)]
+    return (ends[0] - ends[1]) / (2.0 * step)
+
+
+CASES = {
+    "actuator": (BASE, sine()),
+    "from a bias": (BASE, sine(offset=20.0, start=Start("rest", 20.0))),
+    "periodic": (BASE, sine(start=Start("periodic"), period=0.01)),
+    "jump": (BASE, recording(np.arange(200) * 1e-4, np.where(np.arange(200) < 50, 0.0, 120.0))),
+    "bouc_wen": (bouc_wen(), sine()),
+    "chain": (
+        effect("sensor_drift").add_to(
+            effect("amplifier_saturation").add_to(
+                effect("amplifier_lowpass").add_to(BASE, {"tau_a": 5e-4}), {"V_max": 40.0}
+            ),
+            {"drift_rate": 1e-5},
+        ),
+        sine(),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_derivatives_by_every_parameter_agree_with_finite_differences(case: str) -> None:
+    setup, run = CASES[case]
+    names = list(setup.free)
+    got = output_derivatives(simulate(setup, run), names)
+    size = np.abs(simulate(setup, run).y).max()
+    for k, name in enumerate(names):
+        wanted = differences(setup, run, name)
+        rounding = 1e-14 * size / (1e-6 * abs(setup.parameters[name].value))
+        # The march has kinks, which a finite difference may straddle: a few samples may differ.
+        wrong = np.abs(got[:, k] - wanted) > 1e-4 * np.abs(wanted).max() + rounding
+        assert wrong.mean() < 0.05, name
+        assert np.abs(wanted).max() > 0.0, name
+
+
+def test_derivatives_by_initial_states_and_forces() -> None:
+    run = simulate(BASE, sine())
+    n = run.h.size
+    bump = np.zeros((n, 1))
+    bump[40:60] = 1.0
+    got = output_derivatives(run, ["k"], initial=[0, 2, 3], forces=bump)
+    assert got.shape == (201, 5)
+    for column, (place, step) in enumerate([(0, 1e-11), (2, 1e-11), (3, 1e-11)]):
+        ends = [simulate(BASE, sine(), initial=s * step * np.eye(4)[place]).y for s in (1.0, -1.0)]
+        wanted = (ends[0] - ends[1]) / (2.0 * step)
+        np.testing.assert_allclose(got[:, 1 + column], wanted, atol=2e-4 * np.abs(wanted).max())
+    # A force on the junction is a voltage over the transducer ratio.
+    assert (got[:40, 4] == 0.0).all()
+    np.testing.assert_allclose(input_force(run, np.ones(n)), 0.046311)
+    whole = output_derivatives(run, [], forces=input_force(run, run.u[:, 0])[:, None])[:, 0]
+    step = 1e-6
+    ends = []
+    for s in (step, -step):
+        scaled = sine()
+        ends.append(simulate(BASE, recording(scaled.t, (1.0 + s) * scaled.u)).y)
+    wanted = (ends[0] - ends[1]) / (2.0 * step)
+    np.testing.assert_allclose(whole, wanted, atol=1e-4 * np.abs(wanted).max())
+
+
+def test_a_parameter_varied_in_time_by_one_is_the_parameter() -> None:
+    run = simulate(BASE, sine())
+    ones = np.ones(run.h.size)
+    got = output_derivatives(run, ["k", "m"], varied=[("k", ones), ("C_1", ones), ("m", ones)])
+    assert got.shape == (201, 5)
+    np.testing.assert_allclose(got[:, [2, 4]], got[:, [0, 1]], rtol=1e-12)
+    np.testing.assert_allclose(got[:, 3], output_derivatives(run, ["C_1"])[:, 0], rtol=1e-12)
+
+
+def test_a_step_without_a_solution_names_recording_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernel, "march", lambda *_: 30)
+    with pytest.raises(SolverFailed, match=r"made: no solution of the step at t = 0\.0015 s; .* more sub-steps"):
+        simulate(BASE, sine(), substeps=2)
+
+
+def test_another_number_of_hysterons_runs_on_the_same_recording() -> None:
+    assert np.abs(simulate(Setup(hrc(1)), sine()).y - simulate(Setup(hrc(3)), sine()).y).max() > 1e-7
