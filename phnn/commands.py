@@ -58,7 +58,7 @@ def identify(folder: Path, out: Path, manifest: Path | None, config: Mapping[str
     save(fitted.setup, out / "base", max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
     std = fitted.std()
     parameters = {
-        n: {"value": p.value, "unit": p.unit, "std": std.get(n), "held": fitted.held.get(n)}
+        n: {"value": p.value, "unit": p.unit, "std": _known(std.get(n)), "held": fitted.held.get(n)}
         for n, p in fitted.setup.parameters.items()
     }
     content = {
@@ -165,6 +165,10 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any]) -> None:
     print(f"sealed: {sealed.effect}  verdict: {j.verdict}  named: {words[0]}  class: {words[1]}", flush=True)
     if sealed.effect not in named and not (sealed.effect in members and len(members) <= _CLASS):
         raise PhnnError(f"the sealed effect {sealed.effect} was not found; see {out / 'diagnosis' / 'report.html'}")
+
+
+def _known(std: float | None) -> float | None:
+    return std if std is not None and np.isfinite(std) else None
 
 
 def _score_table(scores: Mapping[str, Evaluation]) -> Table:

@@ -121,7 +121,7 @@ CASES = {
     "chain": (
         effect("sensor_drift").add_to(
             effect("amplifier_saturation").add_to(
-                effect("amplifier_lowpass").add_to(BASE, {"tau_a": 5e-4}), {"V_max": 40.0}
+                effect("amplifier_lowpass").add_to(BASE, {"tau_a": 5e-4}), {"V_max": 80.0}
             ),
             {"drift_rate": 1e-5},
         ),

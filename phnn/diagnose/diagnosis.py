@@ -14,6 +14,7 @@ from phnn.identify.evaluate import Evaluation, evaluate
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import NumericalError
 from phnn.identify.problem import Plan
+from phnn.integrate.residual import check
 from phnn.recordings.recording import Campaign
 
 # Above this score along a candidate's direction a numerical error could be named as physics.
@@ -27,6 +28,7 @@ class Diagnosis:
     judgement: verdict, location, effects, remainder.
     before, after: scores of the base and the final model on all recordings, held-out ones among them.
     proposal: the next recording, where a class of effects remains.
+    kernel_residual: largest relative residual that the torch module finds in the compiled simulations of both models.
     options, seconds: how it was made.
     """
 
@@ -37,6 +39,7 @@ class Diagnosis:
     before: Evaluation
     after: Evaluation
     proposal: NextExperiment | None
+    kernel_residual: float
     options: Options
     seconds: float
 
@@ -75,10 +78,12 @@ def diagnose(
     progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
     before = score_on_all(base, campaign)
     after = score_on_all(judgement.final, campaign) if judgement.final is not base else before
+    grounds = {id(g): g for g in (judgement.ground, judgement.final_ground)}.values()
+    residual = max(check(t) for g in grounds for t in g.trajectories)
     members = judgement.findings[0].members if judgement.findings else ()
     proposal = propose(members, judgement.ground.scales)
     return Diagnosis(
-        campaign, base, error, judgement, before, after, proposal, chosen, time.monotonic() - began
+        campaign, base, error, judgement, before, after, proposal, residual, chosen, time.monotonic() - began
     )  # fmt: skip
 
 

@@ -95,12 +95,13 @@ def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:
     """Sizes met in the recordings."""
     recordings = fit.plan.recordings
     frequencies = [f for r in recordings if (f := dominant_frequency(r)) > 0.0]
-    k = fit.setup.parameters.get("k")
+    k, alpha = (fit.setup.parameters.get(n) for n in ("k", "alpha"))
     return Scales(
         voltage=max(float(np.abs(r.u).max()) for r in recordings),
         displacement=max(float(np.abs(t.mid_displacement).max()) for t in trajectories),
         velocity=max(float(np.quantile(np.abs(t.velocity), 0.999)) for t in trajectories),
         stiffness=k.value if k is not None else 1.0,
+        transducer=alpha.value if alpha is not None else 1.0,
         slowest=min(frequencies),
         fastest=max(frequencies),
         duration=max(float(r.t[-1]) for r in recordings),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from phnn.diagnose.name import Candidate
 from phnn.effects import Effect
 from phnn.errors import PhnnError
-from phnn.identify.fit import Fit
+from phnn.identify.fit import Fit, distinct_optima
 from phnn.identify.staged import fit_identified
 from phnn.setup import Setup
 
@@ -50,15 +50,22 @@ def refit(base: Fit, candidates: Sequence[Candidate]) -> list[Trial]:
 
 
 def _quick_fit(base: Fit, candidate: Candidate) -> Fit | None:
+    """A few steps with coarse sub-steps from every start: shapes of the effect, and other optima of the base."""
     effect = candidate.effect
+    starts = [(base.setup, v) for v in (candidate.values, *candidate.others[:_OTHER_STARTS])]
+    starts += [(setup, candidate.values) for setup in base.alternatives]
     found = []
-    for values in (candidate.values, *candidate.others[:_OTHER_STARTS]):
+    for setup, values in starts:
+        origin = base if setup is base.setup else None
         try:
-            setup = _clamped(effect, base.setup, values)
-            found.append(fit_identified(setup, base.plan.coarse(), _held(base), _QUICK, base, effect.parameters))
+            begun = _clamped(effect, setup, values)
+            found.append(fit_identified(begun, base.plan.coarse(), _held(base), _QUICK, origin, effect.parameters))
         except PhnnError:
             continue
-    return min(found, key=lambda f: f.cost) if found else None
+    if not found:
+        return None
+    best, alternatives = distinct_optima(found)
+    return replace(best, alternatives=alternatives)
 
 
 def _finished(base: Fit, trial: Trial) -> Trial:
@@ -70,7 +77,7 @@ def _finished(base: Fit, trial: Trial) -> Trial:
         full = fit_identified(trial.fit.setup, base.plan, _held(base), _FULL, trial.fit, effect.parameters)
     except PhnnError:
         return Trial(trial.candidate, None)
-    return Trial(trial.candidate, full)
+    return Trial(trial.candidate, replace(full, alternatives=trial.fit.alternatives))
 
 
 def _held(base: Fit) -> dict[str, str]:

@@ -20,7 +20,7 @@ class Scales:
 
     Attributes:
         voltage: largest input [V]; displacement: largest change of the output [m]; velocity: largest [m/s].
-        stiffness: of the base model [N/m].
+        stiffness: of the base model [N/m]; transducer: its ratio α [N/V].
         slowest, fastest: lowest and highest excited frequency [Hz].
         duration: longest recording [s].
         noise: typical noise floor [m].
@@ -30,6 +30,7 @@ class Scales:
     displacement: float
     velocity: float
     stiffness: float
+    transducer: float
     slowest: float
     fastest: float
     duration: float

@@ -26,20 +26,24 @@ def build(setup: Setup, values: Mapping[str, float]) -> Setup:
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Dead zones across the drive, relaxation from slower than the slowest to faster than the fastest line."""
-    points = []
-    for share in (0.02, 0.06, 0.12, 0.25, 0.5, 0.9):
-        for rate in 2.0 * np.pi * np.array([0.3 * scales.slowest, 3.0 * scales.slowest, scales.fastest / 3.0, 1e3]):
-            # Strength is α²/C; a charge that matters little is α·q against C·V.
-            c = 1e3 * 0.05 * scales.displacement / scales.voltage
-            points.append({"C_x": c, "rho_x": float(rate) * c, "d_x": share * scales.voltage})
-    return points
+    """Slipping after shares of the displacement, relaxing slower than the slowest to faster than the fastest line."""
+    small = 1e-3 * scales.voltage
+    c = scales.transducer * scales.displacement / small
+    rates = (
+        2.0 * np.pi * np.array([0.3 * scales.slowest, 3.0 * scales.slowest, scales.fastest / 3.0, 30 * scales.fastest])
+    )
+    # A weak hysteron has a large C and little voltage: its dead zone must be as small, or it would never slip.
+    return [
+        {"C_x": c, "rho_x": float(rate) * c, "d_x": 2.0 * share * small}
+        for share in (0.02, 0.06, 0.15, 0.3, 0.6, 0.9)
+        for rate in rates
+    ]
 
 
 def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
-    """Strength is ``1/C``; the relaxation rate ``ϱ⁻¹/C`` stays."""
-    weight = min(max(factor, 1e-2), 1e5)
-    return dict(values) | {"C_x": values["C_x"] / weight, "rho_x": values["rho_x"] / weight}
+    """Strength is ``1/C``; the relaxation rate ``ϱ⁻¹/C`` and the displacement ``d C/(2α)`` to slip stay."""
+    weight = min(max(factor, 1e-2), 1e3)
+    return {"C_x": values["C_x"] / weight, "rho_x": values["rho_x"] / weight, "d_x": values["d_x"] * weight}
 
 
 EFFECT = Effect(

@@ -96,7 +96,7 @@ def _converged(first: Fit, options: Options) -> tuple[Fit, NumericalError]:
         error = numerical_error(fitted)
         if error.sigma <= options.error_bound_sigma:
             break
-    return fitted, error
+    return replace(fitted, alternatives=first.alternatives), error
 
 
 def refined(fitted: Fit, options: Options) -> tuple[Fit, NumericalError]:
@@ -105,4 +105,4 @@ def refined(fitted: Fit, options: Options) -> tuple[Fit, NumericalError]:
     plan = replace(fitted.plan, substeps=doubled)
     held = {n: w for n, w in fitted.held.items() if "do not identify" not in w}
     again = fit_identified(fitted.setup, plan, held, origin=fitted)
-    return again, numerical_error(again)
+    return replace(again, alternatives=fitted.alternatives), numerical_error(again)

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 # A parameter whose estimation coordinate is uncertain by more than this is not identified by the recordings.
 _UNIDENTIFIED = 1.5
 _BLOCKS = 20
+_NEARLY, _APART, _MOST = 1.3, 0.2, 2
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Fit:
         held: parameters that were not estimated, with the reason.
         residual: (N,) weighted identification residual; jacobian: (N, K) its derivatives by ``z``.
         evaluations: simulations of the whole plan.
+        alternatives: other optima that fit nearly as well, from which a larger model may end better.
     """
 
     setup: Setup
@@ -42,6 +44,7 @@ class Fit:
     residual: Array
     jacobian: Array
     evaluations: int
+    alternatives: tuple[Setup, ...] = ()
 
     @property
     def chi2(self) -> float:
@@ -54,10 +57,13 @@ class Fit:
         return float(self.residual @ self.residual)
 
     def std(self) -> dict[str, float]:
-        """Standard errors of the estimated parameters, SI."""
+        """Standard errors of the estimated parameters, SI; infinite where the recordings do not identify one."""
         parameters = self.setup.parameters
+        spread = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         return {
-            n: float(np.sqrt(max(self.covariance[i, i], 0.0)) * parameters[n].slope(parameters[n].value))
+            n: float(spread[i] * parameters[n].slope(parameters[n].value))
+            if spread[i] <= _UNIDENTIFIED
+            else float("inf")
             for i, n in enumerate(self.variables.names)
         }
 
@@ -113,6 +119,25 @@ def fit(
     return _finish(problem, result.x, dict(held or {}), int(result.nfev))
 
 
+def distinct_optima(fits: Sequence[Fit]) -> tuple[Fit, tuple[Setup, ...]]:
+    """The best fit, and the setups of others that cost nearly as little at clearly different parameters."""
+    ordered = sorted(fits, key=lambda f: f.cost)
+    kept = ordered[:1]
+    for other in ordered[1:]:
+        if other.cost <= _NEARLY * ordered[0].cost and all(_apart(other, k) for k in kept) and len(kept) <= _MOST:
+            kept.append(other)
+    return kept[0], tuple(f.setup for f in kept[1:])
+
+
+def _apart(a: Fit, b: Fit) -> bool:
+    """Whether two fits differ in some parameter that both identify, by more than a fifth of its scale."""
+    common = [n for n in a.variables.names if n in b.variables.names]
+    p, q = a.setup.parameters, b.setup.parameters
+    if set(a.variables.names) != set(b.variables.names):
+        return True
+    return any(abs(p[n].to_coordinate(p[n].value) - q[n].to_coordinate(q[n].value)) > _APART for n in common)
+
+
 def last_call_of(function: Callable[[Array], Array]) -> Callable[[Array], Array]:
     """Remember the last call of a function of an array."""
     last: dict[bytes, Array] = {}
@@ -157,7 +182,9 @@ def sandwich(residual: Array, jacobian: Array, lengths: Sequence[int]) -> Array:
     """
     if jacobian.shape[1] == 0:
         return np.zeros((0, 0))
-    bread = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
+    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
+    # A direction without information keeps a huge variance; a pseudo-inverse would call it exactly known.
+    bread = (vectors / np.maximum(values, 1e-14 * values[-1])) @ vectors.T
     meat = np.zeros_like(bread)
     first = 0
     for length in lengths:

@@ -39,8 +39,8 @@ class NumericalError:
 def substeps_for(setup: Setup, plan: Plan, bound: float) -> Plan:
     """The plan with sub-steps doubled, recording by recording, until the solver error is below the bound.
 
-    The bound [standard deviations] is shared evenly among the recordings, 1.5 times over, because the projection that is
-    not made here takes away more than half.
+    The bound [standard deviations] is shared evenly among the recordings, 1.5 times over, because the projection that
+    is not made here takes away more than half.
     """
     chosen = dict(plan.substeps)
     share = 1.5 * bound / np.sqrt(len(plan.recordings))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import PhnnError
-from phnn.identify.fit import Fit, fit, unidentified
+from phnn.identify.fit import Fit, distinct_optima, fit, unidentified
 from phnn.identify.problem import Plan, Problem, variables_of
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Anchor, Recording
@@ -64,7 +64,8 @@ def identify_actuator(
     # The first steps say little about where a start ends: several of the best go on.
     tried.sort(key=lambda f: f.cost)
     finished = [fit_identified(f.setup, plan, held, _FULL, f) for f in tried[:_FINALISTS]]
-    return min(finished, key=lambda f: f.cost)
+    best, alternatives = distinct_optima(finished)
+    return replace(best, alternatives=alternatives)
 
 
 def fit_identified(

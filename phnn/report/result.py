@@ -62,6 +62,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "location": _location(diagnosis),
         "noise_floor": {r.name: r.noise for r in diagnosis.campaign.recordings},
         "numerical_error_sigma": diagnosis.error.sigma,
+        "kernel_residual": diagnosis.kernel_residual,
         "fit": {
             "before": diagnosis.before.table(),
             "after": diagnosis.after.table() if j.final is not diagnosis.base else {},
@@ -248,9 +249,15 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
         note = held.get(name, "constant" if p.fixed else "")
         if not note and not anchored and name[0] in "kbaCr":
             note = "up to one common factor"
+        if not math.isfinite(std.get(name, 0.0)):
+            note = "not identified by these recordings"
         old = before[name].value if name in before else None
-        rows.append(ParameterRow(name, p.description, p.unit, old, p.value, std.get(name), note))
+        rows.append(ParameterRow(name, p.description, p.unit, old, p.value, _or_none(std.get(name)), note))
     return rows
+
+
+def _or_none(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
 
 
 def _candidates(j: Judgement) -> list[CandidateRow]:
