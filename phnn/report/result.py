@@ -26,6 +26,7 @@ from phnn.identify.fit import Fit
 from phnn.models.store import save
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace
 from phnn.report.files import write_atomic
+from phnn.report.sentence import sentence, unknown_statement
 from phnn.report.write import write_report
 from phnn.units import quantity
 
@@ -118,21 +119,14 @@ def _entry(final: Fit, finding: Finding) -> dict[str, Any]:
 def _learned(j: Judgement) -> dict[str, Any]:
     where = j.location
     name = where.name if where else "mechanical"
-    detail = where.detail if where else ""
     added = [n for n in j.final.setup.parameters if n not in j.ground.fit.setup.parameters]
     parameters, std = j.final.setup.parameters, j.final.std()
-    model = (
-        "A passive one-port learned there is part of the model."
-        if j.learned
-        else "No passive one-port of that kind is learned; the model is still the base model."
-    )
     return {
         "effect": "unknown",
         "location": name,
         "equivalent_to": list(where.tied) if where else [],
         "p_value": j.naming.p_value,
-        "statement": f"Something real is left out at the {name} location ({detail}), and no element of the catalogue "
-        f"explains it. {model}",
+        "statement": unknown_statement(j),
         "equation": r"F_x = \sum_j \theta_j f_j" if j.learned else "",
         "passive": j.learned,
         "parameters": {n: {"value": parameters[n].value, "unit": parameters[n].unit, "std": std.get(n)} for n in added},
@@ -194,35 +188,6 @@ def _few(diagnosis: Diagnosis) -> list[Any]:
 def _curve(found: Picture, remainder: bool) -> Curve:
     title = found.title + (" (what remains)" if remainder else "")
     return Curve(found.x, found.y, found.std, found.x_label, found.y_label, title)
-
-
-def sentence(diagnosis: Diagnosis) -> str:
-    """The verdict for a person."""
-    j = diagnosis.judgement
-    held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")
-    change = f"On held-out recordings the residual goes from {held[0]:.3g} to {held[1]:.3g} × noise."
-    if j.verdict == "none":
-        return (
-            f"Nothing is missing that these recordings could show: the base model leaves "
-            f"{diagnosis.base.chi2**0.5:.3g} × noise."
-        )
-    if j.verdict == "unknown":
-        return f"{_learned(j)['statement']} {change}"
-    names = " and ".join(_with_members(f) for f in j.findings)
-    others = any(len(f.members) > 1 for f in j.findings)
-    if j.verdict == "named":
-        start = f"The model leaves out {names}."
-    elif others:
-        start = f"The model leaves out {names}; these recordings cannot tell apart what stands in brackets."
-    else:
-        start = f"Of the catalogue {names} explains most; the held-out part brings nothing new to confirm it."
-    rest = " More remains." if j.remainder is not None and j.remainder.p_value < SIGNIFICANT else ""
-    return f"{start} {change}{rest}"
-
-
-def _with_members(finding: Finding) -> str:
-    first, *others = [t.candidate.effect.name.replace("_", " ") for t in finding.members]
-    return f"{first} (or {', '.join(others)})" if others else first
 
 
 def _traces(diagnosis: Diagnosis) -> list[Trace]:

@@ -1,0 +1,47 @@
+"""The verdict in words."""
+
+from __future__ import annotations
+
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.judge import SIGNIFICANT, Finding, Judgement
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """The verdict for a person."""
+    j = diagnosis.judgement
+    held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")
+    change = f"On held-out recordings the residual goes from {held[0]:.3g} to {held[1]:.3g} × noise."
+    if j.verdict == "none":
+        return (
+            f"Nothing is missing that these recordings could show: the base model leaves "
+            f"{diagnosis.base.chi2**0.5:.3g} × noise."
+        )
+    if j.verdict == "unknown":
+        return f"{unknown_statement(j)} {change}"
+    names = " and ".join(_with_members(f) for f in j.findings)
+    others = any(len(f.members) > 1 for f in j.findings)
+    if j.verdict == "named":
+        start = f"The model leaves out {names}."
+    elif others:
+        start = f"The model leaves out {names}; these recordings cannot tell apart what stands in brackets."
+    else:
+        start = f"Of the catalogue {names} explains most; the held-out part brings nothing new to confirm it."
+    rest = " More remains." if j.remainder is not None and j.remainder.p_value < SIGNIFICANT else ""
+    return f"{start} {change}{rest}"
+
+
+def _with_members(finding: Finding) -> str:
+    first, *others = [t.candidate.effect.name.replace("_", " ") for t in finding.members]
+    return f"{first} (or {', '.join(others)})" if others else first
+
+
+def unknown_statement(judgement: Judgement) -> str:
+    """What is said where no element of the catalogue explains a mismatch that is real."""
+    where = judgement.location
+    place = f"the {where.name} location ({where.detail})" if where else "a location that could not be told"
+    model = (
+        "A passive one-port learned there is part of the model."
+        if judgement.learned
+        else "No passive one-port of that kind is learned; the model is still the base model."
+    )
+    return f"Something real is left out at {place}, and no element of the catalogue explains it. {model}"

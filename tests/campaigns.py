@@ -1,0 +1,96 @@
+"""Small campaigns from the independent generator, and what follows from them; each is made once a run."""
+
+from __future__ import annotations
+
+import atexit
+import shutil
+import tempfile
+from functools import cache
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+
+from phnn.demo import Sealed, generate
+from phnn.diagnose import diagnosis as path
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.ground import Ground, prepare
+from phnn.diagnose.locate import Responses, responses
+from phnn.effects import catalogue
+from phnn.identify.base import Options, identification_plan
+from phnn.identify.fit import Fit
+from phnn.identify.numerics import numerical_error
+from phnn.identify.problem import Plan
+from phnn.identify.staged import fit_identified
+from phnn.models.actuator import hrc
+from phnn.recordings import Campaign, read
+from phnn.recordings.recording import Part, Recording, Start
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+SEED = 5
+# What keeps the numerical error of these recordings below the noise.
+STEPS = {"sine_010Hz_75V": 2, "sine_100Hz_75V": 1, "step_75V": 4}
+
+
+@cache
+def _home() -> Path:
+    home = Path(tempfile.mkdtemp(prefix="phnn-tests-"))
+    atexit.register(shutil.rmtree, home, ignore_errors=True)
+    return home
+
+
+@cache
+def concealed(effect: str = "none") -> tuple[Path, Sealed]:
+    """A folder of four recordings and the answer."""
+    folder = _home() / effect
+    return folder, generate(SEED, folder, effect, "short")
+
+
+@cache
+def campaign(effect: str = "none") -> Campaign:
+    """The folder as read."""
+    return read(concealed(effect)[0])
+
+
+@cache
+def base(effect: str = "none") -> Fit:
+    """The base model fitted from the true parameters: tests of a diagnosis do not hang on the search for starts."""
+    plan = Plan(identification_plan(campaign(effect), 2).recordings, STEPS, 2)
+    true = concealed(effect)[1].base
+    held = {"m": f"held at the stated {true['m']:g}"}
+    return fit_identified(Setup(hrc(2, dict(true)), name="phs"), plan, held)
+
+
+@cache
+def ground(effect: str = "none") -> Ground:
+    """The ground on that fit."""
+    return prepare(base(effect))
+
+
+@cache
+def generic(effect: str = "none") -> Responses:
+    """Responses to all local functions."""
+    return responses(ground(effect))
+
+
+@cache
+def diagnosis(effect: str, *names: str) -> Diagnosis:
+    """The diagnosis from that fit, with a few members of the catalogue or, if none is named, all."""
+    chosen = [catalogue()[n] for n in names] or None
+    fitted = base(effect)
+    with mock.patch.object(path, "identify_base", return_value=(fitted, numerical_error(fitted))):
+        return path.diagnose(campaign(effect), Options(workers=2), effects=chosen)
+
+
+def recorded(setup: Setup, name: str, t: np.ndarray, u: np.ndarray, noise: float, seed: int = 0) -> Recording:
+    """A setup's own output on an input, from rest, with white noise and a displacement zero."""
+    part = Part(name, 0, t.size, "identification")
+    blank = Recording(
+        name, t, u, np.zeros_like(t), Start("rest", 0.0), "cubic", (part,), noise, "stated", np.array([1.0]), None, {},
+        name,
+    )  # fmt: skip
+    y = simulate(setup, blank, 4).y + 3e-6 + noise * np.random.default_rng(seed).standard_normal(t.size)
+    return Recording(
+        name, t, u, y, Start("rest", 0.0), "cubic", (part,), noise, "stated", np.array([1.0]), None, {}, name
+    )  # fmt: skip
