@@ -1,4 +1,4 @@
-"""Timing of the compiled solver beside its peers: ``make bench``, or ``python -m benchmarks`` with ``[bench]`` installed.
+"""Timing of the compiled solver beside its peers: ``make bench``, or ``python -m benchmarks`` where they are installed.
 
 Everybody gets one thread. The limits only work when they are set before numpy, torch and jax are loaded, hence here.
 """

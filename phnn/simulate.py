@@ -35,6 +35,7 @@ class Trajectory:
         h: (n,) steps [s].
         nodes: (N + lead,) step index of every sample.
         lead: spin-up samples before the first recorded one.
+        rest: port voltage whose equilibrium the simulation starts from; None where it starts from a given state.
         t: (N,) time of the samples [s].
         y: (N,) sensor output without the displacement zero.
         fine: (n, 3) port input within the steps; u: (n, P) mean inputs.
@@ -49,6 +50,7 @@ class Trajectory:
     h: Array
     nodes: NDArray[np.int64]
     lead: int
+    rest: float | None
     t: Array
     y: Array
     fine: Array
@@ -95,6 +97,7 @@ def simulate(
         before = _settled(setup, block, before)
     u = np.zeros((fine.shape[0], len(program.ports)))
     u[:, 0] = mean_input(fine)
+    rest = before if initial is None else None
     x0 = equilibrium(program, theta, before) if initial is None else initial
     n = u.shape[0]
     states = np.empty((n + 1, x0.size))
@@ -114,7 +117,7 @@ def simulate(
     for block in setup.sensor:
         q = SENSORS[block.kind](q, t, *(setup.parameters[p].value for p in block.parameters))
     return Trajectory(
-        setup, recording, program, theta, h, nodes, lead, t, q, fine, u, states, velocity, efforts
+        setup, recording, program, theta, h, nodes, lead, rest, t, q, fine, u, states, velocity, efforts
     )  # fmt: skip
 
 
@@ -259,16 +262,15 @@ def _amplifier_force(trajectory: Trajectory, block: Block, name: str) -> Array:
 def _start_derivative(trajectory: Trajectory, names: Sequence[str]) -> Array:
     """(L+1, K) derivative of the rest state by the parameters."""
     start = np.zeros((trajectory.states.shape[1], len(names)))
-    x0 = trajectory.states[0]
     program, theta = trajectory.program, trajectory.theta
-    rest = trajectory.recording.start
-    if rest.state == "rest" and rest.input_before != 0.0:
-        for k, name in enumerate(names):
-            m = program.names.index(name)
-            step = 1e-6 * abs(theta[m]) + 1e-300
-            moved = theta.copy()
-            moved[m] += step
-            start[:, k] = (equilibrium(program, moved, rest.input_before) - x0) / step
+    if not trajectory.rest:
+        return start
+    for k, name in enumerate(names):
+        m = program.names.index(name)
+        step = 1e-6 * abs(theta[m]) + 1e-300
+        moved = theta.copy()
+        moved[m] += step
+        start[:, k] = (equilibrium(program, moved, trajectory.rest) - trajectory.states[0]) / step
     return start
 
 

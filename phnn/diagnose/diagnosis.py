@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from phnn.diagnose.judge import Judgement, judge
 from phnn.diagnose.propose import NextExperiment, propose
@@ -78,6 +78,10 @@ def diagnose(
     progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
     before = score_on_all(base, campaign)
     after = score_on_all(judgement.final, campaign) if judgement.final is not base else before
+    held = before.over_noise("confirmation"), after.over_noise("confirmation")
+    if judgement.verdict == "named" and held[1] >= held[0]:
+        # The held-out recordings have the last word: what does not help them is not named.
+        judgement = replace(judgement, verdict="equivalent")
     grounds = {id(g): g for g in (judgement.ground, judgement.final_ground)}.values()
     residual = max(check(t) for g in grounds for t in g.trajectories)
     members = judgement.findings[0].members if judgement.findings else ()

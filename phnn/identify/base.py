@@ -10,7 +10,7 @@ from phnn.errors import InputRefused
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import NumericalError, numerical_error, substeps_for
 from phnn.identify.problem import Plan
-from phnn.identify.staged import fit_identified, identify_actuator
+from phnn.identify.staged import fit_identified, held_by_statement, identify_actuator, mechanical_points
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Campaign
 
@@ -72,18 +72,19 @@ def identify_base(campaign: Campaign, options: Options, progress: Progress = qui
 def identify_bouc_wen(plan: Plan, campaign: Campaign, options: Options, progress: Progress = quiet) -> Fit:
     """Bouc–Wen with its parameters scaled to the drive, from several starts."""
     progress("identify bouc_wen")
-    linear = identify_actuator(plan, campaign.known, 0, 1, options.seed)
-    values = {n: v for n, v in linear.setup.values().items() if n in ("m", "k", "b", "alpha")}
+    anchored = {n: a.value for n, a in campaign.known.items()}
+    held = held_by_statement(campaign.known)
     drive = max(float(abs(r.u).max()) for r in plan.recordings)
     tried = []
-    for weight, rate in ((0.15, 1.5), (0.3, 4.0), (0.1, 10.0)):
-        # Table 2 has A = 0.0087 per volt; the state saturates at A/(β + γ).
-        beta, gamma = 0.3 * rate / drive, 0.7 * rate / drive
-        start = {"beta": beta, "gamma": gamma, "w": weight * drive / (0.008743 / (beta + gamma))}
-        setup = bouc_wen(values | start)
-        held = {n: why for n, why in linear.held.items() if n in setup.parameters}
-        tried.append(fit_identified(setup, plan, held, 30))
-    return min(tried, key=lambda f: f.cost)
+    for point in mechanical_points(plan, anchored):
+        for weight, rate in ((0.15, 1.5), (0.3, 4.0), (0.1, 10.0)):
+            # Table 2 has A = 0.0087 per volt; the state saturates at A/(β + γ).
+            beta, gamma = 0.3 * rate / drive, 0.7 * rate / drive
+            start = {"beta": beta, "gamma": gamma, "w": weight * drive / (0.008743 / (beta + gamma))}
+            setup = bouc_wen(point.values() | start)
+            tried.append(fit_identified(setup, plan, {n: w for n, w in held.items() if n in setup.parameters}, 10))
+    finished = [fit_identified(f.setup, plan, f.held, 40, f) for f in sorted(tried, key=lambda f: f.cost)[:2]]
+    return min(finished, key=lambda f: f.cost)
 
 
 def _converged(first: Fit, options: Options) -> tuple[Fit, NumericalError]:

@@ -40,18 +40,17 @@ def identify_actuator(
         seed: of the random starting points.
         setup: start from this setup alone instead.
     """
-    held = {n: f"held at the stated {a.value:g}" for n, a in known.items()}
-    if "m" not in known:
-        held["m"] = f"held at {_DEFAULT_MASS:g} kg: voltage and displacement identify values up to one common factor"
+    held = held_by_statement(known)
     if setup is not None:
         return fit_identified(setup, plan, held)
     anchored = {n: a.value for n, a in known.items()}
-    mechanical = _mechanical(plan, anchored, held)
+    points = mechanical_points(plan, anchored)
+    mechanical = _mechanical(points, plan, held)
     if hysterons == 0:
         return fit_identified(mechanical.setup, plan, held)
     candidates = [
         *_linear_starts(mechanical.setup, plan, hysterons, anchored, held),
-        *_random_starts(mechanical.setup, plan, hysterons, anchored, 2 * starts, seed),
+        *(s for p in points for s in _random_starts(p, plan, hysterons, anchored, starts, seed)),
     ]
     tried = []
     for candidate in candidates:
@@ -66,6 +65,14 @@ def identify_actuator(
     finished = [fit_identified(f.setup, plan, held, _FULL, f) for f in tried[:_FINALISTS]]
     best, alternatives = distinct_optima(finished)
     return replace(best, alternatives=alternatives)
+
+
+def held_by_statement(known: Mapping[str, Anchor]) -> dict[str, str]:
+    """What is not estimated because the manifest states it, or because nothing fixes the common factor."""
+    held = {n: f"held at the stated {a.value:g}" for n, a in known.items()}
+    if "m" not in known:
+        held["m"] = f"held at {_DEFAULT_MASS:g} kg: voltage and displacement identify values up to one common factor"
+    return held
 
 
 def fit_identified(
@@ -103,18 +110,28 @@ def _reason(setup: Setup, name: str) -> str:
     return f"held at {p.value:.4g} {p.unit}: these recordings do not identify it"
 
 
-def _mechanical(plan: Plan, anchored: Mapping[str, float], held: Mapping[str, str]) -> Fit:
-    """First stage: a mass–spring–damper, the best of several resonances."""
+def mechanical_points(plan: Plan, anchored: Mapping[str, float]) -> list[Setup]:
+    """Mass–spring–dampers with the static gain of the recordings, one for each of several resonances.
+
+    Hysterons start from these and not from a fit of them: a linear model takes hysteresis for a lag and loses its mass.
+    """
     gain = static_gain(plan.recordings)
     mass = anchored.get("m", _DEFAULT_MASS)
-    tried = []
+    points = []
     for resonance in _RESONANCES_HZ:
         omega = 2.0 * np.pi * resonance
         k = anchored.get("k", mass * omega**2)
         values = {"m": mass, "k": k, "b": 0.6 * mass * omega, "alpha": gain * k} | {
             n: v for n, v in anchored.items() if n in ("m", "k", "b", "alpha")
         }
-        setup = Setup(hrc(0, {n: abs(v) for n, v in values.items()}), name="linear")
+        points.append(Setup(hrc(0, {n: abs(v) for n, v in values.items()}), name="linear"))
+    return points
+
+
+def _mechanical(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> Fit:
+    """First stage: a mass–spring–damper, the best of several resonances."""
+    tried = []
+    for setup in points:
         here = {n: why for n, why in held.items() if n in setup.parameters}
         tried.append(fit_identified(setup, plan, here, max_evaluations=15))
     return min(tried, key=lambda f: f.cost)

@@ -25,7 +25,8 @@ def sentence(diagnosis: Diagnosis) -> str:
     elif others:
         start = f"The model leaves out {names}; these recordings cannot tell apart what stands in brackets."
     else:
-        start = f"Of the catalogue {names} explains most; the held-out part brings nothing new to confirm it."
+        why = "do not confirm it" if diagnosis.campaign.held_out_is_new else "bring nothing new to confirm it"
+        start = f"Of the catalogue {names} explains most, but the held-out samples {why}."
     rest = " More remains." if j.remainder is not None and j.remainder.p_value < SIGNIFICANT else ""
     return f"{start} {change}{rest}"
 

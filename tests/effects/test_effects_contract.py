@@ -30,8 +30,8 @@ from phnn.units import quantity
 torch.set_num_threads(1)
 
 SCALES = Scales(
-    voltage=75.0, displacement=1.2e-4, velocity=0.1, stiffness=24579.0, transducer=0.046, slowest=20.0, fastest=150.0, duration=0.02,
-    noise=5e-8,
+    voltage=75.0, displacement=1.2e-4, velocity=0.1, stiffness=24579.0, transducer=0.046, slowest=20.0,
+    fastest=150.0, duration=0.02, noise=5e-8,
 )  # fmt: skip
 BASE = Setup(from_paper())
 EFFECTS = list(catalogue().values())

@@ -87,17 +87,18 @@ def test_what_slow_loops_cannot_know_is_held_and_reported() -> None:
     start = perturbed(1)
     found = identify_actuator(Plan((loops,), {"loops": 4}, 1), {}, 2, 1, 0, setup=start)
     assert found.chi2 == pytest.approx(1.0, abs=0.12)
-    # At 1 Hz neither inertia nor the fast hysteron's relaxation is seen.
-    assert "rho_1" in found.held
-    assert "do not identify" in found.held["rho_1"]
-    assert len(found.held) >= 3
-    for name in found.held:
-        assert found.setup.values()[name] == start.values()[name] or name in found.setup.free
-        assert name not in found.std()
-    assert all(s < 2.0 * found.setup.values()[n] for n, s in found.std().items())
-    values = found.setup.values()
+    # At 1 Hz the fast hysteron's relaxation is not seen, and the resonance, thus the common factor of all but the
+    # mass, only just: that is what the standard errors must say, while everything else is known well.
+    assert "these recordings do not identify it" in found.held["rho_1"]
+    assert "rho_1" not in found.std()
+    values, std = found.setup.values(), found.std()
+    assert values["rho_1"] == start.values()["rho_1"]
+    assert std["k"] > 0.1 * values["k"]
     for i in (1, 2):
-        assert values[f"d_{i}"] == pytest.approx(true[f"d_{i}"], rel=0.05)
+        assert values[f"d_{i}"] == pytest.approx(true[f"d_{i}"], rel=0.01)
+        assert std[f"d_{i}"] < 0.01 * values[f"d_{i}"]
+        known, stated = groups(true)[f"alpha/C_{i}"], groups(values)[f"alpha/C_{i}"]
+        assert stated == pytest.approx(known, rel=0.01)
 
 
 def test_numerical_error_falls_with_the_square_of_the_step() -> None:

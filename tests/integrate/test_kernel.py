@@ -142,7 +142,8 @@ def sweep(trajectory: Trajectory, names: list[str], initial: list[int], output: 
     return out
 
 
-@pytest.mark.parametrize("seed", [3, 8, 14, 33, 52, 71])
+# In 63 and 94 a law on the junction reads a leaf whose ratio is a parameter.
+@pytest.mark.parametrize("seed", [3, 8, 14, 33, 52, 63, 71, 94])
 def test_forward_sweep_agrees_with_finite_differences(seed: int) -> None:
     trajectory = random_march(seed, stiff=False, steps=25)
     network = trajectory.setup.network

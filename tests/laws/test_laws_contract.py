@@ -74,7 +74,7 @@ class TestEveryFunction:
         tensors = [torch.from_numpy(a) for a in given_]
         tensor = stacked(function(*tensors, *law.example), tensors[0])
         np.testing.assert_allclose(tensor.numpy(), array, rtol=1e-14, atol=1e-300)
-        single = [stacked(function(*map(float, row), *law.example), float(row[0])) for row in zip(*given_, strict=True)]
+        single = [stacked(function(*map(float, row), *law.example), row[0]) for row in zip(*given_, strict=True)]
         np.testing.assert_allclose(np.stack(single, -1), array, rtol=1e-14, atol=1e-300)
 
     @pytest.mark.parametrize(("law", "function", "leading"), EVERY)
@@ -167,9 +167,8 @@ def test_a_softening_spring_stays_convex_and_bounded() -> None:
 
 
 def test_a_stop_on_the_negative_side_mirrors_the_positive_one() -> None:
-    stop = STORAGE_LAWS["stop"]
-    np.testing.assert_allclose(stop.energy(-POINTS, 2.0, -0.3), stop.energy(POINTS, 2.0, 0.3))
-    a, b = POINTS, np.roll(POINTS, 3)
+    stop, a, b = STORAGE_LAWS["stop"], POINTS, np.roll(POINTS, 3)
+    np.testing.assert_allclose(stop.energy(-a, 2.0, -0.3), stop.energy(a, 2.0, 0.3))
     np.testing.assert_allclose(stop.mean_effort(-a, -b, 2.0, -0.3), -stop.mean_effort(a, b, 2.0, 0.3))
 
 

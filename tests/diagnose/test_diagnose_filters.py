@@ -1,0 +1,58 @@
+"""Causal operators against scipy and against what defines them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from phnn.diagnose.filters import low_pass, play_operator, rate, stop_operator
+
+signals = st.integers(0, 10**6).map(lambda seed: np.cumsum(np.random.default_rng(seed).standard_normal(200)))
+
+
+@pytest.mark.parametrize("tau", [1e-4, 3e-3, 1.0])
+@pytest.mark.parametrize("before", [0.0, -2.0])
+def test_low_pass_is_scipys(tau: float, before: float) -> None:
+    x = np.random.default_rng(0).standard_normal(500)
+    h = 1e-3
+    a = np.exp(-h / tau)
+    expected, _ = lfilter([1.0 - a], [1.0, -a], x, zi=[a * before])
+    np.testing.assert_allclose(low_pass(x, np.full(x.size, h), tau, before), expected, atol=1e-12)
+
+
+def test_low_pass_does_not_depend_on_how_a_held_input_is_cut() -> None:
+    x = np.random.default_rng(1).standard_normal(100)
+    whole = low_pass(x, np.full(100, 2e-3), 7e-3, 0.3)
+    halved = low_pass(np.repeat(x, 2), np.full(200, 1e-3), 7e-3, 0.3)[1::2]
+    np.testing.assert_allclose(halved, whole, atol=1e-13)
+
+
+@settings(max_examples=30, deadline=None)
+@given(signals, st.floats(0.01, 20.0))
+def test_play_follows_within_its_radius_and_knows_no_rate(x: np.ndarray, radius: float) -> None:
+    y = play_operator(x, radius)
+    assert np.abs(x - y).max() <= radius * (1 + 1e-12) + 1e-12
+    np.testing.assert_array_equal(play_operator(np.repeat(x, 3), radius)[2::3], y)
+    np.testing.assert_allclose(play_operator(-x, radius), -y, atol=0)
+    np.testing.assert_array_equal(stop_operator(x, radius), x - y)
+    # It moves only with its input, and only while the input pushes it.
+    moves, pushes = np.diff(y), np.diff(x)
+    assert (moves * pushes >= 0.0).all()
+
+
+def test_play_rests_while_the_input_stays_inside() -> None:
+    x = np.sin(np.linspace(0.0, 20.0, 300))
+    np.testing.assert_array_equal(play_operator(x, 1.0), 0.0)
+    assert np.ptp(play_operator(3.0 * x, 1.0)) == pytest.approx(4.0, abs=0.01)
+    assert np.abs(stop_operator(3.0 * x, 1.0)).max() == pytest.approx(1.0)
+
+
+def test_rate_is_exact_for_a_parabola_on_unequal_steps() -> None:
+    h = np.random.default_rng(2).uniform(0.5e-3, 2e-3, 60)
+    edges = np.concatenate([[0.0], np.cumsum(h)])
+    t = 0.5 * (edges[1:] + edges[:-1])
+    np.testing.assert_allclose(rate(3.0 * t**2 - t, h)[1:-1], (6.0 * t - 1.0)[1:-1], atol=1e-9)
+    assert (rate(np.array([1.0, 2.0]), np.array([0.1, 0.1])) == 0.0).all()

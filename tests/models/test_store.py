@@ -1,0 +1,104 @@
+"""Models on disk: what is read is what was written; what is no model is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import campaigns
+import numpy as np
+import pytest
+
+from phnn.effects import catalogue
+from phnn.errors import InputRefused
+from phnn.models.actuator import hrc
+from phnn.models.bouc_wen import bouc_wen
+from phnn.models.store import FILE, load, save
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+
+def with_effect(name: str) -> Setup:
+    base = Setup(hrc(2), name="phs")
+    if name == "none":
+        return base
+    entry = catalogue()[name]
+    return entry.add_to(base, entry.grid(campaigns.ground().scales)[-1])
+
+
+@pytest.mark.parametrize("name", ["none", *catalogue()])
+def test_round_trip(tmp_path: Path, name: str) -> None:
+    setup = with_effect(name)
+    save(setup, tmp_path / "model", 3)
+    again, steps = load(tmp_path / "model")
+    assert steps == 3
+    assert again.network == setup.network
+    assert again.parameters == setup.parameters
+    assert (again.amplifier, again.sensor, again.name) == (setup.amplifier, setup.sensor, setup.name)
+    recording = campaigns.campaign().recordings[0]
+    np.testing.assert_array_equal(simulate(again, recording).y, simulate(setup, recording).y)
+    assert [p.name for p in (tmp_path / "model").iterdir()] == [FILE]
+
+
+def test_bouc_wen_and_any_number_of_hysterons(tmp_path: Path) -> None:
+    for i, setup in enumerate((bouc_wen(), Setup(hrc(0)), Setup(hrc(5)))):
+        save(setup, tmp_path / str(i))
+        again, _ = load(tmp_path / str(i) / FILE)
+        assert again.parameters == setup.parameters
+
+
+def written(folder: Path) -> dict[str, object]:
+    save(Setup(hrc(1)), folder)
+    return json.loads((folder / FILE).read_text())
+
+
+def test_absent_and_unreadable_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputRefused, match=r"absent.*cannot be read.*model/ or base/"):
+        load(tmp_path / "absent")
+    (tmp_path / FILE).write_text("{nearly json")
+    with pytest.raises(InputRefused, match=r"model\.json: is not json"):
+        load(tmp_path)
+    (tmp_path / FILE).write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputRefused, match="is not json"):
+        load(tmp_path)
+    for content in ("[]", "3", '{"schema": "phnn.model/99"}'):
+        (tmp_path / FILE).write_text(content)
+        with pytest.raises(InputRefused, match="this version"):
+            load(tmp_path)
+
+
+@pytest.mark.parametrize("key", ["storages", "resistors", "couplings", "ports", "parameters", "substeps", "output"])
+def test_a_part_that_is_missing_or_of_the_wrong_kind_is_refused(tmp_path: Path, key: str) -> None:
+    content = written(tmp_path)
+    for damaged in ({k: v for k, v in content.items() if k != key}, {**content, key: None}):
+        (tmp_path / FILE).write_text(json.dumps(damaged))
+        with pytest.raises(InputRefused, match="damaged"):
+            load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("where", "value"),
+    [
+        (("parameters", "k", "value"), "stiff"),
+        (("parameters", "k", "value"), None),
+        (("storages", 0, "law"), "no_such_law"),
+        (("storages", 0, "parameters"), ["no_such_parameter"]),
+        (("couplings", 0, "of"), "no_such_storage"),
+        (("output",), "no_such_state"),
+        (("amplifier",), [{"kind": "no_such_block", "parameters": []}]),
+        (("substeps",), 0),
+    ],
+    ids=str,
+)
+def test_a_model_that_cannot_be_simulated_is_refused(tmp_path: Path, where: tuple[str | int, ...], value: object) -> None:
+    content = written(tmp_path)
+    at: object = content
+    for step in where[:-1]:
+        at = at[step]  # type: ignore[index]
+    if isinstance(where[-1], str) and isinstance(at, dict) and where[-1] not in at:
+        at["extra"] = value
+    else:
+        at[where[-1]] = value  # type: ignore[index]
+    (tmp_path / FILE).write_text(json.dumps(content))
+    with pytest.raises(InputRefused, match=r"model\.json"):
+        load(tmp_path)
