@@ -48,8 +48,8 @@ def march(network: Network, u: np.ndarray, h: np.ndarray, x0: np.ndarray) -> Tra
     fine = np.repeat(u[:, :1], 3, axis=1)
     nodes = np.arange(n + 1)
     return Trajectory(
-        Setup(network), recording(t, np.zeros(n + 1)), program, theta, h, nodes, 0, None, t, q, fine, u, states, velocity,
-        efforts,
+        Setup(network), recording(t, np.zeros(n + 1)), program, theta, h, nodes, 0, None, t, q, fine, u, states,
+        velocity, efforts,
     )  # fmt: skip
 
 

@@ -193,8 +193,7 @@ def sandwich(residual: Array, jacobian: Array, lengths: Sequence[int]) -> Array:
             meat += np.outer(g, g)
         first += length
     robust = bread @ meat @ bread
-    scale = np.sqrt(np.maximum(1.0, np.diag(bread) / np.maximum(np.diag(robust), 1e-300)))
-    return np.asarray(robust * np.outer(scale, scale))
+    return np.asarray(robust + np.diag(np.maximum(np.diag(bread) - np.diag(robust), 0.0)))
 
 
 def unidentified(jacobian: Array, names: Sequence[str]) -> list[str]:

@@ -82,7 +82,12 @@ def test_the_concealed_effect_scores_highest(effect: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("effect", "strength"), [("quadratic_drag", "c_2"), pytest.param("cubic_stiffness", "kappa_3", marks=pytest.mark.slow), ("electrostriction", "epsilon")]
+    ("effect", "strength"),
+    [
+        ("quadratic_drag", "c_2"),
+        pytest.param("cubic_stiffness", "kappa_3", marks=pytest.mark.slow),
+        ("electrostriction", "epsilon"),
+    ],
 )
 def test_strength_is_estimated_from_the_score(effect: str, strength: str) -> None:
     values = scored(effect).candidates[0].values

@@ -1,0 +1,159 @@
+"""From a finished diagnosis to files: the keys of diagnosis.json, the models, the report."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import campaigns
+import numpy as np
+import pytest
+
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.effects import catalogue
+from phnn.effects.effect import LOCATIONS
+from phnn.identify.evaluate import evaluate
+from phnn.identify.problem import Plan
+from phnn.models.store import load
+from phnn.report.result import document, evidence, write
+
+KEYS = {
+    "schema", "verdict", "test", "missing", "remainder", "location", "noise_floor", "numerical_error_sigma", "fit",
+    "next_experiment", "versions", "seed", "seconds",
+}  # fmt: skip
+# Beyond what others rely on.
+FURTHER = {"kernel_residual"}
+MISSING = {"effect", "location", "equivalent_to", "p_value", "statement", "equation", "passive", "parameters"}
+
+CASES = {
+    "none": ("none",),
+    "found": ("quadratic_drag",),
+    # Nothing but a drift to choose from, and drag is what is missing.
+    "unknown": ("quadratic_drag", "sensor_drift"),
+    "outside": ("electrostriction", "sensor_drift"),
+}
+
+
+def made(case: str) -> Diagnosis:
+    effect, *names = CASES[case]
+    return campaigns.diagnosis(effect, *names)
+
+
+def walk(value: Any) -> list[Any]:
+    if isinstance(value, dict):
+        return [x for v in value.values() for x in walk(v)]
+    if isinstance(value, list | tuple):
+        return [x for v in value for x in walk(v)]
+    return [value]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_document_has_the_keys_that_others_read(case: str) -> None:
+    content = document(made(case))
+    text = json.dumps(content, allow_nan=False)
+    assert json.loads(text) == content
+    assert KEYS <= set(content) <= KEYS | FURTHER
+    assert content["schema"] == "phnn.diagnosis/1"
+    assert content["verdict"] in ("named", "equivalent", "unknown", "none")
+    assert set(content["test"]) == {"statistic", "p_value", "candidate"}
+    assert set(content["remainder"]) == {"verdict", "residual_over_noise", "p_value", "location"}
+    assert content["remainder"]["verdict"] in ("none", "unknown")
+    assert set(content["fit"]) == {"before", "after", "held_out"}
+    names = {r.name for r in campaigns.campaign().recordings}
+    assert set(content["noise_floor"]) == names
+    assert set(content["fit"]["before"]) == names
+    assert content["fit"]["held_out"] == ["sine_010Hz_50V"]
+    for scores in (*content["fit"]["before"].values(), *content["fit"]["after"].values()):
+        assert set(scores) == {"fit_percent", "rmse", "residual_over_noise"}
+    for entry in content["missing"]:
+        assert set(entry) == MISSING
+        assert entry["location"] in LOCATIONS
+        assert not re.search(r"[{}]", entry["statement"])
+        assert len(entry["statement"]) > 20
+        for parameter in entry["parameters"].values():
+            assert set(parameter) == {"value", "unit", "std"}
+    if content["location"] is not None:
+        assert set(content["location"]) == {
+            "name", "detail", "tied", "scores", "recordings", "frequencies_Hz", "times_s"
+        }  # fmt: skip
+        assert set(content["location"]["scores"]) <= set(LOCATIONS)
+        for row in content["location"]["recordings"].values():
+            assert set(row) == {"residual_over_noise"}
+    if content["next_experiment"] is not None:
+        assert set(content["next_experiment"]) == {"recording", "separates", "why"}
+    assert {"phnn", "numpy", "torch"} <= set(content["versions"])
+    assert all(not isinstance(v, float) or math.isfinite(v) for v in walk(content))
+    assert 0.0 < content["numerical_error_sigma"] <= 1.0
+
+
+def test_nothing_missing() -> None:
+    content = document(made("none"))
+    assert content["verdict"] == "none"
+    assert content["missing"] == []
+    assert content["location"] is None
+    assert content["remainder"]["verdict"] == "none"
+    assert content["test"]["p_value"] >= 0.01
+
+
+def test_what_is_missing() -> None:
+    content = document(made("found"))
+    assert content["verdict"] in ("named", "equivalent")
+    assert (content["verdict"] == "named") == (content["missing"][0]["equivalent_to"] == [])
+    entry = content["missing"][0]
+    assert (entry["effect"], entry["location"]) == ("quadratic_drag", "mechanical")
+    assert entry["equation"] == catalogue()["quadratic_drag"].equation
+    assert entry["passive"] is True
+    true = campaigns.concealed("quadratic_drag")[1].parameters["c_2"]
+    found = entry["parameters"]["c_2"]
+    assert abs(found["value"] - true) < 4.0 * found["std"] + 0.02 * true
+    assert content["test"]["candidate"] == "quadratic_drag"
+    before, after = content["fit"]["before"], content["fit"]["after"]
+    assert all(after[n]["residual_over_noise"] < before[n]["residual_over_noise"] for n in after)
+
+
+@pytest.mark.parametrize(("case", "learned"), [("unknown", True), ("outside", False)])
+def test_what_no_element_explains(case: str, learned: bool) -> None:
+    content = document(made(case))
+    assert content["verdict"] == "unknown"
+    assert len(content["missing"]) == 1
+    entry = content["missing"][0]
+    assert entry["effect"] == "unknown"
+    assert entry["location"] == content["location"]["name"] == ("mechanical" if learned else "coupling")
+    assert bool(entry["parameters"]) is learned
+    assert entry["passive"] is learned
+    assert bool(content["fit"]["after"]) is learned
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_evidence_covers_what_was_recorded(case: str) -> None:
+    found = evidence(made(case))
+    assert {t.name for t in found.traces} == {r.name for r in campaigns.campaign().recordings}
+    assert [t.name for t in found.traces if t.held_out] == ["sine_010Hz_50V"]
+    assert {p.name for p in found.parameters} >= {"m", "k", "alpha", "C_1", "d_2"}
+    assert found.verdict_sentence
+    assert "nan" not in found.verdict_sentence
+    assert [row.recording for row in found.ledger] == [r.name for r in made(case).base.plan.recordings]
+    assert len(found.candidates) == len(CASES[case][1:] or catalogue())
+
+
+@pytest.mark.parametrize("case", ["none", "found"])
+def test_files_are_written_and_the_model_gives_the_output_back(tmp_path: Path, case: str) -> None:
+    diagnosis = made(case)
+    content = write(diagnosis, tmp_path)
+    assert json.loads((tmp_path / "diagnosis.json").read_text()) == content
+    page = (tmp_path / "report.html").read_text()
+    assert page.lstrip().lower().startswith("<!doctype html")
+    assert not re.search(r"""(src|href)=["']https?:""", page)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["base", "diagnosis.json", "figures", "model", "report.html"]
+    assert list((tmp_path / "figures").iterdir())
+    assert not list(tmp_path.rglob("*.part"))
+    for folder, scores in (("base", diagnosis.before), ("model", diagnosis.after)):
+        setup, steps = load(tmp_path / folder)
+        for recording in diagnosis.campaign.recordings:
+            plan = Plan((recording,), {recording.name: steps}, 1)
+            again = evaluate(setup, plan, {}).outputs[recording.name]
+            # The stored steps are the finest of the plan: what differs is below the noise.
+            np.testing.assert_allclose(again, scores.outputs[recording.name], atol=0.2 * recording.noise)
