@@ -26,7 +26,7 @@ TRUTH = np.array([TABLE_1[n] for n in NAMES])
 
 def times(frequency: float) -> Array:
     """(SAMPLES,) sampling times of one sine [s]."""
-    return np.arange(SAMPLES) * (PERIODS / frequency / SAMPLES)
+    return np.asarray(np.arange(SAMPLES) * (PERIODS / frequency / SAMPLES), dtype=np.float64)
 
 
 def recording(frequency: float) -> Recording:

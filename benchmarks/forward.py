@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
@@ -37,12 +38,14 @@ def own_contenders() -> list[Contender]:
         for s in _SUBSTEPS
     ]
     calls = [
-        Contender(
-            f"phnn whole call, {s} sub-step{'s' * (s > 1)}", TARGET_Q, lambda s=s: outputs(simulate_all(TRUTH, s))
-        )
+        Contender(f"phnn whole call, {s} sub-step{'s' * (s > 1)}", TARGET_Q, partial(_whole_call, s))
         for s in _SUBSTEPS[:2]
     ]
     return solves + calls
+
+
+def _whole_call(substeps: int) -> Array:
+    return outputs(simulate_all(TRUTH, substeps))
 
 
 def peer_contenders() -> list[Contender]:
@@ -53,10 +56,8 @@ def peer_contenders() -> list[Contender]:
 
         for name in ("Kvaerno5", "Kvaerno3"):
             batch, single = diffrax_forward(name, together=True), diffrax_forward(name, together=False)
-            found += [
-                Contender(f"diffrax {name} vmap, {t:.0e}", t, lambda solve=batch, t=t: solve(t)) for t in _TOLERANCES
-            ]
-            found.append(Contender(f"diffrax {name} one by one, 1e-06", 1e-6, lambda solve=single: solve(1e-6)))
+            found += [Contender(f"diffrax {name} vmap, {t:.0e}", t, partial(batch, t)) for t in _TOLERANCES]
+            found.append(Contender(f"diffrax {name} one by one, 1e-06", 1e-6, partial(single, 1e-6)))
     else:
         print("diffrax is not installed: pip install -e '.[bench]'", file=sys.stderr)
 
@@ -68,7 +69,7 @@ def peer_contenders() -> list[Contender]:
 
 def one_period_by_dopri5() -> list[Row]:
     """torchdiffeq's explicit dopri5 on one period of 150 Hz only; the whole campaign has 360 times as much time."""
-    if not find_spec("jax"):
+    if not find_spec("diffrax"):
         return []
     from benchmarks.peers import dopri5_one_period
 
@@ -97,12 +98,12 @@ def sensitivity_errors(truth: Array, wanted: Array) -> pd.DataFrame:
     Returns:
         Columns ``parameter, size`` (norm relative to the displacement's) and ``error_1, error_2`` by sub-steps.
     """
-    table = {"parameter": list(NAMES)}
+    table = pd.DataFrame({"parameter": NAMES})
     table["size"] = [float(np.linalg.norm(wanted[..., k]) / np.linalg.norm(truth)) for k in range(len(NAMES))]
     for substeps in (1, 2):
         own = sensitivities(simulate_all(TRUTH, substeps))
         table[f"error_{substeps}"] = [relative_error(own[..., k], wanted[..., k]) for k in range(len(NAMES))]
-    return pd.DataFrame(table)
+    return table
 
 
 def main() -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
@@ -22,7 +23,7 @@ def own_contenders(wanted: Array) -> list[Contender]:
     for substeps in (1, 2):
         prepared = Prepared(simulate_all(TRUTH, substeps))
         name = f"phnn, {substeps} sub-step{'s' * (substeps > 1)}"
-        found.append(Contender(name, TARGET, lambda p=prepared: cost_gradient(p, wanted)))
+        found.append(Contender(name, TARGET, partial(cost_gradient, prepared, wanted)))
     return found
 
 
@@ -39,7 +40,7 @@ def peer_contenders(wanted: Array) -> list[Contender]:
             for together in (True, False):
                 solve = diffrax_gradient(solver, mode, together, wanted)
                 name = f"diffrax {solver} {mode} {'vmap' if together else 'one by one'}, 1e-06"
-                found.append(Contender(name, 1e-6, lambda f=solve: f(1e-6), repeats=9))
+                found.append(Contender(name, 1e-6, partial(solve, 1e-6), repeats=9))
     return found
 
 

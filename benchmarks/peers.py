@@ -87,7 +87,6 @@ def diffrax_gradient(name: str, mode: str, together: bool, wanted: Array) -> Cal
 
     def cost(logarithms: Any, frequency: Any, target: Any, tolerance: Any) -> Any:
         q = _one(SOLVERS[name], adjoint, _MAX_STEPS_REVERSE, jnp.exp(logarithms), frequency, tolerance)
-        # In scaled units: squares of micrometres would fall below the tolerance of nothing, but are ugly to add.
         return jnp.sum(((q - target) / SCALE[2]) ** 2)
 
     derivative = jax.grad if reverse else jax.jacfwd

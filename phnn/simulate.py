@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import SolverFailed
-from phnn.integrate import kernel
+from phnn.integrate import kernel, sweep
 from phnn.integrate.program import DISSIPATIVE, Program, compile_network
 from phnn.integrate.step import TINY
 from phnn.laws import PORT_LAWS, STORAGE_LAWS
@@ -222,7 +222,7 @@ def output_derivatives(
     out = np.empty((rows, active.size + len(initial) + len(columns) + given.shape[1] + len(varied)))
     signals = np.column_stack([w for _, w in varied]) if varied else np.zeros((steps, 0))
     start = _start_derivative(trajectory, network_names)
-    kernel.sensitivities(
+    sweep.sensitivities(
         program.leaves, program.modulators, program.resistors, program.ports, program.inertia, trajectory.theta, active,
         trajectory.states, trajectory.velocity, trajectory.u, trajectory.h, start,
         np.array(initial, dtype=np.int64), np.ascontiguousarray(np.hstack([*columns, given])),

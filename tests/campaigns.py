@@ -41,46 +41,46 @@ def _home() -> Path:
 
 
 @cache
-def concealed(effect: str = "none") -> tuple[Path, Sealed]:
+def concealed(effect: str = "none", seed: int = SEED) -> tuple[Path, Sealed]:
     """A folder of four recordings and the answer."""
-    folder = _home() / effect
-    return folder, generate(SEED, folder, effect, "short")
+    folder = _home() / f"{effect}-{seed}"
+    return folder, generate(seed, folder, effect, "short")
 
 
 @cache
-def campaign(effect: str = "none") -> Campaign:
+def campaign(effect: str = "none", seed: int = SEED) -> Campaign:
     """The folder as read."""
-    return read(concealed(effect)[0])
+    return read(concealed(effect, seed)[0])
 
 
 @cache
-def base(effect: str = "none") -> Fit:
+def base(effect: str = "none", seed: int = SEED) -> Fit:
     """The base model fitted from the true parameters: tests of a diagnosis do not hang on the search for starts."""
-    plan = Plan(identification_plan(campaign(effect), 2).recordings, STEPS, 2)
-    true = concealed(effect)[1].base
+    plan = Plan(identification_plan(campaign(effect, seed), 2).recordings, STEPS, 2)
+    true = concealed(effect, seed)[1].base
     held = {"m": f"held at the stated {true['m']:g}"}
     return fit_identified(Setup(hrc(2, dict(true)), name="phs"), plan, held)
 
 
 @cache
-def ground(effect: str = "none") -> Ground:
+def ground(effect: str = "none", seed: int = SEED) -> Ground:
     """The ground on that fit."""
-    return prepare(base(effect))
+    return prepare(base(effect, seed))
 
 
 @cache
-def generic(effect: str = "none") -> Responses:
+def generic(effect: str = "none", seed: int = SEED) -> Responses:
     """Responses to all local functions."""
-    return responses(ground(effect))
+    return responses(ground(effect, seed))
 
 
 @cache
-def diagnosis(effect: str, *names: str) -> Diagnosis:
+def diagnosis(effect: str, *names: str, seed: int = SEED) -> Diagnosis:
     """The diagnosis from that fit, with a few members of the catalogue or, if none is named, all."""
     chosen = [catalogue()[n] for n in names] or None
-    fitted = base(effect)
+    fitted = base(effect, seed)
     with mock.patch.object(path, "identify_base", return_value=(fitted, numerical_error(fitted))):
-        return path.diagnose(campaign(effect), Options(workers=2), effects=chosen)
+        return path.diagnose(campaign(effect, seed), Options(workers=2), effects=chosen)
 
 
 def recorded(setup: Setup, name: str, t: np.ndarray, u: np.ndarray, noise: float, seed: int = 0) -> Recording:

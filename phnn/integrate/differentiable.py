@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
-from phnn.integrate import kernel
+from phnn.integrate import kernel, sweep
 from phnn.integrate.dense import solve_dense
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.residual import march_residual, network_order
@@ -98,9 +98,9 @@ class _March:
             )
 
     def multipliers(self, cotangent: Array) -> Array:
-        """(n+1, L+2) as filled by `kernel.adjoint`."""
+        """(n+1, L+2) as filled by `sweep.adjoint`."""
         out = np.zeros((self.h.size + 1, self.states.shape[1] + 1))
-        kernel.adjoint(*self.network, self.states, self.velocity, self.u, self.h, cotangent, out)
+        sweep.adjoint(*self.network, self.states, self.velocity, self.u, self.h, cotangent, out)
         return out
 
 

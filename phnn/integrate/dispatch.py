@@ -15,7 +15,14 @@ import phnn
 from phnn.laws import law as law_module
 
 # What compiled code is made from; torch modules beside them may be edited without compiling anew.
-_SOURCES = ("laws/*.py", "integrate/dispatch.py", "integrate/program.py", "integrate/step.py", "integrate/kernel.py")
+_SOURCES = (
+    "laws/*.py",
+    "integrate/dispatch.py",
+    "integrate/program.py",
+    "integrate/step.py",
+    "integrate/kernel.py",
+    "integrate/sweep.py",
+)
 
 
 def _fingerprint() -> str:

@@ -208,9 +208,13 @@ def test_next_experiment_is_one_of_the_menu() -> None:
     assert propose([members[0], members[0]], scales) is None
 
 
+_IMITATED = pytest.mark.xfail(strict=True, reason="electrostriction with cubic stiffness imitates it and is named")
+
+
 @pytest.mark.slow
-def test_a_stop_that_no_catalogue_lists_is_unknown_and_learned() -> None:
-    made = campaigns.diagnosis("contact_stop")
+@pytest.mark.parametrize("seed", [pytest.param(5, marks=_IMITATED), 7, pytest.param(8, marks=_IMITATED), 9])
+def test_a_stop_that_no_catalogue_lists_is_unknown_and_learned(seed: int) -> None:
+    made = campaigns.diagnosis("contact_stop", seed=seed)
     j = made.judgement
     assert j.verdict == "unknown"
     assert j.location is not None
@@ -221,7 +225,7 @@ def test_a_stop_that_no_catalogue_lists_is_unknown_and_learned() -> None:
 
     drawn = picture(j.ground, j.location)
     assert drawn is not None
-    stop = campaigns.concealed("contact_stop")[1].parameters["q_c"] * 1e6
+    stop = campaigns.concealed("contact_stop", seed)[1].parameters["q_c"] * 1e6
     beyond = drawn.y[drawn.x > stop]
     inside = drawn.y[np.abs(drawn.x) < 0.8 * stop]
     # Relative to a line through what lies before it, the missing force turns sharply beyond the stop.

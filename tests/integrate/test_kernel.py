@@ -13,7 +13,7 @@ from junctions import march, random_junction, random_march, recording
 from scipy.integrate import solve_ivp
 
 from phnn.errors import StructureViolated
-from phnn.integrate import kernel
+from phnn.integrate import sweep as sweeps
 from phnn.integrate.program import compile_network
 from phnn.integrate.residual import check, network_order, power_balance
 from phnn.models.actuator import TABLE_1, from_paper, hrc
@@ -133,7 +133,7 @@ def sweep(trajectory: Trajectory, names: list[str], initial: list[int], output: 
     program, n = trajectory.program, trajectory.h.size
     active = np.array([program.names.index(name) for name in names], dtype=np.int64)
     out = np.empty((n + 1, len(names) + len(initial)))
-    kernel.sensitivities(
+    sweeps.sensitivities(
         program.leaves, program.modulators, program.resistors, program.ports, program.inertia, trajectory.theta, active,
         trajectory.states, trajectory.velocity, trajectory.u, trajectory.h,
         np.zeros((trajectory.states.shape[1], len(names))), np.array(initial, dtype=np.int64), np.zeros((n, 0)),
@@ -184,7 +184,7 @@ def test_adjoint_is_the_transpose_of_the_forward_sweep(seed: int) -> None:
     program, states = trajectory.program, trajectory.states
     cotangent = np.random.default_rng(seed).normal(size=states.shape)
     multipliers = np.zeros((states.shape[0], states.shape[1] + 1))
-    kernel.adjoint(
+    sweeps.adjoint(
         program.leaves, program.modulators, program.resistors, program.ports, program.inertia, trajectory.theta, states,
         trajectory.velocity, trajectory.u, trajectory.h, cotangent, multipliers,
     )  # fmt: skip
@@ -199,7 +199,7 @@ def test_a_parameter_varied_by_a_constant_signal_is_that_parameter() -> None:
     names = ["m", "alpha", "beta"]
     active = np.array([program.names.index(name) for name in names], dtype=np.int64)
     out = np.empty((n + 1, 6))
-    kernel.sensitivities(
+    sweeps.sensitivities(
         program.leaves, program.modulators, program.resistors, program.ports, program.inertia, trajectory.theta, active,
         trajectory.states, trajectory.velocity, trajectory.u, trajectory.h, np.zeros((trajectory.states.shape[1], 3)),
         np.zeros(0, np.int64), np.zeros((n, 0)), np.arange(3), np.ones((n, 3)), np.arange(n + 1), program.output, out,
