@@ -214,8 +214,8 @@ def _sensitivities(
         d_state[initial[s], k_active + s] = 1.0
     _sensitivity_steps(
         leaves, modulators, resistors, ports, inertia, theta, theta_c, active, users, states, velocity, u, h,
-        initial.shape[0], forces, varied, weights, nodes, output, x, by_state, by_velocity, by_theta, d_state, d_next, d_v,
-        out,
+        initial.shape[0], forces, varied, weights, nodes, output, x, by_state, by_velocity, by_theta, d_state, d_next,
+        d_v, out,
     )  # fmt: skip
 
 
