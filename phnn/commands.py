@@ -6,19 +6,21 @@ import json
 import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from phnn.demo import EFFECTS, generate, open_seal, write_seal
 from phnn.diagnose.diagnosis import Diagnosis, score_on_all
 from phnn.diagnose.diagnosis import diagnose as run_diagnosis
 from phnn.errors import PhnnError
-from phnn.identify.base import Options, Progress, identification_plan, identify_base, identify_bouc_wen
+from phnn.identify.base import Options, Progress, identify_base, identify_bouc_wen
 from phnn.identify.evaluate import Evaluation, evaluate
 from phnn.identify.fit import Fit
 from phnn.identify.problem import Plan
@@ -27,7 +29,7 @@ from phnn.models.store import load, save
 from phnn.recordings import Campaign, describe, read
 from phnn.report import console_summary
 from phnn.report.files import write_atomic
-from phnn.report.result import write
+from phnn.report.result import finite, write
 
 _CLASS = 3
 
@@ -55,10 +57,10 @@ def identify(folder: Path, out: Path, manifest: Path | None, config: Mapping[str
     with _progress() as progress:
         fitted, error = identify_base(campaign, options, progress)
         scores = score_on_all(fitted, campaign)
-    save(fitted.setup, out / "base", max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
+    _keep(fitted, out / "base")
     std = fitted.std()
     parameters = {
-        n: {"value": p.value, "unit": p.unit, "std": _known(std.get(n)), "held": fitted.held.get(n)}
+        n: {"value": p.value, "unit": p.unit, "std": _known(std.get(n)), "held": _note(fitted, n)}
         for n, p in fitted.setup.parameters.items()
     }
     content = {
@@ -86,13 +88,17 @@ def _diagnose(campaign: Campaign, out: Path, options: Options) -> Diagnosis:
     from phnn.report.result import evidence
 
     with _progress() as progress:
-        diagnosis = run_diagnosis(campaign, options, progress)
+        diagnosis = run_diagnosis(campaign, options, progress, on_base=lambda fitted: _keep(fitted, out / "base"))
         progress("write the report")
         document = write(diagnosis, out)
     console = Console()
     console.print(console_summary(document, evidence(diagnosis)))
     console.print(f"report: {out / 'report.html'}   seed: {options.seed}")
     return diagnosis
+
+
+def _keep(fitted: Fit, folder: Path) -> None:
+    save(fitted.setup, folder, max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
 
 
 def predict(model: Path, folder: Path, out: Path, manifest: Path | None) -> None:
@@ -118,14 +124,23 @@ def compare(folder: Path, out: Path, manifest: Path | None, config: Mapping[str,
     """Fit the port-Hamiltonian, the Bouc–Wen and the linear model; writes ``compare.json``."""
     campaign = read(folder, manifest)
     options = Options.from_config(config)
-    plan = identification_plan(campaign, options.workers)
     with _progress() as progress:
-        fits: dict[str, Fit] = {"phs": identify_base(campaign, options, progress)[0]}
-        plan = fits["phs"].plan
-        fits["bouc_wen"] = identify_bouc_wen(plan, campaign, options, progress)
-        fits["linear"] = identify_actuator(plan, campaign.known, 0, 1, options.seed)
-    scores = {name: score_on_all(f, campaign) for name, f in fits.items()}
-    content = {
+        actuator = {"model": "piezo_actuator", "hysterons": campaign.setup.get("hysterons", 2)}
+        phs = identify_base(replace(campaign, setup=actuator), options, progress)[0]
+        scores = {"phs": score_on_all(phs, campaign)}
+        _write_json(out / "compare.json", _comparison(scores))
+        scores["bouc_wen"] = score_on_all(identify_bouc_wen(phs.plan, campaign, options, progress), campaign)
+        _write_json(out / "compare.json", _comparison(scores))
+        progress("identify linear")
+        linear = {n: a for n, a in campaign.known.items() if n in ("m", "k", "b", "alpha")}
+        scores["linear"] = score_on_all(identify_actuator(phs.plan, linear, 0, 1, options.seed), campaign)
+        _write_json(out / "compare.json", _comparison(scores))
+    Console().print(_score_table(scores))
+
+
+def _comparison(scores: Mapping[str, Evaluation]) -> dict[str, Any]:
+    """``compare.json`` as a mapping."""
+    return {
         name: {
             p.name: {
                 "fit_percent": p.fit_percent,
@@ -137,8 +152,6 @@ def compare(folder: Path, out: Path, manifest: Path | None, config: Mapping[str,
         }
         for name, s in scores.items()
     }
-    _write_json(out / "compare.json", content)
-    Console().print(_score_table(scores))
 
 
 def demo(seed: int | None, out: Path, config: Mapping[str, Any]) -> None:
@@ -167,6 +180,12 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any]) -> None:
         raise PhnnError(f"the sealed effect {sealed.effect} was not found; see {out / 'diagnosis' / 'report.html'}")
 
 
+def _note(fitted: Fit, name: str) -> str | None:
+    if not np.isfinite(fitted.std().get(name, 0.0)):
+        return "not identified by these recordings"
+    return fitted.held.get(name)
+
+
 def _known(std: float | None) -> float | None:
     return std if std is not None and np.isfinite(std) else None
 
@@ -176,10 +195,10 @@ def _score_table(scores: Mapping[str, Evaluation]) -> Table:
     parts = next(iter(scores.values())).parts
     for i, part in enumerate(parts):
         cells = [f"{s.parts[i].fit_percent:.2f}  {s.parts[i].residual_over_noise:.3g}" for s in scores.values()]
-        table.add_row(part.name, "held out" if part.use == "confirmation" else "identified", *cells)
+        table.add_row(escape(part.name), "held out" if part.use == "confirmation" else "identified", *cells)
     return table
 
 
 def _write_json(path: Path, content: Mapping[str, Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomic(path, (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode())
+    write_atomic(path, (json.dumps(finite(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())

@@ -63,7 +63,6 @@ def test_predict_without_an_output_starts_at_rest_with_no_offset(tmp_path: Path)
     assert np.std(found - recording.y) < 1.1 * recording.noise
 
 
-@pytest.mark.xfail(strict=True, reason="the table takes the brackets of a part's name for its own markup")
 def test_parts_of_a_recording_are_told_apart_in_the_table(capsys: pytest.CaptureFixture[str]) -> None:
     from rich.console import Console
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from phnn.diagnose.judge import Judgement, judge
@@ -54,6 +54,7 @@ def diagnose(
     options: Options | None = None,
     progress: Progress = quiet,
     effects: Sequence[Effect] | None = None,
+    on_base: Callable[[Fit], None] | None = None,
 ) -> Diagnosis:
     """Fit the base model, locate what it misses, name it, refit, judge and confirm.
 
@@ -62,29 +63,41 @@ def diagnose(
         options: how hard to try.
         progress: called with a line of text at every stage.
         effects: the catalogue to use; all that can exist otherwise.
+        on_base: called with the base fit as soon as there is one, so that it can be kept whatever comes.
     """
     began = time.monotonic()
     chosen = options or Options()
     base, error = identify_base(campaign, chosen, progress)
     catalogue_ = list(effects) if effects is not None else available(campaign)
     progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
-    judgement = judge(base, catalogue_, chosen.seed, chosen.max_effects, campaign.held_out_is_new, error)
+    if on_base is not None:
+        on_base(base)
+
+    def judged(base: Fit, error: NumericalError) -> Judgement:
+        new, terminals = campaign.held_out_is_new, campaign.voltage == "terminals"
+        return judge(base, catalogue_, chosen.seed, max(1, chosen.max_effects), new, error, terminals)
+
+    judgement = judged(base, error)
     for _ in range(2):
         if judgement.naming.numerical <= _FAKE:
             break
         progress(f"numerical error could score {judgement.naming.numerical:.2g}: finer steps")
         base, error = refined(base, chosen)
-        judgement = judge(base, catalogue_, chosen.seed, chosen.max_effects, campaign.held_out_is_new, error)
+        judgement = judged(base, error)
     progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
     before = score_on_all(base, campaign)
     after = score_on_all(judgement.final, campaign) if judgement.final is not base else before
     held = before.over_noise("confirmation"), after.over_noise("confirmation")
-    if judgement.verdict == "named" and held[1] >= held[0]:
-        # The held-out recordings have the last word: what does not help them is not named.
+    # The held-out recordings have the last word: what does not help them is not named, nor kept if it was learned. What
+    # the numerical error could fake is not named either.
+    if judgement.verdict == "named" and (held[1] >= held[0] or judgement.naming.numerical > _FAKE):
         judgement = replace(judgement, verdict="equivalent")
+    if judgement.learned and held[1] >= held[0]:
+        judgement = replace(judgement, final=base, final_ground=judgement.ground, learned=False)
+        after = before
     grounds = {id(g): g for g in (judgement.ground, judgement.final_ground)}.values()
     residual = max(check(t) for g in grounds for t in g.trajectories)
-    members = judgement.findings[0].members if judgement.findings else ()
+    members = next((f.members for f in judgement.findings if len(f.members) > 1), ())
     proposal = propose(members, judgement.ground.scales)
     return Diagnosis(
         campaign, base, error, judgement, before, after, proposal, residual, chosen, time.monotonic() - began

@@ -28,11 +28,13 @@ class Ground:
         fit: residual and Jacobian are stacked over the identification samples of ``fit.plan``.
         trajectories: of the recordings in the plan, in order.
         scales: sizes from which dictionaries and effects take their grids.
+        terminals: the input was measured at the port, so that nothing before it can be the culprit.
     """
 
     fit: Fit
     trajectories: tuple[Trajectory, ...]
     scales: Scales
+    terminals: bool = False
 
     @property
     def plan(self) -> Plan:
@@ -81,14 +83,14 @@ class Ground:
         return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
 
 
-def prepare(fit: Fit) -> Ground:
+def prepare(fit: Fit, terminals: bool = False) -> Ground:
     """Simulate the fitted model on its plan and take the scales."""
 
     def run(recording: Recording) -> Trajectory:
         return simulate(fit.setup, recording, fit.plan.steps_of(recording), initial=fit.initial(recording.name))
 
     trajectories = tuple(fit.plan.each(run))
-    return Ground(fit, trajectories, scales_of(fit, trajectories))
+    return Ground(fit, trajectories, scales_of(fit, trajectories), terminals)
 
 
 def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:

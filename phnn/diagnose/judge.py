@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from phnn.diagnose.ground import Ground, prepare
 from phnn.diagnose.learn import learn
-from phnn.diagnose.locate import Location, Responses, locate, responses
+from phnn.diagnose.locate import Location, locate, responses
 from phnn.diagnose.name import Naming, score
 from phnn.diagnose.refit import Trial, class_of, refit
 from phnn.effects import Effect
@@ -20,6 +20,8 @@ _REFITS = 5
 _EXPLAINS = 0.7
 # What comes second explains what the first left, which in real recordings is itself a mixture.
 _EXPLAINS_MORE = 0.4
+# Learned against named: how much less it must leave.
+_CLEARLY = 0.8
 # A second effect must matter: it is looked for only where the residual exceeds the noise by this much.
 _MATERIAL = 1.1
 
@@ -58,7 +60,6 @@ class Judgement:
     remainder: Naming | None = None
     remainder_location: Location | None = None
     learned: bool = False
-    generic: Responses | None = field(default=None, repr=False)
 
 
 def excess(fit: Fit) -> float:
@@ -67,7 +68,13 @@ def excess(fit: Fit) -> float:
 
 
 def judge(
-    base: Fit, effects: Sequence[Effect], seed: int, max_effects: int, new_in_held_out: bool, error: NumericalError
+    base: Fit,
+    effects: Sequence[Effect],
+    seed: int,
+    max_effects: int,
+    new_in_held_out: bool,
+    error: NumericalError,
+    terminals: bool = False,
 ) -> Judgement:
     """Locate, name, refit and judge.
 
@@ -78,48 +85,64 @@ def judge(
         max_effects: how many effects may be added one after the other.
         new_in_held_out: whether confirmation brings something new; without it the word is ``equivalent`` at most.
         error: numerical error of the simulations.
+        terminals: whether the input was measured at the port.
     """
-    ground = prepare(base)
+    ground = prepare(base, terminals)
     generic = responses(ground)
     naming = score(ground, effects, generic, seed, error.error)
     if naming.p_value >= SIGNIFICANT:
-        return Judgement("none", ground, naming, None, base, ground, generic=generic)
+        return Judgement("none", ground, naming, None, base, ground)
     location = locate(ground, generic)
+    findings, tried, here, scores = _select(ground, naming, effects, seed, max_effects)
+    final = here.fit
+    learned = None
+    if not findings or scores.p_value < SIGNIFICANT:
+        learned = learn(ground, location.detail) if location.name == "mechanical" else None
+    # What a few generic functions at the location explain clearly better was imitated, not named.
+    imitated = learned is not None and learned.cost < _CLEARLY * final.cost
+    if not findings or imitated:
+        return _unknown(ground, naming, location, tried, seed, learned)
+    settled = new_in_held_out and all(len(f.members) == 1 for f in findings)
+    remaining = locate(here) if scores.p_value < SIGNIFICANT else None
+    verdict = "named" if settled else "equivalent"
+    return Judgement(verdict, ground, naming, location, final, here, tuple(findings), tried, scores, remaining)
+
+
+def _select(
+    ground: Ground, naming: Naming, effects: Sequence[Effect], seed: int, max_effects: int
+) -> tuple[list[Finding], tuple[Trial, ...], Ground, Naming]:
+    """Forward selection: effects that explain enough of what is left, one after the other."""
     findings: list[Finding] = []
     tried: tuple[Trial, ...] = ()
-    current, here, scores = base, ground, naming
+    here, scores = ground, naming
     while len(findings) < max_effects:
         left = [c for c in scores.candidates if c.p_value < SIGNIFICANT][:_REFITS]
-        trials = refit(current, left)
+        trials = refit(here.fit, left)
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
         fitted = trials[0].fit
-        after = prepare(fitted)
+        after = prepare(fitted, ground.terminals)
         remainder = score(after, _others(effects, findings, trials[0]), responses(after), seed)
-        share = 1.0 - max(excess(fitted), 0.0) / max(excess(current), 1e-300)
         enough = _EXPLAINS_MORE if findings else _EXPLAINS
-        if share < enough and remainder.p_value < SIGNIFICANT and not _weak(current):
+        if remainder.p_value < SIGNIFICANT and _share(here.fit, fitted, scores) < enough:
             break
-        findings.append(
-            Finding(trials[0], tuple(class_of(trials, remainder.p_value < SIGNIFICANT)), tuple(trials), scores)
-        )
-        current, here, scores = fitted, after, remainder
-        if remainder.p_value >= SIGNIFICANT or fitted.chi2 < _MATERIAL**2:
+        unexplained = remainder.p_value < SIGNIFICANT
+        findings.append(Finding(trials[0], tuple(class_of(trials, unexplained)), tuple(trials), scores))
+        here, scores = after, remainder
+        if not unexplained or fitted.chi2 < _MATERIAL**2:
             break
-    if not findings:
-        return _unknown(ground, naming, location, tried, effects, seed, generic)
-    settled = new_in_held_out and all(len(f.members) == 1 for f in findings)
-    remaining = locate(here) if scores.p_value < SIGNIFICANT else None
-    verdict = "named" if settled else "equivalent"
-    return Judgement(
-        verdict, ground, naming, location, current, here, tuple(findings), tried, scores, remaining, False, generic
-    )
+    return findings, tried, here, scores
 
 
-def _weak(fit: Fit) -> bool:
-    """Whether the excess is so small that its explained share is mostly noise."""
-    return excess(fit) < 6.0 * (2.0 * fit.residual.size) ** 0.5
+def _share(before: Fit, after: Fit, scores: Naming) -> float:
+    """Share of the explainable sum of squares that an effect has taken.
+
+    Explainable is the excess over the noise, less its own spread, and at least what one direction would take.
+    """
+    spread = 2.0 * (2.0 * before.residual.size) ** 0.5
+    explainable = max(excess(before) - spread, scores.statistic**2, 1e-300)
+    return (before.cost - after.cost) / explainable
 
 
 def _others(effects: Sequence[Effect], findings: Sequence[Finding], trial: Trial) -> list[Effect]:
@@ -128,16 +151,13 @@ def _others(effects: Sequence[Effect], findings: Sequence[Finding], trial: Trial
 
 
 def _unknown(
-    ground: Ground, naming: Naming, location: Location, tried: tuple[Trial, ...], effects: Sequence[Effect], seed: int,
-    generic: Responses,
-) -> Judgement:  # fmt: skip
-    """Real, and no element explains it: learn a passive one-port at the location."""
-    learned = learn(ground, location.detail) if location.name == "mechanical" else None
-    final = learned if learned is not None and learned.cost < ground.fit.cost else ground.fit
-    after = prepare(final) if final is not ground.fit else ground
-    remainder = naming if final is ground.fit else score(after, (), responses(after), seed)
+    ground: Ground, naming: Naming, location: Location, tried: tuple[Trial, ...], seed: int, learned: Fit | None
+) -> Judgement:
+    """Real, and no element explains it: a learned passive one-port at the location where there is one."""
+    # A dozen strengths lower any sum of squares: the drop must be of the size that the score promised.
+    if learned is None or ground.fit.cost - learned.cost < 0.5 * naming.statistic**2:
+        return Judgement("unknown", ground, naming, location, ground.fit, ground, (), tried, naming, location)
+    after = prepare(learned, ground.terminals)
+    remainder = score(after, (), responses(after), seed)
     remaining = locate(after) if remainder.p_value < SIGNIFICANT else None
-    return Judgement(
-        "unknown", ground, naming, location, final, after, (), tried, remainder, remaining, final is not ground.fit,
-        generic,
-    )  # fmt: skip
+    return Judgement("unknown", ground, naming, location, learned, after, (), tried, remainder, remaining, True)

@@ -79,6 +79,8 @@ def _responses_of(trajectory: Trajectory, ground: Ground) -> tuple[Array, NDArra
     parameters = trajectory.setup.network.parameters
     for index, group in enumerate(GROUPS):
         functions = group.functions(trajectory, scales)
+        if ground.terminals and group.enters == VOLTAGE:
+            functions = np.zeros_like(functions)
         if group.enters == OUTPUT:
             outputs.append(functions * scales.displacement)
             owners[OUTPUT] += [index] * functions.shape[1]
@@ -158,7 +160,8 @@ def _generalise(ground: Ground, columns: Array, folds: Sequence[NDArray[np.int64
         return total
 
     alone = error(0.0, slice(0, k)) if k else sum(squares)
-    explainable = max(alone - r.size, 1e-3 * alone)
+    # The excess is known only to the spread of a sum of squares; below that no share can be large.
+    explainable = max(alone - r.size, 2.0 * (2.0 * r.size) ** 0.5)
     best = min(error(ridge, slice(0, None)) for ridge in _RIDGES)
     return float(np.clip((alone - best) / explainable, 0.0, 1.0))
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from phnn.diagnose.name import Candidate
 from phnn.effects import Effect
 from phnn.errors import PhnnError
@@ -114,6 +116,10 @@ def class_of(trials: Sequence[Trial], unexplained: bool) -> list[Trial]:
         unexplained: whether the best refit leaves a significant remainder.
     """
     best = trials[0]
-    scale = max(1.0, best.fit.chi2) if best.fit is not None else 1.0
-    reach = max(_TIE * scale, _IMPERFECT * best.cost if unexplained else 0.0)
+    if best.fit is None:
+        return list(trials[:1])
+    # Coloured noise inflates differences of sums of squares by the sum of its correlation.
+    colour = max(max(1.0, 2.0 * float(np.sum(r.noise_correlation)) - 1.0) for r in best.fit.plan.recordings)
+    left = max(best.cost - best.fit.residual.size, 0.0)
+    reach = max(_TIE * colour * max(1.0, best.fit.chi2), _IMPERFECT * left if unexplained else 0.0)
     return [t for t in trials if t.cost - best.cost <= reach]

@@ -60,6 +60,8 @@ def identification_plan(campaign: Campaign, workers: int) -> Plan:
 
 def identify_base(campaign: Campaign, options: Options, progress: Progress = quiet) -> tuple[Fit, NumericalError]:
     """Fit the campaign's base model; the sub-steps are chosen on the way and checked at the end."""
+    if "network" in campaign.setup:
+        raise InputRefused("setup: a network from a file is not fitted by this version; name a model instead")
     model = str(campaign.setup.get("model", "piezo_actuator"))
     plan = identification_plan(campaign, options.workers)
     hysterons = int(campaign.setup.get("hysterons", 2)) if model in ("piezo_actuator", "hrc") else 0

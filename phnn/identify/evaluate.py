@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.identify.fit import fit
-from phnn.identify.problem import Plan
+from phnn.identify.problem import Plan, aperiodic
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from phnn.simulate import simulate
@@ -63,7 +63,7 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
     def one(recording: Recording) -> Array:
         own = initial.get(recording.name)
         nuisance = recording.mask("nuisance")
-        if own is None and recording.start.state == "unknown" and nuisance.any():
+        if own is None and (recording.start.state == "unknown" or aperiodic(recording)) and nuisance.any():
             own = initial_from_nuisance(setup, recording, plan.steps_of(recording))
         y = simulate(setup, recording, plan.steps_of(recording), initial=own).y
         masks = (recording.mask("identification"), nuisance, np.ones(recording.t.size, dtype=bool))

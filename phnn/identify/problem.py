@@ -127,7 +127,7 @@ class Variables:
 
 def variables_of(setup: Setup, plan: Plan, names: Sequence[str]) -> Variables:
     """The variables of a fit: the named parameters, and initial states where a start is unknown."""
-    unknown = [r for r in plan.recordings if r.start.state == "unknown" or _aperiodic(r)]
+    unknown = [r for r in plan.recordings if r.start.state == "unknown" or aperiodic(r)]
     if not unknown:
         return Variables(tuple(names), (), np.zeros(0), {})
     trajectories = {r.name: simulate(setup, r, plan.steps_of(r)) for r in unknown}
@@ -136,7 +136,8 @@ def variables_of(setup: Setup, plan: Plan, names: Sequence[str]) -> Variables:
     return Variables(tuple(names), tuple(trajectories), np.where(spread > 0.0, spread, 1.0), origin)
 
 
-def _aperiodic(recording: Recording) -> bool:
+def aperiodic(recording: Recording) -> bool:
+    """Whether a recording is said to start in a steady cycle, but no period was found: its start is unknown then."""
     return recording.start.state == "periodic" and recording.period is None
 
 

@@ -11,17 +11,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.errors import PhnnError
+from phnn.errors import InputRefused, PhnnError
 from phnn.identify.fit import Fit, distinct_optima, fit, unidentified
 from phnn.identify.problem import Plan, Problem, variables_of
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Anchor, Recording
 from phnn.setup import Setup
+from phnn.simulate import input_before
 
 Array = NDArray[np.float64]
 
 _DEFAULT_MASS = 1.0e-3
 _RESONANCES_HZ = (200.0, 800.0, 3000.0)
+# Parameters that the common factor scales: any one of them, once known, fixes it.
+_SCALED = ("m", "k", "b", "alpha", "C_", "rho_")
 _QUICK = 10
 _FULL = 50
 _FINALISTS = 5
@@ -44,6 +47,9 @@ def identify_actuator(
     if setup is not None:
         return fit_identified(setup, plan, held)
     anchored = {n: a.value for n, a in known.items()}
+    strangers = sorted(set(anchored) - set(hrc(hysterons).parameters))
+    if strangers:
+        raise InputRefused(f"known: no parameter {strangers[0]}; this model has {', '.join(hrc(hysterons).parameters)}")
     points = mechanical_points(plan, anchored)
     mechanical = _mechanical(points, plan, held)
     if hysterons == 0:
@@ -69,8 +75,11 @@ def identify_actuator(
 
 def held_by_statement(known: Mapping[str, Anchor]) -> dict[str, str]:
     """What is not estimated because the manifest states it, or because nothing fixes the common factor."""
+    wrong = [n for n, a in known.items() if a.value <= 0.0]
+    if wrong:
+        raise InputRefused(f"known: {wrong[0]} = {known[wrong[0]].value:g} must be positive, in SI units")
     held = {n: f"held at the stated {a.value:g}" for n, a in known.items()}
-    if "m" not in known:
+    if not any(n.startswith(_SCALED) for n in known):
         held["m"] = f"held at {_DEFAULT_MASS:g} kg: voltage and displacement identify values up to one common factor"
     return held
 
@@ -121,10 +130,10 @@ def mechanical_points(plan: Plan, anchored: Mapping[str, float]) -> list[Setup]:
     for resonance in _RESONANCES_HZ:
         omega = 2.0 * np.pi * resonance
         k = anchored.get("k", mass * omega**2)
-        values = {"m": mass, "k": k, "b": 0.6 * mass * omega, "alpha": gain * k} | {
+        values = {"m": anchored.get("m", k / omega**2), "k": k, "b": 0.6 * mass * omega, "alpha": gain * k} | {
             n: v for n, v in anchored.items() if n in ("m", "k", "b", "alpha")
         }
-        points.append(Setup(hrc(0, {n: abs(v) for n, v in values.items()}), name="linear"))
+        points.append(Setup(hrc(0, values), name="linear"))
     return points
 
 
@@ -138,9 +147,24 @@ def _mechanical(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) ->
 
 
 def static_gain(recordings: Sequence[Recording]) -> float:
-    """Displacement per volt from the recording with the largest output."""
+    """Displacement per volt from the recording with the largest output.
+
+    Raises:
+        InputRefused: the output falls where the input rises.
+    """
     chosen = max(recordings, key=lambda r: float(np.ptp(r.y)))
-    return float(np.ptp(chosen.y) / np.ptp(chosen.u))
+    span = _input_range(chosen)
+    if np.ptp(chosen.u) > 0.0 and np.cov(chosen.u, chosen.y)[0, 1] < 0.0:
+        raise InputRefused(
+            f"{chosen.source}: the displacement falls where the voltage rises; give one of them `scale: -1` under "
+            "columns in recordings.yaml"
+        )
+    return float(np.ptp(chosen.y) / span)
+
+
+def _input_range(recording: Recording) -> float:
+    """Range of the input, what was before the first sample included."""
+    return float(np.ptp(np.append(recording.u, input_before(recording, recording.u))))
 
 
 def _with_hysterons(
@@ -202,7 +226,7 @@ def _random_starts(
 
 def drive_amplitude(recordings: Sequence[Recording]) -> float:
     """Half the largest range of the input."""
-    return 0.5 * max(float(np.ptp(r.u)) for r in recordings)
+    return 0.5 * max(_input_range(r) for r in recordings)
 
 
 def middle_frequency(recordings: Sequence[Recording]) -> float:

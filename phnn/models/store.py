@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused, PhnnError
+from phnn.integrate.program import compile_network
 from phnn.network.elements import Coupling, Network, Port, Resistor, Storage
 from phnn.parameters import Parameter
-from phnn.setup import Block, Setup
+from phnn.setup import AMPLIFIERS, SENSORS, Block, Setup
 
 SCHEMA = "phnn.model/1"
 FILE = "model.json"
@@ -68,8 +69,17 @@ def load(folder: Path) -> tuple[Setup, int]:
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise InputRefused(f"{path}: is no {SCHEMA} file: give model/ or base/ of a result of this version")
     try:
-        return _setup(content), int(content["substeps"])
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        setup, substeps = _setup(content), int(content["substeps"])
+        compile_network(setup.network)
+        unknown = [b.kind for b in setup.amplifier if b.kind not in AMPLIFIERS]
+        unknown += [b.kind for b in setup.sensor if b.kind not in SENSORS]
+        if unknown or substeps < 1:
+            raise ValueError(f"unknown block {unknown[0]}" if unknown else f"substeps {substeps}")
+        missing = [n for b in (*setup.amplifier, *setup.sensor) for n in b.parameters if n not in setup.parameters]
+        if missing:
+            raise ValueError(f"no parameter {missing[0]}")
+        return setup, substeps
+    except (KeyError, TypeError, ValueError, AttributeError, PhnnError) as error:
         raise InputRefused(f"{path}: is damaged ({type(error).__name__}: {error}): write the model again") from error
 
 

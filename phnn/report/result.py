@@ -31,6 +31,9 @@ from phnn.report.write import write_report
 from phnn.units import quantity
 
 SCHEMA = "phnn.diagnosis/1"
+# Units of what is known only up to one common factor where nothing anchors it.
+_FORCE_UNITS = ("kg", "N", "N/m", "N s/m", "N s²/m²", "N/V", "F", "S")
+_UP_TO_FACTOR = " Absolute values are known up to one common factor, because nothing anchors them."
 _PACKAGES = ("phnn", "torch", "numpy", "scipy", "numba")
 
 
@@ -52,12 +55,11 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
     """``diagnosis.json`` as a mapping; numbers that are not finite become null."""
     j = diagnosis.judgement
     names = {p.name: p.use for p in diagnosis.before.parts}
-    best = j.naming.candidates[0].effect.name if j.naming.candidates else None
     proposal = diagnosis.proposal
     content = {
         "schema": SCHEMA,
         "verdict": j.verdict,
-        "test": {"statistic": j.naming.statistic, "p_value": j.naming.p_value, "candidate": best},
+        "test": _test(j),
         "missing": _missing(diagnosis),
         "remainder": _remainder(j),
         "location": _location(diagnosis),
@@ -76,14 +78,25 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "seed": diagnosis.options.seed,
         "seconds": round(diagnosis.seconds, 2),
     }
-    return _finite(content)
+    return finite(content)
 
 
-def _finite(value: Any) -> Any:
+def _test(j: Judgement) -> dict[str, Any]:
+    """The statistic of what was named, else the supremum; its candidate is null where a generic function holds it."""
+    if j.findings:
+        c = j.findings[0].trial.candidate
+        return {"statistic": c.score, "p_value": c.p_value, "candidate": c.effect.name}
+    best = j.naming.candidates[0] if j.naming.candidates else None
+    name = best.effect.name if best is not None and best.score >= j.naming.generic else None
+    return {"statistic": j.naming.statistic, "p_value": j.naming.p_value, "candidate": name}
+
+
+def finite(value: Any) -> Any:
+    """Numbers that are not finite become null, as json demands."""
     if isinstance(value, Mapping):
-        return {str(k): _finite(v) for k, v in value.items()}
+        return {str(k): finite(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
+        return [finite(v) for v in value]
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     return value
@@ -95,10 +108,15 @@ def _missing(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         return []
     if j.verdict == "unknown":
         return [_learned(j)]
-    return [_entry(j.final, f) for f in j.findings]
+    return [_entry(j.final, f, _anchored(diagnosis)) for f in j.findings]
 
 
-def _entry(final: Fit, finding: Finding) -> dict[str, Any]:
+def _anchored(diagnosis: Diagnosis) -> bool:
+    """Whether something known fixes the factor that voltage and displacement leave open."""
+    return any(n.startswith(("m", "k", "b", "alpha", "C_", "rho_")) for n in diagnosis.campaign.known)
+
+
+def _entry(final: Fit, finding: Finding, anchored: bool) -> dict[str, Any]:
     effect = finding.trial.candidate.effect
     parameters, std = final.setup.parameters, final.std()
     shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in effect.parameters}
@@ -107,7 +125,8 @@ def _entry(final: Fit, finding: Finding) -> dict[str, Any]:
         "location": effect.location,
         "equivalent_to": [t.candidate.effect.name for t in finding.members[1:]],
         "p_value": finding.trial.candidate.p_value,
-        "statement": effect.statement.format(**shown),
+        "statement": effect.statement.format(**shown)
+        + ("" if anchored or not any(parameters[n].unit in _FORCE_UNITS for n in effect.parameters) else _UP_TO_FACTOR),
         "equation": effect.equation,
         "passive": effect.passive,
         "parameters": {
@@ -208,11 +227,11 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
     j = diagnosis.judgement
     before, after = diagnosis.base.setup.parameters, j.final.setup.parameters
     std, held = j.final.std(), j.final.held
-    anchored = bool({"m", "k", "b", "alpha"} & set(diagnosis.campaign.known))
+    anchored = _anchored(diagnosis)
     rows = []
     for name, p in after.items():
         note = held.get(name, "constant" if p.fixed else "")
-        if not note and not anchored and name[0] in "kbaCr":
+        if not note and not anchored and p.unit in _FORCE_UNITS:
             note = "up to one common factor"
         if not math.isfinite(std.get(name, 0.0)):
             note = "not identified by these recordings"

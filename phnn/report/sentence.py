@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.judge import SIGNIFICANT, Finding, Judgement
 
@@ -11,6 +13,8 @@ def sentence(diagnosis: Diagnosis) -> str:
     j = diagnosis.judgement
     held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")
     change = f"On held-out recordings the residual goes from {held[0]:.3g} to {held[1]:.3g} × noise."
+    if math.isnan(held[0]):
+        change = "No recording was held out to confirm it."
     if j.verdict == "none":
         return (
             f"Nothing is missing that these recordings could show: the base model leaves "
@@ -25,7 +29,13 @@ def sentence(diagnosis: Diagnosis) -> str:
     elif others:
         start = f"The model leaves out {names}; these recordings cannot tell apart what stands in brackets."
     else:
-        why = "do not confirm it" if diagnosis.campaign.held_out_is_new else "bring nothing new to confirm it"
+        why = (
+            "are none"
+            if math.isnan(held[0])
+            else "do not confirm it"
+            if diagnosis.campaign.held_out_is_new
+            else "bring nothing new to confirm it"
+        )
         start = f"Of the catalogue {names} explains most, but the held-out samples {why}."
     rest = " More remains." if j.remainder is not None and j.remainder.p_value < SIGNIFICANT else ""
     return f"{start} {change}{rest}"
