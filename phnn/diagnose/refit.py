@@ -48,7 +48,15 @@ def refit(base: Fit, candidates: Sequence[Candidate]) -> list[Trial]:
     quick = [Trial(c, _quick_fit(base, c)) for c in candidates if c.score >= reach]
     best = min(t.cost for t in quick)
     finished = [_finished(base, t) if t.cost <= _NEAR * best else t for t in quick]
-    return sorted(finished, key=lambda t: t.cost)
+    return sorted(finished, key=_criterion)
+
+
+def _criterion(trial: Trial) -> float:
+    """Sum of squares with a penalty of ``ln N`` a parameter (Schwarz 1978)."""
+    if trial.fit is None:
+        return float("inf")
+    free = [n for n in trial.candidate.effect.parameters if not trial.fit.setup.parameters[n].fixed]
+    return trial.cost + len(free) * max(1.0, trial.fit.chi2) * float(np.log(trial.fit.residual.size))
 
 
 def _quick_fit(base: Fit, candidate: Candidate) -> Fit | None:
@@ -111,6 +119,8 @@ def class_of(trials: Sequence[Trial], unexplained: bool) -> list[Trial]:
     variance: some 3.5 standard deviations for one parameter. Where even the best leaves something real unexplained,
     that remainder may favour either, and a difference of less than a fifth decides nothing.
 
+    An effect of which the best is a special case, and which did not come first, adds nothing: it is no member.
+
     Args:
         trials: best first.
         unexplained: whether the best refit leaves a significant remainder.
@@ -122,4 +132,5 @@ def class_of(trials: Sequence[Trial], unexplained: bool) -> list[Trial]:
     colour = max(max(1.0, 2.0 * float(np.sum(r.noise_correlation)) - 1.0) for r in best.fit.plan.recordings)
     left = max(best.cost - best.fit.residual.size, 0.0)
     reach = max(_TIE * colour * max(1.0, best.fit.chi2), _IMPERFECT * left if unexplained else 0.0)
-    return [t for t in trials if t.cost - best.cost <= reach]
+    name = best.candidate.effect.name
+    return [t for t in trials if t.cost - best.cost <= reach and name not in t.candidate.effect.contains]

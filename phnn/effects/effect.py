@@ -54,6 +54,7 @@ class Effect:
         build: adds the effect with given parameter values.
         needs_command: makes sense only where the recorded voltage is the amplifier's command.
         neighbours: effects that ordinary recordings cannot always tell apart from it.
+        contains: effects that are special cases of it, so that it can never fit worse than they do.
         rescale: how to multiply the strength where that is more than multiplying one parameter.
     """
 
@@ -71,6 +72,7 @@ class Effect:
     needs_command: bool = False
     neighbours: tuple[str, ...] = ()
     rescale: Callable[[Mapping[str, float], float], dict[str, float]] | None = None
+    contains: tuple[str, ...] = ()
 
     def scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
         """Parameter values with the strength multiplied, kept within a physical range.

@@ -61,4 +61,6 @@ EFFECT = Effect(
     parameters=("C_x", "rho_x", "d_x"),
     neighbours=("creep", "coulomb_friction"),
     rescale=rescale,
+    # Without a dead zone a hysteron is a Maxwell cell with C = α²/k_s.
+    contains=("creep",),
 )
