@@ -218,16 +218,21 @@ def test_a_name_is_registered_once() -> None:
             register(law)
 
 
+def amounts(low: float, high: float) -> st.SearchStrategy[float]:
+    """Values whose squares keep their digits: next to the smallest numbers relative accuracy does not exist."""
+    return st.floats(low, high).map(lambda v: 0.0 if abs(v) < 1e-60 else v)
+
+
 leaves = st.fixed_dictionaries(
     {
-        "x": st.floats(-3.0, 3.0),
-        "current": st.floats(-5.0, 5.0),
+        "x": amounts(-3.0, 3.0),
+        "current": amounts(-5.0, 5.0),
         "h": st.floats(-4.0, 1.0).map(lambda e: 10.0**e),
         "capacitance": st.floats(-1.5, 1.0).map(lambda e: 10.0**e),
         # Relaxation from far slower than the step to far faster.
         "rho": st.one_of(st.just(0.0), st.floats(-6.0, 7.0).map(lambda e: 10.0**e)),
-        "low": st.one_of(st.just(0.0), st.floats(-2.0, 0.0)),
-        "high": st.one_of(st.just(0.0), st.floats(0.0, 2.0)),
+        "low": st.one_of(st.just(0.0), amounts(-2.0, 0.0)),
+        "high": st.one_of(st.just(0.0), amounts(0.0, 2.0)),
     }
 )
 Leaf = dict[str, float]
