@@ -10,6 +10,7 @@ import numpy as np
 from phnn.diagnose.name import Candidate
 from phnn.effects import Effect
 from phnn.errors import PhnnError
+from phnn.identify.base import released
 from phnn.identify.fit import Fit, distinct_optima
 from phnn.identify.staged import fit_identified
 from phnn.setup import Setup
@@ -85,6 +86,7 @@ def _finished(base: Fit, trial: Trial) -> Trial:
     effect = trial.candidate.effect
     try:
         full = fit_identified(trial.fit.setup, base.plan, _held(base), _FULL, trial.fit, effect.parameters)
+        full = released(full, effect.parameters)
     except PhnnError:
         return Trial(trial.candidate, None)
     return Trial(trial.candidate, replace(full, alternatives=trial.fit.alternatives))

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from phnn.errors import InputRefused
-from phnn.identify.fit import Fit
+from phnn.identify.fit import Fit, fit
 from phnn.identify.numerics import NumericalError, numerical_error, substeps_for
 from phnn.identify.problem import Plan
 from phnn.identify.staged import fit_identified, held_by_statement, identify_actuator, mechanical_points
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Campaign
+from phnn.setup import Setup
 
 Progress = Callable[[str], None]
 
@@ -99,7 +102,40 @@ def _converged(first: Fit, options: Options) -> tuple[Fit, NumericalError]:
         error = numerical_error(fitted)
         if error.sigma <= options.error_bound_sigma:
             break
+    free = released(fitted)
+    if free is not fitted:
+        fitted, error = free, numerical_error(free)
     return replace(fitted, alternatives=first.alternatives), error
+
+
+def released(fitted: Fit, keep: Sequence[str] = ()) -> Fit:
+    """A fit whose held parameters do not stand on a plateau far from where the recordings would notice them.
+
+    A parameter that has run off to where nothing depends on it any more has no sensitivity there and is held. What it
+    cost to run off shows only at a distance: the sum of squares is scanned over many decades of it, and where a better
+    value lies the fit goes on from there with the parameter free.
+
+    Args:
+        keep: parameters that are estimated in any case.
+    """
+    held = {n: w for n, w in fitted.held.items() if "do not identify" not in w}
+    for name in [n for n in fitted.held if n not in held and fitted.setup.parameters[n].positive]:
+        p = fitted.setup.parameters[name]
+        values = [v for v in p.value * 10.0 ** np.arange(-9.0, 10.0) if p.lower < v < p.upper]
+        setups = [fitted.setup.with_values({name: v}) for v in values]
+        costs = [_cost(s, fitted) for s in setups]
+        best = int(np.argmin(costs))
+        if costs[best] < fitted.cost - 1.0:
+            moved = fit_identified(setups[best], fitted.plan, held, origin=fitted, keep=keep)
+            fitted = moved if moved.cost < fitted.cost else fitted
+    return fitted
+
+
+def _cost(setup: Setup, fitted: Fit) -> float:
+    """Sum of squares of a setup on the plan of a fit, everything else as fitted."""
+    return (
+        fit(setup, fitted.plan, (), max_evaluations=1, origin=fitted).cost if not fitted.variables.unknown else np.inf
+    )
 
 
 def refined(fitted: Fit, options: Options) -> tuple[Fit, NumericalError]:
