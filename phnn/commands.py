@@ -60,7 +60,7 @@ def identify(folder: Path, out: Path, manifest: Path | None, config: Mapping[str
     _keep(fitted, out / "base")
     std = fitted.std()
     parameters = {
-        n: {"value": p.value, "unit": p.unit, "std": _known(std.get(n)), "held": _note(fitted, n)}
+        n: {"value": p.value, "unit": p.unit, "std": finite(std.get(n)), "held": _note(fitted, n)}
         for n, p in fitted.setup.parameters.items()
     }
     content = {
@@ -184,10 +184,6 @@ def _note(fitted: Fit, name: str) -> str | None:
     if not np.isfinite(fitted.std().get(name, 0.0)):
         return "not identified by these recordings"
     return fitted.held.get(name)
-
-
-def _known(std: float | None) -> float | None:
-    return std if std is not None and np.isfinite(std) else None
 
 
 def _score_table(scores: Mapping[str, Evaluation]) -> Table:

@@ -12,7 +12,7 @@ from phnn.effects import Effect
 from phnn.errors import PhnnError
 from phnn.identify.base import released
 from phnn.identify.fit import Fit, distinct_optima
-from phnn.identify.staged import fit_identified
+from phnn.identify.staged import fit_identified, stated_only
 from phnn.setup import Setup
 
 _QUICK, _FULL = 8, 40
@@ -70,7 +70,9 @@ def _quick_fit(base: Fit, candidate: Candidate) -> Fit | None:
         origin = base if setup is base.setup else None
         try:
             begun = _clamped(effect, setup, values)
-            found.append(fit_identified(begun, base.plan.coarse(), _held(base), _QUICK, origin, effect.parameters))
+            found.append(
+                fit_identified(begun, base.plan.coarse(), stated_only(base.held), _QUICK, origin, effect.parameters)
+            )
         except PhnnError:
             continue
     if not found:
@@ -85,16 +87,11 @@ def _finished(base: Fit, trial: Trial) -> Trial:
         return trial
     effect = trial.candidate.effect
     try:
-        full = fit_identified(trial.fit.setup, base.plan, _held(base), _FULL, trial.fit, effect.parameters)
+        full = fit_identified(trial.fit.setup, base.plan, stated_only(base.held), _FULL, trial.fit, effect.parameters)
         full = released(full, effect.parameters)
     except PhnnError:
         return Trial(trial.candidate, None)
     return Trial(trial.candidate, replace(full, alternatives=trial.fit.alternatives))
-
-
-def _held(base: Fit) -> dict[str, str]:
-    """What the base fit held because the user said so stays held; what it could not identify is asked again."""
-    return {n: why for n, why in base.held.items() if why.startswith("held at the stated") or "common factor" in why}
 
 
 def _clamped(effect: Effect, setup: Setup, values: Mapping[str, float]) -> Setup:

@@ -12,7 +12,7 @@ from phnn.errors import InputRefused
 from phnn.identify.fit import Fit, fit
 from phnn.identify.numerics import NumericalError, numerical_error, substeps_for
 from phnn.identify.problem import Plan
-from phnn.identify.staged import fit_identified, held_by_statement, identify_actuator, mechanical_points
+from phnn.identify.staged import fit_identified, held_by_statement, identify_actuator, mechanical_points, stated_only
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
@@ -97,7 +97,7 @@ def _converged(first: Fit, options: Options) -> tuple[Fit, NumericalError]:
     fitted = first
     for _ in range(3):
         plan = substeps_for(fitted.setup, fitted.plan, options.error_bound_sigma)
-        held = {n: w for n, w in fitted.held.items() if "do not identify" not in w}
+        held = stated_only(fitted.held)
         fitted = fit_identified(fitted.setup, plan, held, origin=fitted)
         error = numerical_error(fitted)
         if error.sigma <= options.error_bound_sigma:
@@ -118,7 +118,7 @@ def released(fitted: Fit, keep: Sequence[str] = ()) -> Fit:
     Args:
         keep: parameters that are estimated in any case.
     """
-    held = {n: w for n, w in fitted.held.items() if "do not identify" not in w}
+    held = stated_only(fitted.held)
     for name in [n for n in fitted.held if n not in held and fitted.setup.parameters[n].positive]:
         p = fitted.setup.parameters[name]
         values = [v for v in p.value * 10.0 ** np.arange(-9.0, 10.0) if p.lower < v < p.upper]
@@ -142,6 +142,6 @@ def refined(fitted: Fit, options: Options) -> tuple[Fit, NumericalError]:
     """The same fit with all sub-steps doubled."""
     doubled = {r.name: 2 * fitted.plan.steps_of(r) for r in fitted.plan.recordings}
     plan = replace(fitted.plan, substeps=doubled)
-    held = {n: w for n, w in fitted.held.items() if "do not identify" not in w}
+    held = stated_only(fitted.held)
     again = fit_identified(fitted.setup, plan, held, origin=fitted)
     return replace(again, alternatives=fitted.alternatives), numerical_error(again)

@@ -5,7 +5,7 @@ Mechanical → linear electrical part with ``d = 0`` → dead zones opened, nonl
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +25,7 @@ _DEFAULT_MASS = 1.0e-3
 _RESONANCES_HZ = (200.0, 800.0, 3000.0)
 # Parameters that the common factor scales: any one of them, once known, fixes it.
 _SCALED = ("m", "k", "b", "alpha", "C_", "rho_")
+_UNIDENTIFIED = "these recordings do not identify it"
 _QUICK = 10
 _FULL = 50
 _FINALISTS = 5
@@ -79,9 +80,19 @@ def held_by_statement(known: Mapping[str, Anchor]) -> dict[str, str]:
     if wrong:
         raise InputRefused(f"known: {wrong[0]} = {known[wrong[0]].value:g} must be positive, in SI units")
     held = {n: f"held at the stated {a.value:g}" for n, a in known.items()}
-    if not any(n.startswith(_SCALED) for n in known):
+    if not fixes_common_factor(known):
         held["m"] = f"held at {_DEFAULT_MASS:g} kg: voltage and displacement identify values up to one common factor"
     return held
+
+
+def fixes_common_factor(known: Iterable[str]) -> bool:
+    """Whether one of the known parameters fixes the factor that voltage and displacement leave open."""
+    return any(n.startswith(_SCALED) for n in known)
+
+
+def stated_only(held: Mapping[str, str]) -> dict[str, str]:
+    """What is held by a statement; what an earlier fit could not identify is left out, to be asked again."""
+    return {n: why for n, why in held.items() if not why.endswith(_UNIDENTIFIED)}
 
 
 def fit_identified(
@@ -116,7 +127,7 @@ def fit_identified(
 
 def _reason(setup: Setup, name: str) -> str:
     p = setup.parameters[name]
-    return f"held at {p.value:.4g} {p.unit}: these recordings do not identify it"
+    return f"held at {p.value:.4g} {p.unit}: {_UNIDENTIFIED}"
 
 
 def mechanical_points(plan: Plan, anchored: Mapping[str, float]) -> list[Setup]:

@@ -23,6 +23,7 @@ from phnn.diagnose.locate import (
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.picture import Picture, missing_force, picture
 from phnn.identify.fit import Fit
+from phnn.identify.staged import fixes_common_factor
 from phnn.models.store import save
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace
 from phnn.report.files import write_atomic
@@ -108,12 +109,7 @@ def _missing(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         return []
     if j.verdict == "unknown":
         return [_learned(j)]
-    return [_entry(j.final, f, _anchored(diagnosis)) for f in j.findings]
-
-
-def _anchored(diagnosis: Diagnosis) -> bool:
-    """Whether something known fixes the factor that voltage and displacement leave open."""
-    return any(n.startswith(("m", "k", "b", "alpha", "C_", "rho_")) for n in diagnosis.campaign.known)
+    return [_entry(j.final, f, fixes_common_factor(diagnosis.campaign.known)) for f in j.findings]
 
 
 def _entry(final: Fit, finding: Finding, anchored: bool) -> dict[str, Any]:
@@ -227,7 +223,7 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
     j = diagnosis.judgement
     before, after = diagnosis.base.setup.parameters, j.final.setup.parameters
     std, held = j.final.std(), j.final.held
-    anchored = _anchored(diagnosis)
+    anchored = fixes_common_factor(diagnosis.campaign.known)
     rows = []
     for name, p in after.items():
         note = held.get(name, "constant" if p.fixed else "")
@@ -236,12 +232,8 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
         if not math.isfinite(std.get(name, 0.0)):
             note = "not identified by these recordings"
         old = before[name].value if name in before else None
-        rows.append(ParameterRow(name, p.description, p.unit, old, p.value, _or_none(std.get(name)), note))
+        rows.append(ParameterRow(name, p.description, p.unit, old, p.value, finite(std.get(name)), note))
     return rows
-
-
-def _or_none(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
 
 
 def _candidates(j: Judgement) -> list[CandidateRow]:
