@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from phnn.errors import SolverFailed
 from phnn.integrate import kernel, sweep
-from phnn.integrate.program import DISSIPATIVE, Program, compile_network
-from phnn.integrate.step import TINY
-from phnn.laws import PORT_LAWS, STORAGE_LAWS
+from phnn.integrate.program import Program, compile_network
+from phnn.integrate.rest import equilibrium, equilibrium_derivative
+from phnn.laws import PORT_LAWS
+from phnn.laws.namespace import TINY
 from phnn.recordings.recording import Recording
 from phnn.setup import AMPLIFIERS, SENSORS, Block, Setup
 from phnn.signals.reconstruct import mean_input, substep_counts, substep_input
@@ -39,8 +40,8 @@ class Trajectory:
         t: (N,) time of the samples [s].
         y: (N,) sensor output without the displacement zero.
         fine: (n, 3) port input within the steps; u: (n, P) mean inputs.
-        states: (n+1, L+1) leaf states and momentum at the nodes.
-        velocity: (n,) mid-step velocities; efforts: (n, L) mean efforts of the leaves.
+        states: (n+1, N) states at the nodes, in the order of the network.
+        efforts: (n, N) mean efforts of the storages.
     """
 
     setup: Setup
@@ -56,8 +57,12 @@ class Trajectory:
     fine: Array
     u: Array
     states: Array
-    velocity: Array
     efforts: Array
+
+    @property
+    def velocity(self) -> Array:
+        """(n,) mean flow through the output during the steps [m/s]."""
+        return self.efforts[:, self.program.flow]
 
     @property
     def mid_displacement(self) -> Array:
@@ -80,7 +85,7 @@ def simulate(
         recording: gives input, sampling, start and reconstruction.
         substeps: steps per sample interval.
         method: another reconstruction than the recording's.
-        initial: (L+1,) initial state; without it, the one the recording's start says.
+        initial: (N,) initial state; without it, the one the recording's start says.
 
     Raises:
         SolverFailed: no root of the step equation was found, with the time.
@@ -95,18 +100,13 @@ def simulate(
     for block in setup.amplifier:
         fine = np.real(_through(setup, block, fine, h, before))
         before = _settled(setup, block, before)
-    u = np.zeros((fine.shape[0], len(program.ports)))
+    u = np.zeros((fine.shape[0], len(setup.network.ports)))
     u[:, 0] = mean_input(fine)
     rest = before if initial is None else None
-    x0 = equilibrium(program, theta, before) if initial is None else initial
+    x0 = equilibrium(program, theta, _constant(u, before)) if initial is None else initial
     n = u.shape[0]
-    states = np.empty((n + 1, x0.size))
-    velocity = np.empty(n)
-    efforts = np.empty((n, x0.size - 1))
-    done = kernel.march(
-        program.leaves, program.modulators, program.resistors, program.ports, program.inertia, theta, x0, u, h, states,
-        velocity, efforts,
-    )  # fmt: skip
+    states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
+    done = kernel.march(program, theta, x0, u, h, states, efforts)
     if done < n:
         raise SolverFailed(
             f"{recording.name}: no solution of the step at t = {h[:done].sum() - lead * recording.dt:.6g} s; "
@@ -116,9 +116,14 @@ def simulate(
     q = states[nodes[lead:], program.output]
     for block in setup.sensor:
         q = SENSORS[block.kind](q, t, *(setup.parameters[p].value for p in block.parameters))
-    return Trajectory(
-        setup, recording, program, theta, h, nodes, lead, rest, t, q, fine, u, states, velocity, efforts
-    )  # fmt: skip
+    return Trajectory(setup, recording, program, theta, h, nodes, lead, rest, t, q, fine, u, states, efforts)
+
+
+def _constant(u: Array, voltage: float) -> Array:
+    """(P,) a constant input at the first port."""
+    values = np.zeros(u.shape[1])
+    values[0] = voltage
+    return values
 
 
 @lru_cache(maxsize=64)
@@ -159,41 +164,6 @@ def _settled(setup: Setup, block: Block, before: float) -> float:
     return float(np.real(_through(setup, block, np.full((1, 3), before), np.ones(1), before)[0, 0]))
 
 
-def equilibrium(program: Program, theta: Array, voltage: float) -> Array:
-    """(L+1,) rest state under a constant voltage with uncharged hysterons, eq. (12) with ``Q* = 0``.
-
-    Raises:
-        SolverFailed: nothing holds the displacement, so that there is no equilibrium.
-    """
-    x0 = np.zeros(len(program.leaf_names) + 1)
-    if voltage == 0.0:
-        return x0
-    row = program.ports[0]
-    law = list(PORT_LAWS.values())[row[0]]
-    force = theta[row[1]] * law.action(voltage, *theta[row[2 : 2 + len(law.example)]])
-    held = [i for i, leaf in enumerate(program.leaves) if leaf[0] != DISSIPATIVE]
-    if not held:
-        raise SolverFailed("no spring holds the output, so a constant input has no rest state: declare start: unknown")
-    q = 0.0
-    for _ in range(60):
-        total, slope = -force, 0.0
-        for i in held:
-            value = _spring(program, theta, i, complex(q, TINY))
-            total += theta[program.leaves[i, 3]] * value.real
-            slope += theta[program.leaves[i, 3]] * value.imag / TINY
-        q -= total / slope
-        if abs(total) <= 1e-14 * abs(force):
-            break
-    x0[held] = q
-    return x0
-
-
-def _spring(program: Program, theta: Array, i: int, q: complex) -> complex:
-    row = program.leaves[i]
-    law = list(STORAGE_LAWS.values())[row[1]]
-    return complex(law.mean_effort(q, q, *theta[row[4 : 4 + len(law.example)]]))
-
-
 def output_derivatives(
     trajectory: Trajectory,
     names: Sequence[str],
@@ -218,18 +188,16 @@ def output_derivatives(
     steps = trajectory.u.shape[0]
     given = np.zeros((steps, 0)) if forces is None else forces
     columns = [_amplifier_force(trajectory, block, name)[:, None] for block, name in amplifier]
-    rows = trajectory.t.size + trajectory.lead
-    out = np.empty((rows, active.size + len(initial) + len(columns) + given.shape[1] + len(varied)))
     signals = np.column_stack([w for _, w in varied]) if varied else np.zeros((steps, 0))
-    start = _start_derivative(trajectory, network_names)
-    sweep.sensitivities(
-        program.leaves, program.modulators, program.resistors, program.ports, program.inertia, trajectory.theta, active,
-        trajectory.states, trajectory.velocity, trajectory.u, trajectory.h, start,
+    start = np.zeros((trajectory.states.shape[1], active.size))
+    if trajectory.rest:
+        start = equilibrium_derivative(program, trajectory.theta, _constant(trajectory.u, trajectory.rest), active)
+    out = sweep.sensitivities(
+        program, trajectory.theta, active, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h, start,
         np.array(initial, dtype=np.int64), np.ascontiguousarray(np.hstack([*columns, given])),
         np.array([network_names.index(n) for n, _ in varied], dtype=np.int64), np.ascontiguousarray(signals),
-        trajectory.nodes, program.output, out,
-    )  # fmt: skip
-    out = out[trajectory.lead :]
+        trajectory.nodes,
+    )[trajectory.lead :]  # fmt: skip
     by_name = {n: out[:, k] for k, n in enumerate(network_names[:asked])}
     first = active.size + len(initial)
     by_name |= {n: out[:, first + j] for j, (_, n) in enumerate(amplifier)}
@@ -240,10 +208,11 @@ def output_derivatives(
 
 def input_force(trajectory: Trajectory, change: Array) -> Array:
     """(n, …) change of the junction force by a change of the port's input, ``g ψ'(V) δV``."""
-    row = trajectory.program.ports[0]
-    law = list(PORT_LAWS.values())[row[0]]
-    slope = law.slope(trajectory.u[:, 0], *trajectory.theta[row[2 : 2 + len(law.example)]])
-    force = trajectory.theta[row[1]] * np.asarray(slope)
+    port = trajectory.setup.network.ports[0]
+    ((_, ratio),) = port.on.items()
+    values = {n: p.value for n, p in trajectory.setup.network.parameters.items()}
+    slope = PORT_LAWS[port.law].slope(trajectory.u[:, 0], *(values[n] for n in port.parameters))
+    force = (values[ratio] if isinstance(ratio, str) else ratio) * np.asarray(slope)
     return force * change if change.ndim == 1 else force[:, None] * change
 
 
@@ -257,21 +226,6 @@ def _amplifier_force(trajectory: Trajectory, block: Block, name: str) -> Array:
         fine = _through(setup, other, fine, trajectory.h, before, name if other is block else "")
         before = _settled(setup, other, before)
     return input_force(trajectory, mean_input(np.imag(fine)) / TINY)
-
-
-def _start_derivative(trajectory: Trajectory, names: Sequence[str]) -> Array:
-    """(L+1, K) derivative of the rest state by the parameters."""
-    start = np.zeros((trajectory.states.shape[1], len(names)))
-    program, theta = trajectory.program, trajectory.theta
-    if not trajectory.rest:
-        return start
-    for k, name in enumerate(names):
-        m = program.names.index(name)
-        step = 1e-6 * abs(theta[m]) + 1e-300
-        moved = theta.copy()
-        moved[m] += step
-        start[:, k] = (equilibrium(program, moved, trajectory.rest) - trajectory.states[0]) / step
-    return start
 
 
 def _sensor_derivatives(trajectory: Trajectory, names: Sequence[str]) -> dict[str, Array]:

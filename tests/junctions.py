@@ -36,12 +36,9 @@ def march(network: Network, u: np.ndarray, h: np.ndarray, x0: np.ndarray) -> Tra
     """
     program = compile_network(network)
     theta = program.theta(network)
-    n, count = u.shape[0], len(program.leaf_names)
-    states, velocity, efforts = np.empty((n + 1, count + 1)), np.empty(n), np.empty((n, count))
-    done = kernel.march(
-        program.leaves, program.modulators, program.resistors, program.ports, program.inertia, theta, x0, u, h, states,
-        velocity, efforts,
-    )  # fmt: skip
+    n, count = u.shape[0], len(program.states)
+    states, efforts = np.empty((n + 1, count)), np.empty((n, count))
+    done = kernel.march(program, theta, x0, u, h, states, efforts)
     assert done == n, f"step {done} of {n} was not solved"
     t = np.concatenate([[0.0], np.cumsum(h)])
     q = states[:, program.output]
@@ -49,7 +46,7 @@ def march(network: Network, u: np.ndarray, h: np.ndarray, x0: np.ndarray) -> Tra
     nodes = np.arange(n + 1)
     return Trajectory(
         Setup(network), recording(t, np.zeros(n + 1)), program, theta, h, nodes, 0, None, t, q, fine, u, states,
-        velocity, efforts,
+        efforts,
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from phnn.errors import InputRefused, StructureViolated
-from phnn.integrate.step import TINY
+from phnn.laws.namespace import TINY
 from phnn.models.actuator import from_paper
 from phnn.models.bouc_wen import TABLE_2
 from phnn.parameters import Parameter, positive

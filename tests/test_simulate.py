@@ -10,11 +10,12 @@ from phnn.effects import effect
 from phnn.errors import SolverFailed
 from phnn.integrate import kernel
 from phnn.integrate.program import compile_network
+from phnn.integrate.rest import equilibrium
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
-from phnn.simulate import equilibrium, input_force, output_derivatives, simulate
+from phnn.simulate import input_force, output_derivatives, simulate
 
 BASE = Setup(from_paper())
 
@@ -29,7 +30,7 @@ def test_a_trajectory_holds_what_it_says() -> None:
     n = 3 * 200
     assert run.y.shape == run.t.shape == (201,)
     assert run.states.shape == (n + 1, 4)
-    assert run.efforts.shape == (n, 3)
+    assert run.efforts.shape == (n, 4)
     assert run.fine.shape == (n, 3)
     assert run.u.shape == (n, 2)
     assert (run.u[:, 1] == 0.0).all()
@@ -71,8 +72,8 @@ def test_equilibrium_needs_something_that_holds() -> None:
     )
     program = compile_network(free)
     with pytest.raises(SolverFailed, match="declare start: unknown"):
-        equilibrium(program, program.theta(free), 10.0)
-    assert (equilibrium(program, program.theta(free), 0.0) == 0.0).all()
+        equilibrium(program, program.theta(free), np.array([10.0, 0.0]))
+    assert (equilibrium(program, program.theta(free), np.zeros(2)) == 0.0).all()
 
 
 def test_a_periodic_start_is_in_its_cycle() -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from phnn.diagnose.judge import Judgement, judge
 from phnn.diagnose.propose import NextExperiment, propose
 from phnn.effects import Effect, catalogue
+from phnn.ensemble import executor
 from phnn.identify.base import Options, Progress, identify_base, quiet, refined
 from phnn.identify.evaluate import Evaluation, evaluate
 from phnn.identify.fit import Fit
@@ -64,9 +65,13 @@ def diagnose(
         progress: called with a line of text at every stage.
         effects: the catalogue to use; all that can exist otherwise.
         on_base: called with the base fit as soon as there is one, so that it can be kept whatever comes.
+
+    Raises:
+        InputRefused: the executor is not understood or does not answer; nothing has been fitted yet then.
     """
     began = time.monotonic()
     chosen = options or Options()
+    refits = executor(chosen.executor)
     base, error = identify_base(campaign, chosen, progress)
     catalogue_ = list(effects) if effects is not None else available(campaign)
     progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
@@ -75,7 +80,7 @@ def diagnose(
 
     def judged(base: Fit, error: NumericalError) -> Judgement:
         new, terminals = campaign.held_out_is_new, campaign.voltage == "terminals"
-        return judge(base, catalogue_, chosen.seed, max(1, chosen.max_effects), new, error, terminals)
+        return judge(base, catalogue_, chosen.seed, max(1, chosen.max_effects), new, error, terminals, refits)
 
     judgement = judged(base, error)
     for _ in range(2):

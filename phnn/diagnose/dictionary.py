@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from phnn.diagnose.filters import low_pass, play_operator, rate, stop_operator
 from phnn.effects import Scales
-from phnn.integrate.program import DISSIPATIVE
 from phnn.simulate import Trajectory, input_before
 
 Array = NDArray[np.float64]
@@ -107,8 +106,7 @@ def _leakage(trajectory: Trajectory, scales: Scales) -> Array:
 
 
 def _electrical_leaves(trajectory: Trajectory) -> list[int]:
-    rows = trajectory.program.leaves
-    return [i for i in range(len(rows)) if rows[i][0] == DISSIPATIVE]
+    return list(trajectory.program.dissipative)
 
 
 def _coupling(u: Array, scales: Scales) -> Array:

@@ -11,6 +11,7 @@ from phnn.diagnose.locate import Location, locate, responses
 from phnn.diagnose.name import Naming, score
 from phnn.diagnose.refit import Trial, class_of, refit
 from phnn.effects import Effect
+from phnn.ensemble import SERIAL, Executor
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import NumericalError
 
@@ -75,6 +76,7 @@ def judge(
     new_in_held_out: bool,
     error: NumericalError,
     terminals: bool = False,
+    executor: Executor = SERIAL,
 ) -> Judgement:
     """Locate, name, refit and judge.
 
@@ -86,6 +88,7 @@ def judge(
         new_in_held_out: whether confirmation brings something new; without it the word is ``equivalent`` at most.
         error: numerical error of the simulations.
         terminals: whether the input was measured at the port.
+        executor: where candidates are refitted.
     """
     ground = prepare(base, terminals)
     generic = responses(ground)
@@ -93,7 +96,7 @@ def judge(
     if naming.p_value >= SIGNIFICANT:
         return Judgement("none", ground, naming, None, base, ground)
     location = locate(ground, generic)
-    findings, tried, here, scores = _select(ground, naming, effects, seed, max_effects)
+    findings, tried, here, scores = _select(ground, naming, effects, seed, max_effects, executor)
     final = here.fit
     learned = None
     if not findings or scores.p_value < SIGNIFICANT:
@@ -109,7 +112,7 @@ def judge(
 
 
 def _select(
-    ground: Ground, naming: Naming, effects: Sequence[Effect], seed: int, max_effects: int
+    ground: Ground, naming: Naming, effects: Sequence[Effect], seed: int, max_effects: int, executor: Executor
 ) -> tuple[list[Finding], tuple[Trial, ...], Ground, Naming]:
     """Forward selection: effects that explain enough of what is left, one after the other."""
     findings: list[Finding] = []
@@ -117,7 +120,7 @@ def _select(
     here, scores = ground, naming
     while len(findings) < max_effects:
         left = [c for c in scores.candidates if c.p_value < SIGNIFICANT][:_REFITS]
-        trials = refit(here.fit, left)
+        trials = refit(here.fit, left, executor)
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break

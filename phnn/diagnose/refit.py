@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from phnn.diagnose.name import Candidate
 from phnn.effects import Effect
+from phnn.ensemble import SERIAL, Executor
 from phnn.errors import PhnnError
 from phnn.identify.base import released
 from phnn.identify.fit import Fit, distinct_optima
@@ -37,19 +40,41 @@ class Trial:
         return self.fit.cost if self.fit is not None else float("inf")
 
 
-def refit(base: Fit, candidates: Sequence[Candidate]) -> list[Trial]:
+def refit(base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIAL) -> list[Trial]:
     """Candidates refitted together with the base parameters, best first.
 
     All that score within reach of the best are refitted a little from several starts; those that come near are
     carried to convergence.
+
+    Args:
+        base: the fit without them.
+        candidates: best score first.
+        executor: where; away from this thread every refit keeps to one thread, and the results stay the same.
+
+    Raises:
+        SolverFailed: a candidate kills every worker process that refits it.
     """
     if not candidates:
         return []
     reach = _WITHIN * candidates[0].score
-    quick = [Trial(c, _quick_fit(base, c)) for c in candidates if c.score >= reach]
-    best = min(t.cost for t in quick)
-    finished = [_finished(base, t) if t.cost <= _NEAR * best else t for t in quick]
-    return sorted(finished, key=_criterion)
+    tried = [c for c in candidates if c.score >= reach]
+    trials = [Trial(c, f) for c, f in zip(tried, _fits(_quick_fit, base, tried, executor), strict=True)]
+    best = min(t.cost for t in trials)
+    near = [i for i, t in enumerate(trials) if t.cost <= _NEAR * best]
+    finished = _fits(_finished, base, [trials[i] for i in near], executor)
+    for i, f in zip(near, finished, strict=True):
+        trials[i] = Trial(trials[i].candidate, f)
+    return sorted(trials, key=_criterion)
+
+
+def _fits(
+    work: Callable[[Fit, Any], Fit | None], base: Fit, items: Sequence[Any], executor: Executor
+) -> list[Fit | None]:
+    """``work(base, item)`` of every item, on the very recordings of the base fit wherever it was done."""
+    # Threads of a refit that runs beside others would only get into each other's way.
+    sent = base if executor == SERIAL else replace(base, plan=replace(base.plan, workers=1))
+    fits = executor.run(partial(work, sent), items)
+    return [f if f is None else replace(f, plan=replace(base.plan, substeps=f.plan.substeps)) for f in fits]
 
 
 def _criterion(trial: Trial) -> float:
@@ -81,17 +106,17 @@ def _quick_fit(base: Fit, candidate: Candidate) -> Fit | None:
     return replace(best, alternatives=alternatives)
 
 
-def _finished(base: Fit, trial: Trial) -> Trial:
-    """Carried to convergence with the sub-steps of the base fit."""
+def _finished(base: Fit, trial: Trial) -> Fit | None:
+    """Carried to convergence with the sub-steps of the base fit; None where it cannot be simulated there."""
     if trial.fit is None:
-        return trial
+        return None
     effect = trial.candidate.effect
     try:
         full = fit_identified(trial.fit.setup, base.plan, stated_only(base.held), _FULL, trial.fit, effect.parameters)
         full = released(full, effect.parameters)
     except PhnnError:
-        return Trial(trial.candidate, None)
-    return Trial(trial.candidate, replace(full, alternatives=trial.fit.alternatives))
+        return None
+    return replace(full, alternatives=trial.fit.alternatives)
 
 
 def _clamped(effect: Effect, setup: Setup, values: Mapping[str, float]) -> Setup:

@@ -29,7 +29,9 @@ class Options:
         starts: starting points of the nonlinear stage per resonance.
         error_bound_sigma: bound on the numerical error over the plan, in standard deviations.
         max_effects: how many effects a diagnosis may add.
-        workers: threads.
+        workers: threads of a fit.
+        executor: where the refits of a diagnosis are done, for choices see `phnn.ensemble.executor.executor`; anywhere
+            but in ``serial`` each refit has one thread.
     """
 
     seed: int = 0
@@ -37,6 +39,7 @@ class Options:
     error_bound_sigma: float = 1.0
     max_effects: int = 2
     workers: int = 2
+    executor: str = "serial"
 
     @classmethod
     def from_config(cls, config: Any) -> Options:

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
+from phnn.network.incidence import combined
 from phnn.network.power import PowerBalance
 from phnn.network.system import PortHamiltonianSystem
 
@@ -35,7 +36,7 @@ def step_residual(
     x: Tensor,  # (..., n) state at the start of the step
     x_next: Tensor,  # (..., n) and at its end
     u: Tensor,  # (..., P) mean input of the step
-    h: float,
+    h: float | Tensor,  # [s], one for all or shaped to multiply states
 ) -> Tensor:
     """(..., n) what the step equation leaves: zero at its solution. All steps at once where batched over them."""
     return x_next - x - h * system.rate(system.mean_efforts(x, x_next), 0.5 * (x + x_next), u)
@@ -60,15 +61,23 @@ def solve_dense(
         InputRefused: not float64, not finite, a shape that does not fit, or a step that is not positive.
         SolverFailed: a step has no solution connected to its start; names time, state and remedy.
     """
-    u = _port_inputs(system, u_mean, x0.ndim - 1)
-    _check(system, x0, u, h)
+    u = port_inputs(system, u_mean, x0.ndim - 1)
+    check(system, x0, u, h)
+    return with_derivatives(system, march(system, x0, u, [h] * u.shape[0]), x0, u, h)
+
+
+def march(system: PortHamiltonianSystem, x0: Tensor, u: Tensor, h: list[float], start: float = 0.0) -> Tensor:
+    """(N+1, ..., n) states, without gradients, of steps that need not be equal; messages count time from ``start``."""
     with torch.no_grad():
-        x = x0.detach()
-        states = [x]
-        for k in range(u.shape[0]):
-            x = _step(system, x, u[k].detach(), h, k)
-            states.append(x)
-        path = torch.stack(states)
+        states, t = [x0.detach()], start
+        for u_step, h_step in zip(u, h, strict=True):
+            states.append(_step(system, states[-1], u_step, h_step, t))
+            t += h_step
+        return torch.stack(states)
+
+
+def with_derivatives(system: PortHamiltonianSystem, path: Tensor, x0: Tensor, u: Tensor, h: float | Tensor) -> Tensor:
+    """The marched ``path`` as a differentiable function of ``x0``, ``u``, the parameters and a tensor ``h``."""
     if not torch.is_grad_enabled() or u.shape[0] == 0:
         return path
     residual = step_residual(system, path[:-1], path[1:], u, h)
@@ -85,7 +94,7 @@ def ledger(
     h: float,
 ) -> PowerBalance:
     """Mean powers of every step (N, ...) at the step's own efforts, which are exact where nodal efforts are not."""
-    u = _port_inputs(system, u_mean, states.ndim - 2)
+    u = port_inputs(system, u_mean, states.ndim - 2)
     x, x_next = states[:-1], states[1:]
     stored = (system.energy(x_next) - system.energy(x)) / h
     return system.power(system.mean_efforts(x, x_next), 0.5 * (x + x_next), u, stored)
@@ -120,7 +129,7 @@ class _Implicit(torch.autograd.Function):
         return None, None, None, by_residual, by_x0
 
 
-def _port_inputs(system: PortHamiltonianSystem, u: Tensor, batch_dimensions: int) -> Tensor:
+def port_inputs(system: PortHamiltonianSystem, u: Tensor, batch_dimensions: int) -> Tensor:
     """(N, ..., P) inputs of all ports; inputs that are not batched serve every member of the batch."""
     count = len(system.network.ports)
     if u.ndim == 1 and count >= 1:
@@ -128,7 +137,8 @@ def _port_inputs(system: PortHamiltonianSystem, u: Tensor, batch_dimensions: int
     return u.reshape(u.shape[0], *[1] * batch_dimensions, u.shape[-1]) if u.ndim == 2 else u
 
 
-def _check(system: PortHamiltonianSystem, x0: Tensor, u: Tensor, h: float) -> None:
+def check(system: PortHamiltonianSystem, x0: Tensor, u: Tensor, h: float) -> None:
+    """Refuse an initial state, inputs of all ports (N, ..., P) or a step that `march` cannot use."""
     if not 0.0 < h < float("inf"):
         raise InputRefused(f"the step is {h:g} s: give a positive, finite step")
     for name, value in (("initial state", x0), ("mean input", u)):
@@ -151,7 +161,7 @@ class _Root:
     cause: str = ""
 
 
-def _step(system: PortHamiltonianSystem, x: Tensor, u: Tensor, h: float, k: int) -> Tensor:
+def _step(system: PortHamiltonianSystem, x: Tensor, u: Tensor, h: float, t: float) -> Tensor:
     """The end of one step: Newton from its start and, where that fails, along growing parts of the step."""
     # Starting from x, not from an extrapolation, keeps to the root connected with the previous state.
     root = _newton(system, x, x, u, h)
@@ -167,7 +177,7 @@ def _step(system: PortHamiltonianSystem, x: Tensor, u: Tensor, h: float, k: int)
             part *= 0.5
         else:
             raise SolverFailed(
-                f"the step from t = {k * h:.6g} s to {(k + 1) * h:.6g} s has no solution: {root.cause}, at "
+                f"the step from t = {t:.6g} s to {t + h:.6g} s has no solution: {root.cause}, at "
                 f"{done:.3f} of the step; take a step below {max(done, _SMALLEST_PART) * h:.2g} s, or laws that are "
                 "monotone (MonotoneMLP) and convex (EnergyMLP)"
             )
@@ -214,9 +224,8 @@ def _has_one_root(system: PortHamiltonianSystem) -> bool:
     monotone = (
         RESISTOR_LAWS[r.law].monotone if isinstance(r.law, str) else getattr(r.law, "monotone", False)
         for r in system.network.resistors
-        if r.modulated_by is None
     )
-    modulated = any(r.modulated_by is not None for r in system.network.resistors)
+    modulated = system.network.modulations or any(r.modulated_by is not None for r in system.network.resistors)
     return not modulated and all(convex) and all(monotone)
 
 
@@ -233,22 +242,15 @@ def _is_connected(system: PortHamiltonianSystem, x: Tensor, guess: Tensor, z: Te
 
 
 def _line_search(
-    system: PortHamiltonianSystem,
-    x: Tensor,
-    z: Tensor,
-    step: Tensor,
-    residual: Tensor,
-    scale: Tensor,
-    u: Tensor,
-    h: float,
+    system: PortHamiltonianSystem, x: Tensor, z: Tensor, d: Tensor, residual: Tensor, scale: Tensor, u: Tensor, h: float
 ) -> tuple[Tensor, Tensor]:
-    """Halve the step of every member until its residual falls; members that never do stay where they are."""
+    """Halve the Newton step ``d`` of every member until its residual falls; those that never do stay where they are."""
     before = torch.linalg.vector_norm(residual / scale, dim=-1)
     damping = torch.ones_like(before)
     best, best_residual = z, residual
     waiting = torch.ones_like(before, dtype=torch.bool)
     for _ in range(_HALVINGS):
-        trial = z + damping.unsqueeze(-1) * step
+        trial = z + damping.unsqueeze(-1) * d
         found = step_residual(system, x, trial, u, h)
         after = torch.linalg.vector_norm(found / scale, dim=-1)
         good = waiting & (after < (1.0 - 1e-4 * damping) * before)
@@ -265,16 +267,18 @@ def _scale(system: PortHamiltonianSystem, x: Tensor, z: Tensor, u: Tensor, h: fl
     """(..., n) size of the terms that cancel in every row of the residual, and of what rounding ``x⁺`` does to it."""
     efforts = system.mean_efforts(x, z)
     middle = 0.5 * (x + z)
-    branches, inputs = system.incidences()
-    flows = system.branch_flows(efforts @ branches, middle).abs() @ branches.abs().mT
-    forces = system.actions(u).abs() @ inputs.abs().mT
+    branches, inputs = system.incidences(middle)
+    flows = combined(system.branch_flows(combined(efforts, branches), middle).abs(), branches.abs().mT)
+    forces = combined(system.actions(u).abs(), inputs.abs().mT)
     conserved = (system.structure(middle).abs() @ efforts.abs().unsqueeze(-1)).squeeze(-1)
     rounding = (jacobian.abs() @ z.abs().unsqueeze(-1)).squeeze(-1)
     total = x.abs() + rounding + h * (conserved + flows + forces)
     return torch.where(total > 0.0, total, 1.0)
 
 
-def _jacobians(system: PortHamiltonianSystem, x: Tensor, z: Tensor, u: Tensor, h: float) -> tuple[Tensor, Tensor]:
+def _jacobians(
+    system: PortHamiltonianSystem, x: Tensor, z: Tensor, u: Tensor, h: float | Tensor
+) -> tuple[Tensor, Tensor]:
     """(..., n, n) derivatives of the residual by the end and by the start of the step, row by row.
 
     Members of a batch do not see each other, so that one backward pass gives one row for all of them.

@@ -1,124 +1,186 @@
-"""The compiled march as a differentiable torch operation.
+"""The compiled march as a differentiable torch operation with bounded memory.
 
     F(X; θ, u, h) = 0,     dL/dθ = −μᵀ ∂F/∂θ,     (∂F/∂X)ᵀ μ = ∂L/∂X
 
-The march finds the states ``X`` of all steps; one compiled backward sweep gives the multipliers ``μ``; one
-vectorised evaluation of ``F`` by the torch module, differentiated once, gives the gradients by all parameters,
-inputs and steps. The cost of a gradient hardly depends on how many parameters there are.
+The march finds the states ``X`` of all steps. Backward, window by window from the end: the window is marched again from
+its first state, one compiled sweep gives the multipliers ``μ``, and one vectorised evaluation of ``F`` by the torch
+module, differentiated once, gives the gradients by all parameters, inputs and steps. The cost of a gradient hardly
+depends on how many parameters there are, and what is kept between the passes is one state a window.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.integrate import kernel, sweep
 from phnn.integrate.dense import solve_dense
 from phnn.integrate.program import Program, compile_network
-from phnn.integrate.residual import march_residual, network_order
+from phnn.integrate.residual import march_residual
 from phnn.network.system import PortHamiltonianSystem
 
 Array = NDArray[np.float64]
+
+WINDOW = 1 << 16
 
 
 def simulate_torch(
     system: PortHamiltonianSystem,
     u_mean: Tensor,  # (n, P) mean inputs of the steps
     h: Tensor | float,  # (n,) steps [s], or one for all
-    x0: Tensor,  # (L+1,) initial state
-    order: str = "program",
+    x0: Tensor,  # (N,) initial state, in the order of ``system.state_names``
+    only: Sequence[str] | None = None,
+    window: int = WINDOW,
 ) -> Tensor:
     """March the steps of a system, differentiable by its parameters, ``u_mean``, ``x0`` and ``h``.
 
-    Networks with one junction take the compiled march; all others, neural laws among them, the torch step of
-    `phnn.integrate.dense`, where gradients by ``h`` are not offered.
+    Networks whose laws all have compiled forms take the compiled march; those with other torch modules the torch step
+    of `phnn.integrate.dense`, where gradients by ``h`` are not offered.
 
     Args:
-        order: of the states in ``x0`` and in the result: ``"program"`` (the leaves and, last, the momentum of the
-            junction) or ``"network"`` (as in ``system.state_names``). They differ only where the momentum is not
-            the last storage; networks without a kernel are always in their own order.
+        only: names of the storages whose states are wanted; all of them otherwise.
+        window: steps that the backward pass holds in memory at once.
 
     Returns:
-        (n+1, L+1) states at the ends of the steps.
+        (n+1, N) states at the ends of the steps, or (n+1, len(only)).
 
     Raises:
         InputRefused: a shape that does not fit, a value that is not finite or not float64, a step that is not
-            positive, or an unknown order.
+            positive, a window below one, or a storage that does not exist.
         SolverFailed: a step has no solution; names the time.
     """
-    if order not in ("program", "network"):
-        raise InputRefused(f"order = {order!r}: choose 'program' or 'network'")
     steps = torch.as_tensor(h, dtype=torch.float64).expand(u_mean.shape[:1])
     _check(system, u_mean, steps, x0)
+    if window < 1:
+        raise InputRefused(f"window = {window}: give a number of steps of one or more")
+    for name in only or ():
+        if name not in system.state_names:
+            raise InputRefused(f"no storage called {name!r}: there are {', '.join(system.state_names)}")
+    wanted = [system.state_names.index(name) for name in (system.state_names if only is None else only)]
     try:
         program = compile_network(system.network)
     except StructureViolated:
-        return _dense(system, u_mean, steps, x0)
-    places = network_order(system, program)
-    own = order == "network"
-    start = x0[torch.tensor(places).argsort()] if own else x0
-    path = _compiled(system, program, u_mean, steps, start)
-    return path[:, places] if own else path
+        return _dense(system, u_mean, steps, x0)[:, wanted]
+    march = _March(system, program, wanted, window)
+    return _Implicit.apply(march, u_mean, steps, x0, *march.parameters)
 
 
-def _compiled(system: PortHamiltonianSystem, program: Program, u: Tensor, h: Tensor, x0: Tensor) -> Tensor:
-    values = [system.value(name).item() for name in program.names]
-    theta = np.array([*values, *program.constants])
-    march = _March(program, theta, _array(u), _array(h), _array(x0))
-    path = torch.from_numpy(march.states)
-    if not torch.is_grad_enabled() or u.shape[0] == 0:
-        return path if u.shape[0] else x0.unsqueeze(0)
-    residual = march_residual(system, program, path, torch.from_numpy(march.velocity), u, h).value
-    if not (residual.requires_grad or x0.requires_grad):
-        return path
-    return _Implicit.apply(march, residual, x0)
+class _Equations(nn.Module):
+    """The residual of a march as a module."""
+
+    def __init__(self, system: PortHamiltonianSystem) -> None:
+        super().__init__()
+        self.system = system
+
+    def forward(self, program: Program, states: Tensor, efforts: Tensor, u: Tensor, h: Tensor) -> Tensor:
+        return march_residual(self.system, program, states, efforts, u, h).value
 
 
 class _March:
-    """One compiled march and what its adjoint needs to know.
+    """A system's march in windows.
 
     Raises:
         SolverFailed: a step has no solution.
     """
 
-    def __init__(self, program: Program, theta: Array, u: Array, h: Array, x0: Array) -> None:
-        self.u, self.h = u, h
-        self.network = (program.leaves, program.modulators, program.resistors, program.ports, program.inertia, theta)
-        self.states = np.empty((h.size + 1, x0.size))
-        self.velocity = np.empty(h.size)
-        efforts = np.empty((h.size, x0.size - 1))
-        done = kernel.march(*self.network, x0, u, h, self.states, self.velocity, efforts)
+    def __init__(self, system: PortHamiltonianSystem, program: Program, wanted: list[int], window: int) -> None:
+        self.equations, self.program, self.wanted, self.window = _Equations(system), program, wanted, window
+        named = {n: p for n, p in self.equations.named_parameters() if p.requires_grad}
+        self.names, self.parameters = tuple(named), tuple(named.values())
+        values = {name: system.value(name).item() for name in program.names}
+        self.theta = program.filled(values, system.network)
+
+    def forward(self, u: Array, h: Array, x0: Array) -> tuple[Array, list[Array]]:
+        """(n+1, len(wanted)) states and the state at the beginning of every window."""
+        out = np.empty((h.size + 1, len(self.wanted)))
+        out[0] = x0[self.wanted]
+        starts = [x0]
+        for first in range(0, h.size, self.window):
+            part = slice(first, min(first + self.window, h.size))
+            states, _ = self.steps(u[part], h[part], starts[-1], float(h[:first].sum()))
+            out[part.start + 1 : part.stop + 1] = states[1:, self.wanted]
+            starts.append(states[-1].copy())
+        return out, starts
+
+    def steps(self, u: Array, h: Array, x0: Array, begin: float = 0.0) -> tuple[Array, Array]:
+        """(n+1, N) states and (n, N) mean efforts of one window."""
+        states, efforts = np.empty((h.size + 1, x0.size)), np.empty((h.size, x0.size))
+        done = kernel.march(self.program, self.theta, x0, u, h, states, efforts)
         if done < h.size:
             raise SolverFailed(
-                f"no solution of the step at t = {h[:done].sum():.6g} s; a parameter is probably far from physical: "
-                "bound it, or use smaller steps"
+                f"no solution of the step at t = {begin + h[:done].sum():.6g} s; a parameter is probably far from "
+                "physical: bound it, or use smaller steps"
             )
+        return states, efforts
 
-    def multipliers(self, cotangent: Array) -> Array:
-        """(n+1, L+2) as filled by `sweep.adjoint`."""
-        out = np.zeros((self.h.size + 1, self.states.shape[1] + 1))
-        sweep.adjoint(*self.network, self.states, self.velocity, self.u, self.h, cotangent, out)
-        return out
+    def pull_back(
+        self, inputs: Sequence[Tensor], starts: list[Array], wanted: Array, needs: Sequence[bool]
+    ) -> tuple[list[Tensor | None], Array]:
+        """Gradients by the inputs ``(u, h, *parameters)`` where needed, and (N,) by the initial state."""
+        u, h, *values = inputs
+        parameters = [p.detach().requires_grad_(need) for p, need in zip(values, needs[2:], strict=True)]
+        found = [torch.zeros_like(v) if need else None for v, need in zip(inputs, needs, strict=True)]
+        carry = np.zeros(starts[0].size)
+        none = np.zeros(0, np.int64)
+        for k in range(len(starts) - 2, -1, -1):
+            part = slice(k * self.window, min((k + 1) * self.window, h.shape[0]))
+            own_u, own_h = (v[part].detach().requires_grad_(need) for v, need in zip((u, h), needs[:2], strict=True))
+            states, efforts = self.steps(_array(own_u), _array(own_h), starts[k])
+            cotangent = np.zeros_like(states)
+            cotangent[1:, self.wanted] = wanted[part.start + 1 : part.stop + 1]
+            multipliers = np.empty((own_h.shape[0], states.shape[1] + len(self.program.junctions)))
+            _, carry = sweep.adjoint(
+                self.program, self.theta, none, states, efforts, _array(own_u), _array(own_h), cotangent, multipliers,
+                carry,
+            )  # fmt: skip
+            if any(needs):
+                self._add_gradients(found, part, [own_u, own_h, *parameters], states, efforts, multipliers)
+        carry[self.wanted] += wanted[0]
+        return found, carry
+
+    def _add_gradients(
+        self, found: list[Tensor | None], part: slice, inputs: list[Tensor], states: Array, efforts: Array, mu: Array
+    ) -> None:
+        """Add ``−μᵀ ∂F/∂(inputs)`` of one window."""
+        n = states.shape[1]
+        with torch.enable_grad():
+            arguments = (self.program, torch.from_numpy(states), torch.from_numpy(efforts), inputs[0], inputs[1])
+            # By name, because whoever called may have lent the module other parameters for the time of the call.
+            residual = torch.func.functional_call(
+                self.equations, dict(zip(self.names, inputs[2:], strict=True)), arguments
+            )
+            # The sweep's multipliers of the balances already carry the minus sign of the implicit function theorem.
+            weights = torch.from_numpy(np.hstack([-mu[:, :n], mu[:, n:]]))
+            asked = [i for i, v in enumerate(found) if v is not None]
+            gradients = torch.autograd.grad(residual, [inputs[i] for i in asked], weights, allow_unused=True)
+        for i, gradient in zip(asked, gradients, strict=True):
+            if gradient is not None:
+                own = found[i][part] if i < 2 else found[i]  # type: ignore[index]
+                own += gradient  # type: ignore[operator]
 
 
 class _Implicit(torch.autograd.Function):
-    """The states of the march; backward by the adjoint sweep. The residual carries the graph to all parameters."""
+    """The states of the march; backward by the adjoint sweep."""
 
     @staticmethod
-    def forward(ctx, march, residual, x0):  # type: ignore[no-untyped-def]
-        ctx.march = march
-        return torch.from_numpy(march.states.copy())
+    def forward(ctx: Any, march: _March, u: Tensor, h: Tensor, x0: Tensor, *parameters: Tensor) -> Tensor:
+        out, starts = march.forward(_array(u), _array(h), _array(x0))
+        ctx.march, ctx.starts = march, starts
+        ctx.save_for_backward(u, h, *parameters)
+        return torch.from_numpy(out)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
-    def backward(ctx, wanted):  # type: ignore[no-untyped-def]
-        found = torch.from_numpy(ctx.march.multipliers(_array(wanted)))
-        # The sweep's multiplier of the junction already carries the minus sign of the implicit function theorem.
-        by_residual = torch.cat([-found[1:, :-1], found[1:, -1:]], dim=-1)
-        return None, by_residual, found[0, :-1]
+    def backward(ctx: Any, wanted: Tensor) -> Any:
+        needs = [*ctx.needs_input_grad[1:3], *ctx.needs_input_grad[4:]]
+        found, by_start = ctx.march.pull_back(ctx.saved_tensors, ctx.starts, _array(wanted), needs)
+        return None, found[0], found[1], torch.from_numpy(by_start), *found[2:]
 
 
 def _dense(system: PortHamiltonianSystem, u: Tensor, h: Tensor, x0: Tensor) -> Tensor:

@@ -10,22 +10,49 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba import types
+from numba.extending import intrinsic
 
 import phnn
-from phnn.laws import law as law_module
+from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, compiled_flow, compiled_mean_effort
 
 # What compiled code is made from; torch modules beside them may be edited without compiling anew.
 _SOURCES = (
     "laws/*.py",
     "integrate/dispatch.py",
-    "integrate/program.py",
+    "integrate/tables.py",
+    "integrate/lookups.py",
+    "integrate/constants.py",
+    "integrate/roots.py",
     "integrate/step.py",
+    "integrate/stages.py",
+    "integrate/solve.py",
     "integrate/kernel.py",
     "integrate/sweep.py",
 )
+_PLACES = ("i0", "i1", "i2", "i3")
 
 
-def _fingerprint() -> str:
+@intrinsic
+def stay_outside(typing_context: Any) -> Any:
+    """Called in the body of a compiled function: keeps LLVM from inlining that function.
+
+    Left alone it inlines everything that is called from few places, level by level, and compiles for minutes.
+    """
+
+    def mark(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        builder.function.attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return types.none(), mark
+
+
+# A function of a law, how many parameters it takes, and whether it reads a block of weights instead.
+Entry = tuple[Callable[..., Any] | None, int, bool]
+
+
+def fingerprint() -> str:
     """Hash of the sources a kernel is made from: numba's own cache does not see an edited callee elsewhere."""
     root = Path(phnn.__file__).parent
     digest = hashlib.sha256()
@@ -40,55 +67,72 @@ def kernel_cache() -> Iterator[None]:
     """Compile inside this context: the machine code is kept per version of the sources."""
     home = os.environ.get("PHNN_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(Path(home) / "phnn" / _fingerprint())
+    numba.config.CACHE_DIR = str(Path(home) / "phnn" / fingerprint())
     try:
         yield
     finally:
         numba.config.CACHE_DIR = before
 
 
-def look_up(name: str, functions: Sequence[Callable[..., Any] | None], counts: Sequence[int], leading: int) -> Any:
-    """A compiled ``name(code, a_1…a_leading, p0, p1, p2, p3)`` calling the function at position ``code``.
+def look_up(name: str, entries: Sequence[Entry], leading: int) -> Any:
+    """A compiled ``name(code, a_1…a_leading, theta, i0, i1, i2, i3)`` calling the function at position ``code``.
 
     Args:
-        functions: by code; None where a law lacks this function.
-        counts: how many of the four parameters each takes.
+        entries: by code; a function is None where a law lacks it. One of a neural law is called with
+            ``(a_1…a_leading, theta, first, units)``.
         leading: number of arguments before the parameters.
     """
     arguments = [f"a{i}" for i in range(leading)]
-    parameters = [f"p{i}" for i in range(4)]
     scope: dict[str, Any] = {}
-    lines = [f"def {name}(code, {', '.join(arguments + parameters)}):"]
-    present = [(code, f, n) for code, (f, n) in enumerate(zip(functions, counts, strict=True)) if f is not None]
-    for code, function, count in present:
-        scope[f"f{code}"] = numba.njit(function, forceinline=True, error_model="numpy")
-        call = f"return f{code}({', '.join(arguments + parameters[:count])})"
+    scope["stay_outside"] = stay_outside
+    lines = [f"def {name}({', '.join(['code', *arguments, 'theta', *_PLACES])}):", "    stay_outside()"]
+    present = [(code, *entry) for code, entry in enumerate(entries) if entry[0] is not None]
+    for code, function, count, wide in present:
+        if wide:
+            scope[f"f{code}"] = function
+            call = f"return f{code}({', '.join([*arguments, 'theta', 'i0', 'i1'])})"
+        else:
+            scope[f"f{code}"] = numba.njit(function, forceinline=True, error_model="numpy")
+            call = f"return f{code}({', '.join([*arguments, *(f'theta[{p}]' for p in _PLACES[:count])])})"
         # The last one needs no test, so that the function returns on every path.
         lines.append(f"    {call}" if code == present[-1][0] else f"    if code == {code}:\n        {call}")
     # The text is built from positions only.
     exec("\n".join(lines), scope)
-    return numba.njit(scope[name], forceinline=True, error_model="numpy")
+    # Not inlined: it stands at many places, and what steps need of the common laws is resolved beforehand.
+    return numba.njit(scope[name], forceinline=False, error_model="numpy")
 
 
 def storage_table() -> Any:
-    """``mean_effort(code, a, b, p0…p3)``."""
-    laws = list(law_module.STORAGE_LAWS.values())
-    return look_up("mean_effort", [x.mean_effort for x in laws], [len(x.example) for x in laws], 2)
+    """``mean_effort(code, a, b, theta, i0…i3)``."""
+    scalar: list[Entry] = [(x.mean_effort, len(x.example), False) for x in STORAGE_LAWS.values()]
+    return look_up("mean_effort", scalar + [(compiled_mean_effort(x), 0, True) for x in WIDE_STORAGES.values()], 2)
 
 
 def threshold_table() -> Any:
-    """``thresholds(code, q, p0…p3)``."""
-    laws = list(law_module.RESISTOR_LAWS.values())
-    return look_up("thresholds", [x.thresholds for x in laws], [len(x.example) for x in laws], 1)
+    """``thresholds(code, q, theta, i0…i3)``."""
+    return look_up("thresholds", [(x.thresholds, len(x.example), False) for x in RESISTOR_LAWS.values()], 1)
 
 
 def flow_table() -> Any:
-    """``flow(code, effort, q, p0…p3)``."""
-    laws = list(law_module.RESISTOR_LAWS.values())
-    return look_up("flow", [x.flow for x in laws], [len(x.example) for x in laws], 2)
+    """``flow(code, effort, q, theta, i0…i3)``; neural laws read no state."""
+    scalar: list[Entry] = [(x.flow, len(x.example), False) for x in RESISTOR_LAWS.values()]
+    return look_up("flow", scalar + [(_unmodulated(compiled_flow(x)), 0, True) for x in WIDE_RESISTORS.values()], 2)
 
 
 def port_table() -> Any:
-    """``action(code, u, p0…p3)``."""
-    laws = list(law_module.PORT_LAWS.values())
-    return look_up("action", [x.action for x in laws], [len(x.example) for x in laws], 1)
+    """``action(code, u, theta, i0…i3)``."""
+    return look_up("action", [(x.action, len(x.example), False) for x in PORT_LAWS.values()], 1)
+
+
+def factor_table() -> Any:
+    """``factor(code, q, theta, i0…i3)``."""
+    return look_up("factor", [(x.factor, len(x.example), False) for x in FACTOR_LAWS.values()], 1)
+
+
+def _unmodulated(flow: Any) -> Any:
+    """A flow with an unused read-only argument."""
+
+    def with_read(effort: Any, q: Any, theta: Any, first: Any, units: Any) -> Any:
+        return flow(effort, theta, first, units)
+
+    return numba.njit(with_read, forceinline=False, error_model="numpy")

@@ -6,73 +6,102 @@ from typing import Any
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
+from phnn.integrate.constants import CONSTANTS, fill_actions, fill_constants, fill_gains
 from phnn.integrate.dispatch import kernel_cache
-from phnn.integrate.step import port_force, solve_step
+from phnn.integrate.lookups import count, is_linear, junction_storage, mean_effort
+from phnn.integrate.program import Program
+from phnn.integrate.solve import solve_many, solve_one
+from phnn.integrate.step import EFFORT, NEXT, balance
+from phnn.integrate.tables import JUNCTIONS, LEAVES
+
+Array = NDArray[np.float64]
+
+
+@numba.njit(error_model="numpy", forceinline=True)
+def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> None:
+    """The unknowns of step ``n`` extrapolated from the two before it; at the start nothing changes."""
+    for j in range(y.shape[0]):
+        k = junction_storage(t, j)
+        if n == 0:
+            y[j] = mean_effort(t, k, states[0, k], states[0, k], theta) if is_linear(t, j) else states[0, k]
+        elif is_linear(t, j):
+            y[j] = efforts[n - 1, k] if n == 1 else 2.0 * efforts[n - 1, k] - efforts[n - 2, k]
+        else:
+            y[j] = 2.0 * states[n, k] - states[n - 1, k]
 
 
 @numba.njit(error_model="numpy", _nrt=False)
 def _march_steps(
-    leaves: Any, modulators: Any, resistors: Any, ports: Any, inertia: Any, theta: Any, theta_c: Any, x0: Any, u: Any,
-    h: Any, states: Any, velocity: Any, efforts: Any, x: Any, x_c: Any, x_next: Any, mean: Any, x_scratch: Any,
-    e_scratch: Any,
+    t: Any, u: Any, h: Any, states: Any, efforts: Any, values: Any, perturbed: Any, jacobian: Any, step: Any,
+    own: Any,
 ) -> Any:  # fmt: skip
     """The steps of `_march`, which owns all memory: without it, reference counts of arrays cost most of the time."""
-    count = leaves.shape[0]
-    for l in range(count + 1):  # noqa: E741
-        states[0, l] = x0[l]
-    p = x0[count]
-    mass = theta[inertia]
-    guess = p / mass
+    theta, c, g, a, x, y, wj, wx = values
+    c_c, a_c, x_c = perturbed[1], perturbed[3], perturbed[4]
+    m = y.shape[0]
+    slope = 0.0
     for n in range(u.shape[0]):
-        drive = 0.0
-        for j in range(ports.shape[0]):
-            drive += port_force(ports, j, theta, u[n, j])
-        v = solve_step(
-            leaves, modulators, resistors, inertia, theta, theta_c, x, x_c, p, drive, h[n], guess, x_next, mean,
-            x_scratch, e_scratch,
-        )  # fmt: skip
-        if not np.isfinite(v):
+        for k in range(x.shape[0]):
+            x[k] = states[n, k]
+            x_c[k] = states[n, k]
+        _guess(t, theta, n, states, efforts, y)
+        if n == 0 or h[n] != h[n - 1]:
+            slope = 0.0
+            fill_constants(t, theta, h[n], c)
+            for i in range(c.shape[0]):
+                for k in range(c.shape[1]):
+                    c_c[i, k] = c[i, k]
+        fill_actions(t, theta, u[n], a)
+        for p in range(a.shape[0]):
+            a_c[p] = a[p]
+        solved = True
+        if m == 1:
+            solved, slope = solve_one(t, h[n], slope, values, perturbed)
+        elif m == 0:
+            balance(t, theta, c, g, a, x, y, h[n], wj, wx)
+        else:
+            solved = solve_many(t, h[n], values, perturbed, jacobian, step, own)
+        for k in range(x.shape[0]):
+            states[n + 1, k] = wx[NEXT, k]
+            efforts[n, k] = wx[EFFORT, k]
+            solved = solved and np.isfinite(wx[NEXT, k]) and np.isfinite(wx[EFFORT, k])
+        if not solved:
             return n
-        guess = v if n == 0 else 2.0 * v - velocity[n - 1]
-        velocity[n] = v
-        p = 2.0 * mass * v - p
-        for l in range(count):  # noqa: E741
-            x[l] = x_next[l]
-            x_c[l] = x_next[l]
-            states[n + 1, l] = x_next[l]
-            efforts[n, l] = mean[l]
-        states[n + 1, count] = p
     return u.shape[0]
 
 
-def _march(
-    leaves: Any, modulators: Any, resistors: Any, ports: Any, inertia: Any, theta: Any, x0: Any, u: Any, h: Any,
-    states: Any, velocity: Any, efforts: Any,
-) -> Any:  # fmt: skip
-    """March ``n`` steps; returns how many succeeded.
-
-    Args:
-        theta: (M,) parameters.
-        x0: (L+1,) initial leaf states and, last, the momentum.
-        u: (n, P) mean inputs of the steps; h: (n,) their sizes.
-        states: (n+1, L+1) filled with the states in that order.
-        velocity: (n,) filled with the mid-step velocities.
-        efforts: (n, L) filled with the leaves' mean efforts.
-    """
-    count = leaves.shape[0]
-    x = x0[:count].copy()
-    x_c = x.astype(np.complex128)
-    theta_c = theta.astype(np.complex128)
-    x_next = np.zeros(count)
-    mean = np.zeros(count)
-    x_scratch = np.zeros(count, np.complex128)
-    e_scratch = np.zeros(count, np.complex128)
-    return _march_steps(
-        leaves, modulators, resistors, ports, inertia, theta, theta_c, x0, u, h, states, velocity, efforts, x, x_c,
-        x_next, mean, x_scratch, e_scratch,
+def _march(t: Any, theta: Any, x0: Any, u: Any, h: Any, states: Any, efforts: Any) -> Any:
+    n, m = x0.shape[0], count(t, JUNCTIONS)
+    rows, leaves, ports = t.shape[0], count(t, LEAVES), u.shape[1]
+    values = (
+        theta, np.zeros((leaves + m, CONSTANTS)), np.zeros(rows), np.zeros(ports), np.zeros(n), np.zeros(m),
+        np.zeros((4, m)), np.zeros((2, n)),
     )  # fmt: skip
+    fill_gains(t, theta, values[2])
+    perturbed = (
+        theta.astype(np.complex128), np.zeros((leaves + m, CONSTANTS), np.complex128),
+        values[2].astype(np.complex128), np.zeros(ports, np.complex128), np.zeros(n, np.complex128),
+        np.zeros(m, np.complex128), np.zeros((4, m), np.complex128), np.zeros((2, n), np.complex128),
+    )  # fmt: skip
+    states[0] = x0
+    return _march_steps(
+        t, u, h, states, efforts, values, perturbed, np.zeros((m, m)), np.zeros((m, 1)), np.zeros((6, m))
+    )
 
 
 with kernel_cache():
-    march = numba.njit(cache=True, nogil=True, error_model="numpy")(_march)
+    _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(_march)
+
+
+def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states: Array, efforts: Array) -> int:
+    """March ``n`` steps of a program; returns how many were solved.
+
+    Args:
+        theta: (M,) parameters, see `Program.theta`.
+        x0: (N,) initial state, in the order of the network.
+        u: (n, P) mean inputs of the steps; h: (n,) their sizes [s].
+        states: (n+1, N) filled; efforts: (n, N) filled with the mean efforts of the storages.
+    """
+    return int(_compiled(program.table, theta, x0, u, h, states, efforts))

@@ -4,7 +4,8 @@
 * adaptive steps stop at the times where the input jumps, so that a short pulse is never stepped over;
 * only dopri5 interpolates outputs as accurately as it steps: the steps of the other methods end at the outputs;
 * the continuous adjoint integrates backwards, where a decay at rate r grows by exp(r Δt) between two outputs:
-  it is refused where that is so much that its gradients would be wrong.
+  it is refused where that is so much that its gradients would be wrong. The power-preserving step has an adjoint
+  of its own, the transpose of its steps, which is exact at any spacing (`phnn.integrate.method`).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import torchdiffeq
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
+from phnn.integrate.method import ADJOINT_METHOD, METHOD
 
 ADAPTIVE = ("dopri5", "dopri8", "bosh3", "adaptive_heun", "fehlberg2")
 FIXED = ("euler", "midpoint", "heun2", "heun3", "rk4")
@@ -38,16 +40,19 @@ def odeint(
     adjoint: bool = False,
     jump_t: Tensor | None = None,
     max_steps: int = _MAX_STEPS,
+    step_size: float | None = None,
 ) -> Tensor:
     """Solve ``ẋ = system(t, x)`` with torchdiffeq.
 
     Args:
         system: module called as ``system(t, x)``, such as ``system.with_input(u)``.
-        method: an adaptive (`ADAPTIVE`) or fixed-grid method (`FIXED`, one step per output interval).
-        rtol, atol: tolerances; ``atol`` in the units of the state, a number or one for each component (n,).
-        adjoint: gradients by the continuous adjoint instead of through the solver's steps.
+        method: an adaptive (`ADAPTIVE`) or fixed-grid method (`FIXED`, one step per output interval), or
+            "discrete_gradient": the power-preserving step, of port-Hamiltonian systems alone.
+        rtol, atol: tolerances of adaptive methods; ``atol`` in the units of the state, a number or (n,).
+        adjoint: gradients by the continuous adjoint, or by that of the power-preserving step, instead of by a graph.
         jump_t: (K,) times at which the input or its slope jumps (its knots).
         max_steps: adaptive steps allowed between two outputs.
+        step_size: longest step of "discrete_gradient" [s]; one step per output interval where it is left out.
 
     Returns:
         (N, ..., n) states at the output times.
@@ -57,9 +62,11 @@ def odeint(
             not differentiate by, or an output grid too coarse for the adjoint.
         SolverFailed: the right-hand side is not finite, or the step size vanished; names time and cause.
     """
-    _check_inputs(system, x0, t, method, jump_t)
+    _check_inputs(system, x0, t, method, jump_t, step_size)
     watched = _Watched(system, remember=adjoint or jump_t is not None)
     _check_first(watched, t, x0, adjoint)
+    if method == METHOD:
+        return _power_preserving(system, x0, t, adjoint, step_size)
     jumps = _inside(jump_t, t)
     options = _options(method, t, jumps, max_steps)
     try:
@@ -79,6 +86,16 @@ def odeint(
     if adjoint:
         _check_adjoint(watched, t)
     return xs
+
+
+def _power_preserving(system: nn.Module, x0: Tensor, t: Tensor, adjoint: bool, step_size: float | None) -> Tensor:
+    """The step of a port-Hamiltonian system, which is not watched: it names its failures itself."""
+    options = {"step_size": step_size}
+    if not adjoint:
+        return torchdiffeq.odeint(system, x0, t, method=METHOD, options=options)
+    return torchdiffeq.odeint_adjoint(
+        system, x0, t, method=METHOD, options=options, adjoint_method=ADJOINT_METHOD, adjoint_options={}
+    )
 
 
 class _Watched(nn.Module):
@@ -108,7 +125,9 @@ class _Watched(nn.Module):
         return float(self.visited[-1][0]) if self.visited else float("nan")
 
 
-def _check_inputs(system: nn.Module, x0: Tensor, t: Tensor, method: str, jump_t: Tensor | None) -> None:
+def _check_inputs(
+    system: nn.Module, x0: Tensor, t: Tensor, method: str, jump_t: Tensor | None, step_size: float | None
+) -> None:
     for name, value in (("initial state", x0), ("vector of output times", t)):
         if value.dtype != torch.float64:
             raise InputRefused(
@@ -120,12 +139,14 @@ def _check_inputs(system: nn.Module, x0: Tensor, t: Tensor, method: str, jump_t:
     if t.ndim != 1 or t.shape[0] < 2 or not bool((t[1:] > t[:-1]).all()):
         raise InputRefused("output times must be one increasing vector of at least two: a dissipative system cannot "
                            "be integrated backwards")  # fmt: skip
-    if method not in ADAPTIVE + FIXED:
+    if method not in (*ADAPTIVE, *FIXED, METHOD):
         raise InputRefused(
-            f"method {method!r} is not supported: choose one of {', '.join(ADAPTIVE + FIXED)}; gradients of the "
-            "multistep methods are inexact and scipy's have none"
+            f"method {method!r} is not supported: choose one of {', '.join((*ADAPTIVE, *FIXED, METHOD))}; "
+            "gradients of the multistep methods are inexact and scipy's have none"
         )
-    if jump_t is not None and method in FIXED:
+    if step_size is not None and method != METHOD:
+        raise InputRefused(f"step_size is for {METHOD}: {method} steps by rtol, or from output to output of t")
+    if jump_t is not None and method not in ADAPTIVE:
         raise InputRefused(f"{method} steps from output to output: put the jump times into t, or use dopri5")
 
 
@@ -260,5 +281,5 @@ def _check_adjoint(watched: _Watched, t: Tensor) -> None:
             f"the continuous adjoint would return wrong gradients: a mode decays at {rate:.3g} 1/s (t = {when:.4g} s) "
             f"while outputs are {spacing:.3g} s apart, a product of {rate * spacing:.3g} where at most "
             f"{ADJOINT_LIMIT:g} is safe; space outputs at most {ADJOINT_LIMIT / rate:.2g} s, use adjoint=False, or "
-            "phnn.integrate.dense"
+            f"method={METHOD!r}, whose own adjoint ({ADJOINT_METHOD}) is exact at any spacing"
         )

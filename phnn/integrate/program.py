@@ -1,175 +1,317 @@
-"""From a network to the integer-coded program that the compiled kernel marches.
+"""From a network to the integer tables that the compiled kernel marches.
 
-The kernel covers networks with one 1-junction: a single inertia whose velocity ``v = p/m`` is the flow
-shared by every other element. Leaves hang on it through ratios,
+The storages are split into *junctions*, whose mean efforts ``v̄`` are the unknowns of a step, and *leaves*, which
+hang on junctions only: under constant ``v̄`` each leaf is a scalar problem of its own,
 
-    ẋ_l = a_l v − φ_l(E_l(x_l)),     ṗ = −Σ_l a_l E_l(x_l) − Σ_r φ_r(v) + Σ_j g_j ψ_j(u_j),
+    ẋ_l = i_l − Σ_r b_r φ_r(b_r E_l(x_l)),     i_l = Σ_j a_lj v̄_j + Σ_p g_lp ψ_p(u_p).
 
-which is the actuator of eqs. (3)–(6) with everything the catalogue adds to it.
+The junctions cover every coupling (a vertex cover of the graph of J) and every resistor that joins several storages,
+so the equation to solve has as many unknowns as there are junctions: one for the actuator, whatever its hysterons.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
-from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.integrate.tables import (
+    BRANCHES,
+    EXACT,
+    FACTORS,
+    GRADIENT,
+    GYRATORS,
+    JUNCTION_INLETS,
+    JUNCTION_RESISTORS,
+    JUNCTIONS,
+    KINDS,
+    LEAF_INLETS,
+    LEAF_RESISTORS,
+    LEAVES,
+    LINKS,
+    LOSSLESS,
+    NONE,
+    PORTS,
+    RADAU,
+    READS,
+    STORAGES,
+    Integers,
+    rows_of,
+    stack,
+)
+from phnn.integrate.uses import input_sets
+from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 from phnn.network.elements import Network, Ratio, Resistor, Storage
 
-LOSSLESS, DISSIPATIVE = 0, 1
-_MAX_PARAMETERS = 4
-_NONE = -1
+LEAF_RULES = ("exact", "radau", "midpoint")
 _LINEAR_STORAGES = ("capacitor", "spring")
+# What a leaf owns, in the order of its columns.
+_OWNED = (LEAF_RESISTORS, LINKS, LEAF_INLETS)
+_LAWS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
+    "storage": (STORAGE_LAWS, WIDE_STORAGES),
+    "resistor": (RESISTOR_LAWS, WIDE_RESISTORS),
+    "port": (PORT_LAWS, {}),
+    "modulation": (FACTOR_LAWS, {}),
+}
+_SCALARS = 4
+_MOST_KNOWN = 512
+_KNOWN: dict[Any, tuple[Any, Program]] = {}
 
 
 @dataclass(frozen=True)
 class Program:
-    """Integer tables that index a vector ``theta`` of parameter values.
+    """The tables of a network and how its parameters fill ``theta``.
 
     Attributes:
-        names: parameter names in the order of ``theta``; entries after them are constants.
+        names: parameter names in the order of ``theta``; constants and the weights of neural laws follow.
         constants: values of those constants.
-        leaf_names: the leaves in the order of the kernel's state.
-        leaves: (L, 12) kind, storage law, resistor law, ratio, 4 storage and 4 resistor parameters.
-        modulators: (L,) leaf whose energy variable the resistor reads, or -1.
-        resistors: (R, 6) law, modulating leaf, 4 parameters, on the junction's flow.
-        ports: (P, 6) law, ratio, 4 parameters, in the order of the network's ports.
-        inertia: index of the mass in ``theta``.
-        output: index of the measured leaf.
+        modules: (kind, element) of the neural laws in the order of their weights.
+        states: names of the storages; junctions, leaves: the storages that are one or the other.
+        table: for the kernel, see `phnn.integrate.tables`.
+        output: index of the measured storage.
+        uses: for every leaf and, last, for the junctions, which inputs their equations contain: states ``0…N−1``,
+            unknowns ``N…N+m−1``, then places in ``theta``.
     """
 
     names: tuple[str, ...]
     constants: tuple[float, ...]
-    leaf_names: tuple[str, ...]
-    leaves: NDArray[np.int64]
-    modulators: NDArray[np.int64]
-    resistors: NDArray[np.int64]
-    ports: NDArray[np.int64]
-    inertia: int
+    modules: tuple[tuple[str, str], ...]
+    states: tuple[str, ...]
+    junctions: tuple[str, ...]
+    leaves: tuple[str, ...]
+    table: Integers
     output: int
+    uses: tuple[frozenset[int], ...]
+
+    @property
+    def flow(self) -> int:
+        """Index of the storage whose effort is the flow through the measured one: the mass beside a displacement."""
+        output = self.states[self.output]
+        if output in self.junctions:
+            return self.output
+        leaf = rows_of(self.table, LEAVES)[self.leaves.index(output)]
+        if leaf[5] == leaf[6]:
+            raise StructureViolated(f"nothing flows into {output}: couple it to another storage")
+        return self.states.index(self.junctions[self.table[leaf[5], 0]])
+
+    @property
+    def linear(self) -> tuple[bool, ...]:
+        """Whether the effort of each storage is linear; only meant of junctions."""
+        rows = rows_of(self.table, JUNCTIONS)
+        found = {int(row[0]): bool(row[1]) for row in rows}
+        return tuple(found.get(k, False) for k in range(len(self.states)))
+
+    @property
+    def rules(self) -> dict[str, int]:
+        """How each leaf is advanced, see `phnn.integrate.tables`."""
+        return dict(zip(self.leaves, rows_of(self.table, LEAVES)[:, 1].tolist(), strict=True))
+
+    @property
+    def dissipative(self) -> tuple[int, ...]:
+        """Storages that are leaves with resistors of their own."""
+        return tuple(self.states.index(name) for name, rule in self.rules.items() if rule != LOSSLESS)
 
     def theta(self, network: Network) -> NDArray[np.float64]:
-        """(M,) parameter values of a network with this structure, constants appended."""
-        return np.array([network.parameters[n].value for n in self.names] + list(self.constants))
+        """(M,) parameter values of a network with this structure, constants and the weights of neural laws appended."""
+        return self.filled({n: p.value for n, p in network.parameters.items()}, network)
+
+    def filled(self, values: Mapping[str, float], network: Network) -> NDArray[np.float64]:
+        """(M,) the same with the values of parameters given by name."""
+        laws: dict[tuple[str, str], Any] = {("storage", s.name): s.law for s in network.storages}
+        laws |= {("resistor", r.name): r.law for r in network.resistors}
+        weights = [laws[key].weights().detach().numpy() for key in self.modules]
+        return np.concatenate([np.array([*(values[n] for n in self.names), *self.constants]), *weights])
 
 
-class _Indexer:
-    """Gives every name and constant its place in ``theta``."""
-
-    def __init__(self, names: tuple[str, ...]) -> None:
-        self.names = names
-        # The first constant stands where a law has fewer parameters than the kernel passes.
-        self.constants: list[float] = [0.0]
-
-    def ratio(self, ratio: Ratio) -> int:
-        if isinstance(ratio, str):
-            return self.names.index(ratio)
-        if ratio not in self.constants:
-            self.constants.append(float(ratio))
-        return len(self.names) + self.constants.index(ratio)
-
-    def parameters(self, names: tuple[str, ...]) -> list[int]:
-        if len(names) > _MAX_PARAMETERS:
-            raise StructureViolated(f"a law has {len(names)} parameters; the kernel passes {_MAX_PARAMETERS}")
-        return [self.names.index(n) for n in names] + [len(self.names)] * (_MAX_PARAMETERS - len(names))
-
-
-def _position(table: object, law: object, kind: str) -> int:
-    names = list(table)  # type: ignore[call-overload]
-    if not isinstance(law, str):
-        raise StructureViolated(f"a {kind} law that is a torch module has no kernel: solve with integrate.dense")
-    if law not in names:
-        raise StructureViolated(f"no {kind} law called {law!r}: known are {', '.join(names)}")
-    return names.index(law)
-
-
-def compile_network(network: Network) -> Program:
+def compile_network(network: Network, leaf_rule: str = "exact") -> Program:
     """The kernel's program of a network.
 
+    Args:
+        leaf_rule: how a linear storage with resistors is advanced. ``exact``: by its exact flow where it has one
+            piecewise linear resistor, else by two-stage Radau IIA; ``radau``: always by the latter; ``midpoint``: by
+            the discrete gradient, as every other element.
+
     Raises:
-        StructureViolated: the network has no kernel (several junctions, neural laws, resistors between
-            storages); `phnn.integrate.dense` solves it in torch.
+        StructureViolated: an unknown law or leaf rule, or a torch module without weights for the kernel;
+            `phnn.integrate.dense` solves it in torch.
     """
-    flows = {c.of for c in network.couplings}
-    if len(flows) != 1:
-        raise StructureViolated(f"the kernel needs one shared flow; the couplings use {sorted(flows)}")
-    junction = flows.pop()
-    inertia = next(s for s in network.storages if s.name == junction)
-    if inertia.law != "capacitor":
-        raise StructureViolated(f"the kernel needs a constant mass on {junction}, not the law {inertia.law}")
-    index = _Indexer(tuple(network.parameters))
-    leaves = [s for s in network.storages if s.name != junction]
-    names = tuple(s.name for s in leaves)
-    ratios = {c.to: c.ratio for c in network.couplings}
-    if set(ratios) != set(names) or len(network.couplings) != len(names):
-        raise StructureViolated("the kernel needs every storage coupled once to the shared flow")
-    by_leaf, on_flow = _resistors_by_place(network, junction)
-    rows = [_leaf_row(s, by_leaf.get(s.name), ratios[s.name], index) for s in leaves]
-    lossless = tuple(name if name not in by_leaf else "" for name in names)
-    modulators = [_modulator(by_leaf.get(s.name), lossless) for s in leaves]
-    resistors = [
-        [_position(RESISTOR_LAWS, r.law, "resistor"), _modulator(r, lossless), *index.parameters(r.parameters)]
-        for r in on_flow
-    ]
-    if network.output not in names:
-        raise StructureViolated(f"the kernel needs an output beside {junction}, not {network.output}")
-    ports = []
-    for port in network.ports:
-        if set(port.on) != {junction}:
-            raise StructureViolated(f"the kernel needs port {port.name} on {junction}")
-        row = [_position(PORT_LAWS, port.law, "port"), index.ratio(port.on[junction])]
-        ports.append(row + index.parameters(port.parameters))
-    return Program(
-        names=index.names,
-        constants=tuple(index.constants),
-        leaf_names=names,
-        leaves=np.array(rows, dtype=np.int64).reshape(-1, 12),
-        modulators=np.array(modulators, dtype=np.int64),
-        resistors=np.array(resistors, dtype=np.int64).reshape(-1, 6),
-        ports=np.array(ports, dtype=np.int64).reshape(-1, 6),
-        inertia=index.names.index(inertia.parameters[0]),
-        output=names.index(network.output),
-    )
+    if leaf_rule not in LEAF_RULES:
+        raise StructureViolated(f"leaf_rule = {leaf_rule!r}: choose one of {', '.join(LEAF_RULES)}")
+    # Networks that differ in parameter values alone share their elements.
+    elements = (network.storages, network.resistors, network.couplings, network.ports, network.modulations)
+    key = (*map(id, elements), tuple(network.parameters), network.output, leaf_rule)
+    if key not in _KNOWN:
+        if len(_KNOWN) >= _MOST_KNOWN:
+            _KNOWN.clear()
+        # The elements are kept with the program, so that no other object can get their identity.
+        _KNOWN[key] = (elements, _Builder(network, leaf_rule).program())
+    return _KNOWN[key][1]
 
 
-def _resistors_by_place(network: Network, junction: str) -> tuple[dict[str, Resistor], list[Resistor]]:
-    by_leaf: dict[str, Resistor] = {}
-    on_flow: list[Resistor] = []
-    for r in network.resistors:
-        if len(r.on) != 1 or next(iter(r.on.values())) != 1.0:
-            raise StructureViolated(f"the kernel needs resistor {r.name} on one effort with ratio 1")
-        place = next(iter(r.on))
-        if place == junction:
-            on_flow.append(r)
-        elif place in by_leaf:
-            raise StructureViolated(f"the kernel takes one resistor a leaf; {place} has two")
-        else:
-            by_leaf[place] = r
-    return by_leaf, on_flow
+def junctions_of(network: Network) -> tuple[str, ...]:
+    """The storages whose efforts are the unknowns of a step, in the order of the network."""
+    forced = {name for r in network.resistors if len(r.on) > 1 for name in r.on}
+    lossy = {name for r in network.resistors for name in r.on}
+    edges = [{c.to, c.of} for c in network.couplings if c.to != c.of]
+    modulated = {m.ratio for m in network.modulations}
+    reads = {r.modulated_by for r in network.resistors} | {m.by for m in network.modulations}
+    following = {n for c in network.couplings if c.ratio in modulated for n in (c.to, c.of)}
+    following |= {n for p in network.ports for n, ratio in p.on.items() if ratio in modulated}
+    # What laws read at mid-step has to be known from the unknowns alone.
+    forced |= {name for name in reads if name is not None and (name in lossy or name in following)}
+    order = network.state_names
+    linear = {s.name: _is_linear(s) for s in network.storages}
+    while open_edges := [e for e in edges if not e & forced]:
+        degrees = {n: sum(n in e for e in open_edges) for n in order}
+        # Among equals a linear storage, whose end state follows from its effort, and by custom the momentum comes last.
+        forced.add(max(order, key=lambda n: (degrees[n], linear[n], order.index(n))))
+    return tuple(n for n in order if n in forced)
 
 
-def _leaf_row(storage: Storage, resistor: Resistor | None, ratio: Ratio, index: _Indexer) -> list[int]:
-    law = _position(STORAGE_LAWS, storage.law, "storage")
-    parameters = index.parameters(storage.parameters)
-    if resistor is None:
-        return [LOSSLESS, law, 0, index.ratio(ratio), *parameters, *index.parameters(())]
-    position = _position(RESISTOR_LAWS, resistor.law, "resistor")
-    if RESISTOR_LAWS[resistor.law].thresholds is None or storage.law not in _LINEAR_STORAGES:
-        raise StructureViolated(
-            f"the kernel advances leaf {storage.name} only with a linear storage and a piecewise linear resistor"
-        )
-    return [DISSIPATIVE, law, position, index.ratio(ratio), *parameters, *index.parameters(resistor.parameters)]
+def _is_linear(storage: Storage) -> bool:
+    return isinstance(storage.law, str) and storage.law in _LINEAR_STORAGES
 
 
-def _modulator(resistor: Resistor | None, names: tuple[str, ...]) -> int:
-    """Place of the leaf that a resistor reads; only a lossless one is known at mid-step from the velocity alone."""
-    if resistor is None or resistor.modulated_by is None:
-        return _NONE
-    if resistor.modulated_by not in names:
-        raise StructureViolated(
-            f"the kernel needs resistor {resistor.name} modulated by a lossless leaf, not by {resistor.modulated_by}"
-        )
-    return names.index(resistor.modulated_by)
+class _Builder:
+    """Gives every element its row, and every name, constant and weight its place in ``theta``."""
+
+    def __init__(self, network: Network, leaf_rule: str) -> None:
+        self.network, self.leaf_rule = network, leaf_rule
+        self.names = tuple(network.parameters)
+        # The first constant stands where a law has fewer parameters than the kernel passes.
+        self.constants = tuple(sorted({0.0, 1.0} | {float(v) for v in self._all_ratios() if not isinstance(v, str)}))
+        self.modules: list[tuple[str, str]] = []
+        self.ratios: dict[int, list[tuple[int, int]]] = {}
+        self.size = len(self.names) + len(self.constants)
+        self.states = network.state_names
+        self.junctions = junctions_of(network)
+        self.leaves = tuple(n for n in self.states if n not in self.junctions)
+        reads = [r.modulated_by for r in network.resistors if r.modulated_by] + [m.by for m in network.modulations]
+        self.reads = tuple(dict.fromkeys(reads))
+
+    def _all_ratios(self) -> list[Ratio]:
+        n = self.network
+        ratios: list[Ratio] = [c.ratio for c in n.couplings]
+        return ratios + [v for on in (*(r.on for r in n.resistors), *(p.on for p in n.ports)) for v in on.values()]
+
+    def _place(self, ratio: Ratio) -> int:
+        if isinstance(ratio, str):
+            return self.names.index(ratio)
+        return len(self.names) + self.constants.index(float(ratio))
+
+    def _law(self, kind: str, name: str, law: Any, parameters: tuple[str, ...]) -> list[int]:
+        """Code and four places, or the block of weights, of a law."""
+        scalar, wide = _LAWS[kind]
+        if isinstance(law, str):
+            if law not in scalar:
+                raise StructureViolated(f"{kind} {name}: no law called {law!r}; there are {', '.join(scalar)}")
+            if len(parameters) > _SCALARS:
+                raise StructureViolated(f"{kind} {name}: {len(parameters)} parameters; the kernel passes {_SCALARS}")
+            places = [self.names.index(n) for n in parameters]
+            return [list(scalar).index(law), *places, *[self._place(0.0)] * (_SCALARS - len(places))]
+        known = str(getattr(law, "law", None))
+        if known not in wide:
+            raise StructureViolated(f"{kind} {name}: this torch module has no kernel; solve with phnn.integrate.dense")
+        first = self.size
+        self.size += int(law.weights().numel())
+        self.modules.append((kind, name))
+        return [len(scalar) + list(wide).index(known), first, int(law.units), first, first]
+
+    def program(self) -> Program:
+        network, leaves, junctions = self.network, self.leaves, self.junctions
+        rows: dict[int, list[list[int]]] = {kind: [] for kind in range(KINDS)}
+        rows[STORAGES] = [self._law("storage", s.name, s.law, s.parameters) for s in network.storages]
+        rows[JUNCTIONS] = [[self.states.index(j), int(_is_linear(self._storage(j)))] for j in junctions]
+        rows[PORTS] = [self._law("port", p.name, p.law, p.parameters) for p in network.ports]
+        rows[READS] = [[_at(leaves, name), _at(junctions, name)] for name in self.reads]
+        for name in leaves:
+            resistors = [r for r in network.resistors if tuple(r.on) == (name,)]
+            before = [len(rows[k]) for k in _OWNED]
+            for r in resistors:
+                self._with_ratio(rows, LEAF_RESISTORS, self._resistor(r), r.on[name])
+            self._links(rows, name)
+            self._inlets(rows, LEAF_INLETS, name, [])
+            storage = self._storage(name)
+            ranges = [n for k, first in zip(_OWNED, before, strict=True) for n in (first, len(rows[k]))]
+            rule = self._rule(storage, resistors)
+            rows[LEAVES].append([self.states.index(name), rule, int(_is_linear(storage)), *ranges])
+        for j, name in enumerate(junctions):
+            self._inlets(rows, JUNCTION_INLETS, name, [j])
+        for r in network.resistors:
+            if set(r.on) <= set(junctions):
+                branch = len(rows[BRANCHES])
+                for name, ratio in r.on.items():
+                    self._with_ratio(rows, BRANCHES, [junctions.index(name)], ratio)
+                rows[JUNCTION_RESISTORS].append([*self._resistor(r), branch, len(rows[BRANCHES])])
+        self._gyrators(rows)
+        for m in network.modulations:
+            law = self._law("modulation", m.ratio, m.law, m.parameters)
+            rows[FACTORS].append([*law, self.reads.index(m.by), self._place(m.ratio)])
+        table = self._absolute(rows)
+        return Program(
+            self.names, self.constants, tuple(self.modules), self.states, junctions, leaves, table,
+            self.states.index(network.output), input_sets(table),
+        )  # fmt: skip
+
+    def _with_ratio(
+        self, rows: dict[int, list[list[int]]], kind: int, row: list[int], ratio: Ratio, sign: int = 1
+    ) -> None:
+        rows[kind].append(row)
+        self.ratios.setdefault(kind, []).append((self._place(ratio), sign))
+
+    def _absolute(self, rows: dict[int, list[list[int]]]) -> Integers:
+        """The table, its references among rows, so far counted within their kinds, made row numbers."""
+        table = stack(rows, self.ratios)
+        first = table[0]
+        leaves = rows_of(table, LEAVES)
+        for column, kind in enumerate(_OWNED):
+            leaves[:, 3 + 2 * column : 5 + 2 * column] += first[kind]
+        for kind in (LEAF_RESISTORS, JUNCTION_RESISTORS, FACTORS):
+            found = rows_of(table, kind)
+            found[:, 5] = np.where(found[:, 5] >= 0, found[:, 5] + first[READS], NONE)
+        rows_of(table, JUNCTION_RESISTORS)[:, 6:8] += first[BRANCHES]
+        return table
+
+    def _storage(self, name: str) -> Storage:
+        return self.network.storages[self.states.index(name)]
+
+    def _resistor(self, r: Resistor) -> list[int]:
+        read = NONE if r.modulated_by is None else self.reads.index(r.modulated_by)
+        return [*self._law("resistor", r.name, r.law, r.parameters), read]
+
+    def _rule(self, storage: Storage, resistors: list[Resistor]) -> int:
+        if not resistors:
+            return LOSSLESS
+        if not _is_linear(storage) or self.leaf_rule == "midpoint":
+            return GRADIENT
+        only = resistors[0]
+        piecewise = isinstance(only.law, str) and RESISTOR_LAWS[only.law].thresholds is not None
+        exact = self.leaf_rule == "exact" and len(resistors) == 1 and piecewise and only.on[storage.name] == 1.0
+        return EXACT if exact else RADAU
+
+    def _links(self, rows: dict[int, list[list[int]]], leaf: str) -> None:
+        for c in self.network.couplings:
+            for name, other, sign in ((c.to, c.of, 1), (c.of, c.to, -1)):
+                if name == leaf and other != leaf:
+                    self._with_ratio(rows, LINKS, [self.junctions.index(other)], c.ratio, sign)
+
+    def _gyrators(self, rows: dict[int, list[list[int]]]) -> None:
+        for c in self.network.couplings:
+            if {c.to, c.of} <= set(self.junctions) and c.to != c.of:
+                to, of = self.junctions.index(c.to), self.junctions.index(c.of)
+                self._with_ratio(rows, GYRATORS, [to, of], c.ratio)
+                self._with_ratio(rows, GYRATORS, [of, to], c.ratio, -1)
+
+    def _inlets(self, rows: dict[int, list[list[int]]], kind: int, name: str, rest: list[int]) -> None:
+        for k, port in enumerate(self.network.ports):
+            if name in port.on:
+                self._with_ratio(rows, kind, [k, *rest], port.on[name])
+
+
+def _at(names: Sequence[str], name: str) -> int:
+    return names.index(name) if name in names else NONE

@@ -1,10 +1,11 @@
 """The equations of the compiled march, evaluated by the torch module for all steps at once.
 
-    r_l = x_l⁺ − X_l(x, v̄),     r_p = p⁺ − (2 m v̄ − p),
-    r_J = 2 (m v̄ − p)/h + Σ_l a_l ē_l(x, v̄) + Σ_r φ_r(v̄) − Σ_j g_j ψ_j(ū_j)
+    r_l = x_l⁺ − X_l(x, v̄),     r_j = p_j⁺ − z_j(p, y_j),
+    r_F = (z − p)/h − [J ē − Σ_r b_r φ_r(b_rᵀ ē) + g ψ(ū)]     on the junctions
 
-``X_l`` and ``ē_l`` are the exact flow of a leaf with a resistor and the discrete gradient of one without. The
-network is read here by its names, not through the kernel's tables, so that a wrong table is noticed as well.
+``X_l`` and ``ē_l`` are what the leaf's rule makes of its constant current: the exact flow, Radau's stages, or the
+discrete gradient. The network is read here by its names and through the module's matrices, not through the kernel's
+table, so that a wrong table is noticed as well.
 """
 
 from __future__ import annotations
@@ -16,9 +17,11 @@ from torch import Tensor
 
 from phnn.errors import SolverFailed
 from phnn.integrate.program import Program
-from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
-from phnn.laws.leaf import rc_flow
-from phnn.network.elements import Ratio, Resistor, Storage
+from phnn.integrate.stages import gradient_defect, radau_defects
+from phnn.integrate.tables import EXACT, LOSSLESS, RADAU
+from phnn.laws import RESISTOR_LAWS
+from phnn.laws.leaf import rc_flow, relaxation
+from phnn.network.incidence import combined
 from phnn.network.power import PowerBalance
 from phnn.network.system import PortHamiltonianSystem
 
@@ -33,15 +36,15 @@ class Residual(NamedTuple):
     """What the march leaves of its equations, and the size of the terms that cancel in each.
 
     Attributes:
-        value: (n, L+2) residuals of the leaves, the momentum and, last, the junction [SI].
-        scale: (n, L+2) sums of the absolute values of their terms.
+        value: (n, N+m) residuals of the states, in the order of the network, and of the junctions' balances [SI].
+        scale: (n, N+m) sums of the absolute values of their terms.
     """
 
     value: Tensor
     scale: Tensor
 
     def relative(self) -> Tensor:
-        """(n, L+2) residual in units of its terms; nothing where a motion has died away altogether."""
+        """(n, N+m) residual in units of its terms; nothing where a motion has died away altogether."""
         return self.value.abs() / (self.scale + _NOTHING)
 
 
@@ -49,63 +52,126 @@ class _Steps:
     """All steps of a march, seen through the elements of the network."""
 
     def __init__(
-        self, system: PortHamiltonianSystem, program: Program, states: Tensor, velocity: Tensor, h: Tensor
+        self, system: PortHamiltonianSystem, program: Program, states: Tensor, efforts: Tensor, u: Tensor, h: Tensor
     ) -> None:
-        network = system.network
-        self.system, self.v, self.h = system, velocity, h
-        self.before = {name: states[:-1, i] for i, name in enumerate(program.leaf_names)}
-        self.storages = {s.name: s for s in network.storages}
-        (self.junction,) = set(self.storages) - set(program.leaf_names)
-        self.resistors = {next(iter(r.on)): r for r in network.resistors if self.junction not in r.on}
-        self.on_flow = [r for r in network.resistors if self.junction in r.on]
-        self.ratios = {c.to: self.number(c.ratio) for c in network.couplings}
-        self.mass = system.value(self.storages[self.junction].parameters[0])
+        self.system, self.program, self.h = system, program, h
+        self.x, self.ends, self.stored = states[:-1], states[1:].detach(), efforts.detach()
+        self.junctions = [program.states.index(name) for name in program.junctions]
+        self.leaves = [program.states.index(name) for name in program.leaves]
+        self.on = {
+            k: [i for i, r in enumerate(system.network.resistors) if tuple(r.on) == (program.states[k],)]
+            for k in self.leaves
+        }
+        self.flow, self.change = {}, {}
+        for k in self.junctions:
+            self.flow[k], self.change[k] = self._junction(k, states[1:, k], efforts[:, k])
+        self.actions = system.actions(u)
+        self._middle()
+        mean = dict(self.flow)
+        self.end = {}
+        for k in self.leaves:
+            self.end[k], mean[k] = self._leaf(k, self.current[:, k])
+        self.mean = torch.stack([mean[k] for k in range(len(program.states))], dim=-1)
 
-    def number(self, ratio: Ratio) -> Tensor | float:
-        return self.system.value(ratio) if isinstance(ratio, str) else ratio
+    def _junction(self, k: int, end: Tensor, effort: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean effort of a junction at its unknown, and the change of its state that follows."""
+        p = self.x[:, k]
+        if not self.program.linear[k]:
+            return self.system.mean_effort(k, p, end), end - p
+        one = torch.ones_like(p)
+        return effort, 2.0 * (effort / self.system.mean_effort(k, one, one) - p)
 
-    def parameters(self, element: Storage | Resistor) -> list[Tensor]:
-        return [self.system.value(name) for name in element.parameters]
+    def _middle(self) -> None:
+        """What laws read at mid-step, and with it the matrices of every step and the currents into the leaves."""
+        columns = list(self.x.unbind(-1))
+        for k in self.junctions:
+            columns[k] = columns[k] + 0.5 * self.change[k]
+        self._currents(torch.stack(columns, dim=-1))
+        # The ratios of a leaf that is read follow no state: its current is right already.
+        for k in self.leaves:
+            if not self.on[k]:
+                columns[k] = columns[k] + 0.5 * self.h * self.current[:, k]
+        self.middle = torch.stack(columns, dim=-1)
+        self._currents(self.middle)
 
-    def modulation(self, resistor: Resistor) -> Tensor:
-        """(n,) mid-step value of what a law may read."""
-        name = resistor.modulated_by
-        if name is None:
-            return torch.zeros_like(self.v)
-        return self.before[name] + 0.5 * self.h * self.ratios[name] * self.v
+    def _currents(self, middle: Tensor) -> None:
+        self.structure = self.system.structure(middle)
+        self.branches, self.inputs = self.system.incidences(middle)
+        flows = [self.flow.get(k, torch.zeros_like(self.h)) for k in range(len(self.program.states))]
+        self.current = combined(torch.stack(flows, dim=-1), self.structure.mT) + combined(self.actions, self.inputs.mT)
 
-    def leaf(self, name: str) -> tuple[Tensor, Tensor]:
-        """(n,) end state and mean effort of a leaf under the mid-step velocity."""
-        storage, x, current = self.storages[name], self.before[name], self.ratios[name] * self.v
-        law, values = STORAGE_LAWS[storage.law], self.parameters(storage)
-        if name not in self.resistors:
+    def lost(self, k: int, effort: Tensor) -> list[Tensor]:
+        """(n,) ``b φ(b ε)`` of every resistor of a leaf."""
+        return [self.branches[..., k, r] * self.system.branch_flow(r, self.branches[..., k, r] * effort, self.middle)
+                for r in self.on[k]]  # fmt: skip
+
+    def _leaf(self, k: int, current: Tensor) -> tuple[Tensor, Tensor]:
+        """(n,) end state and mean effort of a leaf under its constant current."""
+        x, rule, one = self.x[:, k], self.program.rules[self.program.states[k]], torch.ones_like(self.h)
+        if rule == LOSSLESS:
             end = x + self.h * current
-            return end, law.mean_effort(x, end, *values)
-        resistor = self.resistors[name]
+            return end, self.system.mean_effort(k, x, end)
+        if rule == EXACT:
+            s = self.system.mean_effort(k, one, one)
+            rho, low, high = self._thresholds(self.on[k][0])
+            relaxed = relaxation(self.h * rho * s)
+            return rc_flow(x, current, self.h, s, rho, low, high, *relaxed)
+        if rule == RADAU:
+            return self._radau(k, x, current, self.system.mean_effort(k, one, one))
+        # The march has solved the equation; one Newton step from its solution carries the derivatives.
+        end = self.ends[:, k].clone().requires_grad_(True)
+        with torch.enable_grad():
+            lost = sum(self.lost(k, self.system.mean_effort(k, x.detach(), end)), torch.zeros_like(x))
+            (slope,) = torch.autograd.grad(lost.sum(), end, retain_graph=True)
+        end = end.detach()
+        lost = sum(self.lost(k, self.system.mean_effort(k, x, end)), torch.zeros_like(x))
+        end = end - gradient_defect(end - x, current, self.h, lost) / (1.0 + self.h.detach() * slope)
+        return end, self.system.mean_effort(k, x, end)
+
+    def _radau(self, k: int, x: Tensor, current: Tensor, s: Tensor) -> tuple[Tensor, Tensor]:
+        """The same for Radau's stages, of which the first follows from the mean effort that the march has stored."""
+        two = self.ends[:, k]
+        one = (4.0 * self.stored[:, k] / s.detach() - two) / 3.0
+        lost, slopes = [], []
+        for stage in (one, two):
+            at = stage.clone().requires_grad_(True)
+            with torch.enable_grad():
+                taken = sum(self.lost(k, s.detach() * at), torch.zeros_like(at))
+                slopes.append(torch.autograd.grad(taken.sum(), at)[0])
+            lost.append(sum(self.lost(k, s * stage), torch.zeros_like(at)))
+        g1, g2 = radau_defects(one - x, two - x, current, self.h, lost[0], lost[1])
+        a, b = 1.5 + self.h.detach() * slopes[0], 2.5 + self.h.detach() * slopes[1]
+        determinant = a * b + 2.25
+        one = one - (b * g1 - 0.5 * g2) / determinant
+        two = two - (4.5 * g1 + a * g2) / determinant
+        return two, s * (0.75 * one + 0.25 * two)
+
+    def _thresholds(self, r: int) -> tuple[Tensor, Tensor, Tensor]:
+        resistor = self.system.network.resistors[r]
         thresholds = RESISTOR_LAWS[resistor.law].thresholds
         if thresholds is None:
             raise SolverFailed(f"{resistor.name}: the law {resistor.law} has no exact flow: solve with integrate.dense")
-        rho, low, high = thresholds(self.modulation(resistor), *self.parameters(resistor))
-        one = torch.ones_like(x)
-        return rc_flow(x, current, self.h, 1.0 / law.mean_effort(one, one, *values), rho, low, high)
+        name = resistor.modulated_by
+        q = torch.zeros_like(self.h) if name is None else self.middle[:, self.program.states.index(name)]
+        return thresholds(q, *map(self.system.value, resistor.parameters))
 
-    def resistor_force(self, resistor: Resistor) -> Tensor:
-        """(n,) force of a resistor on the junction."""
-        flow = RESISTOR_LAWS[resistor.law].flow
-        return flow(self.v, self.modulation(resistor), *self.parameters(resistor))
-
-    def port_forces(self, u: Tensor) -> list[Tensor]:
-        """P of (n,) ``g ψ(ū)``."""
-        actions = self.system.actions(u)
-        ports = self.system.network.ports
-        return [self.number(port.on[self.junction]) * actions[:, j] for j, port in enumerate(ports)]
+    def branch_powers(self) -> tuple[Tensor, Tensor]:
+        """(n, R) effort on every resistor that joins junctions, and the flow through it; zero for those of leaves."""
+        resistors = self.system.network.resistors
+        efforts, flows = [], []
+        on = combined(self.mean, self.branches)
+        for r, resistor in enumerate(resistors):
+            inside = set(resistor.on) <= set(self.program.junctions)
+            efforts.append(on[:, r] if inside else torch.zeros_like(self.h))
+            flows.append(self.system.branch_flow(r, on[:, r], self.middle) if inside else torch.zeros_like(self.h))
+        return columns(efforts, self.h), columns(flows, self.h)
 
 
 def march_residual(
     system: PortHamiltonianSystem,
     program: Program,
-    states: Tensor,  # (n+1, L+1) leaf states and momentum, in the program's order
-    velocity: Tensor,  # (n,) mid-step velocities
+    states: Tensor,  # (n+1, N) states in the order of the network
+    efforts: Tensor,  # (n, N) mean efforts
     u: Tensor,  # (n, P) mean inputs
     h: Tensor,  # (n,) steps
 ) -> Residual:
@@ -114,19 +180,23 @@ def march_residual(
     Args:
         system: the module of the network that ``program`` was compiled from.
     """
-    steps = _Steps(system, program, states, velocity, h)
+    steps = _Steps(system, program, states, efforts, u, h)
     values, scales = [], []
-    forces = [2.0 * steps.mass * velocity / h, -2.0 * states[:-1, -1] / h]
-    for i, name in enumerate(program.leaf_names):
-        end, mean = steps.leaf(name)
-        values.append(states[1:, i] - end)
-        scales.append(states[1:, i].abs() + states[:-1, i].abs() + (h * steps.ratios[name] * velocity).abs())
-        forces.append(steps.ratios[name] * mean)
-    forces += [steps.resistor_force(r) for r in steps.on_flow]
-    forces += [-force for force in steps.port_forces(u)]
-    kick = 2.0 * steps.mass * velocity
-    values += [states[1:, -1] + states[:-1, -1] - kick, torch.stack(forces).sum(0)]
-    scales += [states[1:, -1].abs() + states[:-1, -1].abs() + kick.abs(), torch.stack(forces).abs().sum(0)]
+    for k in range(len(program.states)):
+        end = steps.end[k] if k in steps.end else states[:-1, k] + steps.change[k]
+        values.append(states[1:, k] - end)
+        moved = steps.change[k] if k in steps.change else h * steps.current[:, k]
+        scales.append(states[1:, k].abs() + states[:-1, k].abs() + moved.abs())
+    exchanged = combined(steps.mean, steps.structure.mT)
+    lost = combined(steps.branch_powers()[1], steps.branches.mT)
+    driven = combined(steps.actions, steps.inputs.mT)
+    sizes = combined(steps.mean.abs(), steps.structure.abs().mT)
+    sizes = sizes + combined(steps.branch_powers()[1].abs(), steps.branches.abs().mT)
+    sizes = sizes + combined(steps.actions.abs(), steps.inputs.abs().mT)
+    for k in steps.junctions:
+        rate = steps.change[k] / h
+        values.append(rate - exchanged[:, k] + lost[:, k] - driven[:, k])
+        scales.append(rate.abs() + states[:-1, k].abs() / h + sizes[:, k])
     return Residual(torch.stack(values, dim=-1), torch.stack(scales, dim=-1).detach())
 
 
@@ -151,7 +221,7 @@ def check(trajectory: Trajectory, tolerance: float = 1e-10, system: PortHamilton
     n, element = divmod(int(worst.argmax()), worst.shape[1])
     largest = float(worst[n, element])
     if largest > tolerance:
-        names = (*program.leaf_names, "momentum", "junction")
+        names = (*program.states, *(f"{name} (balance)" for name in program.junctions))
         time = float(trajectory.h[:n].sum()) - trajectory.lead * trajectory.recording.dt
         raise SolverFailed(
             f"{trajectory.recording.name}: the step at t = {time:.6g} s leaves a relative residual of {largest:.2g} at "
@@ -163,49 +233,45 @@ def check(trajectory: Trajectory, tolerance: float = 1e-10, system: PortHamilton
 def power_balance(trajectory: Trajectory, system: PortHamiltonianSystem | None = None) -> PowerBalance:
     """The energy balance of every step of a simulated recording, in joules a step.
 
-        stored = H(x⁺) − H(x),   dissipated = h a_l v̄ ē_l − ΔH_l on a leaf and h v̄ φ(v̄) on the junction,
-        supplied = h v̄ g ψ(ū),   defect = stored − Σ supplied + Σ dissipated
+        stored = H(x⁺) − H(x),   dissipated = h i_l ē_l − ΔH_l on a leaf and h ε φ(ε) on junctions,
+        supplied = h ψ(ū) gᵀē,   defect = stored − Σ supplied + Σ dissipated
 
     Returns:
         ``stored`` (n,), ``dissipated`` (n, R) in the order of the network's resistors, ``supplied`` (n, P),
         ``defect`` (n,), all at the mean efforts of the steps, which are exact where efforts at the nodes are not.
     """
-    program, network = trajectory.program, trajectory.setup.network
+    network = trajectory.setup.network
     system = PortHamiltonianSystem(network) if system is None else system
     with torch.no_grad():
-        states, velocity, u, h = _tensors(trajectory)
-        efforts = torch.from_numpy(trajectory.efforts)
-        steps = _Steps(system, program, states, velocity, h)
-        energies = system.energies(states[:, network_order(system, program)])
-        change = dict(zip(network.state_names, energies.diff(dim=0).unbind(-1), strict=True))
-        taken = {}
-        for i, name in enumerate(program.leaf_names):
-            if name in steps.resistors:
-                received = h * steps.ratios[name] * velocity * efforts[:, i]
-                taken[steps.resistors[name].name] = received - change[name]
-        for resistor in steps.on_flow:
-            taken[resistor.name] = h * velocity * steps.resistor_force(resistor)
-        dissipated = _columns([taken[r.name] for r in network.resistors], h)
-        supplied = _columns([h * velocity * force for force in steps.port_forces(u)], h)
-        stored = energies.diff(dim=0).sum(-1)
+        states, efforts, u, h = _tensors(trajectory)
+        steps = _Steps(system, trajectory.program, states, efforts, u, h)
+        change = system.energies(states).diff(dim=0)
+        on, through = steps.branch_powers()
+        taken = list((h.unsqueeze(-1) * on * through).unbind(-1))
+        for k, resistors in steps.on.items():
+            received = h * steps.current[:, k] * steps.stored[:, k] - change[:, k]
+            for r, share in zip(resistors, _shares(steps.lost(k, steps.stored[:, k])), strict=True):
+                taken[r] = share * received
+        supplied = h.unsqueeze(-1) * steps.actions * combined(steps.stored, steps.inputs)
+        dissipated = columns(taken, h)
+        stored = change.sum(-1)
         return PowerBalance(stored, dissipated, supplied, stored - supplied.sum(-1) + dissipated.sum(-1))
 
 
-def network_order(system: PortHamiltonianSystem, program: Program) -> list[int]:
-    """Where the states of the network, in its own order, stand among those of the program."""
-    places = {name: i for i, name in enumerate(program.leaf_names)}
-    return [places.get(name, len(places)) for name in system.state_names]
+def _shares(flows: list[Tensor]) -> list[Tensor]:
+    """How the loss of a leaf divides among its resistors: as their flows at its mean effort."""
+    if len(flows) <= 1:
+        return [torch.ones_like(f) for f in flows]
+    total = torch.stack(flows).abs().sum(0)
+    return [torch.where(total > 0.0, f.abs() / total, 1.0 / len(flows)) for f in flows]
 
 
-def _columns(columns: list[Tensor], like: Tensor) -> Tensor:
+def columns(values: list[Tensor], like: Tensor) -> Tensor:
     """(n, k) columns, also where there are none."""
-    return torch.stack(columns, dim=-1) if columns else like.new_zeros(like.shape[0], 0)
+    return torch.stack(values, dim=-1) if values else like.new_zeros(like.shape[0], 0)
 
 
 def _tensors(trajectory: Trajectory) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    return (
-        torch.from_numpy(trajectory.states),
-        torch.from_numpy(trajectory.velocity),
-        torch.from_numpy(trajectory.u),
-        torch.from_numpy(trajectory.h),
-    )
+    arrays = (trajectory.states, trajectory.efforts, trajectory.u, trajectory.h)
+    states, efforts, u, h = (torch.from_numpy(a) for a in arrays)
+    return states, efforts, u, h

@@ -1,15 +1,16 @@
-"""The compiled power-preserving step.
+"""The equations of one power-preserving step, compiled.
 
-One step of size ``h`` from ``(x, p)`` under the mean inputs ``ū`` solves one monotone scalar equation in the
-mid-step velocity ``v̄ = (p⁺ + p)/(2m)``,
+One step of size ``h`` under the mean inputs ``ū`` solves, for the junctions ``j``,
 
-    R(v̄) = 2(m v̄ − p)/h + Σ_l a_l ē_l(v̄) + Σ_r φ_r(v̄) − Σ_j g_j ψ_j(ū_j) = 0,
+    F_j = (z_j − p_j)/h + Σ_l a_lj ē_l + Σ_r b_rj φ_r(b_rᵀ v̄) − Σ_i J_ji v̄_i − Σ_p g_pj ψ_p(ū_p) = 0,
 
-where ``ē_l`` is the discrete gradient of a lossless leaf or the average effort of a dissipative leaf under
-the constant current ``a_l v̄`` (`phnn.laws.leaf`). Multiplied by ``h v̄`` it is the energy balance of the step.
+where ``v̄_j`` is the mean effort and ``z_j`` the end state of the junction, and ``ē_l`` the discrete gradient of a
+lossless leaf or the average effort of a dissipative one under the constant current ``i_l = Σ a_lj v̄_j + Σ g_lp ψ_p``.
+The unknown ``y_j`` is ``v̄_j`` where the junction's storage is linear and ``z_j`` elsewhere. Multiplied by ``h v̄`` the
+equations are the energy balance of the step.
 
-Every function here runs on floats and on complex numbers with a tiny imaginary part; the latter yields
-exact derivatives of the very step that marches, so that none is written by hand.
+Every function here runs on floats and on complex numbers with a tiny imaginary part; the latter yields exact
+derivatives of the very step that marches, so that none is written by hand.
 """
 
 from __future__ import annotations
@@ -17,135 +18,216 @@ from __future__ import annotations
 from typing import Any
 
 import numba
-import numpy as np
 
-from phnn.integrate.dispatch import flow_table, port_table, storage_table, threshold_table
-from phnn.integrate.program import LOSSLESS
-from phnn.laws.leaf import rc_flow
-from phnn.laws.namespace import reciprocal
+from phnn.integrate.constants import CAPACITY, HIGH, LOW, ONE, RHO, STIFFNESS, TWO, fill_gains, scale_gains
+from phnn.integrate.dispatch import stay_outside
+from phnn.integrate.lookups import (
+    count,
+    factor,
+    is_linear,
+    junction_storage,
+    mean_effort,
+    resistor_flow,
+    resistor_thresholds,
+)
+from phnn.integrate.stages import make_gradient, make_radau
+from phnn.integrate.tables import (
+    EXACT,
+    FACTORS,
+    GYRATORS,
+    JUNCTION_INLETS,
+    JUNCTION_RESISTORS,
+    JUNCTIONS,
+    LEAVES,
+    LOSSLESS,
+    RADAU,
+)
+from phnn.laws.leaf import rc_flow, relaxation
 
-# Far below any flow that matters, so that the perturbation stays small even where a flow has died away.
-TINY = 1e-140
-_TOLERANCE = 1e-14
-_ITERATIONS = 120
-# A motion that has died away reaches the smallest numbers, where relative accuracy is lost.
-_NOTHING = 1e-200
+# Rows of the two work arrays: per junction (4, m) and per storage (2, N).
+FLOW, CHANGE, FORCE, SIZE = range(4)
+NEXT, EFFORT = range(2)
 
-_mean_effort = storage_table()
-_thresholds = threshold_table()
-_flow = flow_table()
-_action = port_table()
-
-
-@numba.njit(error_model="numpy", forceinline=True)
-def _mid_state(leaves: Any, m: Any, theta: Any, x: Any, v: Any, h: Any) -> Any:
-    """Mid-step energy variable of a lossless leaf, the read-only argument of a modulated law; 0 for none."""
-    if m < 0:
-        return 0.0 * v
-    return x[m] + 0.5 * h * theta[leaves[m, 3]] * v
-
-
-@numba.njit(error_model="numpy", forceinline=True)
-def leaf_step(leaves: Any, modulators: Any, l: Any, theta: Any, x: Any, v: Any, h: Any) -> Any:  # noqa: E741
-    """Next state and mean effort of leaf ``l`` under the mid-step velocity ``v``."""
-    row = leaves[l]
-    current = theta[row[3]] * v
-    if row[0] == LOSSLESS:
-        end = x[l] + h * current
-        return end, _mean_effort(row[1], x[l], end, theta[row[4]], theta[row[5]], theta[row[6]], theta[row[7]])
-    q = _mid_state(leaves, modulators[l], theta, x, v, h)
-    rho, low, high = _thresholds(row[2], q, theta[row[8]], theta[row[9]], theta[row[10]], theta[row[11]])
-    # A linear storage: its capacitance is one over the effort at one.
-    one = 1.0 + 0.0 * v
-    capacitance = reciprocal(_mean_effort(row[1], one, one, theta[row[4]], theta[row[5]], theta[row[6]], theta[row[7]]))
-    return rc_flow(x[l], current, h, capacitance, rho, low, high)
+_inline = numba.njit(error_model="numpy", forceinline=True)
+_plain = numba.njit(error_model="numpy", forceinline=False)
 
 
-@numba.njit(error_model="numpy", forceinline=True)
-def flow_force(leaves: Any, resistors: Any, r: Any, theta: Any, x: Any, v: Any, h: Any) -> Any:
-    """Force of resistor ``r`` on the junction."""
-    row = resistors[r]
-    q = _mid_state(leaves, row[1], theta, x, v, h)
-    return _flow(row[0], v, q, theta[row[2]], theta[row[3]], theta[row[4]], theta[row[5]])
+@_inline
+def junction_change(t: Any, j: Any, c: Any, x: Any, y: Any) -> Any:
+    """``z_j − p_j``; of a linear storage ``2 (v̄/s − p)``, which takes no difference of end states."""
+    p = x[junction_storage(t, j)]
+    return 2.0 * (y[j] * c[count(t, LEAVES) + j, CAPACITY] - p) if is_linear(t, j) else y[j] - p
 
 
-@numba.njit(error_model="numpy", forceinline=True)
-def port_force(ports: Any, j: Any, theta: Any, u: Any) -> Any:
-    """``g_j ψ_j(u_j)``."""
-    row = ports[j]
-    return theta[row[1]] * _action(
-        row[0], u + 0.0 * theta[0], theta[row[2]], theta[row[3]], theta[row[4]], theta[row[5]]
-    )
+@_inline
+def _current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
+    """``i_l``."""
+    row = t[0, LEAVES] + leaf
+    total = 0.0 * g[0]
+    for r in range(t[row, 5], t[row, 6]):
+        total += g[r] * wj[FLOW, t[r, 0]]
+    for r in range(t[row, 7], t[row, 8]):
+        total += g[r] * a[t[r, 0]]
+    return total
 
 
-@numba.njit(error_model="numpy", forceinline=True)
-def balance(
-    leaves: Any, modulators: Any, resistors: Any, inertia: Any, theta: Any, x: Any, p: Any, v: Any, drive: Any, h: Any,
-    x_next: Any, efforts: Any,
-) -> Any:  # fmt: skip
-    """``R(v̄)`` and the size of its terms; fills the leaves' next states and mean efforts."""
-    total = 2.0 * (theta[inertia] * v - p) / h - drive
-    size = abs(total.real) + abs(drive) + abs(p) / h
-    for l in range(leaves.shape[0]):  # noqa: E741
-        end, mean = leaf_step(leaves, modulators, l, theta, x, v, h)
-        x_next[l] = end
-        efforts[l] = mean
-        force = theta[leaves[l, 3]] * mean
-        total += force
-        size += abs(force.real)
-    for r in range(resistors.shape[0]):
-        force = flow_force(leaves, resistors, r, theta, x, v, h)
-        total += force
-        size += abs(force.real)
-    return total, size
+@_inline
+def _read(t: Any, r: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
+    """Mid-step energy variable that a law may read, 0 for none. The ratios of a leaf that is read follow no state."""
+    if r < 0:
+        return 0.0 * g[0]
+    leaf, j = t[r, 0], t[r, 1]
+    if leaf >= 0:
+        return x[t[t[0, LEAVES] + leaf, 0]] + 0.5 * h * _current(t, leaf, g, a, wj)
+    return x[junction_storage(t, j)] + 0.5 * junction_change(t, j, c, x, y)
 
 
-@numba.njit(error_model="numpy", forceinline=True)
-def solve_step(
-    leaves: Any, modulators: Any, resistors: Any, inertia: Any, theta: Any, theta_c: Any, x: Any, x_c: Any, p: Any,
-    drive: Any, h: Any, guess: Any, x_next: Any, efforts: Any, x_scratch: Any, e_scratch: Any,
-) -> Any:  # fmt: skip
-    """The root ``v̄`` by Newton inside a bracket; NaN where none was found. ``*_c`` are complex copies.
+@_plain
+def modulate(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
+    """Set the gains to what they are at mid-step."""
+    stay_outside()
+    fill_gains(t, theta, g)
+    for r in range(t[0, FACTORS], t[0, FACTORS + 1]):
+        scale_gains(t, t[r, 6], factor(t, r, _read(t, t[r, 5], c, g, a, x, y, h, wj), theta), theta, g)
 
-    Every network is passive, so that ``v̄ R(v̄) > 0`` far out and a root exists. Where no law is modulated ``R``
-    increases at least as fast as ``2 m v̄/h``: one root, and one step of that slope leads beyond it. A modulated
-    threshold may let ``R`` fall for a while; hence only signs that were seen bound the root.
+
+@_inline
+def _lost(context: Any, effort: Any) -> Any:
+    """``Σ_r b_r φ_r(b_r ε)`` of a leaf at an effort."""
+    t, leaf, theta, c, g, a, x, y, h, wj = context
+    row = t[0, LEAVES] + leaf
+    total = 0.0 * effort
+    for r in range(t[row, 3], t[row, 4]):
+        q = _read(t, t[r, 5], c, g, a, x, y, h, wj)
+        total += g[r] * resistor_flow(t, r, g[r] * effort, q, theta)
+    return total
+
+
+@_plain
+def _lost_at(state: Any, context: Any) -> Any:
+    stay_outside()
+    t, leaf, theta = context[:3]
+    return _lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, 0], state, state, theta))
+
+
+@_plain
+def _lost_between(start: Any, end: Any, context: Any) -> Any:
+    stay_outside()
+    t, leaf, theta = context[:3]
+    return _lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, 0], start, end, theta))
+
+
+_radau = make_radau(_lost_at, _plain)
+_gradient = make_gradient(_lost_between, _plain)
+
+
+@_plain
+def _searched(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
+    """End state and mean effort of a leaf whose equations have no closed solution."""
+    stay_outside()
+    row = t[0, LEAVES] + leaf
+    k = t[row, 0]
+    context = (t, leaf, theta, c, g, a, x, y, h, wj)
+    current = _current(t, leaf, g, a, wj)
+    if t[row, 1] == RADAU:
+        return _radau(x[k], current, h, c[leaf, STIFFNESS], context)
+    end = _gradient(x[k], current, h, context)
+    return end, mean_effort(t, k, x[k], end, theta)
+
+
+@_inline
+def leaf_step(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
+    """End state and mean effort of a leaf."""
+    row = t[0, LEAVES] + leaf
+    k, rule = t[row, 0], t[row, 1]
+    if rule == LOSSLESS:
+        gain = h * _current(t, leaf, g, a, wj)
+        if t[row, 2] > 0:
+            return x[k] + gain, c[leaf, STIFFNESS] * (x[k] + 0.5 * gain)
+        return x[k] + gain, mean_effort(t, k, x[k], x[k] + gain, theta)
+    if rule == EXACT:
+        rho, low, high = c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH]
+        one, two = c[leaf, ONE], c[leaf, TWO]
+        r = t[row, 3]
+        if t[r, 5] >= 0:
+            rho, low, high = resistor_thresholds(t, r, _read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
+            one, two = relaxation(h * rho * c[leaf, STIFFNESS])
+        return rc_flow(x[k], _current(t, leaf, g, a, wj), h, c[leaf, STIFFNESS], rho, low, high, one, two)
+    return _searched(t, leaf, theta, c, g, a, x, y, h, wj)
+
+
+@_inline
+def _add(term: Any, j: Any, wj: Any) -> None:
+    wj[FORCE, j] += term
+    wj[SIZE, j] += abs(term.real)
+
+
+@_inline
+def leaf_forces(t: Any, leaf: Any, g: Any, effort: Any, wj: Any) -> None:
+    """Add what a leaf exerts on its junctions."""
+    row = t[0, LEAVES] + leaf
+    for r in range(t[row, 5], t[row, 6]):
+        _add(g[r] * effort, t[r, 0], wj)
+
+
+@_inline
+def junction_terms(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
+    """``F`` without the leaves, the size of its terms, and ``z − p``."""
+    rate = 1.0 / h
+    for j in range(count(t, JUNCTIONS)):
+        change = junction_change(t, j, c, x, y)
+        wj[CHANGE, j] = change
+        wj[FORCE, j] = change * rate
+        wj[SIZE, j] = (abs(change.real) + abs(x[junction_storage(t, j)].real)) * rate
+    for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
+        effort = 0.0 * g[0]
+        for b in range(t[r, 6], t[r, 7]):
+            effort += g[b] * wj[FLOW, t[b, 0]]
+        flow = resistor_flow(t, r, effort, _read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
+        for b in range(t[r, 6], t[r, 7]):
+            _add(g[b] * flow, t[b, 0], wj)
+    for r in range(t[0, GYRATORS], t[0, GYRATORS + 1]):
+        _add(-g[r] * wj[FLOW, t[r, 1]], t[r, 0], wj)
+    for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
+        _add(-g[r] * a[t[r, 0]], t[r, 1], wj)
+
+
+@_inline
+def junction_flows(t: Any, theta: Any, x: Any, y: Any, wj: Any) -> None:
+    """Fill ``v̄``."""
+    for j in range(count(t, JUNCTIONS)):
+        k = junction_storage(t, j)
+        wj[FLOW, j] = y[j] if is_linear(t, j) else mean_effort(t, k, x[k], y[j], theta)
+
+
+@_inline
+def inlined_balance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any) -> None:
+    """``F`` at the unknowns ``y``, and what they lead to.
+
+    Args:
+        t: table; theta: (M,) parameters; x: (N,) state; y: (m,) unknowns; h: step.
+        c, g, a: see `phnn.integrate.constants`; modulated gains are filled in here.
+        wj: (4, m) filled with ``v̄``, ``z − p``, ``F`` and the size of its terms.
+        wx: (2, N) filled with end states and mean efforts.
     """
-    floor = 2.0 * theta[inertia] / h
-    low = -np.inf
-    high = np.inf
-    v = guess
-    last = np.inf
-    reach = 1.0
-    for iteration in range(_ITERATIONS):
-        value, _ = balance(
-            leaves, modulators, resistors, inertia, theta_c, x_c, p, complex(v, TINY), drive, h, x_scratch, e_scratch
-        )  # fmt: skip
-        if not np.isfinite(value.real):
-            return np.nan
-        if value.real > 0.0:
-            high = v
-        else:
-            low = v
-        slope = value.imag / TINY
-        step = v - value.real / slope
-        # Not finite fails the comparison as well. Newton may also hop between two kinks: a step that did not halve
-        # the residual is followed by a bisection. On a falling branch it would go to a root that is not connected.
-        newton = low <= step <= high and slope > 0.0 and abs(value.real) <= 0.5 * last
-        last = abs(value.real)
-        exhausted = False
-        if newton:
-            v = step
-        elif np.isfinite(high - low):
-            v = 0.5 * (low + high)
-            exhausted = v in (low, high)
-        else:
-            v -= reach * value.real / floor
-            reach *= 2.0
-        residual, size = balance(
-            leaves, modulators, resistors, inertia, theta, x, p, v, drive, h, x_next, efforts
-        )  # fmt: skip
-        slack = _TOLERANCE if iteration < 12 else 1e-12
-        if exhausted or abs(residual) <= slack * size + _NOTHING:
-            return v
-    return np.nan
+    junction_flows(t, theta, x, y, wj)
+    if count(t, FACTORS) > 0:
+        modulate(t, theta, c, g, a, x, y, h, wj)
+    junction_terms(t, theta, c, g, a, x, y, h, wj)
+    for leaf in range(count(t, LEAVES)):
+        end, mean = leaf_step(t, leaf, theta, c, g, a, x, y, h, wj)
+        k = t[t[0, LEAVES] + leaf, 0]
+        wx[NEXT, k] = end
+        wx[EFFORT, k] = mean
+        leaf_forces(t, leaf, g, mean, wj)
+    for j in range(count(t, JUNCTIONS)):
+        k = junction_storage(t, j)
+        wx[NEXT, k] = x[k] + wj[CHANGE, j]
+        wx[EFFORT, k] = wj[FLOW, j]
+
+
+@_plain
+def balance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any) -> None:
+    """`inlined_balance` as a call."""
+    stay_outside()
+    inlined_balance(t, theta, c, g, a, x, y, h, wj, wx)

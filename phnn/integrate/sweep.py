@@ -2,9 +2,9 @@
 
 By the implicit function theorem the derivatives of a march obey the linearised recursion
 
-    0 = R_x δx + R_v δv̄ + R_θ δθ − δf,     δx⁺ = X_x δx + X_v δv̄ + X_θ δθ,     δp⁺ = 2m δv̄ + 2v̄ δm − δp
+    0 = F_x δx + F_y δy + F_θ δθ − δf,     δx_l⁺ = X_x δx + X_y δy + X_θ δθ,     δp⁺ = δp + Z_x δx + Z_y δy + Z_θ δθ
 
-whose local derivatives are complex-step derivatives of the very step that marched.
+whose local derivatives `phnn.integrate.linearise` takes of the very step that marched.
 """
 
 from __future__ import annotations
@@ -13,274 +13,234 @@ from typing import Any
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
-from phnn.integrate.dispatch import kernel_cache
-from phnn.integrate.step import TINY, flow_force, leaf_step, port_force
+from phnn.integrate.dispatch import kernel_cache, stay_outside
+from phnn.integrate.linearise import derivatives_at, new_derivatives, pattern_of
+from phnn.integrate.lookups import junction_storage
+from phnn.integrate.program import Program
+from phnn.integrate.solve import eliminate
+from phnn.integrate.tables import LEAVES
 
+Array = NDArray[np.float64]
 
-@numba.njit(error_model="numpy")
-def _users(rows: Any, first: Any, active: Any) -> Any:
-    """(rows, K) whether an element refers to an active parameter in its columns from ``first`` on."""
-    found = np.zeros((rows.shape[0], active.shape[0]), np.bool_)
-    for i in range(rows.shape[0]):
-        for c in range(first, rows.shape[1]):
-            for k in range(active.shape[0]):
-                if rows[i, c] == active[k]:
-                    found[i, k] = True
-    return found
+_plain = numba.njit(error_model="numpy", forceinline=False)
 
 
-@numba.njit(error_model="numpy")
-def _resistor_users(leaves: Any, resistors: Any, active: Any) -> Any:
-    """(R, K) the same for resistors, which also depend on the ratio of the leaf whose mid-step state they read."""
-    found = _users(resistors, 2, active)
-    for r in range(resistors.shape[0]):
-        if resistors[r, 1] >= 0:
-            for k in range(active.shape[0]):
-                if leaves[resistors[r, 1], 3] == active[k]:
-                    found[r, k] = True
-    return found
+@_plain
+def _add_scaled(out: Any, weight: Any, row: Any) -> None:
+    if weight != 0.0:
+        for c in range(out.shape[0]):
+            out[c] += weight * row[c]
 
 
-@numba.njit(error_model="numpy")
-def _linearise(
-    leaves: Any, modulators: Any, resistors: Any, ports: Any, inertia: Any, theta: Any, active: Any, users: Any,
-    x: Any, v: Any, u: Any, h: Any, by_state: Any, by_velocity: Any, by_theta: Any,
-) -> None:  # fmt: skip
-    """Derivatives of ``(x⁺_1 … x⁺_L, R)`` by states, velocity and the active parameters, element by element.
-
-    ``by_state`` is (L+1, L+1), ``by_velocity`` (L+1,), ``by_theta`` (L+1, K); ``theta`` and ``x`` are complex.
-    """
-    count = leaves.shape[0]
-    base = complex(v, 0.0)
-    by_state[:, :] = 0.0
-    by_theta[:, :] = 0.0
-    by_state[count, count] = -2.0 / h
-    by_velocity[count] = 2.0 * theta[inertia].real / h
-    for l in range(count):  # noqa: E741
-        ratio = leaves[l, 3]
-        for turn in range(2):
-            j = l if turn == 0 else modulators[l]
-            if j < 0 or (turn == 1 and j == l):
-                continue
-            x[j] += TINY * 1j
-            end, mean = leaf_step(leaves, modulators, l, theta, x, base, h)
-            x[j] = complex(x[j].real, 0.0)
-            by_state[l, j] = end.imag / TINY
-            by_state[count, j] += (theta[ratio] * mean).imag / TINY
-        end, mean = leaf_step(leaves, modulators, l, theta, x, complex(v, TINY), h)
-        by_velocity[l] = end.imag / TINY
-        by_velocity[count] += (theta[ratio] * mean).imag / TINY
-        for k in range(active.shape[0]):
-            if users[0][l, k] or (modulators[l] >= 0 and leaves[modulators[l], 3] == active[k]):
-                theta[active[k]] += TINY * 1j
-                end, mean = leaf_step(leaves, modulators, l, theta, x, base, h)
-                by_theta[l, k] = end.imag / TINY
-                by_theta[count, k] += (theta[ratio] * mean).imag / TINY
-                theta[active[k]] = complex(theta[active[k]].real, 0.0)
-    for r in range(resistors.shape[0]):
-        force = flow_force(leaves, resistors, r, theta, x, complex(v, TINY), h)
-        by_velocity[count] += force.imag / TINY
-        if resistors[r, 1] >= 0:
-            j = resistors[r, 1]
-            x[j] += TINY * 1j
-            by_state[count, j] += flow_force(leaves, resistors, r, theta, x, base, h).imag / TINY
-            x[j] = complex(x[j].real, 0.0)
-    for k in range(active.shape[0]):
-        m = active[k]
-        theta[m] += TINY * 1j
-        for r in range(resistors.shape[0]):
-            if users[1][r, k]:
-                by_theta[count, k] += flow_force(leaves, resistors, r, theta, x, base, h).imag / TINY
-        for j in range(ports.shape[0]):
-            if users[2][j, k]:
-                by_theta[count, k] -= port_force(ports, j, theta, u[j]).imag / TINY
-        if m == inertia:
-            by_theta[count, k] += 2.0 * v / h
-        theta[m] = complex(theta[m].real, 0.0)
-
-
-@numba.njit(error_model="numpy")
+@_plain
 def _propagate(
-    by_state: Any, by_velocity: Any, by_theta: Any, force: Any, first_force: Any, varied: Any, weight_of: Any,
-    mass: Any, d_state: Any, d_v: Any, d_next: Any,
+    t: Any, p: Any, d: Any, force: Any, junction: Any, first_force: Any, varied: Any, weight_of: Any, state: Any,
+    unknown: Any, following: Any, matrix: Any,
 ) -> None:  # fmt: skip
     """One step of the linearised recursion for all columns."""
-    size, columns = d_state.shape
+    stay_outside()
+    n, m, k_active = state.shape[0], unknown.shape[0], p.active.shape[0]
     first_varied = first_force + force.shape[0]
-    count = size - 1
-    inverse = 1.0 / by_velocity[count]
-    d_v[:] = 0.0
-    for j in range(size):
-        weight = -by_state[count, j] * inverse
-        for c in range(columns):
-            d_v[c] += weight * d_state[j, c]
-    for k in range(by_theta.shape[1]):
-        d_v[k] -= by_theta[count, k] * inverse
+    for j in range(m):
+        unknown[j, :] = 0.0
+        for s in range(n):
+            _add_scaled(unknown[j], -d.by_force[s, j], state[s])
+        for k in range(k_active):
+            unknown[j, k] -= d.by_force[n + m + k, j]
+        for w in range(varied.shape[0]):
+            unknown[j, first_varied + w] -= d.by_force[n + m + varied[w], j] * weight_of[w]
+        for i in range(m):
+            matrix[j, i] = d.by_force[n + i, j]
     for f in range(force.shape[0]):
-        d_v[first_force + f] += force[f] * inverse
-    for m in range(varied.shape[0]):
-        d_v[first_varied + m] -= by_theta[count, varied[m]] * weight_of[m] * inverse
-    for l in range(count):  # noqa: E741
-        rate = by_velocity[l]
-        for c in range(columns):
-            d_next[l, c] = rate * d_v[c]
-        for j in range(count):
-            weight = by_state[l, j]
-            if weight != 0.0:
-                for c in range(columns):
-                    d_next[l, c] += weight * d_state[j, c]
-        for k in range(by_theta.shape[1]):
-            d_next[l, k] += by_theta[l, k]
-        for m in range(varied.shape[0]):
-            d_next[l, first_varied + m] += by_theta[l, varied[m]] * weight_of[m]
-    for c in range(columns):
-        d_next[count, c] = 2.0 * mass * d_v[c] - d_state[count, c]
+        unknown[junction, first_force + f] += force[f]
+    eliminate(matrix, unknown)
+    following[:, :] = 0.0
+    for j in range(m):
+        end = junction_storage(t, j)
+        _add_scaled(following[end], 1.0, state[end])
+        for s in range(n):
+            _add_scaled(following[end], d.by_change[s, j], state[s])
+        for i in range(m):
+            _add_scaled(following[end], d.by_change[n + i, j], unknown[i])
+        for k in range(k_active):
+            following[end, k] += d.by_change[n + m + k, j]
+        for w in range(varied.shape[0]):
+            following[end, first_varied + w] += d.by_change[n + m + varied[w], j] * weight_of[w]
+    for i in range(n + m + k_active):
+        for pair in range(p.first[i], p.first[i + 1]):
+            end = t[t[0, LEAVES] + p.leaf[pair], 0]
+            if i < n:
+                _add_scaled(following[end], d.by_leaf[pair], state[i])
+            elif i < n + m:
+                _add_scaled(following[end], d.by_leaf[pair], unknown[i - n])
+            else:
+                following[end, i - n - m] += d.by_leaf[pair]
+                for w in range(varied.shape[0]):
+                    if varied[w] == i - n - m:
+                        following[end, first_varied + w] += d.by_leaf[pair] * weight_of[w]
+
+
+def _sensitivities(
+    t: Any, p: Any, theta: Any, states: Any, efforts: Any, u: Any, h: Any, start: Any, initial: Any, forces: Any,
+    junction: Any, varied: Any, weights: Any, nodes: Any, output: Any, out: Any,
+) -> None:  # fmt: skip
+    n, columns = states.shape[1], out.shape[1]
+    k_active = p.active.shape[0]
+    d = new_derivatives(t, p, theta, n, u.shape[1])
+    m = d.y.shape[0]
+    state, following = np.zeros((n, columns)), np.zeros((n, columns))
+    unknown, matrix = np.zeros((m, columns)), np.zeros((m, m))
+    state[:, :k_active] = start
+    for s in range(initial.shape[0]):
+        state[initial[s], k_active + s] = 1.0
+    _sensitivity_steps(
+        t, p, d, states, efforts, u, h, forces, junction, k_active + initial.shape[0], varied, weights, nodes, output,
+        state, following, unknown, matrix, out,
+    )  # fmt: skip
 
 
 @numba.njit(error_model="numpy", _nrt=False)
 def _sensitivity_steps(
-    leaves: Any, modulators: Any, resistors: Any, ports: Any, inertia: Any, theta: Any, theta_c: Any, active: Any,
-    users: Any, states: Any, velocity: Any, u: Any, h: Any, n_initial: Any, forces: Any, varied: Any, weights: Any,
-    nodes: Any, output: Any, x: Any, by_state: Any, by_velocity: Any, by_theta: Any, d_state: Any, d_next: Any,
-    d_v: Any, out: Any,
+    t: Any, p: Any, d: Any, states: Any, efforts: Any, u: Any, h: Any, forces: Any, junction: Any, first_force: Any,
+    varied: Any, weights: Any, nodes: Any, output: Any, state: Any, following: Any, unknown: Any, matrix: Any, out: Any,
 ) -> None:  # fmt: skip
-    """The steps of `_sensitivities`."""
-    count = leaves.shape[0]
-    k_active = active.shape[0]
-    columns = d_state.shape[1]
-    for c in range(columns):
-        out[0, c] = d_state[output, c]
-    following = 1
-    mass = theta[inertia]
+    """The steps of `_sensitivities`, which owns all memory."""
+    for c in range(out.shape[1]):
+        out[0, c] = state[output, c]
+    node = 1
     for n in range(u.shape[0]):
-        for l in range(count):  # noqa: E741
-            x[l] = complex(states[n, l], 0.0)
-        _linearise(
-            leaves, modulators, resistors, ports, inertia, theta_c, active, users, x, velocity[n], u[n], h[n], by_state,
-            by_velocity, by_theta,
-        )  # fmt: skip
+        derivatives_at(t, p, d, n, states, efforts, u, h, n == 0 or h[n] != h[n - 1])
         _propagate(
-            by_state, by_velocity, by_theta, forces[n], k_active + n_initial, varied, weights[n], mass, d_state,
-            d_v, d_next,
+            t, p, d, forces[n], junction, first_force, varied, weights[n], state, unknown, following, matrix
         )  # fmt: skip
-        for k in range(k_active):
-            if active[k] == inertia:
-                d_next[count, k] += 2.0 * velocity[n]
-        for m in range(varied.shape[0]):
-            if active[varied[m]] == inertia:
-                d_next[count, columns - varied.shape[0] + m] += 2.0 * velocity[n] * weights[n, m]
-        d_state, d_next = d_next, d_state
-        if following < nodes.shape[0] and nodes[following] == n + 1:
-            for c in range(columns):
-                out[following, c] = d_state[output, c]
-            following += 1
+        state, following = following, state
+        if node < nodes.shape[0] and nodes[node] == n + 1:
+            for c in range(out.shape[1]):
+                out[node, c] = state[output, c]
+            node += 1
 
 
-def _sensitivities(
-    leaves: Any, modulators: Any, resistors: Any, ports: Any, inertia: Any, theta: Any, active: Any, states: Any,
-    velocity: Any, u: Any, h: Any, start: Any, initial: Any, forces: Any, varied: Any, weights: Any, nodes: Any,
-    output: Any, out: Any,
+def _adjoint(
+    t: Any, p: Any, theta: Any, states: Any, efforts: Any, u: Any, h: Any, cotangent: Any, w: Any, gradient: Any,
+    multipliers: Any,
 ) -> None:  # fmt: skip
-    """Forward sweep of the linearised recursion with many right-hand sides.
-
-    Columns are, in order: the active parameters, perturbed initial states, perturbed junction forces, and
-    parameters perturbed by a signal instead of a constant.
-
-    Args:
-        active: (K,) indices into theta.
-        start: (L+1, K) derivative of the initial state by the active parameters.
-        initial: (S,) state whose initial value column ``K + s`` perturbs.
-        forces: (n, F) perturbations of the junction force, one column each.
-        varied: (W,) which active parameter is perturbed; weights: (n, W) by which signal.
-        nodes: (N,) increasing step indices at which the output is wanted, the first 0.
-        output: measured leaf.
-        out: (N, K + S + F + W) filled with the output's derivatives.
-    """
-    count = leaves.shape[0]
-    k_active = active.shape[0]
-    columns = k_active + initial.shape[0] + forces.shape[1] + varied.shape[0]
-    theta_c = theta.astype(np.complex128)
-    x = np.zeros(count, np.complex128)
-    by_state = np.zeros((count + 1, count + 1))
-    by_velocity = np.zeros(count + 1)
-    by_theta = np.zeros((count + 1, k_active))
-    users = (_users(leaves, 3, active), _resistor_users(leaves, resistors, active), _users(ports, 1, active))
-    d_state = np.zeros((count + 1, columns))
-    d_next = np.zeros((count + 1, columns))
-    d_v = np.zeros(columns)
-    d_state[:, :k_active] = start
-    for s in range(initial.shape[0]):
-        d_state[initial[s], k_active + s] = 1.0
-    _sensitivity_steps(
-        leaves, modulators, resistors, ports, inertia, theta, theta_c, active, users, states, velocity, u, h,
-        initial.shape[0], forces, varied, weights, nodes, output, x, by_state, by_velocity, by_theta, d_state, d_next,
-        d_v, out,
+    n = states.shape[1]
+    d = new_derivatives(t, p, theta, n, u.shape[1])
+    m = d.y.shape[0]
+    _adjoint_steps(
+        t, p, d, states, efforts, u, h, cotangent, w, gradient, multipliers, np.zeros(n), np.zeros((m, 1)),
+        np.zeros((m, m)),
     )  # fmt: skip
 
 
 @numba.njit(error_model="numpy", _nrt=False)
 def _adjoint_steps(
-    leaves: Any, modulators: Any, resistors: Any, ports: Any, inertia: Any, theta: Any, theta_c: Any, none: Any,
-    users: Any, states: Any, velocity: Any, u: Any, h: Any, cotangent: Any, multipliers: Any, x: Any, by_state: Any,
-    by_velocity: Any, by_theta: Any, w: Any, earlier: Any,
+    t: Any, p: Any, d: Any, states: Any, efforts: Any, u: Any, h: Any, cotangent: Any, w: Any, gradient: Any,
+    multipliers: Any, earlier: Any, mu: Any, matrix: Any,
 ) -> None:  # fmt: skip
     """The steps of `_adjoint`."""
-    count = leaves.shape[0]
-    mass = theta[inertia]
-    for n in range(u.shape[0] - 1, -1, -1):
-        for l in range(count + 1):  # noqa: E741
-            w[l] += cotangent[n + 1, l]
-        for l in range(count):  # noqa: E741
-            x[l] = complex(states[n, l], 0.0)
-        _linearise(
-            leaves, modulators, resistors, ports, inertia, theta_c, none, users, x, velocity[n], u[n], h[n], by_state,
-            by_velocity, by_theta,
-        )  # fmt: skip
-        into_v = 2.0 * mass * w[count]
-        for l in range(count):  # noqa: E741
-            into_v += by_velocity[l] * w[l]
-        residual = -into_v / by_velocity[count]
-        for j in range(count + 1):
-            earlier[j] = residual * by_state[count, j]
-            for l in range(count):  # noqa: E741
-                earlier[j] += w[l] * by_state[l, j]
-        earlier[count] -= w[count]
-        for j in range(count + 1):
-            multipliers[n + 1, j] = w[j]
-            w[j] = earlier[j]
-        multipliers[n + 1, count + 1] = residual
-    for l in range(count + 1):  # noqa: E741
-        multipliers[0, l] = w[l] + cotangent[0, l]
+    n, m = w.shape[0], mu.shape[0]
+    last = u.shape[0] - 1
+    for step in range(last, -1, -1):
+        for s in range(n):
+            w[s] += cotangent[step + 1, s]
+        derivatives_at(t, p, d, step, states, efforts, u, h, step == last or h[step] != h[step + 1])
+        for j in range(m):
+            mu[j, 0] = -_pulled(t, p, d, n + j, w)
+            for i in range(m):
+                matrix[j, i] = d.by_force[n + j, i]
+        eliminate(matrix, mu)
+        for i in range(n + m + gradient.shape[0]):
+            if n <= i < n + m:
+                continue
+            total = _pulled(t, p, d, i, w)
+            for j in range(m):
+                total += d.by_force[i, j] * mu[j, 0]
+            if i < n:
+                earlier[i] = total
+            else:
+                gradient[i - n - m] += total
+        for j in range(m):
+            k = junction_storage(t, j)
+            earlier[k] += w[k]
+        if multipliers.shape[0] > 0:
+            for s in range(n):
+                multipliers[step, s] = w[s]
+            for j in range(m):
+                multipliers[step, n + j] = mu[j, 0]
+        for s in range(n):
+            w[s] = earlier[s]
 
 
-def _adjoint(
-    leaves: Any, modulators: Any, resistors: Any, ports: Any, inertia: Any, theta: Any, states: Any, velocity: Any,
-    u: Any, h: Any, cotangent: Any, multipliers: Any,
-) -> None:  # fmt: skip
-    """Backward sweep: multipliers of the step equations for a cotangent of the states.
-
-    Args:
-        cotangent: (n+1, L+1) ``dL/d(x, p)`` at the nodes.
-        multipliers: (n+1, L+2) filled. Row ``n+1`` holds ``λ`` for ``x⁺ = X(x, v̄)``, for the momentum update and
-            for ``R = 0`` of step ``n``; row 0 holds ``dL/d(x₀, p₀)``.
-    """
-    count = leaves.shape[0]
-    theta_c = theta.astype(np.complex128)
-    x = np.zeros(count, np.complex128)
-    none = np.zeros(0, np.int64)
-    users = (_users(leaves, 3, none), _users(resistors, 2, none), _users(ports, 1, none))
-    by_state = np.zeros((count + 1, count + 1))
-    by_velocity = np.zeros(count + 1)
-    by_theta = np.zeros((count + 1, 0))
-    w = np.zeros(count + 1)
-    earlier = np.zeros(count + 1)
-    _adjoint_steps(
-        leaves, modulators, resistors, ports, inertia, theta, theta_c, none, users, states, velocity, u, h, cotangent,
-        multipliers, x, by_state, by_velocity, by_theta, w, earlier,
-    )  # fmt: skip
+@numba.njit(error_model="numpy", forceinline=True)
+def _pulled(t: Any, p: Any, d: Any, i: Any, w: Any) -> Any:
+    """``wᵀ ∂(x⁺)/∂(input i)`` without the part that carries a junction's state over."""
+    total = 0.0
+    for pair in range(p.first[i], p.first[i + 1]):
+        total += d.by_leaf[pair] * w[t[t[0, LEAVES] + p.leaf[pair], 0]]
+    for j in range(d.by_change.shape[1]):
+        total += d.by_change[i, j] * w[junction_storage(t, j)]
+    return total
 
 
 with kernel_cache():
-    sensitivities = numba.njit(cache=True, nogil=True, error_model="numpy")(_sensitivities)
-    adjoint = numba.njit(cache=True, nogil=True, error_model="numpy")(_adjoint)
+    _compiled_sensitivities = numba.njit(cache=True, nogil=True, error_model="numpy")(_sensitivities)
+    _compiled_adjoint = numba.njit(cache=True, nogil=True, error_model="numpy")(_adjoint)
+
+
+def sensitivities(
+    program: Program, theta: Array, active: NDArray[np.int64], states: Array, efforts: Array, u: Array, h: Array,
+    start: Array, initial: NDArray[np.int64], forces: Array, varied: NDArray[np.int64], weights: Array,
+    nodes: NDArray[np.int64],
+) -> Array:  # fmt: skip
+    """Forward sweep of the linearised recursion with many right-hand sides.
+
+    Columns are, in order: the active parameters, perturbed initial states, perturbed forces on the junction through
+    which the output flows, and parameters perturbed by a signal instead of a constant.
+
+    Args:
+        active: (K,) places in theta.
+        states, efforts, u, h: of the march.
+        start: (N, K) derivative of the initial state by the active parameters.
+        initial: (S,) state whose initial value column ``K + s`` perturbs.
+        forces: (n, F) perturbations of the junction's force, one column each.
+        varied: (W,) which active parameter is perturbed; weights: (n, W) by which signal.
+        nodes: (M,) increasing step indices at which the output is wanted, the first 0.
+
+    Returns:
+        (M, K + S + F + W) the output's derivatives.
+    """
+    out = np.empty((nodes.size, active.size + initial.size + forces.shape[1] + varied.size))
+    junction = program.junctions.index(program.states[program.flow]) if program.junctions else 0
+    _compiled_sensitivities(
+        program.table, pattern_of(program, active), theta, states, efforts, u, h, start, initial, forces, junction,
+        varied, weights, nodes, program.output, out,
+    )  # fmt: skip
+    return out
+
+
+def adjoint(
+    program: Program, theta: Array, active: NDArray[np.int64], states: Array, efforts: Array, u: Array, h: Array,
+    cotangent: Array, multipliers: Array | None = None, carry: Array | None = None,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Backward sweep of the linearised recursion.
+
+    Args:
+        active: (K,) places in theta.
+        states, efforts, u, h: of the march, or of a window of it.
+        cotangent: (n+1, N) ``dL/dx`` at the nodes.
+        multipliers: (n, N+m) filled with ``dL/dx⁺`` of every step and the multipliers of its ``F``.
+        carry: (N,) what later windows have passed back to the last node.
+
+    Returns:
+        (K,) ``dL/dθ`` of the window, and (N,) ``dL/dx`` at its first node but for that node's own cotangent.
+    """
+    w = np.zeros(states.shape[1]) if carry is None else carry.copy()
+    gradient = np.zeros(active.size)
+    room = np.zeros((0, 0)) if multipliers is None else multipliers
+    _compiled_adjoint(
+        program.table, pattern_of(program, active), theta, states, efforts, u, h, cotangent, w, gradient, room
+    )
+    return gradient, w

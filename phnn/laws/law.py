@@ -72,12 +72,28 @@ class PortLaw:
     example: tuple[float, ...]
 
 
+@dataclass(frozen=True)
+class FactorLaw:
+    """How a ratio follows a state: the ratio is multiplied by ``f(q; θ)``.
+
+    Attributes:
+        name: as used in networks.
+        factor: ``f(q, *θ)``.
+        example: parameter values for the contract tests.
+    """
+
+    name: str
+    factor: Callable[..., Any]
+    example: tuple[float, ...]
+
+
 STORAGE_LAWS: dict[str, StorageLaw] = {}
 RESISTOR_LAWS: dict[str, ResistorLaw] = {}
 PORT_LAWS: dict[str, PortLaw] = {}
+FACTOR_LAWS: dict[str, FactorLaw] = {}
 
 
-def register(law: StorageLaw | ResistorLaw | PortLaw) -> None:
+def register(law: StorageLaw | ResistorLaw | PortLaw | FactorLaw) -> None:
     """Make a law available under its name.
 
     Raises:
@@ -87,6 +103,7 @@ def register(law: StorageLaw | ResistorLaw | PortLaw) -> None:
         (StorageLaw, STORAGE_LAWS),
         (ResistorLaw, RESISTOR_LAWS),
         (PortLaw, PORT_LAWS),
+        (FactorLaw, FACTOR_LAWS),
     )
     table = next(table for kind, table in tables if isinstance(law, kind))
     if law.name in table:

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from numba.extending import register_jitable
+
 from phnn.laws.namespace import certain, exp, log1p, maximum, minimum, real, reciprocal, shared, where
 
 _SERIES = 0.05
@@ -21,7 +23,7 @@ _NEVER = 1e300
 
 
 @shared
-def _phi(z: Any) -> Any:
+def relaxation(z: Any) -> Any:
     """``φ₁(−z) = (1 − e^{−z})/z`` and ``φ₂(−z) = (1 − φ₁(−z))/z``, ``z ≥ 0``, by series where they would cancel."""
     small = real(z) < _SERIES
     tail = where(small, z, 0.0 * z)
@@ -43,7 +45,7 @@ def _relax(e: Any, duration: Any, current: Any, rho: Any, threshold: Any, invers
     if certain(real(duration) <= 0.0):
         return e, 0.0 * e
     climb = (current - rho * (e - threshold)) * inverse_c * duration
-    one, two = _phi(duration * rho * inverse_c)
+    one, two = relaxation(duration * rho * inverse_c)
     return e + climb * one, duration * (e + climb * two)
 
 
@@ -64,37 +66,12 @@ def _time_to_threshold(depth: Any, current: Any, rho: Any, capacitance: Any) -> 
     return where(rising, time, _NEVER + 0.0 * time)
 
 
-@shared
-def rc_flow(x: Any, current: Any, h: Any, capacitance: Any, rho: Any, low: Any, high: Any) -> Any:
-    """Advance one leaf by ``h`` under a constant current.
-
-    Args:
-        x: charge [C] (or the energy variable of any linear storage).
-        current: constant inflow [A].
-        h: duration [s], positive.
-        capacitance: ``C`` with ``e = x/C``.
-        rho, low, high: slope and thresholds of the resistor, ``ρ ≥ 0``, ``lo ≤ 0 ≤ hi``.
-
-    Returns:
-        ``(x⁺, ē)``: the charge at the end and the average effort.
-    """
-    inverse_c = reciprocal(capacitance)
-    e0 = x * inverse_c
-    excess = e0 - high
-    deficit = e0 - low
-    drive = current - rho * (maximum(excess, 0.0 * excess) + minimum(deficit, 0.0 * deficit))
-    # Most steps meet no threshold: one closed form, recognised by its end.
-    if certain((real(excess) <= 0.0) & (real(deficit) >= 0.0)):
-        climb = current * h * inverse_c
-        last = e0 + climb
-        if certain((real(last) <= real(high)) & (real(last) >= real(low))):
-            return x + current * h, e0 + 0.5 * climb
-    elif certain(real(rho) > 0.0):
-        climb = drive * inverse_c * h
-        one, two = _phi(h * rho * inverse_c)
-        last = e0 + climb * one
-        if certain(where(real(excess) > 0.0, real(last) >= real(high), real(last) <= real(low))):
-            return last * capacitance, e0 + climb * two
+@register_jitable(error_model="numpy", forceinline=False)
+def _across(
+    x: Any, current: Any, h: Any, stiffness: Any, rho: Any, low: Any, high: Any, e0: Any, drive: Any
+) -> Any:  # fmt: skip
+    """The step region by region, for those that meet a threshold."""
+    capacitance = reciprocal(stiffness)
     # Mirror a falling leaf: what follows moves upwards through (below, inside, above).
     falling = real(drive) < 0.0
     e = where(falling, -e0, e0)
@@ -108,21 +85,56 @@ def rc_flow(x: Any, current: Any, h: Any, capacitance: Any, rho: Any, low: Any, 
     whole = h + 0.0 * depth
     meet = minimum(_time_to_threshold(depth, i, rho, capacitance), whole)
     time_below = where(below, meet, 0.0 * meet)
-    e1, area1 = _relax(e, time_below, i, rho, bottom, inverse_c)
+    e1, area1 = _relax(e, time_below, i, rho, bottom, stiffness)
     # Inside the dead zone: a straight line until the upper threshold is met.
     room = top - e1
     inside = real(room) > 0.0
     cross = minimum(_time_to_threshold(where(inside, room, 0.0 * room), i, 0.0 * rho, capacitance), whole - time_below)
     time_inside = where(inside, cross, 0.0 * cross)
-    climb = i * time_inside * inverse_c
+    climb = i * time_inside * stiffness
     e2 = e1 + climb
     area2 = time_inside * (e1 + 0.5 * climb)
     # Above it: relaxation for what is left of the step.
     rest = whole - time_below - time_inside
-    e3, area3 = _relax(e2, where(real(rest) > 0.0, rest, 0.0 * rest), i, rho, top, inverse_c)
+    e3, area3 = _relax(e2, where(real(rest) > 0.0, rest, 0.0 * rest), i, rho, top, stiffness)
     end = where(falling, -e3, e3) * capacitance
     mean = (area1 + area2 + area3) * reciprocal(whole)
     return end, where(falling, -mean, mean)
+
+
+@shared
+def rc_flow(
+    x: Any, current: Any, h: Any, stiffness: Any, rho: Any, low: Any, high: Any, one: Any, two: Any
+) -> Any:  # fmt: skip
+    """Advance one leaf by ``h`` under a constant current.
+
+    Args:
+        x: charge [C] (or the energy variable of any linear storage).
+        current: constant inflow [A].
+        h: duration [s], positive.
+        stiffness: ``1/C`` with ``e = x/C``.
+        rho, low, high: slope and thresholds of the resistor, ``ρ ≥ 0``, ``lo ≤ 0 ≤ hi``.
+        one, two: `relaxation` of ``h ρ/C``; given, because they stay the same from step to step.
+
+    Returns:
+        ``(x⁺, ē)``: the charge at the end and the average effort.
+    """
+    e0 = x * stiffness
+    excess = e0 - high
+    deficit = e0 - low
+    drive = current - rho * (maximum(excess, 0.0 * excess) + minimum(deficit, 0.0 * deficit))
+    # Most steps meet no threshold: one closed form, recognised by its end.
+    if certain((real(excess) <= 0.0) & (real(deficit) >= 0.0)):
+        climb = current * h * stiffness
+        last = e0 + climb
+        if certain((real(last) <= real(high)) & (real(last) >= real(low))):
+            return x + current * h, e0 + 0.5 * climb
+    elif certain(real(rho) > 0.0):
+        climb = drive * stiffness * h
+        last = e0 + climb * one
+        if certain(where(real(excess) > 0.0, real(last) >= real(high), real(last) <= real(low))):
+            return x + drive * h * one, e0 + climb * two
+    return _across(x, current, h, stiffness, rho, low, high, e0, drive)
 
 
 def loss(x: Any, x_next: Any, current: Any, mean_effort: Any, h: Any, capacitance: Any) -> Any:

@@ -21,6 +21,10 @@ import numpy as np
 from numba import types
 from numba.extending import overload, register_jitable
 
+# The perturbation of a complex step: far below any value that matters, so that it stays small even where a motion has
+# died away, and its square vanishes.
+TINY = 1e-140
+
 _INLINE = {"error_model": "numpy", "forceinline": True}
 # Marks a helper that laws call, so that compiled code can call it too; in python it stays as it is.
 shared = register_jitable(**_INLINE)
@@ -65,6 +69,12 @@ def exp(x: Any) -> Any:
     """Exponential."""
     torch = _torch_of(x)
     return torch.exp(x) if torch else np.exp(x)
+
+
+def sqrt(x: Any) -> Any:
+    """Square root of a positive value."""
+    torch = _torch_of(x)
+    return torch.sqrt(x) if torch else np.sqrt(x)
 
 
 def log1p(x: Any) -> Any:
@@ -146,6 +156,18 @@ def _exp(x: Any) -> Any:
     def perturbed(x: Any) -> Any:
         value = math.exp(x.real)
         return complex(value, value * x.imag)
+
+    return perturbed
+
+
+@overload(sqrt, strict=False, jit_options=_INLINE)
+def _sqrt(x: Any) -> Any:
+    if not isinstance(x, types.Complex):
+        return lambda x: math.sqrt(x)
+
+    def perturbed(x: Any) -> Any:
+        value = math.sqrt(x.real)
+        return complex(value, 0.5 * x.imag / value)
 
     return perturbed
 

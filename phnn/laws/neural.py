@@ -1,64 +1,28 @@
 """Learned one-ports that are passive whatever their weights: damping, monotone resistors, convex energies.
 
-Every law works on ``z = ε/s`` and returns multiples of a typical flow or effort, so that weights stay near one
-for SI magnitudes of any size. One hidden layer is enough for a scalar argument: every monotone function on an
-interval is a limit of positive sums of steps, every convex one of positive sums of hinges.
+Every module holds dimensionless weights, which stay near one for SI magnitudes of any size, and evaluates a wide law
+(`phnn.laws.wide`) with the physical ones, ``weights()``; the compiled kernel evaluates the same law with the same
+vector. One hidden layer is enough for a scalar argument: every monotone function on an interval is a limit of positive
+sums of steps, every convex one of positive sums of hinges.
 
 References: Amos, Xu & Kolter 2017 (input convex networks); Runje & Shankaranarayana 2023 (monotone networks
-with convex, concave and saturating units).
+with convex, concave and saturating units); Barron 2021 (squareplus).
 """
 
 from __future__ import annotations
-
-from collections.abc import Sequence
-from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from phnn.errors import InputRefused
-
-_SERIES = 1e-3
-
-
-def _softplus(x: Tensor) -> Tensor:
-    """``S(x) = log(1 + eˣ)``; torch's default turns linear at 20, an error of 2e-9 that breaks the power balance."""
-    return functional.softplus(x, threshold=50.0)
+from phnn.laws import wide
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 
 
-def _sigmoid_rise(c: Tensor, d: Tensor) -> Tensor:
-    """``σ(c + d) − σ(c)`` without cancellation for small ``d``."""
-    near = d.abs() < 1.0
-    s, e = torch.sigmoid(c), torch.expm1(torch.where(near, d, 0.0))
-    return torch.where(near, s * torch.sigmoid(-c) * e / (1.0 + s * e), torch.sigmoid(c + d) - s)
-
-
-def _softplus_rise(c: Tensor, d: Tensor) -> Tensor:
-    """``S(c + d) − S(c)`` without cancellation for small ``d``."""
-    near = d.abs() < 1.0
-    small = torch.log1p(torch.sigmoid(c) * torch.expm1(torch.where(near, d, 0.0)))
-    return torch.where(near, small, _softplus(c + d) - _softplus(c))
-
-
-def _softplus_mean(c: Tensor, d: Tensor) -> Tensor:
-    """``(S(c + d) − S(c))/d``, tending to ``σ(c)``."""
-    tiny = d.abs() < _SERIES
-    s = torch.sigmoid(c)
-    v = s * torch.sigmoid(-c)
-    series = s + d * (v / 2.0 + d * (v * (1.0 - 2.0 * s) / 6.0 + d * v * (1.0 - 6.0 * v) / 24.0))
-    apart = torch.where(tiny, 1.0, d)
-    return torch.where(tiny, series, _softplus_rise(c, apart) / apart)
-
-
-def _softplus_excess(c: Tensor, d: Tensor) -> Tensor:
-    """``S(c + d) − S(c) − σ(c) d ≥ 0``: what a convex function has above its tangent."""
-    tiny = d.abs() < _SERIES
-    s = torch.sigmoid(c)
-    v = s * torch.sigmoid(-c)
-    series = d * d * v * (0.5 + d * ((1.0 - 2.0 * s) / 6.0 + d * (1.0 - 6.0 * v) / 24.0))
-    apart = torch.where(tiny, 1.0, d)
-    return torch.where(tiny, series, _softplus_rise(c, apart) - s * apart)
+def _positive(raw: Tensor) -> Tensor:
+    """Softplus to the last digit; torch's default turns linear at 20, where that is an error of 2e-9."""
+    return functional.softplus(raw, threshold=50.0)
 
 
 def _raw(positive: Tensor) -> nn.Parameter:
@@ -66,12 +30,27 @@ def _raw(positive: Tensor) -> nn.Parameter:
     return nn.Parameter(torch.log(torch.expm1(positive)))
 
 
+def _number(value: float) -> Tensor:
+    return torch.tensor(value, dtype=torch.float64)
+
+
+def _full(width: int, value: float) -> Tensor:
+    return torch.full((width,), value, dtype=torch.float64)
+
+
 def _spread(width: int, reach: float) -> Tensor:
     """(width,) even positions on ``[−reach, reach]``, none at zero for an even width."""
     return torch.linspace(-reach, reach, width, dtype=torch.float64)
 
 
-def _check_scales(**scales: float) -> None:
+def _flat(head: Tensor, *of_units: Tensor) -> Tensor:
+    """The vector ``[head, w_1, w_2, …]`` from a head of one weight and (U,) tensors of every kind of unit weight."""
+    return torch.cat([head.reshape(1), torch.stack(of_units, dim=-1).reshape(-1)])
+
+
+def _check(width: int, **scales: float) -> None:
+    if width < 1:
+        raise InputRefused(f"width = {width}: a learned law needs at least one unit")
     for name, scale in scales.items():
         if not 0.0 < scale < float("inf"):
             raise InputRefused(f"{name} = {scale:g}: give a positive typical magnitude in SI units")
@@ -80,61 +59,60 @@ def _check_scales(**scales: float) -> None:
 class DampingMLP(nn.Module):
     """A sign-constrained resistor that may be silent on whole intervals and need not be monotone.
 
-        φ(ε) = g ε max(N(ε/s), 0),   g = flow_scale/effort_scale,   hence ε φ(ε) ≥ 0 for every weight
+        φ(ε) = g ε max(c₀ + Σ_i (w_i/√U) tanh(k_i z + c_i), 0),   z = ε/s,   g = flow_scale/effort_scale,
 
-    It starts as a resistor of conductance ``g/2``: where ``N`` is positive everything gets a gradient, and a
-    dead zone opens where the data push ``N`` below zero. The kinks of the first layer are spread over
-    ``|ε| ≤ 2.5 s`` so that its edge and the slope outside it can be resolved from the start.
+    hence ``ε φ(ε) ≥ 0`` for every weight. It starts as a resistor of conductance near ``g/2``: where the sum is
+    positive everything gets a gradient, and a dead zone opens where the data push it below zero. Divided by the root
+    of their number ``U``, the units cannot push it there all at once at a usual rate of training. Their centres are
+    spread over ``|ε| ≤ 2.5 s`` so that the edge and the slope outside it can be resolved from the start.
 
     Args:
         effort_scale: typical effort ``s``, SI.
         flow_scale: typical flow, SI.
-        hidden: widths of the hidden layers.
+        width: number of units.
         symmetric: make ``φ`` odd by feeding ``|ε|/s``.
         seed: of the initial weights.
 
+    Attributes:
+        law: name of the wide law, ``damping`` or ``symmetric_damping``.
+        monotone: false.
+
     Raises:
-        InputRefused: a scale that is not positive.
+        InputRefused: a scale that is not positive, or no unit.
     """
 
-    conductance: Tensor
     scale: Tensor
+    conductance: Tensor
 
     def __init__(
-        self,
-        effort_scale: float,
-        flow_scale: float,
-        hidden: Sequence[int] = (16, 16),
-        symmetric: bool = False,
-        seed: int = 0,
+        self, effort_scale: float, flow_scale: float, width: int = 32, symmetric: bool = False, seed: int = 0
     ) -> None:
         super().__init__()
-        _check_scales(effort_scale=effort_scale, flow_scale=flow_scale)
-        self.symmetric = symmetric
-        self.register_buffer("scale", torch.tensor(effort_scale, dtype=torch.float64))
-        self.register_buffer("conductance", torch.tensor(flow_scale / effort_scale, dtype=torch.float64))
+        _check(width, effort_scale=effort_scale, flow_scale=flow_scale)
+        self.law = "symmetric_damping" if symmetric else "damping"
+        self.monotone = WIDE_RESISTORS[self.law].monotone
+        self.register_buffer("scale", _number(effort_scale))
+        self.register_buffer("conductance", _number(flow_scale / effort_scale))
         random = torch.Generator().manual_seed(seed)
-        widths = (1, *hidden, 1)
-        layers = [nn.Linear(a, b, dtype=torch.float64) for a, b in pairwise(widths)]
-        first, last = layers[0], layers[-1]
-        with torch.no_grad():
-            for layer in layers:
-                bound = (6.0 / (layer.in_features + layer.out_features)) ** 0.5
-                layer.weight.uniform_(-bound, bound, generator=random)
-                layer.bias.zero_()
-            first.weight.copy_(1.0 + torch.rand(first.weight.shape, generator=random, dtype=torch.float64))
-            first.bias.copy_(-first.weight[:, 0] * _spread(first.out_features, 2.5))
-            last.weight.mul_(0.3)
-            last.bias.fill_(0.5)
-        self.layers = nn.ModuleList(layers)
+        gains = 1.0 + torch.rand(width, generator=random, dtype=torch.float64)
+        self.offset = nn.Parameter(_number(0.5))
+        self.heights = nn.Parameter(_full(width, 0.0).uniform_(-0.7, 0.7, generator=random))
+        self.gains = nn.Parameter(gains)
+        self.positions = nn.Parameter(-gains * _spread(width, 2.5))
+
+    @property
+    def units(self) -> int:
+        """Number of units."""
+        return self.gains.numel()
+
+    def weights(self) -> Tensor:
+        """(1 + 3U,) physical weights ``[g c₀, g w_1/√U, k_1/s, c_1, …]``."""
+        g = self.conductance
+        return _flat(g * self.offset, g / self.units**0.5 * self.heights, self.gains / self.scale, self.positions)
 
     def forward(self, effort: Tensor) -> Tensor:  # effort: (...)
         """(...) flow ``φ(ε)``."""
-        z = (effort / self.scale).unsqueeze(-1)
-        z = z.abs() if self.symmetric else z
-        for layer in self.layers[:-1]:
-            z = torch.tanh(layer(z))
-        return self.conductance * effort * torch.relu(self.layers[-1](z).squeeze(-1))
+        return wide.flow(WIDE_RESISTORS[self.law], effort, self.weights())
 
 
 class MonotoneMLP(nn.Module):
@@ -143,42 +121,53 @@ class MonotoneMLP(nn.Module):
         φ(ε)/f = a z + Σ_i w_i [σ(k_i z + c_i) − σ(c_i)]
                  + Σ_j w_j [S(k_j z − c_j) − S(−c_j)] − Σ_l w_l [S(−k_l z − c_l) − S(−c_l)],   z = ε/s
 
-    with all of ``a, w, k > 0``, σ the logistic function (saturation, dry friction) and ``S`` its integral
-    (hinges: dead zones with a slope outside, growing without bound).
+    with all of ``a, w, k > 0``, ``S(y) = (y + √(4 + y²))/2`` (hinges: dead zones with a slope outside, growing
+    without bound) and its derivative ``σ`` (steps: saturation, dry friction).
 
     Args:
         effort_scale: typical effort ``s``, SI.
         flow_scale: typical flow ``f``, SI.
-        width: number of units of each of the three kinds.
+        width: number of steps, and of hinges of each direction.
+
+    Attributes:
+        law: name of the wide law.
+        monotone: true.
 
     Raises:
-        InputRefused: a scale that is not positive.
+        InputRefused: a scale that is not positive, or no unit.
     """
 
-    monotone = True
+    law = "monotone"
+    monotone = WIDE_RESISTORS[law].monotone
     scale: Tensor
     flow: Tensor
 
     def __init__(self, effort_scale: float, flow_scale: float, width: int = 8) -> None:
         super().__init__()
-        _check_scales(effort_scale=effort_scale, flow_scale=flow_scale)
-        self.register_buffer("scale", torch.tensor(effort_scale, dtype=torch.float64))
-        self.register_buffer("flow", torch.tensor(flow_scale, dtype=torch.float64))
-        ones = torch.ones(3, width, dtype=torch.float64)
-        self.slope = _raw(torch.tensor(0.1, dtype=torch.float64))
-        self.weights = _raw(ones * 0.5 / width)
-        self.gains = _raw(ones * 4.0)
-        positions = torch.stack([_spread(width, 2.5), *[_spread(2 * width, 2.5)[width:]] * 2])
-        self.positions = nn.Parameter(4.0 * positions)
+        _check(width, effort_scale=effort_scale, flow_scale=flow_scale)
+        self.register_buffer("scale", _number(effort_scale))
+        self.register_buffer("flow", _number(flow_scale))
+        outer = _spread(2 * width, 2.5)[width:]
+        self.slope = _raw(_number(0.1))
+        # Rows: steps, hinges that rise to the right, hinges that rise to the left.
+        self.heights = _raw(_full(width, 0.5 / width).repeat(3, 1))
+        self.gains = _raw(_full(width, 4.0).repeat(3, 1))
+        self.positions = nn.Parameter(4.0 * torch.stack([_spread(width, 2.5), outer, outer]))
+
+    @property
+    def units(self) -> int:
+        """Number of units, each a step and two hinges."""
+        return self.gains.shape[1]
+
+    def weights(self) -> Tensor:
+        """(1 + 9U,) physical weights ``[f a/s, f w_1, k_1/s, c_1, …]``, three weights for each row of a unit."""
+        heights, gains = self.flow * _positive(self.heights), _positive(self.gains) / self.scale
+        rows = zip(heights, gains, self.positions, strict=True)
+        return _flat(self.flow / self.scale * _positive(self.slope), *(w for row in rows for w in row))
 
     def forward(self, effort: Tensor) -> Tensor:  # effort: (...)
         """(...) flow ``φ(ε)``."""
-        z = (effort / self.scale).unsqueeze(-1)
-        w, k, c = _softplus(self.weights), _softplus(self.gains), self.positions
-        steps = w[0] * _sigmoid_rise(c[0], k[0] * z)
-        above = w[1] * _softplus_rise(-c[1], k[1] * z)
-        below = w[2] * _softplus_rise(-c[2], -k[2] * z)
-        return self.flow * (_softplus(self.slope) * z.squeeze(-1) + (steps + above - below).sum(-1))
+        return wide.flow(WIDE_RESISTORS[self.law], effort, self.weights())
 
 
 class EnergyMLP(nn.Module):
@@ -187,38 +176,50 @@ class EnergyMLP(nn.Module):
         H(x) = E s { a z²/2 + Σ_i (w_i/k_i) [S(k_i z + c_i) − S(c_i) − σ(c_i) k_i z] },   z = x/s
         H'(x) = E { a z + Σ_i w_i [σ(k_i z + c_i) − σ(c_i)] },                a, w, k > 0
 
-    Each bracket is a convex function less its tangent at zero. The mean effort of a step is the difference
-    quotient in closed form, without cancellation.
+    with ``S(y) = (y + √(4 + y²))/2`` and its derivative ``σ``. Each bracket is a convex function less its tangent at
+    zero. The mean effort of a step is the difference quotient in closed form, without cancellation.
 
     Args:
         state_scale: typical energy variable ``s``, SI.
         effort_scale: typical effort ``E``, SI.
         width: number of units.
 
+    Attributes:
+        law: name of the wide law.
+        convex: true.
+
     Raises:
-        InputRefused: a scale that is not positive.
+        InputRefused: a scale that is not positive, or no unit.
     """
 
-    convex = True
+    law = "convex"
+    convex = WIDE_STORAGES[law].convex
     scale: Tensor
     typical: Tensor
 
     def __init__(self, state_scale: float, effort_scale: float, width: int = 16) -> None:
         super().__init__()
-        _check_scales(state_scale=state_scale, effort_scale=effort_scale)
-        self.register_buffer("scale", torch.tensor(state_scale, dtype=torch.float64))
-        self.register_buffer("typical", torch.tensor(effort_scale, dtype=torch.float64))
-        self.curvature = _raw(torch.tensor(0.5, dtype=torch.float64))
-        self.weights = _raw(torch.full((width,), 2.0 / width, dtype=torch.float64))
-        self.gains = _raw(torch.full((width,), 3.0, dtype=torch.float64))
+        _check(width, state_scale=state_scale, effort_scale=effort_scale)
+        self.register_buffer("scale", _number(state_scale))
+        self.register_buffer("typical", _number(effort_scale))
+        self.curvature = _raw(_number(0.5))
+        self.heights = _raw(_full(width, 2.0 / width))
+        self.gains = _raw(_full(width, 3.0))
         self.positions = nn.Parameter(3.0 * _spread(width, 2.0))
+
+    @property
+    def units(self) -> int:
+        """Number of units."""
+        return self.gains.numel()
+
+    def weights(self) -> Tensor:
+        """(1 + 3U,) physical weights ``[E a/s, E w_1, k_1/s, c_1, …]``."""
+        heights, gains = self.typical * _positive(self.heights), _positive(self.gains) / self.scale
+        return _flat(self.typical / self.scale * _positive(self.curvature), heights, gains, self.positions)
 
     def energy(self, x: Tensor) -> Tensor:  # x: (...)
         """(...) ``H(x)``."""
-        z = x / self.scale
-        w, k = _softplus(self.weights), _softplus(self.gains)
-        hinges = (w / k * _softplus_excess(self.positions, k * z.unsqueeze(-1))).sum(-1)
-        return self.typical * self.scale * (0.5 * _softplus(self.curvature) * z * z + hinges)
+        return wide.energy(WIDE_STORAGES[self.law], x, self.weights())
 
     def mean_effort(
         self,
@@ -226,11 +227,7 @@ class EnergyMLP(nn.Module):
         b: Tensor,  # (...) and at its end
     ) -> Tensor:
         """(...) ``(H(b) − H(a))/(b − a)``, and ``H'(a)`` where ``b = a``."""
-        start, end = (a / self.scale).unsqueeze(-1), (b / self.scale).unsqueeze(-1)
-        w, k, c = _softplus(self.weights), _softplus(self.gains), self.positions
-        rise = _softplus_mean(c + k * start, k * (end - start)) - torch.sigmoid(c)
-        linear = 0.5 * _softplus(self.curvature) * (start + end).squeeze(-1)
-        return self.typical * (linear + (w * rise).sum(-1))
+        return wide.mean_effort(WIDE_STORAGES[self.law], a, b, self.weights())
 
     def forward(self, x: Tensor) -> Tensor:  # x: (...)
         """(...) effort ``H'(x)``."""

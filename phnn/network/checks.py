@@ -8,7 +8,7 @@ from typing import Any
 from torch import nn
 
 from phnn.errors import StructureViolated
-from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network.elements import Network
 
 
@@ -24,23 +24,23 @@ def check_laws(network: Network) -> None:
         ("storage", STORAGE_LAWS, network.storages),
         ("resistor", RESISTOR_LAWS, network.resistors),
         ("port", PORT_LAWS, network.ports),
+        ("modulation", FACTOR_LAWS, network.modulations),
     )
     for kind, table, elements in rooms:
         for element in elements:
+            name = getattr(element, "name", None) or f"of {element.ratio}"
             if not isinstance(element.law, str):
                 if element.parameters:
                     raise StructureViolated(
-                        f"{kind} {element.name}: a law that is a torch module holds its own parameters; "
+                        f"{kind} {name}: a law that is a torch module holds its own parameters; "
                         f"leave out {', '.join(element.parameters)}"
                     )
                 continue
             if element.law not in table:
-                raise StructureViolated(
-                    f"{kind} {element.name}: no law called {element.law!r}; there are {', '.join(table)}"
-                )
+                raise StructureViolated(f"{kind} {name}: no law called {element.law!r}; there are {', '.join(table)}")
             wanted = len(table[element.law].example)
             if len(element.parameters) != wanted:
                 raise StructureViolated(
-                    f"{kind} {element.name}: the law {element.law} takes {wanted} parameters, "
+                    f"{kind} {name}: the law {element.law} takes {wanted} parameters, "
                     f"{len(element.parameters)} are given"
                 )

@@ -83,6 +83,25 @@ class Port:
 
 
 @dataclass(frozen=True)
+class Modulation:
+    """A ratio that follows a state: where ``ratio`` stands, ``ratio · f(x_by; θ)`` acts, in ``J(x)`` and ``g(x)`` alike.
+
+    The structure stays skew at every state, so that a modulated transformer neither stores nor dissipates.
+
+    Attributes:
+        ratio: name of the parameter that is the ratio at ``f = 1``.
+        by: storage whose energy variable is read.
+        law: name of a factor law in `phnn.laws`.
+        parameters: names of the law's parameters, in the law's order.
+    """
+
+    ratio: str
+    by: str
+    law: str
+    parameters: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Network:
     """A port-Hamiltonian network as a value; ``PortHamiltonianSystem(network)`` makes it run.
 
@@ -90,6 +109,7 @@ class Network:
         storages, resistors, couplings, ports: the elements.
         parameters: by name.
         output: the storage whose energy variable is measured.
+        modulations: ratios that follow a state, each at most once.
     """
 
     storages: tuple[Storage, ...]
@@ -98,6 +118,7 @@ class Network:
     ports: tuple[Port, ...]
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     output: str = "q"
+    modulations: tuple[Modulation, ...] = ()
 
     def __post_init__(self) -> None:
         states = self.state_names
@@ -105,19 +126,23 @@ class Network:
             raise StructureViolated(f"two storages share a name among {states}: rename one")
         referred = [name for c in self.couplings for name in (c.to, c.of)] + [self.output]
         referred += [n for r in self.resistors for n in r.on] + [n for p in self.ports for n in p.on]
-        referred += [r.modulated_by for r in self.resistors if r.modulated_by]
+        referred += [r.modulated_by for r in self.resistors if r.modulated_by] + [m.by for m in self.modulations]
         for name in referred:
             if name not in states:
                 raise StructureViolated(f"an element refers to the storage {name!r}; there are {', '.join(states)}")
         for name in self._parameter_references():
             if name not in self.parameters:
                 raise StructureViolated(f"an element refers to the parameter {name!r}, which is not defined")
+        modulated = [m.ratio for m in self.modulations]
+        if len(set(modulated)) != len(modulated):
+            raise StructureViolated(f"a ratio among {modulated} is modulated twice: multiply the factors in one law")
 
     def _parameter_references(self) -> list[str]:
         names = [n for s in self.storages for n in s.parameters]
         names += [n for r in self.resistors for n in r.parameters] + [n for p in self.ports for n in p.parameters]
         ratios: list[Ratio] = [c.ratio for c in self.couplings]
         ratios += [v for r in self.resistors for v in r.on.values()] + [v for p in self.ports for v in p.on.values()]
+        names += [n for m in self.modulations for n in (m.ratio, *m.parameters)]
         return names + [v for v in ratios if isinstance(v, str)]
 
     @property
@@ -135,6 +160,7 @@ class Network:
         resistors: tuple[Resistor, ...] = (),
         couplings: tuple[Coupling, ...] = (),
         parameters: tuple[Parameter, ...] = (),
+        modulations: tuple[Modulation, ...] = (),
     ) -> Network:
         """The network with more elements; the momentum stays the last state as in the paper's (9)."""
         return replace(
@@ -142,5 +168,6 @@ class Network:
             storages=(*self.storages[:-1], *storages, self.storages[-1]),
             resistors=(*self.resistors, *resistors),
             couplings=(*self.couplings, *couplings),
+            modulations=(*self.modulations, *modulations),
             parameters=as_table((*self.parameters.values(), *parameters)),
         )

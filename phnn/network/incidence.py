@@ -15,13 +15,12 @@ Entry = tuple[int, int, Ratio]
 class Incidence(nn.Module):
     """A matrix given by its entries ``(row, column, ratio)``; entries at one place add up.
 
-    Called with the function that gives a named ratio's present value, it returns the (rows, columns) matrix,
-    differentiable by the ratios that have names.
+    Called with the function that gives a named ratio's present value (...), it returns the (..., rows, columns)
+    matrix, differentiable by the ratios that have names.
     """
 
     base: Tensor
-    at_rows: Tensor
-    at_columns: Tensor
+    places: Tensor
 
     def __init__(self, rows: int, columns: int, entries: Sequence[Entry]) -> None:
         super().__init__()
@@ -30,17 +29,28 @@ class Incidence(nn.Module):
         for i, j, ratio in entries:
             if not isinstance(ratio, str):
                 base[i, j] += ratio
-        self.names = tuple(ratio for _, _, ratio in named)
+        self.names = tuple(dict.fromkeys(ratio for _, _, ratio in named))
+        places = torch.zeros(len(self.names), rows * columns, dtype=torch.float64)
+        for i, j, ratio in named:
+            places[self.names.index(ratio), i * columns + j] += 1.0
         self.register_buffer("base", base, persistent=False)
-        self.register_buffer("at_rows", torch.tensor([i for i, _, _ in named], dtype=torch.long), persistent=False)
-        self.register_buffer("at_columns", torch.tensor([j for _, j, _ in named], dtype=torch.long), persistent=False)
+        self.register_buffer("places", places, persistent=False)
 
     def forward(self, value: Callable[[str], Tensor]) -> Tensor:
-        """(rows, columns) the matrix at present values."""
+        """(..., rows, columns) the matrix at present values."""
         if not self.names:
             return self.base
-        ratios = torch.stack([value(name) for name in self.names])
-        return self.base.index_put((self.at_rows, self.at_columns), ratios, accumulate=True)
+        ratios = torch.stack(torch.broadcast_tensors(*map(value, self.names)), dim=-1)
+        # A sum of products per entry, so that a matrix of one batch member never depends on the others.
+        return self.base + (ratios @ self.places).unflatten(-1, self.base.shape)
+
+
+def combined(
+    row: Tensor,  # (..., n)
+    matrix: Tensor,  # (n, k) or (..., n, k)
+) -> Tensor:
+    """(..., k) product of a row with a matrix, batched or not."""
+    return row @ matrix if matrix.ndim == 2 else (row.unsqueeze(-2) @ matrix).squeeze(-2)
 
 
 def columns(elements: Sequence[Resistor | Port], place: Mapping[str, int]) -> Incidence:

@@ -8,11 +8,11 @@ import torch
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, StructureViolated
-from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, gradient
+from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, gradient
 from phnn.network.checks import check_laws, check_name
 from phnn.network.driven import DrivenSystem
 from phnn.network.elements import Network, Resistor, Storage
-from phnn.network.incidence import Entry, Incidence, columns
+from phnn.network.incidence import Entry, Incidence, columns, combined
 from phnn.network.power import PowerBalance
 
 # Smaller efforts are taken as zero when a resistor's conductance φ(ε)/ε is inspected.
@@ -62,6 +62,7 @@ class PortHamiltonianSystem(nn.Module):
         self._half = Incidence(n, n, couplings)
         self._branches = columns(network.resistors, place)
         self._inputs = columns(network.ports, place)
+        self._factors = {m.ratio: (place[m.by], m) for m in network.modulations}
         self._modulators = tuple(None if r.modulated_by is None else place[r.modulated_by] for r in network.resistors)
 
     def _adopt(self, kind: str, element: Storage | Resistor) -> None:
@@ -91,6 +92,20 @@ class PortHamiltonianSystem(nn.Module):
         # Looked up at every use: a tensor kept aside would get no gradient from the adjoint method.
         return self.free[name] if name in self.free else getattr(self.constants, name)
 
+    def ratios(
+        self,
+        x: Tensor,  # (..., n) state that modulated ratios read
+    ) -> Callable[[str], Tensor]:
+        """The function from a ratio's name to its value (...) at a state."""
+
+        def ratio(name: str) -> Tensor:
+            if name not in self._factors:
+                return self.value(name)
+            place, m = self._factors[name]
+            return self.value(name) * FACTOR_LAWS[m.law].factor(x[..., place], *map(self.value, m.parameters))
+
+        return ratio
+
     def as_network(self) -> Network:
         """The network with the present parameter values."""
         return self.network.with_values({name: tensor.item() for name, tensor in self.free.items()})
@@ -115,18 +130,22 @@ class PortHamiltonianSystem(nn.Module):
     ) -> Tensor:
         """(..., n) discrete gradient ``ē_k = (H_k(b_k) − H_k(a_k))/(b_k − a_k)``; ``∇H(a)`` where ``b = a``."""
         self._check_state(a)
-        values = []
-        for k, s in enumerate(self.network.storages):
-            start, end = a[..., k], b[..., k]
-            if isinstance(s.law, str):
-                values.append(STORAGE_LAWS[s.law].mean_effort(start, end, *map(self.value, s.parameters)))
-            elif hasattr(s.law, "mean_effort"):
-                values.append(s.law.mean_effort(start, end))
-            else:
-                values.append(
-                    gradient.effort(s.law.energy, start) if a is b else gradient.mean_effort(s.law.energy, start, end)
-                )
-        return torch.stack(values, dim=-1)
+        ends = zip(a.unbind(-1), a.unbind(-1) if a is b else b.unbind(-1), strict=True)
+        return torch.stack([self.mean_effort(k, start, end) for k, (start, end) in enumerate(ends)], dim=-1)
+
+    def mean_effort(
+        self,
+        k: int,
+        a: Tensor,  # (...) energy variable of storage k at the start of a step
+        b: Tensor,  # (...) and at its end
+    ) -> Tensor:
+        """(...) ``ē_k`` of one storage."""
+        s = self.network.storages[k]
+        if isinstance(s.law, str):
+            return STORAGE_LAWS[s.law].mean_effort(a, b, *map(self.value, s.parameters))
+        if hasattr(s.law, "mean_effort"):
+            return s.law.mean_effort(a, b)
+        return gradient.effort(s.law.energy, a) if a is b else gradient.mean_effort(s.law.energy, a, b)
 
     def efforts(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(..., n) efforts ``e = ∇H(x)``."""
@@ -134,7 +153,7 @@ class PortHamiltonianSystem(nn.Module):
 
     def structure(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(..., n, n) interconnection ``J = A − Aᵀ``: skew to the last bit."""
-        half = self._half(self.value)
+        half = self._half(self.ratios(x))
         skew = half - half.mT
         return skew.expand(*x.shape[:-1], *skew.shape)
 
@@ -143,10 +162,10 @@ class PortHamiltonianSystem(nn.Module):
 
         For inspection (eq. (11)): the vector field itself never divides by an effort.
         """
-        branches = self._branches(self.value)
+        branches = self.incidences(x)[0]
         if not self.network.resistors:
             return branches.new_zeros(*x.shape, x.shape[-1])
-        epsilon = self.efforts(x) @ branches
+        epsilon = combined(self.efforts(x), branches)
         conductance = torch.stack([self._conductance(r, epsilon[..., r], x) for r in range(epsilon.shape[-1])], dim=-1)
         return (branches * conductance.unsqueeze(-2)) @ branches.mT
 
@@ -154,23 +173,31 @@ class PortHamiltonianSystem(nn.Module):
         """``φ_r(ε)/ε`` with its limit at ``ε = 0``."""
         silent = epsilon.abs() < _NO_EFFORT
         probe = torch.where(silent, _NO_EFFORT, epsilon)
-        ratio = self._branch_flow(r, probe, x) / probe
+        ratio = self.branch_flow(r, probe, x) / probe
         if isinstance(self.network.resistors[r].law, str) or not bool(silent.any()):
             return ratio
         # A module need not resolve its value at so small an effort; its slope it knows.
-        slope = gradient.effort(lambda e: self._branch_flow(r, e, x), torch.zeros_like(epsilon))
+        slope = gradient.effort(lambda e: self.branch_flow(r, e, x), torch.zeros_like(epsilon))
         return torch.where(silent, slope, ratio)
 
-    def incidences(self) -> tuple[Tensor, Tensor]:
-        """(n, R) columns ``b_r`` of the resistors and (n, P) columns ``g_p`` of the ports."""
-        return self._branches(self.value), self._inputs(self.value)
+    def incidences(
+        self,
+        x: Tensor,  # (..., n) state that modulated ratios read
+    ) -> tuple[Tensor, Tensor]:
+        """(..., n, R) columns ``b_r`` of the resistors and (..., n, P) columns ``g_p`` of the ports.
+
+        Without leading dimensions where no ratio is modulated.
+        """
+        ratios = self.ratios(x)
+        return self._branches(ratios), self._inputs(ratios)
 
     def branch_efforts(
         self,
         efforts: Tensor,  # (..., n)
+        x: Tensor,  # (..., n) state that modulated ratios read
     ) -> Tensor:
         """(..., R) effort ``ε_r = b_rᵀ e`` on every resistor."""
-        return efforts @ self._branches(self.value)
+        return combined(efforts, self._branches(self.ratios(x)))
 
     def branch_flows(
         self,
@@ -180,9 +207,15 @@ class PortHamiltonianSystem(nn.Module):
         """(..., R) flow ``φ_r(ε_r, q_r)`` through every resistor."""
         if not self.network.resistors:
             return epsilon
-        return torch.stack([self._branch_flow(r, epsilon[..., r], x) for r in range(epsilon.shape[-1])], dim=-1)
+        return torch.stack([self.branch_flow(r, epsilon[..., r], x) for r in range(epsilon.shape[-1])], dim=-1)
 
-    def _branch_flow(self, r: int, epsilon: Tensor, x: Tensor) -> Tensor:
+    def branch_flow(
+        self,
+        r: int,
+        epsilon: Tensor,  # (...) effort on resistor r
+        x: Tensor,  # (..., n) state that modulated laws read
+    ) -> Tensor:
+        """(...) ``φ_r(ε, q_r)`` of one resistor."""
         resistor, place = self.network.resistors[r], self._modulators[r]
         q = torch.zeros_like(epsilon) if place is None else x[..., place]
         if isinstance(resistor.law, str):
@@ -191,7 +224,7 @@ class PortHamiltonianSystem(nn.Module):
 
     def resistor_flows(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(..., R) flow through every resistor at a state."""
-        return self.branch_flows(self.branch_efforts(self.efforts(x)), x)
+        return self.branch_flows(self.branch_efforts(self.efforts(x), x), x)
 
     def actions(
         self,
@@ -215,9 +248,10 @@ class PortHamiltonianSystem(nn.Module):
         u: Tensor,  # (..., P)
     ) -> Tensor:
         """(..., n) ``J e − Σ_r b_r φ_r(b_rᵀ e) + g ψ(u)`` for any effort ``e``."""
-        branches, inputs = self.incidences()
+        branches, inputs = self.incidences(x)
         conserved = (self.structure(x) @ efforts.unsqueeze(-1)).squeeze(-1)
-        return conserved - self.branch_flows(efforts @ branches, x) @ branches.mT + self.actions(u) @ inputs.mT
+        lost = combined(self.branch_flows(combined(efforts, branches), x), branches.mT)
+        return conserved - lost + combined(self.actions(u), inputs.mT)
 
     def vector_field(
         self,
@@ -237,7 +271,7 @@ class PortHamiltonianSystem(nn.Module):
         For a nonlinear port ``yᵀu`` also fills the port's own field energy; what enters ``H`` is ``ψ(u) gᵀ∇H``.
         """
         self._check_input(u)
-        flows = self.efforts(x) @ self._inputs(self.value)
+        flows = combined(self.efforts(x), self.incidences(x)[1])
         slopes = [
             PORT_LAWS[p.law].slope(u[..., k], *map(self.value, p.parameters)) for k, p in enumerate(self.network.ports)
         ]
@@ -251,9 +285,9 @@ class PortHamiltonianSystem(nn.Module):
         stored: Tensor,  # (...) rate of change of the stored energy [W]
     ) -> PowerBalance:
         """The balance of a given rate of storage at given efforts."""
-        epsilon = self.branch_efforts(efforts)
+        epsilon = self.branch_efforts(efforts, x)
         dissipated = epsilon * self.branch_flows(epsilon, x)
-        supplied = self.actions(u) * (efforts @ self._inputs(self.value))
+        supplied = self.actions(u) * combined(efforts, self.incidences(x)[1])
         return PowerBalance(stored, dissipated, supplied, stored - supplied.sum(-1) + dissipated.sum(-1))
 
     def power_balance(

@@ -93,7 +93,7 @@ def test_gradients_agree_with_finite_differences(kind: str) -> None:
     elif kind == "neural":
         system = oscillator(EnergyMLP(1.0, 4.0, 2), MonotoneMLP(1.0, 1.0, 1))
     else:
-        system = oscillator(Quartic(), DampingMLP(1.0, 1.0, (3,)))
+        system = oscillator(Quartic(), DampingMLP(1.0, 1.0, 3))
     n, ports = len(system.state_names), len(system.network.ports)
     random = torch.Generator().manual_seed(1)
     x0 = torch.randn(n, generator=random, dtype=torch.float64, requires_grad=True)

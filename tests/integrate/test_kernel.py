@@ -14,8 +14,8 @@ from scipy.integrate import solve_ivp
 
 from phnn.errors import StructureViolated
 from phnn.integrate import sweep as sweeps
-from phnn.integrate.program import compile_network
-from phnn.integrate.residual import check, network_order, power_balance
+from phnn.integrate.program import compile_network, junctions_of
+from phnn.integrate.residual import check, power_balance
 from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.parameters import Parameter, as_table
@@ -33,8 +33,7 @@ def test_any_stiff_network_is_solved_and_keeps_its_power_balance(seed: int) -> N
     system = PortHamiltonianSystem(trajectory.setup.network)
     assert check(trajectory, 1e-10, system) < 1e-10
     balance = power_balance(trajectory, system)
-    order = network_order(system, trajectory.program)
-    held = system.energy(torch.from_numpy(trajectory.states)[:, order]).detach()
+    held = system.energy(torch.from_numpy(trajectory.states)).detach()
     size = balance.supplied.abs().sum(-1) + balance.dissipated.abs().sum(-1) + held[1:] + held[:-1] + 1e-200
     assert (balance.defect.abs() <= 1e-10 * size).all()
     assert (balance.dissipated >= -1e-14 * size[:, None]).all()
@@ -130,16 +129,13 @@ def test_stiff_leaf_does_not_ring_at_long_steps() -> None:
 
 def sweep(trajectory: Trajectory, names: list[str], initial: list[int], output: int) -> np.ndarray:
     """(n+1, K+S) derivatives of one state by parameters and initial states."""
-    program, n = trajectory.program, trajectory.h.size
+    program, n = replace(trajectory.program, output=output), trajectory.h.size
     active = np.array([program.names.index(name) for name in names], dtype=np.int64)
-    out = np.empty((n + 1, len(names) + len(initial)))
-    sweeps.sensitivities(
-        program.leaves, program.modulators, program.resistors, program.ports, program.inertia, trajectory.theta, active,
-        trajectory.states, trajectory.velocity, trajectory.u, trajectory.h,
+    return sweeps.sensitivities(
+        program, trajectory.theta, active, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h,
         np.zeros((trajectory.states.shape[1], len(names))), np.array(initial, dtype=np.int64), np.zeros((n, 0)),
-        np.zeros(0, np.int64), np.zeros((n, 0)), np.arange(n + 1), output, out,
+        np.zeros(0, np.int64), np.zeros((n, 0)), np.arange(n + 1),
     )  # fmt: skip
-    return out
 
 
 # In 63 and 94 a law on the junction reads a leaf whose ratio is a parameter.
@@ -183,14 +179,15 @@ def test_adjoint_is_the_transpose_of_the_forward_sweep(seed: int) -> None:
     trajectory = random_march(seed, steps=30)
     program, states = trajectory.program, trajectory.states
     cotangent = np.random.default_rng(seed).normal(size=states.shape)
-    multipliers = np.zeros((states.shape[0], states.shape[1] + 1))
-    sweeps.adjoint(
-        program.leaves, program.modulators, program.resistors, program.ports, program.inertia, trajectory.theta, states,
-        trajectory.velocity, trajectory.u, trajectory.h, cotangent, multipliers,
-    )  # fmt: skip
+    names = list(trajectory.setup.network.parameters)
+    active = np.array([program.names.index(name) for name in names], dtype=np.int64)
+    gradient, back = sweeps.adjoint(
+        program, trajectory.theta, active, states, trajectory.efforts, trajectory.u, trajectory.h, cotangent
+    )
     start = list(range(states.shape[1]))
-    forward = sum(cotangent[:, j] @ sweep(trajectory, [], start, j) for j in start)
-    np.testing.assert_allclose(multipliers[0, :-1], forward, rtol=1e-9, atol=1e-9 * np.abs(forward).max())
+    forward = sum(cotangent[:, j] @ sweep(trajectory, names, start, j) for j in start)
+    got = np.concatenate([gradient, back + cotangent[0]])
+    np.testing.assert_allclose(got, forward, rtol=1e-9, atol=1e-9 * np.abs(forward).max())
 
 
 def test_a_parameter_varied_by_a_constant_signal_is_that_parameter() -> None:
@@ -198,57 +195,54 @@ def test_a_parameter_varied_by_a_constant_signal_is_that_parameter() -> None:
     program, n = trajectory.program, trajectory.h.size
     names = ["m", "alpha", "beta"]
     active = np.array([program.names.index(name) for name in names], dtype=np.int64)
-    out = np.empty((n + 1, 6))
-    sweeps.sensitivities(
-        program.leaves, program.modulators, program.resistors, program.ports, program.inertia, trajectory.theta, active,
-        trajectory.states, trajectory.velocity, trajectory.u, trajectory.h, np.zeros((trajectory.states.shape[1], 3)),
-        np.zeros(0, np.int64), np.zeros((n, 0)), np.arange(3), np.ones((n, 3)), np.arange(n + 1), program.output, out,
+    out = sweeps.sensitivities(
+        program, trajectory.theta, active, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h,
+        np.zeros((trajectory.states.shape[1], 3)), np.zeros(0, np.int64), np.zeros((n, 0)), np.arange(3),
+        np.ones((n, 3)), np.arange(n + 1),
     )  # fmt: skip
     assert np.abs(out[:, 0]).max() > 0.0
     np.testing.assert_allclose(out[:, 3:], out[:, :3], rtol=1e-12, atol=1e-14 * np.abs(out).max())
-
-
-def test_program_is_independent_of_where_the_momentum_stands() -> None:
-    network = random_junction(12)
-    moved = replace(network, storages=tuple(sorted(network.storages, key=lambda s: s.name == "p")))
-    first, second = compile_network(network), compile_network(moved)
-    assert first.leaf_names == second.leaf_names
-    np.testing.assert_array_equal(first.leaves, second.leaves)
 
 
 def altered(**changes: object) -> Network:
     return replace(hrc(2), **changes)  # type: ignore[arg-type]
 
 
-def test_networks_without_a_kernel_are_refused() -> None:
-    base = hrc(2)
-    with pytest.raises(StructureViolated, match="one shared flow"):
-        compile_network(altered(couplings=(*base.couplings, Coupling("p", "q"))))
-    with pytest.raises(StructureViolated, match="coupled once"):
-        compile_network(altered(couplings=base.couplings[:-1]))
-    with pytest.raises(StructureViolated, match="constant mass"):
-        compile_network(altered(storages=(*base.storages[:-1], Storage("p", "spring", ("m",)))))
-    with pytest.raises(StructureViolated, match="ratio 1"):
-        compile_network(altered(resistors=(Resistor("damper", "linear", {"p": 1.0, "q": 1.0}, ("b",)),)))
-    with pytest.raises(StructureViolated, match="has two"):
-        compile_network(altered(resistors=(*base.resistors, Resistor("leak", "linear", {"Q_1": 1.0}, ("b",)))))
-    with pytest.raises(StructureViolated, match="piecewise linear"):
-        compile_network(altered(resistors=(Resistor("leak", "quadratic_drag", {"Q_1": 1.0}, ("b",)),)))
+def test_what_has_no_kernel_is_refused() -> None:
     with pytest.raises(StructureViolated, match="torch module"):
         compile_network(altered(resistors=(Resistor("learned", abs, {"p": 1.0}),)))
-    with pytest.raises(StructureViolated, match="port voltage"):
-        compile_network(altered(ports=(Port("voltage", {"Q_1": 1.0}),)))
-    with pytest.raises(StructureViolated, match="output beside p"):
-        compile_network(altered(output="p"))
+    with pytest.raises(StructureViolated, match="no law called .unheard_of."):
+        compile_network(altered(resistors=(Resistor("odd", "unheard_of", {"p": 1.0}),)))
+    with pytest.raises(StructureViolated, match="choose one of exact, radau, midpoint"):
+        compile_network(hrc(2), "euler")
 
 
-@pytest.mark.parametrize("modulator", ["Q_2", "p"])
-def test_a_law_may_read_only_what_is_known_at_mid_step(modulator: str) -> None:
+def test_junctions_cover_every_coupling() -> None:
     base = hrc(2)
-    extra = (Parameter("kappa", 0.1), Parameter("q_d", 1e-5))
-    follower = Resistor("follower", "following_dead_zone", {"Q_1": 1.0}, ("rho_1", "d_1", "kappa", "q_d"), modulator)
-    network = replace(
-        base, resistors=(follower, *base.resistors[1:]), parameters=as_table((*base.parameters.values(), *extra))
+    assert junctions_of(base) == ("p",)
+    joint = Resistor("joint", "linear", {"p": 1.0, "q": 1.0}, ("b",))
+    assert junctions_of(altered(resistors=(joint,))) == ("q", "p")
+    # A hysteron that is read is dissipative: its mid-step state does not follow from the flow alone.
+    following = replace(base.resistors[0], modulated_by="Q_2")
+    assert junctions_of(altered(resistors=(following, *base.resistors[1:]))) == ("Q_2", "p")
+    program = compile_network(base)
+    assert program.leaves == ("Q_1", "Q_2", "q")
+    assert program.flow == 3
+    assert compile_network(base.with_values({"k": 2.0})) is program
+
+
+def test_what_stands_alone_needs_no_unknown() -> None:
+    tank = Network(
+        (Storage("V", "capacitor", ("A",)),),
+        (Resistor("outlet", "linear", {"V": 1.0}, ("r",)),),
+        (),
+        (Port("inflow", {"V": 1.0}),),
+        as_table([Parameter("A", 2.0), Parameter("r", 0.5)]),
+        "V",
     )
-    with pytest.raises(StructureViolated, match="modulated by a lossless leaf"):
-        compile_network(network)
+    u, h = np.ones((50, 1)), np.full(50, 0.1)
+    run = march(tank, u, h, np.array([3.0]))
+    assert compile_network(tank).junctions == ()
+    # V̇ = 1 − V/4 has the rest state 4.
+    np.testing.assert_allclose(run.states[:, 0], 4.0 - np.exp(-0.25 * run.t), rtol=1e-12)
+    assert check(run) < 1e-12

@@ -25,7 +25,7 @@ SINE = recording(T, 75.0 * np.sin(2 * np.pi * 150.0 * T))
 def test_any_number_of_hysterons_runs(hysterons: int) -> None:
     network = hrc(hysterons)
     assert network.state_names == (*(f"Q_{i + 1}" for i in range(hysterons)), "q", "p")
-    assert compile_network(network).leaf_names == network.state_names[:-1]
+    assert compile_network(network).leaves == network.state_names[:-1]
     assert check(simulate(Setup(network), SINE)) < 1e-12
     assert all(p.value > 0.0 for p in network.parameters.values())
 

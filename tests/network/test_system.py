@@ -92,7 +92,7 @@ def test_vector_field_is_structure_minus_dissipation_times_gradient(network: Net
     z = x.clone().requires_grad_(True)
     (gradient,) = torch.autograd.grad(system.energy(z).sum(), z)
     torch.testing.assert_close(system.efforts(x), gradient, rtol=1e-9, atol=1e-12)
-    _, inputs = system.incidences()
+    _, inputs = system.incidences(x)
     matrix = system.structure(x) - system.dissipation(x)
     expected = (matrix @ gradient.unsqueeze(-1)).squeeze(-1) + system.actions(u) @ inputs.mT
     torch.testing.assert_close(system.vector_field(x, u), expected, rtol=1e-8, atol=1e-10)

@@ -1,0 +1,107 @@
+"""Worker processes on this machine, with nothing lost when one of them is killed.
+
+The pool is loky's. A dead worker breaks it, and with it everything that was at work; no pool says which item was to
+blame. So no more items are handed out than there are workers, and what was at work is done again in a fresh pool:
+after a second time alone, where the blame is certain.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
+from typing import Any
+
+from loky import get_reusable_executor
+from loky.process_executor import TerminatedWorkerError
+
+from phnn.ensemble.local import Executor, named
+from phnn.errors import SolverFailed
+
+_ALONE_AFTER, _KILLS = 2, 3
+# Idle workers leave after so many seconds; until then the next call finds them with everything imported.
+_IDLE = 60.0
+_WATCH = 1.0
+_LIBRARIES = ("OMP", "OPENBLAS", "MKL", "VECLIB_MAXIMUM", "NUMEXPR", "NUMBA")
+_ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in _LIBRARIES}
+
+
+@dataclass(frozen=True)
+class Processes(Executor):
+    """Processes of this machine with one torch, BLAS and numba thread each."""
+
+    workers: int
+
+    def each(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """Results as they finish; closing the iterator kills what is at work.
+
+        Raises:
+            SolverFailed: items that killed their worker three times, the last time with nothing else at work; raised
+                when all others are done.
+        """
+        # Unfinished items, and how the workers ended that died while they were at work.
+        deaths: dict[int, list[str]] = {i: [] for i in range(len(items))}
+        while pending := [i for i, ends in deaths.items() if len(ends) < _KILLS]:
+            together = [i for i in pending if len(deaths[i]) < _ALONE_AFTER]
+            for index, result in self._until_killed(function, items, together or pending[:1], deaths):
+                del deaths[index]
+                yield index, result
+        if deaths:
+            ends = ", ".join(dict.fromkeys(seen[-1] for seen in deaths.values()))
+            raise SolverFailed(
+                f"{named(items, deaths)}: killed the worker {_KILLS} times, exit code {ends}; with SIGKILL the machine "
+                "has probably run out of memory: use fewer workers (executor=processes:N) or executor=serial"
+            )
+
+    def _until_killed(
+        self, function: Callable[[Any], Any], items: Sequence[Any], chosen: Sequence[int], deaths: dict[int, list[str]]
+    ) -> Iterator[tuple[int, Any]]:
+        """Results of the chosen items until a worker dies; that counts against every item at work."""
+        pool = get_reusable_executor(
+            self.workers, timeout=_IDLE, initializer=_begin, initargs=(os.getpid(),), env=_ONE_THREAD
+        )
+        waiting = deque(chosen)
+        running: dict[Future[Any], int] = {}
+        try:
+            while waiting or running:
+                while waiting and len(running) < self.workers:
+                    index = waiting.popleft()
+                    running[pool.submit(function, items[index])] = index
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    result = future.result()
+                    yield running.pop(future), result
+        except TerminatedWorkerError as death:
+            for future in list(running):
+                if isinstance(future.exception(), TerminatedWorkerError):
+                    deaths[running.pop(future)].append(_exit_codes(death))
+            for future in list(running):
+                result = future.result()
+                yield running.pop(future), result
+        finally:
+            if running:
+                pool.shutdown(kill_workers=True)
+
+
+def _exit_codes(death: TerminatedWorkerError) -> str:
+    """As loky writes them into its message, where the system tells them."""
+    found = re.search(r"exit codes of the workers are \{(.*)\}", str(death))
+    return found[1] if found else "unknown"
+
+
+def _begin(parent: int) -> None:
+    """What a worker does first: leave Ctrl-C to the parent, and end with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_WATCH)
+    # A killed parent closes nothing: its workers would go on with work that nobody waits for.
+    os._exit(1)

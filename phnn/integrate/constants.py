@@ -1,0 +1,76 @@
+"""What does not change from step to step is resolved once: constants of leaves and junctions, gains, port actions.
+
+c (L+m, 6)  of a leaf: s = 1/C of a linear storage; ρ, lo, hi of a piecewise linear resistor that reads no state;
+            the relaxation functions of h ρ s. Of a junction, after the leaves: 1/s
+g (rows,)   signed ratio of every row of the table that has one
+a (P,)      ψ_p(ū_p), the same during a step
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+
+from phnn.integrate.dispatch import stay_outside
+from phnn.integrate.lookups import (
+    count,
+    is_linear,
+    junction_storage,
+    port_action,
+    resistor_thresholds,
+    stiffness,
+)
+from phnn.integrate.tables import EXACT, JUNCTIONS, LEAVES, PORTS, RATIO, SIGN
+from phnn.laws.leaf import relaxation
+
+STIFFNESS, RHO, LOW, HIGH, ONE, TWO = range(6)
+CONSTANTS = 6
+CAPACITY = 0
+
+_plain = numba.njit(error_model="numpy", forceinline=False)
+
+
+@_plain
+def fill_constants(t: Any, theta: Any, h: Any, c: Any) -> None:
+    """Fill ``c`` for steps of size ``h``."""
+    stay_outside()
+    leaves = count(t, LEAVES)
+    for leaf in range(leaves):
+        row = t[0, LEAVES] + leaf
+        if t[row, 2] > 0:
+            c[leaf, STIFFNESS] = stiffness(t, t[row, 0], theta)
+        r = t[row, 3]
+        if t[row, 1] == EXACT and t[r, 5] < 0:
+            rho, low, high = resistor_thresholds(t, r, 0.0 * theta[0], theta)
+            c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH] = rho, low, high
+            c[leaf, ONE], c[leaf, TWO] = relaxation(h * rho * c[leaf, STIFFNESS])
+    for j in range(count(t, JUNCTIONS)):
+        if is_linear(t, j):
+            c[leaves + j, CAPACITY] = 1.0 / stiffness(t, junction_storage(t, j), theta)
+
+
+@_plain
+def fill_gains(t: Any, theta: Any, g: Any) -> None:
+    """Fill ``g`` with the ratios as they are where nothing modulates them."""
+    stay_outside()
+    for r in range(t.shape[0]):
+        if t[r, RATIO] >= 0:
+            g[r] = t[r, SIGN] * theta[t[r, RATIO]]
+
+
+@_plain
+def scale_gains(t: Any, place: Any, by: Any, theta: Any, g: Any) -> None:
+    """Set the gains of one ratio to ``by`` times what they are unmodulated."""
+    stay_outside()
+    for r in range(t.shape[0]):
+        if t[r, RATIO] == place:
+            g[r] = t[r, SIGN] * by * theta[place]
+
+
+@_plain
+def fill_actions(t: Any, theta: Any, u: Any, a: Any) -> None:
+    """Fill ``a`` for the mean inputs of a step."""
+    stay_outside()
+    for p in range(count(t, PORTS)):
+        a[p] = port_action(t, p, theta, u)

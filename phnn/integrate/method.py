@@ -1,0 +1,241 @@
+"""The power-preserving step as a method of torchdiffeq, with an adjoint method that is exact at any step.
+
+    import phnn.integrate.method  # makes both methods known to torchdiffeq
+
+    x = torchdiffeq.odeint(driven, x0, t, method="discrete_gradient", options={"step_size": h})
+    x = torchdiffeq.odeint_adjoint(driven, x0, t, method="discrete_gradient", options={"step_size": h},
+                                   adjoint_method="discrete_gradient_adjoint", adjoint_options={})
+
+``driven`` is a `PortHamiltonianSystem` (inputs at zero) or its ``with_input(u)``, ``x0`` is (..., n). Every interval
+between two outputs is divided into the fewest equal steps that are at most ``step_size`` [s] long, one where it is
+left out: outputs are ends of steps, never interpolated, so that the power balance holds between them too. The input
+of a step is its mean by two-point Gauss–Legendre quadrature, exact for cubic ``u(t)``; the nodes lie inside the
+step, so that ``u`` may jump where steps meet. Tolerances have no meaning here and are ignored.
+
+A step solves ``R_k(x_k, x_{k+1}; θ) = 0`` (see `phnn.integrate.dense`). Gradients are those of the states computed,
+
+    λ_k = ∂L/∂x_k − (∂R_k/∂x_k)ᵀ μ_k,     (∂R_k/∂x_{k+1})ᵀ μ_k = λ_{k+1},     dL/dθ = −Σ_k (∂R_k/∂θ)ᵀ μ_k
+
+by ``x0`` and the parameters of the system, its laws and its input; with `odeint` also by ``t``, the number of steps
+being held. `odeint` keeps the graph of every step. `odeint_adjoint` keeps the states, goes back over these very steps
+with one transposed linear solve each, and drops them; a second pass over a retained graph marches again. The other
+adjoint methods of torchdiffeq integrate ``−λ̇ = (∂f/∂x)ᵀ λ`` backwards without knowing the steps, which is wrong
+by orders of magnitude where outputs are far apart for a decay: they are refused.
+"""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import torch
+from torch import Tensor
+from torchdiffeq._impl.misc import _PerturbFunc, _ReverseFunc
+from torchdiffeq._impl.odeint import SOLVERS
+
+from phnn.errors import InputRefused
+from phnn.integrate.dense import check, march, port_inputs, with_derivatives
+from phnn.network.driven import DrivenSystem
+from phnn.network.system import PortHamiltonianSystem
+
+METHOD = "discrete_gradient"
+ADJOINT_METHOD = "discrete_gradient_adjoint"
+
+# Nodes of the two-point rule as shares of a step.
+_EARLY, _LATE = 0.5 - 3.0**-0.5 / 2.0, 0.5 + 3.0**-0.5 / 2.0
+# An interval of a whole number of steps must not get another one by rounding.
+_ROUNDING = 1e-9
+# Steps whose graph the adjoint holds at a time.
+_BLOCK = 1000
+
+
+class _Solve:
+    """The steps of one solve, the states at their ends, and derivatives by what led to them.
+
+    Raises:
+        InputRefused: times that are not finite float64, fewer than two, or a ``step_size`` that is not positive.
+    """
+
+    def __init__(
+        self,
+        driven: DrivenSystem | PortHamiltonianSystem,
+        x0: Tensor,  # (..., n)
+        t: Tensor,  # (K,) output times, increasing
+        step_size: float | None,
+    ) -> None:
+        if t.dtype != torch.float64 or t.shape[0] < 2 or not bool(torch.isfinite(t).all()):
+            raise InputRefused(
+                f"{t.shape[0]} output times of {t.dtype}: give at least two, all finite, converted with .double()"
+            )
+        if step_size is not None and not 0.0 < step_size < float("inf"):
+            raise InputRefused(f"step_size = {step_size:g} s: give a positive, finite step")
+        self.driven, self.x0 = driven, x0
+        self.system = driven.system if isinstance(driven, DrivenSystem) else driven
+        spacing = t.diff()
+        least = torch.ones_like(spacing) if step_size is None else spacing.detach() / step_size * (1.0 - _ROUNDING)
+        counts = least.ceil().clamp_min(1.0).long()
+        self.output_at = [0, *counts.cumsum(0).tolist()]
+        self.interval = {time: i for i, time in enumerate(t.tolist()[1:])}
+        first = torch.tensor(self.output_at[:-1], device=t.device).repeat_interleave(counts)
+        self.h = (spacing / counts).repeat_interleave(counts)
+        self.start = t[:-1].repeat_interleave(counts) + (torch.arange(len(first), device=t.device) - first) * self.h
+        self.path: Tensor | None = None
+
+    def inputs(self, steps: slice = slice(None)) -> Tensor:
+        """(N, ..., P) mean inputs of some of the steps."""
+        start, h = self.start[steps], self.h[steps]
+        if isinstance(self.driven, DrivenSystem):
+            nodes = zip(start + _EARLY * h, start + _LATE * h, strict=True)
+            u = torch.stack([0.5 * (self.driven.input(early) + self.driven.input(late)) for early, late in nodes])
+        else:
+            u = self.x0.new_zeros(len(h), len(self.system.network.ports))
+        return port_inputs(self.system, u, self.x0.ndim - 1)
+
+    def march(self, u: Tensor) -> Tensor:
+        """(N+1, ..., n) states without gradients."""
+        check(self.system, self.x0, u, float(self.h.detach().min()))
+        return march(self.system, self.x0, u, self.h.tolist(), float(self.start[0].detach()))
+
+    def differentiable(self) -> Tensor:
+        """(K, ..., n) states at the output times, with the graph of all steps."""
+        u = self.inputs()
+        return with_derivatives(self.system, self.march(u), self.x0, u, self._shaped(self.h))[self.output_at]
+
+    def recorded(self) -> Tensor:
+        """(K, ..., n) states at the output times; those of all steps are kept for `pull_back`."""
+        self.path = self.march(self.inputs())
+        return self.path[self.output_at]
+
+    def pull_back(self, i: int, wanted: Tensor, parameters: tuple[Tensor, ...]) -> tuple[Tensor, list[Tensor]]:
+        """From ∂L by the state at the end of interval ``i`` to those by the state at its start and by parameters."""
+        if self.path is None:
+            self.path = self.march(self.inputs())
+        first, end = self.output_at[i : i + 2]
+        sums = [torch.zeros_like(p) for p in parameters]
+        while end > first:
+            begin = max(first, end - _BLOCK)
+            with torch.enable_grad():
+                x = self.path[begin].detach().requires_grad_(True)
+                h = self._shaped(self.h[begin:end])
+                u = self.inputs(slice(begin, end))
+                states = with_derivatives(self.system, self.path[begin : end + 1], x, u, h)
+                wanted, *found = torch.autograd.grad(states[-1], (x, *parameters), wanted, allow_unused=True)
+            sums = [s if f is None else s + f for s, f in zip(sums, found, strict=True)]
+            end = begin
+        if i == 0:
+            self.path = None
+        return wanted, sums
+
+    def _shaped(self, h: Tensor) -> Tensor:
+        """(N, 1, ..., 1) steps that multiply states (N, ..., n)."""
+        return h.reshape(-1, *[1] * self.x0.ndim)
+
+
+class DiscreteGradient:
+    """What torchdiffeq constructs for ``method="discrete_gradient"``.
+
+    Raises:
+        InputRefused: a right-hand side that is no port-Hamiltonian system, times that decrease, an option other
+            than ``step_size``, an event function, or gradients by ``t`` asked of the adjoint.
+        SolverFailed: a step has no solution; names time, state and remedy.
+    """
+
+    def __init__(self, func: Any, y0: Tensor, step_size: float | None = None, **others: Any) -> None:
+        _check_options(METHOD, others, "step_size")
+        if _augmented(func):
+            raise InputRefused(_OTHER_ADJOINT)
+        inner, self.holder = func.base_func, None
+        if isinstance(inner, _PerturbFunc):
+            # odeint_adjoint wraps the system anew for every call and keeps that wrapper as long as the graph of
+            # its result lives: what is recorded there belongs to this solve alone and goes with it.
+            self.holder, inner = inner, inner.base_func
+        if isinstance(inner, _ReverseFunc):
+            raise InputRefused("the output times decrease: a dissipative system cannot be integrated backwards")
+        if not isinstance(inner, DrivenSystem | PortHamiltonianSystem):
+            raise InputRefused(
+                f"the right-hand side is a {type(inner).__name__}, which has no energy to take the discrete gradient "
+                "of: give a PortHamiltonianSystem or its with_input(u) and one state tensor, or another method"
+            )
+        self.driven, self.y0, self.step_size = inner, y0, step_size
+
+    @staticmethod
+    def valid_callbacks() -> set[str]:
+        """None: all steps are found before their graph is made."""
+        return set()
+
+    def integrate(self, t: Tensor) -> Tensor:
+        """(K, ..., n) states at the output times (K,)."""
+        if self.holder is None:
+            return _Solve(self.driven, self.y0, t, self.step_size).differentiable()
+        if t.requires_grad:
+            raise InputRefused("odeint_adjoint offers no gradients by t here: use odeint, or t.detach()")
+        self.holder.solve = _Solve(self.driven, self.y0.detach(), t, self.step_size)
+        # Only a continuous adjoint evaluates the vector field from here on.
+        self.holder.register_forward_pre_hook(_refuse_other_adjoint)
+        return self.holder.solve.recorded()
+
+    def integrate_until_event(self, t0: Tensor, event_fn: Any) -> Tensor:
+        """Always refused."""
+        raise InputRefused(f"{METHOD} does not look for events: look for them in its states")
+
+
+class DiscreteGradientAdjoint:
+    """What torchdiffeq constructs for ``adjoint_method="discrete_gradient_adjoint"``, once for every interval.
+
+    Raises:
+        InputRefused: used for anything but the backward pass of ``method="discrete_gradient"``, or with options.
+    """
+
+    def __init__(self, func: Any, y0: Tensor, **others: Any) -> None:
+        _check_options(ADJOINT_METHOD, others)
+        known = _augmented(func)
+        solve = getattr(known.get("func"), "solve", None)
+        if solve is None:
+            raise InputRefused(f"{ADJOINT_METHOD} is the adjoint_method of odeint_adjoint for method={METHOD!r} alone")
+        self.solve: _Solve = solve
+        self.parameters: tuple[Tensor, ...] = known["adjoint_params"]
+        self.y0 = y0
+
+    valid_callbacks = DiscreteGradient.valid_callbacks
+
+    def integrate(self, t: Tensor) -> Tensor:
+        """(2, A) the augmented state (by t, x, by x, by parameters) at the end and the start of an interval.
+
+        Time comes negated. torchdiffeq itself replaces the state by the one that the forward solve returned.
+        """
+        shape = self.solve.x0.shape
+        size = shape.numel()
+        by_t, x, by_x, by_parameters = self.y0.tensor_split([1, 1 + size, 1 + 2 * size])
+        interval = self.solve.interval[-t[0].item()]
+        by_start, found = self.solve.pull_back(interval, by_x.reshape(shape), self.parameters)
+        more = torch.cat([f.reshape(-1) for f in found]) if found else torch.zeros_like(by_parameters)
+        return torch.stack([self.y0, torch.cat([by_t, x, by_start.reshape(-1), by_parameters + more])])
+
+
+_OTHER_ADJOINT = (
+    f"a continuous adjoint of {METHOD} is wrong where outputs are far apart for a decay: give "
+    f"adjoint_method={ADJOINT_METHOD!r}, adjoint_options={{}}, or use odeint"
+)
+
+
+def _refuse_other_adjoint(module: Any, arguments: Any) -> None:
+    raise InputRefused(_OTHER_ADJOINT)
+
+
+def _augmented(func: Any) -> dict[str, Any]:
+    """What the augmented dynamics of torchdiffeq's backward pass was made of; empty for any other function."""
+    while isinstance(func, torch.nn.Module) and hasattr(func, "base_func"):
+        func = func.base_func
+    known = dict(inspect.getclosurevars(func).nonlocals) if inspect.isfunction(func) else {}
+    return known if "adjoint_params" in known else {}
+
+
+def _check_options(method: str, options: dict[str, Any], *known: str) -> None:
+    # These three torchdiffeq adds itself.
+    unknown = sorted(set(options) - {"rtol", "atol", "norm"})
+    if unknown:
+        raise InputRefused(f"{method} has no option {', '.join(unknown)}: leave it out" + "".join(
+            f", it takes {name}" for name in known))  # fmt: skip
+
+
+SOLVERS.update({METHOD: DiscreteGradient, ADJOINT_METHOD: DiscreteGradientAdjoint})

@@ -1,0 +1,126 @@
+"""The rest state of a network under constant inputs, with its derivatives by the parameters.
+
+At rest nothing flows, every dissipative leaf is uncharged (``Q* = 0`` among the equilibria of eq. (12)), and lossless
+leaves hold what the junctions have carried into them, ``x_l = Σ_j a_lj ξ_j``, so that no force is left on any junction:
+
+    Σ_l a_lj E_l(x_l) = Σ_p g_jp ψ_p(u_p)
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.errors import SolverFailed
+from phnn.integrate.program import Program
+from phnn.integrate.tables import FACTORS, JUNCTION_INLETS, LEAVES, LOSSLESS, PORTS, RATIO, SIGN, STORAGES, rows_of
+from phnn.laws import FACTOR_LAWS, PORT_LAWS, STORAGE_LAWS
+from phnn.laws.namespace import TINY
+from phnn.laws.wide import WIDE_STORAGES, mean_effort
+
+Array = NDArray[np.float64]
+
+_ITERATIONS = 60
+
+
+def equilibrium(program: Program, theta: Array, u: Array) -> Array:
+    """(N,) rest state under constant inputs (P,).
+
+    Raises:
+        SolverFailed: nothing holds the network, so that there is no rest state.
+    """
+    xi = _displacements(program, theta, u)
+    return np.real(_states(program, theta, xi))
+
+
+def equilibrium_derivative(program: Program, theta: Array, u: Array, places: NDArray[np.int64]) -> Array:
+    """(N, K) derivatives of the rest state by the parameters at some places, by the implicit function theorem."""
+    out = np.zeros((len(program.states), places.size))
+    if not np.any(u):
+        return out
+    xi = _displacements(program, theta, u)
+    slopes = _slopes(program, theta, u, xi)
+    for k, place in enumerate(places):
+        moved = theta.astype(complex)
+        moved[place] += 1j * TINY
+        shift = -np.linalg.solve(slopes, np.imag(_forces(program, moved, u, xi)) / TINY)
+        out[:, k] = np.imag(_states(program, moved, xi + 1j * TINY * shift)) / TINY
+    return out
+
+
+def _displacements(program: Program, theta: Array, u: Array) -> Array:
+    """(m,) ``ξ`` by Newton's method."""
+    xi = np.zeros(len(program.junctions))
+    if not np.any(u) or not xi.size:
+        return xi
+    start = np.abs(_forces(program, theta, u, xi)).max()
+    for _ in range(_ITERATIONS):
+        force = np.real(_forces(program, theta, u, xi))
+        if not np.isfinite(force).all() or np.abs(force).max() <= 1e-14 * start:
+            break
+        slopes = _slopes(program, theta, u, xi)
+        if np.linalg.matrix_rank(slopes) < xi.size:
+            raise SolverFailed(
+                "no spring holds the output, so a constant input has no rest state: declare start: unknown"
+            )
+        xi = xi - np.linalg.solve(slopes, force)
+    return xi
+
+
+def _slopes(program: Program, theta: Array, u: Array, xi: Array) -> Array:
+    """(m, m) derivative of the forces by the displacements."""
+    columns = [np.imag(_forces(program, theta, u, xi + 1j * TINY * e)) / TINY for e in np.eye(xi.size)]
+    return np.column_stack(columns)
+
+
+def _lossless(program: Program) -> NDArray[np.int64]:
+    leaves = rows_of(program.table, LEAVES)
+    return leaves[leaves[:, 1] == LOSSLESS]
+
+
+def _states(program: Program, theta: Any, xi: Any) -> Any:
+    """(N,) states at junction displacements."""
+    x = np.zeros(len(program.states), dtype=np.result_type(theta, xi))
+    for leaf in _lossless(program):
+        for row in program.table[leaf[5] : leaf[6]]:
+            x[leaf[0]] += row[SIGN] * theta[row[RATIO]] * xi[row[0]]
+    return x
+
+
+def _forces(program: Program, theta: Any, u: Array, xi: Any) -> Any:
+    """(m,) what pulls on every junction at rest."""
+    x = _states(program, theta, xi)
+    ratio = {int(row[6]): theta[row[6]] * _factor(program, row, theta, x) for row in rows_of(program.table, FACTORS)}
+    force = np.zeros(len(program.junctions), dtype=x.dtype)
+    for leaf in _lossless(program):
+        effort = _effort(program, leaf[0], theta, x[leaf[0]])
+        for row in program.table[leaf[5] : leaf[6]]:
+            force[row[0]] += row[SIGN] * ratio.get(int(row[RATIO]), theta[row[RATIO]]) * effort
+    laws = list(PORT_LAWS.values())
+    for row in rows_of(program.table, JUNCTION_INLETS):
+        port = rows_of(program.table, PORTS)[row[0]]
+        law = laws[port[0]]
+        action = law.action(u[row[0]], *(theta[p] for p in port[1 : 1 + len(law.example)]))
+        force[row[1]] -= ratio.get(int(row[RATIO]), theta[row[RATIO]]) * action
+    return force
+
+
+def _factor(program: Program, row: NDArray[np.int64], theta: Any, x: Any) -> Any:
+    """``f(x)`` of a modulation; what it reads at rest is a leaf's state, or a junction's, which is zero."""
+    law = list(FACTOR_LAWS.values())[row[0]]
+    leaf = program.table[row[5], 0]
+    q = x[rows_of(program.table, LEAVES)[leaf, 0]] if leaf >= 0 else 0.0
+    return law.factor(q, *(theta[p] for p in row[1 : 1 + len(law.example)]))
+
+
+def _effort(program: Program, storage: int, theta: Any, x: Any) -> Any:
+    row = rows_of(program.table, STORAGES)[storage]
+    known = list(STORAGE_LAWS.values())
+    if row[0] < len(known):
+        law = known[row[0]]
+        return law.mean_effort(x, x, *(theta[p] for p in row[1 : 1 + len(law.example)]))
+    wide = list(WIDE_STORAGES.values())[row[0] - len(known)]
+    weights = theta[row[1] : row[1] + wide.head + wide.per_unit * row[2]]
+    return mean_effort(wide, np.asarray(x), np.asarray(x), weights)

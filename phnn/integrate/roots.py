@@ -1,0 +1,66 @@
+"""The root of one increasing equation, found inside a bracket: the scalar heart of every step.
+
+The function need not increase everywhere: signs that were seen bound the root, so that a bracket always holds one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+TOLERANCE = 1e-14
+# What rounding leaves where terms cancel that the size of the equation does not show.
+RELAXED = 1e-12
+_STRICT = 12
+_ITERATIONS = 120
+# A motion that has died away reaches the smallest numbers, where relative accuracy is lost.
+NOTHING = 1e-200
+
+
+def make_root(value_at: Callable[..., Any], slope_at: Callable[..., Any]) -> Callable[..., Any]:
+    """``root(guess, floor, slope, context) -> (y, slope)``, to be compiled with its two functions.
+
+    ``floor > 0`` is a lower bound on the slope of an increasing equation: one step of it leads beyond the root.
+    ``slope``, if positive, is tried for the first step in place of the derivative: where the equation is piecewise
+    linear the one of the step before is often exact. The root is NaN where none was found.
+
+    Args:
+        value_at: ``(y, context) -> (value, size of the terms that cancel in it)``.
+        slope_at: ``(y, context) -> derivative``.
+    """
+
+    def root(guess: Any, floor: Any, slope: Any, context: Any) -> Any:
+        low, high, last, reach = -np.inf, np.inf, np.inf, 1.0
+        y = guess
+        exhausted = False
+        for iteration in range(_ITERATIONS):
+            value, size = value_at(y, context)
+            if not np.isfinite(value):
+                break
+            if exhausted or abs(value) <= (TOLERANCE if iteration < _STRICT else RELAXED) * size + NOTHING:
+                return y, slope
+            if value > 0.0:
+                high = y
+            else:
+                low = y
+            borrowed = iteration == 0 and slope > 0.0
+            if not borrowed:
+                slope = slope_at(y, context)
+            step = y - value / slope
+            # Not finite fails the comparison as well. Newton may also hop between two kinks: a step that did not halve
+            # the residual is followed by a bisection. A falling branch would lead to a root that is not connected.
+            newton = low <= step <= high and slope > 0.0 and abs(value) <= 0.5 * last
+            last = np.inf if borrowed else abs(value)
+            if newton:
+                y = step
+            elif np.isfinite(high - low):
+                y = 0.5 * (low + high)
+                exhausted = y in (low, high)
+            else:
+                y -= reach * value / floor
+                reach *= 2.0
+        return np.nan, 0.0
+
+    return root

@@ -1,0 +1,211 @@
+"""The unknowns of one step: a bracketed scalar root for one junction, a small dense Newton iteration for several."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+
+from phnn.integrate.constants import CAPACITY
+from phnn.integrate.dispatch import stay_outside
+from phnn.integrate.lookups import count, is_linear
+from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, make_root
+from phnn.integrate.step import FORCE, SIZE, balance, inlined_balance
+from phnn.integrate.tables import LEAVES
+from phnn.laws.namespace import TINY
+
+_inline = numba.njit(error_model="numpy", forceinline=True)
+_plain = numba.njit(error_model="numpy", forceinline=False)
+
+_ITERATIONS = 200
+_STRICT = 20
+_HALVINGS = 40
+_SUFFICIENT = 1e-4
+_SEPARATION = 0.1
+
+# Rows of the solver's own memory (6, m): the Newton step, where it begins, a point that separates, and scales.
+_STEP, _BEGIN, _POINT, _NORMAL, _SCALE, ROUNDING = range(6)
+
+
+@_inline
+def _value_at(y: Any, context: Any) -> Any:
+    t, h, values, _ = context
+    theta, c, g, a, x, ys, wj, wx = values
+    ys[0] = y
+    inlined_balance(t, theta, c, g, a, x, ys, h, wj, wx)
+    return wj[FORCE, 0], wj[SIZE, 0]
+
+
+@_plain
+def _slope_at(y: Any, context: Any) -> Any:
+    stay_outside()
+    t, h, _, perturbed = context
+    theta, c, g, a, x, ys, wj, wx = perturbed
+    ys[0] = complex(y, TINY)
+    balance(t, theta, c, g, a, x, ys, h, wj, wx)
+    return wj[FORCE, 0].imag / TINY
+
+
+_root = _inline(make_root(_value_at, _slope_at))
+
+
+@_inline
+def inertia(t: Any, j: Any, c: Any) -> Any:
+    """``d(z_j − p_j)/dy_j``: twice the mass of a linear junction, else one."""
+    return 2.0 * c[count(t, LEAVES) + j, CAPACITY] if is_linear(t, j) else 1.0
+
+
+@_inline
+def solve_one(t: Any, h: Any, slope: Any, values: Any, perturbed: Any) -> Any:
+    """Solve for the one junction from the guess in ``y``; returns success and the slope at the root.
+
+    Args:
+        slope: of an earlier step that may still hold, or 0.
+        values: (theta, c, g, a, x, y, wj, wx) as for `balance`; left at the root.
+        perturbed: the same in complex numbers, without perturbations.
+    """
+    _, c, _, _, _, ys, _, _ = values
+    y, slope = _root(ys[0], inertia(t, 0, c) / h, slope, (t, h, values, perturbed))
+    ys[0] = y
+    return np.isfinite(y), slope
+
+
+@_plain
+def fill_jacobian(t: Any, h: Any, y: Any, perturbed: Any, jacobian: Any) -> None:
+    """(m, m) ``∂F/∂y``, a column for every perturbed unknown."""
+    stay_outside()
+    theta, c, g, a, x, ys, wj, wx = perturbed
+    m = y.shape[0]
+    for j in range(m):
+        ys[j] = complex(y[j], 0.0)
+    for i in range(m):
+        ys[i] = complex(y[i], TINY)
+        balance(t, theta, c, g, a, x, ys, h, wj, wx)
+        ys[i] = complex(y[i], 0.0)
+        for j in range(m):
+            jacobian[j, i] = wj[FORCE, j].imag / TINY
+
+
+@_plain
+def eliminate(matrix: Any, right: Any) -> None:
+    """Solve a small linear system in place by elimination with row pivoting; ``right`` (m, k) becomes the solution."""
+    stay_outside()
+    m, columns = right.shape
+    for k in range(m):
+        pivot = k
+        for i in range(k + 1, m):
+            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
+                pivot = i
+        if pivot != k:
+            for j in range(m):
+                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
+            for c in range(columns):
+                right[k, c], right[pivot, c] = right[pivot, c], right[k, c]
+        for i in range(k + 1, m):
+            share = matrix[i, k] / matrix[k, k]
+            for j in range(k + 1, m):
+                matrix[i, j] -= share * matrix[k, j]
+            for c in range(columns):
+                right[i, c] -= share * right[k, c]
+    for k in range(m - 1, -1, -1):
+        inverse = 1.0 / matrix[k, k]
+        for c in range(columns):
+            for j in range(k + 1, m):
+                right[k, c] -= matrix[k, j] * right[j, c]
+            right[k, c] *= inverse
+
+
+@_plain
+def _converged(wj: Any, own: Any, tolerance: Any) -> bool:
+    stay_outside()
+    good = True
+    for j in range(own.shape[1]):
+        # Not a number fails the comparison as well.
+        good = good and abs(wj[FORCE, j]) <= tolerance * (wj[SIZE, j] + own[ROUNDING, j]) + NOTHING
+    return good
+
+
+@_plain
+def _merit(wj: Any, own: Any) -> Any:
+    """``Σ (F_j/c_j)²`` with ``c_j² = d(z_j − p_j)/dy_j / h``."""
+    stay_outside()
+    total = 0.0
+    for j in range(own.shape[1]):
+        total += (wj[FORCE, j] / own[_SCALE, j]) ** 2
+    return total
+
+
+@_plain
+def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
+    """Along a Newton step: the first halving that reduces the merit.
+
+    In the variables ``c_j v̄_j`` the equations of monotone laws are strongly monotone. Where no halving helps, the
+    iterate is projected on a plane that separates it from the solution and comes nearer to it (Solodov & Svaiter 1998).
+    """
+    stay_outside()
+    theta, c, g, a, x, y, wj, wx = values
+    m = y.shape[0]
+    before = _merit(wj, own)
+    length = 0.0
+    for j in range(m):
+        length += (own[_SCALE, j] * own[_STEP, j]) ** 2
+        own[_BEGIN, j] = y[j]
+    separated = False
+    part = 1.0
+    for _ in range(_HALVINGS):
+        for j in range(m):
+            y[j] = own[_BEGIN, j] + part * own[_STEP, j]
+        balance(t, theta, c, g, a, x, y, h, wj, wx)
+        if _merit(wj, own) <= (1.0 - _SUFFICIENT * part) * before:
+            return True
+        gain = 0.0
+        for j in range(m):
+            gain -= wj[FORCE, j] * own[_STEP, j]
+        if not separated and gain >= _SEPARATION * part * length:
+            separated = True
+            for j in range(m):
+                own[_POINT, j] = y[j]
+                own[_NORMAL, j] = wj[FORCE, j]
+        part *= 0.5
+    along, norm = 0.0, 0.0
+    for j in range(m):
+        along += own[_NORMAL, j] * (own[_BEGIN, j] - own[_POINT, j])
+        norm += (own[_NORMAL, j] / own[_SCALE, j]) ** 2
+    for j in range(m):
+        shift = along / norm * own[_NORMAL, j] / own[_SCALE, j] ** 2 if separated else 0.0
+        y[j] = own[_BEGIN, j] - shift
+    balance(t, theta, c, g, a, x, y, h, wj, wx)
+    return separated
+
+
+@_plain
+def solve_many(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any) -> bool:
+    """Solve for several junctions from the guess in ``y``; the values are left at the solution.
+
+    Args:
+        values, perturbed: as for `solve_one`.
+        jacobian: (m, m), step: (m, 1) and own: (6, m) memory.
+    """
+    stay_outside()
+    theta, c, g, a, x, y, wj, wx = values
+    m = y.shape[0]
+    for j in range(m):
+        own[_SCALE, j] = np.sqrt(inertia(t, j, c) / h)
+        own[ROUNDING, j] = 0.0
+    balance(t, theta, c, g, a, x, y, h, wj, wx)
+    for iteration in range(_ITERATIONS):
+        if _converged(wj, own, TOLERANCE if iteration < _STRICT else RELAXED):
+            return True
+        fill_jacobian(t, h, y, perturbed, jacobian)
+        for j in range(m):
+            step[j, 0] = -wj[FORCE, j]
+            own[ROUNDING, j] = 0.0
+            for i in range(m):
+                own[ROUNDING, j] += abs(jacobian[j, i] * y[i])
+        eliminate(jacobian, step)
+        for j in range(m):
+            own[_STEP, j] = step[j, 0]
+        if not _advance(t, h, values, own):
+            break
+    return _converged(wj, own, RELAXED)

@@ -1,0 +1,58 @@
+"""The integer table that the compiled kernel reads: one row an element, all kinds in one array.
+
+One array, because a compiled function is called the faster the fewer arrays it is given. Row 0 says where the rows of
+each kind begin; "row" below is a number of a row of this table, "place" an index into the vector ``theta``, and "law"
+stands for a code with four places, or with the first place and the number of units of a block of weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Integers = NDArray[np.int64]
+
+# Kinds of rows, and what stands in their columns.
+STORAGES = 0  # law (5): in the order of the network
+JUNCTIONS = 1  # storage number, whether its effort is linear in its state
+LEAVES = 2  # storage number, rule, whether its storage is linear, first and last row of its resistors, links, inlets
+LINKS = 3  # junction number; ratio with the sign of J[leaf, junction]
+LEAF_RESISTORS = 4  # law (5), row of what it reads or -1; ratio
+JUNCTION_RESISTORS = 5  # law (5), row of what it reads or -1, first and last row of its branches
+BRANCHES = 6  # junction number; ratio
+GYRATORS = 7  # junction number, the other junction's number; ratio with the sign of J
+PORTS = 8  # law (5)
+LEAF_INLETS = 9  # port number; ratio
+JUNCTION_INLETS = 10  # port number, junction number; ratio
+READS = 11  # leaf number or -1, junction number or -1
+FACTORS = 12  # law (5), row of what it reads, place of the ratio that it multiplies
+KINDS = 13
+# A row with a ratio has its place and its sign in the last two columns; a row without has the place -1.
+RATIO, SIGN = 14, 15
+_COLUMNS = 16
+
+# How a leaf is advanced: without resistors; by the exact flow; by two-stage Radau IIA; by the discrete gradient.
+LOSSLESS, EXACT, RADAU, GRADIENT = range(4)
+NONE = -1
+
+
+def stack(rows: Mapping[int, Sequence[Sequence[int]]], ratios: Mapping[int, Sequence[tuple[int, int]]]) -> Integers:
+    """The table of the rows of every kind, with the place and sign of the ratios of those kinds that have them."""
+    table = np.full((1 + sum(map(len, rows.values())), _COLUMNS), NONE, dtype=np.int64)
+    first = 1
+    for kind in range(KINDS):
+        table[0, kind] = first
+        for i, row in enumerate(rows[kind]):
+            table[first, : len(row)] = row
+            if kind in ratios:
+                table[first, RATIO], table[first, SIGN] = ratios[kind][i]
+            first += 1
+    table[0, KINDS] = first
+    return table
+
+
+def rows_of(table: Integers, kind: int) -> Integers:
+    """(…, 16) the rows of one kind."""
+    return table[table[0, kind] : table[0, kind + 1]]

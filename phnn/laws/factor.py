@@ -1,0 +1,15 @@
+"""Factor laws: how a transformer ratio follows a state."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from phnn.laws.law import FactorLaw, register
+
+
+def affine(q: Any, kappa: Any, q0: Any) -> Any:
+    """``1 + κ q/q₀``."""
+    return 1.0 + kappa * q / q0
+
+
+register(FactorLaw("affine", affine, (0.3, 0.9)))

@@ -1,0 +1,268 @@
+"""Laws with as many weights as one likes: a sum over equal units, written once for tensors and for the kernel.
+
+    resistor:  φ(ε)    = combine(ε, Σ_i unit(ε, *w_i), *head)
+    storage:   H(x)    = energy_combine(x, Σ_i energy_unit(x, *w_i), *head)
+               ē(a, b) = combine(a, b, Σ_i unit(a, b, *w_i), *head)
+
+The weights are physical (positive ones positive, scales of effort and flow included) and lie in one flat vector
+``[*head, *w_1, *w_2, …]``. Units and combinations are written with `phnn.laws.namespace`.
+
+Monotone and convex units are made of the hinge (squareplus, Barron 2021) and its slope, a step from 0 to 1,
+
+    S(y) = (y + r)/2,   σ(y) = S'(y) = S²/(1 + S²),   r(y) = √(4 + y²) = S + 1/S.
+
+They have the shape of softplus and the logistic function for the price of a square root, and their differences are
+rational in ``S``: with ``A = S(a)``, ``B = S(b)`` and ``P = A B``
+
+    S(b) − S(a) = (b − a) P/(1 + P),        σ(b) − σ(a) = (b − a) (A + B)/((1 + P) r(a) r(b)),
+    S(b) − S(a) − σ(a) (b − a) = (b − a)² P/((1 + P)² r(a)),
+
+sums and products of positive numbers, in which nothing cancels however close ``a`` and ``b`` are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numba
+
+from phnn.errors import StructureViolated
+from phnn.laws.namespace import absolute, exp, maximum, real, reciprocal, shared, sqrt, where
+
+
+@dataclass(frozen=True)
+class WideResistor:
+    """A sector law ``ε φ(ε; w) ≥ 0`` that is a sum over units.
+
+    Attributes:
+        name: as used by torch modules and the kernel.
+        unit: ``unit(ε, *w_i)``.
+        combine: ``φ = combine(ε, sum, *head)``.
+        head: number of weights before those of the units.
+        per_unit: number of weights of a unit.
+        monotone: whether ``φ`` is non-decreasing in ``ε``.
+    """
+
+    name: str
+    unit: Callable[..., Any]
+    combine: Callable[..., Any]
+    head: int
+    per_unit: int
+    monotone: bool
+
+
+@dataclass(frozen=True)
+class WideStorage:
+    """An energy ``H(x; w) ≥ H(0) = 0`` that is a sum over units.
+
+    Attributes:
+        name: as used by torch modules and the kernel.
+        energy_unit: ``energy_unit(x, *w_i)``.
+        energy_combine: ``H = energy_combine(x, sum, *head)`` [J].
+        unit: ``unit(a, b, *w_i)``.
+        combine: ``(H(b) − H(a))/(b − a) = combine(a, b, sum, *head)``, ``H'(a)`` where ``b = a``.
+        head: number of weights before those of the units.
+        per_unit: number of weights of a unit.
+        convex: whether the effort is monotone.
+    """
+
+    name: str
+    energy_unit: Callable[..., Any]
+    energy_combine: Callable[..., Any]
+    unit: Callable[..., Any]
+    combine: Callable[..., Any]
+    head: int
+    per_unit: int
+    convex: bool
+
+
+WIDE_RESISTORS: dict[str, WideResistor] = {}
+WIDE_STORAGES: dict[str, WideStorage] = {}
+
+
+def register_wide(law: WideResistor | WideStorage) -> None:
+    """Make a wide law available under its name.
+
+    Raises:
+        StructureViolated: the name is taken.
+    """
+    table: dict[str, Any] = WIDE_RESISTORS if isinstance(law, WideResistor) else WIDE_STORAGES
+    if law.name in table:
+        raise StructureViolated(f"a wide law called {law.name!r} exists already: choose another name")
+    table[law.name] = law
+
+
+def flow(
+    law: WideResistor,
+    effort: Any,  # (...) tensor or array
+    weights: Any,  # (head + U·per_unit,) flat
+) -> Any:
+    """(...) ``φ(ε)``."""
+    head, units = _unpacked(law, weights)
+    return law.combine(effort, law.unit(effort[..., None], *units).sum(-1), *head)
+
+
+def mean_effort(
+    law: WideStorage,
+    a: Any,  # (...) energy variable at the start of a step
+    b: Any,  # (...) and at its end
+    weights: Any,  # (head + U·per_unit,) flat
+) -> Any:
+    """(...) ``(H(b) − H(a))/(b − a)``, and ``H'(a)`` where ``b = a``."""
+    head, units = _unpacked(law, weights)
+    return law.combine(a, b, law.unit(a[..., None], b[..., None], *units).sum(-1), *head)
+
+
+def energy(
+    law: WideStorage,
+    x: Any,  # (...) tensor or array
+    weights: Any,  # (head + U·per_unit,) flat
+) -> Any:
+    """(...) ``H(x)`` [J]."""
+    head, units = _unpacked(law, weights)
+    return law.energy_combine(x, law.energy_unit(x[..., None], *units).sum(-1), *head)
+
+
+def _unpacked(law: WideResistor | WideStorage, weights: Any) -> tuple[list[Any], list[Any]]:
+    """The head's weights, and (U,) of every kind of the units' weights."""
+    units = weights[law.head :].reshape(-1, law.per_unit)
+    return [weights[i] for i in range(law.head)], [units[:, j] for j in range(law.per_unit)]
+
+
+@cache
+def compiled_flow(law: WideResistor) -> Any:
+    """Compiled ``flow(effort, theta, first, count)``: ``φ(ε)`` of ``count`` units, weights from ``theta[first]`` on."""
+    return _compiled(law, ("effort",))
+
+
+@cache
+def compiled_mean_effort(law: WideStorage) -> Any:
+    """Compiled ``mean_effort(a, b, theta, first, count)`` of ``count`` units, weights from ``theta[first]`` on."""
+    return _compiled(law, ("a", "b"))
+
+
+def _compiled(law: WideResistor | WideStorage, arguments: tuple[str, ...]) -> Any:
+    """The loop over units for floats and complex numbers; it allocates nothing and counts no references."""
+    given = ", ".join(arguments)
+    head = "".join(f", theta[first + {i}]" for i in range(law.head))
+    unit = "".join(f", theta[at + {j}]" for j in range(law.per_unit))
+    text = f"""
+def evaluate({given}, theta, first, count):
+    total = 0.0
+    for i in range(count):
+        at = first + {law.head} + {law.per_unit} * i
+        total += unit({given}{unit})
+    return combine({given}, total{head})
+"""
+    scope: dict[str, Any] = {
+        "unit": numba.njit(law.unit, error_model="numpy", forceinline=True),
+        "combine": numba.njit(law.combine, error_model="numpy", forceinline=True),
+    }
+    # The text is built from counts only.
+    exec(text, scope)
+    # Set, because the flag is inherited from whatever is compiled around it.
+    return numba.njit(scope["evaluate"], error_model="numpy", forceinline=False)
+
+
+@shared
+def _hinge(y: Any) -> Any:
+    """``S(y)`` and ``r(y)``, the former as ``1/S(−y)`` where the sum would cancel."""
+    r = sqrt(4.0 + y * y)
+    large = 0.5 * (absolute(y) + r)
+    return where(real(y) >= 0.0, large, reciprocal(large)), r
+
+
+@shared
+def _hinge_rise(c: Any, d: Any) -> Any:
+    """``S(c + d) − S(c)``."""
+    product = _hinge(c)[0] * _hinge(c + d)[0]
+    return d * product * reciprocal(1.0 + product)
+
+
+@shared
+def _step_rise(c: Any, d: Any) -> Any:
+    """``σ(c + d) − σ(c)``."""
+    start, r_start = _hinge(c)
+    end, r_end = _hinge(c + d)
+    return d * (start + end) * reciprocal((1.0 + start * end) * r_start * r_end)
+
+
+@shared
+def damping_unit(effort: Any, weight: Any, gain: Any, position: Any) -> Any:
+    """``w tanh(k ε + c)``, by one exponential that cannot overflow: half the price of the library's function."""
+    y = gain * effort + position
+    decay = exp(-2.0 * absolute(y))
+    size = (1.0 - decay) * reciprocal(1.0 + decay)
+    return weight * where(real(y) >= 0.0, size, -size)
+
+
+def symmetric_damping_unit(effort: Any, weight: Any, gain: Any, position: Any) -> Any:
+    """``w tanh(k |ε| + c)``: the same for both signs, so that ``φ`` is odd."""
+    return damping_unit(absolute(effort), weight, gain, position)
+
+
+def damping_combine(effort: Any, total: Any, offset: Any) -> Any:
+    """``φ = ε max(g₀ + Σ, 0)``."""
+    conductance = offset + total
+    return effort * maximum(conductance, 0.0 * conductance)
+
+
+def monotone_unit(
+    effort: Any, w_step: Any, k_step: Any, c_step: Any, w_up: Any, k_up: Any, c_up: Any, w_down: Any, k_down: Any,
+    c_down: Any,
+) -> Any:  # fmt: skip
+    """A step and two hinges: ``w₀ [σ(k₀ε + c₀) − σ(c₀)] + w₁ [S(k₁ε − c₁) − S(−c₁)] − w₂ [S(−k₂ε − c₂) − S(−c₂)]``."""
+    step = w_step * _step_rise(c_step, k_step * effort)
+    return step + w_up * _hinge_rise(-c_up, k_up * effort) - w_down * _hinge_rise(-c_down, -k_down * effort)
+
+
+def monotone_combine(effort: Any, total: Any, slope: Any) -> Any:
+    """``φ = a ε + Σ``."""
+    return slope * effort + total
+
+
+def convex_energy_unit(x: Any, weight: Any, gain: Any, position: Any) -> Any:
+    """``(w/k) [S(kx + c) − S(c) − σ(c) kx] ≥ 0``: a hinge less its tangent at zero."""
+    start, r_start = _hinge(position)
+    product = start * _hinge(gain * x + position)[0]
+    share = reciprocal(1.0 + product)
+    return weight * gain * x * x * product * share * share * reciprocal(r_start)
+
+
+def convex_energy_combine(x: Any, total: Any, curvature: Any) -> Any:
+    """``H = c x²/2 + Σ`` with the curvature ``c``."""
+    return 0.5 * curvature * x * x + total
+
+
+def convex_unit(a: Any, b: Any, weight: Any, gain: Any, position: Any) -> Any:
+    """``w [(S(kb + c) − S(ka + c))/(kb − ka) − σ(c)]``, symmetric in ``a`` and ``b``.
+
+    With ``A, B, C = S(ka + c), S(kb + c), S(c)`` the bracket is ``AB/(1 + AB) − C²/(1 + C²)``, and in
+    ``AB − C² = ½ (A + C)(B − C) + ½ (B + C)(A − C)`` the differences are proportional to ``b`` and to ``a``.
+    """
+    to_a = gain * a
+    to_b = gain * b
+    zero, r_zero = _hinge(position)
+    at_a = _hinge(to_a + position)[0]
+    at_b = _hinge(to_b + position)[0]
+    by_a = 1.0 + at_a * zero
+    by_b = 1.0 + at_b * zero
+    rise = (at_a + zero) * at_b * to_b * by_a + (at_b + zero) * at_a * to_a * by_b
+    # Products in this order are the same number when the ends are exchanged.
+    return 0.5 * weight * rise * reciprocal((1.0 + at_a * at_b) * (by_a * by_b) * r_zero)
+
+
+def convex_combine(a: Any, b: Any, total: Any, curvature: Any) -> Any:
+    """``ē = c (a + b)/2 + Σ`` with the curvature ``c``."""
+    return 0.5 * curvature * (a + b) + total
+
+
+register_wide(WideResistor("damping", damping_unit, damping_combine, 1, 3, monotone=False))
+register_wide(WideResistor("symmetric_damping", symmetric_damping_unit, damping_combine, 1, 3, monotone=False))
+register_wide(WideResistor("monotone", monotone_unit, monotone_combine, 1, 9, monotone=True))
+register_wide(
+    WideStorage("convex", convex_energy_unit, convex_energy_combine, convex_unit, convex_combine, 1, 3, convex=True)
+)

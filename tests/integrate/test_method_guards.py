@@ -1,0 +1,262 @@
+"""What surrounds the power-preserving step in torchdiffeq: its recording, wrong adjoints, and what is refused."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from collections.abc import Callable
+
+import pytest
+import torch
+import torchdiffeq
+from torch import Tensor, nn
+from torchdiffeq._impl.fixed_grid import FixedGridODESolver
+from torchdiffeq._impl.odeint import SOLVERS
+
+from phnn.errors import InputRefused, SolverFailed
+from phnn.integrate import method, ode
+from phnn.integrate.dense import solve_dense
+from phnn.integrate.method import ADJOINT_METHOD, METHOD
+from phnn.network import Coupling, DrivenSystem, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.parameters import as_table, positive
+
+torch.set_num_threads(1)
+
+TIMES = torch.tensor([0.5, 1.1, 1.2, 2.03], dtype=torch.float64)
+
+
+def oscillator(resistor: object = "coulomb", rate: float = 0.3, k: float = 8.0) -> DrivenSystem:
+    """A driven mass of 2 kg on a spring, with friction that decays at ``rate`` where it is linear."""
+    values = {"coulomb": {"f": 0.3, "v": 0.02}, "linear": {"b": 2.0 * rate}}.get(str(resistor), {})
+    network = Network(
+        (Storage("q", "spring", ("k",)), Storage("p", "capacitor", ("m",))),
+        (Resistor("friction", resistor, {"p": 1.0}, tuple(values)),),
+        (Coupling("q", "p"),),
+        (Port("force", {"p": 1.0}),),
+        as_table([positive(name, value, "1") for name, value in {"m": 2.0, "k": k, **values}.items()]),
+    )
+    return PortHamiltonianSystem(network).with_input(lambda t: torch.sin(3.0 * t))
+
+
+def start(*batch: int) -> Tensor:
+    return torch.randn(*batch, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
+
+
+def by_graph(driven: object, x0: object, t: Tensor, step: float | None = 0.1) -> Tensor:
+    return torchdiffeq.odeint(driven, x0, t, method=METHOD, options={"step_size": step})
+
+
+def by_adjoint(driven: object, x0: object, t: Tensor, step: float | None = 0.1) -> Tensor:
+    return torchdiffeq.odeint_adjoint(
+        driven, x0, t, method=METHOD, options={"step_size": step}, adjoint_method=ADJOINT_METHOD, adjoint_options={}
+    )
+
+
+def slopes(driven: DrivenSystem, *results: Tensor) -> list[Tensor]:
+    """Gradients of a weighed sum of results by the parameters of the system that they came from."""
+    weights = torch.randn(results[0].shape, dtype=torch.float64, generator=torch.Generator().manual_seed(4))
+    loss = sum((weights * x**2).sum() for x in results)
+    return list(torch.autograd.grad(loss, tuple(driven.parameters())))
+
+
+def test_two_solves_before_one_backward_keep_apart() -> None:
+    driven = oscillator()
+    solves = [(start(2)[k], step) for k, step in enumerate((0.1, 0.3))]
+    alone = [slopes(driven, by_adjoint(driven, x0, TIMES, step)) for x0, step in solves]
+    together = slopes(driven, *(by_adjoint(driven, x0, TIMES, step) for x0, step in solves))
+    for whole, first, second in zip(together, *alone, strict=True):
+        assert whole.item() == pytest.approx((first + second).item(), rel=1e-13)
+        assert abs(first - second) > 0.01 * abs(whole)
+
+
+def recording_of(x: Tensor) -> weakref.ref[Tensor]:
+    """The states of all steps, which live with the graph of the result."""
+    path = x.grad_fn.func.solve.path  # type: ignore[union-attr]
+    assert path.shape == (17, 2)
+    return weakref.ref(path)
+
+
+def test_the_recording_is_dropped_after_backward_and_made_again_for_another() -> None:
+    driven = oscillator()
+    x = by_adjoint(driven, start(), TIMES)
+    recording = recording_of(x)
+    once = torch.autograd.grad(x[-1, 0], tuple(driven.parameters()), retain_graph=True)
+    assert recording() is None
+    again = torch.autograd.grad(x[-1, 0], tuple(driven.parameters()))
+    assert all(torch.equal(a, b) for a, b in zip(once, again, strict=True))
+    assert x.grad_fn.func.solve.path is None  # type: ignore[union-attr]
+
+
+def test_the_recording_goes_with_a_result_that_is_dropped() -> None:
+    driven = oscillator()
+    x = by_adjoint(driven, start(), TIMES)
+    recording = recording_of(x)
+    del x
+    gc.collect()
+    assert recording() is None
+
+
+def test_without_gradients_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept: list[weakref.ref[object]] = []
+    record = method._Solve.recorded
+
+    def noted(solve: method._Solve) -> Tensor:
+        kept.append(weakref.ref(solve))
+        return record(solve)
+
+    monkeypatch.setattr(method._Solve, "recorded", noted)
+    driven = oscillator()
+    by_graph(driven, start(), TIMES).sum().backward()
+    with torch.no_grad():
+        by_graph(driven, start(), TIMES)
+    assert not kept
+    with torch.no_grad():
+        x = by_adjoint(driven, start(), TIMES)
+    gc.collect()
+    assert x.grad_fn is None
+    assert len(kept) == 1
+    assert kept[0]() is None
+
+
+class Naive(FixedGridODESolver):
+    """The step as a method of torchdiffeq is usually written, without an adjoint of its own."""
+
+    order = 2
+
+    def _step_func(self, func: nn.Module, t0: Tensor, dt: Tensor, t1: Tensor, y0: Tensor) -> tuple[Tensor, None]:
+        driven = func.base_func.base_func
+        u = driven.input(t0 + 0.5 * dt).reshape(1, 1)
+        return solve_dense(driven.system, y0, u, float(dt))[1] - y0, None
+
+
+def test_continuous_adjoint_of_a_stiff_step_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    # rate·h = 1.9 and an output every 20 steps: going back, errors of the state grow by exp(38).
+    monkeypatch.setitem(SOLVERS, "naive", Naive)
+    driven, h, t = oscillator("linear", 19.0), 0.1, torch.tensor([0.0, 2.0, 4.0], dtype=torch.float64)
+    options = {"step_size": h}
+    expected = slopes(driven, by_graph(driven, start(), t, h))
+    exact = slopes(driven, by_adjoint(driven, start(), t, h))
+    plain = torchdiffeq.odeint_adjoint(
+        driven, start(), t, method="naive", options=options, adjoint_method="rk4", adjoint_options=options
+    )
+    torch.testing.assert_close(plain.detach(), by_graph(driven, start(), t, h).detach(), rtol=1e-2, atol=1e-4)
+    wrong = slopes(driven, plain)
+    for k, value in enumerate(expected):
+        assert exact[k].item() == pytest.approx(value.item(), rel=1e-12)
+        assert abs(wrong[k] / value - 1.0) > 1e3
+
+
+def relaxation(rate: float) -> PortHamiltonianSystem:
+    """``ṗ = −b p/m``, whose step is ``p⁺ = (1 − r)/(1 + r) p`` with ``r = h b/(2m)``."""
+    network = Network(
+        (Storage("p", "capacitor", ("m",)),),
+        (Resistor("damper", "linear", {"p": 1.0}, ("b",)),),
+        (),
+        (),
+        as_table([positive("m", 2.0, "kg"), positive("b", 2.0 * rate, "N s/m")]),
+        "p",
+    )
+    return PortHamiltonianSystem(network)
+
+
+def slope_of_relaxation(rate: float, h: float, steps: int) -> float:
+    """``∂p_N/∂b`` by hand, from ``p_0 = 1`` and ``m = 2 kg``."""
+    r = 0.5 * rate * h
+    factor = (1.0 - r) / (1.0 + r)
+    return steps * factor ** (steps - 1) * (-2.0 / (1.0 + r) ** 2) * h / 4.0
+
+
+@pytest.mark.parametrize("other", [{}, {"adjoint_method": "midpoint", "adjoint_options": {"step_size": 0.01}}])
+def test_every_other_adjoint_of_the_step_is_refused(other: dict[str, object]) -> None:
+    driven = oscillator()
+    x = torchdiffeq.odeint_adjoint(driven, start(), TIMES, method=METHOD, options={"step_size": 0.1}, **other)
+    with pytest.raises(InputRefused, match=r"outputs are far apart .*adjoint_method='discrete_gradient_adjoint'"):
+        x.sum().backward()
+
+
+def test_guarded_odeint_names_and_offers_the_exact_adjoint() -> None:
+    x0, t = torch.ones(1, dtype=torch.float64), torch.tensor([0.0, 2.0], dtype=torch.float64)
+    with pytest.raises(InputRefused, match=r"method='discrete_gradient', whose own adjoint .discrete_gradient_adjoint"):
+        ode.odeint(relaxation(19.0), x0, t, adjoint=True)
+    system = relaxation(1e7)
+    x = ode.odeint(system, x0, t, method=METHOD, adjoint=True, step_size=0.1)
+    x[-1, 0].backward()
+    slope = system.free["b"].grad.item()  # type: ignore[union-attr]
+    assert slope == pytest.approx(slope_of_relaxation(1e7, 0.1, 20), rel=1e-9)
+    assert torch.equal(x, ode.odeint(system, x0, t, method=METHOD, step_size=0.1))
+
+
+def test_guarded_odeint_refuses_what_the_adjoint_would_leave_out() -> None:
+    amplitude = torch.tensor(1.0, dtype=torch.float64, requires_grad=True)
+    driven = oscillator("linear").system.with_input(lambda t: amplitude * torch.sin(t))
+    with pytest.raises(InputRefused, match=r"register it .*nn\.Module"):
+        ode.odeint(driven, start(), TIMES, method=METHOD, adjoint=True)
+    with pytest.raises(InputRefused, match="step_size is for discrete_gradient"):
+        ode.odeint(driven, start(), TIMES, method="rk4", step_size=0.1)
+    with pytest.raises(InputRefused, match="jump times into t"):
+        ode.odeint(driven, start(), TIMES, method=METHOD, jump_t=TIMES)
+
+
+class Spiral(nn.Module):
+    """A vector field without an energy."""
+
+    def forward(self, t: Tensor, x: Tensor) -> Tensor:
+        return x.flip(-1)
+
+
+@pytest.mark.parametrize("solve", [by_graph, by_adjoint])
+def test_systems_without_a_discrete_gradient_are_refused(solve: Callable[..., Tensor]) -> None:
+    with pytest.raises(InputRefused, match=r"a Spiral, which has no energy .*with_input\(u\)"):
+        solve(Spiral(), torch.zeros(2, dtype=torch.float64), TIMES)
+    with pytest.raises(InputRefused, match="one state tensor"):
+        solve(oscillator("linear"), (start(),), TIMES)
+    with pytest.raises(InputRefused, match="cannot be integrated backwards"):
+        solve(oscillator("linear"), start(), -TIMES)
+
+
+@pytest.mark.parametrize(
+    ("t", "options", "message"),
+    [
+        (TIMES, {"step_size": 0.0}, r"step_size = 0 s: give a positive"),
+        (TIMES, {"step_size": float("nan")}, r"step_size = nan s"),
+        (TIMES, {"interp": "cubic"}, "no option interp: leave it out, it takes step_size"),
+        (TIMES.float(), {}, r"torch\.float32: .*\.double"),
+        (TIMES[:1], {}, "at least two"),
+        (TIMES + torch.tensor([0, 0, 0, torch.inf]), {}, "all finite"),
+    ],
+)
+def test_unusable_times_and_options_are_refused(t: Tensor, options: dict[str, object], message: str) -> None:
+    driven = oscillator("linear")
+    with pytest.raises(InputRefused, match=message):
+        torchdiffeq.odeint(driven, start(), t, method=METHOD, options=options)
+
+
+def test_misplaced_adjoint_methods_and_events_are_refused() -> None:
+    driven = oscillator("linear")
+    x0, wrong = start(), "adjoint_method of odeint_adjoint for method='discrete_gradient' alone"
+    with pytest.raises(InputRefused, match=wrong):
+        torchdiffeq.odeint(driven, x0, TIMES, method=ADJOINT_METHOD)
+    x = torchdiffeq.odeint_adjoint(driven, x0, TIMES, method="rk4", adjoint_method=ADJOINT_METHOD)
+    with pytest.raises(InputRefused, match=wrong):
+        x.sum().backward()
+    x = torchdiffeq.odeint_adjoint(
+        driven, x0, TIMES, method=METHOD, adjoint_method=ADJOINT_METHOD, adjoint_options={"step_size": 0.1}
+    )
+    with pytest.raises(InputRefused, match=r"discrete_gradient_adjoint has no option step_size: leave it out$"):
+        x.sum().backward()
+    with pytest.raises(InputRefused, match="does not look for events"):
+        torchdiffeq.odeint(driven, x0, TIMES[:2], method=METHOD, event_fn=lambda t, x: x[..., 0] - 1.0)
+
+
+class Falling(nn.Module):
+    """A sector law that falls so steeply that a long step has no connected solution."""
+
+    def forward(self, effort: Tensor) -> Tensor:
+        return 50.0 * effort * torch.exp(-((effort / 0.1) ** 2))
+
+
+def test_a_step_without_solution_is_named_by_its_own_time() -> None:
+    driven = oscillator(Falling(), k=1e-6).system.with_input(lambda t: 0.2 * (t - 100.0))
+    t = torch.arange(100.0, 130.0, 0.5, dtype=torch.float64)
+    with pytest.raises(SolverFailed, match=r"the step from t = 1[0-2]\d(\.5)? s .* has no solution"):
+        by_adjoint(driven, torch.zeros(2, dtype=torch.float64), t, None)

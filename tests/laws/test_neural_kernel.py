@@ -1,0 +1,273 @@
+"""What every wide law owes its two users: the torch module and the compiled kernel see one function, exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import mpmath
+import numba
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from phnn.errors import StructureViolated
+from phnn.laws import wide
+from phnn.laws.namespace import TINY, sqrt
+from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, WideResistor, WideStorage
+
+torch.set_num_threads(1)
+SCALE, TYPICAL = 1e-5, 3e4
+UNITS = 5
+# Where a block of weights begins in the kernel's parameters: before and behind it stands what no law may read.
+FIRST = 3
+
+MODULES: dict[str, Callable[[int], nn.Module]] = {
+    "damping": lambda width: DampingMLP(SCALE, TYPICAL, width),
+    "symmetric_damping": lambda width: DampingMLP(SCALE, TYPICAL, width, symmetric=True),
+    "monotone": lambda width: MonotoneMLP(SCALE, TYPICAL, width),
+    "convex": lambda width: EnergyMLP(SCALE, TYPICAL, width),
+}
+LAWS: dict[str, WideResistor | WideStorage] = {**WIDE_RESISTORS, **WIDE_STORAGES}
+every = pytest.mark.parametrize("name", LAWS)
+fuzzy = settings(max_examples=12, deadline=None)
+shakes = st.tuples(st.integers(0, 10**6), st.floats(0.0, 4.0))
+
+
+def shaken(name: str, seed: int, size: float) -> nn.Module:
+    """A module of the law with weights moved far from their initial values."""
+    module = MODULES[name](UNITS)
+    random = torch.Generator().manual_seed(seed)
+    with torch.no_grad():
+        for weight in module.parameters():
+            weight.add_(size * torch.randn(weight.shape, generator=random, dtype=torch.float64))
+    return module
+
+
+def weights_of(module: nn.Module) -> Tensor:
+    return module.weights().detach()  # type: ignore[operator]
+
+
+def arguments(name: str, lowest: int = -12, highest: int = 6) -> list[NDArray[np.float64]]:
+    """Arguments of both signs over many decades; for a storage all kinds of pairs of them."""
+    decades = SCALE * 10.0 ** np.arange(lowest, highest + 1)
+    x = np.concatenate([[0.0], *(m * decades for m in (1.0, -2.3, 4.7, -7.9))])
+    return [x] if name in WIDE_RESISTORS else [np.concatenate([x, x, x]), np.concatenate([x, x[::-1], np.roll(x, 7)])]
+
+
+def evaluate(name: str, given_: list[Any], weights: Any) -> Any:
+    """The law on tensors or arrays."""
+    if name in WIDE_RESISTORS:
+        return wide.flow(WIDE_RESISTORS[name], *given_, weights)
+    return wide.mean_effort(WIDE_STORAGES[name], *given_, weights)
+
+
+@cache
+def kernel(name: str) -> Callable[..., Any]:
+    """The compiled law from code that can neither allocate nor count references, as the kernel is."""
+    if name in WIDE_RESISTORS:
+        flow = wide.compiled_flow(WIDE_RESISTORS[name])
+
+        @numba.njit(error_model="numpy", _nrt=False)
+        def fill_flow(effort: Any, theta: Any, first: Any, count: Any, out: Any) -> None:
+            for n in range(len(out)):
+                out[n] = flow(effort[n], theta, first, count)
+
+        return fill_flow
+    mean_effort = wide.compiled_mean_effort(WIDE_STORAGES[name])
+
+    @numba.njit(error_model="numpy", _nrt=False)
+    def fill_effort(a: Any, b: Any, theta: Any, first: Any, count: Any, out: Any) -> None:
+        for n in range(len(out)):
+            out[n] = mean_effort(a[n], b[n], theta, first, count)
+
+    return fill_effort
+
+
+def compiled(name: str, given_: list[Any], weights: NDArray[Any]) -> NDArray[Any]:
+    """The compiled law at (N,) arguments."""
+    theta = np.concatenate([np.full(FIRST, np.nan), weights, [np.nan]])
+    out = np.empty(len(given_[0]), np.result_type(theta, *given_))
+    kernel(name)(*given_, theta, FIRST, UNITS, out)
+    return out
+
+
+def size_of_terms(name: str, given_: list[NDArray[np.float64]], weights: Tensor) -> NDArray[np.float64]:
+    """(N,) size of what is summed in the law: its value where all of it has one sign."""
+    if "damping" in name:
+        heights = weights[0].abs() + weights[1:].reshape(-1, 3)[:, 0].abs().sum()
+        return np.abs(given_[0]) * heights.item()
+    ends = [torch.from_numpy(x) for x in given_]
+    return sum(np.abs(evaluate(name, [x] * len(ends), weights).numpy()) for x in ends)
+
+
+def test_every_wide_law_is_tested_here_with_the_module_that_uses_it() -> None:
+    assert set(MODULES) == set(LAWS)
+    for name, make in MODULES.items():
+        module, law = make(UNITS), LAWS[name]
+        assert module.law == name
+        assert module.units == UNITS
+        assert weights_of(module).shape == (law.head + UNITS * law.per_unit,)
+        flag = "monotone" if isinstance(law, WideResistor) else "convex"
+        assert getattr(module, flag) == getattr(law, flag)
+
+
+@every
+def test_a_name_is_registered_once(name: str) -> None:
+    with pytest.raises(StructureViolated, match="choose another name"):
+        wide.register_wide(LAWS[name])
+
+
+@every
+@fuzzy
+@given(shakes)
+def test_compiled_values_are_those_of_the_torch_module(name: str, shake: tuple[int, float]) -> None:
+    module, given_ = shaken(name, *shake), arguments(name)
+    tensors = [torch.from_numpy(x) for x in given_]
+    with torch.no_grad():
+        value = module(*tensors) if name in WIDE_RESISTORS else module.mean_effort(*tensors)  # type: ignore[operator]
+    weights = weights_of(module)
+    bound = 1e-14 * size_of_terms(name, given_, weights)
+    found = compiled(name, given_, weights.numpy())
+    assert (np.abs(found - value.numpy()) <= bound).all()
+    assert (np.abs(evaluate(name, given_, weights.numpy()) - value.numpy()) <= bound).all()
+
+
+@every
+@fuzzy
+@given(shakes)
+def test_complex_step_is_the_slope_of_autograd(name: str, shake: tuple[int, float]) -> None:
+    weights, given_ = weights_of(shaken(name, *shake)), arguments(name)
+    tensors = [torch.from_numpy(x).clone().requires_grad_(True) for x in given_]
+    slopes = torch.autograd.grad(evaluate(name, tensors, weights).sum(), tensors)
+    for k, slope in enumerate(slopes):
+        moved = [x + TINY * 1j if i == k else x + 0j for i, x in enumerate(given_)]
+        found = compiled(name, moved, weights.numpy() + 0j).imag / TINY
+        # Where a sum changes sign its terms set the scale; their slopes are as large as those elsewhere.
+        scale = np.abs(slope.numpy()) + 1e-3 * np.abs(slope.numpy()).max()
+        assert (np.abs(found - slope.numpy()) <= 1e-12 * scale).all()
+
+
+@every
+@pytest.mark.parametrize(("seed", "size"), [(0, 0.0), (2, 3.0)])
+def test_complex_step_by_every_weight_is_the_slope_of_autograd(name: str, seed: int, size: float) -> None:
+    weights, given_ = weights_of(shaken(name, seed, size)).requires_grad_(True), arguments(name)
+    values = evaluate(name, [torch.from_numpy(x) for x in given_], weights)
+    expected = torch.stack([torch.autograd.grad(v, weights, retain_graph=True)[0] for v in values]).numpy()
+    theta = weights.detach().numpy()
+    # In units of weight and result: positions enter by differences that may cancel.
+    bound = 1e-12 * size_of_terms(name, given_, weights.detach())
+    for k, weight in enumerate(theta):
+        moved = theta + 0j
+        moved[k] += TINY * 1j
+        found = compiled(name, [x + 0j for x in given_], moved).imag / TINY
+        assert (np.abs((found - expected[:, k]) * weight) <= bound).all()
+    assert (np.abs(expected).max(0) > 0.0).all()
+
+
+def squareplus(y: Any) -> Any:
+    return (y + mpmath.sqrt(4 + y * y)) / 2
+
+
+def logistic(y: Any) -> Any:
+    return (1 + y / mpmath.sqrt(4 + y * y)) / 2
+
+
+def exact_flow(effort: float, weights: NDArray[np.float64]) -> Any:
+    """The flow of a monotone law by its definition."""
+    total = mpmath.mpf(weights[0]) * effort
+    for row in weights[1:].reshape(-1, 9):
+        w0, k0, c0, w1, k1, c1, w2, k2, c2 = map(mpmath.mpf, row)
+        total += w0 * (logistic(k0 * effort + c0) - logistic(c0))
+        total += w1 * (squareplus(k1 * effort - c1) - squareplus(-c1))
+        total -= w2 * (squareplus(-k2 * effort - c2) - squareplus(-c2))
+    return total
+
+
+def exact_energy(x: Any, weights: NDArray[np.float64]) -> Any:
+    """The energy of a convex law by its definition."""
+    total = mpmath.mpf(weights[0]) * x * x / 2
+    for row in weights[1:].reshape(-1, 3):
+        w, k, c = map(mpmath.mpf, row)
+        total += w / k * (squareplus(k * x + c) - squareplus(c) - logistic(c) * k * x)
+    return total
+
+
+@pytest.mark.parametrize(("seed", "size"), [(0, 0.0), (2, 3.0)])
+def test_monotone_law_has_the_digits_of_its_definition(seed: int, size: float) -> None:
+    weights, given_ = weights_of(shaken("monotone", seed, size)).numpy(), arguments("monotone")
+    with mpmath.workdps(80):
+        wanted = [float(exact_flow(x, weights)) for x in map(mpmath.mpf, given_[0])]
+    np.testing.assert_allclose(compiled("monotone", given_, weights), wanted, rtol=1e-13)
+
+
+@pytest.mark.parametrize(("seed", "size"), [(0, 0.0), (2, 3.0)])
+def test_energy_and_mean_effort_have_the_digits_of_their_definition(seed: int, size: float) -> None:
+    weights = weights_of(shaken("convex", seed, size))
+    start = arguments("convex")[0][:77:3]
+    gaps = [g * s for g in (1e-300, 1e-30, 1e-15, 1e-9, 1e-4, 1e-1, 3.0) for s in (SCALE, -SCALE)]
+    a, b = (m.ravel() for m in np.meshgrid(start, [*gaps, 0.0]))
+    b = a + b
+    with mpmath.workdps(700):
+        energies = {x: exact_energy(mpmath.mpf(x), weights.numpy()) for x in {*a, *b}}
+        slope = {x: mpmath.diff(lambda y: exact_energy(y, weights.numpy()), mpmath.mpf(x)) for x in {*a}}
+        wanted = [
+            float((energies[y] - energies[x]) / (mpmath.mpf(y) - mpmath.mpf(x)) if x != y else slope[x])
+            for x, y in zip(a, b, strict=True)
+        ]
+    found = compiled("convex", [a, b], weights.numpy())
+    assert (np.abs(found - wanted) <= 1e-13 * size_of_terms("convex", [a, b], weights)).all()
+    values = [float(energies[x]) for x in a]
+    np.testing.assert_allclose(wide.energy(WIDE_STORAGES["convex"], a, weights.numpy()), values, rtol=1e-13)
+
+
+@every
+@fuzzy
+@given(shakes)
+def test_extreme_arguments_give_finite_values(name: str, shake: tuple[int, float]) -> None:
+    weights, given_ = weights_of(shaken(name, *shake)).numpy(), arguments(name, -300, 60)
+    assert np.isfinite(compiled(name, given_, weights)).all()
+    for k in range(len(given_)):
+        moved = [x + TINY * 1j if i == k else x + 0j for i, x in enumerate(given_)]
+        slope = compiled(name, moved, weights + 0j).imag / TINY
+        assert np.isfinite(slope).all()
+        if name in WIDE_STORAGES or LAWS[name].monotone:  # type: ignore[union-attr]
+            assert (slope >= -1e-12 * np.abs(slope).max()).all()
+
+
+@every
+def test_gradients_of_extreme_arguments_are_finite(name: str) -> None:
+    weights = weights_of(shaken(name, 4, 2.0)).requires_grad_(True)
+    tensors = [torch.from_numpy(x).clone().requires_grad_(True) for x in arguments(name, -300, 60)]
+    gradients = torch.autograd.grad(evaluate(name, tensors, weights).sum(), [weights, *tensors])
+    assert all(bool(torch.isfinite(g).all()) for g in gradients)
+
+
+@fuzzy
+@given(shakes)
+def test_mean_effort_is_symmetric_to_the_last_bit(shake: tuple[int, float]) -> None:
+    weights, (a, b) = weights_of(shaken("convex", *shake)).numpy(), arguments("convex")
+    assert (compiled("convex", [a, b], weights) == compiled("convex", [b, a], weights)).all()
+
+
+def test_square_root_and_its_slope_are_the_same_everywhere() -> None:
+    x = 10.0 ** np.arange(-60.0, 61.0, 7.0)
+    call = numba.njit(lambda x: sqrt(x))
+    tensor = torch.from_numpy(x).clone().requires_grad_(True)
+    sqrt(tensor).sum().backward()
+    np.testing.assert_allclose(sqrt(tensor).detach().numpy(), np.sqrt(x), rtol=1e-15)
+    np.testing.assert_allclose(sqrt(x), np.sqrt(x), rtol=1e-15)
+    for n, value in enumerate(x):
+        assert call(value) == sqrt(value) == np.sqrt(value)
+        for function in (sqrt, call):
+            np.testing.assert_allclose(
+                function(complex(value, TINY)).imag / TINY,
+                tensor.grad[n].item(),  # type: ignore[index]
+                rtol=1e-14,
+            )
