@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import strategies as st
 
-from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
-from phnn.network import Coupling, Network, Port, Ratio, Resistor, Storage
+from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws.neural import EnergyMLP, MonotoneMLP
+from phnn.network import Coupling, Modulation, Network, Port, Ratio, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 
 
@@ -35,15 +36,29 @@ class _Draw:
             self.parameters.append(Parameter(name, float(value * np.exp(0.5 * self.random.normal())), fixed=fixed))
         return names
 
+    def make_stiff(self, element: str, law: str) -> None:
+        """A rate between 1e-3 and 1e9 1/s beside storages of about one; of a Maxwell cell it is the time constant."""
+        rate = float(10.0 ** self.random.uniform(-3.0, 9.0))
+        name, value = (f"{element}_1", 1.0 / rate) if law == "maxwell" else (f"{element}_0", rate)
+        self.parameters = [Parameter(name, value) if p.name == name else p for p in self.parameters]
+
 
 def random_network(
-    seed: int, storages: int = 4, resistors: int = 3, ports: int = 2, monotone: bool = False, stiff: float = 1.0
+    seed: int,
+    storages: int = 4,
+    resistors: int = 3,
+    ports: int = 2,
+    monotone: bool = False,
+    stiff: float = 1.0,
+    rich: bool = False,
 ) -> Network:
     """A network that depends on the seed alone.
 
     Args:
-        monotone: only convex energies and monotone resistors, for which every step has exactly one solution.
+        monotone: only convex energies and monotone resistors, for which every step has exactly one solution; with
+            ``rich`` also no law that follows a state.
         stiff: factor on one resistor's first parameter.
+        rich: neural laws and a modulated ratio among the elements, and every resistor's rate from 1e-3 to 1e9 1/s.
     """
     draw = _Draw(seed)
     names = [f"x{k}" for k in range(storages)]
@@ -54,20 +69,34 @@ def random_network(
     stores, hindrances, entries, couplings = [], [], [], []
     for name in names:
         law = pick(storage_laws)  # type: ignore[arg-type]
-        stores.append(Storage(name, law.name, draw.values(name, law.example)))
+        if rich and draw.random.random() < 0.15:
+            stores.append(Storage(name, EnergyMLP(1.0, float(draw.random.uniform(0.5, 2.0)), 4)))
+        else:
+            stores.append(Storage(name, law.name, draw.values(name, law.example)))
     for r in range(resistors):
         law = pick(resistor_laws)  # type: ignore[arg-type]
-        modulator = str(pick(names)) if draw.random.random() < 0.5 else None
+        modulator = str(pick(names)) if draw.random.random() < 0.5 and not (rich and monotone) else None
+        if rich and draw.random.random() < 0.15:
+            learned = MonotoneMLP(1.0, float(10.0 ** draw.random.uniform(-3.0, 9.0)), 4)
+            hindrances.append(Resistor(f"r{r}", learned, draw.on(names)))
+            continue
         hindrances.append(Resistor(f"r{r}", law.name, draw.on(names), draw.values(f"r{r}", law.example), modulator))
+        if rich:
+            draw.make_stiff(f"r{r}", law.name)
     for p in range(ports):
         law = pick(port_laws)  # type: ignore[arg-type]
         entries.append(Port(f"u{p}", draw.on(names), law.name, draw.values(f"u{p}", law.example)))
     for _ in range(2 * storages):
         to, of = pick(names, 2, replace=False) if storages > 1 else (names[0], names[0])
         couplings.append(Coupling(str(to), str(of), draw.ratio()))
+    modulations: list[Modulation] = []
+    if rich and not monotone and draw.random.random() < 0.5:
+        law = FACTOR_LAWS["affine"]
+        modulations = [Modulation("alpha", str(pick(names)), law.name, draw.values("factor", law.example))]
     network = Network(
-        tuple(stores), tuple(hindrances), tuple(couplings), tuple(entries), as_table(draw.parameters), names[0]
-    )
+        tuple(stores), tuple(hindrances), tuple(couplings), tuple(entries), as_table(draw.parameters), names[0],
+        tuple(modulations),
+    )  # fmt: skip
     if stiff != 1.0 and hindrances:
         name = hindrances[0].parameters[0]
         network = network.with_values({name: stiff * network.parameters[name].value})

@@ -8,11 +8,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.constants import CONSTANTS, fill_actions, fill_constants, fill_gains
+from phnn.integrate.constants import CONSTANTS, fill_actions, fill_gains
 from phnn.integrate.dispatch import kernel_cache
-from phnn.integrate.lookups import count, is_linear, junction_storage, mean_effort
+from phnn.integrate.lookups import count, is_linear, junction_storage
 from phnn.integrate.program import Program
-from phnn.integrate.solve import solve_many, solve_one
+from phnn.integrate.solve import prepare, rest_guess, solve_many, solve_one
 from phnn.integrate.step import EFFORT, NEXT, balance
 from phnn.integrate.tables import JUNCTIONS, LEAVES
 
@@ -22,11 +22,12 @@ Array = NDArray[np.float64]
 @numba.njit(error_model="numpy", forceinline=True)
 def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> None:
     """The unknowns of step ``n`` extrapolated from the two before it; at the start nothing changes."""
+    if n == 0:
+        rest_guess(t, theta, states[0], y)
+        return
     for j in range(y.shape[0]):
         k = junction_storage(t, j)
-        if n == 0:
-            y[j] = mean_effort(t, k, states[0, k], states[0, k], theta) if is_linear(t, j) else states[0, k]
-        elif is_linear(t, j):
+        if is_linear(t, j):
             y[j] = efforts[n - 1, k] if n == 1 else 2.0 * efforts[n - 1, k] - efforts[n - 2, k]
         else:
             y[j] = 2.0 * states[n, k] - states[n - 1, k]
@@ -49,10 +50,7 @@ def _march_steps(
         _guess(t, theta, n, states, efforts, y)
         if n == 0 or h[n] != h[n - 1]:
             slope = 0.0
-            fill_constants(t, theta, h[n], c)
-            for i in range(c.shape[0]):
-                for k in range(c.shape[1]):
-                    c_c[i, k] = c[i, k]
+            prepare(t, theta, h[n], c, c_c)
         fill_actions(t, theta, u[n], a)
         for p in range(a.shape[0]):
             a_c[p] = a[p]
@@ -87,7 +85,7 @@ def _march(t: Any, theta: Any, x0: Any, u: Any, h: Any, states: Any, efforts: An
     )  # fmt: skip
     states[0] = x0
     return _march_steps(
-        t, u, h, states, efforts, values, perturbed, np.zeros((m, m)), np.zeros((m, 1)), np.zeros((6, m))
+        t, u, h, states, efforts, values, perturbed, np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7, m))
     )
 
 

@@ -212,8 +212,10 @@ def check(trajectory: Trajectory, tolerance: float = 1e-10, system: PortHamilton
     """
     program = trajectory.program
     system = PortHamiltonianSystem(trajectory.setup.network) if system is None else system
+    tensors = _tensors(trajectory)
     with torch.no_grad():
-        relative = march_residual(system, program, *_tensors(trajectory)).relative()
+        residual = march_residual(system, program, *tensors)
+        relative = Residual(residual.value, residual.scale + _rounding(system, program, *tensors)).relative()
     if relative.numel() == 0:
         return 0.0
     # NaN would hide in a maximum.
@@ -228,6 +230,23 @@ def check(trajectory: Trajectory, tolerance: float = 1e-10, system: PortHamilton
             f"the {names[element]} equation (accepted: {tolerance:.2g}); use smaller steps, and report the network"
         )
     return largest
+
+
+def _rounding(
+    system: PortHamiltonianSystem, program: Program, states: Tensor, efforts: Tensor, u: Tensor, h: Tensor
+) -> Tensor:
+    """(n, N+m) what rounding an end state that is itself the unknown does to the balances, in units of epsilon."""
+    total = torch.zeros(h.shape[0], len(program.states) + len(program.junctions), dtype=h.dtype)
+    unknown = [program.states.index(n) for n in program.junctions if not program.linear[program.states.index(n)]]
+    if not unknown:
+        return total
+    with torch.enable_grad():
+        free = states.clone().requires_grad_(True)
+        value = march_residual(system, program, free, efforts, u, h).value
+        for column in range(len(program.states), value.shape[1]):
+            (slopes,) = torch.autograd.grad(value[:, column].sum(), free, retain_graph=True)
+            total[:, column] = (slopes[1:, unknown] * states[1:, unknown]).abs().sum(-1)
+    return total
 
 
 def power_balance(trajectory: Trajectory, system: PortHamiltonianSystem | None = None) -> PowerBalance:

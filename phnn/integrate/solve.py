@@ -7,9 +7,9 @@ from typing import Any
 import numba
 import numpy as np
 
-from phnn.integrate.constants import CAPACITY
+from phnn.integrate.constants import CAPACITY, fill_constants
 from phnn.integrate.dispatch import stay_outside
-from phnn.integrate.lookups import count, is_linear
+from phnn.integrate.lookups import count, is_linear, junction_storage, mean_effort
 from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, make_root
 from phnn.integrate.step import FORCE, SIZE, balance, inlined_balance
 from phnn.integrate.tables import LEAVES
@@ -24,8 +24,13 @@ _HALVINGS = 40
 _SUFFICIENT = 1e-4
 _SEPARATION = 0.1
 
-# Rows of the solver's own memory (6, m): the Newton step, where it begins, a point that separates, and scales.
-_STEP, _BEGIN, _POINT, _NORMAL, _SCALE, ROUNDING = range(6)
+_WHOLE = 30
+_FIRST_PART = 0.25
+_LEAST_PART = 2.0**-30
+
+# Rows of the solver's own memory (7, m): the Newton step, where it begins, a point that separates and the normal there,
+# scales, what rounding leaves, and the solution of the part before.
+_STEP, _BEGIN, _POINT, _NORMAL, _SCALE, ROUNDING, _KEPT = range(7)
 
 
 @_inline
@@ -48,6 +53,16 @@ def _slope_at(y: Any, context: Any) -> Any:
 
 
 _root = _inline(make_root(_value_at, _slope_at))
+
+
+@_plain
+def prepare(t: Any, theta: Any, h: Any, c: Any, c_perturbed: Any) -> None:
+    """The constants for steps of size ``h``, as floats and as complex numbers."""
+    stay_outside()
+    fill_constants(t, theta, h, c)
+    for i in range(c.shape[0]):
+        for k in range(c.shape[1]):
+            c_perturbed[i, k] = c[i, k]
 
 
 @_inline
@@ -117,12 +132,13 @@ def eliminate(matrix: Any, right: Any) -> None:
 
 
 @_plain
-def _converged(wj: Any, own: Any, tolerance: Any) -> bool:
+def _converged(wj: Any, own: Any, relaxed: bool) -> bool:
     stay_outside()
+    tolerance, rounding = (RELAXED, 1e-14) if relaxed else (TOLERANCE, 4e-16)
     good = True
     for j in range(own.shape[1]):
         # Not a number fails the comparison as well.
-        good = good and abs(wj[FORCE, j]) <= tolerance * (wj[SIZE, j] + own[ROUNDING, j]) + NOTHING
+        good = good and abs(wj[FORCE, j]) <= tolerance * wj[SIZE, j] + rounding * own[ROUNDING, j] + NOTHING
     return good
 
 
@@ -180,32 +196,88 @@ def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
 
 
 @_plain
-def solve_many(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any) -> bool:
-    """Solve for several junctions from the guess in ``y``; the values are left at the solution.
-
-    Args:
-        values, perturbed: as for `solve_one`.
-        jacobian: (m, m), step: (m, 1) and own: (6, m) memory.
-    """
+def _newton(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any, damped: bool) -> bool:
+    """Newton's method from ``y``, damped by `_advance` or with whole steps."""
     stay_outside()
     theta, c, g, a, x, y, wj, wx = values
     m = y.shape[0]
     for j in range(m):
         own[_SCALE, j] = np.sqrt(inertia(t, j, c) / h)
-        own[ROUNDING, j] = 0.0
     balance(t, theta, c, g, a, x, y, h, wj, wx)
-    for iteration in range(_ITERATIONS):
-        if _converged(wj, own, TOLERANCE if iteration < _STRICT else RELAXED):
-            return True
+    for iteration in range(_ITERATIONS if damped else _WHOLE):
         fill_jacobian(t, h, y, perturbed, jacobian)
         for j in range(m):
             step[j, 0] = -wj[FORCE, j]
             own[ROUNDING, j] = 0.0
             for i in range(m):
                 own[ROUNDING, j] += abs(jacobian[j, i] * y[i])
+        if _converged(wj, own, iteration >= _STRICT):
+            return True
         eliminate(jacobian, step)
         for j in range(m):
             own[_STEP, j] = step[j, 0]
-        if not _advance(t, h, values, own):
-            break
-    return _converged(wj, own, RELAXED)
+        if damped:
+            if not _advance(t, h, values, own):
+                break
+        else:
+            for j in range(m):
+                y[j] += step[j, 0]
+            balance(t, theta, c, g, a, x, y, h, wj, wx)
+    return _converged(wj, own, True)
+
+
+@_plain
+def rest_guess(t: Any, theta: Any, x: Any, y: Any) -> None:
+    """The unknowns if nothing changes."""
+    for j in range(y.shape[0]):
+        k = junction_storage(t, j)
+        y[j] = mean_effort(t, k, x[k], x[k], theta) if is_linear(t, j) else x[k]
+
+
+@_plain
+def _followed(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any) -> bool:
+    """The solution of ever longer parts of the step, each begun at that of the one before.
+
+    The equations of monotone laws have one solution for every length, which depends on it continuously. Close to it
+    whole Newton steps find their way across kinks at which a line search may stop.
+    """
+    stay_outside()
+    theta, c, _, _, x, y, _, _ = values
+    m = y.shape[0]
+    rest_guess(t, theta, x, y)
+    done, part = 0.0, _FIRST_PART
+    while done < 1.0:
+        part = min(part, 1.0 - done)
+        for j in range(m):
+            own[_KEPT, j] = y[j]
+        length = (done + part) * h
+        prepare(t, theta, length, c, perturbed[1])
+        found = _newton(t, length, values, perturbed, jacobian, step, own, False)
+        if not found:
+            for j in range(m):
+                y[j] = own[_KEPT, j]
+            found = _newton(t, length, values, perturbed, jacobian, step, own, True)
+        if found:
+            done, part = done + part, 2.0 * part
+        else:
+            for j in range(m):
+                y[j] = own[_KEPT, j]
+            part *= 0.5
+            if part < _LEAST_PART:
+                prepare(t, theta, h, c, perturbed[1])
+                return False
+    return True
+
+
+@_plain
+def solve_many(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any) -> bool:
+    """Solve for several junctions from the guess in ``y``; the values are left at the solution.
+
+    Args:
+        values, perturbed: as for `solve_one`.
+        jacobian: (m, m), step: (m, 1) and own: (7, m) memory.
+    """
+    stay_outside()
+    if _newton(t, h, values, perturbed, jacobian, step, own, True):
+        return True
+    return _followed(t, h, values, perturbed, jacobian, step, own)

@@ -58,16 +58,16 @@ def make_radau(flow: Callable[..., Any], compiled: Callable[..., Any]) -> Callab
     defects = compiled(radau_defects)
 
     @compiled
-    def evaluated(d1: Any, d2: Any, x: Any, i: Any, h: Any, context: Any) -> Any:
-        """Defects and slopes of the lost flows at real displacements."""
+    def evaluated(one: Any, two: Any, x: Any, i: Any, h: Any, context: Any) -> Any:
+        """Defects, slopes of the lost flows, and sizes of the terms that cancel, at real stages."""
         stay_outside()
-        plain1, plain2 = flow(complex(x + d1, 0.0), context), flow(complex(x + d2, 0.0), context)
-        moved1, moved2 = flow(complex(x + d1, TINY), context), flow(complex(x + d2, TINY), context)
-        g1, g2 = defects(d1, d2, i, h, plain1.real, plain2.real)
+        plain1, plain2 = flow(complex(one, 0.0), context), flow(complex(two, 0.0), context)
+        moved1, moved2 = flow(complex(one, TINY), context), flow(complex(two, TINY), context)
+        g1, g2 = defects(one - x, two - x, i, h, plain1.real, plain2.real)
         s1, s2 = (moved1.imag - plain1.imag) / TINY, (moved2.imag - plain2.imag) / TINY
-        size = h * abs(i) + 4.5 * abs(d1) + 2.5 * abs(d2)
-        size1 = size + h * abs(plain1.real) + h * abs(s1 * (x + d1))
-        size2 = size + h * abs(plain2.real) + h * abs(s2 * (x + d2))
+        size = h * abs(i) + 4.5 * (abs(one) + abs(two) + abs(x))
+        size1 = size + h * abs(plain1.real) + h * abs(s1 * one)
+        size2 = size + h * abs(plain2.real) + h * abs(s2 * two)
         return g1, g2, s1, s2, size1, size2
 
     @compiled
@@ -77,16 +77,16 @@ def make_radau(flow: Callable[..., Any], compiled: Callable[..., Any]) -> Callab
         return -(b * g1 - 0.5 * g2) * inverse, -(4.5 * g1 + a * g2) * inverse
 
     @compiled
-    def improved(d1: Any, d2: Any, x: Any, i: Any, h: Any, s1: Any, s2: Any, before: Any, context: Any) -> Any:
-        """The next displacements along a Newton step, or their projection."""
+    def improved(one: Any, two: Any, x: Any, i: Any, h: Any, s1: Any, s2: Any, before: Any, context: Any) -> Any:
+        """The next stages along a Newton step, or their projection."""
         stay_outside()
         separated = False
-        z1, z2, p1, p2 = d1, d2, 0.0, 0.0
+        z1, z2, p1, p2 = one, two, 0.0, 0.0
         part = 1.0
         for _ in range(_HALVINGS):
-            t1, t2 = d1 + part * s1, d2 + part * s2
-            lost1, lost2 = flow(complex(x + t1, 0.0), context), flow(complex(x + t2, 0.0), context)
-            g1, g2 = defects(t1, t2, i, h, lost1.real, lost2.real)
+            t1, t2 = one + part * s1, two + part * s2
+            lost1, lost2 = flow(complex(t1, 0.0), context), flow(complex(t2, 0.0), context)
+            g1, g2 = defects(t1 - x, t2 - x, i, h, lost1.real, lost2.real)
             if abs(g1) + abs(g2) <= (1.0 - _SUFFICIENT * part) * before:
                 return t1, t2
             if not separated and -(0.75 * g1 * s1 + 0.25 * g2 * s2) >= _SEPARATION * part * (s1 * s1 + s2 * s2):
@@ -94,32 +94,30 @@ def make_radau(flow: Callable[..., Any], compiled: Callable[..., Any]) -> Callab
                 z1, z2, p1, p2 = t1, t2, 0.75 * g1, 0.25 * g2
             part *= 0.5
         if not separated:
-            return d1, d2
-        along = (p1 * (d1 - z1) + p2 * (d2 - z2)) / (p1 * p1 + p2 * p2)
-        return d1 - along * p1, d2 - along * p2
+            return one, two
+        along = (p1 * (one - z1) + p2 * (two - z2)) / (p1 * p1 + p2 * p2)
+        return one - along * p1, two - along * p2
 
     @compiled
     def radau(x: Any, current: Any, h: Any, s: Any, context: Any) -> Any:
         start, i = real(x), real(current)
-        d1, d2 = 0.0, 0.0
+        one, two = start, start
         a, b = np.nan, np.nan
         for iteration in range(_ITERATIONS):
-            g1, g2, slope1, slope2, size1, size2 = evaluated(d1, d2, start, i, h, context)
+            g1, g2, slope1, slope2, size1, size2 = evaluated(one, two, start, i, h, context)
             tolerance = TOLERANCE if iteration < _STRICT else RELAXED
             if abs(g1) <= tolerance * size1 + NOTHING and abs(g2) <= tolerance * size2 + NOTHING:
                 a, b = 1.5 + h * slope1, 2.5 + h * slope2
                 break
             s1, s2 = newton(g1, g2, 1.5 + h * slope1, 2.5 + h * slope2)
-            n1, n2 = improved(d1, d2, start, i, h, s1, s2, abs(g1) + abs(g2), context)
-            if not (np.isfinite(n1) and np.isfinite(n2)):
+            one, two = improved(one, two, start, i, h, s1, s2, abs(g1) + abs(g2), context)
+            if not (np.isfinite(one) and np.isfinite(two)):
                 break
-            d1, d2 = n1, n2
-        one = x + d1 + 0.0 * current
-        two = x + d2 + 0.0 * current
-        g1, g2 = defects(one - x, two - x, current, h, flow(one, context), flow(two, context))
+        first, last = one + 0.0 * current, two + 0.0 * current
+        g1, g2 = defects(first - x, last - x, current, h, flow(first, context), flow(last, context))
         s1, s2 = newton(g1, g2, a, b)
-        one, two = one + s1, two + s2
-        return two, s * (0.75 * one + 0.25 * two)
+        first, last = first + s1, last + s2
+        return last, s * (0.75 * first + 0.25 * last)
 
     return radau
 
@@ -134,17 +132,17 @@ def make_gradient(flow: Callable[..., Any], compiled: Callable[..., Any]) -> Cal
     defect = compiled(gradient_defect)
 
     @compiled
-    def value_at(d: Any, context: Any) -> Any:
+    def value_at(end: Any, context: Any) -> Any:
         x, i, h, inner = context
-        lost = flow(complex(x, 0.0), complex(x + d, 0.0), inner).real
-        return defect(d, i, h, lost), abs(d) + h * (abs(i) + abs(lost))
+        lost = flow(complex(x, 0.0), complex(end, 0.0), inner).real
+        return defect(end - x, i, h, lost), abs(end) + abs(x) + h * (abs(i) + abs(lost))
 
     @compiled
-    def slope_at(d: Any, context: Any) -> Any:
+    def slope_at(end: Any, context: Any) -> Any:
         stay_outside()
         x, _, h, inner = context
-        plain = flow(complex(x, 0.0), complex(x + d, 0.0), inner)
-        moved = flow(complex(x, 0.0), complex(x + d, TINY), inner)
+        plain = flow(complex(x, 0.0), complex(end, 0.0), inner)
+        moved = flow(complex(x, 0.0), complex(end, TINY), inner)
         return 1.0 + h * (moved.imag - plain.imag) / TINY
 
     root = compiled(make_root(value_at, slope_at))
@@ -152,8 +150,8 @@ def make_gradient(flow: Callable[..., Any], compiled: Callable[..., Any]) -> Cal
     @compiled
     def gradient(x: Any, current: Any, h: Any, context: Any) -> Any:
         inner = (real(x), real(current), h, context)
-        d, _ = root(0.0, 1.0, 0.0, inner)
-        end = x + d + 0.0 * current
-        return end - defect(end - x, current, h, flow(x + 0.0 * current, end, context)) / slope_at(d, inner)
+        found, _ = root(real(x), 1.0, 0.0, inner)
+        end = found + 0.0 * current
+        return end - defect(end - x, current, h, flow(x + 0.0 * current, end, context)) / slope_at(found, inner)
 
     return gradient

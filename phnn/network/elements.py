@@ -84,7 +84,7 @@ class Port:
 
 @dataclass(frozen=True)
 class Modulation:
-    """A ratio that follows a state: where ``ratio`` stands, ``ratio · f(x_by; θ)`` acts, in ``J(x)`` and ``g(x)`` alike.
+    """A ratio that follows a state: for ``ratio`` stands ``ratio · f(x_by; θ)``, in ``J(x)`` and ``g(x)`` alike.
 
     The structure stays skew at every state, so that a modulated transformer neither stores nor dissipates.
 

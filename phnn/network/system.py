@@ -155,7 +155,7 @@ class PortHamiltonianSystem(nn.Module):
         """(..., n, n) interconnection ``J = A − Aᵀ``: skew to the last bit."""
         half = self._half(self.ratios(x))
         skew = half - half.mT
-        return skew.expand(*x.shape[:-1], *skew.shape)
+        return skew.expand(*x.shape[:-1], *skew.shape[-2:])
 
     def dissipation(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(..., n, n) ``D(x) = Σ_r b_r (φ_r(ε_r)/ε_r) b_rᵀ ⪰ 0``, with the slope of ``φ_r`` where ``ε_r = 0``.
