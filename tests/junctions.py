@@ -40,6 +40,15 @@ def march(network: Network, u: np.ndarray, h: np.ndarray, x0: np.ndarray) -> Tra
     states, efforts = np.empty((n + 1, count)), np.empty((n, count))
     done = kernel.march(program, theta, x0, u, h, states, efforts)
     assert done == n, f"step {done} of {n} was not solved"
+    return trajectory_of(network, u, h, states, efforts)
+
+
+def trajectory_of(
+    network: Network, u: np.ndarray, h: np.ndarray, states: np.ndarray, efforts: np.ndarray
+) -> Trajectory:
+    """What a march has filled, as a trajectory."""
+    program, n = compile_network(network), u.shape[0]
+    theta = program.theta(network)
     t = np.concatenate([[0.0], np.cumsum(h)])
     q = states[:, program.output]
     fine = np.repeat(u[:, :1], 3, axis=1)

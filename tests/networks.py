@@ -29,6 +29,14 @@ class _Draw:
         count = int(self.random.integers(1, min(3, len(names)) + 1))
         return {str(name): self.ratio() for name in self.random.choice(names, count, replace=False)}
 
+    def on_linear(self, names: list[str], stores: list[Storage]) -> dict[str, Ratio]:
+        """One storage, or several linear ones: the end state of a nonlinear one that is joined with others is itself an
+        unknown, whose rounding a resistor of 1e9 1/s makes larger than 1e-10 of everything else."""
+        linear = [s.name for s in stores if s.law in ("capacitor", "spring")]
+        if len(linear) < 2 or self.random.random() < 0.5:
+            return {str(self.random.choice(names)): self.ratio()}
+        return self.on(linear)
+
     def values(self, element: str, example: tuple[float, ...]) -> tuple[str, ...]:
         names = tuple(f"{element}_{k}" for k in range(len(example)))
         for name, value in zip(names, example, strict=True):
@@ -78,9 +86,10 @@ def random_network(
         modulator = str(pick(names)) if draw.random.random() < 0.5 and not (rich and monotone) else None
         if rich and draw.random.random() < 0.15:
             learned = MonotoneMLP(1.0, float(10.0 ** draw.random.uniform(-3.0, 9.0)), 4)
-            hindrances.append(Resistor(f"r{r}", learned, draw.on(names)))
+            hindrances.append(Resistor(f"r{r}", learned, draw.on_linear(names, stores) if monotone else draw.on(names)))
             continue
-        hindrances.append(Resistor(f"r{r}", law.name, draw.on(names), draw.values(f"r{r}", law.example), modulator))
+        on = draw.on_linear(names, stores) if rich and monotone else draw.on(names)
+        hindrances.append(Resistor(f"r{r}", law.name, on, draw.values(f"r{r}", law.example), modulator))
         if rich:
             draw.make_stiff(f"r{r}", law.name)
     for p in range(ports):

@@ -191,6 +191,7 @@ class _Builder:
         self.states = network.state_names
         self.junctions = junctions_of(network)
         self.leaves = tuple(n for n in self.states if n not in self.junctions)
+        self.couplings = _merged(network)
         reads = [r.modulated_by for r in network.resistors if r.modulated_by] + [m.by for m in network.modulations]
         self.reads = tuple(dict.fromkeys(reads))
 
@@ -295,22 +296,33 @@ class _Builder:
         return EXACT if exact else RADAU
 
     def _links(self, rows: dict[int, list[list[int]]], leaf: str) -> None:
-        for c in self.network.couplings:
-            for name, other, sign in ((c.to, c.of, 1), (c.of, c.to, -1)):
-                if name == leaf and other != leaf:
-                    self._with_ratio(rows, LINKS, [self.junctions.index(other)], c.ratio, sign)
+        for (to, of, ratio), times in self.couplings.items():
+            for name, other, sign in ((to, of, times), (of, to, -times)):
+                if name == leaf:
+                    self._with_ratio(rows, LINKS, [self.junctions.index(other)], ratio, sign)
 
     def _gyrators(self, rows: dict[int, list[list[int]]]) -> None:
-        for c in self.network.couplings:
-            if {c.to, c.of} <= set(self.junctions) and c.to != c.of:
-                to, of = self.junctions.index(c.to), self.junctions.index(c.of)
-                self._with_ratio(rows, GYRATORS, [to, of], c.ratio)
-                self._with_ratio(rows, GYRATORS, [of, to], c.ratio, -1)
+        for (to, of, ratio), times in self.couplings.items():
+            if {to, of} <= set(self.junctions):
+                ends = [self.junctions.index(to), self.junctions.index(of)]
+                self._with_ratio(rows, GYRATORS, ends, ratio, times)
+                self._with_ratio(rows, GYRATORS, ends[::-1], ratio, -times)
 
     def _inlets(self, rows: dict[int, list[list[int]]], kind: int, name: str, rest: list[int]) -> None:
         for k, port in enumerate(self.network.ports):
             if name in port.on:
                 self._with_ratio(rows, kind, [k, *rest], port.on[name])
+
+
+def _merged(network: Network) -> dict[tuple[str, str, Ratio], int]:
+    """How often every ratio couples two storages; what runs against itself cancels here, not in rounded sums."""
+    order = network.state_names
+    times: dict[tuple[str, str, Ratio], int] = {}
+    for c in network.couplings:
+        forward = order.index(c.to) < order.index(c.of)
+        key = (c.to, c.of, c.ratio) if forward else (c.of, c.to, c.ratio)
+        times[key] = times.get(key, 0) + (1 if forward else -1)
+    return {key: count for key, count in times.items() if count and key[0] != key[1]}
 
 
 def _at(names: Sequence[str], name: str) -> int:

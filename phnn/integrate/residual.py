@@ -181,18 +181,18 @@ def march_residual(
         system: the module of the network that ``program`` was compiled from.
     """
     steps = _Steps(system, program, states, efforts, u, h)
+    through = steps.branch_powers()[1]
+    exchanged = combined(steps.mean, steps.structure.mT)
+    lost = combined(through, steps.branches.mT)
+    driven = combined(steps.actions, steps.inputs.mT)
+    # What cancels in a current or a balance, term by term.
+    sizes = combined(steps.mean.abs(), steps.structure.abs().mT) + combined(through.abs(), steps.branches.abs().mT)
+    sizes = sizes + combined(steps.actions.abs(), steps.inputs.abs().mT)
     values, scales = [], []
     for k in range(len(program.states)):
         end = steps.end[k] if k in steps.end else states[:-1, k] + steps.change[k]
         values.append(states[1:, k] - end)
-        moved = steps.change[k] if k in steps.change else h * steps.current[:, k]
-        scales.append(states[1:, k].abs() + states[:-1, k].abs() + moved.abs())
-    exchanged = combined(steps.mean, steps.structure.mT)
-    lost = combined(steps.branch_powers()[1], steps.branches.mT)
-    driven = combined(steps.actions, steps.inputs.mT)
-    sizes = combined(steps.mean.abs(), steps.structure.abs().mT)
-    sizes = sizes + combined(steps.branch_powers()[1].abs(), steps.branches.abs().mT)
-    sizes = sizes + combined(steps.actions.abs(), steps.inputs.abs().mT)
+        scales.append(states[1:, k].abs() + states[:-1, k].abs() + h * sizes[:, k])
     for k in steps.junctions:
         rate = steps.change[k] / h
         values.append(rate - exchanged[:, k] + lost[:, k] - driven[:, k])
@@ -215,7 +215,7 @@ def check(trajectory: Trajectory, tolerance: float = 1e-10, system: PortHamilton
     tensors = _tensors(trajectory)
     with torch.no_grad():
         residual = march_residual(system, program, *tensors)
-        relative = Residual(residual.value, residual.scale + _rounding(system, program, *tensors)).relative()
+        relative = Residual(residual.value, residual.scale + rounding(system, program, *tensors)).relative()
     if relative.numel() == 0:
         return 0.0
     # NaN would hide in a maximum.
@@ -232,20 +232,22 @@ def check(trajectory: Trajectory, tolerance: float = 1e-10, system: PortHamilton
     return largest
 
 
-def _rounding(
+def rounding(
     system: PortHamiltonianSystem, program: Program, states: Tensor, efforts: Tensor, u: Tensor, h: Tensor
 ) -> Tensor:
-    """(n, N+m) what rounding an end state that is itself the unknown does to the balances, in units of epsilon."""
+    """(n, N+m) what the rounding of the unknowns does to the balances, in units of epsilon."""
     total = torch.zeros(h.shape[0], len(program.states) + len(program.junctions), dtype=h.dtype)
-    unknown = [program.states.index(n) for n in program.junctions if not program.linear[program.states.index(n)]]
-    if not unknown:
-        return total
+    junctions = [program.states.index(name) for name in program.junctions]
     with torch.enable_grad():
-        free = states.clone().requires_grad_(True)
-        value = march_residual(system, program, free, efforts, u, h).value
+        ends, means = states.clone().requires_grad_(True), efforts.clone().requires_grad_(True)
+        value = march_residual(system, program, ends, means, u, h).value
         for column in range(len(program.states), value.shape[1]):
-            (slopes,) = torch.autograd.grad(value[:, column].sum(), free, retain_graph=True)
-            total[:, column] = (slopes[1:, unknown] * states[1:, unknown]).abs().sum(-1)
+            found = torch.autograd.grad(
+                value[:, column].sum(), (ends, means), retain_graph=True, materialize_grads=True
+            )
+            by_end, by_mean = found[0][1:] * states[1:], found[1] * efforts
+            for k in junctions:
+                total[:, column] += (by_mean if program.linear[k] else by_end)[:, k].abs()
     return total
 
 

@@ -134,7 +134,7 @@ def eliminate(matrix: Any, right: Any) -> None:
 @_plain
 def _converged(wj: Any, own: Any, relaxed: bool) -> bool:
     stay_outside()
-    tolerance, rounding = (RELAXED, 1e-14) if relaxed else (TOLERANCE, 4e-16)
+    tolerance, rounding = (RELAXED, 1e-13) if relaxed else (TOLERANCE, 4e-16)
     good = True
     for j in range(own.shape[1]):
         # Not a number fails the comparison as well.

@@ -1,0 +1,103 @@
+"""Random networks of any topology through the compiled march, in numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from junctions import trajectory_of
+from networks import random_network
+
+from phnn.integrate import kernel
+from phnn.integrate.program import compile_network
+from phnn.integrate.residual import check, power_balance, rounding
+from phnn.laws.neural import DampingMLP
+from phnn.network import Network, PortHamiltonianSystem, Resistor
+
+torch.set_num_threads(1)
+
+STEPS = 20
+
+
+def drawn(seed: int, monotone: bool) -> tuple[Network, np.ndarray, np.ndarray, np.ndarray]:
+    """A network with rates from 1e-3 to 1e9 1/s, inputs with jumps, steps of several sizes and an initial state."""
+    random = np.random.default_rng(seed)
+    counts = int(random.integers(1, 7)), int(random.integers(0, 6)), int(random.integers(1, 4))
+    network = random_network(seed, *counts, monotone=monotone, rich=True)
+    h = 10.0 ** random.uniform(-5.0, -0.5) * random.choice([1.0, 1.0, 0.3], STEPS)
+    u = random.normal(size=(STEPS, len(network.ports))) * random.choice([0.0, 1.0, 10.0], (STEPS, 1))
+    return network, u, h, random.normal(size=len(network.storages)) * random.choice([0.0, 1.0])
+
+
+def solved(network: Network, u: np.ndarray, h: np.ndarray, x0: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+    """How many steps were solved, states and efforts."""
+    program = compile_network(network)
+    states, efforts = np.full((h.size + 1, x0.size), np.nan), np.full((h.size, x0.size), np.nan)
+    return kernel.march(program, program.theta(network), x0, u, h, states, efforts), states, efforts
+
+
+def defect(network: Network, u: np.ndarray, h: np.ndarray, states: np.ndarray, efforts: np.ndarray) -> float:
+    """Largest defect of the power balance, relative to the energies of its step; also checks the residual.
+
+    Among the energies is what stiff laws make of the unknowns' own rounding: a conductance of 1e9 turns the last digit
+    of an effort into 1e-7 of a flow.
+    """
+    trajectory = trajectory_of(network, u, h, states, efforts)
+    system = PortHamiltonianSystem(network)
+    check(trajectory, 1e-10, system)
+    balance = power_balance(trajectory, system)
+    held = system.energy(torch.from_numpy(states)).detach()
+    size = balance.supplied.abs().sum(-1) + balance.dissipated.abs().sum(-1) + held[1:] + held[:-1] + 1e-200
+    program = trajectory.program
+    arguments = (torch.from_numpy(a) for a in (states, efforts, u, h))
+    stiff = rounding(system, program, *arguments)[:, len(program.states) :]
+    flows = torch.from_numpy(efforts[:, [program.states.index(name) for name in program.junctions]])
+    size = size + torch.from_numpy(h) * (stiff * flows.abs()).sum(-1)
+    assert (balance.dissipated >= -1e-13 * size[:, None]).all()
+    return float((balance.defect.abs() / size).max())
+
+
+def all_monotone(seeds: range) -> None:
+    for seed in seeds:
+        network, u, h, x0 = drawn(seed, monotone=True)
+        done, states, efforts = solved(network, u, h, x0)
+        assert done == STEPS, f"network {seed}: step {done} was not solved"
+        assert defect(network, u, h, states, efforts) <= 1e-10, f"network {seed}"
+
+
+def any_law(seeds: range) -> int:
+    """How many of these networks were solved; the others must have said so without a number that is not finite."""
+    count = 0
+    for seed in seeds:
+        network, u, h, x0 = drawn(seed, monotone=False)
+        learned = DampingMLP(1.0, 10.0 ** (seed % 7 - 3), 8, seed=seed)
+        name = network.state_names[seed % len(network.state_names)]
+        network = Network(
+            network.storages, (*network.resistors, Resistor("learned", learned, {name: 1.0})), network.couplings,
+            network.ports, network.parameters, network.output, network.modulations,
+        )  # fmt: skip
+        done, states, efforts = solved(network, u, h, x0)
+        assert np.isfinite(states[: done + 1]).all(), f"network {seed}"
+        assert np.isfinite(efforts[:done]).all(), f"network {seed}"
+        if done:
+            count += done == STEPS
+            assert defect(network, u[:done], h[:done], states[: done + 1], efforts[:done]) <= 1e-8, f"network {seed}"
+    return count
+
+
+def test_stiff_monotone_networks_are_always_solved() -> None:
+    all_monotone(range(200))
+
+
+@pytest.mark.slow
+def test_ten_thousand_stiff_monotone_networks_are_always_solved() -> None:
+    all_monotone(range(10_000))
+
+
+def test_other_networks_are_solved_or_say_where_they_are_not() -> None:
+    assert any_law(range(100)) > 60
+
+
+@pytest.mark.slow
+def test_a_thousand_other_networks_are_solved_or_say_where_they_are_not() -> None:
+    assert any_law(range(1000)) > 600
