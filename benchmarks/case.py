@@ -1,20 +1,28 @@
-"""The case: the paper's seven sines, from rest, with the parameters of Table 1, and the compiled solver on it."""
+"""The case: the paper's sines as recorded, straight lines between the samples, and the compiled solver on them.
+
+An actuator with the parameters of Table 1 at rest is driven by 75 V sines of 1 to 150 Hz, two periods of 1000 samples
+each. What drives it is the recorded input: the straight line from sample to sample, for everybody.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from phnn.integrate import kernel
+from phnn.integrate.differentiable import simulate_torch
 from phnn.models.actuator import TABLE_1, from_paper
+from phnn.network import PortHamiltonianSystem
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
-from phnn.simulate import Trajectory, output_derivatives, simulate
+from phnn.simulate import Trajectory, output_derivatives, output_gradient, simulate
 
 Array = NDArray[np.float64]
+Solve = Callable[[], Array]
 
 FREQUENCIES = (1.0, 10.0, 25.0, 50.0, 75.0, 100.0, 150.0)  # Hz
 AMPLITUDE = 75.0  # V
@@ -24,21 +32,16 @@ NAMES = tuple(TABLE_1)
 TRUTH = np.array([TABLE_1[n] for n in NAMES])
 
 
-def times(frequency: float) -> Array:
-    """(SAMPLES,) sampling times of one sine [s]."""
-    return np.asarray(np.arange(SAMPLES) * (PERIODS / frequency / SAMPLES), dtype=np.float64)
-
-
-def recording(frequency: float) -> Recording:
-    """One sine as the solver sees it: samples only, the input between them is a cubic spline."""
-    t = times(frequency)
+def sine(frequency: float, samples: int = SAMPLES) -> Recording:
+    """The first samples of a sine [Hz], without an output."""
+    t = np.arange(samples) * (PERIODS / frequency / SAMPLES)
     return Recording(
         name=f"sine_{frequency:g}Hz",
         t=t,
         u=AMPLITUDE * np.sin(2.0 * np.pi * frequency * t),
         y=np.full(t.size, np.nan),
         start=Start("rest"),
-        interpolation="cubic",
+        interpolation="linear",
         parts=(Part("all", 0, t.size, "identification"),),
         noise=1e-9,
         noise_source="none: a benchmark",
@@ -49,7 +52,9 @@ def recording(frequency: float) -> Recording:
     )
 
 
-RECORDINGS = tuple(recording(f) for f in FREQUENCIES)
+CAMPAIGN = tuple(sine(f) for f in FREQUENCIES)
+# Enough for a solver that needs a second for it: the campaign lasts 360 times as long.
+PART = (sine(150.0, SAMPLES // PERIODS + 1),)
 
 
 def setup_with(theta: Array) -> Setup:
@@ -57,50 +62,85 @@ def setup_with(theta: Array) -> Setup:
     return Setup(from_paper().with_values(dict(zip(NAMES, theta.tolist(), strict=True))))
 
 
-def simulate_all(theta: Array, substeps: int, recordings: Sequence[Recording] = RECORDINGS) -> tuple[Trajectory, ...]:
-    """The whole call on every recording."""
-    setup = setup_with(theta)
-    return tuple(simulate(setup, r, substeps) for r in recordings)
+def whole_call(recordings: Sequence[Recording], substeps: Sequence[float]) -> Solve:
+    """(R, N) displacements by the public call: input, program and memory are made anew each time [m]."""
 
+    def solve() -> Array:
+        setup = setup_with(TRUTH)
+        return np.stack([simulate(setup, r, int(s)).y for r, s in zip(recordings, substeps, strict=True)])
 
-def outputs(trajectories: Sequence[Trajectory]) -> Array:
-    """(R, SAMPLES) displacements [m]."""
-    return np.stack([t.y for t in trajectories])
-
-
-def sensitivities(trajectories: Sequence[Trajectory]) -> Array:
-    """(R, SAMPLES, 10) derivatives of the displacement by the logarithms of the parameters [m]."""
-    theta = np.array([trajectories[0].setup.parameters[n].value for n in NAMES])
-    return np.stack([output_derivatives(t, NAMES) for t in trajectories]) * theta
+    return solve
 
 
 class Prepared:
-    """The solve alone: programs, inputs and memory are ready, only the march is left."""
+    """The solve alone: programs, inputs and memory are ready, only the march is left.
 
-    def __init__(self, trajectories: Sequence[Trajectory]) -> None:
-        self.trajectories = trajectories
-        self._arguments = [_march_arguments(t) for t in trajectories]
+    The one place of the benchmarks that knows the signature of the compiled march.
+    """
+
+    def __init__(self, recordings: Sequence[Recording], substeps: Sequence[float], setup: Setup | None = None) -> None:
+        own = setup or setup_with(TRUTH)
+        self.trajectories = [simulate(own, r, int(s)) for r, s in zip(recordings, substeps, strict=True)]
+        self._arguments = [_march_arguments(t) for t in self.trajectories]
 
     def march(self) -> Array:
-        """(R, SAMPLES) displacements of one run through all recordings [m]."""
+        """(R, N) displacements of one run through all recordings [m]."""
         for arguments in self._arguments:
             kernel.march(*arguments)
         return np.stack(
-            [a[9][t.nodes, t.program.output] for a, t in zip(self._arguments, self.trajectories, strict=True)]
+            [a[5][t.nodes, t.program.output] for a, t in zip(self._arguments, self.trajectories, strict=True)]
         )
 
 
 def _march_arguments(trajectory: Trajectory) -> tuple[Any, ...]:
     program = trajectory.program
     return (
-        program.leaves, program.modulators, program.resistors, program.ports, program.inertia, trajectory.theta,
-        trajectory.states[0], trajectory.u, trajectory.h, np.empty_like(trajectory.states),
-        np.empty_like(trajectory.velocity), np.empty_like(trajectory.efforts),
+        program, trajectory.theta, trajectory.states[0], trajectory.u, trajectory.h, np.empty_like(trajectory.states),
+        np.empty_like(trajectory.efforts),
     )  # fmt: skip
 
 
-def cost_gradient(prepared: Prepared, wanted: Array) -> Array:
-    """(10,) derivative of ``Σ (q − wanted)²`` by the logarithms of the parameters: one march and one sweep [m²]."""
-    residual = prepared.march() - wanted
-    # The sweep runs along the prepared states, which the march has just reproduced.
-    return 2.0 * np.einsum("rn,rnk->k", residual, sensitivities(prepared.trajectories))
+def march_alone(recordings: Sequence[Recording], substeps: Sequence[float]) -> Solve:
+    """(R, N) displacements by the march alone [m]."""
+    return Prepared(recordings, substeps).march
+
+
+def swept_gradient(recordings: Sequence[Recording], substeps: Sequence[float], wanted: Array) -> Solve:
+    """(R, 10) derivatives of ``Σ (q − wanted)²`` by the logarithms: a march and a sweep of ten columns [m²]."""
+    prepared = Prepared(recordings, substeps)
+
+    def solve() -> Array:
+        residual = prepared.march() - wanted
+        # The sweep runs along the prepared states, which the march has just reproduced.
+        columns = np.stack([output_derivatives(t, NAMES) for t in prepared.trajectories])
+        return np.asarray(2.0 * np.einsum("rn,rnk->rk", residual, columns) * TRUTH)
+
+    return solve
+
+
+def backward_gradient(recordings: Sequence[Recording], substeps: Sequence[float], wanted: Array) -> Solve:
+    """(R, 10) the same by a march and one backward sweep, all of it compiled [m²]."""
+    prepared = Prepared(recordings, substeps)
+
+    def solve() -> Array:
+        cotangents = 2.0 * (prepared.march() - wanted)
+        pairs = zip(prepared.trajectories, cotangents, strict=True)
+        return np.stack([output_gradient(t, NAMES, c) for t, c in pairs]) * TRUTH
+
+    return solve
+
+
+def adjoint_gradient(recordings: Sequence[Recording], substeps: Sequence[float], wanted: Array) -> Solve:
+    """(R, 10) the same by torch's autograd through the differentiable march: one adjoint sweep [m²]."""
+    system = PortHamiltonianSystem(from_paper())
+    trajectories = Prepared(recordings, substeps).trajectories
+    inputs = [(torch.from_numpy(t.u), torch.from_numpy(t.h), torch.from_numpy(t.states[0])) for t in trajectories]
+
+    def one(which: int) -> Array:
+        system.zero_grad()
+        path = simulate_torch(system, *inputs[which], only=(system.network.output,))
+        q = path[torch.from_numpy(trajectories[which].nodes), 0]
+        ((q - torch.from_numpy(wanted[which])) ** 2).sum().backward()
+        return np.array([system.free[n].grad.item() for n in NAMES])
+
+    return lambda: np.stack([one(r) for r in range(len(inputs))]) * TRUTH

@@ -1,128 +1,97 @@
-"""Forward solves: time and measured error of the displacement on the paper's campaign, beside the peers."""
+"""How long does a solve of given accuracy take?
+
+    python -m benchmarks.forward
+
+Displacements of the seven sines to 1e-4, 1e-5 and 1e-6, phnn beside diffrax and scipy; torchdiffeq on one period of
+150 Hz, because the whole campaign would take it hours.
+"""
 
 from __future__ import annotations
 
 import sys
-import time
+from collections.abc import Iterator, Sequence
 from functools import partial
-from importlib.util import find_spec
 
-import numpy as np
 import pandas as pd
 
-from benchmarks.case import (
-    FREQUENCIES,
-    NAMES,
-    PERIODS,
-    SAMPLES,
-    TRUTH,
-    Array,
-    Prepared,
-    outputs,
-    sensitivities,
-    simulate_all,
-)
-from benchmarks.reference import radau, reference, reference_campaign, reference_sensitivities
-from benchmarks.table import RESULTS, Contender, Row, measure, picture, relative_error, show, write_csv
+from benchmarks import peers, peers_scipy, peers_torch
+from benchmarks.case import CAMPAIGN, PART, Array, march_alone, whole_call
+from benchmarks.ladder import Choice, Solver, choose
+from benchmarks.reference import reference
+from benchmarks.table import RESULTS, Contender, goal, machine, picture, rows, show, timed, write_csv
+from phnn.recordings.recording import Recording
 
-TARGET_Q = 5e-5
-TARGET_SENSITIVITY = 0.05
-_SUBSTEPS = (1, 2, 4, 8)
-_TOLERANCES = (1e-6, 1e-3, 1e-4, 1e-5, 1e-7)
+TARGETS = (1e-4, 1e-5, 1e-6)
+SUBSTEPS = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0)
+WHOLE, PERIOD = "seven sines", "one period of 150 Hz"
+ALONE, CALL = "phnn, march alone", "phnn, whole call"
+GOAL, GOAL_AT = 10.0, 1e-5
 
 
-def own_contenders() -> list[Contender]:
-    """The compiled solver: the solve alone at several sub-steps, and the whole call."""
-    solves = [
-        Contender(f"phnn, {s} sub-step{'s' * (s > 1)}", TARGET_Q, Prepared(simulate_all(TRUTH, s)).march)
-        for s in _SUBSTEPS
-    ]
-    calls = [
-        Contender(f"phnn whole call, {s} sub-step{'s' * (s > 1)}", TARGET_Q, partial(_whole_call, s))
-        for s in _SUBSTEPS[:2]
-    ]
-    return solves + calls
-
-
-def _whole_call(substeps: int) -> Array:
-    return outputs(simulate_all(TRUTH, substeps))
-
-
-def peer_contenders() -> list[Contender]:
-    """diffrax, warmed up by the first run of `measure`, and scipy."""
-    found = []
-    if find_spec("diffrax"):
-        from benchmarks.peers import diffrax_forward
-
-        for name in ("Kvaerno5", "Kvaerno3"):
-            batch, single = diffrax_forward(name, together=True), diffrax_forward(name, together=False)
-            found += [Contender(f"diffrax {name} vmap, {t:.0e}", t, partial(batch, t)) for t in _TOLERANCES]
-            found.append(Contender(f"diffrax {name} one by one, 1e-06", 1e-6, partial(single, 1e-6)))
-    else:
-        print("diffrax is not installed: pip install -e '.[bench]'", file=sys.stderr)
-
-    def scipy_radau() -> Array:
-        return np.stack([radau(f, TRUTH, 1e-6) for f in FREQUENCIES])
-
-    return [*found, Contender("scipy Radau, 1e-06", 1e-6, scipy_radau, repeats=3)]
-
-
-def one_period_by_dopri5() -> list[Row]:
-    """torchdiffeq's explicit dopri5 on one period of 150 Hz only; the whole campaign has 360 times as much time."""
-    if not find_spec("diffrax"):
-        return []
-    from benchmarks.peers import dopri5_one_period
-
-    samples = SAMPLES // PERIODS
-    q, seconds = dopri5_one_period(150.0, 1e-6)
-    ours = Prepared(simulate_all(TRUTH, 1)[-1:])
-    ours.march()
-    own = []
-    for _ in range(15):
-        begin = time.perf_counter()
-        ours.march()
-        own.append((time.perf_counter() - begin) / PERIODS)
-    error = relative_error(q, reference(150.0)[:samples])
+def own(recordings: Sequence[Recording]) -> list[list[Solver]]:
+    """phnn, the march alone and the whole call."""
     return [
-        Row("torchdiffeq dopri5 on one 150 Hz period, 1e-06", 1e-6, error, seconds, seconds / float(np.median(own)))
+        [Solver(ALONE, SUBSTEPS, partial(march_alone, recordings))],
+        [Solver(CALL, SUBSTEPS, partial(whole_call, recordings))],
     ]
 
 
-def sensitivity_errors(truth: Array, wanted: Array) -> pd.DataFrame:
-    """Relative error of ∂q/∂log θ of every parameter over the stacked campaign.
+def solvers(case: str, recordings: Sequence[Recording]) -> list[list[Solver]]:
+    """All solvers that a case is for, each with its variants."""
+    if case == PERIOD:
+        return [*own(recordings), peers_torch.forward(recordings)]
+    return [
+        *own(recordings),
+        *(peers.forward(recordings, kind, together) for kind in peers.KINDS for together in (True, False)),
+        *(peers_scipy.forward(recordings, name) for name in peers_scipy.PATHS),
+    ]
 
-    Args:
-        truth: reference displacements.
-        wanted: reference sensitivities.
 
-    Returns:
-        Columns ``parameter, size`` (norm relative to the displacement's) and ``error_1, error_2`` by sub-steps.
-    """
-    table = pd.DataFrame({"parameter": NAMES})
-    table["size"] = [float(np.linalg.norm(wanted[..., k]) / np.linalg.norm(truth)) for k in range(len(NAMES))]
-    for substeps in (1, 2):
-        own = sensitivities(simulate_all(TRUTH, substeps))
-        table[f"error_{substeps}"] = [relative_error(own[..., k], wanted[..., k]) for k in range(len(NAMES))]
-    return table
+def contenders(case: str, recordings: Sequence[Recording], truth: Array) -> Iterator[Contender]:
+    """Every solver with the settings that each target needs."""
+    for variants in solvers(case, recordings):
+        for choice in choose(variants, truth, TARGETS):
+            yield entered(case, choice)
+
+
+def entered(case: str, choice: Choice) -> Contender:
+    """A choice as a line of the table."""
+    solve = None if choice.settings is None else choice.solver.prepare(choice.settings)
+    # The climb has compiled everything.
+    return Contender(case, choice.target, choice.solver.name, choice.setting(), choice.error, solve, warm=True)
+
+
+def in_order(found: Sequence[Contender]) -> list[Contender]:
+    """By case, then by target, the loosest first."""
+    cases = list(dict.fromkeys(c.case for c in found))
+    return sorted(found, key=lambda c: (cases.index(c.case), -c.target))
+
+
+def fastest_peer(table: pd.DataFrame, case: str, target: float) -> pd.Series:
+    """The line of the fastest solver that is not phnn."""
+    here = table[(table["case"] == case) & (table["target"] == target) & ~table["solver"].str.startswith("phnn")]
+    return here.loc[here["seconds"].idxmin()]
 
 
 def main() -> int:
-    """Measure, print, write ``forward.csv``, ``sensitivities.csv`` and ``forward.png``."""
-    truth = reference_campaign()
-    print("one thread each; peers get the continuous sine, phnn its samples and a cubic spline between them")
-    rows = measure([*own_contenders(), *peer_contenders()], truth)
-    shown = rows + one_period_by_dopri5()
-    show(shown, f"forward: seven sines, {SAMPLES} samples each, error of the displacement against Radau at 1e-10")
-    write_csv(shown, RESULTS / "forward.csv")
-    picture(rows, RESULTS / "forward.png", "Forward solve of the seven sines, one thread")
-    errors = sensitivity_errors(truth, reference_sensitivities())
-    print(errors.to_string(index=False, float_format=lambda x: f"{x:.2g}"))
-    errors.to_csv(RESULTS / "sensitivities.csv", index=False, float_format="%.4g")
-    worst = float(errors["error_1"].max())
-    print(
-        f"error of q {rows[0].measured_error:.1e} (goal {TARGET_Q:.0e}), worst sensitivity {worst:.1%}"
-        f" (goal {TARGET_SENSITIVITY:.0%}), both at one sub-step"
-    )
+    """Climb, time in turns, print, write ``forward.csv`` and ``forward.png``."""
+    print(machine())
+    found = [
+        c
+        for case, recordings in ((WHOLE, CAMPAIGN), (PERIOD, PART))
+        for c in contenders(case, recordings, reference(recordings)[0])
+    ]
+    ordered = in_order(found)
+    seconds, _ = timed(ordered)
+    table = rows(ordered, seconds)
+    show(table, "forward: relative error of q in the worst recording, one thread each, ratio to the first of its kind")
+    write_csv(table, RESULTS / "forward.csv")
+    picture(table, RESULTS / "forward.png", "Displacements of seven recorded sines, one thread")
+    peer = fastest_peer(table, WHOLE, GOAL_AT)
+    print(f"fastest peer at {GOAL_AT:.0e}: {peer['solver']}")
+    for name in (ALONE, CALL):
+        line = table[(table["case"] == WHOLE) & (table["target"] == GOAL_AT) & (table["solver"] == name)].iloc[0]
+        goal(f"{name}, forward at {GOAL_AT:.0e}", peer["seconds"] / line["seconds"], GOAL)
     return 0
 
 

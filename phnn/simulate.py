@@ -206,6 +206,26 @@ def output_derivatives(
     return np.hstack([head, out[:, active.size : first], out[:, first + len(columns) :]])
 
 
+def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Array) -> Array:
+    """(K,) derivative of ``Σ_n c_n q_n`` by network parameters, by one backward sweep whatever their number.
+
+    Args:
+        names: K parameters of the network.
+        cotangent: (N,) ``c``, of the samples of the measured state.
+    """
+    program = trajectory.program
+    places = np.array([program.names.index(n) for n in names], dtype=np.int64)
+    along = np.zeros_like(trajectory.states)
+    along[trajectory.nodes[trajectory.lead :], program.output] = cotangent
+    gradient, back = sweep.adjoint(
+        program, trajectory.theta, places, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h, along
+    )
+    if not trajectory.rest:
+        return gradient
+    voltage = _constant(trajectory.u, trajectory.rest)
+    return gradient + (back + along[0]) @ equilibrium_derivative(program, trajectory.theta, voltage, places)
+
+
 def input_force(trajectory: Trajectory, change: Array) -> Array:
     """(n, …) change of the junction force by a change of the port's input, ``g ψ'(V) δV``."""
     port = trajectory.setup.network.ports[0]

@@ -28,6 +28,8 @@ _SOURCES = (
     "integrate/step.py",
     "integrate/stages.py",
     "integrate/solve.py",
+    "integrate/quick.py",
+    "integrate/linearise.py",
     "integrate/kernel.py",
     "integrate/sweep.py",
 )

@@ -8,6 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.integrate import quick
 from phnn.integrate.constants import CONSTANTS, fill_actions, fill_gains
 from phnn.integrate.dispatch import kernel_cache
 from phnn.integrate.lookups import count, is_linear, junction_storage
@@ -90,7 +91,7 @@ def _march(t: Any, theta: Any, x0: Any, u: Any, h: Any, states: Any, efforts: An
 
 
 with kernel_cache():
-    _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(_march)
+    general = numba.njit(cache=True, nogil=True, error_model="numpy")(_march)
 
 
 def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states: Array, efforts: Array) -> int:
@@ -102,4 +103,5 @@ def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states:
         u: (n, P) mean inputs of the steps; h: (n,) their sizes [s].
         states: (n+1, N) filled; efforts: (n, N) filled with the mean efforts of the storages.
     """
-    return int(_compiled(program.table, theta, x0, u, h, states, efforts))
+    compiled = quick.march if program.quick else general
+    return int(compiled(program.table, theta, x0, u, h, states, efforts))

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -98,6 +99,13 @@ class Program:
         if leaf[5] == leaf[6]:
             raise StructureViolated(f"nothing flows into {output}: couple it to another storage")
         return self.states.index(self.junctions[self.table[leaf[5], 0]])
+
+    @cached_property
+    def quick(self) -> bool:
+        """Whether its steps have the form of `phnn.integrate.quick`."""
+        from phnn.integrate.quick import is_quick
+
+        return is_quick(self)
 
     @property
     def linear(self) -> tuple[bool, ...]:

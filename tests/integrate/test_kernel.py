@@ -13,6 +13,7 @@ from junctions import march, random_march, recording
 from scipy.integrate import solve_ivp
 
 from phnn.errors import StructureViolated
+from phnn.integrate import kernel, quick
 from phnn.integrate import sweep as sweeps
 from phnn.integrate.program import compile_network, junctions_of
 from phnn.integrate.residual import check, power_balance
@@ -23,6 +24,8 @@ from phnn.setup import Setup
 from phnn.simulate import Trajectory, simulate
 
 torch.set_num_threads(1)
+
+DRAG = Resistor("drag", "quadratic_drag", {"p": 1.0}, ("b",))
 
 
 @settings(max_examples=1000, deadline=None)
@@ -246,3 +249,20 @@ def test_what_stands_alone_needs_no_unknown() -> None:
     # V̇ = 1 − V/4 has the rest state 4.
     np.testing.assert_allclose(run.states[:, 0], 4.0 - np.exp(-0.25 * run.t), rtol=1e-12)
     assert check(run) < 1e-12
+
+
+@pytest.mark.parametrize("hysterons", [0, 1, 2, 5])
+def test_the_quick_march_is_the_general_one(hysterons: int) -> None:
+    network = hrc(hysterons)
+    program = compile_network(network)
+    assert program.quick
+    assert not compile_network(replace(network, resistors=(*network.resistors[:-1], DRAG))).quick
+    random = np.random.default_rng(hysterons)
+    u, h = np.cumsum(random.normal(size=(500, 2)), axis=0), np.where(np.arange(500) < 200, 1e-4, 3e-5)
+    runs = []
+    for compiled in (kernel.general, quick.march):
+        states, efforts = np.empty((501, hysterons + 2)), np.empty((500, hysterons + 2))
+        assert compiled(program.table, program.theta(network), np.zeros(hysterons + 2), u, h, states, efforts) == 500
+        runs.append((states, efforts))
+    for one, other in zip(*runs, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-12 * np.abs(one).max(axis=0).min())

@@ -39,7 +39,7 @@ def test_a_wrong_state_is_named_with_its_time(place: int, name: str) -> None:
     trajectory = sine()
     states = trajectory.states.copy()
     states[201, place] *= 1.0 + 1e-7
-    with pytest.raises(SolverFailed, match=rf"at t = 0\.002(01)? s .* at the ({name}|p \\(balance\\)) equation"):
+    with pytest.raises(SolverFailed, match=rf"at t = 0\.002(01)? s .* at the ({name}|p \(balance\)) equation"):
         check(replace(trajectory, states=states))
     efforts = trajectory.efforts.copy()
     efforts[150] = np.nan

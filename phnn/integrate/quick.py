@@ -1,0 +1,178 @@
+"""The march of the commonest networks with everything resolved beforehand: the same steps at a fraction of the price.
+
+One linear junction; leaves that hang on it through one ratio each and are lossless and linear, or have an exact flow
+whose thresholds follow no state; linear resistors on the junction. Then a step is
+
+    F(v̄) = (2/h)(v̄/s − p) + d v̄ + Σ_l a_l ē_l(a_l v̄) − Σ_p g_p ψ_p(ū_p)
+
+with constants for everything but the states. `phnn.integrate.step` holds the equations in general.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+
+from phnn.integrate.constants import (
+    CAPACITY,
+    CONSTANTS,
+    HIGH,
+    LOW,
+    ONE,
+    RHO,
+    STIFFNESS,
+    TWO,
+    fill_actions,
+    fill_constants,
+    fill_gains,
+)
+from phnn.integrate.dispatch import kernel_cache, stay_outside
+from phnn.integrate.lookups import count, junction_storage, resistor_flow
+from phnn.integrate.program import Program
+from phnn.integrate.roots import make_root
+from phnn.integrate.tables import (
+    EXACT,
+    FACTORS,
+    GYRATORS,
+    JUNCTION_INLETS,
+    JUNCTION_RESISTORS,
+    JUNCTIONS,
+    LEAF_RESISTORS,
+    LEAVES,
+    LOSSLESS,
+    rows_of,
+)
+from phnn.laws import RESISTOR_LAWS
+from phnn.laws.leaf import rc_flow
+from phnn.laws.namespace import TINY
+
+_inline = numba.njit(error_model="numpy", forceinline=True)
+_plain = numba.njit(error_model="numpy", forceinline=False)
+
+_GAIN = CONSTANTS
+# Linear resistors, whose conductance is their flow at one.
+_LINEAR = [code for code, name in enumerate(RESISTOR_LAWS) if name == "linear"]
+
+
+def is_quick(program: Program) -> bool:
+    """Whether the steps of a program have the form above."""
+    t = program.table
+    junctions, leaves = rows_of(t, JUNCTIONS), rows_of(t, LEAVES)
+    if len(junctions) != 1 or not junctions[0, 1] or len(rows_of(t, FACTORS)) or len(rows_of(t, GYRATORS)):
+        return False
+    if not np.isin(rows_of(t, JUNCTION_RESISTORS)[:, 0], _LINEAR).all():
+        return False
+    single = (leaves[:, 6] - leaves[:, 5] == 1) & (leaves[:, 8] == leaves[:, 7])
+    lossless = (leaves[:, 1] == LOSSLESS) & (leaves[:, 2] > 0)
+    exact = leaves[:, 1] == EXACT
+    return bool((single & (lossless | exact)).all()) and bool((rows_of(t, LEAF_RESISTORS)[:, 5] < 0).all())
+
+
+@_inline
+def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
+    """``F``, the size of its terms, and what the step leads to."""
+    kinds, c, capacity, damping, drive, h, p = context
+    change = 2.0 * (y * capacity - p)
+    rate = 1.0 / h
+    force = change * rate + damping * y - drive
+    size = (abs(change.real) + abs(p)) * rate + abs(damping * y.real) + abs(drive)
+    for leaf in range(kinds.shape[0]):
+        gain = c[leaf, _GAIN]
+        if kinds[leaf, 0] == LOSSLESS:
+            moved = h * gain * y
+            end = x[kinds[leaf, 1]] + moved
+            mean = c[leaf, STIFFNESS] * (x[kinds[leaf, 1]] + 0.5 * moved)
+        else:
+            end, mean = rc_flow(
+                x[kinds[leaf, 1]], gain * y, h, c[leaf, STIFFNESS], c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH],
+                c[leaf, ONE], c[leaf, TWO],
+            )  # fmt: skip
+        ends[kinds[leaf, 1]] = end
+        means[kinds[leaf, 1]] = mean
+        force += gain * mean
+        size += abs(gain * mean.real)
+    return force, size
+
+
+@_inline
+def _value_at(y: Any, context: Any) -> Any:
+    step, x, ends, means, _, _ = context
+    return _total(y, step, x, ends, means)
+
+
+@_plain
+def _slope_at(y: Any, context: Any) -> Any:
+    stay_outside()
+    step, x, _, _, ends, means = context
+    return _total(complex(y, TINY), step, x, ends, means)[0].imag / TINY
+
+
+_root = _inline(make_root(_value_at, _slope_at))
+
+
+@_plain
+def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: Any) -> Any:
+    """Fill the leaves' kinds and constants; returns the junction's ``1/s`` and its damping."""
+    stay_outside()
+    leaves = count(t, LEAVES)
+    fill_constants(t, theta, h, constants)
+    for leaf in range(leaves):
+        row = t[0, LEAVES] + leaf
+        kinds[leaf, 0], kinds[leaf, 1] = t[row, 1], t[row, 0]
+        for i in range(CONSTANTS):
+            c[leaf, i] = constants[leaf, i]
+        c[leaf, _GAIN] = g[t[row, 5]]
+    damping = 0.0
+    for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
+        b = 0.0
+        for branch in range(t[r, 6], t[r, 7]):
+            b += g[branch]
+        damping += b * b * resistor_flow(t, r, 1.0, 0.0, theta)
+    return constants[leaves, CAPACITY], damping
+
+
+@numba.njit(error_model="numpy", _nrt=False)
+def _steps(
+    t: Any, theta: Any, u: Any, h: Any, states: Any, efforts: Any, g: Any, a: Any, constants: Any, kinds: Any, c: Any,
+    ends: Any, means: Any,
+) -> Any:  # fmt: skip
+    """The steps of `_march`, which owns all memory: without it, reference counts of arrays cost most of the time."""
+    k = junction_storage(t, 0)
+    slope, capacity, damping = 0.0, 0.0, 0.0
+    for n in range(u.shape[0]):
+        if n == 0 or h[n] != h[n - 1]:
+            capacity, damping = _resolve(t, theta, h[n], g, constants, kinds, c)
+            slope = 0.0
+        fill_actions(t, theta, u[n], a)
+        drive = 0.0
+        for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
+            drive += g[r] * a[t[r, 0]]
+        p = states[n, k]
+        y = p / capacity
+        if n > 0:
+            y = efforts[n - 1, k] if n == 1 else 2.0 * efforts[n - 1, k] - efforts[n - 2, k]
+        step = (kinds, c, capacity, damping, drive, h[n], p)
+        y, slope = _root(y, 2.0 * capacity / h[n], slope, (step, states[n], states[n + 1], efforts[n], ends, means))
+        efforts[n, k] = y
+        states[n + 1, k] = p + 2.0 * (y * capacity - p)
+        if not np.isfinite(y):
+            return n
+    return u.shape[0]
+
+
+def _march(t: Any, theta: Any, x0: Any, u: Any, h: Any, states: Any, efforts: Any) -> Any:
+    leaves = count(t, LEAVES)
+    g = np.zeros(t.shape[0])
+    fill_gains(t, theta, g)
+    states[0] = x0
+    ends = np.zeros(x0.shape[0], np.complex128)
+    return _steps(
+        t, theta, u, h, states, efforts, g, np.zeros(u.shape[1]), np.zeros((leaves + 1, CONSTANTS)),
+        np.zeros((leaves, 2), np.int64), np.zeros((leaves, CONSTANTS + 1)), ends, ends.copy(),
+    )  # fmt: skip
+
+
+with kernel_cache():
+    march = numba.njit(cache=True, nogil=True, error_model="numpy")(_march)
