@@ -95,7 +95,9 @@ class _Steps:
         self._currents(self.middle)
 
     def _currents(self, middle: Tensor) -> None:
-        self.structure = self.system.structure(middle)
+        # One matrix for all steps where no ratio follows a state: a copy each would cost the square of the storages.
+        fixed = middle.new_zeros(middle.shape[-1])
+        self.structure = self.system.structure(middle if self.system.network.modulations else fixed)
         self.branches, self.inputs = self.system.incidences(middle)
         flows = [self.flow.get(k, torch.zeros_like(self.h)) for k in range(len(self.program.states))]
         self.current = combined(torch.stack(flows, dim=-1), self.structure.mT) + combined(self.actions, self.inputs.mT)
