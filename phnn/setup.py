@@ -10,12 +10,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
-from phnn.integrate.dispatch import kernel_cache
+from phnn.integrate.compiled import entry
 from phnn.laws.namespace import absolute, exp, log1p, real, shared, where
 from phnn.network.elements import Network
 from phnn.parameters import Parameter, as_table, with_values
@@ -163,9 +162,8 @@ def drift(y: Array, t: Array, rate: Any) -> Array:
     return np.asarray(y + rate * t)
 
 
-with kernel_cache():
-    _first_order = numba.njit(cache=True, nogil=True, error_model="numpy")(_first_order_loop)
-    _bouc_wen_state = numba.njit(cache=True, nogil=True, error_model="numpy")(_bouc_wen_loop)
+_first_order = entry(_first_order_loop)
+_bouc_wen_state = entry(_bouc_wen_loop)
 
 AMPLIFIERS: dict[str, Callable[..., Array]] = {"lowpass": lowpass, "saturation": saturation, "bouc_wen": bouc_wen}
 SENSORS: dict[str, Callable[..., Array]] = {"drift": drift}

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.dispatch import kernel_cache
+from phnn.integrate.compiled import entry
 
 Array = NDArray[np.float64]
 
@@ -30,9 +29,8 @@ def _play_loop(x: Any, radius: Any) -> Any:
     return out
 
 
-with kernel_cache():
-    _low_pass = numba.njit(cache=True, nogil=True)(_low_pass_loop)
-    _play = numba.njit(cache=True, nogil=True)(_play_loop)
+_low_pass = entry(_low_pass_loop)
+_play = entry(_play_loop)
 
 
 def low_pass(x: Array, h: Array, tau: float, before: float) -> Array:

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
-
-from phnn.integrate.dispatch import stay_outside
+from phnn.integrate.compiled import plain, stay_outside
 from phnn.integrate.lookups import (
     count,
     is_linear,
@@ -28,10 +26,8 @@ STIFFNESS, RHO, LOW, HIGH, ONE, TWO = range(6)
 CONSTANTS = 6
 CAPACITY = 0
 
-_plain = numba.njit(error_model="numpy", forceinline=False)
 
-
-@_plain
+@plain
 def fill_constants(t: Any, theta: Any, h: Any, c: Any) -> None:
     """Fill ``c`` for steps of size ``h``."""
     stay_outside()
@@ -50,7 +46,7 @@ def fill_constants(t: Any, theta: Any, h: Any, c: Any) -> None:
             c[leaves + j, CAPACITY] = 1.0 / stiffness(t, junction_storage(t, j), theta)
 
 
-@_plain
+@plain
 def fill_gains(t: Any, theta: Any, g: Any) -> None:
     """Fill ``g`` with the ratios as they are where nothing modulates them."""
     stay_outside()
@@ -59,7 +55,7 @@ def fill_gains(t: Any, theta: Any, g: Any) -> None:
             g[r] = t[r, SIGN] * theta[t[r, RATIO]]
 
 
-@_plain
+@plain
 def scale_gains(t: Any, place: Any, by: Any, theta: Any, g: Any) -> None:
     """Set the gains of one ratio to ``by`` times what they are unmodulated."""
     stay_outside()
@@ -68,7 +64,7 @@ def scale_gains(t: Any, place: Any, by: Any, theta: Any, g: Any) -> None:
             g[r] = t[r, SIGN] * by * theta[place]
 
 
-@_plain
+@plain
 def fill_actions(t: Any, theta: Any, u: Any, a: Any) -> None:
     """Fill ``a`` for the mean inputs of a step."""
     stay_outside()

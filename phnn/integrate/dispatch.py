@@ -1,79 +1,18 @@
-"""Compiled look-up of laws by their position in the registry, with a cache that notices edited laws."""
+"""Compiled look-up of laws by their position in the registry."""
 
 from __future__ import annotations
 
-import hashlib
-import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import Any
 
-import numba
-from numba import types
-from numba.extending import intrinsic
-
-import phnn
+from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, compiled_flow, compiled_mean_effort
 
-# What compiled code is made from; torch modules beside them may be edited without compiling anew.
-_SOURCES = (
-    "laws/*.py",
-    "integrate/dispatch.py",
-    "integrate/tables.py",
-    "integrate/lookups.py",
-    "integrate/constants.py",
-    "integrate/roots.py",
-    "integrate/step.py",
-    "integrate/stages.py",
-    "integrate/solve.py",
-    "integrate/quick.py",
-    "integrate/linearise.py",
-    "integrate/kernel.py",
-    "integrate/sweep.py",
-)
 _PLACES = ("i0", "i1", "i2", "i3")
-
-
-@intrinsic
-def stay_outside(typing_context: Any) -> Any:
-    """Called in the body of a compiled function: keeps LLVM from inlining that function.
-
-    Left alone it inlines everything that is called from few places, level by level, and compiles for minutes.
-    """
-
-    def mark(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        builder.function.attributes.add("noinline")
-        return context.get_dummy_value()
-
-    return types.none(), mark
-
 
 # A function of a law, how many parameters it takes, and whether it reads a block of weights instead.
 Entry = tuple[Callable[..., Any] | None, int, bool]
-
-
-def fingerprint() -> str:
-    """Hash of the sources a kernel is made from: numba's own cache does not see an edited callee elsewhere."""
-    root = Path(phnn.__file__).parent
-    digest = hashlib.sha256()
-    for pattern in _SOURCES:
-        for path in sorted(root.glob(pattern)):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-@contextmanager
-def kernel_cache() -> Iterator[None]:
-    """Compile inside this context: the machine code is kept per version of the sources."""
-    home = os.environ.get("PHNN_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(Path(home) / "phnn" / fingerprint())
-    try:
-        yield
-    finally:
-        numba.config.CACHE_DIR = before
 
 
 def look_up(name: str, entries: Sequence[Entry], leading: int) -> Any:
@@ -94,14 +33,14 @@ def look_up(name: str, entries: Sequence[Entry], leading: int) -> Any:
             scope[f"f{code}"] = function
             call = f"return f{code}({', '.join([*arguments, 'theta', 'i0', 'i1'])})"
         else:
-            scope[f"f{code}"] = numba.njit(function, forceinline=True, error_model="numpy")
+            scope[f"f{code}"] = inline(function)
             call = f"return f{code}({', '.join([*arguments, *(f'theta[{p}]' for p in _PLACES[:count])])})"
         # The last one needs no test, so that the function returns on every path.
         lines.append(f"    {call}" if code == present[-1][0] else f"    if code == {code}:\n        {call}")
     # The text is built from positions only.
     exec("\n".join(lines), scope)
     # Not inlined: it stands at many places, and what steps need of the common laws is resolved beforehand.
-    return numba.njit(scope[name], forceinline=False, error_model="numpy")
+    return plain(scope[name])
 
 
 def storage_table() -> Any:
@@ -137,4 +76,4 @@ def _unmodulated(flow: Any) -> Any:
     def with_read(effort: Any, q: Any, theta: Any, first: Any, units: Any) -> Any:
         return flow(effort, theta, first, units)
 
-    return numba.njit(with_read, forceinline=False, error_model="numpy")
+    return plain(with_read)

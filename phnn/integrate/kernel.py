@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate import quick
+from phnn.integrate.compiled import entry, inline, loop
 from phnn.integrate.constants import CONSTANTS, fill_actions, fill_gains
-from phnn.integrate.dispatch import kernel_cache
 from phnn.integrate.lookups import count, is_linear, junction_storage
 from phnn.integrate.program import Program
 from phnn.integrate.solve import prepare, rest_guess, solve_many, solve_one
@@ -20,7 +19,7 @@ from phnn.integrate.tables import JUNCTIONS, LEAVES
 Array = NDArray[np.float64]
 
 
-@numba.njit(error_model="numpy", forceinline=True)
+@inline
 def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> None:
     """The unknowns of step ``n`` extrapolated from the two before it; at the start nothing changes."""
     if n == 0:
@@ -34,7 +33,7 @@ def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> Non
             y[j] = 2.0 * states[n, k] - states[n - 1, k]
 
 
-@numba.njit(error_model="numpy", _nrt=False)
+@loop
 def _march_steps(
     t: Any, u: Any, h: Any, states: Any, efforts: Any, values: Any, perturbed: Any, jacobian: Any, step: Any,
     own: Any,
@@ -90,8 +89,7 @@ def _march(t: Any, theta: Any, x0: Any, u: Any, h: Any, states: Any, efforts: An
     )
 
 
-with kernel_cache():
-    general = numba.njit(cache=True, nogil=True, error_model="numpy")(_march)
+general = entry(_march)
 
 
 def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states: Array, efforts: Array) -> int:

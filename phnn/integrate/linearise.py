@@ -9,20 +9,16 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import CONSTANTS, fill_actions, fill_constants, fill_gains
-from phnn.integrate.dispatch import stay_outside
 from phnn.integrate.lookups import count, is_linear, junction_storage
 from phnn.integrate.program import Program
 from phnn.integrate.step import CHANGE, FORCE, junction_flows, junction_terms, leaf_step, modulate
 from phnn.integrate.tables import FACTORS, JUNCTIONS, LEAVES, PORTS, rows_of
 from phnn.laws.namespace import TINY
-
-_inline = numba.njit(error_model="numpy", forceinline=True)
-_plain = numba.njit(error_model="numpy", forceinline=False)
 
 
 class Pattern(NamedTuple):
@@ -58,7 +54,7 @@ def pattern_of(program: Program, active: NDArray[np.int64]) -> Pattern:
     )
 
 
-@_plain
+@plain
 def perturbed_constants(t: Any, theta: Any, active: Any, h: Any, c: Any, g: Any) -> None:
     """Constants (K+1, L+m, 6) and gains (K+1, rows) with one active parameter perturbed each, and last with none."""
     stay_outside()
@@ -71,7 +67,7 @@ def perturbed_constants(t: Any, theta: Any, active: Any, h: Any, c: Any, g: Any)
             theta[active[k]] = complex(theta[active[k]].real, 0.0)
 
 
-@_inline
+@inline
 def load_step(t: Any, n: Any, states: Any, efforts: Any, x: Any, y: Any) -> None:
     """State and unknowns of a step that has been marched, without perturbations."""
     for k in range(x.shape[0]):
@@ -81,7 +77,7 @@ def load_step(t: Any, n: Any, states: Any, efforts: Any, x: Any, y: Any) -> None
         y[j] = complex(efforts[n, k] if is_linear(t, j) else states[n + 1, k], 0.0)
 
 
-@_plain
+@plain
 def linearise(
     t: Any, p: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, u: Any, h: Any, wj: Any, by_leaf: Any,
     by_force: Any, by_change: Any,
@@ -121,7 +117,7 @@ def linearise(
             theta[p.active[k]] = complex(theta[p.active[k]].real, 0.0)
 
 
-@_inline
+@inline
 def _block_derivatives(
     t: Any, p: Any, i: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, by_leaf: Any,
     by_force: Any, by_change: Any,
@@ -163,7 +159,7 @@ class Derivatives(NamedTuple):
     by_change: Any
 
 
-@_inline
+@inline
 def new_derivatives(t: Any, p: Any, theta: Any, states: Any, ports: Any) -> Any:
     """Memory for a network and a pattern."""
     m, inputs = count(t, JUNCTIONS), p.first.shape[0] - 1
@@ -182,7 +178,7 @@ def new_derivatives(t: Any, p: Any, theta: Any, states: Any, ports: Any) -> Any:
     )
 
 
-@_inline
+@inline
 def derivatives_at(t: Any, p: Any, d: Any, n: Any, states: Any, efforts: Any, u: Any, h: Any, fresh: Any) -> None:
     """Fill the derivatives of step ``n`` of a march; ``fresh`` where its size differs from that of the last call."""
     if fresh:

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
-
+from phnn.integrate.compiled import inline
 from phnn.integrate.dispatch import factor_table, flow_table, port_table, storage_table, threshold_table
 from phnn.integrate.tables import JUNCTIONS, PORTS, STORAGES
-
-_inline = numba.njit(error_model="numpy", forceinline=True)
 
 _mean_effort = storage_table()
 _thresholds = threshold_table()
@@ -18,58 +15,58 @@ _action = port_table()
 _factor = factor_table()
 
 
-@_inline
+@inline
 def count(t: Any, kind: Any) -> Any:
     """Number of rows of a kind."""
     return t[0, kind + 1] - t[0, kind]
 
 
-@_inline
+@inline
 def mean_effort(t: Any, k: Any, a: Any, b: Any, theta: Any) -> Any:
     """``ē`` of storage ``k`` between two states."""
     r = t[0, STORAGES] + k
     return _mean_effort(t[r, 0], a, b, theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
 
 
-@_inline
+@inline
 def stiffness(t: Any, k: Any, theta: Any) -> Any:
     """``s`` of a linear storage, ``E = s x``."""
     one = 1.0 + 0.0 * theta[0]
     return mean_effort(t, k, one, one, theta)
 
 
-@_inline
+@inline
 def resistor_flow(t: Any, r: Any, effort: Any, q: Any, theta: Any) -> Any:
     """``φ(ε, q)`` of the resistor in row ``r``."""
     return _flow(t[r, 0], effort, q, theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
 
 
-@_inline
+@inline
 def resistor_thresholds(t: Any, r: Any, q: Any, theta: Any) -> Any:
     """``(ρ, lo, hi)(q)`` of the piecewise linear resistor in row ``r``."""
     return _thresholds(t[r, 0], q, theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
 
 
-@_inline
+@inline
 def port_action(t: Any, p: Any, theta: Any, u: Any) -> Any:
     """``ψ_p(u_p)``."""
     r = t[0, PORTS] + p
     return _action(t[r, 0], u[p] + 0.0 * theta[0], theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
 
 
-@_inline
+@inline
 def factor(t: Any, r: Any, q: Any, theta: Any) -> Any:
     """``f(q)`` of the modulation in row ``r``."""
     return _factor(t[r, 0], q, theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
 
 
-@_inline
+@inline
 def junction_storage(t: Any, j: Any) -> Any:
     """Number of the storage of junction ``j``."""
     return t[t[0, JUNCTIONS] + j, 0]
 
 
-@_inline
+@inline
 def is_linear(t: Any, j: Any) -> Any:
     """Whether the unknown of junction ``j`` is its mean effort; else it is its end state."""
     return t[t[0, JUNCTIONS] + j, 1] > 0

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from phnn.integrate.compiled import entry, inline, loop, plain, stay_outside
 from phnn.integrate.constants import (
     CAPACITY,
     CONSTANTS,
@@ -28,7 +28,6 @@ from phnn.integrate.constants import (
     fill_constants,
     fill_gains,
 )
-from phnn.integrate.dispatch import kernel_cache, stay_outside
 from phnn.integrate.lookups import count, junction_storage, resistor_flow
 from phnn.integrate.program import Program
 from phnn.integrate.roots import make_root
@@ -47,9 +46,6 @@ from phnn.integrate.tables import (
 from phnn.laws import RESISTOR_LAWS
 from phnn.laws.leaf import rc_flow
 from phnn.laws.namespace import TINY
-
-_inline = numba.njit(error_model="numpy", forceinline=True)
-_plain = numba.njit(error_model="numpy", forceinline=False)
 
 _GAIN = CONSTANTS
 # Linear resistors, whose conductance is their flow at one.
@@ -70,7 +66,7 @@ def is_quick(program: Program) -> bool:
     return bool((single & (lossless | exact)).all()) and bool((rows_of(t, LEAF_RESISTORS)[:, 5] < 0).all())
 
 
-@_inline
+@inline
 def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
     """``F``, the size of its terms, and what the step leads to."""
     kinds, c, capacity, damping, drive, h, p = context
@@ -96,23 +92,23 @@ def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
     return force, size
 
 
-@_inline
+@inline
 def _value_at(y: Any, context: Any) -> Any:
     step, x, ends, means, _, _ = context
     return _total(y, step, x, ends, means)
 
 
-@_plain
+@plain
 def _slope_at(y: Any, context: Any) -> Any:
     stay_outside()
     step, x, _, _, ends, means = context
     return _total(complex(y, TINY), step, x, ends, means)[0].imag / TINY
 
 
-_root = _inline(make_root(_value_at, _slope_at))
+_root = inline(make_root(_value_at, _slope_at))
 
 
-@_plain
+@plain
 def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: Any) -> Any:
     """Fill the leaves' kinds and constants; returns the junction's ``1/s`` and its damping."""
     stay_outside()
@@ -133,7 +129,7 @@ def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: 
     return constants[leaves, CAPACITY], damping
 
 
-@numba.njit(error_model="numpy", _nrt=False)
+@loop
 def _steps(
     t: Any, theta: Any, u: Any, h: Any, states: Any, efforts: Any, g: Any, a: Any, constants: Any, kinds: Any, c: Any,
     ends: Any, means: Any,
@@ -174,5 +170,4 @@ def _march(t: Any, theta: Any, x0: Any, u: Any, h: Any, states: Any, efforts: An
     )  # fmt: skip
 
 
-with kernel_cache():
-    march = numba.njit(cache=True, nogil=True, error_model="numpy")(_march)
+march = entry(_march)

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import CAPACITY, fill_constants
-from phnn.integrate.dispatch import stay_outside
 from phnn.integrate.lookups import count, is_linear, junction_storage, mean_effort
 from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, make_root
 from phnn.integrate.step import FORCE, SIZE, balance, inlined_balance
 from phnn.integrate.tables import LEAVES
 from phnn.laws.namespace import TINY
-
-_inline = numba.njit(error_model="numpy", forceinline=True)
-_plain = numba.njit(error_model="numpy", forceinline=False)
 
 _ITERATIONS = 200
 _STRICT = 20
@@ -33,7 +29,7 @@ _LEAST_PART = 2.0**-30
 _STEP, _BEGIN, _POINT, _NORMAL, _SCALE, ROUNDING, _KEPT = range(7)
 
 
-@_inline
+@inline
 def _value_at(y: Any, context: Any) -> Any:
     t, h, values, _ = context
     theta, c, g, a, x, ys, wj, wx = values
@@ -42,7 +38,7 @@ def _value_at(y: Any, context: Any) -> Any:
     return wj[FORCE, 0], wj[SIZE, 0]
 
 
-@_plain
+@plain
 def _slope_at(y: Any, context: Any) -> Any:
     stay_outside()
     t, h, _, perturbed = context
@@ -52,10 +48,10 @@ def _slope_at(y: Any, context: Any) -> Any:
     return wj[FORCE, 0].imag / TINY
 
 
-_root = _inline(make_root(_value_at, _slope_at))
+_root = inline(make_root(_value_at, _slope_at))
 
 
-@_plain
+@plain
 def prepare(t: Any, theta: Any, h: Any, c: Any, c_perturbed: Any) -> None:
     """The constants for steps of size ``h``, as floats and as complex numbers."""
     stay_outside()
@@ -65,13 +61,13 @@ def prepare(t: Any, theta: Any, h: Any, c: Any, c_perturbed: Any) -> None:
             c_perturbed[i, k] = c[i, k]
 
 
-@_inline
+@inline
 def inertia(t: Any, j: Any, c: Any) -> Any:
     """``d(z_j − p_j)/dy_j``: twice the mass of a linear junction, else one."""
     return 2.0 * c[count(t, LEAVES) + j, CAPACITY] if is_linear(t, j) else 1.0
 
 
-@_inline
+@inline
 def solve_one(t: Any, h: Any, slope: Any, values: Any, perturbed: Any) -> Any:
     """Solve for the one junction from the guess in ``y``; returns success and the slope at the root.
 
@@ -86,7 +82,7 @@ def solve_one(t: Any, h: Any, slope: Any, values: Any, perturbed: Any) -> Any:
     return np.isfinite(y), slope
 
 
-@_plain
+@plain
 def fill_jacobian(t: Any, h: Any, y: Any, perturbed: Any, jacobian: Any) -> None:
     """(m, m) ``∂F/∂y``, a column for every perturbed unknown."""
     stay_outside()
@@ -102,7 +98,7 @@ def fill_jacobian(t: Any, h: Any, y: Any, perturbed: Any, jacobian: Any) -> None
             jacobian[j, i] = wj[FORCE, j].imag / TINY
 
 
-@_plain
+@plain
 def eliminate(matrix: Any, right: Any) -> None:
     """Solve a small linear system in place by elimination with row pivoting; ``right`` (m, k) becomes the solution."""
     stay_outside()
@@ -131,7 +127,7 @@ def eliminate(matrix: Any, right: Any) -> None:
             right[k, c] *= inverse
 
 
-@_plain
+@plain
 def _converged(wj: Any, own: Any, relaxed: bool) -> bool:
     stay_outside()
     tolerance, rounding = (RELAXED, 1e-13) if relaxed else (TOLERANCE, 4e-16)
@@ -142,7 +138,7 @@ def _converged(wj: Any, own: Any, relaxed: bool) -> bool:
     return good
 
 
-@_plain
+@plain
 def _merit(wj: Any, own: Any) -> Any:
     """``Σ (F_j/c_j)²`` with ``c_j² = d(z_j − p_j)/dy_j / h``."""
     stay_outside()
@@ -152,7 +148,7 @@ def _merit(wj: Any, own: Any) -> Any:
     return total
 
 
-@_plain
+@plain
 def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
     """Along a Newton step: the first halving that reduces the merit.
 
@@ -195,7 +191,7 @@ def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
     return separated
 
 
-@_plain
+@plain
 def _newton(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any, damped: bool) -> bool:
     """Newton's method from ``y``, damped by `_advance` or with whole steps."""
     stay_outside()
@@ -226,7 +222,7 @@ def _newton(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: An
     return _converged(wj, own, True)
 
 
-@_plain
+@plain
 def rest_guess(t: Any, theta: Any, x: Any, y: Any) -> None:
     """The unknowns if nothing changes."""
     for j in range(y.shape[0]):
@@ -234,7 +230,7 @@ def rest_guess(t: Any, theta: Any, x: Any, y: Any) -> None:
         y[j] = mean_effort(t, k, x[k], x[k], theta) if is_linear(t, j) else x[k]
 
 
-@_plain
+@plain
 def _followed(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any) -> bool:
     """The solution of ever longer parts of the step, each begun at that of the one before.
 
@@ -269,7 +265,7 @@ def _followed(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: 
     return True
 
 
-@_plain
+@plain
 def solve_many(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any) -> bool:
     """Solve for several junctions from the guess in ``y``; the values are left at the solution.
 

@@ -17,10 +17,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
-
+from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import CAPACITY, HIGH, LOW, ONE, RHO, STIFFNESS, TWO, fill_gains, scale_gains
-from phnn.integrate.dispatch import stay_outside
 from phnn.integrate.lookups import (
     count,
     factor,
@@ -48,18 +46,15 @@ from phnn.laws.leaf import rc_flow, relaxation
 FLOW, CHANGE, FORCE, SIZE = range(4)
 NEXT, EFFORT = range(2)
 
-_inline = numba.njit(error_model="numpy", forceinline=True)
-_plain = numba.njit(error_model="numpy", forceinline=False)
 
-
-@_inline
+@inline
 def junction_change(t: Any, j: Any, c: Any, x: Any, y: Any) -> Any:
     """``z_j − p_j``; of a linear storage ``2 (v̄/s − p)``, which takes no difference of end states."""
     p = x[junction_storage(t, j)]
     return 2.0 * (y[j] * c[count(t, LEAVES) + j, CAPACITY] - p) if is_linear(t, j) else y[j] - p
 
 
-@_inline
+@inline
 def _current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
     """``i_l``."""
     row = t[0, LEAVES] + leaf
@@ -71,7 +66,7 @@ def _current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
     return total
 
 
-@_inline
+@inline
 def _read(t: Any, r: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
     """Mid-step energy variable that a law may read, 0 for none. The ratios of a leaf that is read follow no state."""
     if r < 0:
@@ -82,7 +77,7 @@ def _read(t: Any, r: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: An
     return x[junction_storage(t, j)] + 0.5 * junction_change(t, j, c, x, y)
 
 
-@_plain
+@plain
 def modulate(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
     """Set the gains to what they are at mid-step."""
     stay_outside()
@@ -91,7 +86,7 @@ def modulate(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any,
         scale_gains(t, t[r, 6], factor(t, r, _read(t, t[r, 5], c, g, a, x, y, h, wj), theta), theta, g)
 
 
-@_inline
+@inline
 def _lost(context: Any, effort: Any) -> Any:
     """``Σ_r b_r φ_r(b_r ε)`` of a leaf at an effort."""
     t, leaf, theta, c, g, a, x, y, h, wj = context
@@ -103,25 +98,25 @@ def _lost(context: Any, effort: Any) -> Any:
     return total
 
 
-@_plain
+@plain
 def _lost_at(state: Any, context: Any) -> Any:
     stay_outside()
     t, leaf, theta = context[:3]
     return _lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, 0], state, state, theta))
 
 
-@_plain
+@plain
 def _lost_between(start: Any, end: Any, context: Any) -> Any:
     stay_outside()
     t, leaf, theta = context[:3]
     return _lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, 0], start, end, theta))
 
 
-_radau = make_radau(_lost_at, _plain)
-_gradient = make_gradient(_lost_between, _plain)
+_radau = make_radau(_lost_at, plain)
+_gradient = make_gradient(_lost_between, plain)
 
 
-@_plain
+@plain
 def _searched(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
     """End state and mean effort of a leaf whose equations have no closed solution."""
     stay_outside()
@@ -135,7 +130,7 @@ def _searched(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: 
     return end, mean_effort(t, k, x[k], end, theta)
 
 
-@_inline
+@inline
 def leaf_step(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
     """End state and mean effort of a leaf."""
     row = t[0, LEAVES] + leaf
@@ -156,13 +151,13 @@ def leaf_step(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: 
     return _searched(t, leaf, theta, c, g, a, x, y, h, wj)
 
 
-@_inline
+@inline
 def _add(term: Any, j: Any, wj: Any) -> None:
     wj[FORCE, j] += term
     wj[SIZE, j] += abs(term.real)
 
 
-@_inline
+@inline
 def leaf_forces(t: Any, leaf: Any, g: Any, effort: Any, wj: Any) -> None:
     """Add what a leaf exerts on its junctions."""
     row = t[0, LEAVES] + leaf
@@ -170,7 +165,7 @@ def leaf_forces(t: Any, leaf: Any, g: Any, effort: Any, wj: Any) -> None:
         _add(g[r] * effort, t[r, 0], wj)
 
 
-@_inline
+@inline
 def junction_terms(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
     """``F`` without the leaves, the size of its terms, and ``z − p``."""
     rate = 1.0 / h
@@ -192,7 +187,7 @@ def junction_terms(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h
         _add(-g[r] * a[t[r, 0]], t[r, 1], wj)
 
 
-@_inline
+@inline
 def junction_flows(t: Any, theta: Any, x: Any, y: Any, wj: Any) -> None:
     """Fill ``v̄``."""
     for j in range(count(t, JUNCTIONS)):
@@ -200,7 +195,7 @@ def junction_flows(t: Any, theta: Any, x: Any, y: Any, wj: Any) -> None:
         wj[FLOW, j] = y[j] if is_linear(t, j) else mean_effort(t, k, x[k], y[j], theta)
 
 
-@_inline
+@inline
 def inlined_balance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any) -> None:
     """``F`` at the unknowns ``y``, and what they lead to.
 
@@ -226,7 +221,7 @@ def inlined_balance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, 
         wx[EFFORT, k] = wj[FLOW, j]
 
 
-@_plain
+@plain
 def balance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any) -> None:
     """`inlined_balance` as a call."""
     stay_outside()

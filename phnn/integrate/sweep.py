@@ -11,11 +11,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.dispatch import kernel_cache, stay_outside
+from phnn.integrate.compiled import entry, inline, loop, plain, stay_outside
 from phnn.integrate.linearise import derivatives_at, new_derivatives, pattern_of
 from phnn.integrate.lookups import junction_storage
 from phnn.integrate.program import Program
@@ -24,17 +23,15 @@ from phnn.integrate.tables import LEAVES
 
 Array = NDArray[np.float64]
 
-_plain = numba.njit(error_model="numpy", forceinline=False)
 
-
-@_plain
+@plain
 def _add_scaled(out: Any, weight: Any, row: Any) -> None:
     if weight != 0.0:
         for c in range(out.shape[0]):
             out[c] += weight * row[c]
 
 
-@_plain
+@plain
 def _propagate(
     t: Any, p: Any, d: Any, force: Any, junction: Any, first_force: Any, varied: Any, weight_of: Any, state: Any,
     unknown: Any, following: Any, matrix: Any,
@@ -101,7 +98,7 @@ def _sensitivities(
     )  # fmt: skip
 
 
-@numba.njit(error_model="numpy", _nrt=False)
+@loop
 def _sensitivity_steps(
     t: Any, p: Any, d: Any, states: Any, efforts: Any, u: Any, h: Any, forces: Any, junction: Any, first_force: Any,
     varied: Any, weights: Any, nodes: Any, output: Any, state: Any, following: Any, unknown: Any, matrix: Any, out: Any,
@@ -135,7 +132,7 @@ def _adjoint(
     )  # fmt: skip
 
 
-@numba.njit(error_model="numpy", _nrt=False)
+@loop
 def _adjoint_steps(
     t: Any, p: Any, d: Any, states: Any, efforts: Any, u: Any, h: Any, cotangent: Any, w: Any, gradient: Any,
     multipliers: Any, earlier: Any, mu: Any, matrix: Any,
@@ -174,7 +171,7 @@ def _adjoint_steps(
             w[s] = earlier[s]
 
 
-@numba.njit(error_model="numpy", forceinline=True)
+@inline
 def _pulled(t: Any, p: Any, d: Any, i: Any, w: Any) -> Any:
     """``wᵀ ∂(x⁺)/∂(input i)`` without the part that carries a junction's state over."""
     total = 0.0
@@ -185,9 +182,8 @@ def _pulled(t: Any, p: Any, d: Any, i: Any, w: Any) -> Any:
     return total
 
 
-with kernel_cache():
-    _compiled_sensitivities = numba.njit(cache=True, nogil=True, error_model="numpy")(_sensitivities)
-    _compiled_adjoint = numba.njit(cache=True, nogil=True, error_model="numpy")(_adjoint)
+_compiled_sensitivities = entry(_sensitivities)
+_compiled_adjoint = entry(_adjoint)
 
 
 def sensitivities(
