@@ -29,6 +29,8 @@ _SOURCES = (
     "integrate/solve.py",
     "integrate/quick.py",
     "integrate/linearise.py",
+    "integrate/pieces.py",
+    "integrate/recursion.py",
     "integrate/kernel.py",
     "integrate/sweep.py",
 )

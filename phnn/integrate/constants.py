@@ -1,9 +1,10 @@
-"""What does not change from step to step is resolved once: constants of leaves and junctions, gains, port actions.
+"""What does not change from step to step is resolved once: constants of leaves and junctions, and gains.
 
 c (L+m, 6)  of a leaf: s = 1/C of a linear storage; ρ, lo, hi of a piecewise linear resistor that reads no state;
             the relaxation functions of h ρ s. Of a junction, after the leaves: 1/s
 g (rows,)   signed ratio of every row of the table that has one
-a (P,)      ψ_p(ū_p), the same during a step
+
+The third array of a step, a (P,), holds the ports' actions ψ_p(ū_p) from `phnn.integrate.actions`.
 """
 
 from __future__ import annotations
@@ -15,11 +16,10 @@ from phnn.integrate.lookups import (
     count,
     is_linear,
     junction_storage,
-    port_action,
     resistor_thresholds,
     stiffness,
 )
-from phnn.integrate.tables import EXACT, JUNCTIONS, LEAVES, PORTS, RATIO, SIGN
+from phnn.integrate.tables import EXACT, JUNCTIONS, LEAVES, RATIO, SIGN
 from phnn.laws.leaf import relaxation
 
 STIFFNESS, RHO, LOW, HIGH, ONE, TWO = range(6)
@@ -62,11 +62,3 @@ def scale_gains(t: Any, place: Any, by: Any, theta: Any, g: Any) -> None:
     for r in range(t.shape[0]):
         if t[r, RATIO] == place:
             g[r] = t[r, SIGN] * by * theta[place]
-
-
-@plain
-def fill_actions(t: Any, theta: Any, u: Any, a: Any) -> None:
-    """Fill ``a`` for the mean inputs of a step."""
-    stay_outside()
-    for p in range(count(t, PORTS)):
-        a[p] = port_action(t, p, theta, u)

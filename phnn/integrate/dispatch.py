@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from phnn.integrate.compiled import inline, plain, stay_outside
-from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws import FACTOR_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, compiled_flow, compiled_mean_effort
 
 _PLACES = ("i0", "i1", "i2", "i3")
@@ -58,11 +58,6 @@ def flow_table() -> Any:
     """``flow(code, effort, q, theta, i0…i3)``; neural laws read no state."""
     scalar: list[Entry] = [(x.flow, len(x.example), False) for x in RESISTOR_LAWS.values()]
     return look_up("flow", scalar + [(_unmodulated(compiled_flow(x)), 0, True) for x in WIDE_RESISTORS.values()], 2)
-
-
-def port_table() -> Any:
-    """``action(code, u, theta, i0…i3)``."""
-    return look_up("action", [(x.action, len(x.example), False) for x in PORT_LAWS.values()], 1)
 
 
 def factor_table() -> Any:

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate import quick
+from phnn.integrate.actions import actions
 from phnn.integrate.compiled import entry, inline, loop
-from phnn.integrate.constants import CONSTANTS, fill_actions, fill_gains
+from phnn.integrate.constants import CONSTANTS, fill_gains
 from phnn.integrate.lookups import count, is_linear, junction_storage
 from phnn.integrate.program import Program
 from phnn.integrate.solve import prepare, rest_guess, solve_many, solve_one
@@ -35,7 +36,7 @@ def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> Non
 
 @loop
 def _march_steps(
-    t: Any, u: Any, h: Any, states: Any, efforts: Any, values: Any, perturbed: Any, jacobian: Any, step: Any,
+    t: Any, actions: Any, h: Any, states: Any, efforts: Any, values: Any, perturbed: Any, jacobian: Any, step: Any,
     own: Any,
 ) -> Any:  # fmt: skip
     """The steps of `_march`, which owns all memory: without it, reference counts of arrays cost most of the time."""
@@ -43,7 +44,7 @@ def _march_steps(
     c_c, a_c, x_c = perturbed[1], perturbed[3], perturbed[4]
     m = y.shape[0]
     slope = 0.0
-    for n in range(u.shape[0]):
+    for n in range(actions.shape[0]):
         for k in range(x.shape[0]):
             x[k] = states[n, k]
             x_c[k] = states[n, k]
@@ -51,9 +52,9 @@ def _march_steps(
         if n == 0 or h[n] != h[n - 1]:
             slope = 0.0
             prepare(t, theta, h[n], c, c_c)
-        fill_actions(t, theta, u[n], a)
         for p in range(a.shape[0]):
-            a_c[p] = a[p]
+            a[p] = actions[n, p]
+            a_c[p] = actions[n, p]
         solved = True
         if m == 1:
             solved, slope = solve_one(t, h[n], slope, values, perturbed)
@@ -67,12 +68,12 @@ def _march_steps(
             solved = solved and np.isfinite(wx[NEXT, k]) and np.isfinite(wx[EFFORT, k])
         if not solved:
             return n
-    return u.shape[0]
+    return actions.shape[0]
 
 
-def _march(t: Any, theta: Any, x0: Any, u: Any, h: Any, states: Any, efforts: Any) -> Any:
+def _march(t: Any, theta: Any, x0: Any, actions: Any, h: Any, states: Any, efforts: Any) -> Any:
     n, m = x0.shape[0], count(t, JUNCTIONS)
-    rows, leaves, ports = t.shape[0], count(t, LEAVES), u.shape[1]
+    rows, leaves, ports = t.shape[0], count(t, LEAVES), actions.shape[1]
     values = (
         theta, np.zeros((leaves + m, CONSTANTS)), np.zeros(rows), np.zeros(ports), np.zeros(n), np.zeros(m),
         np.zeros((4, m)), np.zeros((2, n)),
@@ -85,7 +86,7 @@ def _march(t: Any, theta: Any, x0: Any, u: Any, h: Any, states: Any, efforts: An
     )  # fmt: skip
     states[0] = x0
     return _march_steps(
-        t, u, h, states, efforts, values, perturbed, np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7, m))
+        t, actions, h, states, efforts, values, perturbed, np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7, m))
     )
 
 
@@ -102,4 +103,4 @@ def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states:
         states: (n+1, N) filled; efforts: (n, N) filled with the mean efforts of the storages.
     """
     compiled = quick.march if program.quick else general
-    return int(compiled(program.table, theta, x0, u, h, states, efforts))
+    return int(compiled(program.table, theta, x0, actions(program, theta, u), h, states, efforts))

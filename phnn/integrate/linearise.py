@@ -7,51 +7,86 @@ contains which input, so that one perturbation re-evaluates only what it can cha
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate.compiled import inline, plain, stay_outside
-from phnn.integrate.constants import CONSTANTS, fill_actions, fill_constants, fill_gains
+from phnn.integrate.constants import CONSTANTS, fill_constants, fill_gains
 from phnn.integrate.lookups import count, is_linear, junction_storage
 from phnn.integrate.program import Program
 from phnn.integrate.step import CHANGE, FORCE, junction_flows, junction_terms, leaf_step, modulate
 from phnn.integrate.tables import FACTORS, JUNCTIONS, LEAVES, PORTS, rows_of
 from phnn.laws.namespace import TINY
 
+Array = NDArray[np.float64]
+
+
+class Run(NamedTuple):
+    """A march, and how its ports' actions follow the parameters in their laws.
+
+    Attributes:
+        states: (n+1, N); efforts: (n, N); h: (n,) sizes of the steps [s].
+        actions: (n, P); by_port: (S, n, P) their derivatives.
+    """
+
+    states: Array
+    efforts: Array
+    h: Array
+    actions: Array
+    by_port: Array
+
 
 class Pattern(NamedTuple):
     """Where the derivatives of a step by states, unknowns and some parameters are not zero, inputs in that order.
 
+    A leaf and an input that its equations contain are a *pair*; pairs are listed leaf by leaf, inputs increasing.
+
     Attributes:
         active: (K,) places in theta.
-        in_ports: (K,) whether a parameter stands in a port law.
+        in_ports: (K,) number of a parameter among those in port laws, −1 for the others.
         in_junctions: (I,) whether an input stands in the junctions' block.
-        first: (I+1,) and leaf: (pairs,) the leaves that contain each input.
+        first: (L+1,) the first pair of each leaf; input: (pairs,) the input of each pair.
+        first_of: (I+1,) where each input begins in ``pair_of``: (pairs,) the pairs, now input by input; leaf: (pairs,)
+            the leaf of each pair.
     """
 
     active: NDArray[np.int64]
-    in_ports: NDArray[np.bool_]
+    in_ports: NDArray[np.int64]
     in_junctions: NDArray[np.bool_]
     first: NDArray[np.int64]
+    input: NDArray[np.int64]
     leaf: NDArray[np.int64]
+    first_of: NDArray[np.int64]
+    pair_of: NDArray[np.int64]
 
 
-def pattern_of(program: Program, active: NDArray[np.int64]) -> Pattern:
+@lru_cache(maxsize=256)
+def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
     """The pattern of a program for the parameters at some places."""
     known = len(program.states) + len(program.junctions)
-    inputs = [*range(known), *(known + int(place) for place in active)]
+    inputs = [*range(known), *(known + place for place in active)]
     *leaves, junctions = program.uses
-    found = [[leaf for leaf, uses in enumerate(leaves) if i in uses] for i in inputs]
-    ports = set(rows_of(program.table, PORTS)[:, 1:5].ravel().tolist())
+    pairs = [(leaf, i) for leaf, uses in enumerate(leaves) for i, name in enumerate(inputs) if name in uses]
+    in_ports = np.isin(active, rows_of(program.table, PORTS)[:, 1:5])
+    leaf, given = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     return Pattern(
         np.asarray(active, dtype=np.int64),
-        np.array([int(place) in ports for place in active], dtype=np.bool_),
+        np.where(in_ports, np.cumsum(in_ports) - 1, -1),
         np.array([i in junctions for i in inputs], dtype=np.bool_),
-        np.cumsum([0, *map(len, found)]).astype(np.int64),
-        np.array([leaf for leaves_ in found for leaf in leaves_], dtype=np.int64),
+        _starts(leaf, len(leaves)),
+        np.ascontiguousarray(given),
+        np.ascontiguousarray(leaf),
+        _starts(given, len(inputs)),
+        np.argsort(given, kind="stable"),
     )
+
+
+def _starts(found: NDArray[np.int64], groups: int) -> NDArray[np.int64]:
+    """(groups + 1,) where every group begins in a list sorted by group."""
+    return np.concatenate([[0], np.cumsum(np.bincount(found, minlength=groups))]).astype(np.int64)
 
 
 @plain
@@ -68,53 +103,43 @@ def perturbed_constants(t: Any, theta: Any, active: Any, h: Any, c: Any, g: Any)
 
 
 @inline
-def load_step(t: Any, n: Any, states: Any, efforts: Any, x: Any, y: Any) -> None:
-    """State and unknowns of a step that has been marched, without perturbations."""
-    for k in range(x.shape[0]):
-        x[k] = complex(states[n, k], 0.0)
-    for j in range(y.shape[0]):
+def _load(t: Any, d: Any, n: Any, run: Any) -> None:
+    """State, unknowns and actions of a step; only the actions by parameters of port laws are perturbed."""
+    for k in range(d.x.shape[0]):
+        d.x[k] = complex(run.states[n, k], 0.0)
+    for j in range(d.y.shape[0]):
         k = junction_storage(t, j)
-        y[j] = complex(efforts[n, k] if is_linear(t, j) else states[n + 1, k], 0.0)
+        d.y[j] = complex(run.efforts[n, k] if is_linear(t, j) else run.states[n + 1, k], 0.0)
+    for port in range(d.a.shape[1]):
+        d.a[0, port] = complex(run.actions[n, port], 0.0)
+        for s in range(run.by_port.shape[0]):
+            d.a[1 + s, port] = complex(run.actions[n, port], TINY * run.by_port[s, n, port])
 
 
 @plain
-def linearise(
-    t: Any, p: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, u: Any, h: Any, wj: Any, by_leaf: Any,
-    by_force: Any, by_change: Any,
-) -> None:  # fmt: skip
-    """Fill the derivatives of a step by every input.
-
-    Args:
-        t, p: table and pattern; theta, x, y: complex, without perturbations.
-        c, g: from `perturbed_constants`; a: (2, P) and wj: (4, m) memory.
-        by_leaf: (pairs,) of the leaves' end states, as listed by the pattern.
-        by_force, by_change: (I, m) of ``F`` and of ``z − p``.
-    """
+def _linearise(t: Any, p: Any, d: Any, h: Any) -> None:
+    """Fill the derivatives of a step by every input."""
     stay_outside()
-    n, m, none = x.shape[0], y.shape[0], p.active.shape[0]
-    fill_actions(t, theta, u, a[0])
+    n, m, none = d.x.shape[0], d.y.shape[0], p.active.shape[0]
     for i in range(n + m + none):
-        k = max(i - n - m, -1)
-        which = k if k >= 0 else none
-        act = a[0]
+        k = i - n - m
         if i < n:
-            x[i] += TINY * 1j
+            d.x[i] += TINY * 1j
         elif i < n + m:
-            y[i - n] += TINY * 1j
+            d.y[i - n] += TINY * 1j
         else:
-            theta[p.active[k]] += TINY * 1j
-            if p.in_ports[k]:
-                act = a[1]
-                fill_actions(t, theta, u, act)
+            d.theta[p.active[k]] += TINY * 1j
+        which, act = (k, 1 + p.in_ports[k]) if k >= 0 else (none, 0)
         _block_derivatives(
-            t, p, i, theta, c[which], g[which], act, x, y, h, wj, by_leaf, by_force[i], by_change[i]
+            t, p, i, d.theta, d.c[which], d.g[which], d.a[act], d.x, d.y, h, d.wj, d.by_leaf, d.by_force[i],
+            d.by_change[i],
         )  # fmt: skip
         if i < n:
-            x[i] = complex(x[i].real, 0.0)
+            d.x[i] = complex(d.x[i].real, 0.0)
         elif i < n + m:
-            y[i - n] = complex(y[i - n].real, 0.0)
+            d.y[i - n] = complex(d.y[i - n].real, 0.0)
         else:
-            theta[p.active[k]] = complex(theta[p.active[k]].real, 0.0)
+            d.theta[p.active[k]] = complex(d.theta[p.active[k]].real, 0.0)
 
 
 @inline
@@ -135,7 +160,8 @@ def _block_derivatives(
         for j in range(m):
             by_force[j] = wj[FORCE, j].imag / TINY
             by_change[j] = wj[CHANGE, j].imag / TINY
-    for pair in range(p.first[i], p.first[i + 1]):
+    for place in range(p.first_of[i], p.first_of[i + 1]):
+        pair = p.pair_of[place]
         leaf = p.leaf[pair]
         end, mean = leaf_step(t, leaf, theta, c, g, a, x, y, h, wj)
         by_leaf[pair] = end.imag / TINY
@@ -145,7 +171,14 @@ def _block_derivatives(
 
 
 class Derivatives(NamedTuple):
-    """Memory for the derivatives of one step."""
+    """Memory for the derivatives of one step.
+
+    Attributes:
+        theta, x, y: as of `phnn.integrate.step`, complex; wj: (4, m).
+        c, g: from `perturbed_constants`; a: (1+S, P) actions, then perturbed by each parameter of a port law.
+        by_leaf: (pairs,) of the leaves' end states, as listed by the pattern.
+        by_force, by_change: (I, m) of ``F`` and of ``z − p``.
+    """
 
     theta: Any
     c: Any
@@ -160,16 +193,16 @@ class Derivatives(NamedTuple):
 
 
 @inline
-def new_derivatives(t: Any, p: Any, theta: Any, states: Any, ports: Any) -> Any:
+def new_derivatives(t: Any, p: Any, theta: Any, run: Any) -> Any:
     """Memory for a network and a pattern."""
-    m, inputs = count(t, JUNCTIONS), p.first.shape[0] - 1
+    m, inputs = count(t, JUNCTIONS), p.in_junctions.shape[0]
     none = p.active.shape[0] + 1
     return Derivatives(
         theta.astype(np.complex128),
         np.zeros((none, count(t, LEAVES) + m, CONSTANTS), np.complex128),
         np.zeros((none, t.shape[0]), np.complex128),
-        np.zeros((2, ports), np.complex128),
-        np.zeros(states, np.complex128),
+        np.zeros((1 + run.by_port.shape[0], run.actions.shape[1]), np.complex128),
+        np.zeros(run.states.shape[1], np.complex128),
         np.zeros(m, np.complex128),
         np.zeros((4, m), np.complex128),
         np.zeros(p.leaf.shape[0]),
@@ -179,9 +212,9 @@ def new_derivatives(t: Any, p: Any, theta: Any, states: Any, ports: Any) -> Any:
 
 
 @inline
-def derivatives_at(t: Any, p: Any, d: Any, n: Any, states: Any, efforts: Any, u: Any, h: Any, fresh: Any) -> None:
-    """Fill the derivatives of step ``n`` of a march; ``fresh`` where its size differs from that of the last call."""
+def derivatives_at(t: Any, p: Any, d: Any, n: Any, run: Any, fresh: Any) -> None:
+    """Fill the derivatives of step ``n``; ``fresh`` where its size differs from that of the last call."""
     if fresh:
-        perturbed_constants(t, d.theta, p.active, h[n], d.c, d.g)
-    load_step(t, n, states, efforts, d.x, d.y)
-    linearise(t, p, d.theta, d.c, d.g, d.a, d.x, d.y, u[n], h[n], d.wj, d.by_leaf, d.by_force, d.by_change)
+        perturbed_constants(t, d.theta, p.active, run.h[n], d.c, d.g)
+    _load(t, d, n, run)
+    _linearise(t, p, d, run.h[n])

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from phnn.integrate.compiled import inline
-from phnn.integrate.dispatch import factor_table, flow_table, port_table, storage_table, threshold_table
-from phnn.integrate.tables import JUNCTIONS, PORTS, STORAGES
+from phnn.integrate.dispatch import factor_table, flow_table, storage_table, threshold_table
+from phnn.integrate.tables import JUNCTIONS, STORAGES
 
 _mean_effort = storage_table()
 _thresholds = threshold_table()
 _flow = flow_table()
-_action = port_table()
 _factor = factor_table()
 
 
@@ -45,13 +44,6 @@ def resistor_flow(t: Any, r: Any, effort: Any, q: Any, theta: Any) -> Any:
 def resistor_thresholds(t: Any, r: Any, q: Any, theta: Any) -> Any:
     """``(ρ, lo, hi)(q)`` of the piecewise linear resistor in row ``r``."""
     return _thresholds(t[r, 0], q, theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
-
-
-@inline
-def port_action(t: Any, p: Any, theta: Any, u: Any) -> Any:
-    """``ψ_p(u_p)``."""
-    r = t[0, PORTS] + p
-    return _action(t[r, 0], u[p] + 0.0 * theta[0], theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
 
 
 @inline

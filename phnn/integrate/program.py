@@ -64,7 +64,7 @@ _MOST_KNOWN = 512
 _KNOWN: dict[Any, tuple[Any, Program]] = {}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Program:
     """The tables of a network and how its parameters fill ``theta``.
 
@@ -89,7 +89,7 @@ class Program:
     output: int
     uses: tuple[frozenset[int], ...]
 
-    @property
+    @cached_property
     def flow(self) -> int:
         """Index of the storage whose effort is the flow through the measured one: the mass beside a displacement."""
         output = self.states[self.output]
@@ -107,19 +107,19 @@ class Program:
 
         return is_quick(self)
 
-    @property
+    @cached_property
     def linear(self) -> tuple[bool, ...]:
         """Whether the effort of each storage is linear; only meant of junctions."""
         rows = rows_of(self.table, JUNCTIONS)
         found = {int(row[0]): bool(row[1]) for row in rows}
         return tuple(found.get(k, False) for k in range(len(self.states)))
 
-    @property
+    @cached_property
     def rules(self) -> dict[str, int]:
         """How each leaf is advanced, see `phnn.integrate.tables`."""
         return dict(zip(self.leaves, rows_of(self.table, LEAVES)[:, 1].tolist(), strict=True))
 
-    @property
+    @cached_property
     def dissipative(self) -> tuple[int, ...]:
         """Storages that are leaves with resistors of their own."""
         return tuple(self.states.index(name) for name, rule in self.rules.items() if rule != LOSSLESS)

@@ -24,7 +24,6 @@ from phnn.integrate.constants import (
     RHO,
     STIFFNESS,
     TWO,
-    fill_actions,
     fill_constants,
     fill_gains,
 )
@@ -47,7 +46,7 @@ from phnn.laws import RESISTOR_LAWS
 from phnn.laws.leaf import rc_flow
 from phnn.laws.namespace import TINY
 
-_GAIN = CONSTANTS
+GAIN = CONSTANTS
 # Linear resistors, whose conductance is their flow at one.
 _LINEAR = [code for code, name in enumerate(RESISTOR_LAWS) if name == "linear"]
 
@@ -75,7 +74,7 @@ def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
     force = change * rate + damping * y - drive
     size = (abs(change.real) + abs(p)) * rate + abs(damping * y.real) + abs(drive)
     for leaf in range(kinds.shape[0]):
-        gain = c[leaf, _GAIN]
+        gain = c[leaf, GAIN]
         if kinds[leaf, 0] == LOSSLESS:
             moved = h * gain * y
             end = x[kinds[leaf, 1]] + moved
@@ -109,8 +108,14 @@ _root = inline(make_root(_value_at, _slope_at))
 
 
 @plain
-def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: Any) -> Any:
-    """Fill the leaves' kinds and constants; returns the junction's ``1/s`` and its damping."""
+def resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: Any) -> Any:
+    """Fill the leaves' kinds and constants for steps of size ``h``; returns the junction's ``1/s`` and its damping.
+
+    Args:
+        g: gains; constants: (L+1, 6) memory.
+        kinds: (L, 2) filled with the rule and the storage of every leaf.
+        c: (L, 7) filled with its constants, see `phnn.integrate.constants`, and its ratio.
+    """
     stay_outside()
     leaves = count(t, LEAVES)
     fill_constants(t, theta, h, constants)
@@ -119,32 +124,32 @@ def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: 
         kinds[leaf, 0], kinds[leaf, 1] = t[row, 1], t[row, 0]
         for i in range(CONSTANTS):
             c[leaf, i] = constants[leaf, i]
-        c[leaf, _GAIN] = g[t[row, 5]]
-    damping = 0.0
+        c[leaf, GAIN] = g[t[row, 5]]
+    none = 0.0 * theta[0]
+    damping = none
     for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
-        b = 0.0
+        b = none
         for branch in range(t[r, 6], t[r, 7]):
             b += g[branch]
-        damping += b * b * resistor_flow(t, r, 1.0, 0.0, theta)
+        damping += b * b * resistor_flow(t, r, 1.0 + none, none, theta)
     return constants[leaves, CAPACITY], damping
 
 
 @loop
 def _steps(
-    t: Any, theta: Any, u: Any, h: Any, states: Any, efforts: Any, g: Any, a: Any, constants: Any, kinds: Any, c: Any,
+    t: Any, theta: Any, actions: Any, h: Any, states: Any, efforts: Any, g: Any, constants: Any, kinds: Any, c: Any,
     ends: Any, means: Any,
 ) -> Any:  # fmt: skip
     """The steps of `_march`, which owns all memory: without it, reference counts of arrays cost most of the time."""
     k = junction_storage(t, 0)
     slope, capacity, damping = 0.0, 0.0, 0.0
-    for n in range(u.shape[0]):
+    for n in range(actions.shape[0]):
         if n == 0 or h[n] != h[n - 1]:
-            capacity, damping = _resolve(t, theta, h[n], g, constants, kinds, c)
+            capacity, damping = resolve(t, theta, h[n], g, constants, kinds, c)
             slope = 0.0
-        fill_actions(t, theta, u[n], a)
         drive = 0.0
         for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
-            drive += g[r] * a[t[r, 0]]
+            drive += g[r] * actions[n, t[r, 0]]
         p = states[n, k]
         y = p / capacity
         if n > 0:
@@ -155,17 +160,17 @@ def _steps(
         states[n + 1, k] = p + 2.0 * (y * capacity - p)
         if not np.isfinite(y):
             return n
-    return u.shape[0]
+    return actions.shape[0]
 
 
-def _march(t: Any, theta: Any, x0: Any, u: Any, h: Any, states: Any, efforts: Any) -> Any:
+def _march(t: Any, theta: Any, x0: Any, actions: Any, h: Any, states: Any, efforts: Any) -> Any:
     leaves = count(t, LEAVES)
     g = np.zeros(t.shape[0])
     fill_gains(t, theta, g)
     states[0] = x0
     ends = np.zeros(x0.shape[0], np.complex128)
     return _steps(
-        t, theta, u, h, states, efforts, g, np.zeros(u.shape[1]), np.zeros((leaves + 1, CONSTANTS)),
+        t, theta, actions, h, states, efforts, g, np.zeros((leaves + 1, CONSTANTS)),
         np.zeros((leaves, 2), np.int64), np.zeros((leaves, CONSTANTS + 1)), ends, ends.copy(),
     )  # fmt: skip
 

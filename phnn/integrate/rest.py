@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import SolverFailed
+from phnn.integrate.actions import actions
 from phnn.integrate.program import Program
-from phnn.integrate.tables import FACTORS, JUNCTION_INLETS, LEAVES, LOSSLESS, PORTS, RATIO, SIGN, STORAGES, rows_of
-from phnn.laws import FACTOR_LAWS, PORT_LAWS, STORAGE_LAWS
+from phnn.integrate.tables import FACTORS, JUNCTION_INLETS, LEAVES, LOSSLESS, RATIO, SIGN, STORAGES, rows_of
+from phnn.laws import FACTOR_LAWS, STORAGE_LAWS
 from phnn.laws.namespace import TINY
 from phnn.laws.wide import WIDE_STORAGES, mean_effort
 
@@ -98,12 +99,9 @@ def _forces(program: Program, theta: Any, u: Array, xi: Any) -> Any:
         effort = _effort(program, leaf[0], theta, x[leaf[0]])
         for row in program.table[leaf[5] : leaf[6]]:
             force[row[0]] += row[SIGN] * ratio.get(int(row[RATIO]), theta[row[RATIO]]) * effort
-    laws = list(PORT_LAWS.values())
+    pushed = actions(program, theta, u)
     for row in rows_of(program.table, JUNCTION_INLETS):
-        port = rows_of(program.table, PORTS)[row[0]]
-        law = laws[port[0]]
-        action = law.action(u[row[0]], *(theta[p] for p in port[1 : 1 + len(law.example)]))
-        force[row[1]] -= ratio.get(int(row[RATIO]), theta[row[RATIO]]) * action
+        force[row[1]] -= ratio.get(int(row[RATIO]), theta[row[RATIO]]) * pushed[row[0]]
     return force
 
 

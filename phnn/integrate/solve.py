@@ -121,9 +121,10 @@ def eliminate(matrix: Any, right: Any) -> None:
                 right[i, c] -= share * right[k, c]
     for k in range(m - 1, -1, -1):
         inverse = 1.0 / matrix[k, k]
-        for c in range(columns):
-            for j in range(k + 1, m):
+        for j in range(k + 1, m):
+            for c in range(columns):
                 right[k, c] -= matrix[k, j] * right[j, c]
+        for c in range(columns):
             right[k, c] *= inverse
 
 

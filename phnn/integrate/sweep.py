@@ -1,10 +1,7 @@
 """Sweeps of the linearised march: forward sensitivities with many right-hand sides, and the adjoint.
 
-By the implicit function theorem the derivatives of a march obey the linearised recursion
-
-    0 = F_x δx + F_y δy + F_θ δθ − δf,     δx_l⁺ = X_x δx + X_y δy + X_θ δθ,     δp⁺ = δp + Z_x δx + Z_y δy + Z_θ δθ
-
-whose local derivatives `phnn.integrate.linearise` takes of the very step that marched.
+By the implicit function theorem the derivatives of a march obey `phnn.integrate.recursion`, whose local derivatives are
+taken of the very step that marched: by `phnn.integrate.linearise`, or by `phnn.integrate.pieces` where that one serves.
 """
 
 from __future__ import annotations
@@ -14,176 +11,51 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.compiled import entry, inline, loop, plain, stay_outside
-from phnn.integrate.linearise import derivatives_at, new_derivatives, pattern_of
-from phnn.integrate.lookups import junction_storage
+from phnn.integrate import linearise, pieces
+from phnn.integrate.actions import action_derivatives, actions
+from phnn.integrate.compiled import entry
+from phnn.integrate.linearise import Pattern, Run, pattern_of
 from phnn.integrate.program import Program
-from phnn.integrate.solve import eliminate
-from phnn.integrate.tables import LEAVES
+from phnn.integrate.recursion import make_adjoint, make_sensitivities
 
 Array = NDArray[np.float64]
 
-
-@plain
-def _add_scaled(out: Any, weight: Any, row: Any) -> None:
-    if weight != 0.0:
-        for c in range(out.shape[0]):
-            out[c] += weight * row[c]
+_general_sensitivities = make_sensitivities(linearise.new_derivatives, linearise.derivatives_at)
+_general_adjoint = make_adjoint(linearise.new_derivatives, linearise.derivatives_at)
+_quick_sensitivities = make_sensitivities(pieces.new_pieces, pieces.derivatives_at)
+_quick_adjoint = make_adjoint(pieces.new_pieces, pieces.derivatives_at)
 
 
-@plain
-def _propagate(
-    t: Any, p: Any, d: Any, force: Any, junction: Any, first_force: Any, varied: Any, weight_of: Any, state: Any,
-    unknown: Any, following: Any, matrix: Any,
-) -> None:  # fmt: skip
-    """One step of the linearised recursion for all columns."""
-    stay_outside()
-    n, m, k_active = state.shape[0], unknown.shape[0], p.active.shape[0]
-    first_varied = first_force + force.shape[0]
-    for j in range(m):
-        unknown[j, :] = 0.0
-        for s in range(n):
-            _add_scaled(unknown[j], -d.by_force[s, j], state[s])
-        for k in range(k_active):
-            unknown[j, k] -= d.by_force[n + m + k, j]
-        for w in range(varied.shape[0]):
-            unknown[j, first_varied + w] -= d.by_force[n + m + varied[w], j] * weight_of[w]
-        for i in range(m):
-            matrix[j, i] = d.by_force[n + i, j]
-    for f in range(force.shape[0]):
-        unknown[junction, first_force + f] += force[f]
-    eliminate(matrix, unknown)
-    following[:, :] = 0.0
-    for j in range(m):
-        end = junction_storage(t, j)
-        _add_scaled(following[end], 1.0, state[end])
-        for s in range(n):
-            _add_scaled(following[end], d.by_change[s, j], state[s])
-        for i in range(m):
-            _add_scaled(following[end], d.by_change[n + i, j], unknown[i])
-        for k in range(k_active):
-            following[end, k] += d.by_change[n + m + k, j]
-        for w in range(varied.shape[0]):
-            following[end, first_varied + w] += d.by_change[n + m + varied[w], j] * weight_of[w]
-    for i in range(n + m + k_active):
-        for pair in range(p.first[i], p.first[i + 1]):
-            end = t[t[0, LEAVES] + p.leaf[pair], 0]
-            if i < n:
-                _add_scaled(following[end], d.by_leaf[pair], state[i])
-            elif i < n + m:
-                _add_scaled(following[end], d.by_leaf[pair], unknown[i - n])
-            else:
-                following[end, i - n - m] += d.by_leaf[pair]
-                for w in range(varied.shape[0]):
-                    if varied[w] == i - n - m:
-                        following[end, first_varied + w] += d.by_leaf[pair] * weight_of[w]
+@entry
+def general_sensitivities(*arguments: Any) -> None:
+    """For every network."""
+    _general_sensitivities(*arguments)
 
 
-def _sensitivities(
-    t: Any, p: Any, theta: Any, states: Any, efforts: Any, u: Any, h: Any, start: Any, initial: Any, forces: Any,
-    junction: Any, varied: Any, weights: Any, nodes: Any, output: Any, out: Any,
-) -> None:  # fmt: skip
-    n, columns = states.shape[1], out.shape[1]
-    k_active = p.active.shape[0]
-    d = new_derivatives(t, p, theta, n, u.shape[1])
-    m = d.y.shape[0]
-    state, following = np.zeros((n, columns)), np.zeros((n, columns))
-    unknown, matrix = np.zeros((m, columns)), np.zeros((m, m))
-    state[:, :k_active] = start
-    for s in range(initial.shape[0]):
-        state[initial[s], k_active + s] = 1.0
-    _sensitivity_steps(
-        t, p, d, states, efforts, u, h, forces, junction, k_active + initial.shape[0], varied, weights, nodes, output,
-        state, following, unknown, matrix, out,
-    )  # fmt: skip
+@entry
+def general_adjoint(*arguments: Any) -> None:
+    """For every network."""
+    _general_adjoint(*arguments)
 
 
-@loop
-def _sensitivity_steps(
-    t: Any, p: Any, d: Any, states: Any, efforts: Any, u: Any, h: Any, forces: Any, junction: Any, first_force: Any,
-    varied: Any, weights: Any, nodes: Any, output: Any, state: Any, following: Any, unknown: Any, matrix: Any, out: Any,
-) -> None:  # fmt: skip
-    """The steps of `_sensitivities`, which owns all memory."""
-    for c in range(out.shape[1]):
-        out[0, c] = state[output, c]
-    node = 1
-    for n in range(u.shape[0]):
-        derivatives_at(t, p, d, n, states, efforts, u, h, n == 0 or h[n] != h[n - 1])
-        _propagate(
-            t, p, d, forces[n], junction, first_force, varied, weights[n], state, unknown, following, matrix
-        )  # fmt: skip
-        state, following = following, state
-        if node < nodes.shape[0] and nodes[node] == n + 1:
-            for c in range(out.shape[1]):
-                out[node, c] = state[output, c]
-            node += 1
+@entry
+def quick_sensitivities(*arguments: Any) -> None:
+    """For those of `phnn.integrate.quick`."""
+    _quick_sensitivities(*arguments)
 
 
-def _adjoint(
-    t: Any, p: Any, theta: Any, states: Any, efforts: Any, u: Any, h: Any, cotangent: Any, w: Any, gradient: Any,
-    multipliers: Any,
-) -> None:  # fmt: skip
-    n = states.shape[1]
-    d = new_derivatives(t, p, theta, n, u.shape[1])
-    m = d.y.shape[0]
-    _adjoint_steps(
-        t, p, d, states, efforts, u, h, cotangent, w, gradient, multipliers, np.zeros(n), np.zeros((m, 1)),
-        np.zeros((m, m)),
-    )  # fmt: skip
+@entry
+def quick_adjoint(*arguments: Any) -> None:
+    """For those of `phnn.integrate.quick`."""
+    _quick_adjoint(*arguments)
 
 
-@loop
-def _adjoint_steps(
-    t: Any, p: Any, d: Any, states: Any, efforts: Any, u: Any, h: Any, cotangent: Any, w: Any, gradient: Any,
-    multipliers: Any, earlier: Any, mu: Any, matrix: Any,
-) -> None:  # fmt: skip
-    """The steps of `_adjoint`."""
-    n, m = w.shape[0], mu.shape[0]
-    last = u.shape[0] - 1
-    for step in range(last, -1, -1):
-        for s in range(n):
-            w[s] += cotangent[step + 1, s]
-        derivatives_at(t, p, d, step, states, efforts, u, h, step == last or h[step] != h[step + 1])
-        for j in range(m):
-            mu[j, 0] = -_pulled(t, p, d, n + j, w)
-            for i in range(m):
-                matrix[j, i] = d.by_force[n + j, i]
-        eliminate(matrix, mu)
-        for i in range(n + m + gradient.shape[0]):
-            if n <= i < n + m:
-                continue
-            total = _pulled(t, p, d, i, w)
-            for j in range(m):
-                total += d.by_force[i, j] * mu[j, 0]
-            if i < n:
-                earlier[i] = total
-            else:
-                gradient[i - n - m] += total
-        for j in range(m):
-            k = junction_storage(t, j)
-            earlier[k] += w[k]
-        if multipliers.shape[0] > 0:
-            for s in range(n):
-                multipliers[step, s] = w[s]
-            for j in range(m):
-                multipliers[step, n + j] = mu[j, 0]
-        for s in range(n):
-            w[s] = earlier[s]
-
-
-@inline
-def _pulled(t: Any, p: Any, d: Any, i: Any, w: Any) -> Any:
-    """``wᵀ ∂(x⁺)/∂(input i)`` without the part that carries a junction's state over."""
-    total = 0.0
-    for pair in range(p.first[i], p.first[i + 1]):
-        total += d.by_leaf[pair] * w[t[t[0, LEAVES] + p.leaf[pair], 0]]
-    for j in range(d.by_change.shape[1]):
-        total += d.by_change[i, j] * w[junction_storage(t, j)]
-    return total
-
-
-_compiled_sensitivities = entry(_sensitivities)
-_compiled_adjoint = entry(_adjoint)
+def _prepared(
+    program: Program, theta: Array, active: NDArray[np.int64], states: Array, efforts: Array, u: Array, h: Array
+) -> tuple[Pattern, Run]:
+    pattern = pattern_of(program, tuple(active.tolist()))
+    in_laws = active[pattern.in_ports >= 0]
+    return pattern, Run(states, efforts, h, actions(program, theta, u), action_derivatives(program, theta, u, in_laws))
 
 
 def sensitivities(
@@ -210,10 +82,23 @@ def sensitivities(
     """
     out = np.empty((nodes.size, active.size + initial.size + forces.shape[1] + varied.size))
     junction = program.junctions.index(program.states[program.flow]) if program.junctions else 0
-    _compiled_sensitivities(
-        program.table, pattern_of(program, active), theta, states, efforts, u, h, start, initial, forces, junction,
-        varied, weights, nodes, program.output, out,
-    )  # fmt: skip
+    compiled = quick_sensitivities if program.quick else general_sensitivities
+    pattern, run = _prepared(program, theta, active, states, efforts, u, h)
+    compiled(
+        program.table,
+        pattern,
+        theta,
+        run,
+        start,
+        initial,
+        forces,
+        junction,
+        varied,
+        weights,
+        nodes,
+        program.output,
+        out,
+    )
     return out
 
 
@@ -236,7 +121,7 @@ def adjoint(
     w = np.zeros(states.shape[1]) if carry is None else carry.copy()
     gradient = np.zeros(active.size)
     room = np.zeros((0, 0)) if multipliers is None else multipliers
-    _compiled_adjoint(
-        program.table, pattern_of(program, active), theta, states, efforts, u, h, cotangent, w, gradient, room
-    )
+    compiled = quick_adjoint if program.quick else general_adjoint
+    pattern, run = _prepared(program, theta, active, states, efforts, u, h)
+    compiled(program.table, pattern, theta, run, cotangent, w, gradient, room)
     return gradient, w

@@ -103,6 +103,20 @@ def _across(
 
 
 @shared
+def resting(x: Any, current: Any, h: Any, stiffness: Any) -> Any:
+    """End state and average effort of a step inside the dead zone, where no resistor acts."""
+    gain = current * h
+    return x + gain, stiffness * (x + 0.5 * gain)
+
+
+@shared
+def sliding(x: Any, current: Any, h: Any, stiffness: Any, rho: Any, threshold: Any, one: Any, two: Any) -> Any:
+    """The same of a step beyond one threshold; ``one`` and ``two`` are `relaxation` of ``h ρ/C``."""
+    gain = (current - rho * (x * stiffness - threshold)) * h
+    return x + gain * one, stiffness * (x + gain * two)
+
+
+@shared
 def rc_flow(
     x: Any, current: Any, h: Any, stiffness: Any, rho: Any, low: Any, high: Any, one: Any, two: Any
 ) -> Any:  # fmt: skip
@@ -122,18 +136,19 @@ def rc_flow(
     e0 = x * stiffness
     excess = e0 - high
     deficit = e0 - low
-    drive = current - rho * (maximum(excess, 0.0 * excess) + minimum(deficit, 0.0 * deficit))
     # Most steps meet no threshold: one closed form, recognised by its end.
     if certain((real(excess) <= 0.0) & (real(deficit) >= 0.0)):
-        climb = current * h * stiffness
-        last = e0 + climb
-        if certain((real(last) <= real(high)) & (real(last) >= real(low))):
-            return x + current * h, e0 + 0.5 * climb
+        end, mean = resting(x, current, h, stiffness)
+        last = real(end) * real(stiffness)
+        if certain((last <= real(high)) & (last >= real(low))):
+            return end, mean
     elif certain(real(rho) > 0.0):
-        climb = drive * stiffness * h
-        last = e0 + climb * one
-        if certain(where(real(excess) > 0.0, real(last) >= real(high), real(last) <= real(low))):
-            return x + drive * h * one, e0 + climb * two
+        above = real(excess) > 0.0
+        end, mean = sliding(x, current, h, stiffness, rho, where(above, high, low), one, two)
+        last = real(end) * real(stiffness)
+        if certain(where(above, last >= real(high), last <= real(low))):
+            return end, mean
+    drive = current - rho * (maximum(excess, 0.0 * excess) + minimum(deficit, 0.0 * deficit))
     return _across(x, current, h, stiffness, rho, low, high, e0, drive)
 
 

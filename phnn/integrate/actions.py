@@ -1,0 +1,34 @@
+"""What the ports make of the inputs: it depends on no state, so it is known for all steps before the march."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.integrate.program import Program
+from phnn.integrate.tables import PORTS, rows_of
+from phnn.laws import PORT_LAWS
+from phnn.laws.namespace import TINY
+
+Array = NDArray[np.float64]
+
+
+def actions(program: Program, theta: Any, u: Array) -> Any:
+    """(…, P) ``ψ_p(u_p)`` of inputs (…, P)."""
+    out = np.empty(u.shape, dtype=theta.dtype)
+    for port, row in enumerate(rows_of(program.table, PORTS)):
+        law = list(PORT_LAWS.values())[row[0]]
+        out[..., port] = law.action(u[..., port], *(theta[place] for place in row[1 : 1 + len(law.example)]))
+    return out
+
+
+def action_derivatives(program: Program, theta: Array, u: Array, places: NDArray[np.int64]) -> Array:
+    """(S, n, P) derivatives of the actions by the parameters at some places."""
+    out = np.empty((places.size, *u.shape))
+    for s, place in enumerate(places):
+        moved = theta.astype(complex)
+        moved[place] += 1j * TINY
+        out[s] = np.imag(actions(program, moved, u)) / TINY
+    return out

@@ -1,0 +1,205 @@
+"""The linearised recursion of a march, forward for many right-hand sides and backward.
+
+    0 = F_x δx + F_y δy + F_θ δθ − δf,     δx_l⁺ = X_x δx + X_y δy + X_θ δθ,     δp⁺ = δp + Z_x δx + Z_y δy + Z_θ δθ
+
+Made for one way to differentiate a step: a function that owns its memory and one that fills it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from phnn.integrate.compiled import inline, loop, plain
+from phnn.integrate.lookups import junction_storage
+from phnn.integrate.solve import eliminate
+from phnn.integrate.tables import LEAVES
+
+Compiled = Callable[..., Any]
+
+
+@inline
+def _add(out: Any, weight: Any, row: Any) -> None:
+    if weight != 0.0:
+        for c in range(out.shape[0]):
+            out[c] += weight * row[c]
+
+
+@inline
+def _set(out: Any, a: Any, x: Any, b: Any, y: Any) -> None:
+    """A sum of two rows in one pass: most leaves follow their own state and one flow."""
+    for c in range(out.shape[0]):
+        out[c] = a * x[c] + b * y[c]
+
+
+@inline
+def _solve_unknowns(p: Any, d: Any, force: Any, columns: Any, known: Any, matrix: Any) -> None:
+    """Fill the rows of the unknowns from those of the states."""
+    junction, first_force, first_varied, varied, weight_of = columns
+    m, k_active = matrix.shape[0], p.active.shape[0]
+    n = known.shape[0] - m
+    for j in range(m):
+        row = known[n + j]
+        _set(row, -d.by_force[0, j], known[0], -d.by_force[n - 1, j] if n > 1 else 0.0, known[n - 1])
+        for s in range(1, n - 1):
+            _add(row, -d.by_force[s, j], known[s])
+        for k in range(k_active):
+            row[k] -= d.by_force[n + m + k, j]
+        for w in range(varied.shape[0]):
+            row[first_varied + w] -= d.by_force[n + m + varied[w], j] * weight_of[w]
+        for i in range(m):
+            matrix[j, i] = d.by_force[n + i, j]
+    for f in range(force.shape[0]):
+        known[n + junction, first_force + f] += force[f]
+    eliminate(matrix, known[n:])
+
+
+@inline
+def _add_parameter(d: Any, out: Any, k: Any, derivative: Any, columns: Any) -> None:
+    """Add what parameter ``k`` does, in its own column and in those where a signal perturbs it."""
+    _, _, first_varied, varied, weight_of = columns
+    out[k] += derivative
+    for w in range(varied.shape[0]):
+        if varied[w] == k:
+            out[first_varied + w] += derivative * weight_of[w]
+
+
+@inline
+def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, known: Any, following: Any, matrix: Any) -> None:
+    """One step of the recursion for all columns.
+
+    Args:
+        force: (F,) perturbations of one junction's force.
+        columns: that junction, the first columns of those perturbations and of the parameters perturbed by a signal,
+            which these are, and their signals at this step.
+        known: (N+m, C) the states, and the unknowns, which are filled in; following: (N+m, C) its states are filled.
+    """
+    m = matrix.shape[0]
+    n = known.shape[0] - m
+    _solve_unknowns(p, d, force, columns, known, matrix)
+    for j in range(m):
+        end = junction_storage(t, j)
+        out = following[end]
+        _set(out, 1.0 + d.by_change[end, j], known[end], d.by_change[n + j, j], known[n + j])
+        for i in range(n + m):
+            if i not in (end, n + j):
+                _add(out, d.by_change[i, j], known[i])
+        for k in range(p.active.shape[0]):
+            if d.by_change[n + m + k, j] != 0.0:
+                _add_parameter(d, out, k, d.by_change[n + m + k, j], columns)
+    for leaf in range(p.first.shape[0] - 1):
+        out = following[t[t[0, LEAVES] + leaf, 0]]
+        first, last = p.first[leaf], p.first[leaf + 1]
+        # Inputs increase: the leaf's own state is there, and mostly a flow.
+        one, two = p.input[first], p.input[first + 1] if first + 1 < last else 0
+        paired = first + 1 < last and two < n + m
+        _set(out, d.by_leaf[first], known[one], d.by_leaf[first + 1] if paired else 0.0, known[two if paired else one])
+        for pair in range(first + (2 if paired else 1), last):
+            i = p.input[pair]
+            if i < n + m:
+                _add(out, d.by_leaf[pair], known[i])
+            else:
+                _add_parameter(d, out, i - n - m, d.by_leaf[pair], columns)
+
+
+def make_sensitivities(memory: Compiled, derivatives_at: Compiled) -> Compiled:
+    """The forward sweep, with the arguments of `phnn.integrate.sweep.sensitivities` and the output."""
+
+    @loop
+    def steps(
+        t: Any, p: Any, d: Any, run: Any, forces: Any, columns: Any, weights: Any, nodes: Any, output: Any, known: Any,
+        following: Any, matrix: Any, out: Any,
+    ) -> None:  # fmt: skip
+        junction, first_force, first_varied, varied = columns
+        for c in range(out.shape[1]):
+            out[0, c] = known[output, c]
+        node = 1
+        for n in range(run.h.shape[0]):
+            derivatives_at(t, p, d, n, run, n == 0 or run.h[n] != run.h[n - 1])
+            here = (junction, first_force, first_varied, varied, weights[n])
+            _propagate(t, p, d, forces[n], here, known, following, matrix)
+            known, following = following, known
+            if node < nodes.shape[0] and nodes[node] == n + 1:
+                for c in range(out.shape[1]):
+                    out[node, c] = known[output, c]
+                node += 1
+
+    @plain
+    def march(
+        t: Any, p: Any, theta: Any, run: Any, start: Any, initial: Any, forces: Any, junction: Any, varied: Any,
+        weights: Any, nodes: Any, output: Any, out: Any,
+    ) -> None:  # fmt: skip
+        d = memory(t, p, theta, run)
+        n, m, active = run.states.shape[1], d.by_force.shape[1], p.active.shape[0]
+        known, following = np.zeros((n + m, out.shape[1])), np.zeros((n + m, out.shape[1]))
+        known[:n, :active] = start
+        for s in range(initial.shape[0]):
+            known[initial[s], active + s] = 1.0
+        first_force = active + initial.shape[0]
+        columns = (junction, first_force, first_force + forces.shape[1], varied)
+        steps(t, p, d, run, forces, columns, weights, nodes, output, known, following, np.zeros((m, m)), out)
+
+    return march
+
+
+@inline
+def _pull(t: Any, p: Any, d: Any, w: Any, pulled: Any) -> None:
+    """``wᵀ ∂(x⁺)/∂(every input)`` without the part that carries a junction's state over."""
+    for i in range(pulled.shape[0]):
+        pulled[i] = 0.0
+        for j in range(d.by_change.shape[1]):
+            pulled[i] += d.by_change[i, j] * w[junction_storage(t, j)]
+    for leaf in range(p.first.shape[0] - 1):
+        back = w[t[t[0, LEAVES] + leaf, 0]]
+        for pair in range(p.first[leaf], p.first[leaf + 1]):
+            pulled[p.input[pair]] += d.by_leaf[pair] * back
+
+
+def make_adjoint(memory: Compiled, derivatives_at: Compiled) -> Compiled:
+    """The backward sweep, with the arguments of `phnn.integrate.sweep.adjoint` and its results."""
+
+    @loop
+    def steps(
+        t: Any, p: Any, d: Any, run: Any, cotangent: Any, w: Any, gradient: Any, multipliers: Any, pulled: Any,
+        mu: Any, matrix: Any,
+    ) -> None:  # fmt: skip
+        n, m = w.shape[0], mu.shape[0]
+        last = run.h.shape[0] - 1
+        for step in range(last, -1, -1):
+            for s in range(n):
+                w[s] += cotangent[step + 1, s]
+            derivatives_at(t, p, d, step, run, step == last or run.h[step] != run.h[step + 1])
+            _pull(t, p, d, w, pulled)
+            for j in range(m):
+                mu[j, 0] = -pulled[n + j]
+                for i in range(m):
+                    matrix[j, i] = d.by_force[n + j, i]
+            eliminate(matrix, mu)
+            for i in range(pulled.shape[0]):
+                for j in range(m):
+                    pulled[i] += d.by_force[i, j] * mu[j, 0]
+            if multipliers.shape[0] > 0:
+                for s in range(n):
+                    multipliers[step, s] = w[s]
+                for j in range(m):
+                    multipliers[step, n + j] = mu[j, 0]
+            for j in range(m):
+                k = junction_storage(t, j)
+                pulled[k] += w[k]
+            for s in range(n):
+                w[s] = pulled[s]
+            for k in range(gradient.shape[0]):
+                gradient[k] += pulled[n + m + k]
+
+    @plain
+    def march(
+        t: Any, p: Any, theta: Any, run: Any, cotangent: Any, w: Any, gradient: Any, multipliers: Any
+    ) -> None:  # fmt: skip
+        d = memory(t, p, theta, run)
+        m = d.by_force.shape[1]
+        pulled = np.zeros(p.in_junctions.shape[0])
+        steps(t, p, d, run, cotangent, w, gradient, multipliers, pulled, np.zeros((m, 1)), np.zeros((m, m)))
+
+    return march
