@@ -39,7 +39,7 @@ _SOURCES = (
 inline = numba.njit(error_model="numpy", forceinline=True)
 # A call, as far as LLVM does not find otherwise: see `stay_outside`.
 plain = numba.njit(error_model="numpy", forceinline=False)
-# The loop over the steps. Its caller owns all memory: reference counts of arrays would cost most of the time.
+# A loop over steps. It owns no memory: reference counts of arrays would cost most of the time.
 loop = numba.njit(error_model="numpy", _nrt=False)
 
 
@@ -47,6 +47,12 @@ def entry(function: Callable[..., Any]) -> Any:
     """What python calls: its machine code is kept, per version of the sources."""
     with _kernel_cache():
         return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+
+
+def loop_entry(function: Callable[..., Any]) -> Any:
+    """A `loop` that python calls."""
+    with _kernel_cache():
+        return numba.njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function)
 
 
 @intrinsic

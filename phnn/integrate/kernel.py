@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from phnn.integrate import quick
 from phnn.integrate.actions import actions
-from phnn.integrate.compiled import entry, inline, loop
+from phnn.integrate.compiled import inline, loop_entry
 from phnn.integrate.constants import CONSTANTS, fill_gains
-from phnn.integrate.lookups import count, is_linear, junction_storage
+from phnn.integrate.lookups import is_linear, junction_storage
 from phnn.integrate.program import Program
+from phnn.integrate.roots import extrapolated
 from phnn.integrate.solve import prepare, rest_guess, solve_many, solve_one
 from phnn.integrate.step import EFFORT, NEXT, balance
-from phnn.integrate.tables import JUNCTIONS, LEAVES
+from phnn.integrate.tables import JUNCTIONS, LEAVES, rows_of
 
 Array = NDArray[np.float64]
 
@@ -28,19 +29,18 @@ def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> Non
         return
     for j in range(y.shape[0]):
         k = junction_storage(t, j)
-        if is_linear(t, j):
-            y[j] = efforts[n - 1, k] if n == 1 else 2.0 * efforts[n - 1, k] - efforts[n - 2, k]
-        else:
-            y[j] = 2.0 * states[n, k] - states[n - 1, k]
+        y[j] = extrapolated(efforts, n, k) if is_linear(t, j) else extrapolated(states, n + 1, k)
 
 
-@loop
-def _march_steps(
+def _steps(
     t: Any, actions: Any, h: Any, states: Any, efforts: Any, values: Any, perturbed: Any, jacobian: Any, step: Any,
     own: Any,
 ) -> Any:  # fmt: skip
-    """The steps of `_march`, which owns all memory: without it, reference counts of arrays cost most of the time."""
+    """March; the last arguments are memory."""
     theta, c, g, a, x, y, wj, wx = values
+    fill_gains(t, theta, g)
+    for r in range(g.shape[0]):
+        perturbed[2][r] = g[r]
     c_c, a_c, x_c = perturbed[1], perturbed[3], perturbed[4]
     m = y.shape[0]
     slope = 0.0
@@ -71,26 +71,18 @@ def _march_steps(
     return actions.shape[0]
 
 
-def _march(t: Any, theta: Any, x0: Any, actions: Any, h: Any, states: Any, efforts: Any) -> Any:
-    n, m = x0.shape[0], count(t, JUNCTIONS)
-    rows, leaves, ports = t.shape[0], count(t, LEAVES), actions.shape[1]
-    values = (
-        theta, np.zeros((leaves + m, CONSTANTS)), np.zeros(rows), np.zeros(ports), np.zeros(n), np.zeros(m),
-        np.zeros((4, m)), np.zeros((2, n)),
-    )  # fmt: skip
-    fill_gains(t, theta, values[2])
-    perturbed = (
-        theta.astype(np.complex128), np.zeros((leaves + m, CONSTANTS), np.complex128),
-        values[2].astype(np.complex128), np.zeros(ports, np.complex128), np.zeros(n, np.complex128),
-        np.zeros(m, np.complex128), np.zeros((4, m), np.complex128), np.zeros((2, n), np.complex128),
-    )  # fmt: skip
-    states[0] = x0
-    return _march_steps(
-        t, actions, h, states, efforts, values, perturbed, np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7, m))
-    )
+_compiled = loop_entry(_steps)
 
 
-general = entry(_march)
+def general(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
+    """`march` for every network, from the state in ``states[0]`` and under the actions of its ports."""
+    t = program.table
+    n, m, leaves = states.shape[1], len(rows_of(t, JUNCTIONS)), len(rows_of(t, LEAVES))
+    shapes = ((leaves + m, CONSTANTS), len(t), actions.shape[1], n, m, (4, m), (2, n))
+    values = (theta, *(np.zeros(shape) for shape in shapes))
+    perturbed = (theta.astype(np.complex128), *(np.zeros(shape, np.complex128) for shape in shapes))
+    own = (np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7, m)))
+    return int(_compiled(t, actions, h, states, efforts, values, perturbed, *own))
 
 
 def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states: Array, efforts: Array) -> int:
@@ -102,5 +94,6 @@ def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states:
         u: (n, P) mean inputs of the steps; h: (n,) their sizes [s].
         states: (n+1, N) filled; efforts: (n, N) filled with the mean efforts of the storages.
     """
-    compiled = quick.march if program.quick else general
-    return int(compiled(program.table, theta, x0, actions(program, theta, u), h, states, efforts))
+    states[0] = x0
+    steps = quick.march if program.quick else general
+    return steps(program, theta, actions(program, theta, u), h, states, efforts)

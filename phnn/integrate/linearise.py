@@ -18,7 +18,7 @@ from phnn.integrate.constants import CONSTANTS, fill_constants, fill_gains
 from phnn.integrate.lookups import count, is_linear, junction_storage
 from phnn.integrate.program import Program
 from phnn.integrate.step import CHANGE, FORCE, junction_flows, junction_terms, leaf_step, modulate
-from phnn.integrate.tables import FACTORS, JUNCTIONS, LEAVES, PORTS, rows_of
+from phnn.integrate.tables import FACTORS, JUNCTIONS, LEAVES, PORTS, Integers, rows_of
 from phnn.laws.namespace import TINY
 
 Array = NDArray[np.float64]
@@ -192,14 +192,12 @@ class Derivatives(NamedTuple):
     by_change: Any
 
 
-@inline
-def new_derivatives(t: Any, p: Any, theta: Any, run: Any) -> Any:
+def new_derivatives(t: Integers, p: Pattern, theta: Array, run: Run) -> Derivatives:
     """Memory for a network and a pattern."""
-    m, inputs = count(t, JUNCTIONS), p.in_junctions.shape[0]
-    none = p.active.shape[0] + 1
+    m, inputs, none = len(rows_of(t, JUNCTIONS)), p.in_junctions.size, p.active.size + 1
     return Derivatives(
         theta.astype(np.complex128),
-        np.zeros((none, count(t, LEAVES) + m, CONSTANTS), np.complex128),
+        np.zeros((none, len(rows_of(t, LEAVES)) + m, CONSTANTS), np.complex128),
         np.zeros((none, t.shape[0]), np.complex128),
         np.zeros((1 + run.by_port.shape[0], run.actions.shape[1]), np.complex128),
         np.zeros(run.states.shape[1], np.complex128),

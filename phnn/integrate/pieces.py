@@ -13,14 +13,18 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import CONSTANTS, HIGH, LOW, ONE, RHO, STIFFNESS, TWO, fill_gains
-from phnn.integrate.lookups import count, junction_storage
+from phnn.integrate.linearise import Pattern, Run
+from phnn.integrate.lookups import junction_storage
 from phnn.integrate.quick import GAIN, resolve
-from phnn.integrate.tables import JUNCTION_INLETS, LEAVES, LOSSLESS
+from phnn.integrate.tables import JUNCTION_INLETS, LEAVES, LOSSLESS, Integers, rows_of
 from phnn.laws.leaf import rc_flow, resting, sliding
 from phnn.laws.namespace import TINY
+
+Array = NDArray[np.float64]
 
 _RESTING, _ABOVE, _BELOW, _CROSSING = range(4)
 # A₀ … B₂.
@@ -58,11 +62,9 @@ class Pieces(NamedTuple):
     by_change: Any
 
 
-@inline
-def new_pieces(t: Any, p: Any, theta: Any, run: Any) -> Any:
+def new_pieces(t: Integers, p: Pattern, theta: Array, run: Run) -> Pieces:
     """Memory for a network and a pattern."""
-    leaves, rows = count(t, LEAVES), p.active.shape[0] + 1
-    pairs, inputs = p.leaf.shape[0], p.in_junctions.shape[0]
+    leaves, rows, pairs, inputs = len(rows_of(t, LEAVES)), p.active.size + 1, p.leaf.size, p.in_junctions.size
     force, moved = np.zeros(inputs), np.zeros(inputs)
     return Pieces(
         theta.astype(np.complex128),
@@ -74,7 +76,7 @@ def new_pieces(t: Any, p: Any, theta: Any, run: Any) -> Any:
         np.zeros((pairs, 3, _COEFFICIENTS)),
         np.zeros((2, inputs)),
         np.zeros((2, inputs)),
-        np.zeros((count(t, JUNCTION_INLETS), inputs)),
+        np.zeros((len(rows_of(t, JUNCTION_INLETS)), inputs)),
         force,
         moved,
         np.zeros(pairs),

@@ -13,8 +13,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from phnn.integrate.compiled import entry, inline, loop, plain, stay_outside
+from phnn.integrate.compiled import inline, loop_entry, plain, stay_outside
 from phnn.integrate.constants import (
     CAPACITY,
     CONSTANTS,
@@ -29,7 +30,7 @@ from phnn.integrate.constants import (
 )
 from phnn.integrate.lookups import count, junction_storage, resistor_flow
 from phnn.integrate.program import Program
-from phnn.integrate.roots import make_root
+from phnn.integrate.roots import extrapolated, make_root
 from phnn.integrate.tables import (
     EXACT,
     FACTORS,
@@ -45,6 +46,8 @@ from phnn.integrate.tables import (
 from phnn.laws import RESISTOR_LAWS
 from phnn.laws.leaf import rc_flow
 from phnn.laws.namespace import TINY
+
+Array = NDArray[np.float64]
 
 GAIN = CONSTANTS
 # Linear resistors, whose conductance is their flow at one.
@@ -135,12 +138,12 @@ def resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: A
     return constants[leaves, CAPACITY], damping
 
 
-@loop
 def _steps(
     t: Any, theta: Any, actions: Any, h: Any, states: Any, efforts: Any, g: Any, constants: Any, kinds: Any, c: Any,
     ends: Any, means: Any,
 ) -> Any:  # fmt: skip
-    """The steps of `_march`, which owns all memory: without it, reference counts of arrays cost most of the time."""
+    """March; the last arguments are memory."""
+    fill_gains(t, theta, g)
     k = junction_storage(t, 0)
     slope, capacity, damping = 0.0, 0.0, 0.0
     for n in range(actions.shape[0]):
@@ -151,9 +154,7 @@ def _steps(
         for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
             drive += g[r] * actions[n, t[r, 0]]
         p = states[n, k]
-        y = p / capacity
-        if n > 0:
-            y = efforts[n - 1, k] if n == 1 else 2.0 * efforts[n - 1, k] - efforts[n - 2, k]
+        y = extrapolated(efforts, n, k) if n > 0 else p / capacity
         step = (kinds, c, capacity, damping, drive, h[n], p)
         y, slope = _root(y, 2.0 * capacity / h[n], slope, (step, states[n], states[n + 1], efforts[n], ends, means))
         efforts[n, k] = y
@@ -163,16 +164,13 @@ def _steps(
     return actions.shape[0]
 
 
-def _march(t: Any, theta: Any, x0: Any, actions: Any, h: Any, states: Any, efforts: Any) -> Any:
-    leaves = count(t, LEAVES)
-    g = np.zeros(t.shape[0])
-    fill_gains(t, theta, g)
-    states[0] = x0
-    ends = np.zeros(x0.shape[0], np.complex128)
-    return _steps(
-        t, theta, actions, h, states, efforts, g, np.zeros((leaves + 1, CONSTANTS)),
-        np.zeros((leaves, 2), np.int64), np.zeros((leaves, CONSTANTS + 1)), ends, ends.copy(),
-    )  # fmt: skip
+_compiled = loop_entry(_steps)
 
 
-march = entry(_march)
+def march(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
+    """`phnn.integrate.kernel.march` from the state in ``states[0]`` and under the actions of the ports."""
+    t = program.table
+    leaves, ends = len(rows_of(t, LEAVES)), np.zeros(states.shape[1], np.complex128)
+    memory = (np.zeros(len(t)), np.zeros((leaves + 1, CONSTANTS)), np.zeros((leaves, 2), np.int64))
+    own = (*memory, np.zeros((leaves, CONSTANTS + 1)), ends, np.zeros_like(ends))
+    return int(_compiled(t, theta, actions, h, states, efforts, *own))

@@ -2,7 +2,7 @@
 
     0 = F_x δx + F_y δy + F_θ δθ − δf,     δx_l⁺ = X_x δx + X_y δy + X_θ δθ,     δp⁺ = δp + Z_x δx + Z_y δy + Z_θ δθ
 
-Made for one way to differentiate a step: a function that owns its memory and one that fills it.
+Made for one way to differentiate a step, a function that fills the derivatives.
 """
 
 from __future__ import annotations
@@ -10,9 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
-from phnn.integrate.compiled import inline, loop, plain
+from phnn.integrate.compiled import inline, loop
 from phnn.integrate.lookups import junction_storage
 from phnn.integrate.solve import eliminate
 from phnn.integrate.tables import LEAVES
@@ -104,8 +102,8 @@ def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, known: Any, fol
                 _add_parameter(d, out, i - n - m, d.by_leaf[pair], columns)
 
 
-def make_sensitivities(memory: Compiled, derivatives_at: Compiled) -> Compiled:
-    """The forward sweep, with the arguments of `phnn.integrate.sweep.sensitivities` and the output."""
+def make_sensitivities(derivatives_at: Compiled) -> Compiled:
+    """The forward sweep of `phnn.integrate.sweep.sensitivities`, which owns its memory."""
 
     @loop
     def steps(
@@ -126,22 +124,7 @@ def make_sensitivities(memory: Compiled, derivatives_at: Compiled) -> Compiled:
                     out[node, c] = known[output, c]
                 node += 1
 
-    @plain
-    def march(
-        t: Any, p: Any, theta: Any, run: Any, start: Any, initial: Any, forces: Any, junction: Any, varied: Any,
-        weights: Any, nodes: Any, output: Any, out: Any,
-    ) -> None:  # fmt: skip
-        d = memory(t, p, theta, run)
-        n, m, active = run.states.shape[1], d.by_force.shape[1], p.active.shape[0]
-        known, following = np.zeros((n + m, out.shape[1])), np.zeros((n + m, out.shape[1]))
-        known[:n, :active] = start
-        for s in range(initial.shape[0]):
-            known[initial[s], active + s] = 1.0
-        first_force = active + initial.shape[0]
-        columns = (junction, first_force, first_force + forces.shape[1], varied)
-        steps(t, p, d, run, forces, columns, weights, nodes, output, known, following, np.zeros((m, m)), out)
-
-    return march
+    return steps
 
 
 @inline
@@ -157,8 +140,8 @@ def _pull(t: Any, p: Any, d: Any, w: Any, pulled: Any) -> None:
             pulled[p.input[pair]] += d.by_leaf[pair] * back
 
 
-def make_adjoint(memory: Compiled, derivatives_at: Compiled) -> Compiled:
-    """The backward sweep, with the arguments of `phnn.integrate.sweep.adjoint` and its results."""
+def make_adjoint(derivatives_at: Compiled) -> Compiled:
+    """The backward sweep of `phnn.integrate.sweep.adjoint`, which owns its memory."""
 
     @loop
     def steps(
@@ -193,13 +176,4 @@ def make_adjoint(memory: Compiled, derivatives_at: Compiled) -> Compiled:
             for k in range(gradient.shape[0]):
                 gradient[k] += pulled[n + m + k]
 
-    @plain
-    def march(
-        t: Any, p: Any, theta: Any, run: Any, cotangent: Any, w: Any, gradient: Any, multipliers: Any
-    ) -> None:  # fmt: skip
-        d = memory(t, p, theta, run)
-        m = d.by_force.shape[1]
-        pulled = np.zeros(p.in_junctions.shape[0])
-        steps(t, p, d, run, cotangent, w, gradient, multipliers, pulled, np.zeros((m, 1)), np.zeros((m, m)))
-
-    return march
+    return steps

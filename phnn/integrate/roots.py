@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from phnn.integrate.compiled import inline
+
 TOLERANCE = 1e-14
 # What rounding leaves where terms cancel that the size of the equation does not show.
 RELAXED = 1e-12
@@ -17,6 +19,12 @@ _STRICT = 12
 _ITERATIONS = 120
 # A motion that has died away reaches the smallest numbers, where relative accuracy is lost.
 NOTHING = 1e-200
+
+
+@inline
+def extrapolated(found: Any, n: Any, k: Any) -> Any:
+    """A guess of entry ``(n, k)``, ``n ≥ 1``, from those of the two rows before it."""
+    return found[n - 1, k] if n == 1 else 2.0 * found[n - 1, k] - found[n - 2, k]
 
 
 def make_root(value_at: Callable[..., Any], slope_at: Callable[..., Any]) -> Callable[..., Any]:

@@ -6,56 +6,70 @@ taken of the very step that marched: by `phnn.integrate.linearise`, or by `phnn.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate import linearise, pieces
 from phnn.integrate.actions import action_derivatives, actions
-from phnn.integrate.compiled import entry
+from phnn.integrate.compiled import loop_entry
 from phnn.integrate.linearise import Pattern, Run, pattern_of
 from phnn.integrate.program import Program
 from phnn.integrate.recursion import make_adjoint, make_sensitivities
+from phnn.integrate.tables import Integers
 
 Array = NDArray[np.float64]
 
-_general_sensitivities = make_sensitivities(linearise.new_derivatives, linearise.derivatives_at)
-_general_adjoint = make_adjoint(linearise.new_derivatives, linearise.derivatives_at)
-_quick_sensitivities = make_sensitivities(pieces.new_pieces, pieces.derivatives_at)
-_quick_adjoint = make_adjoint(pieces.new_pieces, pieces.derivatives_at)
+_general_sensitivities = make_sensitivities(linearise.derivatives_at)
+_general_adjoint = make_adjoint(linearise.derivatives_at)
+_quick_sensitivities = make_sensitivities(pieces.derivatives_at)
+_quick_adjoint = make_adjoint(pieces.derivatives_at)
 
 
-@entry
-def general_sensitivities(*arguments: Any) -> None:
-    """For every network."""
+# What is cached has to stand in a module, which a function that another one has made does not.
+@loop_entry
+def _every_sensitivities(*arguments: Any) -> None:
     _general_sensitivities(*arguments)
 
 
-@entry
-def general_adjoint(*arguments: Any) -> None:
-    """For every network."""
+@loop_entry
+def _every_adjoint(*arguments: Any) -> None:
     _general_adjoint(*arguments)
 
 
-@entry
-def quick_sensitivities(*arguments: Any) -> None:
-    """For those of `phnn.integrate.quick`."""
+@loop_entry
+def _some_sensitivities(*arguments: Any) -> None:
     _quick_sensitivities(*arguments)
 
 
-@entry
-def quick_adjoint(*arguments: Any) -> None:
-    """For those of `phnn.integrate.quick`."""
+@loop_entry
+def _some_adjoint(*arguments: Any) -> None:
     _quick_adjoint(*arguments)
+
+
+class _Sweeps(NamedTuple):
+    """The sweeps by one way to differentiate a step, and the memory for it."""
+
+    sensitivities: Callable[..., None]
+    adjoint: Callable[..., None]
+    memory: Callable[[Integers, Pattern, Array, Run], Any]
+
+
+_GENERAL = _Sweeps(_every_sensitivities, _every_adjoint, linearise.new_derivatives)
+_QUICK = _Sweeps(_some_sensitivities, _some_adjoint, pieces.new_pieces)
 
 
 def _prepared(
     program: Program, theta: Array, active: NDArray[np.int64], states: Array, efforts: Array, u: Array, h: Array
-) -> tuple[Pattern, Run]:
+) -> tuple[_Sweeps, Pattern, Run, Any]:
+    """The sweeps of a program with what they take: pattern, march and memory."""
+    sweeps = _QUICK if program.quick else _GENERAL
     pattern = pattern_of(program, tuple(active.tolist()))
     in_laws = active[pattern.in_ports >= 0]
-    return pattern, Run(states, efforts, h, actions(program, theta, u), action_derivatives(program, theta, u, in_laws))
+    run = Run(states, efforts, h, actions(program, theta, u), action_derivatives(program, theta, u, in_laws))
+    return sweeps, pattern, run, sweeps.memory(program.table, pattern, theta, run)
 
 
 def sensitivities(
@@ -80,25 +94,18 @@ def sensitivities(
     Returns:
         (M, K + S + F + W) the output's derivatives.
     """
-    out = np.empty((nodes.size, active.size + initial.size + forces.shape[1] + varied.size))
-    junction = program.junctions.index(program.states[program.flow]) if program.junctions else 0
-    compiled = quick_sensitivities if program.quick else general_sensitivities
-    pattern, run = _prepared(program, theta, active, states, efforts, u, h)
-    compiled(
-        program.table,
-        pattern,
-        theta,
-        run,
-        start,
-        initial,
-        forces,
-        junction,
-        varied,
-        weights,
-        nodes,
-        program.output,
-        out,
-    )
+    sweeps, pattern, run, memory = _prepared(program, theta, active, states, efforts, u, h)
+    m, first_force = len(program.junctions), active.size + initial.size
+    first_varied = first_force + forces.shape[1]
+    out = np.empty((nodes.size, first_varied + varied.size))
+    known = np.zeros((states.shape[1] + m, out.shape[1]))
+    known[: states.shape[1], : active.size] = start
+    known[initial, active.size + np.arange(initial.size)] = 1.0
+    junction = program.junctions.index(program.states[program.flow]) if m else 0
+    sweeps.sensitivities(
+        program.table, pattern, memory, run, forces, (junction, first_force, first_varied, varied), weights, nodes,
+        program.output, known, np.zeros_like(known), np.zeros((m, m)), out,
+    )  # fmt: skip
     return out
 
 
@@ -118,10 +125,12 @@ def adjoint(
     Returns:
         (K,) ``dL/dθ`` of the window, and (N,) ``dL/dx`` at its first node but for that node's own cotangent.
     """
+    sweeps, pattern, run, memory = _prepared(program, theta, active, states, efforts, u, h)
+    m = len(program.junctions)
     w = np.zeros(states.shape[1]) if carry is None else carry.copy()
-    gradient = np.zeros(active.size)
+    gradient, pulled = np.zeros(active.size), np.zeros(pattern.in_junctions.size)
     room = np.zeros((0, 0)) if multipliers is None else multipliers
-    compiled = quick_adjoint if program.quick else general_adjoint
-    pattern, run = _prepared(program, theta, active, states, efforts, u, h)
-    compiled(program.table, pattern, theta, run, cotangent, w, gradient, room)
+    sweeps.adjoint(
+        program.table, pattern, memory, run, cotangent, w, gradient, room, pulled, np.zeros((m, 1)), np.zeros((m, m))
+    )
     return gradient, w

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -10,12 +10,13 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from junctions import march, random_march, recording
+from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from phnn.errors import StructureViolated
-from phnn.integrate import kernel, quick
+from phnn.integrate import kernel
 from phnn.integrate import sweep as sweeps
-from phnn.integrate.program import compile_network, junctions_of
+from phnn.integrate.program import Program, compile_network, junctions_of
 from phnn.integrate.residual import check, power_balance
 from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
@@ -251,18 +252,76 @@ def test_what_stands_alone_needs_no_unknown() -> None:
     assert check(run) < 1e-12
 
 
-@pytest.mark.parametrize("hysterons", [0, 1, 2, 5])
-def test_the_quick_march_is_the_general_one(hysterons: int) -> None:
-    network = hrc(hysterons)
+def twins(hysterons: int) -> tuple[Network, Program, Program]:
+    """An actuator with an electrostrictive port, its program, and one that claims not to be quick."""
+    plain = hrc(hysterons)
+    network = replace(
+        plain,
+        ports=(replace(plain.ports[0], law="electrostriction", parameters=("eps",)), *plain.ports[1:]),
+        parameters={**plain.parameters, **as_table([Parameter("eps", 1e-3)])},
+    )
     program = compile_network(network)
     assert program.quick
+    other = replace(program)
+    vars(other)["quick"] = False
+    return network, program, other
+
+
+@dataclass(frozen=True)
+class Marched:
+    """A march under random inputs, the size of its steps changing on the way."""
+
+    program: Program
+    theta: NDArray[np.float64]
+    u: NDArray[np.float64]
+    h: NDArray[np.float64]
+    states: NDArray[np.float64]
+    efforts: NDArray[np.float64]
+
+
+def marched(network: Network, program: Program) -> Marched:
+    n, ports = len(program.states), len(network.ports)
+    u = np.cumsum(3.0 * np.random.default_rng(n).normal(size=(500, ports)), axis=0)
+    h = np.where(np.arange(500) < 200, 1e-4, 3e-5)
+    run = Marched(program, program.theta(network), u, h, np.empty((501, n)), np.empty((500, n)))
+    assert kernel.march(program, run.theta, np.zeros(n), u, h, run.states, run.efforts) == h.size
+    return run
+
+
+def close(one: NDArray[np.float64], other: NDArray[np.float64], tolerance: float) -> None:
+    """Column by column."""
+    assert (np.abs(one - other) <= tolerance * np.abs(one).max(axis=0)).all()
+
+
+@pytest.mark.parametrize("hysterons", [0, 1, 2, 5])
+def test_the_quick_march_is_the_general_one(hysterons: int) -> None:
+    network, *programs = twins(hysterons)
     assert not compile_network(replace(network, resistors=(*network.resistors[:-1], DRAG))).quick
+    one, other = (marched(network, program) for program in programs)
+    close(one.states, other.states, 1e-10)
+    close(one.efforts, other.efforts, 1e-10)
+
+
+@pytest.mark.parametrize("hysterons", [0, 1, 2, 5])
+def test_quick_derivatives_are_the_general_ones(hysterons: int) -> None:
+    network, program, other = twins(hysterons)
+    run = marched(network, program)
+    if hysterons == 2:
+        # Every piece occurs: rest, either side, and steps that meet a threshold.
+        beyond = np.abs(run.states[:, 0] / TABLE_1["C_1"]) > TABLE_1["d_1"] / 2
+        assert 50 < beyond.sum() < 450 and np.diff(beyond).sum() > 3
     random = np.random.default_rng(hysterons)
-    u, h = np.cumsum(random.normal(size=(500, 2)), axis=0), np.where(np.arange(500) < 200, 1e-4, 3e-5)
-    runs = []
-    for compiled in (kernel.general, quick.march):
-        states, efforts = np.empty((501, hysterons + 2)), np.empty((500, hysterons + 2))
-        assert compiled(program.table, program.theta(network), np.zeros(hysterons + 2), u, h, states, efforts) == 500
-        runs.append((states, efforts))
-    for one, other in zip(*runs, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-12 * np.abs(one).max(axis=0).min())
+    active, n = np.arange(len(program.names)), len(program.states)
+    columns = (
+        random.normal(size=(n, active.size)), np.arange(n), random.normal(size=(500, 3)), active[::2],
+        random.normal(size=(500, active[::2].size)), np.arange(0, 501, 5),
+    )  # fmt: skip
+    given = (run.theta, active, run.states, run.efforts, run.u, run.h)
+    close(sweeps.sensitivities(program, *given, *columns), sweeps.sensitivities(other, *given, *columns), 1e-8)
+    cotangent = random.normal(size=run.states.shape)
+    found = []
+    for p in (program, other):
+        multipliers = np.empty((500, n + 1))
+        found.append((*sweeps.adjoint(p, *given, cotangent, multipliers), multipliers))
+    for one, two in zip(*found, strict=True):
+        close(one, two, 1e-8)

@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 from torch import Tensor
 
 from phnn.errors import StructureViolated
-from phnn.integrate.dispatch import factor_table, flow_table, port_table, storage_table, threshold_table
+from phnn.integrate.dispatch import factor_table, flow_table, storage_table, threshold_table
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, PortLaw, ResistorLaw, StorageLaw, register
 from phnn.laws.leaf import loss, rc_flow, relaxation
 from phnn.laws.namespace import TINY
@@ -99,7 +99,6 @@ def tables() -> dict[str, tuple[Callable[..., Any], dict[str, Any], str, int]]:
         "mean_effort": (storage_table(), STORAGE_LAWS, 2),
         "thresholds": (threshold_table(), RESISTOR_LAWS, 1),
         "flow": (flow_table(), RESISTOR_LAWS, 2),
-        "action": (port_table(), PORT_LAWS, 1),
         "factor": (factor_table(), FACTOR_LAWS, 1),
     }
     return {name: (caller(table, leading), laws, name, leading) for name, (table, laws, leading) in made.items()}
@@ -111,7 +110,7 @@ def caller(table: Any, leading: int) -> Callable[..., Any]:
     return numba.njit(lambda code, a, b, p: table(code, a, b, p, 0, 1, 2, 3))
 
 
-@pytest.mark.parametrize("name", ["mean_effort", "thresholds", "flow", "action", "factor"])
+@pytest.mark.parametrize("name", ["mean_effort", "thresholds", "flow", "factor"])
 def test_compiled_values_and_slopes_are_those_of_the_law(name: str) -> None:
     call, laws, attribute, leading = tables()[name]
     for code, law in enumerate(laws.values()):
