@@ -141,16 +141,21 @@ def check(system: PortHamiltonianSystem, x0: Tensor, u: Tensor, h: float) -> Non
     """Refuse an initial state, inputs of all ports (N, ..., P) or a step that `march` cannot use."""
     if not 0.0 < h < float("inf"):
         raise InputRefused(f"the step is {h:g} s: give a positive, finite step")
-    for name, value in (("initial state", x0), ("mean input", u)):
-        if value.dtype != torch.float64:
-            raise InputRefused(f"the {name} is {value.dtype}: convert it with .double(), the step needs 64 bits")
-        if not bool(torch.isfinite(value).all()):
-            where = tuple(torch.nonzero(~torch.isfinite(value))[0].tolist())
-            raise InputRefused(f"the {name} is not finite at index {where}: remove or repair that sample")
+    refuse_unfit("initial state", x0)
+    refuse_unfit("mean input", u)
     system.actions(u[:1])
     fits = u.ndim == x0.ndim + 1 and all(a in (1, b) for a, b in zip(u.shape[1:-1], x0.shape[:-1], strict=True))
     if not fits:
         raise InputRefused(f"inputs of shape {tuple(u.shape)} do not fit an initial state {tuple(x0.shape)}")
+
+
+def refuse_unfit(name: str, value: Tensor) -> None:
+    """Refuse what is not float64 or not finite."""
+    if value.dtype != torch.float64:
+        raise InputRefused(f"the {name} is {value.dtype}: convert it with .double(), the step needs 64 bits")
+    if not bool(torch.isfinite(value).all()):
+        where = tuple(torch.nonzero(~torch.isfinite(value))[0].tolist())
+        raise InputRefused(f"the {name} is not finite at index {where}: remove or repair that sample")
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
-from phnn.integrate import kernel, sweep
-from phnn.integrate.dense import solve_dense
+from phnn.integrate import dense, kernel, sweep
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.residual import march_residual
 from phnn.network.system import PortHamiltonianSystem
@@ -41,7 +40,7 @@ def simulate_torch(
     """March the steps of a system, differentiable by its parameters, ``u_mean``, ``x0`` and ``h``.
 
     Networks whose laws all have compiled forms take the compiled march; those with other torch modules the torch step
-    of `phnn.integrate.dense`, where gradients by ``h`` are not offered.
+    of `phnn.integrate.dense`.
 
     Args:
         only: names of the storages whose states are wanted; all of them otherwise.
@@ -66,7 +65,8 @@ def simulate_torch(
     try:
         program = compile_network(system.network)
     except StructureViolated:
-        return _dense(system, u_mean, steps, x0)[:, wanted]
+        path = dense.march(system, x0, u_mean, steps.tolist())
+        return dense.with_derivatives(system, path, x0, u_mean, steps.unsqueeze(-1))[:, wanted]
     march = _March(system, program, wanted, window)
     return _Implicit.apply(march, u_mean, steps, x0, *march.parameters)
 
@@ -183,17 +183,6 @@ class _Implicit(torch.autograd.Function):
         return None, found[0], found[1], torch.from_numpy(by_start), *found[2:]
 
 
-def _dense(system: PortHamiltonianSystem, u: Tensor, h: Tensor, x0: Tensor) -> Tensor:
-    """Runs of equal steps, each by the torch step."""
-    lengths = torch.unique_consecutive(h.detach(), return_counts=True)[1].tolist()
-    pieces, first, x = [x0.unsqueeze(0)], 0, x0
-    for length in lengths:
-        path = solve_dense(system, x, u[first : first + length], float(h[first]))
-        pieces.append(path[1:])
-        first, x = first + length, path[-1]
-    return torch.cat(pieces)
-
-
 def _array(tensor: Tensor) -> Array:
     return np.ascontiguousarray(tensor.detach().numpy())
 
@@ -204,10 +193,6 @@ def _check(system: PortHamiltonianSystem, u: Tensor, h: Tensor, x0: Tensor) -> N
         if tuple(tensor.shape) != shape:
             raise InputRefused(f"the {name} has shape {tuple(tensor.shape)}: this network needs {shape}")
     for name, tensor in (("initial state", x0), ("mean input", u), ("step", h)):
-        if tensor.dtype != torch.float64:
-            raise InputRefused(f"the {name} is {tensor.dtype}: convert it with .double(), the march needs 64 bits")
-        if not bool(torch.isfinite(tensor).all()):
-            place = tuple(torch.nonzero(~torch.isfinite(tensor))[0].tolist())
-            raise InputRefused(f"the {name} is not finite at index {place}: remove or repair that sample")
+        dense.refuse_unfit(name, tensor)
     if not bool((h > 0.0).all()):
         raise InputRefused(f"a step is {float(h.min()):g} s: give positive steps")

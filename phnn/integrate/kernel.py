@@ -95,5 +95,5 @@ def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states:
         states: (n+1, N) filled; efforts: (n, N) filled with the mean efforts of the storages.
     """
     states[0] = x0
-    steps = quick.march if program.quick else general
+    steps = quick.march if quick.serves(program) else general
     return steps(program, theta, actions(program, theta, u), h, states, efforts)

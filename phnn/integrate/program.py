@@ -1,12 +1,6 @@
 """From a network to the integer tables that the compiled kernel marches.
 
-The storages are split into *junctions*, whose mean efforts ``v̄`` are the unknowns of a step, and *leaves*, which
-hang on junctions only: under constant ``v̄`` each leaf is a scalar problem of its own,
-
-    ẋ_l = i_l − Σ_r b_r φ_r(b_r E_l(x_l)),     i_l = Σ_j a_lj v̄_j + Σ_p g_lp ψ_p(u_p).
-
-The junctions cover every coupling (a vertex cover of the graph of J) and every resistor that joins several storages,
-so the equation to solve has as many unknowns as there are junctions: one for the actuator, whatever its hysterons.
+Which storage is a junction and which is a leaf: see `phnn.integrate.partition`.
 """
 
 from __future__ import annotations
@@ -20,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
+from phnn.integrate.partition import is_linear, junctions_of, merged_couplings
 from phnn.integrate.tables import (
     BRANCHES,
     EXACT,
@@ -50,7 +45,6 @@ from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 from phnn.network.elements import Network, Ratio, Resistor, Storage
 
 LEAF_RULES = ("exact", "radau", "midpoint")
-_LINEAR_STORAGES = ("capacitor", "spring")
 # What a leaf owns, in the order of its columns.
 _OWNED = (LEAF_RESISTORS, LINKS, LEAF_INLETS)
 _LAWS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
@@ -99,13 +93,6 @@ class Program:
         if leaf[5] == leaf[6]:
             raise StructureViolated(f"nothing flows into {output}: couple it to another storage")
         return self.states.index(self.junctions[self.table[leaf[5], 0]])
-
-    @cached_property
-    def quick(self) -> bool:
-        """Whether its steps have the form of `phnn.integrate.quick`."""
-        from phnn.integrate.quick import is_quick
-
-        return is_quick(self)
 
     @cached_property
     def linear(self) -> tuple[bool, ...]:
@@ -161,30 +148,6 @@ def compile_network(network: Network, leaf_rule: str = "exact") -> Program:
     return _KNOWN[key][1]
 
 
-def junctions_of(network: Network) -> tuple[str, ...]:
-    """The storages whose efforts are the unknowns of a step, in the order of the network."""
-    forced = {name for r in network.resistors if len(r.on) > 1 for name in r.on}
-    lossy = {name for r in network.resistors for name in r.on}
-    edges = [{c.to, c.of} for c in network.couplings if c.to != c.of]
-    modulated = {m.ratio for m in network.modulations}
-    reads = {r.modulated_by for r in network.resistors} | {m.by for m in network.modulations}
-    following = {n for c in network.couplings if c.ratio in modulated for n in (c.to, c.of)}
-    following |= {n for p in network.ports for n, ratio in p.on.items() if ratio in modulated}
-    # What laws read at mid-step has to be known from the unknowns alone.
-    forced |= {name for name in reads if name is not None and (name in lossy or name in following)}
-    order = network.state_names
-    linear = {s.name: _is_linear(s) for s in network.storages}
-    while open_edges := [e for e in edges if not e & forced]:
-        degrees = {n: sum(n in e for e in open_edges) for n in order}
-        # Among equals a linear storage, whose end state follows from its effort, and by custom the momentum comes last.
-        forced.add(max(order, key=lambda n: (degrees[n], linear[n], order.index(n))))
-    return tuple(n for n in order if n in forced)
-
-
-def _is_linear(storage: Storage) -> bool:
-    return isinstance(storage.law, str) and storage.law in _LINEAR_STORAGES
-
-
 class _Builder:
     """Gives every element its row, and every name, constant and weight its place in ``theta``."""
 
@@ -199,7 +162,7 @@ class _Builder:
         self.states = network.state_names
         self.junctions = junctions_of(network)
         self.leaves = tuple(n for n in self.states if n not in self.junctions)
-        self.couplings = _merged(network)
+        self.couplings = merged_couplings(network)
         reads = [r.modulated_by for r in network.resistors if r.modulated_by] + [m.by for m in network.modulations]
         self.reads = tuple(dict.fromkeys(reads))
 
@@ -235,7 +198,7 @@ class _Builder:
         network, leaves, junctions = self.network, self.leaves, self.junctions
         rows: dict[int, list[list[int]]] = {kind: [] for kind in range(KINDS)}
         rows[STORAGES] = [self._law("storage", s.name, s.law, s.parameters) for s in network.storages]
-        rows[JUNCTIONS] = [[self.states.index(j), int(_is_linear(self._storage(j)))] for j in junctions]
+        rows[JUNCTIONS] = [[self.states.index(j), int(is_linear(self._storage(j)))] for j in junctions]
         rows[PORTS] = [self._law("port", p.name, p.law, p.parameters) for p in network.ports]
         rows[READS] = [[_at(leaves, name), _at(junctions, name)] for name in self.reads]
         for name in leaves:
@@ -248,7 +211,7 @@ class _Builder:
             storage = self._storage(name)
             ranges = [n for k, first in zip(_OWNED, before, strict=True) for n in (first, len(rows[k]))]
             rule = self._rule(storage, resistors)
-            rows[LEAVES].append([self.states.index(name), rule, int(_is_linear(storage)), *ranges])
+            rows[LEAVES].append([self.states.index(name), rule, int(is_linear(storage)), *ranges])
         for j, name in enumerate(junctions):
             self._inlets(rows, JUNCTION_INLETS, name, [j])
         for r in network.resistors:
@@ -296,7 +259,7 @@ class _Builder:
     def _rule(self, storage: Storage, resistors: list[Resistor]) -> int:
         if not resistors:
             return LOSSLESS
-        if not _is_linear(storage) or self.leaf_rule == "midpoint":
+        if not is_linear(storage) or self.leaf_rule == "midpoint":
             return GRADIENT
         only = resistors[0]
         piecewise = isinstance(only.law, str) and RESISTOR_LAWS[only.law].thresholds is not None
@@ -320,17 +283,6 @@ class _Builder:
         for k, port in enumerate(self.network.ports):
             if name in port.on:
                 self._with_ratio(rows, kind, [k, *rest], port.on[name])
-
-
-def _merged(network: Network) -> dict[tuple[str, str, Ratio], int]:
-    """How often every ratio couples two storages; what runs against itself cancels here, not in rounded sums."""
-    order = network.state_names
-    times: dict[tuple[str, str, Ratio], int] = {}
-    for c in network.couplings:
-        forward = order.index(c.to) < order.index(c.of)
-        key = (c.to, c.of, c.ratio) if forward else (c.of, c.to, c.ratio)
-        times[key] = times.get(key, 0) + (1 if forward else -1)
-    return {key: count for key, count in times.items() if count and key[0] != key[1]}
 
 
 def _at(names: Sequence[str], name: str) -> int:

@@ -10,6 +10,7 @@ with constants for everything but the states. `phnn.integrate.step` holds the eq
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -54,7 +55,8 @@ GAIN = CONSTANTS
 _LINEAR = [code for code, name in enumerate(RESISTOR_LAWS) if name == "linear"]
 
 
-def is_quick(program: Program) -> bool:
+@lru_cache(maxsize=512)
+def serves(program: Program) -> bool:
     """Whether the steps of a program have the form above."""
     t = program.table
     junctions, leaves = rows_of(t, JUNCTIONS), rows_of(t, LEAVES)

@@ -217,11 +217,12 @@ def check(trajectory: Trajectory, tolerance: float = 1e-10, system: PortHamilton
     tensors = _tensors(trajectory)
     with torch.no_grad():
         residual = march_residual(system, program, *tensors)
-        relative = Residual(residual.value, residual.scale + rounding(system, program, *tensors)).relative()
-    if relative.numel() == 0:
+    if residual.value.numel() == 0:
         return 0.0
+    if not bool((residual.relative() <= tolerance).all()):
+        residual = residual._replace(scale=residual.scale + rounding(system, program, *tensors))
     # NaN would hide in a maximum.
-    worst = torch.nan_to_num(relative, nan=torch.inf)
+    worst = torch.nan_to_num(residual.relative(), nan=torch.inf)
     n, element = divmod(int(worst.argmax()), worst.shape[1])
     largest = float(worst[n, element])
     if largest > tolerance:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate import linearise, pieces
+from phnn.integrate import linearise, pieces, quick
 from phnn.integrate.actions import action_derivatives, actions
 from phnn.integrate.compiled import loop_entry
 from phnn.integrate.linearise import Pattern, Run, pattern_of
@@ -65,7 +65,7 @@ def _prepared(
     program: Program, theta: Array, active: NDArray[np.int64], states: Array, efforts: Array, u: Array, h: Array
 ) -> tuple[_Sweeps, Pattern, Run, Any]:
     """The sweeps of a program with what they take: pattern, march and memory."""
-    sweeps = _QUICK if program.quick else _GENERAL
+    sweeps = _QUICK if quick.serves(program) else _GENERAL
     pattern = pattern_of(program, tuple(active.tolist()))
     in_laws = active[pattern.in_ports >= 0]
     run = Run(states, efforts, h, actions(program, theta, u), action_derivatives(program, theta, u, in_laws))

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from phnn.errors import StructureViolated
-from phnn.integrate import kernel
+from phnn.integrate import kernel, quick
 from phnn.integrate import sweep as sweeps
-from phnn.integrate.program import Program, compile_network, junctions_of
+from phnn.integrate.partition import junctions_of
+from phnn.integrate.program import Program, compile_network
 from phnn.integrate.residual import check, power_balance
 from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
@@ -252,19 +253,13 @@ def test_what_stands_alone_needs_no_unknown() -> None:
     assert check(run) < 1e-12
 
 
-def twins(hysterons: int) -> tuple[Network, Program, Program]:
-    """An actuator with an electrostrictive port, its program, and one that claims not to be quick."""
+def electrostrictive(hysterons: int) -> Network:
     plain = hrc(hysterons)
-    network = replace(
+    return replace(
         plain,
         ports=(replace(plain.ports[0], law="electrostriction", parameters=("eps",)), *plain.ports[1:]),
         parameters={**plain.parameters, **as_table([Parameter("eps", 1e-3)])},
     )
-    program = compile_network(network)
-    assert program.quick
-    other = replace(program)
-    vars(other)["quick"] = False
-    return network, program, other
 
 
 @dataclass(frozen=True)
@@ -279,7 +274,8 @@ class Marched:
     efforts: NDArray[np.float64]
 
 
-def marched(network: Network, program: Program) -> Marched:
+def marched(network: Network) -> Marched:
+    program = compile_network(network)
     n, ports = len(program.states), len(network.ports)
     u = np.cumsum(3.0 * np.random.default_rng(n).normal(size=(500, ports)), axis=0)
     h = np.where(np.arange(500) < 200, 1e-4, 3e-5)
@@ -294,18 +290,21 @@ def close(one: NDArray[np.float64], other: NDArray[np.float64], tolerance: float
 
 
 @pytest.mark.parametrize("hysterons", [0, 1, 2, 5])
-def test_the_quick_march_is_the_general_one(hysterons: int) -> None:
-    network, *programs = twins(hysterons)
-    assert not compile_network(replace(network, resistors=(*network.resistors[:-1], DRAG))).quick
-    one, other = (marched(network, program) for program in programs)
+def test_the_quick_march_is_the_general_one(hysterons: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    network = electrostrictive(hysterons)
+    assert not quick.serves(compile_network(replace(network, resistors=(*network.resistors[:-1], DRAG))))
+    one = marched(network)
+    assert quick.serves(one.program)
+    monkeypatch.setattr(quick, "serves", lambda program: False)
+    other = marched(network)
     close(one.states, other.states, 1e-10)
     close(one.efforts, other.efforts, 1e-10)
 
 
 @pytest.mark.parametrize("hysterons", [0, 1, 2, 5])
-def test_quick_derivatives_are_the_general_ones(hysterons: int) -> None:
-    network, program, other = twins(hysterons)
-    run = marched(network, program)
+def test_quick_derivatives_are_the_general_ones(hysterons: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = marched(electrostrictive(hysterons))
+    program = run.program
     if hysterons == 2:
         # Every piece occurs: rest, either side, and steps that meet a threshold.
         beyond = np.abs(run.states[:, 0] / TABLE_1["C_1"]) > TABLE_1["d_1"] / 2
@@ -317,11 +316,12 @@ def test_quick_derivatives_are_the_general_ones(hysterons: int) -> None:
         random.normal(size=(500, active[::2].size)), np.arange(0, 501, 5),
     )  # fmt: skip
     given = (run.theta, active, run.states, run.efforts, run.u, run.h)
-    close(sweeps.sensitivities(program, *given, *columns), sweeps.sensitivities(other, *given, *columns), 1e-8)
     cotangent = random.normal(size=run.states.shape)
     found = []
-    for p in (program, other):
+    for serves in (True, False):
+        monkeypatch.setattr(quick, "serves", lambda program, serves=serves: serves)
         multipliers = np.empty((500, n + 1))
-        found.append((*sweeps.adjoint(p, *given, cotangent, multipliers), multipliers))
+        back = sweeps.adjoint(program, *given, cotangent, multipliers)
+        found.append((sweeps.sensitivities(program, *given, *columns), *back, multipliers))
     for one, two in zip(*found, strict=True):
         close(one, two, 1e-8)

@@ -216,6 +216,9 @@ def test_networks_without_a_kernel_take_the_torch_step() -> None:
     torch.testing.assert_close(path, torch.cat([first, solve_dense(system, first[-1], u[3:], 2e-5)[1:]]))
     path[-1, 2].backward()
     assert all(p.grad is not None for name, p in system.named_parameters() if name.startswith("laws"))
+    ends = [simulate_torch(system, u, h * (1.0 + d), x0)[-1, 2].item() for d in (1e-5, -1e-5)]
+    (by_h,) = torch.autograd.grad(simulate_torch(system, u, steps := h.requires_grad_(True), x0)[-1, 2], steps)
+    assert (by_h @ h).item() == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-6)
 
 
 def test_without_gradients_and_without_steps() -> None:

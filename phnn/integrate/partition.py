@@ -1,0 +1,52 @@
+"""What the unknowns of a step are.
+
+The storages are split into *junctions*, whose mean efforts ``v̄`` are the unknowns of a step, and *leaves*, which
+hang on junctions only: under constant ``v̄`` each leaf is a scalar problem of its own,
+
+    ẋ_l = i_l − Σ_r b_r φ_r(b_r E_l(x_l)),     i_l = Σ_j a_lj v̄_j + Σ_p g_lp ψ_p(u_p).
+
+The junctions cover every coupling (a vertex cover of the graph of J) and every resistor that joins several storages,
+so the equation to solve has as many unknowns as there are junctions: one for the actuator, whatever its hysterons.
+"""
+
+from __future__ import annotations
+
+from phnn.network.elements import Network, Ratio, Storage
+
+_LINEAR_STORAGES = ("capacitor", "spring")
+
+
+def junctions_of(network: Network) -> tuple[str, ...]:
+    """The storages whose efforts are the unknowns of a step, in the order of the network."""
+    forced = {name for r in network.resistors if len(r.on) > 1 for name in r.on}
+    lossy = {name for r in network.resistors for name in r.on}
+    edges = [{c.to, c.of} for c in network.couplings if c.to != c.of]
+    modulated = {m.ratio for m in network.modulations}
+    reads = {r.modulated_by for r in network.resistors} | {m.by for m in network.modulations}
+    following = {n for c in network.couplings if c.ratio in modulated for n in (c.to, c.of)}
+    following |= {n for p in network.ports for n, ratio in p.on.items() if ratio in modulated}
+    # What laws read at mid-step has to be known from the unknowns alone.
+    forced |= {name for name in reads if name is not None and (name in lossy or name in following)}
+    order = network.state_names
+    linear = {s.name: is_linear(s) for s in network.storages}
+    while open_edges := [e for e in edges if not e & forced]:
+        degrees = {n: sum(n in e for e in open_edges) for n in order}
+        # Among equals a linear storage, whose end state follows from its effort, and by custom the momentum comes last.
+        forced.add(max(order, key=lambda n: (degrees[n], linear[n], order.index(n))))
+    return tuple(n for n in order if n in forced)
+
+
+def is_linear(storage: Storage) -> bool:
+    """Whether the effort of a storage is linear in its state."""
+    return isinstance(storage.law, str) and storage.law in _LINEAR_STORAGES
+
+
+def merged_couplings(network: Network) -> dict[tuple[str, str, Ratio], int]:
+    """How often every ratio couples two storages; what runs against itself cancels here, not in rounded sums."""
+    order = network.state_names
+    times: dict[tuple[str, str, Ratio], int] = {}
+    for c in network.couplings:
+        forward = order.index(c.to) < order.index(c.of)
+        key = (c.to, c.of, c.ratio) if forward else (c.of, c.to, c.ratio)
+        times[key] = times.get(key, 0) + (1 if forward else -1)
+    return {key: count for key, count in times.items() if count and key[0] != key[1]}
