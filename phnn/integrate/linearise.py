@@ -131,8 +131,8 @@ def _linearise(t: Any, p: Any, d: Any, h: Any) -> None:
             d.theta[p.active[k]] += TINY * 1j
         which, act = (k, 1 + p.in_ports[k]) if k >= 0 else (none, 0)
         _block_derivatives(
-            t, p, i, d.theta, d.c[which], d.g[which], d.a[act], d.x, d.y, h, d.wj, d.by_leaf, d.by_force[i],
-            d.by_change[i],
+            t, p, i, d.theta, d.c[which], d.g[which], d.a[act], d.x, d.y, h, d.wj, d.by_leaf, d.by_force[:, i],
+            d.by_change[:, i],
         )  # fmt: skip
         if i < n:
             d.x[i] = complex(d.x[i].real, 0.0)
@@ -177,7 +177,7 @@ class Derivatives(NamedTuple):
         theta, x, y: as of `phnn.integrate.step`, complex; wj: (4, m).
         c, g: from `perturbed_constants`; a: (1+S, P) actions, then perturbed by each parameter of a port law.
         by_leaf: (pairs,) of the leaves' end states, as listed by the pattern.
-        by_force, by_change: (I, m) of ``F`` and of ``z − p``.
+        by_force, by_change: (m, I) of ``F`` and of ``z − p``.
     """
 
     theta: Any
@@ -204,8 +204,8 @@ def new_derivatives(t: Integers, p: Pattern, theta: Array, run: Run) -> Derivati
         np.zeros(m, np.complex128),
         np.zeros((4, m), np.complex128),
         np.zeros(p.leaf.shape[0]),
-        np.zeros((inputs, m)),
-        np.zeros((inputs, m)),
+        np.zeros((m, inputs)),
+        np.zeros((m, inputs)),
     )
 
 

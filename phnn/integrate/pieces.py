@@ -41,7 +41,6 @@ class Pieces(NamedTuple):
         affine: (pairs, 3, 6) the derivatives of each pair as a function of ``(x, v̄, 1)``.
         junction, change: (2, I) of the junction's own terms and of ``z − p`` as functions of ``(v̄, 1)``.
         inlets: (inlets, I) of what the inlets exert as a function of the actions of their ports.
-        force: (I,) and moved: (I,) the memory of ``by_force`` and ``by_change``.
         by_leaf, by_force, by_change: as of `phnn.integrate.linearise.Derivatives`.
     """
 
@@ -55,8 +54,6 @@ class Pieces(NamedTuple):
     junction: Any
     change: Any
     inlets: Any
-    force: Any
-    moved: Any
     by_leaf: Any
     by_force: Any
     by_change: Any
@@ -65,7 +62,6 @@ class Pieces(NamedTuple):
 def new_pieces(t: Integers, p: Pattern, theta: Array, run: Run) -> Pieces:
     """Memory for a network and a pattern."""
     leaves, rows, pairs, inputs = len(rows_of(t, LEAVES)), p.active.size + 1, p.leaf.size, p.in_junctions.size
-    force, moved = np.zeros(inputs), np.zeros(inputs)
     return Pieces(
         theta.astype(np.complex128),
         np.zeros(t.shape[0], np.complex128),
@@ -77,11 +73,9 @@ def new_pieces(t: Integers, p: Pattern, theta: Array, run: Run) -> Pieces:
         np.zeros((2, inputs)),
         np.zeros((2, inputs)),
         np.zeros((len(rows_of(t, JUNCTION_INLETS)), inputs)),
-        force,
-        moved,
         np.zeros(pairs),
-        force.reshape((inputs, 1)),
-        moved.reshape((inputs, 1)),
+        np.zeros((1, inputs)),
+        np.zeros((1, inputs)),
     )
 
 
@@ -179,7 +173,7 @@ def _crossed(p: Any, d: Any, leaf: Any, states: Any, h: Any, x: Any, v: Any) -> 
         x_c, v_c = complex(x, TINY if k < -1 else 0.0), complex(v, TINY if k == -1 else 0.0)
         end, mean = rc_flow(x_c, c[GAIN] * v_c, h, c[STIFFNESS], c[RHO], c[LOW], c[HIGH], c[ONE], c[TWO])
         d.by_leaf[pair] = end.imag / TINY
-        d.force[p.input[pair]] += (c[GAIN] * mean).imag / TINY
+        d.by_force[0, p.input[pair]] += (c[GAIN] * mean).imag / TINY
 
 
 @inline
@@ -188,7 +182,7 @@ def _by_port_laws(t: Any, p: Any, d: Any, states: Any, n: Any, by_port: Any) -> 
     for k in range(p.active.shape[0]):
         if p.in_ports[k] >= 0:
             for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
-                d.force[states + 1 + k] -= d.g[r].real * by_port[p.in_ports[k], n, t[r, 0]]
+                d.by_force[0, states + 1 + k] -= d.g[r].real * by_port[p.in_ports[k], n, t[r, 0]]
 
 
 @inline
@@ -198,13 +192,14 @@ def derivatives_at(t: Any, p: Any, d: Any, n: Any, run: Any, fresh: Any) -> None
     if fresh:
         _prepare(t, p, d, states, h)
     v = run.efforts[n, junction_storage(t, 0)]
-    for i in range(d.force.shape[0]):
-        d.moved[i] = d.change[0, i] * v + d.change[1, i]
-        d.force[i] = d.junction[0, i] * v + d.junction[1, i]
+    force, moved = d.by_force[0], d.by_change[0]
+    for i in range(force.shape[0]):
+        moved[i] = d.change[0, i] * v + d.change[1, i]
+        force[i] = d.junction[0, i] * v + d.junction[1, i]
     for r in range(d.inlets.shape[0]):
         action = run.actions[n, t[t[0, JUNCTION_INLETS] + r, 0]]
-        for i in range(d.force.shape[0]):
-            d.force[i] += d.inlets[r, i] * action
+        for i in range(force.shape[0]):
+            force[i] += d.inlets[r, i] * action
     if run.by_port.shape[0] > 0:
         _by_port_laws(t, p, d, states, n, run.by_port)
     for leaf in range(d.kinds.shape[0]):
@@ -216,4 +211,4 @@ def derivatives_at(t: Any, p: Any, d: Any, n: Any, run: Any, fresh: Any) -> None
         for pair in range(p.first[leaf], p.first[leaf + 1]):
             q = d.affine[pair, piece]
             d.by_leaf[pair] = q[0] * x + q[1] * v + q[2]
-            d.force[p.input[pair]] += q[3] * x + q[4] * v + q[5]
+            d.by_force[0, p.input[pair]] += q[3] * x + q[4] * v + q[5]

@@ -39,29 +39,19 @@ def _solve_unknowns(p: Any, d: Any, force: Any, columns: Any, known: Any, matrix
     m, k_active = matrix.shape[0], p.active.shape[0]
     n = known.shape[0] - m
     for j in range(m):
-        row = known[n + j]
-        _set(row, -d.by_force[0, j], known[0], -d.by_force[n - 1, j] if n > 1 else 0.0, known[n - 1])
+        row, by = known[n + j], d.by_force[j]
+        _set(row, -by[0], known[0], -by[n - 1] if n > 1 else 0.0, known[n - 1])
         for s in range(1, n - 1):
-            _add(row, -d.by_force[s, j], known[s])
+            _add(row, -by[s], known[s])
         for k in range(k_active):
-            row[k] -= d.by_force[n + m + k, j]
+            row[k] -= by[n + m + k]
         for w in range(varied.shape[0]):
-            row[first_varied + w] -= d.by_force[n + m + varied[w], j] * weight_of[w]
+            row[first_varied + w] -= by[n + m + varied[w]] * weight_of[w]
         for i in range(m):
-            matrix[j, i] = d.by_force[n + i, j]
+            matrix[j, i] = by[n + i]
     for f in range(force.shape[0]):
         known[n + junction, first_force + f] += force[f]
     eliminate(matrix, known[n:])
-
-
-@inline
-def _add_parameter(d: Any, out: Any, k: Any, derivative: Any, columns: Any) -> None:
-    """Add what parameter ``k`` does, in its own column and in those where a signal perturbs it."""
-    _, _, first_varied, varied, weight_of = columns
-    out[k] += derivative
-    for w in range(varied.shape[0]):
-        if varied[w] == k:
-            out[first_varied + w] += derivative * weight_of[w]
 
 
 @inline
@@ -74,19 +64,21 @@ def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, known: Any, fol
             which these are, and their signals at this step.
         known: (N+m, C) the states, and the unknowns, which are filled in; following: (N+m, C) its states are filled.
     """
+    _, _, first_varied, varied, weight_of = columns
     m = matrix.shape[0]
     n = known.shape[0] - m
     _solve_unknowns(p, d, force, columns, known, matrix)
     for j in range(m):
         end = junction_storage(t, j)
-        out = following[end]
-        _set(out, 1.0 + d.by_change[end, j], known[end], d.by_change[n + j, j], known[n + j])
+        out, by = following[end], d.by_change[j]
+        _set(out, 1.0 + by[end], known[end], by[n + j], known[n + j])
         for i in range(n + m):
             if i not in (end, n + j):
-                _add(out, d.by_change[i, j], known[i])
+                _add(out, by[i], known[i])
         for k in range(p.active.shape[0]):
-            if d.by_change[n + m + k, j] != 0.0:
-                _add_parameter(d, out, k, d.by_change[n + m + k, j], columns)
+            out[k] += by[n + m + k]
+        for w in range(varied.shape[0]):
+            out[first_varied + w] += by[n + m + varied[w]] * weight_of[w]
     for leaf in range(p.first.shape[0] - 1):
         out = following[t[t[0, LEAVES] + leaf, 0]]
         first, last = p.first[leaf], p.first[leaf + 1]
@@ -99,7 +91,10 @@ def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, known: Any, fol
             if i < n + m:
                 _add(out, d.by_leaf[pair], known[i])
             else:
-                _add_parameter(d, out, i - n - m, d.by_leaf[pair], columns)
+                out[i - n - m] += d.by_leaf[pair]
+                for w in range(varied.shape[0]):
+                    if varied[w] == i - n - m:
+                        out[first_varied + w] += d.by_leaf[pair] * weight_of[w]
 
 
 def make_sensitivities(derivatives_at: Compiled) -> Compiled:
@@ -132,8 +127,10 @@ def _pull(t: Any, p: Any, d: Any, w: Any, pulled: Any) -> None:
     """``wᵀ ∂(x⁺)/∂(every input)`` without the part that carries a junction's state over."""
     for i in range(pulled.shape[0]):
         pulled[i] = 0.0
-        for j in range(d.by_change.shape[1]):
-            pulled[i] += d.by_change[i, j] * w[junction_storage(t, j)]
+    for j in range(d.by_change.shape[0]):
+        by, back = d.by_change[j], w[junction_storage(t, j)]
+        for i in range(pulled.shape[0]):
+            pulled[i] += by[i] * back
     for leaf in range(p.first.shape[0] - 1):
         back = w[t[t[0, LEAVES] + leaf, 0]]
         for pair in range(p.first[leaf], p.first[leaf + 1]):
@@ -158,11 +155,12 @@ def make_adjoint(derivatives_at: Compiled) -> Compiled:
             for j in range(m):
                 mu[j, 0] = -pulled[n + j]
                 for i in range(m):
-                    matrix[j, i] = d.by_force[n + j, i]
+                    matrix[j, i] = d.by_force[i, n + j]
             eliminate(matrix, mu)
-            for i in range(pulled.shape[0]):
-                for j in range(m):
-                    pulled[i] += d.by_force[i, j] * mu[j, 0]
+            for j in range(m):
+                by = d.by_force[j]
+                for i in range(pulled.shape[0]):
+                    pulled[i] += by[i] * mu[j, 0]
             if multipliers.shape[0] > 0:
                 for s in range(n):
                     multipliers[step, s] = w[s]
