@@ -248,7 +248,8 @@ def rounding(
             found = torch.autograd.grad(
                 value[:, column].sum(), (ends, means), retain_graph=True, materialize_grads=True
             )
-            by_end, by_mean = found[0][1:] * states[1:], found[1] * efforts
+            # A mean effort between two states is rounded by the larger of them.
+            by_end, by_mean = found[0][1:] * torch.maximum(states[1:].abs(), states[:-1].abs()), found[1] * efforts
             for k in junctions:
                 total[:, column] += (by_mean if program.linear[k] else by_end)[:, k].abs()
     return total

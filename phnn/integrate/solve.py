@@ -192,6 +192,12 @@ def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
     return separated
 
 
+@inline
+def _magnitude(t: Any, j: Any, x: Any, y: Any) -> Any:
+    """What an unknown's last digit is a part of: a mean effort between two states is rounded by the larger of them."""
+    return abs(y[j]) if is_linear(t, j) else max(abs(y[j]), abs(x[junction_storage(t, j)]))
+
+
 @plain
 def _newton(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any, damped: bool) -> bool:
     """Newton's method from ``y``, damped by `_advance` or with whole steps."""
@@ -207,7 +213,7 @@ def _newton(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: An
             step[j, 0] = -wj[FORCE, j]
             own[ROUNDING, j] = 0.0
             for i in range(m):
-                own[ROUNDING, j] += abs(jacobian[j, i] * y[i])
+                own[ROUNDING, j] += abs(jacobian[j, i]) * _magnitude(t, i, x, y)
         if _converged(wj, own, iteration >= _STRICT):
             return True
         eliminate(jacobian, step)
