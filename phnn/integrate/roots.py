@@ -16,7 +16,8 @@ TOLERANCE = 1e-14
 # What rounding leaves where terms cancel that the size of the equation does not show.
 RELAXED = 1e-12
 _STRICT = 12
-_ITERATIONS = 120
+# Halvings down to neighbouring floats, every other one after a Newton step that did not help.
+_ITERATIONS = 300
 # A motion that has died away reaches the smallest numbers, where relative accuracy is lost.
 NOTHING = 1e-200
 
