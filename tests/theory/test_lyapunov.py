@@ -1,0 +1,155 @@
+"""Proposition 1, second part: the shifted energy is a Lyapunov function of all forced equilibria (eqs. (15)–(18))."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from junctions import march
+from networks import networks, random_states
+from random_actuators import COMPILED, Actuator, random_actuator
+from torch import Tensor
+
+from phnn.errors import StructureViolated
+from phnn.integrate.dense import solve_dense
+from phnn.laws.neural import EnergyMLP
+from phnn.models.actuator import from_paper
+from phnn.network import Modulation, Network, PortHamiltonianSystem
+from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_losses, shifted_rate
+from phnn.parameters import Parameter, as_table
+
+torch.set_num_threads(1)
+seeds = st.integers(0, 2**31 - 1)
+counts = st.integers(0, 6)
+BATCH = 16
+
+
+def drawn(seed: int, actuator: Actuator, count: int = BATCH) -> tuple[Tensor, Tensor, Tensor]:
+    """(count, n+2) states and equilibria, and the (count, 2) constant inputs under which they are that."""
+    random = np.random.default_rng(seed)
+    u = actuator.inputs(random, count)
+    x_star = forced_equilibrium(actuator.network, u, actuator.charges(random, count))
+    # Near and far, on a scale of the equilibrium's own and of the hysterons'.
+    x = actuator.states(random, count) + x_star * torch.from_numpy(random.choice([0.0, 1.0, 3.0], (count, 1)))
+    return x, x_star, u
+
+
+@settings(max_examples=40, deadline=None)
+@given(seeds, counts)
+def test_shifted_energy_is_positive_definite(seed: int, hysterons: int) -> None:
+    actuator = random_actuator(seed, hysterons)
+    system = PortHamiltonianSystem(actuator.network)
+    x, x_star, _ = drawn(seed, actuator)
+    with torch.no_grad():
+        held = shifted_energy(system, x, x_star)
+        torch.testing.assert_close(held, actuator.distance(x, x_star) ** 2, rtol=1e-10, atol=0.0)
+        assert torch.equal(shifted_energy(system, x_star, x_star), torch.zeros(BATCH, dtype=torch.float64))
+        assert (held > 0.0).all()
+        # Radially unbounded: no more than quadratic, no less.
+        far = shifted_energy(system, x_star + 1e3 * (x - x_star), x_star)
+        torch.testing.assert_close(far, 1e6 * held, rtol=1e-9, atol=0.0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seeds, counts)
+def test_rate_is_the_time_derivative_of_the_shifted_energy(seed: int, hysterons: int) -> None:
+    actuator = random_actuator(seed, hysterons)
+    system = PortHamiltonianSystem(actuator.network)
+    x, x_star, u = drawn(seed, actuator)
+    z = x.clone().requires_grad_(True)
+    (gradient,) = torch.autograd.grad(shifted_energy(system, z, x_star).sum(), z)
+    with torch.no_grad():
+        wanted = (gradient * system.vector_field(x, u)).sum(-1)
+        terms = actuator.losses(x, x_star)
+        # What cancels in the product: powers exchanged between storages and ports at the present efforts.
+        efforts = (actuator.weights * x).abs()
+        exchanged = (efforts.unsqueeze(-2) @ system.structure(x).abs() @ gradient.abs().unsqueeze(-1)).squeeze((-1, -2))
+        pushed = gradient[..., -1].abs() * (u.abs() @ system.incidences(x)[1].abs().mT)[..., -1]
+        tolerance = 1e-13 * (terms.sum(-1) + exchanged + pushed + (gradient * system.vector_field(x, u)).abs().sum(-1))
+        torch.testing.assert_close(shifted_losses(system, x, x_star), terms, rtol=1e-11, atol=0.0)
+        assert ((shifted_rate(system, x, x_star) - wanted).abs() <= tolerance).all()
+        assert ((-terms.sum(-1) - wanted).abs() <= tolerance).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(seeds, counts)
+def test_no_term_of_the_rate_is_positive(seed: int, hysterons: int) -> None:
+    actuator = random_actuator(seed, hysterons)
+    x, x_star, _ = drawn(seed, actuator)
+    with torch.no_grad():
+        losses = shifted_losses(PortHamiltonianSystem(actuator.network), x, x_star)
+        efforts = (actuator.weights * x)[:, :hysterons]
+        inside = (efforts >= actuator.zeros[:, 0]) & (efforts <= actuator.zeros[:, 1])
+    assert (losses >= 0.0).all()
+    # S_1 of the proof, and its complement.
+    assert torch.equal(losses[:, :hysterons] == 0.0, inside)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seeds, counts, st.floats(-3.0, 1.0))
+def test_shifted_energy_never_rises_along_the_compiled_march(seed: int, hysterons: int, step: float) -> None:
+    actuator, random = random_actuator(seed, hysterons, COMPILED), np.random.default_rng(seed)
+    steps = 200
+    u = actuator.inputs(random, 1)
+    x0 = actuator.states(random, 1)
+    h = 10.0**step * random.choice([1.0, 1.0, 0.3], steps)
+    run = march(actuator.network, u.expand(steps, 2).numpy(), h, x0[0].numpy())
+    never_rises(actuator, torch.from_numpy(run.states), u)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_shifted_energy_never_rises_where_laws_are_not_monotone(seed: int) -> None:
+    actuator, random = random_actuator(seed, 2, ("slot",), decades=0.5), np.random.default_rng(seed)
+    u, x0 = actuator.inputs(random, 1), actuator.states(random, 1)[0]
+    with torch.no_grad():
+        x = solve_dense(PortHamiltonianSystem(actuator.network), x0, u.expand(60, 2), 0.03)
+    never_rises(actuator, x, u)
+
+
+def never_rises(actuator: Actuator, x: Tensor, u: Tensor) -> None:
+    """About five equilibria at once: those of random charges, and the one that the state is driven to."""
+    random = np.random.default_rng(0)
+    system = PortHamiltonianSystem(actuator.network)
+    charges = torch.cat([actuator.charges(random, 4), actuator.nearest(x[-1:], u)[:, : actuator.n]])
+    with torch.no_grad():
+        for x_star in forced_equilibrium(actuator.network, u, charges):
+            held = shifted_energy(system, x, x_star)
+            assert (held[1:] - held[:-1]).max() <= 1e-12 * held[0]
+            assert held[-1] < held[0]
+
+
+@settings(max_examples=60, deadline=None)
+@given(networks(monotone=True), seeds)
+def test_monotone_networks_lose_about_any_state(network: Network, seed: int) -> None:
+    # With monotone laws and convex energies nothing of the actuator is needed: (17) holds about every equilibrium.
+    network = replace(network, resistors=tuple(replace(r, modulated_by=None) for r in network.resistors))
+    system = PortHamiltonianSystem(network)
+    x, _ = (torch.from_numpy(v) for v in random_states(network, seed, BATCH))
+    with torch.no_grad():
+        assert (shifted_losses(system, x, x.flip(0)) >= 0.0).all()
+        assert (shifted_energy(system, x, x.flip(0)) >= -1e-12 * system.energy(x)).all()
+
+
+def test_convex_energies_shift_to_their_divergence() -> None:
+    law = EnergyMLP(1e-6, 2.0)
+    network = from_paper()
+    learned = replace(network.storages[2], law=law, parameters=())
+    network = replace(network, storages=(*network.storages[:2], learned, network.storages[3]))
+    system = PortHamiltonianSystem(network)
+    x, x_star = torch.tensor([[1e-6, -2e-6, 3e-6, 1e-6], [5e-7, 1e-6, -1e-6, 0.0]], dtype=torch.float64)
+    with torch.no_grad():
+        expected = system.energy(x) - system.energy(x_star) - system.efforts(x_star) @ (x - x_star)
+        assert shifted_energy(system, x, x_star).item() == pytest.approx(expected.item(), rel=1e-12)
+
+
+def test_a_modulated_ratio_has_no_shifted_balance() -> None:
+    network = from_paper()
+    factors = as_table([*network.parameters.values(), Parameter("kappa", 0.1), Parameter("q0", 1e-5)])
+    network = replace(network, parameters=factors, modulations=(Modulation("alpha", "q", "affine", ("kappa", "q0")),))
+    x = torch.zeros(4, dtype=torch.float64)
+    with pytest.raises(StructureViolated, match="the ratio 'alpha' follows a state"):
+        shifted_losses(PortHamiltonianSystem(network), x, x)
