@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
-from omegaconf import OmegaConf
 
-from phnn.demo.actuator import TABLE, Array, simulate_all
+from phnn.demo.actuator import TABLE, simulate_all
 from phnn.demo.concealed import EFFECTS, ON_REQUEST, described, draw, drifts, quasi_static_peak
 from phnn.demo.excitation import Excitation, plan_of
+from phnn.demo.folder import MANIFEST, measured, refuse_strangers, write_manifest, write_recording
 from phnn.demo.sealed import Sealed
 from phnn.demo.strength import find_strength, ruler
 from phnn.errors import InputRefused
 
 _SPREAD = 0.2  # each parameter of Table 1 moves by up to this part of itself
 _TARGETS = (1.5, 10.0)  # residual over noise that an effect leaves
-_MANIFEST = "recordings.yaml"
-_ZERO = 5e-6  # m, largest displacement zero of a recording
 
 
 def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "demo") -> Sealed:
@@ -64,8 +61,8 @@ def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "de
 
     folder.mkdir(parents=True, exist_ok=True)
     for excitation, q in zip(excitations, outputs, strict=True):
-        _write(folder / f"{excitation.name}.csv", excitation, _measured(q, noise, quantisation, sensor))
-    _write_manifest(folder / _MANIFEST, base, excitations)
+        write_recording(folder / f"{excitation.name}.csv", excitation, measured(q, noise, quantisation, sensor))
+    write_manifest(folder / MANIFEST, base["m"], excitations)
     return Sealed(name, parameters, base, reached, noise, quantisation, seed, plan)
 
 
@@ -75,13 +72,7 @@ def _check(seed: int, effect: str | None, folder: Path, plan: Sequence[Excitatio
         raise InputRefused(f"no effect called {effect!r} to conceal: take one of {', '.join(known)}")
     if seed < 0:
         raise InputRefused(f"seed = {seed}: give a whole number, 0 or more")
-    if folder.exists() and not folder.is_dir():
-        raise InputRefused(f"{folder}: is a file; name a folder")
-    # A second run may replace what the first one wrote; any other file would end up among the recordings.
-    own = {_MANIFEST, *(f"{excitation.name}.csv" for excitation in plan)}
-    strangers = sorted(path.name for path in folder.iterdir() if path.name not in own) if folder.exists() else []
-    if strangers:
-        raise InputRefused(f"{folder}: holds {strangers[0]}, which the demonstration did not write; name a new folder")
+    refuse_strangers(folder, plan)
 
 
 def _draw_base(rng: np.random.Generator) -> dict[str, float]:
@@ -94,42 +85,3 @@ def _draw_base(rng: np.random.Generator) -> dict[str, float]:
         charge = base["alpha"] * quasi_static_peak(base)
         if all(charge / base[f"C_{i}"] > 1.1 * 0.5 * base[f"d_{i}"] for i in (1, 2)):
             return base
-
-
-def _measured(q: Array, noise: float, quantisation: float, rng: np.random.Generator) -> Array:
-    """What the sensor reports: its zero, noise, and least step."""
-    y = q + rng.uniform(-_ZERO, _ZERO) + noise * rng.standard_normal(q.size)
-    rounded: Array = np.round(y / quantisation) * quantisation
-    return rounded
-
-
-def _write(path: Path, excitation: Excitation, y: Array) -> None:
-    t = excitation.t
-    table = {
-        "time_s": t,
-        "voltage_V": excitation.voltage(t),
-        # The least step is a whole number of nanometres: more decimals would only be rounding errors.
-        "displacement_um": np.round(y * 1e6, 3),
-    }
-    pd.DataFrame(table).to_csv(path, index=False)
-
-
-def _write_manifest(path: Path, base: Mapping[str, float], plan: Sequence[Excitation]) -> None:
-    recordings = []
-    for excitation in plan:
-        entry: dict[str, object] = {
-            "file": f"{excitation.name}.csv",
-            "name": excitation.name,
-            "start": {"state": "rest", "input_before": 0.0},
-        }
-        if excitation.held:
-            entry["input"] = "zero_order"
-        recordings.append(entry)
-    mass = base["m"]
-    manifest = {
-        "setup": {"model": "piezo_actuator", "hysterons": 2},
-        "known": {"m": {"value": mass, "std": float(f"{0.01 * mass:.3g}")}},
-        "voltage": "command",
-        "recordings": recordings,
-    }
-    path.write_text(OmegaConf.to_yaml(OmegaConf.create(manifest)), encoding="utf-8")

@@ -1,0 +1,81 @@
+"""A folder of simulated recordings: what the sensor reports, one csv for each recording, and their manifest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from omegaconf import OmegaConf
+
+from phnn.demo.actuator import Array
+from phnn.demo.excitation import Excitation
+from phnn.errors import InputRefused
+
+MANIFEST = "recordings.yaml"
+_ZERO = 5e-6  # m, largest displacement zero of a recording
+
+
+def refuse_strangers(folder: Path, plan: Sequence[Excitation]) -> None:
+    """A second run may replace what the first one wrote; any other file would end up among the recordings.
+
+    Raises:
+        InputRefused: the folder is a file, or holds files of others.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputRefused(f"{folder}: is a file; name a folder")
+    own = {MANIFEST, *(f"{excitation.name}.csv" for excitation in plan)}
+    strangers = sorted(path.name for path in folder.iterdir() if path.name not in own) if folder.exists() else []
+    if strangers:
+        raise InputRefused(f"{folder}: holds {strangers[0]}, which the demonstration did not write; name a new folder")
+
+
+def measured(q: Array, noise: float, quantisation: float, rng: np.random.Generator) -> Array:
+    """What the sensor reports: its zero, noise, and least step."""
+    y = q + rng.uniform(-_ZERO, _ZERO) + noise * rng.standard_normal(q.size)
+    rounded: Array = np.round(y / quantisation) * quantisation
+    return rounded
+
+
+def write_recording(path: Path, excitation: Excitation, y: Array) -> None:
+    """One csv with times, voltages and the displacements ``y``, (samples,), m."""
+    t = excitation.t
+    table = {
+        "time_s": t,
+        "voltage_V": excitation.voltage(t),
+        # The least step is a whole number of nanometres: more decimals would only be rounding errors.
+        "displacement_um": np.round(y * 1e6, 3),
+    }
+    pd.DataFrame(table).to_csv(path, index=False)
+
+
+def write_manifest(
+    path: Path, mass: float, plan: Sequence[Excitation], uses: Mapping[str, str] | None = None, spread: float = 0.01
+) -> None:
+    """What a person would say of the recordings: their starts, and the weighed mass.
+
+    Args:
+        mass: of the actuator, kg.
+        uses: by recording name, "identification" or "confirmation"; nothing is said where it is left out.
+        spread: standard deviation of the weighing over the mass.
+    """
+    recordings = []
+    for excitation in plan:
+        entry: dict[str, object] = {
+            "file": f"{excitation.name}.csv",
+            "name": excitation.name,
+            "start": {"state": "rest", "input_before": 0.0},
+        }
+        if excitation.held:
+            entry["input"] = "zero_order"
+        if uses is not None:
+            entry["use"] = uses[excitation.name]
+        recordings.append(entry)
+    manifest = {
+        "setup": {"model": "piezo_actuator", "hysterons": 2},
+        "known": {"m": {"value": mass, "std": float(f"{spread * mass:.3g}")}},
+        "voltage": "command",
+        "recordings": recordings,
+    }
+    path.write_text(OmegaConf.to_yaml(OmegaConf.create(manifest)), encoding="utf-8")
