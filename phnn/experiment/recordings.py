@@ -50,11 +50,11 @@ class Conditions:
             raise InputRefused(f"effect: nothing is called {self.effect!r}: take none or one of {', '.join(EFFECTS)}")
         for name in ("residual_um", "noise_um"):
             value = getattr(self, name)
-            if not 0.0 < value < math.inf:
+            if not isinstance(value, float | int) or not 0.0 < value < math.inf:
                 raise InputRefused(f"{name} = {value}: give a positive number of micrometres")
         for name, least in (("step_nm", 1), ("seed", 0)):
             value = getattr(self, name)
-            if value != int(value) or value < least:
+            if not isinstance(value, int) or value < least:
                 raise InputRefused(f"{name} = {value}: give a whole number, {least} or more")
 
 

@@ -1,0 +1,86 @@
+"""One experiment from recordings to tables and figures."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from phnn.experiment.document import cells, document, heads, markdown, table_csv
+from phnn.experiment.figures import draw_all
+from phnn.experiment.recordings import Conditions, Made, write_recordings
+from phnn.experiment.table import REFITTED, Comparison, compare
+from phnn.identify.base import Options, Progress, quiet
+from phnn.models.store import save
+from phnn.recordings import Campaign, read
+from phnn.report.files import write_atomic
+from phnn.report.result import finite
+
+
+def run_paper(out: Path, conditions: Conditions, options: Options, progress: Progress = quiet) -> Comparison:
+    """Make the paper's recordings in ``out/recordings`` and run the experiment on them.
+
+    Raises:
+        InputRefused: settings, or a folder that holds files of others.
+        SolverFailed: the second effect cannot be made as strong as asked.
+    """
+    began = time.monotonic()
+    folder = out / "recordings"
+    progress("make recordings")
+    made = write_recordings(folder, conditions)
+    return _run(read(folder), out, made, options, True, began, progress)
+
+
+def run_folder(
+    folder: Path, manifest: Path | None, out: Path, options: Options, published: bool, progress: Progress = quiet
+) -> Comparison:
+    """The experiment on a folder of recordings.
+
+    Args:
+        published: score the published parameters too; they are those of the paper's own actuator.
+
+    Raises:
+        InputRefused: the recordings cannot be used.
+    """
+    began = time.monotonic()
+    return _run(read(folder, manifest), out, None, options, published, began, progress)
+
+
+def _run(
+    campaign: Campaign,
+    out: Path,
+    made: Made | None,
+    options: Options,
+    published: bool,
+    began: float,
+    progress: Progress,
+) -> Comparison:
+    comparison = compare(campaign, options, published, progress)
+    rows = comparison.rows()
+    progress("draw")
+    drawings = draw_all(comparison)
+    for drawing in drawings:
+        write_atomic(out / "figures" / drawing.file, drawing.png)
+    for model in REFITTED:
+        fitted = comparison.models[model].fit
+        save(fitted.setup, out / model, max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
+    write_atomic(out / "table3.csv", table_csv(rows).encode())
+    content = document(comparison, made, campaign.folder, options.seed, time.monotonic() - began)
+    text = json.dumps(finite(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    write_atomic(out / "experiment.json", text.encode())
+    write_atomic(out / "experiment.md", markdown(comparison, made, campaign.folder, drawings).encode())
+    return comparison
+
+
+def show(comparison: Comparison, console: Console) -> None:
+    """Print Table 3 beside the paper's own figures."""
+    rows = comparison.rows()
+    head = heads(rows)
+    table = Table(*head, title="Table 3: fit % (root mean square error in µm)")
+    for row in rows:
+        table.add_row(*(escape(cell) for cell in cells(row, len(head))))
+    console.print(table)
