@@ -51,8 +51,19 @@ def compose(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
         raise InputRefused(f"settings {' '.join(overrides)} cannot be read ({reason}): write key=value") from error
     if not isinstance(settings, dict):
         raise InputRefused(f"{folder / command}.yaml must hold key: value lines")
-    named = {str(key): value for key, value in settings.items()}
-    return {key: _checked(key, value, defaults[key]) for key, value in named.items()}
+    return checked(command, {str(key): value for key, value in settings.items()})
+
+
+def checked(command: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings that were composed elsewhere, held against the defaults of a command.
+
+    Raises:
+        InputRefused: a value of the wrong kind or out of range.
+    """
+    from omegaconf import OmegaConf
+
+    defaults = dict(OmegaConf.load(config_folder() / f"{command}.yaml"))
+    return {key: _checked(key, value, defaults[key]) for key, value in settings.items()}
 
 
 def _check_key(command: str, override: str, defaults: Mapping[str, Any]) -> None:

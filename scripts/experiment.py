@@ -12,7 +12,7 @@ import hydra
 from omegaconf import DictConfig
 from rich.console import Console
 
-from phnn.configuration import compose
+from phnn.configuration import checked
 from phnn.errors import PhnnError
 from phnn.experiment.recordings import Conditions
 from phnn.experiment.run import run_folder, run_paper, show
@@ -22,14 +22,15 @@ from phnn.identify.base import Options, quiet
 def run(config: DictConfig) -> None:
     """Run one experiment from a composed configuration."""
     progress = (lambda message: print(message, file=sys.stderr, flush=True)) if sys.stderr.isatty() else quiet
-    options = Options.from_config(compose("compare", [f"{key}={value}" for key, value in config.fit.items()]))
+    options = Options.from_config(checked("compare", config.fit))
     out = Path(config.out)
     if config.folder is None:
         comparison = run_paper(out, Conditions(**config.recordings), options, progress)
     else:
         manifest = Path(config.manifest) if config.manifest else None
         comparison = run_folder(Path(config.folder), manifest, out, options, bool(config.published), progress)
-    show(comparison, Console())
+    # A pipe has no width: the whole table fits there.
+    show(comparison, Console() if sys.stdout.isatty() else Console(width=160))
     print(f"results: {out / 'experiment.md'}")
 
 

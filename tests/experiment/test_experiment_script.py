@@ -1,0 +1,66 @@
+"""The command line of the experiment, and every file of configs/experiment."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import campaigns
+import hydra
+import pytest
+
+from phnn.configuration import config_folder
+from phnn.experiment.recordings import Conditions
+from phnn.identify.base import Options
+
+ROOT = Path(__file__).resolve().parents[2]
+FILES = sorted(p.stem for p in (config_folder() / "experiment").glob("*.yaml"))
+
+
+def script(*overrides: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(ROOT / "scripts" / "experiment.py"), *overrides]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_experiment_composes(name: str) -> None:
+    with hydra.initialize_config_dir(str(config_folder()), version_base=None):
+        config = hydra.compose(f"experiment/{name}", ["folder=recordings", "out=out"])
+    assert config.folder == "recordings"
+    groups = [g for g in config.values() if "starts" in g] if name == "folder" else [config.fit]
+    assert groups
+    for group in groups:
+        assert Options.from_config(group).starts >= 1
+    if name == "paper":
+        assert Conditions(**config.recordings).effect == "creep"
+
+
+def test_bad_input_is_refused_in_one_line(tmp_path: Path) -> None:
+    for overrides, needle in (
+        (["recordings.effect=gravity"], "gravity"),
+        (["fit.starts=0"], "starts"),
+        ([f"folder={tmp_path / 'nowhere'}"], "nowhere"),
+    ):
+        done = script(f"out={tmp_path / 'out'}", *overrides)
+        assert done.returncode == 2, done.stderr
+        assert needle in done.stderr
+        assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("own", [False, True])
+def test_one_command_line(own: bool, tmp_path: Path) -> None:
+    folder = [f"folder={campaigns.concealed()[0]}", "fit.starts=1", "published=false"] if own else []
+    done = script(f"out={tmp_path}", *folder)
+    assert done.returncode == 0, done.stderr
+    assert "Table 3" in done.stdout
+    content = json.loads((tmp_path / "experiment.json").read_text())
+    assert len(content["table"]) == (4 if own else 9)
+    models = {"phs", "bouc_wen"} | (set() if own else {"phs_published", "bouc_wen_published"})
+    assert all(set(row["models"]) == models for row in content["table"].values())
+    written = {p.name for p in tmp_path.iterdir()}
+    files = {"experiment.json", "experiment.md", "table3.csv", "figures", "phs", "bouc_wen"}
+    assert written == files | (set() if own else {"recordings"})
+    assert len(list((tmp_path / "figures").glob("fig1*.png"))) == (4 if own else 6)
