@@ -14,7 +14,7 @@ from phnn.simulate import simulate
 Array = NDArray[np.float64]
 
 _CORNERS = np.array([0.0, 1.0, -0.4, 0.6, -1.0, 0.0])  # voltage over its peak, reached one after the other
-_SAMPLES = 4000
+_SAMPLES = 6000  # a whole number for each of five lines, and for each of three periods
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def loop(setup: Setup, peak: float, frequency: float) -> Passage:
     """The last of three periods of a sine from rest."""
     t = np.linspace(0.0, 3.0, _SAMPLES + 1)
     found = _passage(setup, 1.0 / frequency, t, peak * np.sin(2.0 * np.pi * t), "cubic")
-    last = t >= 2.0
+    last = slice(2 * _SAMPLES // 3, None)
     return Passage(found.duration, t[last] - 2.0, found.u[last], found.y[last])
 
 

@@ -29,8 +29,8 @@ def test_a_loop_is_the_last_period_of_an_independent_simulation(frequency: float
 def test_the_same_extreme_values_at_another_rate_give_another_displacement() -> None:
     slow, fast = (ramps(PAPER, 75.0, duration) for duration in (1.0, 0.03))
     np.testing.assert_array_equal(slow.u, fast.u)
-    corners = slice(0, None, 800)
-    assert np.abs(slow.u[corners]).max() == 75.0
+    corners = slice(0, None, 1200)
+    assert np.abs(slow.u[corners]).max() == pytest.approx(75.0)
     # Extremes and what lies between them differ by far more than a percent of the range.
     size = float(np.ptp(slow.y))
     assert abs(slow.y.max() - fast.y.max()) > 0.01 * size

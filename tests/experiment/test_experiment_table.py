@@ -17,6 +17,7 @@ from phnn.experiment.published import TABLE_3
 from phnn.experiment.table import Comparison, Scored
 from phnn.identify.fit import Fit, fit
 from phnn.models.bouc_wen import bouc_wen
+from phnn.report.figures import Drawing
 from phnn.report.result import finite
 
 
@@ -30,6 +31,12 @@ def comparison() -> Comparison:
     base = campaigns.base()
     rival = fit(bouc_wen(), base.plan, (), max_evaluations=1)
     return Comparison(campaigns.campaign(), {"phs": scored(base), "bouc_wen": scored(rival)}, 0.5)
+
+
+@cache
+def drawings() -> list[Drawing]:
+    """Drawn once: it takes a while."""
+    return draw_all(comparison())
 
 
 def test_fit_percentage_is_that_of_matlab() -> None:
@@ -75,7 +82,7 @@ def test_text_has_a_cell_for_every_column() -> None:
         line = cells(row, len(head))
         assert len(line) == len(head)
         assert f"{row.scores['phs'].fit_percent:.2f}" in line[2]
-    text = markdown(comparison(), None, "mine", draw_all(comparison()))
+    text = markdown(comparison(), None, "mine", drawings())
     assert all(f"| {row.name} |" in text for row in rows)
     tables = [line for line in text.splitlines() if line.startswith("| ") and "---" not in line]
     assert {line.count("|") for line in tables} == {len(head) + 1, 5}
@@ -99,8 +106,6 @@ def test_figures_are_those_of_the_paper() -> None:
     for response in found:
         assert np.isfinite(response.outputs["phs"]).all()
         assert 0 <= response.shown.start < response.shown.stop <= response.recording.t.size
-    drawings = draw_all(comparison())
     names = ["fig10-responses", "fig11-errors", "fig12-hysteresis", "fig15-rate"]
-    assert [d.file for d in drawings] == [f"{n}.png" for n in names]
-    assert all(d.png.startswith(b"\x89PNG") and len(d.png) > 10_000 for d in drawings)
-    assert [d.png for d in draw_all(comparison())] == [d.png for d in drawings]
+    assert [d.file for d in drawings()] == [f"{n}.png" for n in names]
+    assert all(d.png.startswith(b"\x89PNG") and len(d.png) > 10_000 for d in drawings())
