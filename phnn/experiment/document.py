@@ -126,7 +126,7 @@ def markdown(comparison: Comparison, made: Made | None, folder: str, drawings: S
     for model, values in parameters(comparison).items():
         lines += [f"## Parameters: {HEADS[model]}", ""]
         body = [
-            [n, f"{with_error(v['value'], v['std'])} {v['unit']}", number(v["published"], 5), v["held"] or ""]
+            [n, f"{_value(v['value'], v['std'])} {v['unit']}", number(v["published"], 5), v["held"] or ""]
             for n, v in values.items()
         ]
         lines += [*_table(["parameter", "refitted", "published", "note"], body), ""]
@@ -134,6 +134,10 @@ def markdown(comparison: Comparison, made: Made | None, folder: str, drawings: S
     for drawing in drawings:
         lines += [f"![{drawing.alt}](figures/{drawing.file})", ""]
     return "\n".join(lines)
+
+
+def _value(value: float, std: float | None) -> str:
+    return number(value, 5) if std is None else with_error(value, std)
 
 
 def _table(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:

@@ -46,8 +46,10 @@ def test_table_1_is_recovered(seed: int, tmp_path: Path) -> None:
     # Any wrong value would pass if the bound were wide: it is known within a factor, no better than to a fifth.
     assert 0.2 < bound < 1.0
     assert error.sigma <= 1.0
-    held_out = [p for p in score_on_all(fitted, campaign).parts if p.use == "confirmation"]
+    scores = score_on_all(fitted, campaign)
+    held_out = [p for p in scores.parts if p.use == "confirmation"]
     assert len(held_out) == 5
+    assert scores.over_noise("confirmation") <= 1.05
+    # The floor of a single recording is an estimate, good to some percent; what was added is known.
     for part in held_out:
-        assert part.residual_over_noise <= 1.05, part.name
         assert part.rmse <= 1.05 * NOISE, part.name

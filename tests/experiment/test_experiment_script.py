@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -19,8 +20,11 @@ ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted(p.stem for p in (config_folder() / "experiment").glob("*.yaml"))
 
 
+SCRIPT = ROOT / "scripts" / "experiment.py"
+
+
 def script(*overrides: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(ROOT / "scripts" / "experiment.py"), *overrides]
+    command = [sys.executable, str(SCRIPT), *overrides]
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
 
 
@@ -29,24 +33,31 @@ def test_every_experiment_composes(name: str) -> None:
     with hydra.initialize_config_dir(str(config_folder()), version_base=None):
         config = hydra.compose(f"experiment/{name}", ["folder=recordings", "out=out"])
     assert config.folder == "recordings"
-    groups = [g for g in config.values() if "starts" in g] if name == "folder" else [config.fit]
-    assert groups
-    for group in groups:
+    for group in (config.fit,) if name == "paper" else (config.compare, config.diagnose):
         assert Options.from_config(group).starts >= 1
     if name == "paper":
         assert Conditions(**config.recordings).effect == "creep"
 
 
-def test_bad_input_is_refused_in_one_line(tmp_path: Path) -> None:
-    for overrides, needle in (
-        (["recordings.effect=gravity"], "gravity"),
-        (["fit.starts=0"], "starts"),
-        ([f"folder={tmp_path / 'nowhere'}"], "nowhere"),
-    ):
-        done = script(f"out={tmp_path / 'out'}", *overrides)
-        assert done.returncode == 2, done.stderr
-        assert needle in done.stderr
-        assert done.stderr.count("\n") == 1
+@pytest.mark.parametrize(
+    ("override", "needle"),
+    [
+        ("recordings.effect=gravity", "gravity"),
+        ("recordings.noise_um=much", "noise_um"),
+        ("fit.starts=0", "starts"),
+        ("folder=nowhere", "nowhere"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(
+    override: str, needle: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", [str(SCRIPT), f"out={tmp_path / 'out'}", override])
+    with pytest.raises(SystemExit) as stop:
+        runpy.run_path(str(SCRIPT), run_name="__main__")
+    assert stop.value.code == 2
+    error = capsys.readouterr().err
+    assert needle in error
+    assert error.count("\n") == 1
 
 
 @pytest.mark.slow
