@@ -7,7 +7,7 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-BENCHMARKS = ("startup", "forward", "gradient", "identify", "growth")
+BENCHMARKS = ("startup", "forward", "gradient", "identify", "growth", "leaves")
 PEERS = ("diffrax", "optimistix")
 
 

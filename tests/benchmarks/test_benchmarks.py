@@ -22,6 +22,7 @@ ladder = importlib.import_module("benchmarks.ladder")
 table = importlib.import_module("benchmarks.table")
 growth = importlib.import_module("benchmarks.growth")
 document = importlib.import_module("benchmarks.document")
+leaves = importlib.import_module("benchmarks.leaves")
 peers_scipy = importlib.import_module("benchmarks.peers_scipy")
 peers_torch = importlib.import_module("benchmarks.peers_torch")
 # The benchmarks limit the threads of their own process; other tests keep theirs.
@@ -260,3 +261,28 @@ def test_growth_has_the_gradient_of_all_parameters() -> None:
     assert np.count_nonzero(derivatives) == 10
     assert derivatives == pytest.approx(2.0 * growth.gradient_solve(network, 50)())
     assert growth.forward_solve(network, 50, recordings=2)().shape == (2, 50)
+
+
+def test_rules_for_a_leaf_are_compared_on_the_same_steps() -> None:
+    exact, quick = (leaves.Run(line, 1, RISE) for line in (leaves.RULES[0], leaves.QUICK))
+    midpoint = leaves.Run(leaves.RULES[2], 1, RISE)
+    for run in (exact, quick, midpoint):
+        run.march()
+    np.testing.assert_allclose(exact.march(), quick.march(), rtol=1e-9, atol=1e-15)
+    apart = np.abs(midpoint.march() - exact.march()).max()
+    assert 0.0 < apart < 1e-2 * np.abs(exact.march()).max()
+    # Two rules that know nothing of each other lose the same energy.
+    assert leaves.dissipated(midpoint.trajectories[0]) == pytest.approx(
+        leaves.dissipated(exact.trajectories[0]), rel=1e-2
+    )
+    assert leaves.dissipated(exact.trajectories[0]) > 0.0
+
+
+def test_error_of_a_column_is_relative_to_its_peak() -> None:
+    truth = np.array([[[1.0, 10.0], [2.0, -20.0]], [[0.5, 1.0], [0.25, 1.0]]])
+    off = truth.copy()
+    off[1, 0, 0] += 0.1
+    assert leaves.worst_error(off, truth) == pytest.approx(0.1 / 0.5)
+    assert leaves.worst_error(off, truth, pooled=True) == pytest.approx(0.1 / 2.0)
+    off[0, 0, 0] = np.nan
+    assert leaves.worst_error(off, truth) == np.inf
