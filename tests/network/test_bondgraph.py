@@ -1,0 +1,309 @@
+"""Networks from bond graphs: the paper's actuator, random linear graphs, merged storages, refusals."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from bondgraphs import network_response, random_graph, response
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from phnn.errors import StructureViolated
+from phnn.laws.neural import EnergyMLP
+from phnn.models.actuator import TABLE_1, hrc
+from phnn.models.variants import hrc_graph
+from phnn.network import PortHamiltonianSystem
+from phnn.network.bondgraph import TF, Bond, BondGraph, C, I, R, Se, Sf
+from phnn.network.bondgraph.description import Element, Link
+from phnn.parameters import as_table, constant, positive
+
+seeds = st.integers(0, 2**31 - 1)
+K, M, B = positive("k", 8.0, "N/m"), positive("m", 2.0, "kg"), positive("b", 0.5, "N s/m")
+
+
+def graph(
+    junctions: dict[str, int],
+    elements: list[Element],
+    bonds: list[Link] | None = None,
+    output: str = "q",
+    **other: object,
+) -> BondGraph:
+    """A graph whose parameters are all 0.7, those given in ``other`` excepted."""
+    names = {n for e in elements for n in e.parameters}
+    names |= {b.ratio for b in bonds or [] if not isinstance(b, Bond) and isinstance(b.ratio, str)}
+    table = as_table(positive(n, float(other.get(n, 0.7)), "1") for n in sorted(names))  # type: ignore[arg-type]
+    return BondGraph(junctions, tuple(elements), tuple(bonds or []), table, output, bool(other.get("merge", True)))
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 5), st.floats(1e-8, 1e-3), seeds)
+def test_the_actuator_of_figure_5_is_that_of_proposition_1(hysterons: int, capacitance: float, seed: int) -> None:
+    derived = hrc_graph(hysterons, capacitance).derive()
+    total = TABLE_1["k"] + TABLE_1["alpha"] ** 2 / capacitance
+    wanted, found = PortHamiltonianSystem(hrc(hysterons, {"k": total})), PortHamiltonianSystem(derived.network)
+    assert found.state_names == wanted.state_names
+    random = np.random.default_rng(seed)
+    x = torch.from_numpy(random.normal(size=(5, hysterons + 2)) * 10.0 ** random.uniform(-9, 0, (5, 1)))
+    assert torch.equal(found.structure(x), wanted.structure(x))
+    assert torch.equal(found.incidences(x)[1], wanted.incidences(x)[1])
+    torch.testing.assert_close(found.dissipation(x), wanted.dissipation(x), rtol=1e-15, atol=0.0)
+    torch.testing.assert_close(found.energy(x), wanted.energy(x), rtol=1e-14, atol=0.0)
+    (merge,) = derived.merges
+    assert (merge.kept, merge.gone, merge.ratio, merge.parameter) == ("q", "Q_C", "alpha", "k")
+    assert "k stands for k + alpha^2/C" in merge.statement
+    assert "C" not in derived.network.parameters
+
+
+@settings(max_examples=150, deadline=None)
+@given(seeds)
+def test_random_linear_graphs_respond_as_their_elements_do(seed: int) -> None:
+    drawn = random_graph(seed)
+    try:
+        network = replace(drawn, merge=False).network()
+    except StructureViolated:
+        assume(False)
+    merged = drawn.derive()
+    # The state of a storage that took up one with derivative causality is the total: there only answers are compared.
+    own = not any(m.kept == drawn.output and m.statement.count("e(") for m in merged.merges)
+    for s in (0.7 + 0.3j, 2.0j + 0.1):
+        state, answer = response(drawn, s)
+        for each in (network, merged.network):
+            found = network_response(each, s)
+            np.testing.assert_allclose(found[1], answer, rtol=1e-9, atol=1e-12)
+            if own:
+                np.testing.assert_allclose(found[0], state, rtol=1e-9, atol=1e-12)
+
+
+@settings(max_examples=100, deadline=None)
+@given(seeds)
+def test_refusals_are_refusals(seed: int) -> None:
+    try:
+        network = random_graph(seed).network()
+    except StructureViolated as error:
+        # The cause, a colon, the remedy.
+        assert ": " in str(error)
+    else:
+        assert torch.isfinite(
+            PortHamiltonianSystem(network).structure(torch.ones(len(network.storages))).detach()
+        ).all()
+
+
+def test_masses_on_one_shaft_become_one() -> None:
+    two = graph(
+        {"a": 1, "b": 1},
+        [
+            C("q", "a", "spring", ("k",)),
+            I("p", "a", "capacitor", ("m_1",)),
+            I("p_2", "b", "capacitor", ("m_2",)),
+            Se("force", "b"),
+        ],
+        [TF("a", "b", "r")],
+        k=3.0,
+        m_1=2.0,
+        m_2=5.0,
+        r=0.4,
+    )
+    derived = two.derive()
+    assert derived.network.state_names == ("q", "p")
+    assert derived.network.parameters["m_1"].value == pytest.approx(2.0 + 0.4**2 * 5.0, rel=1e-15)
+    assert "m_1 stands for m_1 + r^2*m_2" in derived.merges[0].statement
+    for s in (1j, 0.5 + 2j):
+        np.testing.assert_allclose(network_response(derived.network, s)[1], response(two, s)[1], rtol=1e-12)
+
+
+def test_a_parameter_that_others_use_keeps_its_meaning() -> None:
+    springs: list[Element] = [C(n, "a", "spring", ("k",)) for n in ("q", "q_2", "q_3")]
+    network = graph({"a": 1}, [*springs, I("p", "a", "capacitor", ("m",)), Se("force", "a")], k=2.0, m=1.0).network()
+    assert network.storages[0].parameters == ("k_q",)
+    assert network.parameters["k_q"].value == 6.0
+    assert "k" not in network.parameters
+
+
+def test_storages_kept_apart_move_like_merged_ones() -> None:
+    apart, one = (replace(hrc_graph(1, 1e-6), merge=m).network() for m in (False, True))
+    assert apart.state_names == ("Q_1", "Q_C", "q", "p")
+    systems = [PortHamiltonianSystem(n) for n in (apart, one)]
+    alpha = TABLE_1["alpha"]
+    x = torch.tensor([[3e-6, alpha * 2e-4, 2e-4, 1e-3]], dtype=torch.float64)
+    u = torch.tensor([[50.0, 0.3]], dtype=torch.float64)
+    long, short = systems[0].vector_field(x, u)[0], systems[1].vector_field(x[:, [0, 2, 3]], u)[0]
+    torch.testing.assert_close(long[[0, 2, 3]], short, rtol=1e-13, atol=0.0)
+    torch.testing.assert_close(systems[0].energy(x), systems[1].energy(x[:, [0, 2, 3]]), rtol=1e-13, atol=0.0)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seeds, st.floats(-2.0, 2.0).filter(lambda r: abs(r) > 0.1))
+def test_nonlinear_energies_are_added(seed: int, ratio: float) -> None:
+    learned = EnergyMLP(1.0, 1.5, 3)
+    elements: list[Element] = [
+        C("q", "a", "cubic_spring", ("k", "kappa", "q0")),
+        C("z", "b", learned),
+        I("p", "a", "capacitor", ("m",)),
+        Se("force", "a", "N"),
+    ]
+    drawn = graph({"a": 1, "b": 1}, elements, [TF("a", "b", ratio)])
+    derived, apart = drawn.derive(), PortHamiltonianSystem(replace(drawn, merge=False).network())
+    assert derived.network.state_names == ("q", "p")
+    system = PortHamiltonianSystem(derived.network)
+    x = torch.from_numpy(np.random.default_rng(seed).normal(size=(6, 2)))
+    long = torch.stack([x[:, 0], ratio * x[:, 0], x[:, 1]], -1)
+    u = torch.ones(6, 1, dtype=torch.float64)
+    torch.testing.assert_close(system.energy(x), apart.energy(long), rtol=1e-12, atol=1e-14)
+    torch.testing.assert_close(
+        system.vector_field(x, u), apart.vector_field(long, u)[:, [0, 2]], rtol=1e-10, atol=1e-12
+    )
+    nearby = x + 1e-3
+    change = system.energies(nearby) - system.energies(x)
+    torch.testing.assert_close(system.mean_efforts(x, nearby) * (nearby - x), change, rtol=1e-9, atol=1e-12)
+    with pytest.raises(StructureViolated, match="make r fixed, or set merge to false"):
+        graph({"a": 1, "b": 1}, elements, [TF("a", "b", "r")]).network()
+
+
+def test_linear_resistors_turn_and_others_do_not() -> None:
+    def damped(law: str, parameters: tuple[str, ...], direction: str) -> BondGraph:
+        return graph(
+            {"a": 1},
+            [C("q", "a", "spring", ("k",)), I("p", "a", "capacitor", ("m",)), R("r", "a", law, parameters, direction)],
+        )
+
+    derived = damped("linear", ("g",), "conductance").derive()
+    assert derived.inverted == ("r",)
+    x = torch.tensor([0.0, 2.0], dtype=torch.float64)
+    flow = PortHamiltonianSystem(derived.network).resistor_flows(x)
+    # The force of a conductance 0.7 at the velocity 2/0.7.
+    torch.testing.assert_close(flow, torch.tensor([2.0 / 0.7 / 0.7], dtype=torch.float64))
+    assert derived.network.parameters["one"].fixed
+    assert damped("linear", ("b",), "resistance").derive().inverted == ()
+    assert damped("dead_zone", ("rho", "d"), "resistance").network().resistors[0].on == {"p": 1.0}
+    with pytest.raises(StructureViolated, match=r"r has the law f = φ\(e\), but its flow is imposed by p.*resistance"):
+        damped("dead_zone", ("rho", "d"), "conductance").network()
+
+
+SPRING, MASS = C("q", "a", "spring", ("k",)), I("p", "a", "capacitor", ("m",))
+REFUSED: dict[str, tuple[dict[str, int], list[Element], list[Link], str]] = {
+    "source fixes effort": (
+        {"a": 0}, [C("q", "a", "spring", ("k",)), Se("V", "a")], [],
+        "the source V fixes the effort of the storage q: put a small storage of the other kind",
+    ),
+    "source fixes flow": (
+        {"a": 1}, [SPRING, MASS, Sf("v", "a")], [], "the source v fixes the flow of the storage p",
+    ),
+    "two sources": (
+        {"a": 0}, [I("q", "a", "capacitor", ("m",)), Se("V", "a"), Se("W", "a")], [],
+        "the sources V, W contradict each other: ",
+    ),
+    "sources through a transformer": (
+        {"a": 0, "b": 0}, [I("q", "a", "capacitor", ("m",)), Se("V", "a"), Se("W", "b")], [TF("a", "b", "r")],
+        "the sources V, W contradict each other",
+    ),
+    "effort feeds flow": (
+        {"a": 1, "b": 1}, [SPRING, MASS, Se("V", "b"), Sf("i", "b")], [], "the sources V, i feed each other",
+    ),
+    "driven resistor": (
+        {"a": 1}, [C("q", "a", "capacitor", ("C",)), R("r", "a", "dead_zone", ("rho", "d")), Se("V", "a")], [],
+        "the source V drives the resistor r directly",
+    ),
+    "series resistors": (
+        {"a": 1, "b": 0}, [C("q", "b", "capacitor", ("C",)), R("r_1", "a", "linear", ("g",)),
+                           R("r_2", "a", "linear", ("h",))], [Bond("b", "a")],
+        "algebraic loop among the resistors r_1, r_2: combine them in one law, or put a small storage",
+    ),
+    "one resistor of the loop cannot turn": (
+        {"a": 1, "b": 0}, [C("q", "b", "capacitor", ("C",)), R("r_1", "a", "dead_zone", ("g", "d")),
+                           R("r_2", "a", "linear", ("h",))], [Bond("b", "a")],
+        "algebraic loop among the resistors r_1, r_2",
+    ),
+    "nonlinear derivative causality": (
+        {"a": 0}, [C("q", "a", "spring", ("k",)), C("z", "a", "cubic_spring", ("k", "c", "s"))], [],
+        "fix each other's effort, and the law of z is not linear: put a resistor",
+    ),
+    "three velocities": (
+        {"a": 1, "b": 1, "c": 1, "n": 0},
+        [I("q", "a", "capacitor", ("m",)), I("y", "b", "capacitor", ("m",)), I("z", "c", "capacitor", ("m",))],
+        [Bond("a", "n"), Bond("b", "n"), Bond("n", "c")], "together fix the flow of the storage q",
+    ),
+    "nothing acts on the resistor": (
+        {"a": 1, "b": 1}, [SPRING, MASS, R("r", "b", "dead_zone", ("g", "d"), "resistance")], [],
+        "no storage acts on the resistor r",
+    ),
+    "transformers in parallel": (
+        {"a": 0, "b": 0}, [C("q", "a", "spring", ("k",))], [TF("a", "b", 1.0), TF("a", "b", 2.0)],
+        "the junctions fix at zero the effort of the storage q: put a resistor",
+    ),
+    "product of ratios": (
+        {"a": 1, "b": 1, "c": 0}, [MASS, C("q", "c", "capacitor", ("C",))], [TF("a", "b", "r"), TF("b", "c", "s")],
+        r"the ratio -?r\*s arises between the storages p and q: introduce a parameter",
+    ),
+    "inverse of a ratio": (
+        {"a": 1, "c": 0}, [MASS, C("q", "c", "capacitor", ("C",))], [TF("c", "a", "r")],
+        "the ratio -?1/r arises between the storages p and q: introduce a parameter",
+    ),
+    "minus at a source": (
+        {"a": 1, "b": 1}, [SPRING, MASS, Se("V", "b", "V", -1)], [TF("a", "b", "r")],
+        "the ratio -r arises at the source V, where a minus has no place: turn its sign",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_conflicts_are_refused_with_names_and_remedy(case: str) -> None:
+    junctions, elements, bonds, message = REFUSED[case]
+    with pytest.raises(StructureViolated, match=message):
+        graph(junctions, elements, bonds).network()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"junctions": {"mass": 2}}, "junction mass is 2: write 0"),
+        ({"elements": (SPRING,)}, "q hangs on the junction 'a', which is not defined; there are mass"),
+        ({"output": "z"}, "the output is the storage 'z'"),
+        ({"parameters": as_table([K, M])}, "uses the parameter 'b'"),
+        ({"parameters": as_table([K, M, B, constant("c", 1.0, "1")])}, "nothing uses the parameter c"),
+        ({"bonds": (Bond("mass", "mass"),)}, "joins mass with itself"),
+        ({"bonds": (TF("mass", "wall", 0.0),)}, "'wall', which is not defined"),
+    ],
+    ids=str,
+)
+def test_a_description_that_refers_to_nothing_is_refused(change: dict[str, object], message: str) -> None:
+    good = BondGraph(
+        {"mass": 1},
+        (
+            C("q", "mass", "spring", ("k",), "m"),
+            I("p", "mass", "capacitor", ("m",), "kg m/s"),
+            R("damper", "mass", "linear", ("b",), "resistance"),
+            Se("force", "mass", "N"),
+        ),
+        parameters=as_table([K, M, B]),
+    )
+    assert good.network().state_names == ("q", "p")
+    with pytest.raises(StructureViolated, match=message):
+        replace(good, **change)  # type: ignore[arg-type]
+
+
+def test_small_mistakes_are_refused() -> None:
+    for element, message in (
+        (R("r", "a", "linear", ("b",), "forward"), "r has the direction 'forward': write conductance"),
+        (Se("V", "a", "V", 0), "the source V has the sign 0: write 1 or -1"),
+        (C("p", "a", "spring", ("k",)), "two elements are called p"),
+        (R("r", "a", "linear", ("b",), reads="z"), "r reads the storage 'z'"),
+    ):
+        with pytest.raises(StructureViolated, match=message):
+            graph({"a": 1}, [SPRING, MASS, element])
+    with pytest.raises(StructureViolated, match="has ratio 0"):
+        graph({"a": 1, "b": 1}, [SPRING, MASS], [TF("a", "b", 0.0)])
+
+
+def test_describing_a_graph_loads_neither_sympy_nor_torch() -> None:
+    code = "import sys, phnn.network.bondgraph; print({'sympy', 'torch'} & set(sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"
+
+
+def test_a_ratio_below_the_diagonal_keeps_its_sign() -> None:
+    reversed_order = graph({"a": 1}, [MASS, SPRING, Se("force", "a")]).network()
+    assert PortHamiltonianSystem(reversed_order).structure(torch.zeros(2)).tolist() == [[0.0, -1.0], [1.0, 0.0]]
