@@ -67,7 +67,7 @@ def response(graph: BondGraph, s: complex) -> tuple[complex, complex]:
     ends: dict[str, list[tuple[int, int, int]]] = {j: [] for j in graph.junctions}
     for element in graph.elements:
         e, f = at("e " + element.name), at("f " + element.name)
-        ends[element.on].append((e, f, 1 if isinstance(element, Se | Sf) else -1))
+        ends[element.junction].append((e, f, 1 if isinstance(element, Se | Sf) else -1))
         if isinstance(element, Se | Sf):
             rows.append(({e if isinstance(element, Se) else f: 1.0}, element.sign))
         elif isinstance(element, R):

@@ -30,14 +30,14 @@ class C:
 
     Attributes:
         name: of its energy variable.
-        on: the junction that it hangs on.
+        junction: the one that it hangs on.
         law: name of a storage law in `phnn.laws`, or a torch module with ``energy(x)``.
         parameters: names of the law's parameters, in the law's order.
         unit: of the energy variable.
     """
 
     name: str
-    on: str
+    junction: str
     law: Any = "capacitor"
     parameters: tuple[str, ...] = ()
     unit: str = "1"
@@ -48,7 +48,7 @@ class I:  # noqa: E742 - the letter of every bond graph
     """A store of momentum: of a mass, flux linkage of a coil; ``capacitor`` is the law ``H = p²/(2m)``."""
 
     name: str
-    on: str
+    junction: str
     law: Any = "capacitor"
     parameters: tuple[str, ...] = ()
     unit: str = "1"
@@ -65,7 +65,7 @@ class R:
     """
 
     name: str
-    on: str
+    junction: str
     law: Any = "linear"
     parameters: tuple[str, ...] = ()
     direction: str = "conductance"
@@ -77,7 +77,7 @@ class Se:
     """A source of effort ``sign · ψ(u)``, a port of the network; its conjugate is the flow that it delivers."""
 
     name: str
-    on: str
+    junction: str
     unit: str = "V"
     sign: int = 1
     law: str = "linear"
@@ -89,7 +89,7 @@ class Sf:
     """A source of flow ``sign · ψ(u)``, a port of the network; its conjugate is the effort that it meets."""
 
     name: str
-    on: str
+    junction: str
     unit: str = "1"
     sign: int = 1
     law: str = "linear"
@@ -106,7 +106,10 @@ class Bond:
 
 @dataclass(frozen=True)
 class TF:
-    """A transformer: ``f_end = r f_start``, ``e_start = r e_end``, with ``r`` a number or a parameter's name."""
+    """A transformer: ``f_end = r f_start``, ``e_start = r e_end``.
+
+    The ratio is a number, a parameter's name, or ``1/name`` for a parameter that is given the other way round.
+    """
 
     start: str
     end: str
@@ -115,7 +118,7 @@ class TF:
 
 @dataclass(frozen=True)
 class GY:
-    """A gyrator: ``e_start = r f_end``, ``e_end = r f_start``, with ``r`` a number or a parameter's name."""
+    """A gyrator: ``e_start = r f_end``, ``e_end = r f_start``; the ratio is given as that of a transformer."""
 
     start: str
     end: str
@@ -166,7 +169,7 @@ class BondGraph:
                 )
         _once([e.name for e in self.elements], "elements")
         for element in self.elements:
-            _among(element.on, self.junctions, f"{element.name} hangs on the junction")
+            _among(element.junction, self.junctions, f"{element.name} hangs on the junction")
             _check_element(element)
         for bond in self.bonds:
             for end in (bond.start, bond.end):
@@ -193,8 +196,8 @@ class BondGraph:
     @property
     def ratios(self) -> tuple[str, ...]:
         """Names of the parameters that are ratios of transformers and gyrators."""
-        names = [b.ratio for b in self.bonds if not isinstance(b, Bond)]
-        return tuple(dict.fromkeys(n for n in names if isinstance(n, str)))
+        ratios = [b.ratio for b in self.bonds if not isinstance(b, Bond)]
+        return tuple(dict.fromkeys(r.removeprefix("1/") for r in ratios if isinstance(r, str)))
 
     def derive(self) -> Derivation:
         """The network with what was merged and inverted on the way to it.

@@ -37,9 +37,10 @@ class Field:
         self.domain = QQ.frac_field(*(Symbol(n) for n in names)) if names else QQ
 
     def number(self, value: Ratio | int) -> Any:
-        """The element of the field that is a number or a named ratio."""
+        """The element of the field that is a number, a named ratio or, as ``1/name``, its inverse."""
         if isinstance(value, str):
-            return self.domain.from_sympy(Symbol(value))
+            named = self.domain.from_sympy(Symbol(value.removeprefix("1/")))
+            return self.domain.one / named if value.startswith("1/") else named
         exact = Fraction(value)
         return self.domain.convert(QQ(exact.numerator, exact.denominator))
 

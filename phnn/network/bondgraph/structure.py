@@ -52,7 +52,7 @@ def junction_equations(graph: BondGraph, field: Field) -> list[Form]:
     """Linear forms that are zero: what the 0- and 1-junctions say about everything that is attached to them."""
     ends: dict[str, list[_End]] = {name: [] for name in graph.junctions}
     for element in graph.elements:
-        ends[element.on].append(_element_end(element, field))
+        ends[element.junction].append(_element_end(element, field))
     for i, bond in enumerate(graph.bonds):
         for name, end in zip((bond.start, bond.end), _bond_ends(bond, str(i), field), strict=True):
             ends[name].append(end)

@@ -1,0 +1,185 @@
+"""A network of one's own: a bond graph in a yaml file, in the words of `phnn.network.bondgraph`.
+
+junctions: {mass: 1}                                # 0: common effort, 1: common flow
+elements:                                           # storages become states in this order
+  q:      {type: C, junction: mass, law: spring, parameters: [k], unit: m}
+  p:      {type: I, junction: mass, law: capacitor, parameters: [m], unit: kg m/s}
+  damper: {type: R, junction: mass, law: linear, parameters: [b], direction: resistance}
+  force:  {type: Se, junction: mass, unit: N}
+bonds: []                                           # {from: a, to: b}, {type: TF, from: a, to: b, ratio: alpha}
+parameters:
+  k: {value: 8.0, unit: N/m, positive: true}        # lower, upper, typical, fixed, description
+  m: {value: 2.0, unit: kg, positive: true}
+  b: {value: 0.5, unit: N s/m, positive: true}
+output: q
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from phnn.errors import InputRefused, StructureViolated
+from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.network.bondgraph import GY, TF, Bond, BondGraph, C, I, R, Se, Sf
+from phnn.network.bondgraph.description import DIRECTIONS, Element, Link
+from phnn.network.elements import Network, Ratio
+from phnn.parameters import Parameter, positive
+from phnn.recordings.values import choice, flag, keys_of, mapping, number, text
+
+_TOP = ("about", "junctions", "elements", "bonds", "parameters", "output", "merge")
+_PARAMETER = ("value", "unit", "positive", "lower", "upper", "typical", "fixed", "description")
+_NUMBERS = ("lower", "upper", "typical")
+_STORE = ("type", "junction", "law", "parameters", "unit")
+_RESISTOR = ("type", "junction", "law", "parameters", "direction", "reads")
+_SOURCE = ("type", "junction", "law", "parameters", "unit", "sign")
+
+
+def load_network(path: Path | str) -> Network:
+    """The network of a bond graph in a file.
+
+    Raises:
+        InputRefused: as `load_graph`, or a graph without a network: names the elements and the remedy.
+    """
+    path = Path(path)
+    graph = load_graph(path)
+    try:
+        return graph.network()
+    except StructureViolated as error:
+        raise InputRefused(f"{path.name}: {error}") from error
+
+
+def load_graph(path: Path | str) -> BondGraph:
+    """The bond graph in a file.
+
+    Raises:
+        InputRefused: a file that cannot be read, or says something that is not understood; names file, key, value and
+            remedy.
+    """
+    path = Path(path)
+    top = _read(path)
+    name = path.name
+    keys_of(top, _TOP, name)
+    for key in ("junctions", "elements", "parameters", "output"):
+        if key not in top:
+            raise InputRefused(f"{name}: no {key!r}: a network has {', '.join(_TOP[1:])}")
+    junctions = mapping(top["junctions"], f"{name}: junctions")
+    listed = top.get("bonds", [])
+    if not isinstance(listed, list):
+        raise InputRefused(f"{name}: bonds: expected a list, found {listed!r}: write `- {{from: a, to: b}}` entries")
+    elements = mapping(top["elements"], f"{name}: elements")
+    parameters = mapping(top["parameters"], f"{name}: parameters")
+    try:
+        return BondGraph(
+            {str(j): kind for j, kind in junctions.items()},
+            tuple(_element(str(n), said, f"{name}: elements: {n}") for n, said in elements.items()),
+            tuple(_bond(said, f"{name}: bonds[{i}]") for i, said in enumerate(listed)),
+            {str(n): _parameter(str(n), said, f"{name}: parameters: {n}") for n, said in parameters.items()},
+            text(top["output"], f"{name}: output"),
+            flag(top.get("merge", True), f"{name}: merge"),
+        )
+    except StructureViolated as error:
+        raise InputRefused(f"{name}: {error}") from error
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+    from yaml import YAMLError
+
+    try:
+        # omegaconf rather than plain yaml: it reads 1e-5 as a number and refuses a key given twice.
+        content = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
+    except FileNotFoundError as error:
+        raise InputRefused(f"{path}: there is no such file: give the path of a network's yaml file") from error
+    except (YAMLError, OmegaConfBaseException, OSError, UnicodeDecodeError) as error:
+        cause = " ".join(str(error).split())
+        raise InputRefused(f"{path.name}: not readable as yaml ({cause}): correct it at the line named") from error
+    return mapping(content, path.name)
+
+
+def _element(name: str, said: Any, where: str) -> Element:
+    content = mapping(said, where)
+    kinds: dict[str, Callable[..., Element]] = {
+        "C": _store(C), "I": _store(I), "R": _resistor, "Se": _source(Se), "Sf": _source(Sf)
+    }  # fmt: skip
+    kind = choice(content.get("type"), tuple(kinds), f"{where}: type")
+    if "junction" not in content:
+        raise InputRefused(f"{where}: no `junction`: name the junction that it hangs on")
+    return kinds[kind](name, text(content["junction"], f"{where}: junction"), content, where)
+
+
+def _store(kind: type[C | I]) -> Callable[..., Element]:
+    def make(name: str, junction: str, content: Mapping[str, Any], where: str) -> Element:
+        keys_of(content, _STORE, where)
+        law, parameters = _law(content, "capacitor", STORAGE_LAWS, where)
+        return kind(name, junction, law, parameters, text(content.get("unit", "1"), f"{where}: unit"))
+
+    return make
+
+
+def _resistor(name: str, junction: str, content: Mapping[str, Any], where: str) -> Element:
+    keys_of(content, _RESISTOR, where)
+    law, parameters = _law(content, "linear", RESISTOR_LAWS, where)
+    direction = choice(content.get("direction", DIRECTIONS[0]), DIRECTIONS, f"{where}: direction")
+    reads = text(content["reads"], f"{where}: reads") if "reads" in content else None
+    return R(name, junction, law, parameters, direction, reads)
+
+
+def _source(kind: type[Se | Sf]) -> Callable[..., Element]:
+    def make(name: str, junction: str, content: Mapping[str, Any], where: str) -> Element:
+        keys_of(content, _SOURCE, where)
+        law, parameters = _law(content, "linear", PORT_LAWS, where)
+        unit = text(content.get("unit", "1"), f"{where}: unit")
+        return kind(name, junction, unit, content.get("sign", 1), law, parameters)
+
+    return make
+
+
+def _law(content: Mapping[str, Any], default: str, laws: Mapping[str, Any], where: str) -> tuple[str, tuple[str, ...]]:
+    """A law's name and the names of its parameters."""
+    law = choice(content.get("law", default), tuple(laws), f"{where}: law")
+    given = content.get("parameters", [])
+    names = given if isinstance(given, list) else [given]
+    parameters = tuple(text(n, f"{where}: parameters") for n in names)
+    wanted = len(laws[law].example)
+    if len(parameters) != wanted:
+        raise InputRefused(
+            f"{where}: parameters: the law {law} takes {wanted}, {len(parameters)} are given: name {wanted} in a list"
+        )
+    return law, parameters
+
+
+def _bond(said: Any, where: str) -> Link:
+    content = mapping(said, where)
+    kind = choice(content.get("type", "bond"), ("bond", "TF", "GY"), f"{where}: type")
+    keys_of(content, ("type", "from", "to") if kind == "bond" else ("type", "from", "to", "ratio"), where)
+    for key in ("from", "to"):
+        if key not in content:
+            raise InputRefused(f"{where}: no `{key}`: a bond goes from one junction to another")
+    start, end = (text(content[key], f"{where}: {key}") for key in ("from", "to"))
+    if kind == "bond":
+        return Bond(start, end)
+    ratio = content.get("ratio", 1.0)
+    given: Ratio = ratio if isinstance(ratio, str) else number(ratio, f"{where}: ratio")
+    return TF(start, end, given) if kind == "TF" else GY(start, end, given)
+
+
+def _parameter(name: str, said: Any, where: str) -> Parameter:
+    content = mapping({"value": said} if isinstance(said, int | float) else said, where)
+    keys_of(content, _PARAMETER, where)
+    if "value" not in content:
+        raise InputRefused(f"{where}: no value: write {{value: ..., unit: ...}} in SI units")
+    value = number(content["value"], f"{where}: value")
+    unit, about = (str(content.get(key, other)) for key, other in (("unit", "1"), ("description", "")))
+    said_numbers = {key: number(content[key], f"{where}: {key}") for key in _NUMBERS if key in content}
+    above_zero = flag(content.get("positive", False), f"{where}: positive")
+    if above_zero:
+        number(value, f"{where}: value", above=0.0)
+    base = positive(name, value, unit, about) if above_zero else Parameter(name, value, unit, description=about)
+    try:
+        return replace(base, fixed=flag(content.get("fixed", False), f"{where}: fixed"), **said_numbers)
+    except InputRefused as error:
+        raise InputRefused(f"{where}: {error}") from error

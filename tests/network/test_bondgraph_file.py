@@ -1,0 +1,158 @@
+"""Networks in yaml: every file of the package runs, what is written is read, what is wrong is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from bondgraphs import random_graph
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from junctions import march
+
+from phnn.configuration import config_folder
+from phnn.errors import InputRefused
+from phnn.laws.neural import EnergyMLP
+from phnn.models.network_file import load_graph, load_network
+from phnn.models.network_text import as_yaml
+from phnn.models.variants import hrcl, hrlc, hysteron_choice
+from phnn.network import PortHamiltonianSystem
+from phnn.network.bondgraph import BondGraph, C, I, R, Se
+from phnn.parameters import Parameter, as_table, constant, positive
+
+torch.set_num_threads(1)
+FOLDER = config_folder() / "network"
+FILES = sorted(FOLDER.glob("*.yaml"))
+VARIANTS = {
+    "hrc": hysteron_choice("parallel_rc"),
+    "series_rl": hysteron_choice("series_rl"),
+    "series_rc": hysteron_choice("series_rc"),
+    "parallel_rl": hysteron_choice("parallel_rl"),
+    "hrlc": hrlc(),
+    "hrlc_transducer": hrlc(across="transducer"),
+    "hrcl": hrcl(),
+}
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
+def test_every_network_of_the_package_runs(path: Path) -> None:
+    network = load_network(path)
+    n, steps, h = len(network.storages), 20, 1e-5
+    u = np.ones((steps, len(network.ports)))
+    path_of = march(network, u, np.full(steps, h), np.zeros(n))
+    assert np.isfinite(path_of.states).all()
+    assert path_of.states[-1].any()
+    # The stored energy is what came in less what was dissipated: never more than the ports supplied.
+    system = PortHamiltonianSystem(network)
+    supplied = h * float((path_of.efforts @ system.incidences(torch.zeros(n))[1].detach().numpy() * u).sum())
+    stored = system.energy(torch.from_numpy(path_of.states[-1])).item()
+    assert stored <= supplied * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_the_files_are_the_functions(name: str) -> None:
+    assert load_graph(FOLDER / f"{name}.yaml") == VARIANTS[name]
+
+
+def test_mass_damper_moves_as_its_closed_form() -> None:
+    network = load_network(FOLDER / "mass_damper.yaml").with_values({"F_c": 1e-9})
+    m, b = 95.0, 200.0
+    t = np.linspace(0.0, 2.0, 2001)
+    q = march(network, np.ones((2000, 1)), np.full(2000, 1e-3), np.zeros(2)).states[:, 0]
+    wanted = t / b - m / b**2 * (1.0 - np.exp(-b * t / m))
+    np.testing.assert_allclose(q, wanted, atol=1e-6 * wanted[-1])
+
+
+def test_tanks_fill_to_the_level_at_which_they_drain() -> None:
+    network = load_network(FOLDER / "tanks.yaml")
+    inflow, v = 1e-4, {n: p.value for n, p in network.parameters.items()}
+    states = march(network, np.full((4000, 1), inflow), np.full(4000, 0.5), np.zeros(2)).states
+    outer = inflow / v["g_out"]
+    np.testing.assert_allclose(states[-1], [v["A_1"] * (outer + inflow / v["g"]), v["A_2"] * outer], rtol=1e-6)
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 2**31 - 1))
+def test_what_is_written_is_read(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+    path = tmp_path_factory.mktemp("graph") / "graph.yaml"
+    graph = replace(random_graph(seed), merge=bool(seed % 2))
+    path.write_text(as_yaml(graph, "a: line, with #signs"), encoding="utf-8")
+    assert load_graph(path) == graph
+
+
+def test_names_and_bounds_survive_yaml(tmp_path: Path) -> None:
+    graph = BondGraph(
+        {"no": 1},
+        (
+            C("on", "no", "spring", ("off",), "µm"),
+            I("p", "no", "capacitor", ("m",), "1"),
+            R("dead", "no", "following_dead_zone", ("m", "off", "kappa", "q0"), "resistance", "on"),
+            Se("V", "no", "V", -1, "electrostriction", ("kappa",)),
+        ),
+        parameters=as_table([
+            Parameter("off", 3.0, "N/m", -1.0, 1e5, typical=2.0, description="stiff, but: not"),
+            positive("m", 1e-30, "kg"),
+            Parameter("kappa", -0.1, "1/V", -1.0), constant("q0", 1.0, "m"),
+        ]),
+        output="on",
+    )  # fmt: skip
+    (tmp_path / "n.yaml").write_text(as_yaml(graph), encoding="utf-8")
+    assert load_graph(tmp_path / "n.yaml") == graph
+    neural = replace(graph, elements=(replace(graph.elements[0], law=EnergyMLP(1.0, 1.0, 2), parameters=()),
+                                      *graph.elements[1:]))  # fmt: skip
+    with pytest.raises(InputRefused, match="the law of on is a torch module"):
+        as_yaml(neural)
+
+
+GOOD = (FOLDER / "mass_spring_damper.yaml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("output: q", "outptu: q", r"unknown key 'outptu' \(did you mean output\?\)"),
+        ("output: q", "", "no 'output': a network has junctions"),
+        ("output: q", "output: z", "the output is the storage 'z', which is not defined; there are q, p"),
+        ("junctions: {mass: 1}", "junctions: {mass: one}", "junction mass is 'one': write 0"),
+        ("junctions: {mass: 1}", "junctions: 1", "junctions: expected keys and values, found 1"),
+        ("type: Se", "type: SE", "elements: force: type: 'SE' is not known: accepted are C, I, R, Se, Sf"),
+        ("junction: mass, unit: N", "unit: N", "elements: force: no `junction`"),
+        ("junction: mass, unit: N", "on: mass, unit: N", "elements: force: no `junction`"),
+        ("junction: mass, unit: N", "junction: wall, unit: N", "force hangs on the junction 'wall'"),
+        ("law: spring", "law: sprong", "elements: q: law: 'sprong' is not known: accepted are capacitor, spring"),
+        ("parameters: [k]", "parameters: [k, m]", "elements: q: parameters: the law spring takes 1, 2 are given"),
+        ("direction: resistance", "direction: up", "damper: direction: 'up' is not known"),
+        ("direction: resistance", "sign: -1", "elements: damper: unknown key 'sign'"),
+        ("unit: N}", "unit: N, sign: 2}", "the source force has the sign 2"),
+        ("value: 8.0", "value: stiff", "parameters: k: value: 'stiff' is not a finite number"),
+        ("value: 8.0", "value: -8.0", "parameters: k: value: -8.0 is not a number greater than 0"),
+        ("value: 8.0, ", "", "parameters: k: no value"),
+        ("value: 8.0", "value: 8.0, lower: 9.0", "parameters: k: .*outside its bounds"),
+        ("output: q", "output: q\nbonds: {from: mass}", "bonds: expected a list"),
+        ("output: q", "output: q\nbonds: [{from: mass}]", r"bonds\[0\]: no `to`"),
+        ("output: q", "output: q\nbonds: [{type: XF, from: mass, to: mass}]", r"bonds\[0\]: type: 'XF' is not known"),
+        ("output: q", "output: q\nbonds: [{from: mass, to: mass, ratio: 2}]", r"bonds\[0\]: unknown key 'ratio'"),
+        ("output: q", "output: q\nmerge: maybe", "merge: 'maybe' is neither true nor false"),
+        ("output: q", "output: [q", "not readable as yaml"),
+        ("type: Se", "type: Sf", "the source force fixes the flow of the storage p: put a small storage"),
+    ],
+    ids=str,
+)
+def test_what_is_wrong_is_refused_with_file_key_and_remedy(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert GOOD.count(old) == 1 or old in ("parameters: [k]",)
+    path = tmp_path / "mine.yaml"
+    path.write_text(GOOD.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputRefused, match=message) as refusal:
+        load_network(path)
+    assert "mine.yaml: " in str(refusal.value)
+
+
+def test_an_absent_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputRefused, match="there is no such file: give the path"):
+        load_network(tmp_path / "absent.yaml")
+    (tmp_path / "list.yaml").write_text("- 1\n")
+    with pytest.raises(InputRefused, match=r"list\.yaml: expected keys and values"):
+        load_network(tmp_path / "list.yaml")
