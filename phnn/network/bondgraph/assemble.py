@@ -63,11 +63,10 @@ def _resistor(
     where = f"at the resistor {resistor.name}"
     law, given = ("maxwell", (*resistor.parameters, _ONE)) if acts.inverted else (resistor.law, resistor.parameters)
     takes = {n: field.expression(c) for n in names if (c := acts.takes.get(coenergy(n)))}
-    if _is_negative(next(iter(takes.values()))) and _is_odd(
-        resistor.law, [parameters[n].value for n in resistor.parameters]
-    ):
-        # φ(−ε) = −φ(ε): the law may as well look from the other side.
-        takes = {n: -c for n, c in takes.items()}
+    turned = {n: -c for n, c in takes.items()}
+    # φ(−ε) = −φ(ε): an odd law may as well look from the other side.
+    if _minuses(turned) < _minuses(takes) and _is_odd(resistor.law, [parameters[n].value for n in resistor.parameters]):
+        takes = turned
     return Resistor(resistor.name, law, {n: _positive(c, where) for n, c in takes.items()}, given, resistor.reads)
 
 
@@ -75,6 +74,13 @@ def _port(element: Se | Sf, rates: Mapping[str, Form], field: Field, names: Sequ
     where = f"at the source {element.name}"
     on = {n: _positive(field.expression(c), where) for n in names if (c := rates[n].get(source(element.name)))}
     return Port(element.name, on, element.law, element.parameters, element.unit)
+
+
+def _minuses(coefficients: Mapping[str, Expr]) -> tuple[int, bool]:
+    """How many named ratios have a minus, which cannot stay, and whether the first entry has one."""
+    minus = [_is_negative(c) for c in coefficients.values()]
+    named = [not c.is_number for c in coefficients.values()]
+    return sum(m and n for m, n in zip(minus, named, strict=True)), minus[0]
 
 
 def _is_negative(coefficient: Expr) -> bool:
