@@ -174,7 +174,7 @@ def _parameter(name: str, said: Any, where: str) -> Parameter:
         raise InputRefused(f"{where}: no value: write {{value: ..., unit: ...}} in SI units")
     value = number(content["value"], f"{where}: value")
     unit, about = (str(content.get(key, other)) for key, other in (("unit", "1"), ("description", "")))
-    said_numbers = {key: number(content[key], f"{where}: {key}") for key in _NUMBERS if key in content}
+    said_numbers: dict[str, Any] = {key: number(content[key], f"{where}: {key}") for key in _NUMBERS if key in content}
     above_zero = flag(content.get("positive", False), f"{where}: positive")
     if above_zero:
         number(value, f"{where}: value", above=0.0)

@@ -1,0 +1,142 @@
+"""Two port-Hamiltonian networks joined through power-conjugate ports: again one network, passive where both are.
+
+What the ports exchange leaves one system as it enters the other: the joint ``J`` is skew, ``D`` and ``H`` are of both
+(van der Schaft & Jeltsema 2014, "Port-Hamiltonian Systems Theory").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal
+
+from phnn.errors import StructureViolated
+from phnn.network.elements import Coupling, Network, Port, Ratio, Resistor, Storage
+from phnn.parameters import Parameter, as_table
+
+Kind = Literal["feedback"] | Storage | Resistor
+
+
+def interconnect(
+    one: Network,
+    port: str,
+    other: Network,
+    other_port: str,
+    kind: Kind = "feedback",
+    parameters: tuple[Parameter, ...] = (),
+) -> Network:
+    """Join a port of one network with a port of another.
+
+        feedback:          u₁ = −y₂,  u₂ = y₁          (a force port with a velocity port)
+        a `Storage`:       ẋ_s = y₁ + y₂,  u₁ = u₂ = −H_s'(x_s)          (two force ports through a spring)
+        a `Resistor`:      u₁ = u₂ = −φ(y₁ + y₂)          (two force ports through a damper; its ``on`` is left empty)
+
+    Two force ports on masses cannot be joined rigidly: their momenta would depend on each other. A spring between them
+    says how stiff the joint is.
+
+    Args:
+        one: keeps its output, and its storages stay the last ones.
+        port, other_port: names of the ports, which are ports no longer.
+        kind: how they are joined.
+        parameters: of the storage or resistor between.
+
+    Returns:
+        A network with the storages of ``other``, the storage between and those of ``one``, and the ports that are left.
+
+    Raises:
+        StructureViolated: no such port, a port with a law that is not linear, names that both networks use, or a
+            product of two named ratios.
+    """
+    near, far = _port(one, port), _port(other, other_port)
+    _check_names(one, other)
+    storages, resistors = (*other.storages, *one.storages), (*other.resistors, *one.resistors)
+    couplings: tuple[Coupling, ...] = ()
+    if isinstance(kind, Storage):
+        storages = (*other.storages, kind, *one.storages)
+        couplings = tuple(Coupling(kind.name, k, ratio) for on in (near.on, far.on) for k, ratio in on.items())
+    elif isinstance(kind, Resistor):
+        resistors = (*resistors, replace(kind, on={**near.on, **far.on}))
+    elif kind == "feedback":
+        couplings = tuple(_coupling(to, a, of, b) for to, a in far.on.items() for of, b in near.on.items())
+    else:
+        raise StructureViolated(f"kind = {kind!r}: write feedback, or give the Storage or Resistor between the ports")
+    return Network(
+        storages,
+        resistors,
+        (*other.couplings, *one.couplings, *couplings),
+        (*(p for p in one.ports if p is not near), *(p for p in other.ports if p is not far)),
+        as_table((*one.parameters.values(), *other.parameters.values(), *parameters)),
+        one.output,
+        (*one.modulations, *other.modulations),
+    )
+
+
+def renamed(network: Network, prefix: str) -> Network:
+    """The network with a prefix to the names of its storages, resistors, ports and parameters."""
+
+    def ratio(given: Ratio) -> Ratio:
+        return prefix + given if isinstance(given, str) else given
+
+    def names(given: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(prefix + n for n in given)
+
+    def vector(on: Mapping[str, Ratio]) -> dict[str, Ratio]:
+        return {prefix + n: ratio(r) for n, r in on.items()}
+
+    return Network(
+        tuple(replace(s, name=prefix + s.name, parameters=names(s.parameters)) for s in network.storages),
+        tuple(
+            replace(
+                r, name=prefix + r.name, on=vector(r.on), parameters=names(r.parameters),
+                modulated_by=None if r.modulated_by is None else prefix + r.modulated_by,
+            )
+            for r in network.resistors
+        ),
+        tuple(Coupling(prefix + c.to, prefix + c.of, ratio(c.ratio)) for c in network.couplings),
+        tuple(
+            replace(p, name=prefix + p.name, on=vector(p.on), parameters=names(p.parameters)) for p in network.ports
+        ),
+        {prefix + n: replace(p, name=prefix + n) for n, p in network.parameters.items()},
+        prefix + network.output,
+        tuple(
+            replace(m, ratio=prefix + m.ratio, by=prefix + m.by, parameters=names(m.parameters))
+            for m in network.modulations
+        ),
+    )  # fmt: skip
+
+
+def _port(network: Network, name: str) -> Port:
+    for port in network.ports:
+        if port.name == name:
+            if port.law != "linear":
+                raise StructureViolated(
+                    f"the port {name} has the law {port.law}: only linear ports exchange the power of their "
+                    "conjugates; join another port"
+                )
+            return port
+    raise StructureViolated(f"no port called {name!r}: there are {', '.join(p.name for p in network.ports) or 'none'}")
+
+
+def _check_names(one: Network, other: Network) -> None:
+    for what, these, those in (
+        ("storage", one.state_names, other.state_names),
+        ("resistor", [r.name for r in one.resistors], [r.name for r in other.resistors]),
+        ("port", [p.name for p in one.ports], [p.name for p in other.ports]),
+        ("parameter", one.parameters, other.parameters),
+    ):
+        shared = sorted(set(these) & set(those))
+        if shared:
+            raise StructureViolated(f"both networks have a {what} {shared[0]}: give one a prefix with renamed()")
+
+
+def _coupling(to: str, a: Ratio, of: str, b: Ratio) -> Coupling:
+    """``J[to, of] = a b``."""
+    if not isinstance(a, str) and not isinstance(b, str):
+        return Coupling(to, of, a * b)
+    number, name = (a, b) if isinstance(b, str) else (b, a)
+    if isinstance(number, str) or abs(number) != 1.0:
+        raise StructureViolated(
+            f"the product {a}*{b} arises between {to} and {of}: introduce a parameter for it, or join the ports "
+            "through a storage, which takes each ratio by itself"
+        )
+    return Coupling(to, of, name) if number > 0.0 else Coupling(of, to, name)

@@ -1,0 +1,112 @@
+"""Two networks joined through ports: the equations of both, with what one port gives the other takes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from networks import random_network
+
+from phnn.errors import InputRefused, StructureViolated
+from phnn.models.actuator import hrc
+from phnn.network import Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.network.interconnect import interconnect, renamed
+from phnn.parameters import positive
+
+torch.set_num_threads(1)
+seeds = st.integers(0, 2**31 - 1)
+STIFF, RHO = positive("stiff", 1.7, "1"), positive("rho", 0.6, "1")
+
+
+def pair(seed: int) -> tuple[Network, Network]:
+    """Two random networks with linear ports, those to be joined last and of numbers."""
+    random = np.random.default_rng(seed)
+    networks = []
+    for k, prefix in enumerate(("a_", "b_")):
+        drawn = random_network(seed + k, int(random.integers(1, 5)), int(random.integers(0, 4)), 2)
+        ports = tuple(replace(p, law="linear", parameters=()) for p in drawn.ports)
+        last = replace(ports[1], on={n: float(random.normal()) for n in ports[1].on})
+        networks.append(renamed(replace(drawn, ports=(ports[0], last)), prefix))
+    return networks[0], networks[1]
+
+
+@settings(max_examples=60, deadline=None)
+@given(seeds, st.sampled_from(["feedback", "storage", "resistor"]))
+def test_joined_networks_are_both_with_their_ports_connected(seed: int, kind: str) -> None:
+    one, other = pair(seed)
+    given_kind = {
+        "feedback": "feedback",
+        "storage": Storage("s", "spring", ("stiff",)),
+        "resistor": Resistor("r", "quadratic_drag", {}, ("rho",)),
+    }[kind]
+    extra = {"feedback": (), "storage": (STIFF,), "resistor": (RHO,)}[kind]
+    joint = interconnect(one, "a_u1", other, "b_u1", given_kind, extra)  # type: ignore[arg-type]
+    system, first, second = (PortHamiltonianSystem(n) for n in (joint, one, other))
+    n1, n2 = len(one.storages), len(other.storages)
+    random = np.random.default_rng(seed)
+    x = torch.from_numpy(random.normal(size=(7, len(joint.storages))))
+    u = torch.from_numpy(random.normal(size=(7, 2)))
+    x1, x2 = x[:, -n1:], x[:, :n2]
+    none = torch.zeros(7, 1, dtype=torch.float64)
+    y1 = first.port_outputs(x1, torch.cat([u[:, :1], none], -1))[:, 1]
+    y2 = second.port_outputs(x2, torch.cat([u[:, 1:], none], -1))[:, 1]
+    if kind == "feedback":
+        u1, u2 = -y2, y1
+    elif kind == "storage":
+        u1 = u2 = -1.7 * x[:, n2]
+    else:
+        u1 = u2 = -0.6 * (y1 + y2).abs() * (y1 + y2)
+    parts = [second.vector_field(x2, torch.stack([u[:, 1], u2], -1))]
+    parts += [(y1 + y2)[:, None]] if kind == "storage" else []
+    parts += [first.vector_field(x1, torch.stack([u[:, 0], u1], -1))]
+    torch.testing.assert_close(system.vector_field(x, u), torch.cat(parts, -1), rtol=1e-9, atol=1e-9)
+    structure = system.structure(x)
+    assert torch.equal(structure, -structure.mT)
+    balance = system.power_balance(x, u)
+    assert (balance.dissipated >= 0.0).all()
+    assert balance.supplied.shape == (7, 2)
+    size = 1.0 + balance.supplied.abs().sum(-1) + balance.dissipated.sum(-1) + (system.efforts(x) ** 2).sum(-1)
+    assert (balance.defect.abs() <= 1e-10 * size).all()
+
+
+def test_the_first_network_keeps_its_output_and_its_momentum_last() -> None:
+    joint = interconnect(
+        hrc(1), "force", renamed(hrc(0), "b_"), "b_force", Storage("s", "spring", ("stiff",)), (STIFF,)
+    )
+    assert joint.state_names == ("b_q", "b_p", "s", "Q_1", "q", "p")
+    assert joint.output == "q"
+    assert [p.name for p in joint.ports] == ["voltage", "b_voltage"]
+    assert joint.parameters["b_k"].name == "b_k"
+
+
+def test_a_named_ratio_passes_where_the_other_is_one() -> None:
+    follower = renamed(replace(hrc(0), ports=(Port("in", {"p": -1.0}),)), "b_")
+    joint = interconnect(hrc(0), "voltage", follower, "b_in")
+    structure = PortHamiltonianSystem(joint).structure(torch.zeros(4, dtype=torch.float64))
+    alpha = hrc(0).parameters["alpha"].value
+    assert structure[1, 3] == -alpha
+    with pytest.raises(StructureViolated, match=r"the product b_alpha\*alpha arises between b_p and p"):
+        interconnect(hrc(0), "voltage", renamed(hrc(0), "b_"), "b_voltage")
+
+
+def test_what_cannot_be_joined_is_refused() -> None:
+    other = renamed(hrc(0), "b_")
+    curved = replace(other, ports=(replace(other.ports[0], law="electrostriction", parameters=("b_k",)),))
+    for arguments, message in (
+        ((hrc(0), "forse", other, "b_force"), "no port called 'forse': there are voltage, force"),
+        ((hrc(0), "force", hrc(0), "force"), r"both networks have a storage p: give one a prefix with renamed\(\)"),
+        ((hrc(0), "force", curved, "b_voltage"), "the port b_voltage has the law electrostriction"),
+        ((hrc(0), "force", other, "b_force", "rigid"), "kind = 'rigid': write feedback"),
+        (
+            (hrc(0), "force", other, "b_force", Storage("q", "spring", ("stiff",)), (STIFF,)),
+            "two storages share a name",
+        ),
+    ):
+        with pytest.raises(StructureViolated, match=message):
+            interconnect(*arguments)  # type: ignore[arg-type]
+    with pytest.raises(InputRefused, match="two parameters are called k"):
+        interconnect(hrc(0), "force", other, "b_force", Storage("s", "spring", ("k",)), (positive("k", 1.0, "1"),))
