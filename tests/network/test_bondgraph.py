@@ -35,7 +35,7 @@ def graph(
 ) -> BondGraph:
     """A graph whose parameters are all 0.7, those given in ``other`` excepted."""
     names = {n for e in elements for n in e.parameters}
-    names |= {b.ratio for b in bonds or [] if not isinstance(b, Bond) and isinstance(b.ratio, str)}
+    names |= {b.ratio.removeprefix("1/") for b in bonds or [] if not isinstance(b, Bond) and isinstance(b.ratio, str)}
     table = as_table(positive(n, float(other.get(n, 0.7)), "1") for n in sorted(names))  # type: ignore[arg-type]
     return BondGraph(junctions, tuple(elements), tuple(bonds or []), table, output, bool(other.get("merge", True)))
 
@@ -177,6 +177,8 @@ def test_linear_resistors_turn_and_others_do_not() -> None:
     # The force of a conductance 0.7 at the velocity 2/0.7.
     torch.testing.assert_close(flow, torch.tensor([2.0 / 0.7 / 0.7], dtype=torch.float64))
     assert derived.network.parameters["one"].fixed
+    # A parameter of that name keeps its own value.
+    assert damped("linear", ("one",), "conductance").network().parameters["one_"].value == 1.0
     assert damped("linear", ("b",), "resistance").derive().inverted == ()
     assert damped("dead_zone", ("rho", "d"), "resistance").network().resistors[0].on == {"p": 1.0}
     with pytest.raises(StructureViolated, match=r"r has the law f = φ\(e\), but its flow is imposed by p.*resistance"):
@@ -233,6 +235,23 @@ REFUSED: dict[str, tuple[dict[str, int], list[Element], list[Link], str]] = {
     "transformers in parallel": (
         {"a": 0, "b": 0}, [C("q", "a", "spring", ("k",))], [TF("a", "b", 1.0), TF("a", "b", 2.0)],
         "the junctions fix at zero the effort of the storage q: put a resistor",
+    ),
+    "source on nothing": (
+        {"a": 1, "b": 0}, [SPRING, MASS, Se("V", "b")], [], "no storage takes what the source V gives: join",
+    ),
+    "source against nothing": (
+        {"a": 1, "b": 1}, [SPRING, MASS, Se("V", "b")], [], "no storage takes what the source V gives",
+    ),
+    "reads what is gone": (
+        {"a": 1}, [SPRING, C("z", "a", "spring", ("k",)), MASS,
+                   R("r", "a", "following_dead_zone", ("g", "d", "x", "y"), "resistance", "z")], [],
+        "r reads the storage z, which is merged into q: let it read q, or set merge to false",
+    ),
+    "ratios of both signs": (
+        {"a": 1, "b": 1, "c": 1, "d": 1, "n": 0, "n_b": 1},
+        [MASS, I("q", "b", "capacitor", ("m",)), R("r", "c", "coulomb", ("g", "h"), "resistance")],
+        [TF("a", "d", "s"), Bond("d", "n"), TF("n_b", "b", "1/t"), Bond("n", "n_b"), Bond("n", "c")],
+        "the ratio -t arises at the resistor r, where a minus has no place",
     ),
     "product of ratios": (
         {"a": 1, "b": 1, "c": 0}, [MASS, C("q", "c", "capacitor", ("C",))], [TF("a", "b", "r"), TF("b", "c", "s")],

@@ -17,8 +17,8 @@ from phnn.network.bondgraph.structure import coenergy, source
 from phnn.network.elements import Coupling, Network, Port, Ratio, Resistor, Storage
 from phnn.parameters import Parameter, constant
 
-# φ = ε/(R · 1): the law "maxwell" with this constant is the inverse of "linear", and R stays the parameter.
-_ONE = "one"
+# φ = ε/(R · 1): the law "maxwell" with a constant of one is the inverse of "linear", and R stays the parameter.
+_INVERSE, _ONE = "maxwell", "one"
 
 
 def assemble(
@@ -45,23 +45,27 @@ def assemble(
                 sign, ratio = _signed(field.expression(coefficient), f"between the storages {k} and {m}")
                 # A number carries its sign; a name's sign is who is named first.
                 couplings.append(Coupling(k, m, ratio) if sign > 0 else Coupling(m, k, ratio))
-    resistors = tuple(_resistor(r, branches[r.name], field, names, parameters) for r in resistors_of(graph))
+    one = constant(_unused(_ONE, parameters), 1.0, "1", f"makes the law {_INVERSE} the inverse of linear")
+    parameters = {**parameters, one.name: one}
+    resistors = tuple(_resistor(r, branches[r.name], field, names, parameters, one.name) for r in resistors_of(graph))
     ports = tuple(_port(s, rates, field, names) for s in sources_of(graph))
     used: list[Ratio] = [n for s in stores for n in s.parameters]
     used += [n for r in resistors for n in (*r.parameters, *r.on.values())]
     used += [n for p in ports for n in (*p.parameters, *p.on.values())] + [c.ratio for c in couplings]
     table = {n: p for n, p in parameters.items() if n in used}
-    if _ONE in used:
-        table[_ONE] = constant(_ONE, 1.0, "1", "makes the law maxwell the inverse of linear")
     storages = tuple(Storage(s.name, s.law, s.parameters, s.unit) for s in stores)
     return Network(storages, resistors, tuple(couplings), ports, table, graph.output)
 
 
+def _unused(name: str, taken: Mapping[str, Parameter]) -> str:
+    return _unused(name + "_", taken) if name in taken else name
+
+
 def _resistor(
-    resistor: R, acts: Branch, field: Field, names: Sequence[str], parameters: Mapping[str, Parameter]
+    resistor: R, acts: Branch, field: Field, names: Sequence[str], parameters: Mapping[str, Parameter], one: str
 ) -> Resistor:
     where = f"at the resistor {resistor.name}"
-    law, given = ("maxwell", (*resistor.parameters, _ONE)) if acts.inverted else (resistor.law, resistor.parameters)
+    law, given = (_INVERSE, (*resistor.parameters, one)) if acts.inverted else (resistor.law, resistor.parameters)
     takes = {n: field.expression(c) for n in names if (c := acts.takes.get(coenergy(n)))}
     turned = {n: -c for n, c in takes.items()}
     # φ(−ε) = −φ(ε): an odd law may as well look from the other side.

@@ -62,13 +62,16 @@ def check_sources(graph: BondGraph, solution: Solution) -> None:
     """Refuse sources that contradict each other or feed one another past every storage."""
     for element in sources_of(graph):
         name = element.name
-        if solution.determined(source(name)):
-            others = _names(solution.of(source(name)), "input")
-            against = f"the sources {', '.join([name, *others])} contradict each other" if others else (
-                f"nothing takes what the source {name} gives"
-            )  # fmt: skip
-            raise StructureViolated(f"{against}: put a storage or resistor between, or remove one source")
-        fed = _names(solution.of(answer(name)), "input") if solution.determined(answer(name)) else []
+        others = _names(solution.of(source(name)), "input") if solution.determined(source(name)) else []
+        if others:
+            raise StructureViolated(
+                f"the sources {', '.join([name, *others])} contradict each other: put a storage between, or remove one"
+            )
+        if solution.determined(source(name)) or not solution.of(answer(name)):
+            raise StructureViolated(
+                f"no storage takes what the source {name} gives: join its junction with the rest or remove it"
+            )
+        fed = _names(solution.of(answer(name)), "input")
         if fed:
             raise StructureViolated(
                 f"the sources {', '.join(dict.fromkeys([name, *fed]))} feed each other without a storage between: "

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from phnn.errors import StructureViolated
 from phnn.network.bondgraph.assemble import assemble
 from phnn.network.bondgraph.causality import (
     Branch,
@@ -143,6 +144,12 @@ class _Derivation:
         self._drop(gone, merge)
 
     def _drop(self, gone: str, merge: Merge) -> None:
+        for resistor in resistors_of(self.graph):
+            if resistor.reads == gone:
+                raise StructureViolated(
+                    f"{resistor.name} reads the storage {gone}, which is merged into {merge.kept}: "
+                    f"let it read {merge.kept}, or set merge to false"
+                )
         del self.stores[gone]
         self.merges.append(merge)
 
