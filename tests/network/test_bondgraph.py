@@ -249,7 +249,7 @@ REFUSED: dict[str, tuple[dict[str, int], list[Element], list[Link], str]] = {
     ),
     "ratios of both signs": (
         {"a": 1, "b": 1, "c": 1, "d": 1, "n": 0, "n_b": 1},
-        [MASS, I("q", "b", "capacitor", ("m",)), R("r", "c", "coulomb", ("g", "h"), "resistance")],
+        [MASS, I("q", "b", "capacitor", ("m",)), R("r", "c", "coulomb", ("g", "h"), "resistance"), Se("V", "a")],
         [TF("a", "d", "s"), Bond("d", "n"), TF("n_b", "b", "1/t"), Bond("n", "n_b"), Bond("n", "c")],
         "the ratio -t arises at the resistor r, where a minus has no place",
     ),
