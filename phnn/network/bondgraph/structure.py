@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from phnn.network.bondgraph.description import GY, TF, Bond, BondGraph, C, Element, I, Link, R, Se, Sf
+from phnn.network.bondgraph.description import GY, Bond, BondGraph, C, Element, I, Link, R, Se
 from phnn.network.bondgraph.equations import Field, Form, Variable, plus, times
 
 
@@ -92,7 +92,6 @@ def _element_end(element: Element, field: Field) -> _End:
     imposed = {source(name): field.number(element.sign)}
     if isinstance(element, Se):
         return _End(imposed, alone(answer(name)), 1)
-    assert isinstance(element, Sf)
     return _End(alone(answer(name)), imposed, 1)
 
 
@@ -103,6 +102,5 @@ def _bond_ends(bond: Link, key: str, field: Field) -> tuple[_End, _End]:
     if isinstance(bond, GY):
         # a is the flow at the start, b the flow at the end.
         return _End({b: ratio}, {a: one}, -1), _End({a: ratio}, {b: one}, 1)
-    assert isinstance(bond, Bond | TF)
     # a is the flow at the start, b the effort at the end.
     return _End({b: ratio}, {a: one}, -1), _End({b: one}, {a: ratio}, 1)
