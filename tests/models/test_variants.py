@@ -220,6 +220,18 @@ def test_counterexample_the_capacitor_across_the_transducer_is_not_like_hrc() ->
     assert np.ptp(found[turn:back]) < 0.02 * np.ptp(found)
 
 
+def test_series_rl_hysterons_leave_the_input_affine_where_series_rc_ones_do_not() -> None:
+    drawn = hrlc(1, across="transducer")
+    assert [p.on for p in derived(hrlc, 1, None, "transducer").ports] == [{"phi_1": 1.0}, {"p": -1.0}]
+    others = [e for e in drawn.elements if e.name not in ("phi_1", "viscous_1", "dry_1")]
+    law = R("hysteron", "hysteron_1", "dead_zone", ("rho_1", "V_1"))
+    left = {n: p for n, p in drawn.parameters.items() if n != "f_s"}
+    with pytest.raises(StructureViolated, match="the source voltage drives the resistor hysteron directly"):
+        replace(
+            drawn, elements=(C("Q_1", "hysteron_1", "capacitor", ("L_1",)), law, *others), parameters=left
+        ).network()
+
+
 @settings(max_examples=50, deadline=None)
 @given(st.integers(1, 4), seeds)
 def test_equilibria_of_hrcl_do_not_depend_on_the_voltage(hysterons: int, seed: int) -> None:

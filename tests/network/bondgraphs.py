@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from phnn.errors import StructureViolated
 from phnn.network import Network, PortHamiltonianSystem
 from phnn.network.bondgraph import GY, TF, Bond, BondGraph, C, I, R, Se, Sf
 from phnn.parameters import Parameter, as_table, positive
@@ -50,6 +53,18 @@ def random_graph(seed: int) -> BondGraph:
     return BondGraph(
         junctions, tuple(elements), tuple(bonds), as_table(parameters), stores[int(random.integers(len(stores)))]
     )
+
+
+def solvable_graph(seed: int) -> BondGraph:
+    """The first of a sequence of random graphs that has a network with or without merging; about every fourth has."""
+    for number in np.random.default_rng(seed).integers(2**31, size=200):
+        graph = random_graph(int(number))
+        try:
+            replace(graph, merge=False).network()
+        except StructureViolated:
+            continue
+        return graph
+    raise AssertionError("none of 200 random graphs has a network")
 
 
 def response(graph: BondGraph, s: complex) -> tuple[complex, complex]:

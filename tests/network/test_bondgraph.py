@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from bondgraphs import network_response, random_graph, response
-from hypothesis import assume, given, settings
+from bondgraphs import network_response, random_graph, response, solvable_graph
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phnn.errors import StructureViolated
@@ -58,14 +58,11 @@ def test_the_actuator_of_figure_5_is_that_of_proposition_1(hysterons: int, share
     assert set(derived.network.parameters) == set(hrc(hysterons).parameters)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(seeds)
 def test_random_linear_graphs_respond_as_their_elements_do(seed: int) -> None:
-    drawn = random_graph(seed)
-    try:
-        network = replace(drawn, merge=False).network()
-    except StructureViolated:
-        assume(False)
+    drawn = solvable_graph(seed)
+    network = replace(drawn, merge=False).network()
     merged = drawn.derive()
     # The state of a storage that took up one with derivative causality is the total: there only answers are compared.
     own = not any(m.kept == drawn.output and m.statement.count("e(") for m in merged.merges)
