@@ -35,7 +35,7 @@ def test_every_equation_figure_and_table_has_a_row() -> None:
 
 @pytest.mark.parametrize("row", [row for row in ROWS if "in preparation" not in row])
 def test_what_a_row_names_exists(row: str) -> None:
-    for name in re.findall(r"`((?:phnn|tests|docs)/[^`]+)`", row):
+    for name in re.findall(r"`((?:phnn|tests|docs|configs|scripts)/[^`]+)`", row):
         path, _, test = name.partition("::")
         assert (ROOT / path).is_file(), name
         assert not test or f"def {test}(" in (ROOT / path).read_text(encoding="utf-8"), name
