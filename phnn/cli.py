@@ -11,11 +11,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from phnn.configuration import compose, config_folder
+from phnn.configuration import compose, compose_groups, config_folder
 from phnn.errors import PhnnError
 
 # Commands with settings, and the file under configs/ that holds them.
 _SETTINGS = {"identify": "identify", "diagnose": "diagnose", "compare": "compare", "demo": "diagnose"}
+# The command whose settings are composed from groups of files.
+_TRAIN = "train"
 _DEBUG = "PHNN_DEBUG"
 
 
@@ -52,6 +54,17 @@ def _add_command(commands: argparse._SubParsersAction, name: str, text: str) -> 
     return command
 
 
+def _training_settings() -> str:
+    """What ``phnn train`` accepts: its own file, and the choices of the groups in it."""
+    folder = config_folder()
+    lines = [f"settings, given as key=value (with their defaults), from {folder / 'train.yaml'}:"]
+    for group in ("model", "solver"):
+        names = ", ".join(sorted(path.stem for path in (folder / group).glob("*.yaml")))
+        lines.append(f"  {group}: {names}")
+    text = (folder / "train.yaml").read_text(encoding="utf-8").partition("  - _self_")[2].partition("hydra:")[0]
+    return "\n".join([*lines, *(f"  {line}" for line in text.strip().splitlines())])
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="phnn",
@@ -65,6 +78,8 @@ def _parser() -> argparse.ArgumentParser:
     diagnose = _add_command(commands, "diagnose", "find out what the base model leaves out")
     predict = _add_command(commands, "predict", "simulate recordings with a model that was written earlier")
     compare = _add_command(commands, "compare", "fit several kinds of model and compare them")
+    train = _add_command(commands, "train", "train a neural or parametric model: phnn train folder=DIR out=DIR ...")
+    train.epilog, train.formatter_class = _training_settings(), argparse.RawDescriptionHelpFormatter
     demo = _add_command(commands, "demo", "conceal an effect in simulated recordings, seal it, diagnose it")
     predict.add_argument("model", type=Path, metavar="MODEL", help="model/ or base/ of an earlier result")
     for command in (check, identify, diagnose, predict, compare):
@@ -83,7 +98,7 @@ def _parse(argv: Sequence[str] | None) -> tuple[argparse.Namespace, list[str]]:
     parser = _parser()
     # Settings may stand before, between and after the options, which argparse's own lists do not allow.
     arguments, settings = parser.parse_known_args(argv)
-    strangers = [s for s in settings if s.startswith("-") or arguments.command not in _SETTINGS]
+    strangers = [s for s in settings if s.startswith("-") or arguments.command not in (*_SETTINGS, _TRAIN)]
     if strangers:
         parser.error(f"phnn {arguments.command} does not know {' '.join(strangers)}")
     return arguments, settings
@@ -93,6 +108,7 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
     name = arguments.command
     # Settings are refused before torch and numba are loaded.
     config = compose(_SETTINGS[name], settings) if name in _SETTINGS else {}
+    config = compose_groups(_TRAIN, settings) if name == _TRAIN else config
     import phnn.commands as commands
 
     if name == "check":
@@ -101,6 +117,8 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
         commands.identify(arguments.folder, arguments.out, arguments.manifest, config)
     elif name == "diagnose":
         commands.diagnose(arguments.folder, arguments.out, arguments.manifest, config)
+    elif name == _TRAIN:
+        commands.train(config)
     elif name == "predict":
         commands.predict(arguments.model, arguments.folder, arguments.out, arguments.manifest)
     elif name == "compare":

@@ -138,6 +138,23 @@ def compare(folder: Path, out: Path, manifest: Path | None, config: Mapping[str,
     Console().print(_score_table(scores))
 
 
+def train(config: Mapping[str, Any]) -> None:
+    """Train a model on a folder; see `phnn.learn.run.train` for what it writes."""
+    from phnn.learn import Settings
+    from phnn.learn import train as run_training
+
+    settings = Settings.from_config(config)
+    with _progress() as progress:
+        content = run_training(settings, progress)
+    console = Console()
+    table = Table("recording", "use", "fit %", "residual over noise", title=f"{settings.model['kind']}, trained")
+    for name, row in content["recordings"].items():
+        use = "held out" if row["held_out"] else "stopped the training" if row["validation"] else "trained on"
+        table.add_row(escape(name), use, f"{row['fit_percent']:.2f}", f"{row['residual_over_noise']:.3g}")
+    console.print(table)
+    console.print(f"results: {settings.home}   seed: {settings.seed}")
+
+
 def _comparison(scores: Mapping[str, Evaluation]) -> dict[str, Any]:
     """``compare.json`` as a mapping."""
     return {

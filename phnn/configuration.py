@@ -66,6 +66,29 @@ def checked(command: str, settings: Mapping[str, Any]) -> dict[str, Any]:
     return {key: _checked(key, value, defaults[key]) for key, value in settings.items()}
 
 
+def compose_groups(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """The settings of a command whose file chooses others by a defaults list; their values are for it to check.
+
+    Raises:
+        InputRefused: an override that hydra cannot apply: an unknown key, file or grammar, or a value that is missing.
+    """
+    import hydra
+    from hydra.errors import HydraException
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    try:
+        with hydra.initialize_config_dir(str(config_folder()), version_base=None, job_name=f"phnn_{command}"):
+            composed = hydra.compose(command, list(overrides))
+        settings = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+    except (HydraException, OmegaConfBaseException) as error:
+        reason = str(error).strip().splitlines()[0]
+        raise InputRefused(
+            f"settings {' '.join(overrides)} cannot be used ({reason}): see phnn {command} --help"
+        ) from error
+    return {str(key): value for key, value in dict(settings).items()}  # type: ignore[arg-type]
+
+
 def _check_key(command: str, override: str, defaults: Mapping[str, Any]) -> None:
     accepted = ", ".join(str(key) for key in defaults)
     key, equals, _ = override.partition("=")

@@ -72,7 +72,7 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
 
     outputs = plan.each(one)
     parts = [
-        _score(recording, y, first, last, name, use)
+        score_part(recording, y, first, last, name, use)
         for recording, y in zip(plan.recordings, outputs, strict=True)
         for name, first, last, use in ((p.name, p.first, p.last, p.use) for p in recording.parts)
         if use != "nuisance"
@@ -86,7 +86,7 @@ def initial_from_nuisance(setup: Setup, recording: Recording, substeps: int) -> 
     return fit(setup, plan, (), max_evaluations=15, use="nuisance").initial(recording.name)
 
 
-def _score(recording: Recording, y: Array, first: int, last: int, name: str, use: str) -> PartScore:
+def score_part(recording: Recording, y: Array, first: int, last: int, name: str, use: str) -> PartScore:
     measured, model = recording.y[first:last], y[first:last]
     error = measured - model
     rmse = float(np.sqrt(np.mean(error**2)))

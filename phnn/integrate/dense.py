@@ -83,7 +83,7 @@ def with_derivatives(system: PortHamiltonianSystem, path: Tensor, x0: Tensor, u:
     residual = step_residual(system, path[:-1], path[1:], u, h)
     if not (residual.requires_grad or x0.requires_grad):
         return path
-    by_next, by_start = _jacobians(system, path[:-1], path[1:], u.detach(), h)
+    by_next, by_start = jacobians(system, path[:-1], path[1:], u.detach(), h)
     return _Implicit.apply(path, by_next, by_start, residual, x0)
 
 
@@ -196,7 +196,7 @@ def _newton(system: PortHamiltonianSystem, x: Tensor, guess: Tensor, u: Tensor, 
     if not bool(torch.isfinite(residual).all()):
         return _Root(z, f"the vector field is not finite ({_names(system, ~torch.isfinite(residual))})")
     for _ in range(_ITERATIONS):
-        jacobian = _jacobians(system, x, z, u, h)[0]
+        jacobian = jacobians(system, x, z, u, h)[0]
         scale = _scale(system, x, z, u, h, jacobian)
         size = (residual.abs() / scale).amax(-1)
         if bool((size <= _TOLERANCE).all()):
@@ -242,7 +242,7 @@ def _is_connected(system: PortHamiltonianSystem, x: Tensor, guess: Tensor, z: Te
     """
     way = torch.linspace(0.0, 1.0, _SAMPLES, dtype=x.dtype, device=x.device).reshape(-1, *[1] * x.ndim)
     points = guess + way * (z - guess)
-    jacobian = _jacobians(system, x.expand_as(points), points, u.expand(*points.shape[:-1], u.shape[-1]), h)[0]
+    jacobian = jacobians(system, x.expand_as(points), points, u.expand(*points.shape[:-1], u.shape[-1]), h)[0]
     return bool((torch.linalg.det(jacobian) > 0.0).all())
 
 
@@ -281,7 +281,7 @@ def _scale(system: PortHamiltonianSystem, x: Tensor, z: Tensor, u: Tensor, h: fl
     return torch.where(total > 0.0, total, 1.0)
 
 
-def _jacobians(
+def jacobians(
     system: PortHamiltonianSystem, x: Tensor, z: Tensor, u: Tensor, h: float | Tensor
 ) -> tuple[Tensor, Tensor]:
     """(..., n, n) derivatives of the residual by the end and by the start of the step, row by row.

@@ -159,9 +159,9 @@ def _inside(jump_t: Tensor | None, t: Tensor) -> Tensor:
 
 
 def _options(method: str, t: Tensor, jumps: Tensor, max_steps: int) -> dict[str, Any]:
-    """Options of the step control; a fixed grid has none."""
+    """Options of the step control; a fixed grid has none, but must see either side of a jump at an output time."""
     if method in FIXED:
-        return {}
+        return {"perturb": True}
     options: dict[str, Any] = {"max_num_steps": max_steps, "jump_t": jumps}
     if method != "dopri5":
         options["step_t"] = t[~torch.isin(t, jumps)].detach()

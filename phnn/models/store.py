@@ -6,12 +6,13 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused, PhnnError
 from phnn.integrate.program import compile_network
+from phnn.models.learned import as_json, from_json
 from phnn.network.elements import Coupling, Network, Port, Resistor, Storage
 from phnn.parameters import Parameter
 from phnn.setup import AMPLIFIERS, SENSORS, Block, Setup
@@ -27,18 +28,15 @@ def save(setup: Setup, folder: Path, substeps: int = 1) -> None:
         substeps: sub-steps a sample interval that kept the numerical error below the noise.
 
     Raises:
-        PhnnError: a law is a torch module, which this format does not hold.
+        PhnnError: a law is a torch module other than those of `phnn.laws.neural`, which this format does not hold.
     """
     network = setup.network
-    laws = [s.law for s in network.storages] + [r.law for r in network.resistors]
-    if not all(isinstance(law, str) for law in laws):
-        raise PhnnError("a network with learned torch laws is saved with torch.save, not as json")
     content = {
         "schema": SCHEMA,
         "name": setup.name,
         "substeps": substeps,
-        "storages": [asdict(s) for s in network.storages],
-        "resistors": [asdict(r) for r in network.resistors],
+        "storages": [_element(s) for s in network.storages],
+        "resistors": [_element(r) for r in network.resistors],
         "couplings": [asdict(c) for c in network.couplings],
         "ports": [asdict(p) for p in network.ports],
         "output": network.output,
@@ -85,8 +83,8 @@ def load(folder: Path) -> tuple[Setup, int]:
 
 def _setup(content: Mapping[str, Any]) -> Setup:
     network = Network(
-        storages=tuple(Storage(**_tupled(s)) for s in content["storages"]),
-        resistors=tuple(Resistor(**_tupled(r)) for r in content["resistors"]),
+        storages=tuple(Storage(**_with_law(s)) for s in content["storages"]),
+        resistors=tuple(Resistor(**_with_law(r)) for r in content["resistors"]),
         couplings=tuple(Coupling(**c) for c in content["couplings"]),
         ports=tuple(Port(**_tupled(p)) for p in content["ports"]),
         parameters={n: _parameter(p) for n, p in content["parameters"].items()},
@@ -103,6 +101,15 @@ def _setup(content: Mapping[str, Any]) -> Setup:
 
 def _tupled(element: Mapping[str, Any]) -> dict[str, Any]:
     return {k: tuple(v) if isinstance(v, list) else v for k, v in element.items()}
+
+
+def _element(element: Storage | Resistor) -> dict[str, Any]:
+    """An element as json, its law by name or, where it is learned, by its weights."""
+    return asdict(replace(element, law="")) | {"law": as_json(element.law)}
+
+
+def _with_law(element: Mapping[str, Any]) -> dict[str, Any]:
+    return _tupled(element) | {"law": from_json(element["law"])}
 
 
 def _plain(parameter: Parameter) -> dict[str, Any]:

@@ -1,0 +1,175 @@
+"""What training makes small: residual over noise, and the jumps between windows.
+
+    L = mean_n ((y_n − ŷ_n − zero)/σ)² + c mean_k |(x_k(end) − x_{k+1}(start))/(ν s)|²,     ν = σ/rms(y)
+
+Recording by recording the displacement zero is projected out. Jumps are measured in typical states ``s`` times the
+relative noise ``ν``, so that with ``c = 1`` a jump weighs as much as the residual it would make. With whole recordings
+as windows only the first term is there (single shooting); the loss is 1 at the noise floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from phnn.errors import SolverFailed
+from phnn.integrate.program import compile_network
+from phnn.integrate.rest import equilibrium
+from phnn.learn.plant import NetworkPlant, Plant
+from phnn.learn.solvers import Solver
+from phnn.learn.windows import Window, starts_at_zero, windows_of
+from phnn.recordings.recording import Part, Recording
+from phnn.simulate import input_before
+
+_HEAD_SHARE, _HEAD_LEAST = 0.02, 50
+_SETTLING = 20
+
+
+class Objective(nn.Module):
+    """The loss of a plant on recordings, and the initial states that are estimated with it.
+
+    Args:
+        plant: what is trained.
+        solver: of the windows.
+        recordings: thinned as they are to be used.
+        length: samples of a window, 0 for whole recordings.
+        substeps: a sample interval.
+        continuity: weight ``c``.
+        use: which samples are scored.
+
+    Attributes:
+        windows: of all recordings, in order.
+        origin: (W, n) initial states to which the scaled ``offsets`` (K, n) of the ``unknown`` windows are added.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        solver: Solver,
+        recordings: Sequence[Recording],
+        length: int = 0,
+        substeps: int = 1,
+        continuity: float = 1.0,
+        use: str = "identification",
+    ) -> None:
+        super().__init__()
+        self.plant, self.solver, self.recordings, self.continuity = plant, solver, tuple(recordings), continuity
+        self.windows = windows_of(recordings, length, substeps)
+        self.unknown = [k for k, w in enumerate(self.windows) if not w.known]
+        self.masks = [torch.from_numpy(r.mask(use)) for r in recordings]
+        self.measured = [torch.from_numpy(np.ascontiguousarray(r.y)) for r in recordings]
+        self.origin = first_guess(plant, solver, self.recordings, self.windows, substeps)
+        self.offsets = nn.Parameter(torch.zeros(len(self.unknown), plant.scale.numel(), dtype=torch.float64))
+
+    def trained(self) -> list[nn.Parameter]:
+        """What an optimiser moves: coordinates and weights of the plant, then initial states."""
+        return [*self.plant.trained(), self.offsets] if self.unknown else self.plant.trained()
+
+    def initial(self) -> Tensor:
+        """(W, n) initial states of the windows."""
+        if not self.unknown:
+            return self.origin
+        return self.origin.index_add(0, torch.tensor(self.unknown), self.offsets * self.plant.scale)
+
+    def outputs(self) -> list[Tensor]:
+        """(N,) displacement of every recording, without its zero."""
+        return self._joined(self.solver(self.plant, self.windows, self.initial()))
+
+    def _joined(self, states: Sequence[Tensor]) -> list[Tensor]:
+        pieces: list[list[Tensor]] = [[] for _ in self.recordings]
+        for w, x in zip(self.windows, states, strict=True):
+            y = self.plant.measured(x)
+            # A shared sample is the end of the earlier window.
+            pieces[w.recording].append(y[1:] if w.continues else y)
+        return [torch.cat(p) for p in pieces]
+
+    def residuals(self, outputs: Sequence[Tensor]) -> Tensor:
+        """(N,) scored residuals over noise, each recording's mean taken out."""
+        found = []
+        for r, mask, y, model in zip(self.recordings, self.masks, self.measured, outputs, strict=True):
+            error = (y - model)[mask]
+            found.append((error - error.mean()) / r.noise)
+        return torch.cat(found)
+
+    def forward(self) -> Tensor:
+        """() the loss.
+
+        Raises:
+            SolverFailed: a window could not be solved.
+        """
+        x0 = self.initial()
+        states = self.solver(self.plant, self.windows, x0)
+        loss = self.residuals(self._joined(states)).square().mean()
+        jumps = [
+            (states[k - 1][-1] - x0[k]) / (self.plant.scale * self._noise(w.recording))
+            for k, w in enumerate(self.windows)
+            if w.continues
+        ]
+        return loss + self.continuity * torch.stack(jumps).square().mean() if jumps else loss
+
+    def _noise(self, recording: int) -> float:
+        """``ν`` of a recording."""
+        y = self.recordings[recording].y
+        return float(self.recordings[recording].noise / np.sqrt(np.mean((y - y.mean()) ** 2)))
+
+
+@torch.no_grad()
+def first_guess(
+    plant: Plant, solver: Solver, recordings: Sequence[Recording], windows: Sequence[Window], substeps: int
+) -> Tensor:
+    """(W, n) initial states: where recordings begin, and on the way of the untrained model where windows do."""
+    starts = torch.stack([begin(plant, r) for r in recordings])
+    if not any(w.continues for w in windows):
+        return starts
+    whole = windows_of(recordings, 0, substeps)
+    try:
+        paths = solver(plant, whole, starts)
+    except SolverFailed:
+        # Windows are for models that cannot run over a whole recording yet.
+        paths = [starts[k].expand(r.t.size, -1) for k, r in enumerate(recordings)]
+    return torch.stack([paths[w.recording][w.first] for w in windows])
+
+
+def begin(plant: Plant, recording: Recording) -> Tensor:
+    """(n,) state that a recording begins in or near: the rest state under the input before it."""
+    zero = torch.zeros_like(plant.scale)
+    if starts_at_zero(recording) or not isinstance(plant, NetworkPlant):
+        return zero
+    network = plant.network
+    program = compile_network(network)
+    u = np.zeros(len(network.ports))
+    u[0] = input_before(recording, recording.u)
+    return torch.from_numpy(equilibrium(program, program.theta(network), u))
+
+
+def settled(plant: Plant, solver: Solver, recording: Recording, substeps: int) -> Tensor:
+    """(n,) initial state of a recording, estimated from its first samples with the plant held.
+
+    The samples are those of its nuisance part or, where it has none, the first 2 % and 50 at least.
+    """
+    if starts_at_zero(recording):
+        return torch.zeros_like(plant.scale)
+    used = np.flatnonzero(recording.mask("nuisance"))
+    last = int(used[-1]) + 1 if used.size else max(_HEAD_LEAST, int(_HEAD_SHARE * recording.t.size))
+    head = _head(recording, last)
+    objective = Objective(plant, solver, (head,), 0, substeps, use="head")
+    optimiser = torch.optim.LBFGS([objective.offsets], max_iter=_SETTLING, line_search_fn="strong_wolfe")
+
+    def misfit() -> Tensor:
+        optimiser.zero_grad()
+        loss = objective()
+        objective.offsets.grad = torch.autograd.grad(loss, objective.offsets)[0]
+        return loss.detach()
+
+    optimiser.step(misfit)
+    return objective.initial()[0].detach()
+
+
+def _head(recording: Recording, last: int) -> Recording:
+    rows = slice(0, min(last, recording.t.size))
+    part = Part("head", 0, rows.stop, "head")
+    return replace(recording, t=recording.t[rows], u=recording.u[rows], y=recording.y[rows], parts=(part,), channels={})

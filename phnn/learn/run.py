@@ -1,0 +1,144 @@
+"""One training run: from settings to a folder with the trained model, its logs and its scores."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from omegaconf import OmegaConf
+
+from phnn.errors import InputRefused
+from phnn.identify.evaluate import Evaluation
+from phnn.learn.methods import with_gradients
+from phnn.learn.objective import Objective
+from phnn.learn.passivity import violations
+from phnn.learn.plant import NetworkPlant, Plant
+from phnn.learn.score import evaluate, set_aside, whole
+from phnn.learn.settings import Settings
+from phnn.learn.solvers import solver_for
+from phnn.learn.starts import plant_for
+from phnn.learn.trainer import Progress, Trainer
+from phnn.learn.windows import thinned
+from phnn.models.store import save
+from phnn.recordings import Campaign, read
+from phnn.recordings.excitation import excitation_of
+from phnn.recordings.partition import Candidate, choose
+from phnn.setup import Setup
+
+_STATES = 10_000
+# Fewer recordings than this are all needed for training.
+_LEAST = 3
+
+
+def train(settings: Settings, say: Callable[[str], None] = lambda line: None) -> dict[str, Any]:
+    """Train a model on a folder of recordings.
+
+    Writes into ``settings.out``: ``config.yaml``, ``checkpoint.pt``, ``log.csv``, ``tensorboard/``, ``weights.pt``,
+    ``metrics.json`` and, for networks, ``model/`` for `phnn predict`.
+
+    Returns:
+        What ``metrics.json`` holds.
+
+    Raises:
+        InputRefused: recordings or settings that cannot be used.
+        SolverFailed: the model could not be simulated however small the steps of training.
+    """
+    torch.manual_seed(settings.seed)
+    campaign = read(settings.folder, settings.manifest)
+    settings.home.mkdir(parents=True, exist_ok=True)
+    _write(settings.home / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(settings.plain())))
+    training, validation = set_aside(campaign.recordings, validation_names(campaign, settings.validation))
+    if not training:
+        raise InputRefused("validation: every recording is set aside, none is left to train on: name fewer")
+    plant = plant_for(settings.model, campaign, settings.seed, settings.base)
+    solver = solver_for(settings.solver, plant)
+    used = [thinned(r, settings.stride) for r in training]
+    objective = Objective(plant, solver, used, settings.window, settings.substeps, settings.continuity)
+    held = [thinned(r, settings.stride) for r in validation]
+
+    def validate() -> float:
+        return float(whole(plant, solver, held, settings.substeps)())
+
+    progress = Trainer(objective, validate if held else None, settings, say).run()
+    scores = evaluate(plant, solver, campaign.recordings, settings.substeps, _initial(objective))
+    content = _metrics(settings, plant, objective, progress, scores, [r.name for r in validation])
+    torch.save(plant.state_dict(), settings.home / "weights.pt")
+    if isinstance(plant, NetworkPlant):
+        save(Setup(plant.network, name=str(settings.model["kind"])), settings.home / "model", settings.substeps)
+    _write(settings.home / "metrics.json", json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    return content
+
+
+def validation_names(campaign: Campaign, given: Sequence[str]) -> tuple[str, ...]:
+    """Names of the recordings that stop the training: as given, or some within the span of the others.
+
+    Raises:
+        InputRefused: a name that no recording for identification has.
+    """
+    chosen = [r for r in campaign.recordings if r.mask("identification").any()]
+    for name in given:
+        if name not in [r.name for r in chosen]:
+            raise InputRefused(f"validation: no recording {name} for identification among {[r.name for r in chosen]}")
+    if given or len(chosen) < _LEAST:
+        return tuple(given)
+    return tuple(sorted(choose([Candidate(r.name, r.t.size, r.dt, excitation_of(r.u, r.dt), None) for r in chosen])))
+
+
+def _initial(objective: Objective) -> dict[str, torch.Tensor]:
+    """Estimated initial states of the recordings trained on."""
+    x0 = objective.initial().detach()
+    return {
+        objective.recordings[w.recording].name: x0[k]
+        for k, w in enumerate(objective.windows)
+        if not w.continues and not w.known
+    }
+
+
+def _metrics(
+    settings: Settings, plant: Plant, objective: Objective, progress: Progress, scores: Evaluation, aside: list[str]
+) -> dict[str, Any]:
+    began = time.perf_counter()
+    loss = with_gradients(objective)
+    seconds = time.perf_counter() - began
+    voltage = max(float(np.abs(r.u).max()) for r in objective.recordings)
+    table = {
+        p.name: {
+            "fit_percent": p.fit_percent,
+            "rmse": p.rmse,
+            "residual_over_noise": p.residual_over_noise,
+            "held_out": p.use == "confirmation",
+            "validation": p.name in aside,
+        }
+        for p in scores.parts
+    }
+    return {
+        "schema": "phnn.training/1",
+        "model": dict(settings.model),
+        "solver": dict(settings.solver),
+        "seed": settings.seed,
+        "parameters_trained": sum(p.numel() for p in objective.trained()),
+        "loss": float(loss),
+        "best_validation": progress.best if np.isfinite(progress.best) else None,
+        "epochs": len(progress.rows),
+        "held_out_over_noise": _finite(scores.over_noise("confirmation")),
+        "recordings": table,
+        "passivity": {"states": _STATES, "violations": violations(plant, voltage, _STATES, settings.seed)},
+        "seconds": progress.seconds,
+        "gradient_seconds": seconds,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _write(path: Path, text: str) -> None:
+    part = path.with_name(path.name + ".part")
+    part.write_text(text, encoding="utf-8")
+    os.replace(part, path)

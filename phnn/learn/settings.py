@@ -1,0 +1,118 @@
+"""What a training run is told; the keys of ``configs/train.yaml``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import MISSING, asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from phnn.errors import InputRefused
+
+# Keys that say where a run lies or how long it may go on, not what it computes: they may differ when it resumes.
+FREE_TO_CHANGE = ("out", "folder", "manifest", "resume", "checkpoint_every", "tensorboard", "base")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """One training run.
+
+    Attributes:
+        folder, out, manifest: recordings, results, and a ``recordings.yaml`` that lies elsewhere.
+        model: ``kind`` and the arguments of that kind, see `phnn.learn.starts`.
+        solver: ``name`` (``discrete_gradient`` or ``torchdiffeq``) and its options, see `phnn.learn.solvers`.
+        base: folder of a model that `phnn identify` wrote, to start from; it is identified where it is left out.
+        seed: of initial weights.
+        stride: every how many samples are used for training.
+        substeps: steps a (used) sample interval.
+        window: samples of a window; 0 for whole recordings.
+        continuity: weight of the jumps between windows.
+        validation: names of the recordings that stop the training; chosen among those for identification if empty.
+        adam, lbfgs, gauss_newton: most epochs of each method, in this order; a method of 0 epochs is left out.
+        rate: of Adam, falls to a hundredth along a cosine.
+        lbfgs_iterations: within one epoch.
+        patience: epochs without a better validation after which a method ends.
+        validate_every, checkpoint_every: epochs.
+        tensorboard: write a log for it as well.
+        resume: go on where an earlier run in ``out`` was stopped.
+    """
+
+    folder: str
+    out: str
+    manifest: str | None = None
+    model: Mapping[str, Any] = field(default_factory=lambda: {"kind": "neural_hrc"})
+    solver: Mapping[str, Any] = field(default_factory=lambda: {"name": "discrete_gradient"})
+    base: str | None = None
+    seed: int = 0
+    stride: int = 1
+    substeps: int = 1
+    window: int = 0
+    continuity: float = 1.0
+    validation: tuple[str, ...] = ()
+    adam: int = 50
+    lbfgs: int = 0
+    gauss_newton: int = 40
+    rate: float = 0.01
+    lbfgs_iterations: int = 10
+    patience: int = 20
+    validate_every: int = 1
+    checkpoint_every: int = 1
+    tensorboard: bool = True
+    resume: bool = True
+
+    def __post_init__(self) -> None:
+        least = {
+            "seed": 0, "stride": 1, "substeps": 1, "window": 0, "adam": 0, "lbfgs": 0, "gauss_newton": 0,
+            "lbfgs_iterations": 1, "patience": 1, "validate_every": 1, "checkpoint_every": 1,
+        }  # fmt: skip
+        for name, lowest in least.items():
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < lowest:
+                raise InputRefused(f"setting {name}={value} must be a whole number, {lowest} or more")
+        for name in ("rate", "continuity"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < float("inf"):
+                raise InputRefused(f"setting {name}={value} must be a positive number")
+        if self.window == 1:
+            raise InputRefused("setting window=1: a window has two samples at least; 0 takes whole recordings")
+        for name, key in (("model", "kind"), ("solver", "name")):
+            if not isinstance(getattr(self, name), Mapping) or key not in getattr(self, name):
+                raise InputRefused(f"setting {name} must hold {key}: choose one of the files in configs/{name}")
+
+    @classmethod
+    def from_config(cls, config: Mapping[str, Any]) -> Settings:
+        """From a composed configuration.
+
+        Raises:
+            InputRefused: a key that is unknown or missing, or a value out of range.
+        """
+        known = {f.name: f for f in fields(cls)}
+        for key in config:
+            if key not in known:
+                raise InputRefused(f"unknown setting {key}: training accepts {', '.join(known)}")
+        for name, f in known.items():
+            if f.default is MISSING and f.default_factory is MISSING and config.get(name) is None:
+                raise InputRefused(f"setting {name} is missing: write {name}=...")
+        given = dict(config)
+        given["validation"] = tuple(given.get("validation") or ())
+        return cls(**given)
+
+    def plain(self) -> dict[str, Any]:
+        """As nested dictionaries and lists."""
+        content = asdict(self)
+        return content | {"validation": list(self.validation), "model": dict(self.model), "solver": dict(self.solver)}
+
+    @property
+    def home(self) -> Path:
+        """Where the results go."""
+        return Path(self.out)
+
+
+def check_same(before: Mapping[str, Any], now: Mapping[str, Any], where: Path) -> None:
+    """Refuse to resume a run with settings that would have made it another one."""
+    for key in sorted(set(before) | set(now)):
+        if key not in FREE_TO_CHANGE and before.get(key) != now.get(key):
+            raise InputRefused(
+                f"{where}: was trained with {key}={before.get(key)}, now {key}={now.get(key)}: take the former, "
+                "another out, or resume=false to begin anew"
+            )

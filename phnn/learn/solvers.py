@@ -1,0 +1,171 @@
+"""How windows are solved: by the compiled power-preserving march, by that of latent models, or by torchdiffeq.
+
+Every solver takes a plant, windows and their (B, n) initial states and returns the (S_b, n) states at the samples of
+each window, differentiable by the plant's parameters and the initial states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn.utils.rnn import pad_sequence
+
+from phnn.errors import InputRefused
+from phnn.integrate.batched import march
+from phnn.integrate.differentiable import simulate_torch
+from phnn.integrate.method import METHOD
+from phnn.integrate.ode import ADAPTIVE, odeint
+from phnn.learn.plant import NetworkPlant, Plant
+from phnn.learn.windows import Window
+from phnn.models.fully_neural import FullyNeural
+
+_ROUNDING = 1e-9
+
+Solver = Callable[[Plant, Sequence[Window], Tensor], list[Tensor]]
+
+
+def solver_for(settings: Mapping[str, Any], plant: Plant) -> Solver:
+    """The solver of a training run.
+
+    Args:
+        settings: ``name`` is ``discrete_gradient``: the compiled march for networks, a batched one for a fully neural
+            model; or ``torchdiffeq``, with ``method``, ``adjoint``, ``rtol`` and ``atol`` (in typical states).
+
+    Raises:
+        InputRefused: an unknown solver or option, or one that does not suit the model.
+    """
+    options = dict(settings)
+    name = options.pop("name")
+    if name == "torchdiffeq":
+        unknown = sorted(set(options) - {"method", "adjoint", "rtol", "atol"})
+        if unknown:
+            raise InputRefused(f"solver.{unknown[0]}: torchdiffeq takes method, adjoint, rtol and atol")
+        return Torchdiffeq(plant, **options)
+    if name != METHOD:
+        raise InputRefused(f"solver.name = {name!r}: choose {METHOD} or torchdiffeq")
+    if options:
+        raise InputRefused(f"solver.{min(options)}: {METHOD} has no options")
+    if isinstance(plant, NetworkPlant):
+        return compiled
+    if isinstance(plant.core, FullyNeural):
+        return averaged
+    raise InputRefused(
+        f"{METHOD} needs an energy, which a {type(plant.core).__name__} has not: take solver=torchdiffeq"
+    )
+
+
+def compiled(plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
+    """Each window by the compiled march of its network."""
+    assert isinstance(plant, NetworkPlant)
+    return [
+        simulate_torch(plant.system, plant.inputs(w.mean), w.h, start)[w.nodes]
+        for w, start in zip(windows, x0, strict=True)
+    ]
+
+
+def averaged(plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
+    """All windows of a latent model at once, shorter ones continued by a constant input."""
+    assert isinstance(plant.core, FullyNeural)
+    u = pad_sequence([w.mean for w in windows])
+    h = pad_sequence([w.h for w in windows])
+    # Steps behind the end of a short window lead nowhere: of no length, they cost nothing either.
+    states = march(plant.core, x0, plant.inputs(u), h.unsqueeze(-1))
+    return [states[w.nodes, b] for b, w in enumerate(windows)]
+
+
+class Torchdiffeq:
+    """Windows by torchdiffeq, in batches.
+
+    The methods of torchdiffeq see all windows at once in the time ``τ`` that counts steps, ``dx/dτ = h_b f(x, u_b)``:
+    windows of recordings at different rates then share their output times. The power-preserving step goes window
+    lengths and steps apart, one batch for each, in true time.
+
+    Args:
+        method: of `phnn.integrate.ode.odeint`.
+        adjoint: gradients by `odeint_adjoint`.
+        rtol, atol: of adaptive methods; ``atol`` in units of the typical states.
+    """
+
+    def __init__(
+        self, plant: Plant, method: str = METHOD, adjoint: bool = True, rtol: float = 1e-7, atol: float = 1e-9
+    ) -> None:
+        if method == METHOD and not isinstance(plant, NetworkPlant):
+            raise InputRefused(f"method = {method} under torchdiffeq is for networks: take rk4 or dopri5")
+        self.method, self.adjoint, self.rtol, self.atol = method, adjoint, rtol, atol
+
+    def __call__(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
+        """States at the samples of each window."""
+        found: list[Tensor] = [x0] * len(windows)
+        for members in self._batches(windows):
+            solve = self._preserving if self.method == METHOD else self._general
+            states = solve(plant, [windows[b] for b in members], x0[members])
+            for k, b in enumerate(members):
+                found[b] = states[windows[b].nodes, k]
+        return found
+
+    def _batches(self, windows: Sequence[Window]) -> list[list[int]]:
+        if self.method != METHOD:
+            return [list(range(len(windows)))]
+        alike: dict[bytes, list[int]] = {}
+        for b, w in enumerate(windows):
+            alike.setdefault(w.h.numpy().tobytes(), []).append(b)
+        return list(alike.values())
+
+    def _preserving(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
+        assert isinstance(plant, NetworkPlant)
+        h = windows[0].h
+        t = torch.cat([h.new_zeros(1), h.cumsum(0)])
+        held = _Held(t, torch.stack([w.fine for w in windows], dim=1), plant)
+        return odeint(plant.system.with_input(held), x0, t, self.method, adjoint=self.adjoint)
+
+    def _general(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
+        counted = _Counted(plant, windows)
+        t = torch.arange(counted.h.shape[0] + 1, dtype=torch.float64)
+        jumps = counted.jumps() if self.method in ADAPTIVE else None
+        atol = self.atol * plant.scale
+        return odeint(counted, x0, t, self.method, self.rtol, atol, self.adjoint, jumps)
+
+
+def _quadratic(fine: Tensor, share: Tensor) -> Tensor:
+    """The parabola through the values at the start, middle and end of a step, at a share of it."""
+    start, middle, end = fine.unbind(-1)
+    linear, bend = -3.0 * start + 4.0 * middle - end, 2.0 * start - 4.0 * middle + 2.0 * end
+    return start + share * (linear + share * bend)
+
+
+class _Held(nn.Module):
+    """(B, P) inputs of a batch at a true time."""
+
+    def __init__(self, t: Tensor, fine: Tensor, plant: NetworkPlant) -> None:
+        super().__init__()
+        self.t, self.fine, self.inputs = t, fine, plant.inputs
+
+    def forward(self, t: Tensor) -> Tensor:
+        step = min(max(int(torch.searchsorted(self.t, t.detach(), right=True)) - 1, 0), self.fine.shape[0] - 1)
+        share = (t - self.t[step]) / (self.t[step + 1] - self.t[step])
+        return self.inputs(_quadratic(self.fine[step], share))
+
+
+class _Counted(nn.Module):
+    """``dx/dτ`` of a batch in the time that counts steps."""
+
+    def __init__(self, plant: Plant, windows: Sequence[Window]) -> None:
+        super().__init__()
+        self.plant = plant
+        self.fine = pad_sequence([w.fine for w in windows])
+        self.h = pad_sequence([w.h for w in windows])
+
+    def forward(self, tau: Tensor, x: Tensor) -> Tensor:
+        step = min(int(tau), self.h.shape[0] - 1)
+        u = _quadratic(self.fine[step], tau - step)
+        return self.h[step].unsqueeze(-1) * self.plant.rate(x, u)
+
+    def jumps(self) -> Tensor:
+        """Nodes where the input or the size of a step jumps."""
+        # Both sides of a smooth joint come out of a spline, equal up to rounding.
+        apart = (self.fine[1:, :, 0] - self.fine[:-1, :, 2]).abs() > _ROUNDING * self.fine.abs().max()
+        moved = apart | (self.h[1:] != self.h[:-1])
+        return (torch.nonzero(moved.any(1)).flatten() + 1).double()

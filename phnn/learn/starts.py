@@ -1,0 +1,153 @@
+"""The models a run can train, each from its start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from phnn.errors import InputRefused
+from phnn.identify.base import Options, identification_plan, identify_base
+from phnn.identify.problem import Plan
+from phnn.identify.staged import (
+    dominant_frequency,
+    drive_amplitude,
+    fit_identified,
+    held_by_statement,
+    mechanical_points,
+    middle_frequency,
+)
+from phnn.learn.plant import LatentPlant, NetworkPlant, Plant
+from phnn.models.actuator import hrc
+from phnn.models.fully_neural import FullyNeural
+from phnn.models.neural import neural_hrc
+from phnn.models.neural_ode import NeuralODE
+from phnn.models.scales import Scales
+from phnn.models.store import load
+from phnn.network.elements import Network
+from phnn.recordings.recording import Campaign, Recording
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+NETWORKS = ("hrc", "neural_hrc")
+LATENT: dict[str, Callable[..., FullyNeural | NeuralODE]] = {"fully_neural": FullyNeural, "neural_ode": NeuralODE}
+
+# Electrical stiffness of a hysteron over the mechanical one, and the width of a closed dead zone over the drive.
+_SHARE, _CLOSED = 0.15, 1e-6
+# Relaxation rates of the hysterons of the linear stage over the middle frequency.
+_RATES = (30.0, 1.0)
+_EVALUATIONS = 15
+
+
+def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str | None = None) -> Plant:
+    """The untrained plant of a run.
+
+    Args:
+        model: ``kind`` and the arguments of `neural_hrc`, `FullyNeural` or `NeuralODE`; ``hrc`` is the parametric
+            network. ``start`` of a network: ``parametric`` begins from the identified base model, ``none`` from a
+            linear one whose hysterons have no dead zone.
+        base: folder of an identified base model, to save its identification.
+
+    Raises:
+        InputRefused: an unknown kind or argument.
+    """
+    arguments = dict(model)
+    kind = arguments.pop("kind")
+    recordings = [r for r in campaign.recordings if r.mask("identification").any()]
+    if kind in LATENT:
+        _check(kind, arguments, ("states", "width"))
+        return LatentPlant(LATENT[kind](scales_of(recordings), seed=seed, **arguments))
+    if kind not in NETWORKS:
+        raise InputRefused(f"model.kind = {kind!r}: choose one of {', '.join((*NETWORKS, *LATENT))}")
+    known = ("hysterons", "start") if kind == "hrc" else (
+        "hysterons", "start", "width", "law", "symmetric", "spring_width")  # fmt: skip
+    _check(kind, arguments, known)
+    hysterons, start = int(arguments.get("hysterons", 2)), str(arguments.get("start", "parametric"))
+    values = _values(campaign, hysterons, start, base, seed)
+    hold = tuple(held_by_statement(campaign.known))
+    if kind == "hrc":
+        network = _held(hrc(hysterons, values), hold)
+    else:
+        reach, speed = reach_and_speed(recordings)
+        if start == "none":
+            # A closed dead zone is no start to be fitted to.
+            values = {n: v for n, v in values.items() if not n.startswith("d_")}
+        hold = tuple(n for n in hold if not n.startswith(("rho_", "d_")))
+        network = neural_hrc(**arguments, values=values, reach=reach, speed=speed, hold=hold, seed=seed)
+    return NetworkPlant(network, typical_states(network, recordings))
+
+
+def _held(network: Network, hold: Sequence[str]) -> Network:
+    """The network with some parameters held."""
+    table = {n: replace(p, fixed=p.fixed or n in hold) for n, p in network.parameters.items()}
+    return replace(network, parameters=table)
+
+
+def _check(kind: str, arguments: Mapping[str, Any], known: Sequence[str]) -> None:
+    for name in arguments:
+        if name not in known:
+            raise InputRefused(f"model.{name}: {kind} takes {', '.join(known)}")
+
+
+def _values(campaign: Campaign, hysterons: int, start: str, base: str | None, seed: int) -> dict[str, float]:
+    """Starting values of the physical parameters."""
+    if base is not None:
+        values = load(Path(base))[0].values()
+    elif start == "parametric":
+        values = identify_base(campaign, Options(seed=seed))[0].setup.values()
+    else:
+        values = linear_stage(campaign, hysterons)
+    wanted = hrc(hysterons).parameters
+    return {n: v for n, v in values.items() if n in wanted}
+
+
+def linear_stage(campaign: Campaign, hysterons: int) -> dict[str, float]:
+    """Mechanical and linear electrical parameters, dead zones closed: the second stage of Fig. 9.
+
+    The hysterons are linear relaxations here, whose stiffness and rate are fitted; nothing is said of thresholds.
+    """
+    plan = identification_plan(campaign, 1)
+    anchored = {n: a.value for n, a in campaign.known.items() if n in hrc(hysterons).parameters}
+    held = held_by_statement(campaign.known)
+    tried = []
+    for point in mechanical_points(plan, anchored):
+        setup = Setup(hrc(hysterons, _relaxations(point.values(), plan, hysterons) | anchored))
+        fixed = held | {f"d_{i + 1}": "closed" for i in range(hysterons)}
+        tried.append(fit_identified(setup, plan, fixed, _EVALUATIONS))
+    return min(tried, key=lambda f: f.cost).setup.values()
+
+
+def _relaxations(mechanical: Mapping[str, float], plan: Plan, hysterons: int) -> dict[str, float]:
+    """A mass–spring–damper's values with linear hysterons beside them."""
+    values = {n: mechanical[n] for n in ("m", "k", "b", "alpha")}
+    omega = 2.0 * np.pi * middle_frequency(plan.recordings)
+    for i in range(hysterons):
+        c = values["alpha"] ** 2 / (_SHARE * values["k"])
+        values |= {f"C_{i + 1}": c, f"rho_{i + 1}": _RATES[i % len(_RATES)] * omega * c}
+        values |= {f"d_{i + 1}": _CLOSED * drive_amplitude(plan.recordings)}
+    return values
+
+
+def scales_of(recordings: Sequence[Recording]) -> Scales:
+    """Time by the highest main frequency, ``1/(2π f)``; input by its largest value; output by half its range."""
+    fastest = max(dominant_frequency(r) for r in recordings)
+    largest = max(float(np.abs(r.u).max()) for r in recordings)
+    return Scales(1.0 / (2.0 * np.pi * fastest), largest, reach_and_speed(recordings)[0])
+
+
+def reach_and_speed(recordings: Sequence[Recording]) -> tuple[float, float]:
+    """Half the largest range of the output [m], and what a sine of that size has as velocity at most [m/s]."""
+    halves = [(0.5 * float(np.ptp(r.y)), dominant_frequency(r)) for r in recordings]
+    return max(h for h, _ in halves), max(2.0 * np.pi * f * h for h, f in halves)
+
+
+def typical_states(network: Network, recordings: Sequence[Recording]) -> Tensor:
+    """(n,) largest state of the untrained network on the recordings."""
+    found = [np.abs(simulate(Setup(network), r).states).max(axis=0) for r in recordings]
+    largest = np.max(found, axis=0)
+    return torch.from_numpy(np.where(largest > 0.0, largest, 1.0))

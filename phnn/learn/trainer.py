@@ -1,0 +1,189 @@
+"""The training loop: methods one after the other, each until it stops to help on recordings it does not see.
+
+The best parameters by validation are what a run ends with, and what each method begins with. A step that fails or
+leads to what is not finite is taken back and the rate of learning halved.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from phnn.errors import SolverFailed
+from phnn.learn import checkpoint
+from phnn.learn.logs import Log, Row
+from phnn.learn.methods import METHODS, Method, method_of
+from phnn.learn.objective import Objective
+from phnn.learn.settings import Settings, check_same
+
+_MOST_FAILURES = 8
+
+
+@dataclass
+class Progress:
+    """Where a run stands.
+
+    Attributes:
+        phase: index into `METHODS`; epoch: within it.
+        factor: of the rate of learning; failures: in a row.
+        best: lowest validation so far; since: epochs without a lower one; parameters: those it was reached with.
+        rows: of the log.
+        seconds: of training so far.
+    """
+
+    phase: int = 0
+    epoch: int = 0
+    factor: float = 1.0
+    failures: int = 0
+    best: float = math.inf
+    since: int = 0
+    parameters: list[Tensor] = field(default_factory=list)
+    rows: list[Row] = field(default_factory=list)
+    seconds: float = 0.0
+
+
+class Trainer:
+    """Train an objective.
+
+    Args:
+        objective: its parameters are moved.
+        validate: the loss on recordings set aside, called without gradients; None stops on the training loss.
+        settings: of the run.
+        say: told one line an epoch.
+    """
+
+    def __init__(
+        self,
+        objective: Objective,
+        validate: Callable[[], float] | None,
+        settings: Settings,
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        self.objective, self.validate, self.settings, self.say = objective, validate, settings, say
+        self.path: Path = settings.home / checkpoint.FILE
+        self.progress = Progress(parameters=self._present())
+        self.method: Method | None = None
+
+    def run(self) -> Progress:
+        """Train to the end, from the checkpoint of an earlier run where there is one.
+
+        Raises:
+            InputRefused: the checkpoint belongs to other settings.
+            SolverFailed: the model cannot be simulated any more, or not from the beginning.
+        """
+        if self.settings.resume:
+            self._resume()
+        p = self.progress
+        log = Log(self.settings.home, p.rows, self.settings.tensorboard)
+        try:
+            while p.phase < len(METHODS):
+                self._phase(log)
+                self._set(p.parameters)
+                p.phase, p.epoch, p.since, p.failures = p.phase + 1, 0, 0, 0
+                self.method = None
+                self._save()
+        finally:
+            log.close()
+        return p
+
+    def _phase(self, log: Log) -> None:
+        name = METHODS[self.progress.phase]
+        epochs = int(getattr(self.settings, name))
+        if epochs and self.method is None:
+            self.method = method_of(name, self.objective, self.settings, self.progress.factor)
+        while self.progress.epoch < epochs and self.progress.since < self.settings.patience:
+            began = time.perf_counter()
+            loss = self._attempt(name)
+            value = self._judged(loss)
+            p = self.progress
+            p.seconds += time.perf_counter() - began
+            row = {
+                "epoch": len(p.rows), "method": name, "loss": loss, "validation": value,
+                "rate": self.settings.rate * p.factor, "seconds": round(p.seconds, 3),
+            }  # fmt: skip
+            p.rows.append(row)
+            p.epoch += 1
+            log.add(row)
+            self.say(f"{name} {p.epoch}/{epochs}: loss {loss:.5g}, validation {_shown(value)}, best {p.best:.5g}")
+            if p.epoch % self.settings.checkpoint_every == 0:
+                self._save()
+
+    def _attempt(self, name: str) -> float:
+        """One epoch; taken back and tried again more carefully where it fails."""
+        p = self.progress
+        while True:
+            before = self._present()
+            try:
+                assert self.method is not None
+                loss = self.method(p.epoch)
+                if not all(bool(torch.isfinite(v).all()) for v in self.objective.trained()):
+                    raise SolverFailed("a parameter is not finite")
+                p.failures = 0
+                return loss
+            except SolverFailed as error:
+                p.failures += 1
+                if p.failures > _MOST_FAILURES:
+                    raise SolverFailed(
+                        f"training stopped after {p.failures} failed steps in a row, the last one: {error}; lower "
+                        "rate, use shorter windows, or begin from a parametric start"
+                    ) from error
+                # After a failure at the very point reached, only the best one so far is known to be sound.
+                self._set(p.parameters if p.failures > 1 else before)
+                p.factor *= 0.5
+                self.method = method_of(name, self.objective, self.settings, p.factor)
+
+    @torch.no_grad()
+    def _judged(self, loss: float) -> float | None:
+        """The validation of an epoch that has one, remembered where it is the best."""
+        p = self.progress
+        p.since += 1
+        if p.epoch % self.settings.validate_every:
+            return None
+        try:
+            value = self.validate() if self.validate is not None else float(self.objective())
+        except SolverFailed:
+            value = math.inf
+        if value < p.best:
+            p.best, p.since, p.parameters = value, 0, self._present()
+        return value
+
+    def _present(self) -> list[Tensor]:
+        return [v.detach().clone() for v in self.objective.trained()]
+
+    @torch.no_grad()
+    def _set(self, values: list[Tensor]) -> None:
+        for parameter, value in zip(self.objective.trained(), values, strict=True):
+            parameter.copy_(value)
+        self.objective.plant.write()
+
+    def _save(self) -> None:
+        content: dict[str, Any] = {
+            "settings": self.settings.plain(),
+            "progress": vars(self.progress),
+            "present": self._present(),
+            "method": None if self.method is None else self.method.state_dict(),
+        }
+        checkpoint.save(self.path, content)
+
+    def _resume(self) -> None:
+        state = checkpoint.load(self.path)
+        if state is None:
+            return
+        check_same(state["settings"], self.settings.plain(), self.path)
+        self.progress = Progress(**state["progress"])
+        self._set(state["present"])
+        if state["method"] is not None:
+            name = METHODS[self.progress.phase]
+            self.method = method_of(name, self.objective, self.settings, self.progress.factor)
+            self.method.load_state_dict(state["method"])
+
+
+def _shown(value: float | None) -> str:
+    return "–" if value is None else f"{value:.5g}"

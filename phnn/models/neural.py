@@ -1,0 +1,168 @@
+"""The HRC actuator with learned resistors on its hysterons, and a learned spring where one is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from phnn.errors import InputRefused
+from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
+from phnn.models.actuator import hrc
+from phnn.network.elements import Network, Resistor
+from phnn.parameters import as_table
+
+STARTS = ("parametric", "none")
+LAWS = ("damping", "monotone")
+
+# A slope that moves the effort by less than this share of d/2 at the fastest motion is as good as a vertical one.
+_FINEST = 0.01
+# Relaxation rates ϱ⁻¹/C [1/s] of hysterons of which nothing is known: one mostly slips, the next one mostly sticks.
+_RATES = (1e4, 3e2)
+_POINTS = 400
+_ITERATIONS = 300
+
+
+def neural_hrc(
+    hysterons: int = 2,
+    width: int = 16,
+    start: str = "parametric",
+    law: str = "damping",
+    symmetric: bool = True,
+    spring_width: int = 0,
+    values: Mapping[str, float] | None = None,
+    reach: float = 1.2e-4,
+    speed: float = 0.12,
+    hold: Sequence[str] = (),
+    seed: int = 0,
+) -> Network:
+    """Eqs. (3)–(6) with a network of units in place of every dead zone ``h_i⁻¹`` of eq. (2).
+
+        Q̇_i = α p/m − φ_i(Q_i/C_i),   ε φ_i(ε) ≥ 0 for all weights
+
+    The effort scale of a hysteron is half of what it would reach if nothing leaked, ``α reach/C_i``; the conductance
+    scale is that of the start. A symmetric law is the default because displacement says nothing of a common shift of
+    both thresholds of a hysteron: it is the same as another displacement zero.
+
+    Args:
+        hysterons: ``n ≥ 1``.
+        width: units of every learned resistor.
+        start: ``parametric``: each learned resistor is first fitted to the dead zone of ``values``, with a slope no
+            steeper than recordings of this ``speed`` resolve; ``none``: to nothing. It starts then as a linear
+            resistor of conductance ``rho_i`` if ``values`` has one, else of a middling relaxation rate.
+        law: ``damping`` (`DampingMLP`, sign-constrained) or ``monotone`` (`MonotoneMLP`).
+        symmetric: odd resistors; of ``damping`` only.
+        spring_width: units of a learned convex spring (`EnergyMLP`) fitted to ``k q²/2`` first; 0 for a linear one.
+        values: starting values of the parameters of `hrc`; those left out are Table 1's.
+        reach, speed: largest displacement [m] and velocity [m/s] of the recordings.
+        hold: parameters that stay at their values (a mass, where no anchor fixes the common factor).
+        seed: of the initial weights.
+
+    Raises:
+        InputRefused: no hysteron, an unknown start or law, or a name that the model does not have.
+    """
+    if hysterons < 1:
+        raise InputRefused(f"hysterons = {hysterons}: a neural actuator has at least one")
+    if start not in STARTS:
+        raise InputRefused(f"start = {start!r}: choose {' or '.join(STARTS)}")
+    if law not in LAWS:
+        raise InputRefused(f"law = {law!r}: choose {' or '.join(LAWS)}")
+    given = dict(values or {})
+    known = hrc(hysterons, given)
+    v = {n: p.value for n, p in known.parameters.items()}
+    laws = []
+    for i in range(1, hysterons + 1):
+        effort = 0.5 * v["alpha"] * reach / v[f"C_{i}"]
+        rho = _conductance(i, start, v, given, v["alpha"] * speed)
+        learned = _learned(law, effort, rho, width, symmetric, start, seed + i)
+        if start == "parametric":
+            fit_dead_zone(learned, rho, v[f"d_{i}"], 2.5 * effort)
+        laws.append(learned)
+    network = replace(known, resistors=_with_laws(known.resistors, laws))
+    if spring_width:
+        network = _with_spring(network, v["k"], reach, spring_width)
+    return _only_used(network, hold)
+
+
+def _conductance(i: int, start: str, v: Mapping[str, float], given: Mapping[str, float], largest_flow: float) -> float:
+    """Slope outside of the dead zone that the i-th hysteron starts with [S]."""
+    if start == "parametric":
+        return min(v[f"rho_{i}"], largest_flow / (_FINEST * 0.5 * v[f"d_{i}"]))
+    return given.get(f"rho_{i}", v[f"C_{i}"] * _RATES[(i - 1) % len(_RATES)])
+
+
+def _learned(
+    law: str, effort: float, rho: float, width: int, symmetric: bool, start: str, seed: int
+) -> DampingMLP | MonotoneMLP:
+    """A resistor whose typical conductance is ``rho``; a damping law starts at half its conductance scale."""
+    if law == "monotone":
+        return MonotoneMLP(effort, rho * effort, width)
+    scale = rho if start == "parametric" else 2.0 * rho
+    return DampingMLP(effort, scale * effort, width, symmetric, seed)
+
+
+def fit_dead_zone(
+    law: DampingMLP | MonotoneMLP,
+    rho: float,
+    width: float,
+    reach: float,
+) -> float:
+    """Fit a learned resistor to the dead zone of eq. (2) on ``|ε| ≤ reach`` [V], most closely around its edges.
+
+    Args:
+        rho: slope ``ϱ⁻¹`` [S]; width: ``d`` [V].
+
+    Returns:
+        The root mean square error of the flow relative to that of the dead zone's.
+    """
+    half = 0.5 * width
+    even = torch.linspace(-reach, reach, _POINTS, dtype=torch.float64)
+    near = half * torch.linspace(0.8, 1.2, _POINTS // 2, dtype=torch.float64)
+    effort = torch.cat([even, near, -near])
+    target = rho * (torch.relu(effort - half) - torch.relu(-effort - half))
+    return _fit(law, law, effort, target)
+
+
+def _with_spring(network: Network, k: float, reach: float, width: int) -> Network:
+    """The network with a learned spring on its output."""
+    spring = EnergyMLP(reach, k * reach, width)
+    q = torch.linspace(-2.0 * reach, 2.0 * reach, _POINTS, dtype=torch.float64)
+    _fit(spring, spring, q, k * q)
+    storages = tuple(replace(s, law=spring, parameters=()) if s.name == network.output else s for s in network.storages)
+    return replace(network, storages=storages)
+
+
+def _fit(module: nn.Module, law: Any, x: Tensor, target: Tensor) -> float:
+    """Least squares by a quasi-Newton method; the relative error that is left."""
+    unit = target.square().mean().sqrt()
+    optimiser = torch.optim.LBFGS(
+        module.parameters(), max_iter=_ITERATIONS, history_size=30, line_search_fn="strong_wolfe"
+    )
+
+    def misfit() -> Tensor:
+        optimiser.zero_grad()
+        loss = ((law(x) - target) / unit).square().mean()
+        loss.backward()
+        return loss
+
+    optimiser.step(misfit)
+    return float(misfit().detach().sqrt())
+
+
+def _with_laws(resistors: Sequence[Resistor], laws: Sequence[nn.Module]) -> tuple[Resistor, ...]:
+    """The hysterons' resistors, which come first, with learned laws."""
+    learned = (replace(r, law=law, parameters=()) for r, law in zip(resistors, laws, strict=False))
+    return (*learned, *resistors[len(laws) :])
+
+
+def _only_used(network: Network, hold: Sequence[str]) -> Network:
+    """The network without parameters that no element refers to any more, some of the others held."""
+    used = set(network._parameter_references())
+    strangers = sorted(set(hold) - used)
+    if strangers:
+        raise InputRefused(f"hold: no parameter {strangers[0]}; this model has {', '.join(sorted(used))}")
+    kept = (replace(p, fixed=p.fixed or n in hold) for n, p in network.parameters.items() if n in used)
+    return replace(network, parameters=as_table(kept))
