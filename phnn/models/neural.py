@@ -22,8 +22,8 @@ LAWS = ("damping", "monotone")
 _FINEST = 0.01
 # Relaxation rates ϱ⁻¹/C [1/s] of hysterons of which nothing is known: one mostly slips, the next one mostly sticks.
 _RATES = (1e4, 3e2)
-_POINTS = 400
-_ITERATIONS = 300
+_POINTS = 200
+_ITERATIONS = 200
 
 
 def neural_hrc(

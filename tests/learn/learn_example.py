@@ -1,0 +1,62 @@
+"""Small recordings of a gentle actuator, and plants to train on them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import campaigns
+import numpy as np
+import torch
+
+from phnn.learn.plant import LatentPlant, NetworkPlant
+from phnn.learn.starts import typical_states
+from phnn.models.actuator import hrc
+from phnn.models.fully_neural import FullyNeural
+from phnn.models.neural import neural_hrc
+from phnn.models.neural_ode import NeuralODE
+from phnn.models.scales import Scales
+from phnn.recordings.recording import Recording
+from phnn.setup import Setup
+
+# One hysteron that slips slowly enough for explicit methods.
+VALUES = {"m": 1.0e-3, "k": 2.0e4, "b": 6.0, "alpha": 0.04, "C_1": 5.0e-7, "rho_1": 1.0e-3, "d_1": 8.0}
+NOISE = 60e-9
+SCALES = Scales(1.0 / (2 * np.pi * 150.0), 75.0, 1.2e-4)
+
+
+@cache
+def recording(frequency: float = 50.0, samples: int = 81, amplitude: float = 75.0, seed: int = 0) -> Recording:
+    """One period of a sine through the true actuator."""
+    t = np.arange(samples) / (samples - 1) / frequency
+    u = amplitude * np.sin(2 * np.pi * frequency * t)
+    return campaigns.recorded(Setup(hrc(1, VALUES)), f"sine_{frequency:.0f}", t, u, NOISE, seed)
+
+
+def recordings() -> list[Recording]:
+    """Two frequencies."""
+    return [recording(50.0), recording(120.0, seed=1)]
+
+
+def parametric(**moved: float) -> NetworkPlant:
+    """The parametric network, some values moved."""
+    network = hrc(1, VALUES | moved)
+    return NetworkPlant(network, typical_states(network, recordings()))
+
+
+def neural(width: int = 4, start: str = "none", **others: object) -> NetworkPlant:
+    """A network with a learned resistor."""
+    network = neural_hrc(1, width, start=start, values=VALUES, speed=0.06, hold=("m",), **others)  # type: ignore[arg-type]
+    return NetworkPlant(network, typical_states(network, recordings()))
+
+
+def fully_neural(states: int = 3, width: int = 6, seed: int = 0) -> LatentPlant:
+    """A fully neural plant whose energy is not the quadratic one it starts with."""
+    core = FullyNeural(SCALES, states, width, seed)
+    with torch.no_grad():
+        core.heights.normal_(generator=torch.Generator().manual_seed(seed)).mul_(0.3)
+    return LatentPlant(core)
+
+
+def neural_ode(states: int = 3, width: int = 6, seed: int = 0) -> LatentPlant:
+    """A black-box plant."""
+    return LatentPlant(NeuralODE(SCALES, states, width, seed))

@@ -1,0 +1,132 @@
+"""The loss is residual over noise without the displacement zero; windows add their jumps; starts are estimated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import learn_example as example
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from phnn.errors import PhnnError
+from phnn.laws import RESISTOR_LAWS
+from phnn.learn.characteristic import inverse, thresholds
+from phnn.learn.objective import Objective, settled
+from phnn.learn.passivity import violations
+from phnn.learn.plant import NetworkPlant
+from phnn.learn.score import evaluate
+from phnn.learn.solvers import compiled
+from phnn.learn.starts import reach_and_speed, scales_of
+from phnn.network.elements import Resistor
+from phnn.recordings.recording import Part, Start
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+
+def test_the_loss_is_one_at_the_truth_and_sees_no_zero() -> None:
+    objective = Objective(example.parametric(), compiled, example.recordings(), substeps=4)
+    loss = float(objective().detach())
+    # 162 samples: the standard deviation of the loss is 0.11.
+    assert loss == pytest.approx(1.0, abs=0.35)
+    shifted = [replace(r, y=r.y + 1e-3) for r in example.recordings()]
+    assert float(Objective(example.parametric(), compiled, shifted, substeps=4)().detach()) == pytest.approx(loss)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(20, 81))
+def test_windows_on_the_way_of_the_model_change_nothing(length: int) -> None:
+    plant = example.parametric(d_1=6.0)
+    whole = Objective(plant, compiled, example.recordings())
+    cut = Objective(plant, compiled, example.recordings(), length)
+    assert float(cut().detach()) == pytest.approx(float(whole().detach()), rel=1e-9)
+
+
+def test_a_jump_counts_as_the_residual_it_makes() -> None:
+    plant = example.parametric()
+    (r, _) = example.recordings()
+    objective = Objective(plant, compiled, [r], 41, continuity=7.0)
+    (second,) = [k for k, w in enumerate(objective.windows) if w.continues]
+    assert objective.unknown == [second]
+    noise = r.noise / float(np.std(r.y))
+    before = float(objective().detach())
+    parts = {}
+    for weight in (7.0, 14.0):
+        objective.continuity = weight
+        with torch.no_grad():
+            objective.offsets.fill_(2.0 * noise)
+            parts[weight] = float(objective())
+    # Two typical noises in every state: four a state and join, whatever the residual becomes by it.
+    assert parts[14.0] - parts[7.0] == pytest.approx(7.0 * 4.0, rel=1e-6)
+    assert parts[7.0] > before
+
+
+def test_an_unknown_start_is_found_from_the_first_samples() -> None:
+    whole = example.recording(50.0, 161)
+    first = 50
+    tail = replace(
+        whole, t=whole.t[first:] - whole.t[first], u=whole.u[first:], y=whole.y[first:], start=Start("unknown"),
+        parts=(Part("head", 0, 50, "nuisance"), Part("tail", 50, 111, "confirmation")),
+    )  # fmt: skip
+    plant = example.parametric()
+    x0 = settled(plant, compiled, tail, 2)
+    true = simulate(Setup(plant.network), whole, 2).states[2 * first]
+    assert float(x0[1]) == pytest.approx(true[1], abs=0.05e-4)
+    scores = evaluate(plant, compiled, [whole, tail], 2, {})
+    (held,) = [p for p in scores.parts if p.use == "confirmation"]
+    assert held.residual_over_noise < 1.5
+    assert scores.parts[0].residual_over_noise == pytest.approx(1.0, abs=0.2)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0.5, 20.0), st.floats(1e-6, 10.0))
+def test_thresholds_of_a_dead_zone_are_its_own(width: float, rho: float) -> None:
+    def law(effort: torch.Tensor) -> torch.Tensor:
+        return RESISTOR_LAWS["dead_zone"].flow(effort, None, rho, width)
+
+    largest = rho * 0.4 * width
+    assert thresholds(law, largest, 2.0 * width) == pytest.approx((-0.5 * width, 0.5 * width), rel=1e-6)
+    flows = np.array([-largest, 0.3 * largest])
+    np.testing.assert_allclose(inverse(law, flows, 2.0 * width), flows / rho + 0.5 * width * np.sign(flows), rtol=1e-6)
+    with pytest.raises(PhnnError, match="carries no"):
+        inverse(law, 10.0 * flows, width)
+
+
+def test_no_trained_model_violates_passivity_and_a_wrong_one_is_noticed() -> None:
+    random = torch.Generator().manual_seed(1)
+    for plant in (example.neural(), example.fully_neural()):
+        with torch.no_grad():
+            for p in plant.core.parameters():
+                p.mul_(1.0 + 0.5 * torch.randn(p.shape, generator=random, dtype=torch.float64))
+        assert violations(plant, 75.0, 2000, seed=3) == 0
+    assert violations(example.neural_ode(), 75.0, 100) is None
+    plant = example.parametric()
+    wrong = Resistor("wrong", _Negative(), {"p": 1.0})
+    network = plant.network.extend(resistors=(wrong,))
+    assert violations(NetworkPlant(network, plant.scale), 75.0, 1000) > 100  # type: ignore[operator]
+
+
+class _Negative(torch.nn.Module):
+    def forward(self, effort: torch.Tensor) -> torch.Tensor:
+        return -50.0 * effort
+
+
+def test_scales_come_from_the_recordings() -> None:
+    found = scales_of(example.recordings())
+    reach, speed = reach_and_speed(example.recordings())
+    assert found.input == pytest.approx(75.0, rel=1e-3)
+    assert found.time == pytest.approx(1.0 / (2 * np.pi * 120.0), rel=0.02)
+    assert found.output == reach == pytest.approx(max(0.5 * np.ptp(r.y) for r in example.recordings()))
+    assert speed == pytest.approx(2 * np.pi * 120.0 * 0.5 * np.ptp(example.recordings()[1].y), rel=0.05)
+
+
+def test_coordinates_stay_within_the_bounds_of_the_parameters() -> None:
+    plant = example.parametric()
+    with torch.no_grad():
+        plant.z.add_(1e3)
+    plant.write()
+    for name, p in plant.network.parameters.items():
+        assert p.value == pytest.approx(p.upper), name
+    assert bool(torch.isfinite(plant.z).all())

@@ -1,0 +1,198 @@
+"""All solvers find the same states and gradients, which stiff reference solvers and finite differences confirm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import learn_example as example
+import numpy as np
+import pytest
+import torch
+from scipy.integrate import solve_ivp
+from scipy.interpolate import make_interp_spline
+from torch import Tensor
+
+from phnn.errors import InputRefused, SolverFailed
+from phnn.integrate import batched
+from phnn.learn.objective import Objective
+from phnn.learn.plant import LatentPlant, Plant
+from phnn.learn.solvers import Solver, Torchdiffeq, averaged, compiled, solver_for
+from phnn.learn.windows import windows_of
+
+KINDS: dict[str, Callable[[], Plant]] = {
+    "neural": example.neural, "fully_neural": example.fully_neural, "neural_ode": example.neural_ode,
+}  # fmt: skip
+
+
+def whole(solver: Solver, plant: Plant, substeps: int = 1) -> list[Tensor]:
+    """Outputs on both recordings from rest."""
+    with torch.no_grad():
+        return Objective(plant, solver, example.recordings(), 0, substeps).outputs()
+
+
+def reference(plant: Plant) -> list[np.ndarray]:
+    """The same with scipy, which takes only the right-hand side."""
+    found = []
+    for r in example.recordings():
+        spline = make_interp_spline(r.t, r.u, k=3)
+
+        def field(t: float, x: np.ndarray, u: Callable[[float], float] = spline) -> np.ndarray:
+            with torch.no_grad():
+                scaled = torch.from_numpy(x) * plant.scale
+                return (plant.rate(scaled, torch.tensor(float(u(t)), dtype=torch.float64)) / plant.scale).numpy()
+
+        zero = np.zeros(plant.scale.numel())
+        path = solve_ivp(field, (0.0, r.t[-1]), zero, "LSODA", r.t, rtol=1e-7, atol=1e-9)
+        with torch.no_grad():
+            found.append(plant.measured(torch.from_numpy(path.y.T) * plant.scale).numpy())
+    return found
+
+
+def error(found: list[Tensor], exact: list[np.ndarray]) -> float:
+    return max(float(np.abs(a.numpy() - b).max() / np.abs(b).max()) for a, b in zip(found, exact, strict=True))
+
+
+def adaptive(plant: Plant) -> list[np.ndarray]:
+    """What dopri5 makes of them."""
+    return [y.numpy() for y in whole(Torchdiffeq(plant, "dopri5", adjoint=False, rtol=1e-5, atol=1e-7), plant)]
+
+
+@pytest.mark.parametrize("kind", ["fully_neural", "neural_ode"])
+def test_adaptive_torchdiffeq_is_exact_on_recordings_of_different_rates(kind: str) -> None:
+    plant = KINDS[kind]()
+    assert error([torch.from_numpy(y) for y in adaptive(plant)], reference(plant)) < 1e-4
+
+
+@pytest.mark.parametrize(("kind", "solver"), [("neural", compiled), ("fully_neural", averaged)])
+def test_power_preserving_marches_converge_with_the_square_of_the_step(kind: str, solver: Solver) -> None:
+    plant = KINDS[kind]()
+    exact = adaptive(plant)
+    coarse, fine = (error(whole(solver, plant, n), exact) for n in (2, 4))
+    assert coarse < 0.02
+    assert 3.0 < coarse / fine < 5.5
+
+
+def test_runge_kutta_on_the_grid_is_close() -> None:
+    plant = example.neural_ode()
+    solver = Torchdiffeq(plant, "rk4", adjoint=False)
+    exact = adaptive(plant)
+    assert error(whole(solver, plant, 2), exact) < 1e-4
+
+
+def test_the_step_under_torchdiffeq_is_close_to_the_compiled_march() -> None:
+    # Both are of second order; the leaves are advanced by other rules.
+    plant = example.neural()
+    found = whole(Torchdiffeq(plant), plant)
+    assert error(found, [y.numpy() for y in whole(compiled, plant)]) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        ("neural", {"name": "discrete_gradient"}),
+        ("neural", {"name": "torchdiffeq"}),
+        ("neural", {"name": "torchdiffeq", "adjoint": False}),
+        ("fully_neural", {"name": "discrete_gradient"}),
+        ("fully_neural", {"name": "torchdiffeq", "method": "rk4", "adjoint": False}),
+        ("neural_ode", {"name": "torchdiffeq", "method": "rk4", "adjoint": False}),
+    ],
+    ids=lambda v: v if isinstance(v, str) else "-".join(str(w) for w in v.values()),
+)
+def test_gradients_are_those_of_the_states_computed(kind: str, options: dict[str, object]) -> None:
+    plant = KINDS[kind]()
+    objective = Objective(plant, solver_for(options, plant), example.recordings(), 28, 1)
+    random = torch.Generator().manual_seed(1)
+    with torch.no_grad():
+        objective.offsets.copy_(0.1 * torch.randn(objective.offsets.shape, generator=random, dtype=torch.float64))
+    objective().backward()
+    plant.collect()
+    direction = [torch.randn(p.shape, generator=random, dtype=torch.float64) for p in objective.trained()]
+    pairs = list(zip(objective.trained(), direction, strict=True))
+    slope = sum(float((p.grad * d).sum()) for p, d in pairs if p.grad is not None)
+    size, values = 1e-6, []
+    for sign in (1.0, -1.0):
+        with torch.no_grad():
+            for p, d in pairs:
+                p.add_(sign * size * d)
+            plant.write()
+            values.append(float(objective()))
+            for p, d in pairs:
+                p.sub_(sign * size * d)
+            plant.write()
+    assert slope == pytest.approx((values[0] - values[1]) / (2 * size), rel=2e-4)
+
+
+def test_continuous_adjoint_agrees_where_outputs_are_dense() -> None:
+    plant = example.fully_neural()
+    gradients = []
+    for adjoint in (True, False):
+        plant.zero_grad()
+        Objective(plant, Torchdiffeq(plant, "dopri5", adjoint), example.recordings()[:1], 0, 1)().backward()
+        gradients.append(torch.cat([p.grad.reshape(-1) for p in plant.trained() if p.grad is not None]))
+    assert float((gradients[0] - gradients[1]).norm() / gradients[1].norm()) < 1e-4
+
+
+@pytest.mark.parametrize("kind", ["fully_neural", "neural_ode"])
+def test_windows_in_a_batch_do_not_see_each_other(kind: str) -> None:
+    plant = KINDS[kind]()
+    solver = averaged if kind == "fully_neural" else Torchdiffeq(plant, "rk4", adjoint=False)
+    windows = windows_of(example.recordings(), 30, 1) + windows_of(example.recordings(), 60, 1)
+    x0 = 0.3 * torch.randn(len(windows), 3, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    with torch.no_grad():
+        together = solver(plant, windows, x0)
+        for k, w in enumerate(windows):
+            (alone,) = solver(plant, [w], x0[k : k + 1])
+            torch.testing.assert_close(together[k], alone, rtol=1e-8, atol=1e-9)
+
+
+def test_a_fully_neural_step_keeps_the_power_balance_however_long_it_is() -> None:
+    plant = example.fully_neural()
+    core = plant.core
+    random = torch.Generator().manual_seed(0)
+    x0 = torch.randn(4, 3, generator=random, dtype=torch.float64)
+    u = 75.0 * torch.randn(30, 4, 1, generator=random, dtype=torch.float64)
+    for h in (1e-4, 3e-3):
+        with torch.no_grad():
+            x = batched.march(core, x0, u, torch.full((30, 4, 1), h, dtype=torch.float64))  # type: ignore[arg-type]
+            efforts = core.mean_efforts(x[:-1], x[1:])
+            supplied = (efforts @ core.inlet) * u[..., 0] / core.scales.input * h / core.scales.time
+            lost = (core.dissipation(0.5 * (x[1:] + x[:-1])) @ efforts.unsqueeze(-1)).squeeze(-1)
+            gained = core.energy(x[1:]) - core.energy(x[:-1])
+            balance = gained - supplied + h / core.scales.time * (efforts * lost).sum(-1)
+        assert float(balance.abs().max()) < 1e-8
+        assert bool((gained <= supplied + 1e-8).all())
+
+
+def test_a_step_without_a_solution_is_reported() -> None:
+    class Broken:
+        def rate(self, efforts: Tensor, x: Tensor, u: Tensor) -> Tensor:
+            return 1.0 + x.square()
+
+        def mean_efforts(self, a: Tensor, b: Tensor) -> Tensor:
+            return a
+
+    one = torch.ones(1, 1, 1, dtype=torch.float64)
+    with pytest.raises(SolverFailed, match=r"step 1 of 10 s has no solution.*shorter"):
+        batched.march(Broken(), torch.zeros(1, 1, dtype=torch.float64), one, 10.0 * one)
+
+
+@pytest.mark.parametrize(
+    ("plant", "options", "words"),
+    [
+        (example.neural_ode, {"name": "discrete_gradient"}, "needs an energy.*NeuralODE"),
+        (example.neural_ode, {"name": "torchdiffeq"}, "for networks: take rk4 or dopri5"),
+        (example.neural, {"name": "euler"}, "choose discrete_gradient or torchdiffeq"),
+        (example.neural, {"name": "torchdiffeq", "order": 4}, "takes method, adjoint, rtol and atol"),
+        (example.neural, {"name": "discrete_gradient", "rtol": 1e-3}, "has no options"),
+    ],
+)
+def test_solvers_that_do_not_suit_are_refused(
+    plant: Callable[[], Plant], options: dict[str, object], words: str
+) -> None:
+    with pytest.raises(InputRefused, match=words):
+        solver_for(options, plant())
+
+
+def test_plants_of_the_tests_are_what_they_are_called() -> None:
+    assert isinstance(example.fully_neural(), LatentPlant)
+    assert example.neural().names == ("k", "b", "alpha", "C_1")

@@ -1,0 +1,172 @@
+"""Neural actuators start where they are told to, keep their structure, and survive the disk."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import campaigns
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from phnn.errors import InputRefused, PhnnError
+from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
+from phnn.learn.characteristic import thresholds
+from phnn.models.actuator import TABLE_1, hrc
+from phnn.models.fully_neural import FullyNeural
+from phnn.models.neural import neural_hrc
+from phnn.models.neural_ode import NeuralODE
+from phnn.models.scales import Scales
+from phnn.models.store import FILE, load, save
+from phnn.network.elements import Resistor, Storage
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+SCALES = Scales(1e-3, 75.0, 1e-4)
+fuzzy = settings(max_examples=40, deadline=None)
+
+
+@pytest.mark.parametrize("law", ["damping", "monotone"])
+def test_a_parametric_start_is_the_dead_zone(law: str) -> None:
+    network = neural_hrc(2, 16, law=law)
+    for i, r in enumerate(network.resistors[:2], start=1):
+        half = 0.5 * TABLE_1[f"d_{i}"]
+        # Where the recordings go: hysteron 1 hardly beyond its threshold, hysteron 2 to about twice its own.
+        largest = min(TABLE_1[f"rho_{i}"] * half, 0.05 * 0.12)
+        low, high = thresholds(r.law, largest, 3.0 * half)
+        assert (low, high) == pytest.approx((-half, half), rel=0.02)
+    assert set(network.parameters) == {"m", "k", "b", "alpha", "C_1", "C_2"}
+
+
+def test_without_a_start_it_is_a_linear_resistor_of_the_stated_conductance() -> None:
+    network = neural_hrc(1, 32, start="none", values={"rho_1": 2e-3})
+    effort = torch.linspace(-10.0, 10.0, 41, dtype=torch.float64)
+    conductance = (network.resistors[0].law(effort) / effort).detach()
+    assert 1e-3 < float(conductance[torch.isfinite(conductance)].median()) < 4e-3
+
+
+def test_a_learned_spring_starts_as_the_linear_one() -> None:
+    spring = next(s for s in neural_hrc(1, 8, spring_width=8).storages if s.name == "q").law
+    q = torch.linspace(-1.2e-4, 1.2e-4, 25, dtype=torch.float64)
+    np.testing.assert_allclose(spring(q).detach(), TABLE_1["k"] * q, atol=0.01 * TABLE_1["k"] * 1.2e-4)
+
+
+def test_held_parameters_are_fixed_and_strangers_refused() -> None:
+    assert neural_hrc(1, 4, start="none", hold=("m",)).parameters["m"].fixed
+    for wrong, words in (
+        ({"hold": ("rho_1",)}, "hold: no parameter rho_1"),
+        ({"start": "warm"}, "choose parametric or none"),
+        ({"law": "spline"}, "choose damping or monotone"),
+        ({"hysterons": 0}, "at least one"),
+    ):
+        with pytest.raises(InputRefused, match=words):
+            neural_hrc(**{"width": 4, "start": "none", **wrong})  # type: ignore[arg-type]
+
+
+def fully(states: int, width: int, seed: int) -> FullyNeural:
+    core = FullyNeural(SCALES, states, width, seed)
+    random = torch.Generator().manual_seed(seed)
+    with torch.no_grad():
+        for weight in core.parameters():
+            weight.add_(torch.randn(weight.shape, generator=random, dtype=torch.float64))
+    return core
+
+
+@fuzzy
+@given(st.integers(2, 6), st.integers(1, 20), st.integers(0, 10**6))
+def test_fully_neural_structure_holds_for_any_weights(states: int, width: int, seed: int) -> None:
+    core = fully(states, width, seed)
+    random = torch.Generator().manual_seed(seed + 1)
+    a, b = 4.0 * torch.randn(2, 7, states, generator=random, dtype=torch.float64)
+    structure, dissipation = core.structure(a), core.dissipation(a)
+    assert torch.equal(structure, -structure.mT)
+    assert float(torch.linalg.eigvalsh(dissipation).detach().min()) > -1e-9 * float(dissipation.detach().abs().max())
+    u = 75.0 * torch.randn(7, 1, generator=random, dtype=torch.float64)
+    built = ((structure - dissipation) @ core.efforts(a).unsqueeze(-1)).squeeze(-1) + core.inlet * u / SCALES.input
+    torch.testing.assert_close(core.vector_field(a, u), built / SCALES.time)
+    gained = core.energy(b) - core.energy(a)
+    torch.testing.assert_close((core.mean_efforts(a, b) * (b - a)).sum(-1), gained, rtol=1e-9, atol=1e-9)
+    torch.testing.assert_close(core.mean_efforts(a, b), core.mean_efforts(b, a))
+
+
+@fuzzy
+@given(st.integers(2, 6), st.integers(1, 20), st.integers(0, 10**6))
+def test_fully_neural_effort_is_the_gradient_of_an_energy_bounded_below(states: int, width: int, seed: int) -> None:
+    core = fully(states, width, seed)
+    x = (3.0 * torch.randn(5, states, dtype=torch.float64)).requires_grad_(True)
+    (slope,) = torch.autograd.grad(core.energy(x).sum(), x)
+    torch.testing.assert_close(core.efforts(x), slope, rtol=1e-8, atol=1e-8)
+    zero = torch.zeros(states, dtype=torch.float64)
+    assert float(core.vector_field(zero, torch.zeros(1, dtype=torch.float64)).detach().abs().max()) < 1e-9 / SCALES.time
+    # Whatever the signs of the heights, far out the quadratic part wins.
+    far = 1e6 * torch.nn.functional.normalize(torch.randn(50, states, dtype=torch.float64))
+    assert bool((core.energy(far) > 0.0).all())
+
+
+def test_black_box_rests_at_zero_and_reads_a_row() -> None:
+    core = NeuralODE(SCALES, 3, 8, seed=2)
+    x = torch.zeros(4, 3, dtype=torch.float64)
+    still = core.vector_field(x, torch.zeros(4, 1, dtype=torch.float64)).detach()
+    torch.testing.assert_close(still, x, rtol=0.0, atol=1e-12 / SCALES.time)
+    assert float(core.vector_field(x, torch.ones(4, 1, dtype=torch.float64)).detach().abs().max()) > 0.0
+    x = torch.randn(4, 3, dtype=torch.float64)
+    torch.testing.assert_close(core.measured(x), SCALES.output * (x @ core.readout))
+
+
+@pytest.mark.parametrize("kind", [FullyNeural, NeuralODE])
+def test_black_boxes_repeat_from_their_seed_and_refuse_nothing(kind: type) -> None:
+    first, again, other = kind(SCALES, 3, 5, 7), kind(SCALES, 3, 5, 7), kind(SCALES, 3, 5, 8)
+    pairs = list(zip(first.parameters(), again.parameters(), strict=True))
+    assert all(torch.equal(a, b) for a, b in pairs)
+    assert any(not torch.equal(a, b) for a, b in zip(first.parameters(), other.parameters(), strict=True))
+    with pytest.raises(InputRefused, match="states = 0"):
+        kind(SCALES, 0, 5)
+    with pytest.raises(InputRefused, match="scale of the input is 0"):
+        Scales(1.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("law", ["damping", "monotone"])
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_learned_laws_survive_the_disk(tmp_path: Path, law: str, symmetric: bool) -> None:
+    network = neural_hrc(2, 3, start="none", law=law, symmetric=symmetric, spring_width=2, values={"d_1": 4.0})
+    save(Setup(network, name="neural"), tmp_path, 2)
+    again, steps = load(tmp_path)
+    assert steps == 2
+    recording = campaigns.recorded(
+        Setup(hrc(1)), "any", np.linspace(0.0, 0.02, 40), 50.0 * np.sin(np.arange(40.0)), 1e-8
+    )
+    assert np.array_equal(simulate(again, recording).y, simulate(Setup(network), recording).y)
+
+
+def test_damaged_or_foreign_laws_are_refused(tmp_path: Path) -> None:
+    network = neural_hrc(1, 3, start="none")
+    save(Setup(network), tmp_path)
+    content = json.loads((tmp_path / FILE).read_text())
+    law = content["resistors"][0]["law"]
+    for wrong in ({**law, "kind": "spline"}, {**law, "units": 4}, {**law, "state": {}}, 7):
+        content["resistors"][0]["law"] = wrong
+        (tmp_path / FILE).write_text(json.dumps(content))
+        with pytest.raises(InputRefused, match="is damaged"):
+            load(tmp_path)
+    foreign = Resistor("r", torch.nn.Tanh(), {"p": 1.0})
+    with pytest.raises(PhnnError, match=r"Tanh as a law has no form on disk.*torch\.save"):
+        save(Setup(hrc(0).extend(resistors=(foreign,))), tmp_path)
+
+
+def test_every_learned_law_has_a_form_on_disk() -> None:
+    from phnn.models.learned import as_json, from_json
+
+    for law in (
+        DampingMLP(2.0, 3.0, 4),
+        DampingMLP(2.0, 3.0, 4, True),
+        MonotoneMLP(2.0, 3.0, 4),
+        EnergyMLP(2.0, 3.0, 4),
+    ):
+        again = from_json(json.loads(json.dumps(as_json(law))))
+        assert type(again) is type(law)
+        assert torch.equal(again.weights(), law.weights())
+    assert from_json(as_json("linear")) == "linear"
+    assert Storage("q", from_json("spring")).law == "spring"
