@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 _DAMPING, _EASED, _RAISED, _MOST = 1e-2, 0.3, 4.0, 1e8
 # Weights that the recordings do not see at all must not move at all.
-_FLOOR = 1e-9
+_FLOOR = 1e-3
 
 
 class GaussNewton:

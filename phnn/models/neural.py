@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from phnn.errors import InputRefused
 from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
@@ -20,6 +21,8 @@ LAWS = ("damping", "monotone")
 
 # A slope that moves the effort by less than this share of d/2 at the fastest motion is as good as a vertical one.
 _FINEST = 0.01
+# Conductances are scaled for a slope that costs the fastest motion this share of the effort scale.
+_STEEP = 0.03
 # Relaxation rates ϱ⁻¹/C [1/s] of hysterons of which nothing is known: one mostly slips, the next one mostly sticks.
 _RATES = (1e4, 3e2)
 _POINTS = 200
@@ -43,9 +46,9 @@ def neural_hrc(
 
         Q̇_i = α p/m − φ_i(Q_i/C_i),   ε φ_i(ε) ≥ 0 for all weights
 
-    The effort scale of a hysteron is half of what it would reach if nothing leaked, ``α reach/C_i``; the conductance
-    scale is that of the start. A symmetric law is the default because displacement says nothing of a common shift of
-    both thresholds of a hysteron: it is the same as another displacement zero.
+    The effort scale of a hysteron is half of what it would reach if nothing leaked, ``α reach/C_i``; conductances are
+    scaled for a threshold as steep as recordings of this ``speed`` can tell. A symmetric law is the default because
+    displacement says nothing of a common shift of both thresholds of a hysteron: it is the same as another zero.
 
     Args:
         hysterons: ``n ≥ 1``.
@@ -76,10 +79,16 @@ def neural_hrc(
     laws = []
     for i in range(1, hysterons + 1):
         effort = 0.5 * v["alpha"] * reach / v[f"C_{i}"]
-        rho = _conductance(i, start, v, given, v["alpha"] * speed)
-        learned = _learned(law, effort, rho, width, symmetric, start, seed + i)
+        flow = v["alpha"] * speed
         if start == "parametric":
+            rho = min(v[f"rho_{i}"], flow / (_FINEST * 0.5 * v[f"d_{i}"]))
+            learned = _learned(law, effort, rho, width, symmetric, seed + i)
             fit_dead_zone(learned, rho, v[f"d_{i}"], 2.5 * effort)
+        else:
+            rho = given.get(f"rho_{i}", v[f"C_{i}"] * _RATES[(i - 1) % len(_RATES)])
+            learned = _linear(
+                _learned(law, effort, max(rho, flow / (_STEEP * effort)), width, symmetric, seed + i), rho
+            )
         laws.append(learned)
     network = replace(known, resistors=_with_laws(known.resistors, laws))
     if spring_width:
@@ -87,21 +96,27 @@ def neural_hrc(
     return _only_used(network, hold)
 
 
-def _conductance(i: int, start: str, v: Mapping[str, float], given: Mapping[str, float], largest_flow: float) -> float:
-    """Slope outside of the dead zone that the i-th hysteron starts with [S]."""
-    if start == "parametric":
-        return min(v[f"rho_{i}"], largest_flow / (_FINEST * 0.5 * v[f"d_{i}"]))
-    return given.get(f"rho_{i}", v[f"C_{i}"] * _RATES[(i - 1) % len(_RATES)])
-
-
 def _learned(
-    law: str, effort: float, rho: float, width: int, symmetric: bool, start: str, seed: int
+    law: str, effort: float, conductance: float, width: int, symmetric: bool, seed: int
 ) -> DampingMLP | MonotoneMLP:
-    """A resistor whose typical conductance is ``rho``; a damping law starts at half its conductance scale."""
+    """A resistor of a typical conductance."""
     if law == "monotone":
-        return MonotoneMLP(effort, rho * effort, width)
-    scale = rho if start == "parametric" else 2.0 * rho
-    return DampingMLP(effort, scale * effort, width, symmetric, seed)
+        return MonotoneMLP(effort, conductance * effort, width)
+    return DampingMLP(effort, conductance * effort, width, symmetric, seed)
+
+
+def _linear(law: DampingMLP | MonotoneMLP, rho: float) -> DampingMLP | MonotoneMLP:
+    """The resistor near the linear one of conductance ``rho``, its scale left as wide as what it may have to learn."""
+    with torch.no_grad():
+        if isinstance(law, DampingMLP):
+            share = rho / float(law.conductance)
+            law.offset.fill_(share)
+            law.heights.mul_(share)
+        else:
+            share = rho * float(law.scale / law.flow)
+            law.slope.copy_(torch.log(torch.expm1(torch.as_tensor(share, dtype=torch.float64))))
+            law.heights.copy_(torch.log(torch.expm1(share * functional.softplus(law.heights))))
+    return law
 
 
 def fit_dead_zone(

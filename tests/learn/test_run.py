@@ -1,0 +1,173 @@
+"""Whole runs: every choice composes, a folder becomes a trained model, a killed run ends as if it had not been."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import learn_example as example
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from phnn import cli
+from phnn.configuration import compose_groups, config_folder
+from phnn.errors import InputRefused
+from phnn.learn import Settings, train
+from phnn.learn.characteristic import inverse, thresholds
+from phnn.learn.run import validation_names
+from phnn.models.store import load
+from phnn.recordings import read
+from phnn.simulate import simulate
+
+ROOT = Path(__file__).resolve().parents[2]
+ANCHOR = "known: {m: {value: 1.0e-3, std: 1.0e-6}}\nsetup: {model: piezo_actuator, hysterons: 1}\n"
+QUICK = ("tensorboard=false", "model.hysterons=1", "model.width=3", "model.start=none")
+
+
+def written(folder: Path, frequencies: tuple[float, ...] = (30.0, 50.0, 80.0, 120.0)) -> Path:
+    """A folder of recordings of the gentle actuator."""
+    folder.mkdir()
+    for k, f in enumerate(frequencies):
+        r = example.recording(f, 161, seed=k)
+        table = pd.DataFrame({"time_s": r.t, "voltage_V": r.u, "displacement_m": r.y})
+        table.to_csv(folder / f"sine_{f:03.0f}.csv", index=False)
+    (folder / "recordings.yaml").write_text(ANCHOR)
+    return folder
+
+
+def settings_of(folder: Path, out: Path, *overrides: str) -> Settings:
+    return Settings.from_config(compose_groups("train", [f"folder={folder}", f"out={out}", *overrides]))
+
+
+@pytest.mark.parametrize("group", ["model", "solver"])
+def test_every_choice_of_a_group_composes(group: str) -> None:
+    names = sorted(path.stem for path in (config_folder() / group).glob("*.yaml"))
+    assert len(names) >= 2
+    for name in names:
+        found = Settings.from_config(compose_groups("train", ["folder=a", "out=b", f"{group}={name}"]))
+        assert name in getattr(found, group).values()
+
+
+def test_a_network_is_trained_scored_and_stored(tmp_path: Path) -> None:
+    folder, out = written(tmp_path / "recordings"), tmp_path / "out"
+    settings = settings_of(folder, out, *QUICK, "gauss_newton=3", "substeps=2")
+    content = train(settings)
+    assert json.loads((out / "metrics.json").read_text()) == content
+    assert {p.name for p in out.iterdir()} == {
+        "checkpoint.pt", "config.yaml", "log.csv", "metrics.json", "model", "weights.pt",
+    }  # fmt: skip
+    log = pd.read_csv(out / "log.csv")
+    assert list(log["method"]) == ["gauss_newton"] * 3
+    assert log["loss"].iloc[-1] < log["loss"].iloc[0]
+    rows = content["recordings"]
+    assert {n for n, row in rows.items() if row["held_out"]} != set()
+    assert {n for n, row in rows.items() if row["validation"]} == set(validation_names(read(folder), ()))
+    assert content["passivity"] == {"states": 10_000, "violations": 0}
+    setup, substeps = load(out / "model")
+    held = next(r for r in read(folder).recordings if rows[r.name]["held_out"])
+    y = simulate(setup, held, substeps).y
+    scored = held.mask("confirmation")
+    error = held.y - y - np.mean((held.y - y)[held.mask("nuisance")])
+    assert rows[held.name]["rmse"] == pytest.approx(np.sqrt(np.mean(error[scored] ** 2)), rel=1e-6)
+    # The run is over: training it again changes nothing.
+    assert train(settings)["recordings"] == rows
+
+
+def test_black_boxes_train_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = written(tmp_path / "recordings")
+    short = (
+        "model.width=4",
+        "model.states=2",
+        "gauss_newton=0",
+        "adam=2",
+        "window=27",
+        "stride=2",
+        "tensorboard=false",
+    )
+    for model, solver in (("fully_neural", "discrete_gradient"), ("neural_ode", "torchdiffeq")):
+        out = tmp_path / model
+        method = ("solver.method=rk4", "solver.adjoint=false") if solver == "torchdiffeq" else ()
+        given = [f"folder={folder}", f"out={out}", f"model={model}", f"solver={solver}", *short, *method]
+        assert cli.main(["train", *given]) == 0
+        assert "trained" in capsys.readouterr().out
+        content = json.loads((out / "metrics.json").read_text())
+        assert content["passivity"]["violations"] == (0 if model == "fully_neural" else None)
+        assert not (out / "model").exists()
+        assert len(torch.load(out / "weights.pt", weights_only=True)) > 3
+
+
+def test_what_cannot_be_trained_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = written(tmp_path / "recordings", (30.0, 50.0))
+    given = [f"folder={folder}", f"out={tmp_path / 'out'}", "tensorboard=false"]
+    for wrong, words in (
+        (["model=transformer"], "transformer"),
+        (["nonsense=1"], "nonsense"),
+        (["model.kind=other"], "model.kind = 'other'"),
+        (["model.depth=3"], "model.depth"),
+        (["+model.depth=3", "model.start=none"], "model.depth: neural_hrc takes"),
+        (["validation=[nobody]"], "validation: no recording nobody"),
+        (["rate=-1"], "rate=-1 must be a positive number"),
+    ):
+        assert cli.main(["train", *given, *wrong]) == 2, wrong
+        assert words in capsys.readouterr().err
+    with pytest.raises(InputRefused, match="Missing mandatory value: out"):
+        compose_groups("train", ["folder=a"])
+
+
+def run_script(folder: Path, out: Path, *overrides: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, str(ROOT / "scripts" / "train.py"), f"folder={folder}", f"out={out}", *QUICK, *overrides]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    return subprocess.Popen(command, env=environment, cwd=folder)
+
+
+@pytest.mark.slow
+def test_a_killed_process_resumes_to_the_same_result(tmp_path: Path) -> None:
+    folder = written(tmp_path / "recordings")
+    epochs = ("adam=30", "gauss_newton=5", "patience=100")
+    assert run_script(folder, tmp_path / "straight", *epochs).wait(timeout=900) == 0
+    killed = run_script(folder, tmp_path / "killed", *epochs)
+    log = tmp_path / "killed" / "log.csv"
+    while not log.exists() or len(log.read_text().splitlines()) < 8:
+        assert killed.poll() is None
+        time.sleep(0.05)
+    killed.send_signal(signal.SIGKILL)
+    assert killed.wait() == -signal.SIGKILL
+    assert not (tmp_path / "killed" / "metrics.json").exists()
+    assert run_script(folder, tmp_path / "killed", *epochs).wait(timeout=900) == 0
+    for name in ("model/model.json", "metrics.json", "log.csv"):
+        first, second = ((tmp_path / run / name).read_text() for run in ("straight", "killed"))
+        assert without_times(first) == without_times(second), name
+
+
+def without_times(text: str) -> object:
+    """A file's content but for how long things took."""
+    if not text.startswith("{"):
+        return [line.rpartition(",")[0] for line in text.splitlines()]
+    return {k: v for k, v in json.loads(text).items() if k not in ("seconds", "gradient_seconds")}
+
+
+@pytest.mark.slow
+def test_a_neural_hysteron_learns_a_dead_zone_it_was_not_told_of(tmp_path: Path) -> None:
+    folder = written(tmp_path / "recordings")
+    overrides = ("model.hysterons=1", "model.start=none", "model.width=12", "tensorboard=false", "substeps=2")
+    content = train(settings_of(folder, tmp_path / "out", *overrides, "gauss_newton=60"))
+    assert content["held_out_over_noise"] < 1.3
+    assert content["passivity"]["violations"] == 0
+    setup, substeps = load(tmp_path / "out" / "model")
+    law, half = setup.network.resistors[0].law, 0.5 * example.VALUES["d_1"]
+    fastest = max(read(folder).recordings, key=lambda r: 1.0 / r.dt)
+    states = simulate(setup, fastest, substeps).states
+    visited = torch.from_numpy(states[:, 0] / setup.values()["C_1"])
+    largest = 0.9 * float(law(visited).detach().abs().max())
+    for found in thresholds(law, largest, 3.0 * half):
+        assert abs(found) == pytest.approx(half, rel=0.01)
+    flows = np.linspace(0.05, 1.0, 20) * largest
+    exact = flows / example.VALUES["rho_1"] + half
+    assert np.abs(inverse(law, flows, 4.0 * half) - exact).max() < 0.03 * half
