@@ -17,7 +17,6 @@ from phnn.identify.problem import Plan
 from phnn.identify.staged import (
     dominant_frequency,
     drive_amplitude,
-    fit_identified,
     held_by_statement,
     mechanical_points,
     middle_frequency,
@@ -39,9 +38,8 @@ LATENT: dict[str, Callable[..., FullyNeural | NeuralODE]] = {"fully_neural": Ful
 
 # Electrical stiffness of a hysteron over the mechanical one, and the width of a closed dead zone over the drive.
 _SHARE, _CLOSED = 0.15, 1e-6
-# Relaxation rates of the hysterons of the linear stage over the middle frequency.
+# Relaxation rates of such hysterons over the middle frequency.
 _RATES = (30.0, 1.0)
-_EVALUATIONS = 15
 
 
 def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str | None = None) -> Plant:
@@ -49,8 +47,8 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
 
     Args:
         model: ``kind`` and the arguments of `neural_hrc`, `FullyNeural` or `NeuralODE`; ``hrc`` is the parametric
-            network. ``start`` of a network: ``parametric`` begins from the identified base model, ``none`` from a
-            linear one whose hysterons have no dead zone.
+            network. ``start`` of a network: ``parametric`` begins from the identified base model, ``none`` from
+            one of the recordings' gain whose hysterons have no dead zone.
         base: folder of an identified base model, to save its identification.
 
     Raises:
@@ -101,25 +99,20 @@ def _values(campaign: Campaign, hysterons: int, start: str, base: str | None, se
     elif start == "parametric":
         values = identify_base(campaign, Options(seed=seed))[0].setup.values()
     else:
-        values = linear_stage(campaign, hysterons)
+        values = unfitted(campaign, hysterons)
     wanted = hrc(hysterons).parameters
     return {n: v for n, v in values.items() if n in wanted}
 
 
-def linear_stage(campaign: Campaign, hysterons: int) -> dict[str, float]:
-    """Mechanical and linear electrical parameters, dead zones closed: the second stage of Fig. 9.
+def unfitted(campaign: Campaign, hysterons: int) -> dict[str, float]:
+    """Parameters with the static gain of the recordings, a usual resonance, and relaxations instead of dead zones.
 
-    The hysterons are linear relaxations here, whose stiffness and rate are fitted; nothing is said of thresholds.
+    They are not fitted first: a linear model takes hysteresis for a lag and loses its mass on the way.
     """
     plan = identification_plan(campaign, 1)
     anchored = {n: a.value for n, a in campaign.known.items() if n in hrc(hysterons).parameters}
-    held = held_by_statement(campaign.known)
-    tried = []
-    for point in mechanical_points(plan, anchored):
-        setup = Setup(hrc(hysterons, _relaxations(point.values(), plan, hysterons) | anchored))
-        fixed = held | {f"d_{i + 1}": "closed" for i in range(hysterons)}
-        tried.append(fit_identified(setup, plan, fixed, _EVALUATIONS))
-    return min(tried, key=lambda f: f.cost).setup.values()
+    points = mechanical_points(plan, anchored)
+    return _relaxations(points[len(points) // 2].values(), plan, hysterons) | anchored
 
 
 def _relaxations(mechanical: Mapping[str, float], plan: Plan, hysterons: int) -> dict[str, float]:
@@ -130,7 +123,8 @@ def _relaxations(mechanical: Mapping[str, float], plan: Plan, hysterons: int) ->
         c = values["alpha"] ** 2 / (_SHARE * values["k"])
         values |= {f"C_{i + 1}": c, f"rho_{i + 1}": _RATES[i % len(_RATES)] * omega * c}
         values |= {f"d_{i + 1}": _CLOSED * drive_amplitude(plan.recordings)}
-    return values
+    # Stiffness gives up what the hysterons take while they stick, so that the small-signal gain stays.
+    return values | {"k": values["k"] / (1.0 + 0.5 * _SHARE * hysterons)}
 
 
 def scales_of(recordings: Sequence[Recording]) -> Scales:

@@ -17,7 +17,7 @@ from phnn.integrate import batched
 from phnn.learn.objective import Objective
 from phnn.learn.plant import LatentPlant, Plant
 from phnn.learn.solvers import Solver, Torchdiffeq, averaged, compiled, solver_for
-from phnn.learn.windows import windows_of
+from phnn.learn.windows import thinned, windows_of
 
 KINDS: dict[str, Callable[[], Plant]] = {
     "neural": example.neural, "fully_neural": example.fully_neural, "neural_ode": example.neural_ode,
@@ -82,8 +82,11 @@ def test_runge_kutta_on_the_grid_is_close() -> None:
 def test_the_step_under_torchdiffeq_is_close_to_the_compiled_march() -> None:
     # Both are of second order; the leaves are advanced by other rules.
     plant = example.neural()
-    found = whole(Torchdiffeq(plant), plant)
-    assert error(found, [y.numpy() for y in whole(compiled, plant)]) < 0.01
+    with torch.no_grad():
+        found, exact = (
+            Objective(plant, s, [thinned(example.recording(), 2)]).outputs() for s in (Torchdiffeq(plant), compiled)
+        )
+    assert error(found, [y.numpy() for y in exact]) < 0.02
 
 
 @pytest.mark.parametrize(
@@ -100,7 +103,7 @@ def test_the_step_under_torchdiffeq_is_close_to_the_compiled_march() -> None:
 )
 def test_gradients_are_those_of_the_states_computed(kind: str, options: dict[str, object]) -> None:
     plant = KINDS[kind]()
-    objective = Objective(plant, solver_for(options, plant), example.recordings(), 28, 1)
+    objective = Objective(plant, solver_for(options, plant), [thinned(r, 4) for r in example.recordings()], 12, 3)
     random = torch.Generator().manual_seed(1)
     with torch.no_grad():
         objective.offsets.copy_(0.1 * torch.randn(objective.offsets.shape, generator=random, dtype=torch.float64))
@@ -127,7 +130,8 @@ def test_continuous_adjoint_agrees_where_outputs_are_dense() -> None:
     gradients = []
     for adjoint in (True, False):
         plant.zero_grad()
-        Objective(plant, Torchdiffeq(plant, "dopri5", adjoint), example.recordings()[:1], 0, 1)().backward()
+        solver = Torchdiffeq(plant, "dopri5", adjoint, rtol=1e-6, atol=1e-8)
+        Objective(plant, solver, [thinned(example.recording(), 2)])().backward()
         gradients.append(torch.cat([p.grad.reshape(-1) for p in plant.trained() if p.grad is not None]))
     assert float((gradients[0] - gradients[1]).norm() / gradients[1].norm()) < 1e-4
 
@@ -151,7 +155,7 @@ def test_a_fully_neural_step_keeps_the_power_balance_however_long_it_is() -> Non
     random = torch.Generator().manual_seed(0)
     x0 = torch.randn(4, 3, generator=random, dtype=torch.float64)
     u = 75.0 * torch.randn(30, 4, 1, generator=random, dtype=torch.float64)
-    for h in (1e-4, 3e-3):
+    for h in (1e-4, 5e-4):
         with torch.no_grad():
             x = batched.march(core, x0, u, torch.full((30, 4, 1), h, dtype=torch.float64))  # type: ignore[arg-type]
             efforts = core.mean_efforts(x[:-1], x[1:])
