@@ -56,7 +56,8 @@ def with_gradients(objective: Objective) -> Tensor:
     objective.plant.collect()
     gradients = [p.grad for p in objective.trained() if p.grad is not None]
     if not bool(torch.isfinite(loss)) or not all(bool(torch.isfinite(g).all()) for g in gradients):
-        raise SolverFailed(f"the loss is {float(loss.detach()):g} or its gradient not finite: lower the rate of learning")
+        value = float(loss.detach())
+        raise SolverFailed(f"the loss is {value:g} or its gradient not finite: lower the rate of learning")
     return loss.detach()
 
 
