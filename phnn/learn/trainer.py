@@ -81,6 +81,9 @@ class Trainer:
         if self.settings.resume:
             self._resume()
         p = self.progress
+        if not p.rows:
+            # A training that only harms ends where it began.
+            p.best = self._value()
         log = Log(self.settings.home, p.rows, self.settings.tensorboard)
         try:
             while p.phase < len(METHODS):
@@ -101,7 +104,7 @@ class Trainer:
         while self.progress.epoch < epochs and self.progress.since < self.settings.patience:
             began = time.perf_counter()
             loss = self._attempt(name)
-            value = self._judged(loss)
+            value = self._judged()
             p = self.progress
             p.seconds += time.perf_counter() - began
             row = {
@@ -140,16 +143,20 @@ class Trainer:
                 self.method = method_of(name, self.objective, self.settings, p.factor)
 
     @torch.no_grad()
-    def _judged(self, loss: float) -> float | None:
+    def _value(self) -> float:
+        """The validation at the present parameters."""
+        try:
+            return self.validate() if self.validate is not None else float(self.objective())
+        except SolverFailed:
+            return math.inf
+
+    def _judged(self) -> float | None:
         """The validation of an epoch that has one, remembered where it is the best."""
         p = self.progress
         p.since += 1
         if p.epoch % self.settings.validate_every:
             return None
-        try:
-            value = self.validate() if self.validate is not None else float(self.objective())
-        except SolverFailed:
-            value = math.inf
+        value = self._value()
         if value < p.best:
             p.best, p.since, p.parameters = value, 0, self._present()
         return value

@@ -85,15 +85,23 @@ def test_an_interrupted_run_ends_as_the_uninterrupted_one(tmp_path: Path, kind: 
 def test_training_lowers_the_loss_and_ends_with_the_best(tmp_path: Path) -> None:
     objective = objective_of("fully_neural", 28)
     before = float(objective().detach())
-    end = trained(objective, settings_of(tmp_path, "fully_neural", adam=8, rate=0.1))
+    end = trained(objective, settings_of(tmp_path, "fully_neural", adam=8))
     assert end.best < 0.8 * before
     assert float(objective().detach()) == pytest.approx(end.best)
     assert min(row["validation"] for row in end.rows) == end.best
 
 
+def test_a_training_that_only_harms_ends_where_it_began(tmp_path: Path) -> None:
+    objective = objective_of("fully_neural", 28)
+    before, began = float(objective().detach()), values(objective)
+    end = trained(objective, settings_of(tmp_path, "fully_neural", adam=3, lbfgs=0, rate=0.1))
+    assert min(row["validation"] for row in end.rows) > before == end.best
+    assert torch.equal(values(objective), began)
+
+
 def test_each_method_stops_when_validation_no_longer_falls(tmp_path: Path) -> None:
     objective = objective_of("neural")
-    told = iter([5.0, 4.0, 3.0, 3.5, 3.4, 3.3, *[9.0] * 100])
+    told = iter([6.0, 5.0, 4.0, 3.0, 3.5, 3.4, 3.3, *[9.0] * 100])
     kept = []
 
     def validate() -> float:
@@ -104,7 +112,7 @@ def test_each_method_stops_when_validation_no_longer_falls(tmp_path: Path) -> No
     end = Trainer(objective, validate, settings).run()
     assert [row["method"] for row in end.rows] == ["adam"] * 6 + ["gauss_newton"] * 3
     assert end.best == 3.0
-    assert torch.equal(values(objective), kept[2])
+    assert torch.equal(values(objective), kept[3])
 
 
 def test_a_failing_step_is_taken_back_and_the_rate_halved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
