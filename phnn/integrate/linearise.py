@@ -17,7 +17,17 @@ from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import CONSTANTS, fill_constants, fill_gains
 from phnn.integrate.lookups import count, is_linear, junction_storage
 from phnn.integrate.program import Program
-from phnn.integrate.step import CHANGE, FORCE, junction_flows, junction_terms, leaf_step, modulate
+from phnn.integrate.step import (
+    CHANGE,
+    FORCE,
+    is_closed,
+    junction_flows,
+    junction_terms,
+    leaf_closed,
+    leaf_moved,
+    leaf_search,
+    modulate,
+)
 from phnn.integrate.tables import FACTORS, JUNCTIONS, LEAVES, PORTS, Integers, rows_of
 from phnn.laws.namespace import TINY
 
@@ -121,6 +131,7 @@ def _linearise(t: Any, p: Any, d: Any, h: Any) -> None:
     """Fill the derivatives of a step by every input."""
     stay_outside()
     n, m, none = d.x.shape[0], d.y.shape[0], p.active.shape[0]
+    _search(t, d, d.c[none], d.g[none], d.a[0], h)
     for i in range(n + m + none):
         k = i - n - m
         if i < n:
@@ -131,8 +142,8 @@ def _linearise(t: Any, p: Any, d: Any, h: Any) -> None:
             d.theta[p.active[k]] += TINY * 1j
         which, act = (k, 1 + p.in_ports[k]) if k >= 0 else (none, 0)
         _block_derivatives(
-            t, p, i, d.theta, d.c[which], d.g[which], d.a[act], d.x, d.y, h, d.wj, d.by_leaf, d.by_force[:, i],
-            d.by_change[:, i],
+            t, p, i, d.theta, d.c[which], d.g[which], d.a[act], d.x, d.y, h, d.wj, d.found, d.by_leaf,
+            d.by_force[:, i], d.by_change[:, i],
         )  # fmt: skip
         if i < n:
             d.x[i] = complex(d.x[i].real, 0.0)
@@ -143,9 +154,22 @@ def _linearise(t: Any, p: Any, d: Any, h: Any) -> None:
 
 
 @inline
+def _search(t: Any, d: Any, c: Any, g: Any, a: Any, h: Any) -> None:
+    """Solve the leaves without a closed solution once, for all derivatives of the step."""
+    junction_flows(t, d.theta, d.x, d.y, d.wj)
+    if count(t, FACTORS) > 0:
+        modulate(t, d.theta, c, g, a, d.x, d.y, h, d.wj)
+    for leaf in range(count(t, LEAVES)):
+        if not is_closed(t, leaf):
+            found = leaf_search(t, leaf, d.theta, c, g, a, d.x, d.y, h, d.wj)
+            for k in range(4):
+                d.found[leaf, k] = found[k]
+
+
+@inline
 def _block_derivatives(
-    t: Any, p: Any, i: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, by_leaf: Any,
-    by_force: Any, by_change: Any,
+    t: Any, p: Any, i: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, found: Any,
+    by_leaf: Any, by_force: Any, by_change: Any,
 ) -> None:  # fmt: skip
     """Imaginary parts of the blocks that contain input ``i``."""
     m = y.shape[0]
@@ -163,7 +187,11 @@ def _block_derivatives(
     for place in range(p.first_of[i], p.first_of[i + 1]):
         pair = p.pair_of[place]
         leaf = p.leaf[pair]
-        end, mean = leaf_step(t, leaf, theta, c, g, a, x, y, h, wj)
+        if is_closed(t, leaf):
+            end, mean = leaf_closed(t, leaf, theta, c, g, a, x, y, h, wj)
+        else:
+            known = (found[leaf, 0], found[leaf, 1], found[leaf, 2], found[leaf, 3])
+            end, mean = leaf_moved(t, leaf, theta, c, g, a, x, y, h, wj, known)
         by_leaf[pair] = end.imag / TINY
         row = t[0, LEAVES] + leaf
         for r in range(t[row, 5], t[row, 6]):
@@ -175,6 +203,7 @@ class Derivatives(NamedTuple):
 
     Attributes:
         theta, x, y: as of `phnn.integrate.step`, complex; wj: (4, m).
+        found: (L, 4) what solves the leaves without a closed solution.
         c, g: from `perturbed_constants`; a: (1+S, P) actions, then perturbed by each parameter of a port law.
         by_leaf: (pairs,) of the leaves' end states, as listed by the pattern.
         by_force, by_change: (m, I) of ``F`` and of ``z − p``.
@@ -187,6 +216,7 @@ class Derivatives(NamedTuple):
     x: Any
     y: Any
     wj: Any
+    found: Any
     by_leaf: Any
     by_force: Any
     by_change: Any
@@ -203,6 +233,7 @@ def new_derivatives(t: Integers, p: Pattern, theta: Array, run: Run) -> Derivati
         np.zeros(run.states.shape[1], np.complex128),
         np.zeros(m, np.complex128),
         np.zeros((4, m), np.complex128),
+        np.zeros((len(rows_of(t, LEAVES)), 4)),
         np.zeros(p.leaf.shape[0]),
         np.zeros((m, inputs)),
         np.zeros((m, inputs)),

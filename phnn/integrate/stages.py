@@ -17,8 +17,11 @@ from collections.abc import Callable
 from typing import Any
 
 from phnn.integrate.compiled import stay_outside
-from phnn.integrate.roots import make_root
-from phnn.laws.namespace import TINY, real
+from phnn.integrate.roots import NOTHING, TOLERANCE, make_root
+from phnn.laws.namespace import TINY
+
+# Newton steps before the search within brackets.
+_QUICK = 15
 
 
 def radau_defects(d1: Any, d2: Any, current: Any, h: Any, lost1: Any, lost2: Any) -> Any:
@@ -34,25 +37,22 @@ def gradient_defect(d: Any, current: Any, h: Any, lost: Any) -> Any:
     return d - h * (current - lost)
 
 
-def make_radau(flow: Callable[..., Any], compiled: Callable[..., Any]) -> Callable[..., Any]:
-    """``radau(x, current, h, s, context) -> (x⁺, ē)``, NaN where the stages were not found.
+def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any], compiled: Callable[..., Any]) -> Any:
+    """``search(x, i, h, context) -> (X_1, X_2, a, b)`` and ``moved(x, i, h, s, found, context) -> (x⁺, ē)``.
 
-    The first defect increases with the first stage, and with the first stage so found the second defect increases with
-    the second: two scalar roots, one within the other, each in a bracket. The last step is taken with the perturbed
-    numbers, by the implicit function theorem.
+    The search is one of plain numbers, NaN where the stages were not found. Newton's method from the state before has
+    them in a few steps where no slope is negative; else the first defect increases with the first stage, and with the
+    first stage so found the second defect increases with the second: two scalar roots, one within the other, each in a
+    bracket. What is found is moved by one Newton step with ``J = [[a, 1/2], [−9/2, b]]`` in the perturbed numbers, by
+    the implicit function theorem, so that one search serves all derivatives of a step.
 
     Args:
         flow: ``(state, context) -> φ``, what the resistors of the leaf take.
+        plain_flow: the same without the perturbations of the context.
         compiled: compiler of the inner functions.
     """
     defects = compiled(radau_defects)
-
-    @compiled
-    def lost(state: Any, context: Any) -> Any:
-        """The lost flow and its slope at a real state."""
-        stay_outside()
-        plain, moved = flow(complex(state, 0.0), context), flow(complex(state, TINY), context)
-        return plain.real, (moved.imag - plain.imag) / TINY
+    lost = compiled(_make_lost(plain_flow))
 
     @compiled
     def first_value(one: Any, given: Any) -> Any:
@@ -85,52 +85,92 @@ def make_radau(flow: Callable[..., Any], compiled: Callable[..., Any]) -> Callab
     second = compiled(make_root(second_value, second_slope))
 
     @compiled
-    def radau(x: Any, current: Any, h: Any, s: Any, context: Any) -> Any:
-        start, i = real(x), real(current)
-        two, _ = second(start, 2.5, 0.0, (start, i, h, context))
-        one, _ = first(two, 1.5, 0.0, (start, two, i, h, context))
-        a, b = 1.5 + h * lost(one, context)[1], 2.5 + h * lost(two, context)[1]
+    def search(x: Any, i: Any, h: Any, context: Any) -> Any:
+        stay_outside()
+        one, two = x, x
+        for _ in range(_QUICK):
+            taken1, slope1 = lost(one, context)
+            taken2, slope2 = lost(two, context)
+            a, b = 1.5 + h * slope1, 2.5 + h * slope2
+            if a <= 0.0 or b <= 0.0:
+                break
+            g1, g2 = defects(one - x, two - x, i, h, taken1, taken2)
+            size = abs(one) + abs(two) + abs(x) + h * abs(i)
+            size1 = size + h * (abs(taken1) + abs(slope1 * one))
+            size2 = size + h * (abs(taken2) + abs(slope2 * two))
+            if abs(g1) <= TOLERANCE * size1 + NOTHING and abs(g2) <= TOLERANCE * size2 + NOTHING:
+                return one, two, a, b
+            inverse = 1.0 / (a * b + 2.25)
+            one -= (b * g1 - 0.5 * g2) * inverse
+            two -= (4.5 * g1 + a * g2) * inverse
+        two, _ = second(x, 2.5, 0.0, (x, i, h, context))
+        one, _ = first(two, 1.5, 0.0, (x, two, i, h, context))
+        return one, two, 1.5 + h * lost(one, context)[1], 2.5 + h * lost(two, context)[1]
+
+    @compiled
+    def moved(x: Any, current: Any, h: Any, s: Any, found: Any, context: Any) -> Any:
+        stay_outside()
+        one, two, a, b = found
         before, after = one + 0.0 * current, two + 0.0 * current
         g1, g2 = defects(before - x, after - x, current, h, flow(before, context), flow(after, context))
-        # Newton's step −J⁻¹ g with J = [[a, 1/2], [−9/2, b]].
         inverse = 1.0 / (a * b + 2.25)
         before = before - (b * g1 - 0.5 * g2) * inverse
         after = after - (4.5 * g1 + a * g2) * inverse
         return after, s * (0.75 * before + 0.25 * after)
 
-    return radau
+    return search, moved
 
 
-def make_gradient(flow: Callable[..., Any], compiled: Callable[..., Any]) -> Callable[..., Any]:
-    """``gradient(x, current, h, context) -> x⁺``, NaN where it was not found.
+def make_gradient(flow: Callable[..., Any], plain_flow: Callable[..., Any], compiled: Callable[..., Any]) -> Any:
+    """``search(x, i, h, context) -> (x⁺, slope)`` and ``moved(x, i, h, found, context) -> x⁺``, as of `make_radau`.
 
     Args:
         flow: ``(x, x⁺, context) -> φ(ē)``.
+        plain_flow: the same without the perturbations of the context.
         compiled: compiler of the inner functions.
     """
     defect = compiled(gradient_defect)
 
-    @compiled
-    def value_at(end: Any, context: Any) -> Any:
-        x, i, h, inner = context
-        lost = flow(complex(x, 0.0), complex(end, 0.0), inner).real
-        return defect(end - x, i, h, lost), abs(end) + abs(x) + h * (abs(i) + abs(lost))
+    def _between(end: Any, context: Any) -> Any:
+        return plain_flow(context[0] + 0.0 * end, end, context[1])
+
+    lost = compiled(_make_lost(compiled(_between)))
 
     @compiled
-    def slope_at(end: Any, context: Any) -> Any:
-        stay_outside()
-        x, _, h, inner = context
-        plain = flow(complex(x, 0.0), complex(end, 0.0), inner)
-        moved = flow(complex(x, 0.0), complex(end, TINY), inner)
-        return 1.0 + h * (moved.imag - plain.imag) / TINY
+    def value_at(end: Any, given: Any) -> Any:
+        x, i, h, context = given
+        taken, _ = lost(end, (x, context))
+        return defect(end - x, i, h, taken), abs(end) + abs(x) + h * (abs(i) + abs(taken))
+
+    @compiled
+    def slope_at(end: Any, given: Any) -> Any:
+        x, _, h, context = given
+        return 1.0 + h * lost(end, (x, context))[1]
 
     root = compiled(make_root(value_at, slope_at))
 
     @compiled
-    def gradient(x: Any, current: Any, h: Any, context: Any) -> Any:
-        inner = (real(x), real(current), h, context)
-        found, _ = root(real(x), 1.0, 0.0, inner)
-        end = found + 0.0 * current
-        return end - defect(end - x, current, h, flow(x + 0.0 * current, end, context)) / slope_at(found, inner)
+    def search(x: Any, i: Any, h: Any, context: Any) -> Any:
+        stay_outside()
+        given = (x, i, h, context)
+        end, _ = root(x, 1.0, 0.0, given)
+        return end, slope_at(end, given)
 
-    return gradient
+    @compiled
+    def moved(x: Any, current: Any, h: Any, found: Any, context: Any) -> Any:
+        stay_outside()
+        end, slope = found[0] + 0.0 * current, found[1]
+        return end - defect(end - x, current, h, flow(x + 0.0 * current, end, context)) / slope
+
+    return search, moved
+
+
+def _make_lost(plain_flow: Callable[..., Any]) -> Callable[..., Any]:
+    """``lost(state, context)``: the lost flow and its slope at a real state."""
+
+    def lost(state: Any, context: Any) -> Any:
+        stay_outside()
+        flow = plain_flow(complex(state, TINY), context)
+        return flow.real, flow.imag / TINY
+
+    return lost

@@ -41,6 +41,7 @@ from phnn.integrate.tables import (
     RADAU,
 )
 from phnn.laws.leaf import rc_flow, relaxation
+from phnn.laws.namespace import real
 
 # Rows of the two work arrays: per junction (4, m) and per storage (2, N).
 FLOW, CHANGE, FORCE, SIZE = range(4)
@@ -98,41 +99,84 @@ def _lost(context: Any, effort: Any) -> Any:
     return total
 
 
+@inline
+def _plainly_lost(context: Any, effort: Any) -> Any:
+    """`_lost` without the perturbations of ratios and of what laws read; ``theta`` has none."""
+    t, leaf, theta, c, g, a, x, y, h, wj = context
+    row = t[0, LEAVES] + leaf
+    total = 0.0 * effort
+    for r in range(t[row, 3], t[row, 4]):
+        q = _read(t, t[r, 5], c, g, a, x, y, h, wj)
+        ratio = real(g[r])
+        total += ratio * resistor_flow(t, r, ratio * effort, real(q) + 0.0 * q, theta)
+    return total
+
+
+def _at_state(lost: Any) -> Any:
+    """The flow lost at a state."""
+
+    def at_state(state: Any, context: Any) -> Any:
+        stay_outside()
+        t, leaf, theta = context[:3]
+        return lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, 0], state, state, theta))
+
+    return plain(at_state)
+
+
+def _between_states(lost: Any) -> Any:
+    """The flow lost at the mean effort between two states."""
+
+    def between_states(start: Any, end: Any, context: Any) -> Any:
+        stay_outside()
+        t, leaf, theta = context[:3]
+        return lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, 0], start, end, theta))
+
+    return plain(between_states)
+
+
+_radau_search, _radau_moved = make_radau(_at_state(_lost), _at_state(_plainly_lost), plain)
+_gradient_search, _gradient_moved = make_gradient(_between_states(_lost), _between_states(_plainly_lost), plain)
+
+
+@inline
+def is_closed(t: Any, leaf: Any) -> Any:
+    """Whether the equations of a leaf have a closed solution."""
+    rule = t[t[0, LEAVES] + leaf, 1]
+    return (rule == LOSSLESS) | (rule == EXACT)
+
+
 @plain
-def _lost_at(state: Any, context: Any) -> Any:
+def leaf_search(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
+    """What solves the equations of a leaf without a closed solution, in plain numbers: see `phnn.integrate.stages`."""
     stay_outside()
-    t, leaf, theta = context[:3]
-    return _lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, 0], state, state, theta))
+    row = t[0, LEAVES] + leaf
+    start, current = real(x[t[row, 0]]), real(_current(t, leaf, g, a, wj))
+    context = (t, leaf, theta, c, g, a, x, y, h, wj)
+    if t[row, 1] == RADAU:
+        return _radau_search(start, current, h, context)
+    end, slope = _gradient_search(start, current, h, context)
+    return end, slope, 0.0, 0.0
 
 
 @plain
-def _lost_between(start: Any, end: Any, context: Any) -> Any:
-    stay_outside()
-    t, leaf, theta = context[:3]
-    return _lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, 0], start, end, theta))
-
-
-_radau = make_radau(_lost_at, plain)
-_gradient = make_gradient(_lost_between, plain)
-
-
-@plain
-def _searched(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
-    """End state and mean effort of a leaf whose equations have no closed solution."""
+def leaf_moved(
+    t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, found: Any
+) -> Any:  # fmt: skip
+    """End state and mean effort of a leaf from what `leaf_search` found."""
     stay_outside()
     row = t[0, LEAVES] + leaf
     k = t[row, 0]
     context = (t, leaf, theta, c, g, a, x, y, h, wj)
     current = _current(t, leaf, g, a, wj)
     if t[row, 1] == RADAU:
-        return _radau(x[k], current, h, c[leaf, STIFFNESS], context)
-    end = _gradient(x[k], current, h, context)
+        return _radau_moved(x[k], current, h, c[leaf, STIFFNESS], found, context)
+    end = _gradient_moved(x[k], current, h, (found[0], found[1]), context)
     return end, mean_effort(t, k, x[k], end, theta)
 
 
 @inline
-def leaf_step(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
-    """End state and mean effort of a leaf."""
+def leaf_closed(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
+    """End state and mean effort of a leaf with a closed solution."""
     row = t[0, LEAVES] + leaf
     k, rule = t[row, 0], t[row, 1]
     if rule == LOSSLESS:
@@ -140,15 +184,22 @@ def leaf_step(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: 
         if t[row, 2] > 0:
             return x[k] + gain, c[leaf, STIFFNESS] * (x[k] + 0.5 * gain)
         return x[k] + gain, mean_effort(t, k, x[k], x[k] + gain, theta)
-    if rule == EXACT:
-        rho, low, high = c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH]
-        one, two = c[leaf, ONE], c[leaf, TWO]
-        r = t[row, 3]
-        if t[r, 5] >= 0:
-            rho, low, high = resistor_thresholds(t, r, _read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
-            one, two = relaxation(h * rho * c[leaf, STIFFNESS])
-        return rc_flow(x[k], _current(t, leaf, g, a, wj), h, c[leaf, STIFFNESS], rho, low, high, one, two)
-    return _searched(t, leaf, theta, c, g, a, x, y, h, wj)
+    rho, low, high = c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH]
+    one, two = c[leaf, ONE], c[leaf, TWO]
+    r = t[row, 3]
+    if t[r, 5] >= 0:
+        rho, low, high = resistor_thresholds(t, r, _read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
+        one, two = relaxation(h * rho * c[leaf, STIFFNESS])
+    return rc_flow(x[k], _current(t, leaf, g, a, wj), h, c[leaf, STIFFNESS], rho, low, high, one, two)
+
+
+@inline
+def leaf_step(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
+    """End state and mean effort of a leaf."""
+    if is_closed(t, leaf):
+        return leaf_closed(t, leaf, theta, c, g, a, x, y, h, wj)
+    found = leaf_search(t, leaf, theta, c, g, a, x, y, h, wj)
+    return leaf_moved(t, leaf, theta, c, g, a, x, y, h, wj, found)
 
 
 @inline

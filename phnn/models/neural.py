@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from phnn.errors import InputRefused
 from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
@@ -21,10 +21,10 @@ LAWS = ("damping", "monotone")
 
 # A slope that moves the effort by less than this share of d/2 at the fastest motion is as good as a vertical one.
 _FINEST = 0.01
-# Conductances are scaled for a slope that costs the fastest motion this share of the effort scale.
-_STEEP = 0.03
-# Relaxation rates ϱ⁻¹/C [1/s] of hysterons of which nothing is known: one mostly slips, the next one mostly sticks.
-_RATES = (1e4, 3e2)
+# Hysterons of which nothing is known carry these shares of the fastest current where their efforts end, one after the
+# other: one that mostly slips in fast recordings and one that slips in slow ones.
+_CARRIED = (1.0, 0.02)
+_POWER = 3
 _POINTS = 200
 _ITERATIONS = 200
 
@@ -54,8 +54,9 @@ def neural_hrc(
         hysterons: ``n ≥ 1``.
         width: units of every learned resistor.
         start: ``parametric``: each learned resistor is first fitted to the dead zone of ``values``, with a slope no
-            steeper than recordings of this ``speed`` resolve; ``none``: to nothing. It starts then as a linear
-            resistor of conductance ``rho_i`` if ``values`` has one, else of a middling relaxation rate.
+            steeper than recordings of this ``speed`` resolve; ``none``: to a cubic, which says no more than that a
+            hysteron gives way the sooner the larger its effort. From a linear resistor, which has no amplitude at which
+            anything happens, training ends in a model whose hysterons are dampers.
         law: ``damping`` (`DampingMLP`, sign-constrained) or ``monotone`` (`MonotoneMLP`).
         symmetric: odd resistors; of ``damping`` only.
         spring_width: units of a learned convex spring (`EnergyMLP`) fitted to ``k q²/2`` first; 0 for a linear one.
@@ -73,50 +74,33 @@ def neural_hrc(
         raise InputRefused(f"start = {start!r}: choose {' or '.join(STARTS)}")
     if law not in LAWS:
         raise InputRefused(f"law = {law!r}: choose {' or '.join(LAWS)}")
-    given = dict(values or {})
-    known = hrc(hysterons, given)
+    known = hrc(hysterons, dict(values or {}))
     v = {n: p.value for n, p in known.parameters.items()}
     laws = []
     for i in range(1, hysterons + 1):
-        effort = 0.5 * v["alpha"] * reach / v[f"C_{i}"]
-        flow = v["alpha"] * speed
+        effort, flow = 0.5 * v["alpha"] * reach / v[f"C_{i}"], v["alpha"] * speed
+        untrained = partial(_untrained, law, effort, width, symmetric, seed + i)
         if start == "parametric":
             rho = min(v[f"rho_{i}"], flow / (_FINEST * 0.5 * v[f"d_{i}"]))
-            learned = _learned(law, effort, rho, width, symmetric, seed + i)
-            fit_dead_zone(learned, rho, v[f"d_{i}"], 2.5 * effort)
+            laws.append(untrained(rho))
+            fit_dead_zone(laws[-1], rho, v[f"d_{i}"], 2.5 * effort)
         else:
-            rho = given.get(f"rho_{i}", v[f"C_{i}"] * _RATES[(i - 1) % len(_RATES)])
-            learned = _linear(
-                _learned(law, effort, max(rho, flow / (_STEEP * effort)), width, symmetric, seed + i), rho
-            )
-        laws.append(learned)
+            carried = _CARRIED[(i - 1) % len(_CARRIED)] * flow
+            laws.append(untrained(2.0 * carried / effort))
+            fit_power(laws[-1], carried, effort / i, 2.5 * effort)
     network = replace(known, resistors=_with_laws(known.resistors, laws))
     if spring_width:
         network = _with_spring(network, v["k"], reach, spring_width)
     return _only_used(network, hold)
 
 
-def _learned(
-    law: str, effort: float, conductance: float, width: int, symmetric: bool, seed: int
+def _untrained(
+    law: str, effort: float, width: int, symmetric: bool, seed: int, conductance: float
 ) -> DampingMLP | MonotoneMLP:
     """A resistor of a typical conductance."""
     if law == "monotone":
         return MonotoneMLP(effort, conductance * effort, width)
     return DampingMLP(effort, conductance * effort, width, symmetric, seed)
-
-
-def _linear(law: DampingMLP | MonotoneMLP, rho: float) -> DampingMLP | MonotoneMLP:
-    """The resistor near the linear one of conductance ``rho``, its scale left as wide as what it may have to learn."""
-    with torch.no_grad():
-        if isinstance(law, DampingMLP):
-            share = rho / float(law.conductance)
-            law.offset.fill_(share)
-            law.heights.mul_(share)
-        else:
-            share = rho * float(law.scale / law.flow)
-            law.slope.copy_(torch.log(torch.expm1(torch.as_tensor(share, dtype=torch.float64))))
-            law.heights.copy_(torch.log(torch.expm1(share * functional.softplus(law.heights))))
-    return law
 
 
 def fit_dead_zone(
@@ -138,6 +122,26 @@ def fit_dead_zone(
     near = half * torch.linspace(0.8, 1.2, _POINTS // 2, dtype=torch.float64)
     effort = torch.cat([even, near, -near])
     target = rho * (torch.relu(effort - half) - torch.relu(-effort - half))
+    return _fit(law, law, effort, target)
+
+
+def fit_power(
+    law: DampingMLP | MonotoneMLP,
+    flow: float,
+    scale: float,
+    reach: float,
+) -> float:
+    """Fit a learned resistor on ``|ε| ≤ reach`` [V] to ``φ = f sign(ε) |ε/s|³``, beyond ``s`` to its tangent.
+
+    Args:
+        flow: ``f`` [A]; scale: ``s`` [V].
+
+    Returns:
+        The root mean square error of the flow relative to that of the target's.
+    """
+    effort = torch.linspace(-reach, reach, 2 * _POINTS, dtype=torch.float64)
+    share = effort.abs() / scale
+    target = flow * effort.sign() * torch.where(share < 1.0, share**_POWER, 1.0 + _POWER * (share - 1.0))
     return _fit(law, law, effort, target)
 
 

@@ -41,11 +41,15 @@ def test_a_parametric_start_is_the_dead_zone(law: str) -> None:
     assert set(network.parameters) == {"m", "k", "b", "alpha", "C_1", "C_2"}
 
 
-def test_without_a_start_it_is_a_linear_resistor_of_the_stated_conductance() -> None:
-    network = neural_hrc(1, 32, start="none", values={"rho_1": 2e-3})
-    effort = torch.linspace(-10.0, 10.0, 41, dtype=torch.float64)
-    conductance = (network.resistors[0].law(effort) / effort).detach()
-    assert 1e-3 < float(conductance[torch.isfinite(conductance)].median()) < 4e-3
+@pytest.mark.parametrize("law", ["damping", "monotone"])
+def test_without_a_start_it_is_a_cubic_that_knows_of_no_threshold(law: str) -> None:
+    network = neural_hrc(2, 16, start="none", law=law, reach=1.2e-4, speed=0.1)
+    for i, share in ((1, 1.0), (2, 0.02)):
+        scale = 0.5 * TABLE_1["alpha"] * 1.2e-4 / TABLE_1[f"C_{i}"] / i
+        effort = scale * torch.tensor([-2.0, -1.0, -0.6, 0.6, 1.0, 2.0], dtype=torch.float64)
+        flow = share * TABLE_1["alpha"] * 0.1
+        expected = flow * np.array([-4.0, -1.0, -0.216, 0.216, 1.0, 4.0])
+        np.testing.assert_allclose(network.resistors[i - 1].law(effort).detach(), expected, atol=0.3 * flow)
 
 
 def test_a_learned_spring_starts_as_the_linear_one() -> None:
