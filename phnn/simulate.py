@@ -103,7 +103,7 @@ def simulate(
     u = np.zeros((fine.shape[0], len(setup.network.ports)))
     u[:, 0] = mean_input(fine)
     rest = before if initial is None else None
-    x0 = equilibrium(program, theta, _constant(u, before)) if initial is None else initial
+    x0 = equilibrium(program, setup.network, _constant(u, before)) if initial is None else initial
     n = u.shape[0]
     states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
     done = kernel.march(program, theta, x0, u, h, states, efforts)
@@ -191,7 +191,7 @@ def output_derivatives(
     signals = np.column_stack([w for _, w in varied]) if varied else np.zeros((steps, 0))
     start = np.zeros((trajectory.states.shape[1], active.size))
     if trajectory.rest:
-        start = equilibrium_derivative(program, trajectory.theta, _constant(trajectory.u, trajectory.rest), active)
+        start = equilibrium_derivative(program, setup.network, _constant(trajectory.u, trajectory.rest), active)
     out = sweep.sensitivities(
         program, trajectory.theta, active, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h, start,
         np.array(initial, dtype=np.int64), np.ascontiguousarray(np.hstack([*columns, given])),
@@ -223,7 +223,7 @@ def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Arr
     if not trajectory.rest:
         return gradient
     voltage = _constant(trajectory.u, trajectory.rest)
-    return gradient + (back + along[0]) @ equilibrium_derivative(program, trajectory.theta, voltage, places)
+    return gradient + (back + along[0]) @ equilibrium_derivative(program, trajectory.setup.network, voltage, places)
 
 
 def input_force(trajectory: Trajectory, change: Array) -> Array:

@@ -60,7 +60,7 @@ def test_rest_under_a_voltage_stays_at_rest() -> None:
     assert np.abs(jump).max() > 1e-6
 
 
-def test_equilibrium_needs_something_that_holds() -> None:
+def test_hysterons_hold_where_there_is_no_spring() -> None:
     base = from_paper()
     free = base.__class__(
         tuple(s for s in base.storages if s.name != "q"),
@@ -71,9 +71,16 @@ def test_equilibrium_needs_something_that_holds() -> None:
         "Q_1",
     )
     program = compile_network(free)
-    with pytest.raises(SolverFailed, match="declare start: unknown"):
-        equilibrium(program, program.theta(free), np.array([10.0, 0.0]))
-    assert (equilibrium(program, program.theta(free), np.zeros(2)) == 0.0).all()
+    edge = 0.5 * base.parameters["d_2"].value
+    # Within their dead zones they share the voltage evenly, then the wider one takes the rest.
+    for voltage, shares in ((8.0, (4.0, 4.0)), (10.0, (10.0 - edge, edge))):
+        x = dict(zip(program.states, equilibrium(program, free, np.array([voltage, 0.0])), strict=True))
+        for i, share in enumerate(shares, 1):
+            assert x[f"Q_{i}"] / base.parameters[f"C_{i}"].value == pytest.approx(share, rel=1e-9)
+    assert (equilibrium(program, free, np.zeros(2)) == 0.0).all()
+    # Beyond them nothing holds the mass: it moves steadily, and there is no displacement to say how far.
+    slow = dict(zip(program.states, equilibrium(program, free, np.array([60.0, 0.0])), strict=True))
+    assert slow["p"] > 0.0
 
 
 def test_a_periodic_start_is_in_its_cycle() -> None:

@@ -4,6 +4,8 @@ At rest nothing flows, every dissipative leaf is uncharged (``Q* = 0`` among the
 leaves hold what the junctions have carried into them, ``x_l = Σ_j a_lj ξ_j``, so that no force is left on any junction:
 
     Σ_l a_lj E_l(x_l) = Σ_p g_jp ψ_p(u_p)
+
+Where this leaves something open, or currents come in beside the junctions, `phnn.integrate.steady` finds the state.
 """
 
 from __future__ import annotations
@@ -13,35 +15,53 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.errors import SolverFailed
 from phnn.integrate.actions import actions
 from phnn.integrate.program import Program
-from phnn.integrate.tables import FACTORS, JUNCTION_INLETS, LEAVES, LOSSLESS, RATIO, SIGN, STORAGES, rows_of
+from phnn.integrate.steady import steady_derivative, steady_state
+from phnn.integrate.tables import (
+    FACTORS,
+    GYRATORS,
+    JUNCTION_INLETS,
+    LEAF_INLETS,
+    LEAVES,
+    LOSSLESS,
+    RATIO,
+    SIGN,
+    STORAGES,
+    rows_of,
+)
 from phnn.laws import FACTOR_LAWS, STORAGE_LAWS
 from phnn.laws.namespace import TINY
 from phnn.laws.wide import WIDE_STORAGES, mean_effort
+from phnn.network.elements import Network
 
 Array = NDArray[np.float64]
 
 _ITERATIONS = 60
 
 
-def equilibrium(program: Program, theta: Array, u: Array) -> Array:
+def equilibrium(program: Program, network: Network, u: Array) -> Array:
     """(N,) rest state under constant inputs (P,).
 
     Raises:
-        SolverFailed: nothing holds the network, so that there is no rest state.
+        SolverFailed: something moves on for ever, so that there is no rest state; names it.
     """
+    if not np.any(u):
+        return np.zeros(len(program.states))
+    theta = program.theta(network)
     xi = _displacements(program, theta, u)
-    return np.real(_states(program, theta, xi))
+    return steady_state(network, u) if xi is None else np.real(_states(program, theta, xi))
 
 
-def equilibrium_derivative(program: Program, theta: Array, u: Array, places: NDArray[np.int64]) -> Array:
+def equilibrium_derivative(program: Program, network: Network, u: Array, places: NDArray[np.int64]) -> Array:
     """(N, K) derivatives of the rest state by the parameters at some places, by the implicit function theorem."""
     out = np.zeros((len(program.states), places.size))
     if not np.any(u):
         return out
+    theta = program.theta(network)
     xi = _displacements(program, theta, u)
+    if xi is None:
+        return steady_derivative(network, u, [program.names[place] for place in places])
     slopes = _slopes(program, theta, u, xi)
     for k, place in enumerate(places):
         moved = theta.astype(complex)
@@ -51,11 +71,11 @@ def equilibrium_derivative(program: Program, theta: Array, u: Array, places: NDA
     return out
 
 
-def _displacements(program: Program, theta: Array, u: Array) -> Array:
-    """(m,) ``ξ`` by Newton's method."""
+def _displacements(program: Program, theta: Array, u: Array) -> Array | None:
+    """(m,) ``ξ`` by Newton's method; None where they do not say what rest is."""
+    if not program.junctions or len(rows_of(program.table, LEAF_INLETS)) or len(rows_of(program.table, GYRATORS)):
+        return None
     xi = np.zeros(len(program.junctions))
-    if not np.any(u) or not xi.size:
-        return xi
     start = np.abs(_forces(program, theta, u, xi)).max()
     for _ in range(_ITERATIONS):
         force = np.real(_forces(program, theta, u, xi))
@@ -63,9 +83,7 @@ def _displacements(program: Program, theta: Array, u: Array) -> Array:
             break
         slopes = _slopes(program, theta, u, xi)
         if np.linalg.matrix_rank(slopes) < xi.size:
-            raise SolverFailed(
-                "no spring holds the output, so a constant input has no rest state: declare start: unknown"
-            )
+            return None
         xi = xi - np.linalg.solve(slopes, force)
     return xi
 

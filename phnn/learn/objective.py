@@ -140,10 +140,9 @@ def begin(plant: Plant, recording: Recording) -> Tensor:
     if starts_at_zero(recording) or not isinstance(plant, NetworkPlant):
         return zero
     network = plant.network
-    program = compile_network(network)
     u = np.zeros(len(network.ports))
     u[0] = input_before(recording, recording.u)
-    return torch.from_numpy(equilibrium(program, program.theta(network), u))
+    return torch.from_numpy(equilibrium(compile_network(network), network, u))
 
 
 def settled(plant: Plant, solver: Solver, recording: Recording, substeps: int) -> Tensor:
