@@ -108,7 +108,13 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
     name = arguments.command
     # Settings are refused before torch and numba are loaded.
     config = compose(_SETTINGS[name], settings) if name in _SETTINGS else {}
-    config = compose_groups(_TRAIN, settings) if name == _TRAIN else config
+    if name == _TRAIN:
+        from phnn.ensemble.processes import ONE_THREAD
+
+        config = compose_groups(_TRAIN, settings)
+        # Sums over several threads round otherwise: a run would depend on the number of cores.
+        for variable, count in ONE_THREAD.items():
+            os.environ.setdefault(variable, count)
     import phnn.commands as commands
 
     if name == "check":

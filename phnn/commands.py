@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import secrets
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -153,6 +154,24 @@ def train(config: Mapping[str, Any]) -> None:
         table.add_row(escape(name), use, f"{row['fit_percent']:.2f}", f"{row['residual_over_noise']:.3g}")
     console.print(table)
     console.print(f"results: {settings.home}   seed: {settings.seed}")
+
+
+def gather(folder: Path) -> pd.DataFrame:
+    """Print the table of the training runs in a folder; writes ``runs.csv`` there."""
+    from phnn.learn.gather import gather as gather_runs
+
+    found = gather_runs(folder)
+    write_atomic(folder / "runs.csv", found.to_csv(index=False).encode())
+    columns = [c for c in found.columns if c not in ("run", "reason")]
+    table = Table(*columns, title=f"runs in {folder}")
+    for row in found[columns].astype(object).to_numpy().tolist():
+        table.add_row(*("–" if pd.isna(v) else f"{v:.4g}" if isinstance(v, float) else escape(str(v)) for v in row))
+    console = Console() if sys.stdout.isatty() else Console(width=160)
+    console.print(table)
+    for name, reason in found.loc[found["state"] == "failed", ["run", "reason"]].to_numpy().tolist():
+        print(f"{name}: {reason}")
+    print(f"results: {folder / 'runs.csv'}")
+    return found
 
 
 def _comparison(scores: Mapping[str, Evaluation]) -> dict[str, Any]:

@@ -1,19 +1,33 @@
-"""Train a model on recordings: ``python scripts/train.py folder=recordings out=out/mine [key=value ...]``."""
+"""Train a model on recordings: ``python scripts/train.py folder=recordings out=out/mine [key=value ...]``.
+
+With ``-m`` and lists of values a sweep: ``python scripts/train.py -m launcher=joblib folder=recordings seed=0,1,2``.
+"""
 
 from __future__ import annotations
 
+import os
 import sys
 
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from phnn import commands
+from phnn import multirun
+from phnn.ensemble.processes import ONE_THREAD
 from phnn.errors import PhnnError
+
+# Sums over several threads round otherwise: a run would depend on the number of cores. Before numpy and torch are
+# loaded, and for the processes of a sweep as well.
+os.environ.update({name: os.environ.get(name, count) for name, count in ONE_THREAD.items()})
 
 
 @hydra.main(version_base=None, config_path="../configs", config_name="train")
 def main(config: DictConfig) -> None:
     """Run one training from a composed configuration."""
+    if multirun.is_sweep():
+        multirun.run(config)
+        return
+    from phnn import commands
+
     try:
         commands.train({str(k): v for k, v in OmegaConf.to_container(config, resolve=True).items()})
     except PhnnError as error:

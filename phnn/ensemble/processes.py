@@ -29,7 +29,8 @@ _ALONE_AFTER, _KILLS = 2, 3
 _IDLE = 60.0
 _WATCH = 1.0
 _LIBRARIES = ("OMP", "OPENBLAS", "MKL", "VECLIB_MAXIMUM", "NUMEXPR", "NUMBA")
-_ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in _LIBRARIES}
+ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in _LIBRARIES}
+"""Environment under which a process does its linear algebra in one thread; read when the libraries are loaded."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Processes(Executor):
     ) -> Iterator[tuple[int, Any]]:
         """Results of the chosen items until a worker dies; that counts against every item at work."""
         pool = get_reusable_executor(
-            self.workers, timeout=_IDLE, initializer=_begin, initargs=(os.getpid(),), env=_ONE_THREAD
+            self.workers, timeout=_IDLE, initializer=_begin, initargs=(os.getpid(),), env=ONE_THREAD
         )
         waiting = deque(chosen)
         running: dict[Future[Any], int] = {}

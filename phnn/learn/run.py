@@ -20,7 +20,7 @@ from phnn.learn.objective import Objective
 from phnn.learn.passivity import violations
 from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.score import evaluate, set_aside, whole
-from phnn.learn.settings import Settings
+from phnn.learn.settings import Settings, check_same
 from phnn.learn.solvers import solver_for
 from phnn.learn.starts import plant_for
 from phnn.learn.trainer import Progress, Trainer
@@ -31,6 +31,7 @@ from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import Candidate, choose
 from phnn.setup import Setup
 
+CONFIG, METRICS = "config.yaml", "metrics.json"
 _STATES = 10_000
 # Fewer recordings than this are all needed for training.
 _LEAST = 3
@@ -40,7 +41,7 @@ def train(settings: Settings, say: Callable[[str], None] = lambda line: None) ->
     """Train a model on a folder of recordings.
 
     Writes into ``settings.out``: ``config.yaml``, ``checkpoint.pt``, ``log.csv``, ``tensorboard/``, ``weights.pt``,
-    ``metrics.json`` and, for networks, ``model/`` for `phnn predict`.
+    ``metrics.json`` and, for networks, ``model/`` for `phnn predict`. A run that has ended stays as it is.
 
     Returns:
         What ``metrics.json`` holds.
@@ -51,8 +52,11 @@ def train(settings: Settings, say: Callable[[str], None] = lambda line: None) ->
     """
     torch.manual_seed(settings.seed)
     campaign = read(settings.folder, settings.manifest)
+    ended = _ended(settings, campaign)
+    if ended is not None:
+        return ended
     settings.home.mkdir(parents=True, exist_ok=True)
-    _write(settings.home / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(settings.plain())))
+    _write(settings.home / CONFIG, OmegaConf.to_yaml(OmegaConf.create(settings.plain())))
     training, validation = set_aside(campaign.recordings, validation_names(campaign, settings.validation))
     if not training:
         raise InputRefused("validation: every recording is set aside, none is left to train on: name fewer")
@@ -71,7 +75,31 @@ def train(settings: Settings, say: Callable[[str], None] = lambda line: None) ->
     torch.save(plant.state_dict(), settings.home / "weights.pt")
     if isinstance(plant, NetworkPlant):
         save(Setup(plant.network, name=str(settings.model["kind"])), settings.home / "model", settings.substeps)
-    _write(settings.home / "metrics.json", json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    _write(settings.home / METRICS, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    return content
+
+
+def _ended(settings: Settings, campaign: Campaign) -> dict[str, Any] | None:
+    """What an earlier run in the same folder has written at its end; None where there is none to keep.
+
+    Raises:
+        InputRefused: that run had other settings or other recordings, or its file is damaged.
+    """
+    config, metrics = settings.home / CONFIG, settings.home / METRICS
+    if not (settings.resume and config.exists() and metrics.exists()):
+        return None
+    check_same(dict(OmegaConf.load(config)), settings.plain(), config)
+    try:
+        content: dict[str, Any] = json.loads(metrics.read_text(encoding="utf-8"))
+        before = set(content["recordings"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputRefused(f"{metrics}: cannot be read ({error}): delete it to score the run again") from error
+    now = {part.name for r in campaign.recordings for part in r.parts if part.use != "nuisance"}
+    if before != now:
+        raise InputRefused(
+            f"{metrics}: is of the recordings {', '.join(sorted(before))}, {settings.folder} holds "
+            f"{', '.join(sorted(now))}: take the former folder, another out, or resume=false to begin anew"
+        )
     return content
 
 

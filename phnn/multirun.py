@@ -1,0 +1,117 @@
+"""A sweep of training runs: ``python scripts/train.py -m launcher=joblib seed=0,1,2 ...``.
+
+Hydra's launchers start the runs. Each has its own folder, named by its overrides, below ``out``; so the same command
+again finds what is done, continues what is not, and ends with the table of all runs. A run that fails leaves the
+reason in its folder and stops no other.
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.experimental.callback import Callback
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+
+from phnn.errors import InputRefused, PhnnError
+
+_LOCK = ".lock"
+# Bytes in the name of a folder.
+_LONGEST = 255
+_PLACES = ("folder", "manifest", "base")
+
+
+class Sweep(Callback):
+    """What is done before the first run and after the last one, where the sweep was started."""
+
+    def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
+        """Refuse what the runs could not share, and compile the kernels for them."""
+        # Hydra turns errors in here into warnings: only an exit ends the sweep.
+        try:
+            _check(config)
+        except InputRefused as error:
+            print(f"train: {error}", file=sys.stderr)
+            sys.exit(error.exit_status)
+        from phnn.warm import warm_up
+
+        warm_up()
+
+    def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
+        """Print and write the table; exit status 1 where a run has failed."""
+        from phnn import commands
+
+        table = commands.gather(Path(config.hydra.sweep.dir))
+        if (table["state"] == "failed").any():
+            sys.exit(1)
+
+
+def is_sweep() -> bool:
+    """Whether the present job is one of a sweep."""
+    return HydraConfig.get().mode == RunMode.MULTIRUN
+
+
+def run(config: DictConfig) -> None:
+    """One run of a sweep, in the folder that hydra has made for it."""
+    runtime = HydraConfig.get().runtime
+    home = Path(runtime.output_dir)
+    settings = {str(key): value for key, value in OmegaConf.to_container(config, resolve=True).items()}  # type: ignore[union-attr]
+    # The process may have been started elsewhere.
+    places = {key: str(Path(runtime.cwd, settings[key])) for key in _PLACES if settings.get(key) is not None}
+    # Jobs of a sweep that was killed may live on, and end what the same command has begun again.
+    with FileLock(home / _LOCK):
+        _train(settings | places | {"out": str(home)}, home)
+
+
+def _train(settings: Mapping[str, Any], home: Path) -> None:
+    """Train; what goes wrong is written into the run's folder."""
+    from phnn.learn import Settings, train
+    from phnn.learn.gather import ERROR
+
+    failure = home / ERROR
+    failure.unlink(missing_ok=True)
+    try:
+        content = train(Settings.from_config(settings))
+    except Exception as error:
+        known = isinstance(error, PhnnError)
+        failure.write_text(str(error) if known else f"{error!r}\n{traceback.format_exc()}", encoding="utf-8")
+        print(f"{home.name}: failed: {error if known else repr(error)}", file=sys.stderr, flush=True)
+        return
+    print(f"{home.name}: held-out residual {_shown(content['held_out_over_noise'])} × noise", flush=True)
+
+
+def _check(config: DictConfig) -> None:
+    """Refuse sweeps without recordings, over what is no part of a run's name, or with names that are too long.
+
+    Raises:
+        InputRefused: names the setting and the remedy.
+    """
+    unnamed = config.hydra.job.config.override_dirname.exclude_keys
+    length = -1
+    for override in OverridesParser.create().parse_overrides(list(config.hydra.overrides.task)):
+        key, swept = override.key_or_group, override.is_sweep_override()
+        if key not in unnamed:
+            values = list(override.sweep_string_iterator()) if swept else [override.get_value_element_as_str()]
+            length += 1 + max(len(f"{key}={value}".encode()) for value in values)
+        elif swept:
+            raise InputRefused(
+                f"{override.input_line}: runs are not named by {key}: make one sweep for each value, with its own out"
+            )
+    if OmegaConf.is_missing(config, "folder"):
+        raise InputRefused("setting folder is missing: write folder=...")
+    named = "override_dirname" in OmegaConf.to_yaml(config.hydra.sweep)
+    if named and length > _LONGEST:
+        raise InputRefused(
+            f"the overrides make names of {length} bytes, too long for a folder: number the runs with "
+            "'hydra.sweep.subdir=${hydra.job.num}'"
+        )
+
+
+def _shown(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"

@@ -1,0 +1,25 @@
+"""The table of the training runs below a folder: ``python scripts/gather.py out/sweep``; writes runs.csv there."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from phnn import commands
+from phnn.errors import PhnnError
+
+
+def main() -> None:
+    """Gather, and refuse bad input in one line."""
+    parser = argparse.ArgumentParser(description="Print and write the table of the training runs below a folder.")
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("out/sweep"), help="default: %(default)s")
+    try:
+        commands.gather(parser.parse_args().folder)
+    except PhnnError as error:
+        print(f"gather: {error}", file=sys.stderr)
+        sys.exit(error.exit_status)
+
+
+if __name__ == "__main__":
+    main()
