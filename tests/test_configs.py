@@ -1,0 +1,128 @@
+"""Every file under configs/ is used by what it is written for; one that no test knows how to use fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import campaigns
+import hydra
+import numpy as np
+import pytest
+import torch
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.plugins import Plugins
+from hydra.types import HydraContext, RunMode
+from junctions import march
+
+from phnn.configuration import compose, compose_groups, config_folder
+from phnn.experiment.recordings import Conditions
+from phnn.identify.base import Options
+from phnn.learn import Settings
+from phnn.learn.objective import Objective
+from phnn.learn.solvers import solver_for
+from phnn.learn.starts import plant_for
+from phnn.models.actuator import hrc
+from phnn.models.network_file import load_network
+from phnn.network import PortHamiltonianSystem
+from phnn.recordings.recording import Campaign
+from phnn.setup import Setup
+
+HOME = config_folder()
+FILES = sorted(path.relative_to(HOME).as_posix() for path in HOME.rglob("*.y*ml"))
+
+
+@cache
+def campaign() -> Campaign:
+    """Two short recordings of a gentle actuator."""
+    true = Setup(hrc(1, {"m": 1e-3, "k": 2e4, "b": 6.0, "alpha": 0.04, "C_1": 5e-7, "rho_1": 1e-3, "d_1": 8.0}))
+    t = np.linspace(0.0, 0.02, 41)
+    waves = {f: 75.0 * np.sin(2 * np.pi * f * t) for f in (50.0, 100.0)}
+    found = tuple(campaigns.recorded(true, f"sine_{f:g}", t, u, 60e-9) for f, u in waves.items())
+    return Campaign(found, {"model": "piezo_actuator", "hysterons": 1}, {}, "command", (), False, "made")
+
+
+def trains(*overrides: str) -> None:
+    """The plant and the solver of the settings march the recordings."""
+    settings = Settings.from_config(compose_groups("train", ["folder=a", "out=b", *overrides]))
+    plant = plant_for(settings.model, campaign(), settings.seed)
+    objective = Objective(plant, solver_for(settings.solver, plant), campaign().recordings)
+    with torch.no_grad():
+        assert 0.0 < float(objective()) < np.inf
+
+
+def command(name: str) -> None:
+    if name == "train":
+        trains("model.start=none")
+        return
+    given = compose(name)
+    assert set(given) <= set(Options.__dataclass_fields__)
+    assert Options.from_config(given) == Options(**given)
+
+
+def model(name: str) -> None:
+    start = ["model.start=none"] if "hrc" in name else []
+    # The black box has no structure that the power-preserving step could use.
+    trains(f"model={name}", *start, *(["solver=torchdiffeq", "solver.method=rk4"] if name == "neural_ode" else []))
+
+
+def solver(name: str) -> None:
+    trains(f"solver={name}", "model=hrc", "model.hysterons=1", "model.start=none")
+
+
+def network(name: str) -> None:
+    found = load_network(HOME / "network" / f"{name}.yaml")
+    states, steps = len(found.storages), 20
+    marched = march(found, np.ones((steps, len(found.ports))), np.full(steps, 1e-5), np.zeros(states))
+    assert np.isfinite(marched.states).all()
+    assert marched.states[-1].any()
+    rate = PortHamiltonianSystem(found).vector_field(
+        torch.zeros(states).double(), torch.ones(len(found.ports)).double()
+    )
+    assert torch.isfinite(rate).all()
+    assert rate.any()
+
+
+def experiment(name: str) -> None:
+    with hydra.initialize_config_dir(str(HOME), version_base=None):
+        config = hydra.compose(f"experiment/{name}", ["folder=recordings", "out=out"])
+    groups = [config[key] for key in ("fit", "compare", "diagnose") if key in config]
+    assert groups
+    for group in groups:
+        assert Options.from_config(group).starts >= 1
+    if "recordings" in config:
+        assert Conditions(**config.recordings).seed == 0
+
+
+def launcher(name: str) -> None:
+    with hydra.initialize_config_dir(str(HOME), version_base=None):
+        config = GlobalHydra.instance().hydra.compose_config(
+            config_name="train",
+            overrides=[f"launcher={name}", "folder=recordings", "hydra.mode=MULTIRUN"],
+            run_mode=RunMode.MULTIRUN,
+            from_shell=False,
+        )
+        context = HydraContext(config_loader=GlobalHydra.instance().config_loader(), callbacks=None)  # type: ignore[arg-type]
+        found = Plugins.instance().instantiate_launcher(context, lambda config: None, config)
+        sweeper = Plugins.instance().instantiate_sweeper(
+            config=config, hydra_context=context, task_function=lambda config: None
+        )
+    assert name in type(found).__module__
+    assert sweeper.max_batch_size == config.hydra.sweeper.max_batch_size
+    assert config.hydra.sweep.dir == "out/sweep"
+
+
+USES: dict[str, Callable[[str], None]] = {
+    "": command, "model": model, "solver": solver, "network": network, "experiment": experiment, "launcher": launcher,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_the_file_is_used(file: str) -> None:
+    group, _, name = file.removesuffix(".yaml").rpartition("/")
+    assert group in USES, f"configs/{file}: no test uses the files of {group}: add its consumer to USES"
+    USES[group](name)
+
+
+def test_no_group_is_empty() -> None:
+    assert {file.rpartition("/")[0] for file in FILES} == set(USES)
