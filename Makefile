@@ -51,11 +51,14 @@ demo: $(DEV)
 		exec $(BIN)/phnn demo $${SEED:+--seed "$$SEED"} --out "$$OUT"; \
 	fi
 
+# As many tests at once as there are cores, one thread each, those of a file together: they share what they have made.
+# The kernels are compiled before, or every worker would compile them.
 test: $(DEV)
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m phnn.warm
+	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 test-slow: $(DEV)
 	@$(BIN)/python -m pytest -m slow

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import sys
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from filelock import FileLock
 from hydra.core.hydra_config import HydraConfig
@@ -29,7 +30,13 @@ _PLACES = ("folder", "manifest", "base")
 
 
 class Sweep(Callback):
-    """What is done before the first run and after the last one, where the sweep was started."""
+    """What is done before the first run and after the last one, where the sweep was started.
+
+    Attributes:
+        running: the folder of the sweep at work.
+    """
+
+    running: ClassVar[Path | None] = None
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """Refuse what the runs could not share, and compile the kernels for them."""
@@ -39,17 +46,36 @@ class Sweep(Callback):
         except InputRefused as error:
             print(f"train: {error}", file=sys.stderr)
             sys.exit(error.exit_status)
+        Sweep.running = Path(config.hydra.sweep.dir)
         from phnn.warm import warm_up
 
         warm_up()
 
-    def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
-        """Print and write the table; exit status 1 where a run has failed."""
-        from phnn import commands
 
-        table = commands.gather(Path(config.hydra.sweep.dir))
-        if (table["state"] == "failed").any():
-            sys.exit(1)
+@contextmanager
+def concluded() -> Iterator[None]:
+    """End with the table of a sweep that was started inside, whatever became of it; status 1 where a run failed."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        print("train: interrupted; the same command continues", file=sys.stderr)
+        sys.exit(130)
+    finally:
+        folder, Sweep.running = Sweep.running, None
+        failed = folder is not None and _tell(folder)
+    if failed:
+        sys.exit(1)
+
+
+def _tell(folder: Path) -> bool:
+    """Print and write the table; whether a run has failed."""
+    from phnn import commands
+
+    try:
+        return bool((commands.gather(folder)["state"] == "failed").any())
+    except PhnnError as error:
+        print(f"train: {error}", file=sys.stderr)
+        return True
 
 
 def is_sweep() -> bool:

@@ -36,4 +36,5 @@ def main(config: DictConfig) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with multirun.concluded():
+        main()
