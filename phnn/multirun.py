@@ -7,6 +7,7 @@ reason in its folder and stops no other.
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
 from collections.abc import Iterator, Mapping
@@ -21,8 +22,11 @@ from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
+from phnn.ensemble.processes import end_with
 from phnn.errors import InputRefused, PhnnError
 
+# The process of a sweep, for those it starts.
+_PARENT = "PHNN_SWEEP"
 _LOCK = ".lock"
 # Bytes in the name of a folder.
 _LONGEST = 255
@@ -47,6 +51,7 @@ class Sweep(Callback):
             print(f"train: {error}", file=sys.stderr)
             sys.exit(error.exit_status)
         Sweep.running = Path(config.hydra.sweep.dir)
+        os.environ[_PARENT] = str(os.getpid())
         from phnn.warm import warm_up
 
         warm_up()
@@ -85,6 +90,9 @@ def is_sweep() -> bool:
 
 def run(config: DictConfig) -> None:
     """One run of a sweep, in the folder that hydra has made for it."""
+    if os.environ.get(_PARENT) == str(os.getppid()):
+        # A worker of the sweep's own; jobs of a queue live on without it.
+        end_with(os.getppid())
     runtime = HydraConfig.get().runtime
     home = Path(runtime.output_dir)
     settings = {str(key): value for key, value in OmegaConf.to_container(config, resolve=True).items()}  # type: ignore[union-attr]

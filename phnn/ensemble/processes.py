@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from loky import get_reusable_executor
@@ -98,10 +99,16 @@ def _exit_codes(death: TerminatedWorkerError) -> str:
 def _begin(parent: int) -> None:
     """What a worker does first: leave Ctrl-C to the parent, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    end_with(parent)
 
 
-def _end_with(parent: int) -> None:
+@cache
+def end_with(parent: int) -> None:
+    """End this process when its parent ends, however that happens."""
+    threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+
+
+def _watch(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(_WATCH)
     # A killed parent closes nothing: its workers would go on with work that nobody waits for.

@@ -37,6 +37,7 @@ def sweep(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Sweep:
     written(tmp_path / "recordings")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("PHNN_SWEEP", "")
     for name in ONE_THREAD:
         monkeypatch.setenv(name, os.environ.get(name, "1"))
 
@@ -182,8 +183,12 @@ def test_a_killed_sweep_resumes_to_the_same_result(tmp_path: Path, launcher: str
     while sum(len(path.read_text().splitlines()) > 8 for path in (tmp_path / "killed").glob("*/log.csv")) < 2:
         assert killed.poll() is None
         time.sleep(0.05)
+    workers = psutil.Process(killed.pid).children()
     killed.send_signal(signal.SIGKILL)
     assert killed.wait() == -signal.SIGKILL
+    if launcher == "joblib":
+        # Jobs of a queue live on, workers do not.
+        assert psutil.wait_procs(workers, timeout=60)[1] == []
     assert len(homes(tmp_path / "killed")) < 4
     assert not (tmp_path / "killed" / "runs.csv").exists()
     assert started(tmp_path, "killed", launcher, *overrides).wait(timeout=1800) == 0
