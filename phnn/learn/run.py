@@ -103,18 +103,18 @@ def _ended(settings: Settings, campaign: Campaign) -> dict[str, Any] | None:
     return content
 
 
-def validation_names(campaign: Campaign, given: Sequence[str]) -> tuple[str, ...]:
-    """Names of the recordings that stop the training: as given, or some within the span of the others.
+def validation_names(campaign: Campaign, given: Sequence[str] | None) -> tuple[str, ...]:
+    """Names of the recordings that stop the training: as given, or where None some within the span of the others.
 
     Raises:
         InputRefused: a name that no recording for identification has.
     """
     chosen = [r for r in campaign.recordings if r.mask("identification").any()]
-    for name in given:
+    for name in given or ():
         if name not in [r.name for r in chosen]:
             raise InputRefused(f"validation: no recording {name} for identification among {[r.name for r in chosen]}")
-    if given or len(chosen) < _LEAST:
-        return tuple(given)
+    if given is not None or len(chosen) < _LEAST:
+        return tuple(given or ())
     return tuple(sorted(choose([Candidate(r.name, r.t.size, r.dt, excitation_of(r.u, r.dt), None) for r in chosen])))
 
 

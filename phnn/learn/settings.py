@@ -27,7 +27,8 @@ class Settings:
         substeps: steps a (used) sample interval.
         window: samples of a window; 0 for whole recordings.
         continuity: weight of the jumps between windows.
-        validation: names of the recordings that stop the training; chosen among those for identification if empty.
+        validation: names of the recordings that stop the training; None chooses among those for identification, an
+            empty list trains on all of these.
         adam, lbfgs, gauss_newton: most epochs of each method, in this order; a method of 0 epochs is left out.
         rate: of Adam, falls to a hundredth along a cosine.
         lbfgs_iterations: within one epoch.
@@ -48,7 +49,7 @@ class Settings:
     substeps: int = 1
     window: int = 0
     continuity: float = 1.0
-    validation: tuple[str, ...] = ()
+    validation: tuple[str, ...] | None = None
     adam: int = 50
     lbfgs: int = 0
     gauss_newton: int = 40
@@ -94,13 +95,15 @@ class Settings:
             if f.default is MISSING and f.default_factory is MISSING and config.get(name) is None:
                 raise InputRefused(f"setting {name} is missing: write {name}=...")
         given = dict(config)
-        given["validation"] = tuple(given.get("validation") or ())
+        if given.get("validation") is not None:
+            given["validation"] = tuple(given["validation"])
         return cls(**given)
 
     def plain(self) -> dict[str, Any]:
         """As nested dictionaries and lists."""
         content = asdict(self)
-        return content | {"validation": list(self.validation), "model": dict(self.model), "solver": dict(self.solver)}
+        aside = None if self.validation is None else list(self.validation)
+        return content | {"validation": aside, "model": dict(self.model), "solver": dict(self.solver)}
 
     @property
     def home(self) -> Path:

@@ -61,8 +61,9 @@ def test_a_network_is_trained_scored_and_stored(tmp_path: Path) -> None:
     assert log["loss"].iloc[-1] < log["loss"].iloc[0]
     rows = content["recordings"]
     assert {n for n, row in rows.items() if row["held_out"]} != set()
-    assert {n for n, row in rows.items() if row["validation"]} == set(validation_names(read(folder), ()))
+    assert {n for n, row in rows.items() if row["validation"]} == set(validation_names(read(folder), None)) != set()
     assert content["passivity"] == {"states": 10_000, "violations": 0}
+    assert validation_names(read(folder), ()) == ()
     setup, substeps = load(out / "model")
     held = next(r for r in read(folder).recordings if rows[r.name]["held_out"])
     y = simulate(setup, held, substeps).y
