@@ -16,7 +16,7 @@ from phnn.errors import SolverFailed
 from phnn.integrate import kernel, sweep
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.rest import equilibrium, equilibrium_derivative
-from phnn.laws import PORT_LAWS
+from phnn.laws import FACTOR_LAWS, PORT_LAWS
 from phnn.laws.namespace import TINY
 from phnn.recordings.recording import Recording
 from phnn.setup import AMPLIFIERS, SENSORS, Block, Setup
@@ -41,7 +41,7 @@ class Trajectory:
         y: (N,) sensor output without the displacement zero.
         fine: (n, 3) port input within the steps; u: (n, P) mean inputs.
         states: (n+1, N) states at the nodes, in the order of the network.
-        efforts: (n, N) mean efforts of the storages.
+        efforts: (n, N) mean efforts of the storages and mean drives of the memories.
     """
 
     setup: Setup
@@ -190,7 +190,7 @@ def output_derivatives(
     columns = [_amplifier_force(trajectory, block, name)[:, None] for block, name in amplifier]
     signals = np.column_stack([w for _, w in varied]) if varied else np.zeros((steps, 0))
     start = np.zeros((trajectory.states.shape[1], active.size))
-    if trajectory.rest:
+    if trajectory.rest is not None:
         start = equilibrium_derivative(program, setup.network, _constant(trajectory.u, trajectory.rest), active)
     out = sweep.sensitivities(
         program, trajectory.theta, active, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h, start,
@@ -220,7 +220,7 @@ def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Arr
     gradient, back = sweep.adjoint(
         program, trajectory.theta, places, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h, along
     )
-    if not trajectory.rest:
+    if trajectory.rest is None:
         return gradient
     voltage = _constant(trajectory.u, trajectory.rest)
     return gradient + (back + along[0]) @ equilibrium_derivative(program, trajectory.setup.network, voltage, places)
@@ -232,8 +232,19 @@ def input_force(trajectory: Trajectory, change: Array) -> Array:
     ((_, ratio),) = port.on.items()
     values = {n: p.value for n, p in trajectory.setup.network.parameters.items()}
     slope = PORT_LAWS[port.law].slope(trajectory.u[:, 0], *(values[n] for n in port.parameters))
-    force = (values[ratio] if isinstance(ratio, str) else ratio) * np.asarray(slope)
+    force = (values[ratio] * _factor(trajectory, ratio) if isinstance(ratio, str) else ratio) * np.asarray(slope)
     return force * change if change.ndim == 1 else force[:, None] * change
+
+
+def _factor(trajectory: Trajectory, ratio: str) -> Array | float:
+    """(n,) what a ratio is multiplied by during the steps; one where it follows no state."""
+    network, states = trajectory.setup.network, trajectory.states
+    for m in network.modulations:
+        if m.ratio == ratio:
+            k = trajectory.program.states.index(m.by)
+            read = 0.5 * (states[:-1, k] + states[1:, k]) if m.by in network.storage_names else states[:-1, k]
+            return np.asarray(FACTOR_LAWS[m.law].factor(read, *(network.parameters[n].value for n in m.parameters)))
+    return 1.0
 
 
 def _amplifier_force(trajectory: Trajectory, block: Block, name: str) -> Array:

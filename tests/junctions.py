@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from networks import remembering
 
 from phnn.integrate import kernel
 from phnn.integrate.program import compile_network
@@ -139,11 +140,16 @@ def random_junction(seed: int, stiff: bool = True) -> Network:
     return Network(storages, tuple(draw.resistors), tuple(draw.couplings), ports, as_table(draw.parameters), "q")
 
 
-def random_march(seed: int, stiff: bool = True, steps: int = 40) -> Trajectory:
-    """A march of a random junction from a random state under inputs with jumps, its steps of several sizes."""
+def random_march(seed: int, stiff: bool = True, steps: int = 40, memories: bool = False) -> Trajectory:
+    """A march of a random junction from a random state under inputs with jumps, its steps of several sizes.
+
+    Args:
+        memories: with a temperature and another memory, see `networks.remembering`.
+    """
     network = random_junction(seed, stiff)
+    network = remembering(network, seed) if memories else network
     random = np.random.default_rng(seed + 1)
     h = 10.0 ** random.uniform(-5.0, -0.5) * random.choice([1.0, 1.0, 0.3], steps)
     u = random.normal(size=(steps, len(network.ports))) * random.choice([0.0, 1.0, 10.0], (steps, 1))
-    x0 = random.normal(size=len(network.storages)) * random.choice([0.0, 1.0])
+    x0 = random.normal(size=len(network.state_names)) * random.choice([0.0, 1.0])
     return march(network, u, h, x0)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import strategies as st
 
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.neural import EnergyMLP, MonotoneMLP
-from phnn.network import Coupling, Modulation, Network, Port, Ratio, Resistor, Storage
+from phnn.network import Coupling, Memory, Modulation, Network, Port, Ratio, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 
 
@@ -110,6 +112,40 @@ def random_network(
         name = hindrances[0].parameters[0]
         network = network.with_values({name: stiff * network.parameters[name].value})
     return network
+
+
+def remembering(network: Network, seed: int) -> Network:
+    """The network with a temperature that all resistors raise, a memory of an effort and one of the inputs.
+
+    Resistors follow any of them. A ratio follows the inputs alone: one that grows with what it drives may run away.
+    Time constants are about one second, so that there is something to follow.
+    """
+    random = np.random.default_rng(seed)
+    ports = tuple(p.name for p in network.ports)
+    memories = (
+        Memory("theta", "thermal", ("C_T", "R_T", "T_a", "T_ref"), unit="K"),
+        Memory("zeta", "exceeding", ("tau", "s0"), (str(random.choice(network.storage_names)),)),
+        *([Memory("xi", "relaxing", ("tau",), ports)] if ports else []),
+    )
+    values = {"C_T": 1.0, "R_T": 1.0, "tau": 1.0, "s0": 0.5, "kappa": 0.2, "scale": 1.0}
+    parameters = [Parameter(n, float(v * np.exp(0.5 * random.normal()))) for n, v in values.items()]
+    parameters += [Parameter("T_a", 296.0), Parameter("T_ref", 293.0)]
+    names = [m.name for m in memories]
+
+    def follows(r: Resistor) -> Resistor:
+        free = isinstance(r.law, str) and (r.modulated_by is None or random.random() < 0.5)
+        return replace(r, modulated_by=str(random.choice(names))) if free else r
+
+    modulations = network.modulations
+    if ports and "alpha" not in [m.ratio for m in modulations]:
+        modulations = (*modulations, Modulation("alpha", "xi", "affine", ("kappa", "scale")))
+    return replace(
+        network,
+        resistors=tuple(map(follows, network.resistors)),
+        modulations=modulations,
+        memories=memories,
+        parameters=as_table((*network.parameters.values(), *parameters)),
+    )
 
 
 @st.composite

@@ -117,8 +117,8 @@ def _direction(ground: Ground, effect: Effect, values: dict[str, float]) -> Arra
 
     def one(recording: Recording, base: Array) -> Array:
         initial = ground.fit.initial(recording.name)
-        if initial is not None and len(setup.network.storages) != initial.size:
-            initial = _longer(initial, len(setup.network.storages))
+        if initial is not None:
+            initial = _carried(initial, ground.fit.setup.network.state_names, setup.network.state_names)
         return simulate(setup, recording, plan.steps_of(recording), initial=initial).y - base
 
     try:
@@ -127,9 +127,10 @@ def _direction(ground: Ground, effect: Effect, values: dict[str, float]) -> Arra
         return np.zeros(ground.fit.residual.size)
 
 
-def _longer(initial: Array, size: int) -> Array:
-    """Initial state of a network with further leaves, which begin uncharged; the momentum stays last."""
-    return np.concatenate([initial[:-1], np.zeros(size - initial.size), initial[-1:]])
+def _carried(initial: Array, known: Sequence[str], wanted: Sequence[str]) -> Array:
+    """Initial state of a network with further states, which begin at zero."""
+    found = dict(zip(known, initial, strict=True))
+    return np.array([found.get(name, 0.0) for name in wanted])
 
 
 def noise_correlation(ground: Ground) -> Callable[[Array], Array]:

@@ -25,6 +25,7 @@ _SOURCES = (
     "integrate/constants.py",
     "integrate/roots.py",
     "integrate/step.py",
+    "integrate/memories.py",
     "integrate/stages.py",
     "integrate/solve.py",
     "integrate/quick.py",

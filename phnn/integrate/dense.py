@@ -3,7 +3,8 @@
     x⁺ − x = h [ J ē − Σ_r b_r φ_r(b_rᵀ ē, q̄_r) + g ψ(ū) ],      ē_k = (H_k(x⁺_k) − H_k(x_k))/(x⁺_k − x_k)
 
 with the coordinate-wise discrete gradient ``ē`` (Itoh & Abe 1988; Gonzalez 1996) and modulating variables at
-mid-step. Then for every step size ``H(x⁺) − H(x) = h (Σ ψ(ū) gᵀē − Σ ε̄_r φ_r(ε̄_r))``: the simulation is passive too.
+mid-step, memories at its start. Then for every step size ``H(x⁺) − H(x) = h (Σ ψ(ū) gᵀē − Σ ε̄_r φ_r(ε̄_r))``: the
+simulation is passive too. Memories follow their exact flow under the mean drives of the step.
 
 Each step is solved by a damped Newton iteration with the dense Jacobian. Gradients follow from the implicit
 function theorem: one vectorised evaluation of all residuals and one backward sweep over the stored states.
@@ -18,6 +19,7 @@ from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
+from phnn.network import memory
 from phnn.network.incidence import combined
 from phnn.network.power import PowerBalance
 from phnn.network.system import PortHamiltonianSystem
@@ -39,7 +41,18 @@ def step_residual(
     h: float | Tensor,  # [s], one for all or shaped to multiply states
 ) -> Tensor:
     """(..., n) what the step equation leaves: zero at its solution. All steps at once where batched over them."""
-    return x_next - x - h * system.rate(system.mean_efforts(x, x_next), 0.5 * (x + x_next), u)
+    efforts = system.mean_efforts(x, x_next)
+    if not _remembers(system):
+        return x_next - x - h * system.rate(efforts, 0.5 * (x + x_next), u)
+    middle, first = memory.between(system, x, x_next), len(system.network.storages)
+    end = memory.ends(system, x[..., first:], memory.drives(system, efforts, middle, u), h)
+    moved = x_next[..., :first] - x[..., :first] - h * system.rate(efforts, middle, u)
+    return torch.cat([moved, x_next[..., first:] - end], dim=-1)
+
+
+def _remembers(system: object) -> bool:
+    """Whether a system, which need not be a network, has memories."""
+    return isinstance(system, PortHamiltonianSystem) and bool(system.network.memories)
 
 
 def solve_dense(
@@ -97,7 +110,7 @@ def ledger(
     u = port_inputs(system, u_mean, states.ndim - 2)
     x, x_next = states[:-1], states[1:]
     stored = (system.energy(x_next) - system.energy(x)) / h
-    return system.power(system.mean_efforts(x, x_next), 0.5 * (x + x_next), u, stored)
+    return system.power(system.mean_efforts(x, x_next), memory.between(system, x, x_next), u, stored)
 
 
 class _Implicit(torch.autograd.Function):
@@ -230,8 +243,10 @@ def _has_one_root(system: PortHamiltonianSystem) -> bool:
         RESISTOR_LAWS[r.law].monotone if isinstance(r.law, str) else getattr(r.law, "monotone", False)
         for r in system.network.resistors
     )
-    modulated = system.network.modulations or any(r.modulated_by is not None for r in system.network.resistors)
-    return not modulated and all(convex) and all(monotone)
+    network = system.network
+    # A memory is known before the step.
+    reads = {r.modulated_by for r in network.resistors} | {m.by for m in network.modulations}
+    return not reads & set(network.storage_names) and all(convex) and all(monotone)
 
 
 def _is_connected(system: PortHamiltonianSystem, x: Tensor, guess: Tensor, z: Tensor, u: Tensor, h: float) -> bool:
@@ -271,13 +286,15 @@ def _line_search(
 def _scale(system: PortHamiltonianSystem, x: Tensor, z: Tensor, u: Tensor, h: float, jacobian: Tensor) -> Tensor:
     """(..., n) size of the terms that cancel in every row of the residual, and of what rounding ``x⁺`` does to it."""
     efforts = system.mean_efforts(x, z)
-    middle = 0.5 * (x + z)
+    middle = memory.between(system, x, z)
     branches, inputs = system.incidences(middle)
     flows = combined(system.branch_flows(combined(efforts, branches), middle).abs(), branches.abs().mT)
     forces = combined(system.actions(u).abs(), inputs.abs().mT)
     conserved = (system.structure(middle).abs() @ efforts.abs().unsqueeze(-1)).squeeze(-1)
     rounding = (jacobian.abs() @ z.abs().unsqueeze(-1)).squeeze(-1)
-    total = x.abs() + rounding + h * (conserved + flows + forces)
+    total = x.abs() + rounding
+    first = efforts.shape[-1]
+    total = torch.cat([total[..., :first] + h * (conserved + flows + forces), total[..., first:]], dim=-1)
     return torch.where(total > 0.0, total, 1.0)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from phnn.integrate.compiled import inline, plain, stay_outside
-from phnn.laws import FACTOR_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, compiled_flow, compiled_mean_effort
 
 _PLACES = ("i0", "i1", "i2", "i3")
@@ -63,6 +63,16 @@ def flow_table() -> Any:
 def factor_table() -> Any:
     """``factor(code, q, theta, i0…i3)``."""
     return look_up("factor", [(x.factor, len(x.example), False) for x in FACTOR_LAWS.values()], 1)
+
+
+def rate_table() -> Any:
+    """``rate(code, z, s, theta, i0…i3)``."""
+    return look_up("rate", [(x.rate, len(x.example), False) for x in MEMORY_LAWS.values()], 2)
+
+
+def decay_table() -> Any:
+    """``decay(code, theta, i0…i3)``."""
+    return look_up("decay", [(x.decay, len(x.example), False) for x in MEMORY_LAWS.values()], 0)
 
 
 def _unmodulated(flow: Any) -> Any:

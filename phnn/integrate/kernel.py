@@ -11,12 +11,13 @@ from phnn.integrate import quick
 from phnn.integrate.actions import actions
 from phnn.integrate.compiled import inline, loop_entry
 from phnn.integrate.constants import CONSTANTS, fill_gains
-from phnn.integrate.lookups import is_linear, junction_storage
+from phnn.integrate.lookups import count, is_linear, junction_storage
+from phnn.integrate.memories import advance
 from phnn.integrate.program import Program
 from phnn.integrate.roots import extrapolated
 from phnn.integrate.solve import prepare, rest_guess, solve_many, solve_one
 from phnn.integrate.step import EFFORT, NEXT, balance
-from phnn.integrate.tables import JUNCTIONS, LEAVES, rows_of
+from phnn.integrate.tables import JUNCTIONS, LEAVES, MEMORIES, rows_of
 
 Array = NDArray[np.float64]
 
@@ -62,6 +63,8 @@ def _steps(
             balance(t, theta, c, g, a, x, y, h[n], wj, wx)
         else:
             solved = solve_many(t, h[n], values, perturbed, jacobian, step, own)
+        if count(t, MEMORIES) > 0:
+            advance(t, theta, c, g, a, x, y, h[n], wj, wx)
         for k in range(x.shape[0]):
             states[n + 1, k] = wx[NEXT, k]
             efforts[n, k] = wx[EFFORT, k]
@@ -90,9 +93,10 @@ def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states:
 
     Args:
         theta: (M,) parameters, see `Program.theta`.
-        x0: (N,) initial state, in the order of the network.
+        x0: (N,) initial state, in the order of the network: storages, then memories.
         u: (n, P) mean inputs of the steps; h: (n,) their sizes [s].
-        states: (n+1, N) filled; efforts: (n, N) filled with the mean efforts of the storages.
+        states: (n+1, N) filled; efforts: (n, N) filled with the mean efforts of the storages and the mean
+            drives of the memories.
     """
     states[0] = x0
     steps = quick.march if quick.serves(program) else general

@@ -1,8 +1,8 @@
 """Derivatives of one step, block by block: complex steps through the very functions that march.
 
-A step maps inputs — states, unknowns, parameters — to the end states of leaves, the changes of junction states and the
-balance ``F``. Every leaf is a block, and all terms of the junctions are one; `phnn.integrate.uses` says which block
-contains which input, so that one perturbation re-evaluates only what it can change.
+A step maps inputs — states, unknowns, parameters — to the end states of leaves and memories, the changes of junction
+states and the balance ``F``. Every leaf is a block, and all terms of the junctions are one; `phnn.integrate.uses` says
+which block contains which input, so that one perturbation re-evaluates only what it can change.
 """
 
 from __future__ import annotations
@@ -16,10 +16,13 @@ from numpy.typing import NDArray
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import CONSTANTS, fill_constants, fill_gains
 from phnn.integrate.lookups import count, is_linear, junction_storage
+from phnn.integrate.memories import advance
 from phnn.integrate.program import Program
 from phnn.integrate.step import (
     CHANGE,
+    EFFORT,
     FORCE,
+    NEXT,
     is_closed,
     junction_flows,
     junction_terms,
@@ -28,7 +31,7 @@ from phnn.integrate.step import (
     leaf_search,
     modulate,
 )
-from phnn.integrate.tables import FACTORS, JUNCTIONS, LEAVES, PORTS, Integers, rows_of
+from phnn.integrate.tables import FACTORS, JUNCTIONS, LEAVES, MEMORIES, PORTS, STORAGES, Integers, rows_of
 from phnn.laws.namespace import TINY
 
 Array = NDArray[np.float64]
@@ -117,6 +120,8 @@ def _load(t: Any, d: Any, n: Any, run: Any) -> None:
     """State, unknowns and actions of a step; only the actions by parameters of port laws are perturbed."""
     for k in range(d.x.shape[0]):
         d.x[k] = complex(run.states[n, k], 0.0)
+        d.wx[NEXT, k] = complex(run.states[n + 1, k], 0.0)
+        d.wx[EFFORT, k] = complex(run.efforts[n, k], 0.0)
     for j in range(d.y.shape[0]):
         k = junction_storage(t, j)
         d.y[j] = complex(run.efforts[n, k] if is_linear(t, j) else run.states[n + 1, k], 0.0)
@@ -142,8 +147,8 @@ def _linearise(t: Any, p: Any, d: Any, h: Any) -> None:
             d.theta[p.active[k]] += TINY * 1j
         which, act = (k, 1 + p.in_ports[k]) if k >= 0 else (none, 0)
         _block_derivatives(
-            t, p, i, d.theta, d.c[which], d.g[which], d.a[act], d.x, d.y, h, d.wj, d.found, d.by_leaf,
-            d.by_force[:, i], d.by_change[:, i],
+            t, p, i, d.theta, d.c[which], d.g[which], d.a[act], d.x, d.y, h, d.wj, d.wx, d.found, d.by_leaf,
+            d.by_force[:, i], d.by_change[:, i], d.by_memory[:, i],
         )  # fmt: skip
         if i < n:
             d.x[i] = complex(d.x[i].real, 0.0)
@@ -168,10 +173,10 @@ def _search(t: Any, d: Any, c: Any, g: Any, a: Any, h: Any) -> None:
 
 @inline
 def _block_derivatives(
-    t: Any, p: Any, i: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, found: Any,
-    by_leaf: Any, by_force: Any, by_change: Any,
+    t: Any, p: Any, i: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any, found: Any,
+    by_leaf: Any, by_force: Any, by_change: Any, by_memory: Any,
 ) -> None:  # fmt: skip
-    """Imaginary parts of the blocks that contain input ``i``."""
+    """Imaginary parts of the blocks that contain input ``i``, and of the memories."""
     m = y.shape[0]
     for j in range(m):
         by_force[j] = 0.0
@@ -196,17 +201,33 @@ def _block_derivatives(
         row = t[0, LEAVES] + leaf
         for r in range(t[row, 5], t[row, 6]):
             by_force[t[r, 0]] += (g[r] * mean).imag / TINY
+        wx[NEXT, t[row, 0]] = end
+        wx[EFFORT, t[row, 0]] = mean
+    if by_memory.shape[0] > 0:
+        advance(t, theta, c, g, a, x, y, h, wj, wx)
+        for k in range(by_memory.shape[0]):
+            by_memory[k] = wx[NEXT, count(t, STORAGES) + k].imag / TINY
+        _forget(t, p, i, wx)
+
+
+@inline
+def _forget(t: Any, p: Any, i: Any, wx: Any) -> None:
+    """Take the perturbation out of the leaves that contain input ``i``: the next input may not meet them."""
+    for place in range(p.first_of[i], p.first_of[i + 1]):
+        k = t[t[0, LEAVES] + p.leaf[p.pair_of[place]], 0]
+        wx[NEXT, k] = complex(wx[NEXT, k].real, 0.0)
+        wx[EFFORT, k] = complex(wx[EFFORT, k].real, 0.0)
 
 
 class Derivatives(NamedTuple):
     """Memory for the derivatives of one step.
 
     Attributes:
-        theta, x, y: as of `phnn.integrate.step`, complex; wj: (4, m).
+        theta, x, y: as of `phnn.integrate.step`, complex; wj: (4, m); wx: (2, N).
         found: (L, 4) what solves the leaves without a closed solution.
         c, g: from `perturbed_constants`; a: (1+S, P) actions, then perturbed by each parameter of a port law.
         by_leaf: (pairs,) of the leaves' end states, as listed by the pattern.
-        by_force, by_change: (m, I) of ``F`` and of ``z − p``.
+        by_force, by_change: (m, I) of ``F`` and of ``z − p``; by_memory: (M, I) of the memories' end states.
     """
 
     theta: Any
@@ -220,6 +241,8 @@ class Derivatives(NamedTuple):
     by_leaf: Any
     by_force: Any
     by_change: Any
+    wx: Any
+    by_memory: Any
 
 
 def new_derivatives(t: Integers, p: Pattern, theta: Array, run: Run) -> Derivatives:
@@ -237,6 +260,8 @@ def new_derivatives(t: Integers, p: Pattern, theta: Array, run: Run) -> Derivati
         np.zeros(p.leaf.shape[0]),
         np.zeros((m, inputs)),
         np.zeros((m, inputs)),
+        np.zeros((2, run.states.shape[1]), np.complex128),
+        np.zeros((len(rows_of(t, MEMORIES)), inputs)),
     )
 
 

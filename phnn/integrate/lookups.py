@@ -5,13 +5,22 @@ from __future__ import annotations
 from typing import Any
 
 from phnn.integrate.compiled import inline
-from phnn.integrate.dispatch import factor_table, flow_table, storage_table, threshold_table
+from phnn.integrate.dispatch import (
+    decay_table,
+    factor_table,
+    flow_table,
+    rate_table,
+    storage_table,
+    threshold_table,
+)
 from phnn.integrate.tables import JUNCTIONS, STORAGES
 
 _mean_effort = storage_table()
 _thresholds = threshold_table()
 _flow = flow_table()
 _factor = factor_table()
+_rate = rate_table()
+_decay = decay_table()
 
 
 @inline
@@ -50,6 +59,18 @@ def resistor_thresholds(t: Any, r: Any, q: Any, theta: Any) -> Any:
 def factor(t: Any, r: Any, q: Any, theta: Any) -> Any:
     """``f(q)`` of the modulation in row ``r``."""
     return _factor(t[r, 0], q, theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
+
+
+@inline
+def memory_rate(t: Any, r: Any, z: Any, source: Any, theta: Any) -> Any:
+    """``f(z, s)`` of the memory in row ``r``."""
+    return _rate(t[r, 0], z, source, theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
+
+
+@inline
+def memory_decay(t: Any, r: Any, theta: Any) -> Any:
+    """``d`` of the memory in row ``r``."""
+    return _decay(t[r, 0], theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
 
 
 @inline

@@ -21,13 +21,14 @@ def junctions_of(network: Network) -> tuple[str, ...]:
     forced = {name for r in network.resistors if len(r.on) > 1 for name in r.on}
     lossy = {name for r in network.resistors for name in r.on}
     edges = [{c.to, c.of} for c in network.couplings if c.to != c.of]
-    modulated = {m.ratio for m in network.modulations}
+    # What follows a memory is known before the step.
+    modulated = {m.ratio for m in network.modulations if m.by in network.storage_names}
     reads = {r.modulated_by for r in network.resistors} | {m.by for m in network.modulations}
     following = {n for c in network.couplings if c.ratio in modulated for n in (c.to, c.of)}
     following |= {n for p in network.ports for n, ratio in p.on.items() if ratio in modulated}
     # What laws read at mid-step has to be known from the unknowns alone.
     forced |= {name for name in reads if name is not None and (name in lossy or name in following)}
-    order = network.state_names
+    order = network.storage_names
     linear = {s.name: is_linear(s) for s in network.storages}
     while open_edges := [e for e in edges if not e & forced]:
         degrees = {n: sum(n in e for e in open_edges) for n in order}
@@ -43,7 +44,7 @@ def is_linear(storage: Storage) -> bool:
 
 def merged_couplings(network: Network) -> dict[tuple[str, str, Ratio], int]:
     """How often every ratio couples two storages; what runs against itself cancels here, not in rounded sums."""
-    order = network.state_names
+    order = network.storage_names
     times: dict[tuple[str, str, Ratio], int] = {}
     for c in network.couplings:
         forward = order.index(c.to) < order.index(c.of)

@@ -41,7 +41,7 @@ class Pieces(NamedTuple):
         affine: (pairs, 3, 6) the derivatives of each pair as a function of ``(x, v̄, 1)``.
         junction, change: (2, I) of the junction's own terms and of ``z − p`` as functions of ``(v̄, 1)``.
         inlets: (inlets, I) of what the inlets exert as a function of the actions of their ports.
-        by_leaf, by_force, by_change: as of `phnn.integrate.linearise.Derivatives`.
+        by_leaf, by_force, by_change: as of `phnn.integrate.linearise.Derivatives`; by_memory: empty.
     """
 
     theta: Any
@@ -57,6 +57,7 @@ class Pieces(NamedTuple):
     by_leaf: Any
     by_force: Any
     by_change: Any
+    by_memory: Any
 
 
 def new_pieces(t: Integers, p: Pattern, theta: Array, run: Run) -> Pieces:
@@ -76,6 +77,7 @@ def new_pieces(t: Integers, p: Pattern, theta: Array, run: Run) -> Pieces:
         np.zeros(pairs),
         np.zeros((1, inputs)),
         np.zeros((1, inputs)),
+        np.zeros((0, inputs)),
     )
 
 

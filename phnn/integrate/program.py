@@ -5,7 +5,7 @@ Which storage is a junction and which is a leaf: see `phnn.integrate.partition`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
 from phnn.integrate.partition import is_linear, junctions_of, merged_couplings
+from phnn.integrate.sources import source_rows
 from phnn.integrate.tables import (
     BRANCHES,
     EXACT,
@@ -30,17 +31,19 @@ from phnn.integrate.tables import (
     LEAVES,
     LINKS,
     LOSSLESS,
+    MEMORIES,
     NONE,
     PORTS,
     RADAU,
     READS,
+    SOURCES,
     STORAGES,
     Integers,
     rows_of,
     stack,
 )
 from phnn.integrate.uses import input_sets
-from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 from phnn.network.elements import Network, Ratio, Resistor, Storage
 
@@ -52,6 +55,7 @@ _LAWS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
     "resistor": (RESISTOR_LAWS, WIDE_RESISTORS),
     "port": (PORT_LAWS, {}),
     "modulation": (FACTOR_LAWS, {}),
+    "memory": (MEMORY_LAWS, {}),
 }
 _SCALARS = 4
 _MOST_KNOWN = 512
@@ -66,7 +70,7 @@ class Program:
         names: parameter names in the order of ``theta``; constants and the weights of neural laws follow.
         constants: values of those constants.
         modules: (kind, element) of the neural laws in the order of their weights.
-        states: names of the storages; junctions, leaves: the storages that are one or the other.
+        states: names of the storages, then of the memories; junctions, leaves: the storages that are one or the other.
         table: for the kernel, see `phnn.integrate.tables`.
         output: index of the measured storage.
         uses: for every leaf and, last, for the junctions, which inputs their equations contain: states ``0…N−1``,
@@ -138,7 +142,8 @@ def compile_network(network: Network, leaf_rule: str = "exact") -> Program:
     if leaf_rule not in LEAF_RULES:
         raise StructureViolated(f"leaf_rule = {leaf_rule!r}: choose one of {', '.join(LEAF_RULES)}")
     # Networks that differ in parameter values alone share their elements.
-    elements = (network.storages, network.resistors, network.couplings, network.ports, network.modulations)
+    n = network
+    elements = (n.storages, n.resistors, n.couplings, n.ports, n.modulations, n.memories)
     key = (*map(id, elements), tuple(network.parameters), network.output, leaf_rule)
     if key not in _KNOWN:
         if len(_KNOWN) >= _MOST_KNOWN:
@@ -161,7 +166,7 @@ class _Builder:
         self.size = len(self.names) + len(self.constants)
         self.states = network.state_names
         self.junctions = junctions_of(network)
-        self.leaves = tuple(n for n in self.states if n not in self.junctions)
+        self.leaves = tuple(n for n in network.storage_names if n not in self.junctions)
         self.couplings = merged_couplings(network)
         reads = [r.modulated_by for r in network.resistors if r.modulated_by] + [m.by for m in network.modulations]
         self.reads = tuple(dict.fromkeys(reads))
@@ -200,7 +205,7 @@ class _Builder:
         rows[STORAGES] = [self._law("storage", s.name, s.law, s.parameters) for s in network.storages]
         rows[JUNCTIONS] = [[self.states.index(j), int(is_linear(self._storage(j)))] for j in junctions]
         rows[PORTS] = [self._law("port", p.name, p.law, p.parameters) for p in network.ports]
-        rows[READS] = [[_at(leaves, name), _at(junctions, name)] for name in self.reads]
+        rows[READS] = [self._read(name) for name in self.reads]
         for name in leaves:
             resistors = [r for r in network.resistors if tuple(r.on) == (name,)]
             before = [len(rows[k]) for k in _OWNED]
@@ -221,14 +226,25 @@ class _Builder:
                     self._with_ratio(rows, BRANCHES, [junctions.index(name)], ratio)
                 rows[JUNCTION_RESISTORS].append([*self._resistor(r), branch, len(rows[BRANCHES])])
         self._gyrators(rows)
-        for m in network.modulations:
+        # A leaf that is read by a ratio may itself have ratios that follow a memory: these come first.
+        for m in sorted(network.modulations, key=lambda m: m.by in network.storage_names):
             law = self._law("modulation", m.ratio, m.law, m.parameters)
             rows[FACTORS].append([*law, self.reads.index(m.by), self._place(m.ratio)])
+        for memory in network.memories:
+            law = self._law("memory", memory.name, memory.law, memory.parameters)
+            sources = source_rows(network, memory, leaves, junctions)
+            rows[MEMORIES].append([*law, len(rows[SOURCES]), len(rows[SOURCES]) + len(sources)])
+            rows[SOURCES] += sources
         table = self._absolute(rows)
         return Program(
             self.names, self.constants, tuple(self.modules), self.states, junctions, leaves, table,
             self.states.index(network.output), input_sets(table),
         )  # fmt: skip
+
+    def _read(self, name: str) -> list[int]:
+        places = (self.leaves, self.junctions)
+        row = [names.index(name) if name in names else NONE for names in places]
+        return [*row, self.states.index(name) if max(row) < 0 else NONE]
 
     def _with_ratio(
         self, rows: dict[int, list[list[int]]], kind: int, row: list[int], ratio: Ratio, sign: int = 1
@@ -247,6 +263,9 @@ class _Builder:
             found = rows_of(table, kind)
             found[:, 5] = np.where(found[:, 5] >= 0, found[:, 5] + first[READS], NONE)
         rows_of(table, JUNCTION_RESISTORS)[:, 6:8] += first[BRANCHES]
+        rows_of(table, MEMORIES)[:, 5:7] += first[SOURCES]
+        branches = rows_of(table, SOURCES)[:, 1]
+        branches[branches >= 0] += first[JUNCTION_RESISTORS]
         return table
 
     def _storage(self, name: str) -> Storage:
@@ -283,7 +302,3 @@ class _Builder:
         for k, port in enumerate(self.network.ports):
             if name in port.on:
                 self._with_ratio(rows, kind, [k, *rest], port.on[name])
-
-
-def _at(names: Sequence[str], name: str) -> int:
-    return names.index(name) if name in names else NONE

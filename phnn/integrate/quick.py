@@ -42,6 +42,7 @@ from phnn.integrate.tables import (
     LEAF_RESISTORS,
     LEAVES,
     LOSSLESS,
+    MEMORIES,
     rows_of,
 )
 from phnn.laws import RESISTOR_LAWS
@@ -53,6 +54,8 @@ Array = NDArray[np.float64]
 GAIN = CONSTANTS
 # Linear resistors, whose conductance is their flow at one.
 _LINEAR = [code for code, name in enumerate(RESISTOR_LAWS) if name == "linear"]
+# What a network of this form has none of.
+_OTHERS = (FACTORS, GYRATORS, MEMORIES)
 
 
 @lru_cache(maxsize=512)
@@ -60,7 +63,7 @@ def serves(program: Program) -> bool:
     """Whether the steps of a program have the form above."""
     t = program.table
     junctions, leaves = rows_of(t, JUNCTIONS), rows_of(t, LEAVES)
-    if len(junctions) != 1 or not junctions[0, 1] or len(rows_of(t, FACTORS)) or len(rows_of(t, GYRATORS)):
+    if len(junctions) != 1 or not junctions[0, 1] or any(len(rows_of(t, kind)) for kind in _OTHERS):
         return False
     if not np.isin(rows_of(t, JUNCTION_RESISTORS)[:, 0], _LINEAR).all():
         return False

@@ -2,6 +2,8 @@
 
     0 = F_x δx + F_y δy + F_θ δθ − δf,     δx_l⁺ = X_x δx + X_y δy + X_θ δθ,     δp⁺ = δp + Z_x δx + Z_y δy + Z_θ δθ
 
+Memories are advanced as leaves are, by everything that a step contains.
+
 Made for one way to differentiate a step, a function that fills the derivatives.
 """
 
@@ -95,6 +97,24 @@ def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, known: Any, fol
                 for w in range(varied.shape[0]):
                     if varied[w] == i - n - m:
                         out[first_varied + w] += d.by_leaf[pair] * weight_of[w]
+    _remember(d, columns, known, following, n + m)
+
+
+@inline
+def _remember(d: Any, columns: Any, known: Any, following: Any, inputs: Any) -> None:
+    """The memories' rows; ``inputs`` counts states and unknowns."""
+    _, _, first_varied, varied, weight_of = columns
+    memories = d.by_memory.shape[0]
+    for k in range(memories):
+        # The last states.
+        out, by = following[inputs - d.by_force.shape[0] - memories + k], d.by_memory[k]
+        _set(out, by[0], known[0], 0.0, known[0])
+        for i in range(1, inputs):
+            _add(out, by[i], known[i])
+        for i in range(inputs, by.shape[0]):
+            out[i - inputs] += by[i]
+        for w in range(varied.shape[0]):
+            out[first_varied + w] += by[inputs + varied[w]] * weight_of[w]
 
 
 def make_sensitivities(derivatives_at: Compiled) -> Compiled:
@@ -135,6 +155,11 @@ def _pull(t: Any, p: Any, d: Any, w: Any, pulled: Any) -> None:
         back = w[t[t[0, LEAVES] + leaf, 0]]
         for pair in range(p.first[leaf], p.first[leaf + 1]):
             pulled[p.input[pair]] += d.by_leaf[pair] * back
+    memories = d.by_memory.shape[0]
+    for k in range(memories):
+        by, back = d.by_memory[k], w[w.shape[0] - memories + k]
+        for i in range(pulled.shape[0]):
+            pulled[i] += by[i] * back
 
 
 def make_adjoint(derivatives_at: Compiled) -> Compiled:

@@ -1,7 +1,8 @@
 """The equations of the compiled march, evaluated by the torch module for all steps at once.
 
     r_l = x_l⁺ − X_l(x, v̄),     r_j = p_j⁺ − z_j(p, y_j),
-    r_F = (z − p)/h − [J ē − Σ_r b_r φ_r(b_rᵀ ē) + g ψ(ū)]     on the junctions
+    r_F = (z − p)/h − [J ē − Σ_r b_r φ_r(b_rᵀ ē) + g ψ(ū)]     on the junctions,
+    r_z = z⁺ − Z(z, s̄)     of memories
 
 ``X_l`` and ``ē_l`` are what the leaf's rule makes of its constant current: the exact flow, Radau's stages, or the
 discrete gradient. The network is read here by its names and through the module's matrices, not through the kernel's
@@ -17,11 +18,13 @@ from torch import Tensor
 
 from phnn.errors import SolverFailed
 from phnn.integrate.program import Program
+from phnn.integrate.remembered import drives_and_sizes
 from phnn.integrate.stages import gradient_defect, radau_defects
 from phnn.integrate.tables import EXACT, LOSSLESS, RADAU
 from phnn.laws import RESISTOR_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.network.incidence import combined
+from phnn.network.memory import ends
 from phnn.network.power import PowerBalance
 from phnn.network.system import PortHamiltonianSystem
 
@@ -55,7 +58,8 @@ class _Steps:
         self, system: PortHamiltonianSystem, program: Program, states: Tensor, efforts: Tensor, u: Tensor, h: Tensor
     ) -> None:
         self.system, self.program, self.h = system, program, h
-        self.x, self.ends, self.stored = states[:-1], states[1:].detach(), efforts.detach()
+        self.storages = len(system.network.storages)
+        self.x, self.ends, self.stored = states[:-1], states[1:].detach(), efforts[:, : self.storages].detach()
         self.junctions = [program.states.index(name) for name in program.junctions]
         self.leaves = [program.states.index(name) for name in program.leaves]
         self.on = {
@@ -71,7 +75,7 @@ class _Steps:
         self.end = {}
         for k in self.leaves:
             self.end[k], mean[k] = self._leaf(k, self.current[:, k])
-        self.mean = torch.stack([mean[k] for k in range(len(program.states))], dim=-1)
+        self.mean = torch.stack([mean[k] for k in range(self.storages)], dim=-1)
 
     def _junction(self, k: int, end: Tensor, effort: Tensor) -> tuple[Tensor, Tensor]:
         """Mean effort of a junction at its unknown, and the change of its state that follows."""
@@ -99,7 +103,7 @@ class _Steps:
         fixed = middle.new_zeros(middle.shape[-1])
         self.structure = self.system.structure(middle if self.system.network.modulations else fixed)
         self.branches, self.inputs = self.system.incidences(middle)
-        flows = [self.flow.get(k, torch.zeros_like(self.h)) for k in range(len(self.program.states))]
+        flows = [self.flow.get(k, torch.zeros_like(self.h)) for k in range(self.storages)]
         self.current = combined(torch.stack(flows, dim=-1), self.structure.mT) + combined(self.actions, self.inputs.mT)
 
     def lost(self, k: int, effort: Tensor) -> list[Tensor]:
@@ -191,10 +195,17 @@ def march_residual(
     sizes = combined(steps.mean.abs(), steps.structure.abs().mT) + combined(through.abs(), steps.branches.abs().mT)
     sizes = sizes + combined(steps.actions.abs(), steps.inputs.abs().mT)
     values, scales = [], []
-    for k in range(len(program.states)):
+    for k in range(steps.storages):
         end = steps.end[k] if k in steps.end else states[:-1, k] + steps.change[k]
         values.append(states[1:, k] - end)
         scales.append(states[1:, k].abs() + states[:-1, k].abs() + h * sizes[:, k])
+    if system.network.memories:
+        drives, drive_sizes = drives_and_sizes(steps)
+        start, step = states[:-1, steps.storages :], h.unsqueeze(-1)
+        end = ends(system, start, drives, step)
+        rounded = (ends(system, start, drives + drive_sizes, step) - end).abs()
+        values += (states[1:, steps.storages :] - end).unbind(-1)
+        scales += (states[1:, steps.storages :].abs() + start.abs() + rounded).unbind(-1)
     for k in steps.junctions:
         rate = steps.change[k] / h
         values.append(rate - exchanged[:, k] + lost[:, k] - driven[:, k])

@@ -5,6 +5,7 @@ leaves hold what the junctions have carried into them, ``x_l = Σ_j a_lj ξ_j``,
 
     Σ_l a_lj E_l(x_l) = Σ_p g_jp ψ_p(u_p)
 
+Nothing is dissipated there, so a memory rests where ``f(z, s)`` vanishes for the efforts and actions that drive it.
 Where this leaves something open, or currents come in beside the junctions, `phnn.integrate.steady` finds the state.
 """
 
@@ -25,12 +26,13 @@ from phnn.integrate.tables import (
     LEAF_INLETS,
     LEAVES,
     LOSSLESS,
+    MEMORIES,
     RATIO,
     SIGN,
     STORAGES,
     rows_of,
 )
-from phnn.laws import FACTOR_LAWS, STORAGE_LAWS
+from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, STORAGE_LAWS
 from phnn.laws.namespace import TINY
 from phnn.laws.wide import WIDE_STORAGES, mean_effort
 from phnn.network.elements import Network
@@ -46,33 +48,37 @@ def equilibrium(program: Program, network: Network, u: Array) -> Array:
     Raises:
         SolverFailed: something moves on for ever, so that there is no rest state; names it.
     """
-    if not np.any(u):
+    if not np.any(u) and not len(rows_of(program.table, MEMORIES)):
         return np.zeros(len(program.states))
     theta = program.theta(network)
     xi = _displacements(program, theta, u)
-    return steady_state(network, u) if xi is None else np.real(_states(program, theta, xi))
+    return steady_state(network, u) if xi is None else np.real(_states(program, theta, u, xi))
 
 
 def equilibrium_derivative(program: Program, network: Network, u: Array, places: NDArray[np.int64]) -> Array:
     """(N, K) derivatives of the rest state by the parameters at some places, by the implicit function theorem."""
     out = np.zeros((len(program.states), places.size))
-    if not np.any(u):
+    if not np.any(u) and not len(rows_of(program.table, MEMORIES)):
         return out
     theta = program.theta(network)
-    xi = _displacements(program, theta, u)
+    xi, shift = _displacements(program, theta, u), np.zeros(len(program.junctions))
     if xi is None:
         return steady_derivative(network, u, [program.names[place] for place in places])
-    slopes = _slopes(program, theta, u, xi)
+    slopes = _slopes(program, theta, u, xi) if np.any(u) else np.eye(xi.size)
     for k, place in enumerate(places):
         moved = theta.astype(complex)
         moved[place] += 1j * TINY
-        shift = -np.linalg.solve(slopes, np.imag(_forces(program, moved, u, xi)) / TINY)
-        out[:, k] = np.imag(_states(program, moved, xi + 1j * TINY * shift)) / TINY
+        # Without inputs nothing pulls, whatever the parameters, and nothing need hold.
+        if np.any(u):
+            shift = -np.linalg.solve(slopes, np.imag(_forces(program, moved, u, xi)) / TINY)
+        out[:, k] = np.imag(_states(program, moved, u, xi + 1j * TINY * shift)) / TINY
     return out
 
 
 def _displacements(program: Program, theta: Array, u: Array) -> Array | None:
     """(m,) ``ξ`` by Newton's method; None where they do not say what rest is."""
+    if not np.any(u):
+        return np.zeros(len(program.junctions))
     if not program.junctions or len(rows_of(program.table, LEAF_INLETS)) or len(rows_of(program.table, GYRATORS)):
         return None
     xi = np.zeros(len(program.junctions))
@@ -99,18 +105,35 @@ def _lossless(program: Program) -> NDArray[np.int64]:
     return leaves[leaves[:, 1] == LOSSLESS]
 
 
-def _states(program: Program, theta: Any, xi: Any) -> Any:
+def _states(program: Program, theta: Any, u: Array, xi: Any) -> Any:
     """(N,) states at junction displacements."""
     x = np.zeros(len(program.states), dtype=np.result_type(theta, xi))
     for leaf in _lossless(program):
         for row in program.table[leaf[5] : leaf[6]]:
             x[leaf[0]] += row[SIGN] * theta[row[RATIO]] * xi[row[0]]
+    for k, row in enumerate(rows_of(program.table, MEMORIES)):
+        law = list(MEMORY_LAWS.values())[row[0]]
+        values = [theta[p] for p in row[1 : 1 + len(law.example)]]
+        drive = _resting_drive(program, row, theta, u, x)
+        x[len(rows_of(program.table, STORAGES)) + k] = law.rate(0.0, drive, *values) / law.decay(*values)
     return x
+
+
+def _resting_drive(program: Program, memory: NDArray[np.int64], theta: Any, u: Array, x: Any) -> Any:
+    """What drives a memory at rest: efforts of lossless leaves and actions of ports."""
+    total = 0.0 * theta[0]
+    lossless = _lossless(program)[:, 0]
+    for _, _, storage, _, port in program.table[memory[5] : memory[6], :5]:
+        if storage in lossless:
+            total = total + _effort(program, storage, theta, x[storage])
+        if port >= 0:
+            total = total + actions(program, theta, u)[port]
+    return total
 
 
 def _forces(program: Program, theta: Any, u: Array, xi: Any) -> Any:
     """(m,) what pulls on every junction at rest."""
-    x = _states(program, theta, xi)
+    x = _states(program, theta, u, xi)
     ratio = {int(row[6]): theta[row[6]] * _factor(program, row, theta, x) for row in rows_of(program.table, FACTORS)}
     force = np.zeros(len(program.junctions), dtype=x.dtype)
     for leaf in _lossless(program):
@@ -124,10 +147,10 @@ def _forces(program: Program, theta: Any, u: Array, xi: Any) -> Any:
 
 
 def _factor(program: Program, row: NDArray[np.int64], theta: Any, x: Any) -> Any:
-    """``f(x)`` of a modulation; what it reads at rest is a leaf's state, or a junction's, which is zero."""
+    """``f(x)`` of a modulation; what it reads at rest is a leaf's state, a memory, or a junction's, which is zero."""
     law = list(FACTOR_LAWS.values())[row[0]]
-    leaf = program.table[row[5], 0]
-    q = x[rows_of(program.table, LEAVES)[leaf, 0]] if leaf >= 0 else 0.0
+    leaf, _, memory = program.table[row[5], :3]
+    q = x[memory] if memory >= 0 else x[rows_of(program.table, LEAVES)[leaf, 0]] if leaf >= 0 else 0.0
     return law.factor(q, *(theta[p] for p in row[1 : 1 + len(law.example)]))
 
 

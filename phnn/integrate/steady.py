@@ -5,7 +5,8 @@
 ``C`` are the invariants, ``C [J, b_1, …, b_R, g] = 0``: a charge that nothing changes stays zero. Currents may flow: a
 tank that is filled steadily stands as high as its outlet needs. Where resistors are silent around their efforts, as
 dead zones are, a whole set of states is steady. Of these it is the one to which the smallest leaks beside them would
-lead, ``Σ ε_r²`` of the silent ones least: uncharged hysterons, in the paper's actuator.
+lead, ``Σ ε_r²`` of the silent ones least: uncharged hysterons, in the paper's actuator. Memories rest where what drives
+them holds them.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class _Point(NamedTuple):
     """A network at a state.
 
     Attributes:
-        rate: (n,) ``ẋ``; terms: (n,) sum of the absolute values of what cancels in it.
+        rate: (n,) ``ẋ``; terms: (n,) sum of the absolute values of what cancels in it, of memories zero.
         slope: (n, n) derivative of the rate.
         silent: (S,) efforts of the silent resistors; by_state: (S, n) their derivative.
         invariants: (c, n) ``C``.
@@ -59,7 +60,7 @@ def steady_state(network: Network, u: Array) -> Array:
         SolverFailed: there is none, or it is not found: names the storages and the remedy.
     """
     system = PortHamiltonianSystem(network)
-    x = np.zeros(len(network.storages))
+    x = np.zeros(len(network.state_names))
     for _ in range(_ITERATIONS):
         step, (rows, columns), free = _newton(_at(system, u, x), x)
         x = x + step
@@ -76,7 +77,7 @@ def steady_state(network: Network, u: Array) -> Array:
 
 def steady_derivative(network: Network, u: Array, names: Sequence[str]) -> Array:
     """(n, K) derivatives of the steady state by parameters, by central differences."""
-    out = np.empty((len(network.storages), len(names)))
+    out = np.empty((len(network.state_names), len(names)))
     for k, name in enumerate(names):
         value = network.parameters[name].value
         step = _STEP * (abs(value) or 1.0)
@@ -107,9 +108,11 @@ def _at(system: PortHamiltonianSystem, u: Array, x: Array) -> _Point:
         touched = torch.cat([structure, branches, ports], dim=-1).numpy()
         left, size, _ = np.linalg.svd(touched)
         rank = int((size > _RANK * size.max(initial=0.0)).sum())
+        slow = len(system.network.memories)
         return _Point(
-            system.vector_field(state, inputs).numpy(), terms.numpy(), slope.numpy(), epsilon[silent].numpy(),
-            (branches.mT @ stiffness)[silent].numpy(), left[:, rank:].T,
+            system.vector_field(state, inputs).numpy(), np.pad(terms.numpy(), (0, slow)), slope.numpy(),
+            epsilon[silent].numpy(), (branches.mT @ stiffness)[silent].numpy(),
+            np.pad(left[:, rank:].T, ((0, 0), (0, slow))),
         )  # fmt: skip
 
 

@@ -56,7 +56,7 @@ def junction_change(t: Any, j: Any, c: Any, x: Any, y: Any) -> Any:
 
 
 @inline
-def _current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
+def leaf_current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
     """``i_l``."""
     row = t[0, LEAVES] + leaf
     total = 0.0 * g[0]
@@ -68,13 +68,18 @@ def _current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
 
 
 @inline
-def _read(t: Any, r: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
-    """Mid-step energy variable that a law may read, 0 for none. The ratios of a leaf that is read follow no state."""
+def read(t: Any, r: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
+    """Mid-step energy variable, or memory, that a law may read; 0 for none.
+
+    The ratios of a leaf that is read follow no energy variable; a memory is read as it is at the start of the step.
+    """
     if r < 0:
         return 0.0 * g[0]
     leaf, j = t[r, 0], t[r, 1]
+    if t[r, 2] >= 0:
+        return x[t[r, 2]]
     if leaf >= 0:
-        return x[t[t[0, LEAVES] + leaf, 0]] + 0.5 * h * _current(t, leaf, g, a, wj)
+        return x[t[t[0, LEAVES] + leaf, 0]] + 0.5 * h * leaf_current(t, leaf, g, a, wj)
     return x[junction_storage(t, j)] + 0.5 * junction_change(t, j, c, x, y)
 
 
@@ -84,7 +89,7 @@ def modulate(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any,
     stay_outside()
     fill_gains(t, theta, g)
     for r in range(t[0, FACTORS], t[0, FACTORS + 1]):
-        scale_gains(t, t[r, 6], factor(t, r, _read(t, t[r, 5], c, g, a, x, y, h, wj), theta), theta, g)
+        scale_gains(t, t[r, 6], factor(t, r, read(t, t[r, 5], c, g, a, x, y, h, wj), theta), theta, g)
 
 
 @inline
@@ -94,7 +99,7 @@ def _lost(context: Any, effort: Any) -> Any:
     row = t[0, LEAVES] + leaf
     total = 0.0 * effort
     for r in range(t[row, 3], t[row, 4]):
-        q = _read(t, t[r, 5], c, g, a, x, y, h, wj)
+        q = read(t, t[r, 5], c, g, a, x, y, h, wj)
         total += g[r] * resistor_flow(t, r, g[r] * effort, q, theta)
     return total
 
@@ -106,7 +111,7 @@ def _plainly_lost(context: Any, effort: Any) -> Any:
     row = t[0, LEAVES] + leaf
     total = 0.0 * effort
     for r in range(t[row, 3], t[row, 4]):
-        q = _read(t, t[r, 5], c, g, a, x, y, h, wj)
+        q = read(t, t[r, 5], c, g, a, x, y, h, wj)
         ratio = real(g[r])
         total += ratio * resistor_flow(t, r, ratio * effort, real(q) + 0.0 * q, theta)
     return total
@@ -150,7 +155,7 @@ def leaf_search(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y
     """What solves the equations of a leaf without a closed solution, in plain numbers: see `phnn.integrate.stages`."""
     stay_outside()
     row = t[0, LEAVES] + leaf
-    start, current = real(x[t[row, 0]]), real(_current(t, leaf, g, a, wj))
+    start, current = real(x[t[row, 0]]), real(leaf_current(t, leaf, g, a, wj))
     context = (t, leaf, theta, c, g, a, x, y, h, wj)
     if t[row, 1] == RADAU:
         return _radau_search(start, current, h, context)
@@ -167,7 +172,7 @@ def leaf_moved(
     row = t[0, LEAVES] + leaf
     k = t[row, 0]
     context = (t, leaf, theta, c, g, a, x, y, h, wj)
-    current = _current(t, leaf, g, a, wj)
+    current = leaf_current(t, leaf, g, a, wj)
     if t[row, 1] == RADAU:
         return _radau_moved(x[k], current, h, c[leaf, STIFFNESS], found, context)
     end = _gradient_moved(x[k], current, h, (found[0], found[1]), context)
@@ -180,7 +185,7 @@ def leaf_closed(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y
     row = t[0, LEAVES] + leaf
     k, rule = t[row, 0], t[row, 1]
     if rule == LOSSLESS:
-        gain = h * _current(t, leaf, g, a, wj)
+        gain = h * leaf_current(t, leaf, g, a, wj)
         if t[row, 2] > 0:
             return x[k] + gain, c[leaf, STIFFNESS] * (x[k] + 0.5 * gain)
         return x[k] + gain, mean_effort(t, k, x[k], x[k] + gain, theta)
@@ -188,9 +193,9 @@ def leaf_closed(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y
     one, two = c[leaf, ONE], c[leaf, TWO]
     r = t[row, 3]
     if t[r, 5] >= 0:
-        rho, low, high = resistor_thresholds(t, r, _read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
+        rho, low, high = resistor_thresholds(t, r, read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
         one, two = relaxation(h * rho * c[leaf, STIFFNESS])
-    return rc_flow(x[k], _current(t, leaf, g, a, wj), h, c[leaf, STIFFNESS], rho, low, high, one, two)
+    return rc_flow(x[k], leaf_current(t, leaf, g, a, wj), h, c[leaf, STIFFNESS], rho, low, high, one, two)
 
 
 @inline
@@ -217,6 +222,15 @@ def leaf_forces(t: Any, leaf: Any, g: Any, effort: Any, wj: Any) -> None:
 
 
 @inline
+def branch_effort(t: Any, r: Any, g: Any, wj: Any) -> Any:
+    """``b_rᵀ v̄`` of the junction resistor in row ``r``."""
+    effort = 0.0 * g[0]
+    for b in range(t[r, 6], t[r, 7]):
+        effort += g[b] * wj[FLOW, t[b, 0]]
+    return effort
+
+
+@inline
 def junction_terms(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
     """``F`` without the leaves, the size of its terms, and ``z − p``."""
     rate = 1.0 / h
@@ -226,10 +240,8 @@ def junction_terms(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h
         wj[FORCE, j] = change * rate
         wj[SIZE, j] = (abs(change.real) + abs(x[junction_storage(t, j)].real)) * rate
     for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
-        effort = 0.0 * g[0]
-        for b in range(t[r, 6], t[r, 7]):
-            effort += g[b] * wj[FLOW, t[b, 0]]
-        flow = resistor_flow(t, r, effort, _read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
+        effort = branch_effort(t, r, g, wj)
+        flow = resistor_flow(t, r, effort, read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
         for b in range(t[r, 6], t[r, 7]):
             _add(g[b] * flow, t[b, 0], wj)
     for r in range(t[0, GYRATORS], t[0, GYRATORS + 1]):

@@ -26,12 +26,16 @@ GYRATORS = 7  # junction number, the other junction's number; ratio with the sig
 PORTS = 8  # law (5)
 LEAF_INLETS = 9  # port number; ratio
 JUNCTION_INLETS = 10  # port number, junction number; ratio
-READS = 11  # leaf number or -1, junction number or -1
+READS = 11  # leaf number or -1, junction number or -1, state number of a memory or -1
 FACTORS = 12  # law (5), row of what it reads, place of the ratio that it multiplies
-KINDS = 13
+MEMORIES = 13  # law (5), first and last row of its sources; their states follow those of the storages
+# One of: number of a leaf whose resistors' power it is, row of a junction resistor whose power, number of a storage
+# that is a leaf or of a junction whose effort, number of a port whose action; the others are -1.
+SOURCES = 14
+KINDS = 15
 # A row with a ratio has its place and its sign in the last two columns; a row without has the place -1.
-RATIO, SIGN = 14, 15
-_COLUMNS = 16
+RATIO, SIGN = 16, 17
+_COLUMNS = 18
 
 # How a leaf is advanced: without resistors; by the exact flow; by two-stage Radau IIA; by the discrete gradient.
 LOSSLESS, EXACT, RADAU, GRADIENT = range(4)
@@ -54,5 +58,5 @@ def stack(rows: Mapping[int, Sequence[Sequence[int]]], ratios: Mapping[int, Sequ
 
 
 def rows_of(table: Integers, kind: int) -> Integers:
-    """(…, 16) the rows of one kind."""
+    """(…, 18) the rows of one kind."""
     return table[table[0, kind] : table[0, kind + 1]]

@@ -1,6 +1,7 @@
 """Which inputs the equations of a step contain: the sparsity of its derivatives.
 
-Inputs are numbered: states ``0…N−1``, unknowns ``N…N+m−1``, then places in ``theta``.
+Inputs are numbered: states ``0…N−1``, memories last, unknowns ``N…N+m−1``, then places in ``theta``. What drives a
+memory may be anything that a step contains, so that memories have no set.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from phnn.integrate.tables import (
     JUNCTION_RESISTORS,
     JUNCTIONS,
     LEAVES,
+    MEMORIES,
     PORTS,
     RATIO,
     STORAGES,
@@ -36,7 +38,7 @@ class _Uses:
         self.table = table
         self.storages, self.ports = rows_of(table, STORAGES), rows_of(table, PORTS)
         self.junction_rows, self.leaf_rows = rows_of(table, JUNCTIONS), rows_of(table, LEAVES)
-        self.unknown = len(self.storages)
+        self.unknown = len(self.storages) + len(rows_of(table, MEMORIES))
         self.theta = self.unknown + len(self.junction_rows)
         self.factor_of = {int(row[6]): row for row in rows_of(table, FACTORS)}
 
@@ -73,7 +75,9 @@ class _Uses:
     def _read(self, row: int) -> set[int]:
         if row < 0:
             return set()
-        leaf, junction = self.table[row, :2]
+        leaf, junction, memory = self.table[row, :3]
+        if memory >= 0:
+            return {int(memory)}
         if leaf >= 0:
             return {int(self.leaf_rows[leaf, 0])} | self._current(int(leaf))
         storage = int(self.junction_rows[junction, 0])

@@ -1,12 +1,14 @@
-"""Scalar constitutive laws of storages, resistors and ports."""
+"""Scalar constitutive laws of storages, resistors, ports and memories."""
 
-from phnn.laws import factor, port, resistor, storage
+from phnn.laws import factor, memory, port, resistor, storage
 from phnn.laws.law import (
     FACTOR_LAWS,
+    MEMORY_LAWS,
     PORT_LAWS,
     RESISTOR_LAWS,
     STORAGE_LAWS,
     FactorLaw,
+    MemoryLaw,
     PortLaw,
     ResistorLaw,
     StorageLaw,
@@ -15,14 +17,17 @@ from phnn.laws.law import (
 
 __all__ = [
     "FACTOR_LAWS",
+    "MEMORY_LAWS",
     "PORT_LAWS",
     "RESISTOR_LAWS",
     "STORAGE_LAWS",
     "FactorLaw",
+    "MemoryLaw",
     "PortLaw",
     "ResistorLaw",
     "StorageLaw",
     "factor",
+    "memory",
     "port",
     "register",
     "resistor",

@@ -36,7 +36,7 @@ class StorageLaw:
 
 @dataclass(frozen=True)
 class ResistorLaw:
-    """A sector law ``ε φ(ε, q; θ) ≥ 0``; ``q`` is a read-only argument (an energy variable of the network).
+    """A sector law ``ε φ(ε, q; θ) ≥ 0``; ``q`` is a read-only argument (a state of the network).
 
     Attributes:
         name: as used in networks.
@@ -74,7 +74,7 @@ class PortLaw:
 
 @dataclass(frozen=True)
 class FactorLaw:
-    """How a ratio follows a state: the ratio is multiplied by ``f(q; θ)``.
+    """How a ratio follows a storage's or a memory's state: the ratio is multiplied by ``f(q; θ)``.
 
     Attributes:
         name: as used in networks.
@@ -87,13 +87,50 @@ class FactorLaw:
     example: tuple[float, ...]
 
 
+@dataclass(frozen=True)
+class Heat:
+    """What a memory law that holds heat knows of it.
+
+    Attributes:
+        energy: thermal energy ``U(z, *θ)`` [J].
+        entropy: its change of entropy ``S(b) − S(a)`` as ``entropy(a, b, *θ)`` [J/K].
+        flow: heat that flows to the ambient, ``q(z, *θ)`` [W], affine in ``z``.
+        ambient: temperature of the ambient ``T_a(*θ)`` [K].
+    """
+
+    energy: Callable[..., Any]
+    entropy: Callable[..., Any]
+    flow: Callable[..., Any]
+    ambient: Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class MemoryLaw:
+    """How a slow state follows its drive: ``ż = f(z, s; θ)``, affine in ``z`` with the slope ``−d(θ)``.
+
+    Attributes:
+        name: as used in networks.
+        rate: ``f(z, s, *θ)``.
+        decay: ``d(*θ) ≥ 0`` [1/s].
+        example: parameter values for the contract tests.
+        heat: of a law whose drive is dissipated power [W] that is kept as heat, ``U' ż = s − q``.
+    """
+
+    name: str
+    rate: Callable[..., Any]
+    decay: Callable[..., Any]
+    example: tuple[float, ...]
+    heat: Heat | None = None
+
+
 STORAGE_LAWS: dict[str, StorageLaw] = {}
 RESISTOR_LAWS: dict[str, ResistorLaw] = {}
 PORT_LAWS: dict[str, PortLaw] = {}
 FACTOR_LAWS: dict[str, FactorLaw] = {}
+MEMORY_LAWS: dict[str, MemoryLaw] = {}
 
 
-def register(law: StorageLaw | ResistorLaw | PortLaw | FactorLaw) -> None:
+def register(law: StorageLaw | ResistorLaw | PortLaw | FactorLaw | MemoryLaw) -> None:
     """Make a law available under its name.
 
     Raises:
@@ -104,6 +141,7 @@ def register(law: StorageLaw | ResistorLaw | PortLaw | FactorLaw) -> None:
         (ResistorLaw, RESISTOR_LAWS),
         (PortLaw, PORT_LAWS),
         (FactorLaw, FACTOR_LAWS),
+        (MemoryLaw, MEMORY_LAWS),
     )
     table = next(table for kind, table in tables if isinstance(law, kind))
     if law.name in table:

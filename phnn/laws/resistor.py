@@ -66,6 +66,25 @@ def following_dead_zone(effort: Any, q: Any, rho: Any, width: Any, kappa: Any, q
     return piecewise_linear(effort, rho, -half, half)
 
 
+@shared
+def _tempered(value: Any, kappa: Any, rise: Any) -> Any:
+    """``v max(0, 1 + κ ϑ)``: never negative, hence a sector law at every temperature."""
+    factor = 1.0 + kappa * rise
+    return value * maximum(factor, 0.0 * factor)
+
+
+def thermal_dead_zone_thresholds(q: Any, rho: Any, width: Any, kappa_rho: Any, kappa_d: Any) -> Any:
+    """Symmetric thresholds and a slope that follow the temperature rise ``ϑ = q``."""
+    half = 0.5 * _tempered(width, kappa_d, q)
+    return _tempered(rho, kappa_rho, q), -half, half
+
+
+def thermal_dead_zone(effort: Any, q: Any, rho: Any, width: Any, kappa_rho: Any, kappa_d: Any) -> Any:
+    """Eq. (2) with ``ϱ⁻¹ max(0, 1 + κ_ϱ ϑ)`` and ``d max(0, 1 + κ_d ϑ)``, temperature coefficients in 1/K."""
+    half = 0.5 * _tempered(width, kappa_d, q)
+    return piecewise_linear(effort, _tempered(rho, kappa_rho, q), -half, half)
+
+
 def coulomb(effort: Any, q: Any, force: Any, velocity: Any) -> Any:
     """Dry friction, regularised: ``F_c tanh(v/v_s)``."""
     return force * tanh(effort / velocity)
@@ -82,3 +101,4 @@ register(ResistorLaw("dead_zone", dead_zone, (0.7, 0.6), dead_zone_thresholds))
 register(ResistorLaw("following_dead_zone", following_dead_zone, (0.7, 0.6, 0.5, 0.9), following_dead_zone_thresholds))
 register(ResistorLaw("coulomb", coulomb, (0.4, 0.3)))
 register(ResistorLaw("quadratic_drag", quadratic_drag, (0.8,)))
+register(ResistorLaw("thermal_dead_zone", thermal_dead_zone, (0.7, 0.6, 0.2, -0.1), thermal_dead_zone_thresholds))

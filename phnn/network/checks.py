@@ -8,7 +8,7 @@ from typing import Any
 from torch import nn
 
 from phnn.errors import StructureViolated
-from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network.elements import Network
 
 
@@ -25,6 +25,7 @@ def check_laws(network: Network) -> None:
         ("resistor", RESISTOR_LAWS, network.resistors),
         ("port", PORT_LAWS, network.ports),
         ("modulation", FACTOR_LAWS, network.modulations),
+        ("memory", MEMORY_LAWS, network.memories),
     )
     for kind, table, elements in rooms:
         for element in elements:

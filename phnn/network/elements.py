@@ -3,6 +3,8 @@
     ẋ = [J(x) − D(x)] ∇H(x) + g(x) u,   y = g(x)ᵀ ∇H(x),   H(x) = Σ_k H_k(x_k)
     D(x) ∇H = Σ_r b_r φ_r(b_rᵀ ∇H),     ε φ_r(ε) ≥ 0
 
+Memories are slow states ``ż = f(z, s)`` beside them, which ``J``, ``g`` and the ``φ_r`` may follow.
+
 A ratio or parameter is referred to by name, so that elements can share one (the transducer ratio α
 appears in every hysteron coupling and in the voltage port).
 """
@@ -45,7 +47,7 @@ class Resistor:
         law: name of a resistor law in `phnn.laws`, or a torch module ``φ(ε)`` with ``ε φ(ε) ≥ 0``.
         on: storage name to ratio, the vector ``b_r``.
         parameters: names of the law's parameters, in the law's order.
-        modulated_by: storage whose energy variable the law may read (never change).
+        modulated_by: storage whose energy variable, or memory, the law may read (never change).
     """
 
     name: str
@@ -90,7 +92,7 @@ class Modulation:
 
     Attributes:
         ratio: name of the parameter that is the ratio at ``f = 1``.
-        by: storage whose energy variable is read.
+        by: storage whose energy variable, or memory, is read.
         law: name of a factor law in `phnn.laws`.
         parameters: names of the law's parameters, in the law's order.
     """
@@ -102,6 +104,28 @@ class Modulation:
 
 
 @dataclass(frozen=True)
+class Memory:
+    """A slow scalar state ``ż = f(z, s; θ)`` that laws and ratios may follow: a temperature, a state of polarisation.
+
+    A step reads it as it is at its start, and advances it at its end by the mean drive ``s`` of the step.
+
+    Attributes:
+        name: of the state.
+        law: name of a memory law in `phnn.laws`.
+        parameters: names of the law's parameters, in the law's order.
+        of: what drives it; ``s`` is the sum of the powers that the named resistors dissipate, of the efforts of named
+            storages, or of the actions of named ports. All resistors where it is empty.
+        unit: of the state.
+    """
+
+    name: str
+    law: str
+    parameters: tuple[str, ...] = ()
+    of: tuple[str, ...] = ()
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
 class Network:
     """A port-Hamiltonian network as a value; ``PortHamiltonianSystem(network)`` makes it run.
 
@@ -110,6 +134,7 @@ class Network:
         parameters: by name.
         output: the storage whose energy variable is measured.
         modulations: ratios that follow a state, each at most once.
+        memories: slow states; the state vector has them after the storages.
     """
 
     storages: tuple[Storage, ...]
@@ -119,6 +144,7 @@ class Network:
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     output: str = "q"
     modulations: tuple[Modulation, ...] = ()
+    memories: tuple[Memory, ...] = ()
 
     def __post_init__(self) -> None:
         states = self.state_names
@@ -126,16 +152,55 @@ class Network:
             raise StructureViolated(f"two storages share a name among {states}: rename one")
         referred = [name for c in self.couplings for name in (c.to, c.of)] + [self.output]
         referred += [n for r in self.resistors for n in r.on] + [n for p in self.ports for n in p.on]
-        referred += [r.modulated_by for r in self.resistors if r.modulated_by] + [m.by for m in self.modulations]
-        for name in referred:
-            if name not in states:
-                raise StructureViolated(f"an element refers to the storage {name!r}; there are {', '.join(states)}")
+        reads = [r.modulated_by for r in self.resistors if r.modulated_by] + [m.by for m in self.modulations]
+        for names, known in ((referred, self.storage_names), (reads, states)):
+            for name in names:
+                if name not in known:
+                    raise StructureViolated(f"an element refers to the storage {name!r}; there are {', '.join(known)}")
         for name in self._parameter_references():
             if name not in self.parameters:
                 raise StructureViolated(f"an element refers to the parameter {name!r}, which is not defined")
         modulated = [m.ratio for m in self.modulations]
         if len(set(modulated)) != len(modulated):
             raise StructureViolated(f"a ratio among {modulated} is modulated twice: multiply the factors in one law")
+        for memory in self.memories:
+            self._check_drives(memory)
+        self._check_heat()
+
+    def _check_drives(self, memory: Memory) -> None:
+        resistors, ports = [r.name for r in self.resistors], [p.name for p in self.ports]
+        for name in memory.of:
+            count = sum(names.count(name) for names in (resistors, list(self.storage_names), ports))
+            if count != 1:
+                known = ", ".join((*resistors, *self.storage_names, *ports))
+                what = "nothing has this name" if count == 0 else "several elements do: rename one"
+                raise StructureViolated(f"memory {memory.name} is driven by {name!r}, {what}; there are {known}")
+        if len({name in resistors for name in memory.of}) > 1 or len(set(memory.of)) != len(memory.of):
+            raise StructureViolated(
+                f"memory {memory.name} is driven by {', '.join(memory.of)}: name resistors, whose powers add up, or "
+                "storages and ports, each once"
+            )
+
+    def _check_heat(self) -> None:
+        """What is dissipated becomes heat in one place."""
+        if not self.memories:
+            return
+        # Laws are compiled by numba, which takes longer to load than a network that has no need of it may.
+        from phnn.laws import MEMORY_LAWS
+
+        kept: dict[str, str] = {}
+        resistors = [r.name for r in self.resistors]
+        for memory in self.memories:
+            if memory.law not in MEMORY_LAWS or MEMORY_LAWS[memory.law].heat is None:
+                continue
+            for name in self.drives_of(memory):
+                if name not in resistors:
+                    raise StructureViolated(f"memory {memory.name} holds heat: let resistors drive it, not {name}")
+                if name in kept:
+                    raise StructureViolated(
+                        f"{name} heats both {kept[name]} and {memory.name}: name the resistors of each, every one once"
+                    )
+                kept[name] = memory.name
 
     def _parameter_references(self) -> list[str]:
         names = [n for s in self.storages for n in s.parameters]
@@ -143,12 +208,22 @@ class Network:
         ratios: list[Ratio] = [c.ratio for c in self.couplings]
         ratios += [v for r in self.resistors for v in r.on.values()] + [v for p in self.ports for v in p.on.values()]
         names += [n for m in self.modulations for n in (m.ratio, *m.parameters)]
+        names += [n for m in self.memories for n in m.parameters]
         return names + [v for v in ratios if isinstance(v, str)]
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the energy variables in the order of the state vector."""
+        """Names of the state vector: the energy variables, then the memories."""
+        return (*self.storage_names, *(m.name for m in self.memories))
+
+    @property
+    def storage_names(self) -> tuple[str, ...]:
+        """Names of the energy variables."""
         return tuple(s.name for s in self.storages)
+
+    def drives_of(self, memory: Memory) -> tuple[str, ...]:
+        """Names of what drives a memory."""
+        return memory.of or tuple(r.name for r in self.resistors)
 
     def with_values(self, values: Mapping[str, float]) -> Network:
         """The same network with other parameter values."""
@@ -161,13 +236,15 @@ class Network:
         couplings: tuple[Coupling, ...] = (),
         parameters: tuple[Parameter, ...] = (),
         modulations: tuple[Modulation, ...] = (),
+        memories: tuple[Memory, ...] = (),
     ) -> Network:
-        """The network with more elements; the momentum stays the last state as in the paper's (9)."""
+        """The network with more elements; the momentum stays the last storage as in the paper's (9)."""
         return replace(
             self,
             storages=(*self.storages[:-1], *storages, self.storages[-1]),
             resistors=(*self.resistors, *resistors),
             couplings=(*self.couplings, *couplings),
             modulations=(*self.modulations, *modulations),
+            memories=(*self.memories, *memories),
             parameters=as_table((*self.parameters.values(), *parameters)),
         )

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Literal
 
 from phnn.errors import StructureViolated
-from phnn.network.elements import Coupling, Network, Port, Ratio, Resistor, Storage
+from phnn.network.elements import Coupling, Memory, Network, Port, Ratio, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 
 Kind = Literal["feedback"] | Storage | Resistor
@@ -44,8 +44,8 @@ def interconnect(
         A network with the storages of ``other``, the storage between and those of ``one``, and the ports that are left.
 
     Raises:
-        StructureViolated: no such port, a port with a law that is not linear, names that both networks use, or a
-            product of two named ratios.
+        StructureViolated: no such port, a port with a law that is not linear, names that both networks use, a product
+            of two named ratios, or a memory that the joined port or no resistor at all drives.
     """
     near, far = _port(one, port), _port(other, other_port)
     _check_names(one, other)
@@ -68,11 +68,12 @@ def interconnect(
         as_table((*one.parameters.values(), *other.parameters.values(), *parameters)),
         one.output,
         (*one.modulations, *other.modulations),
+        (*_own(one), *_own(other)),
     )
 
 
 def renamed(network: Network, prefix: str) -> Network:
-    """The network with a prefix to the names of its storages, resistors, ports and parameters."""
+    """The network with a prefix to the names of its storages, resistors, ports, memories and parameters."""
 
     def ratio(given: Ratio) -> Ratio:
         return prefix + given if isinstance(given, str) else given
@@ -102,7 +103,18 @@ def renamed(network: Network, prefix: str) -> Network:
             replace(m, ratio=prefix + m.ratio, by=prefix + m.by, parameters=names(m.parameters))
             for m in network.modulations
         ),
+        tuple(
+            replace(m, name=prefix + m.name, parameters=names(m.parameters), of=names(m.of)) for m in network.memories
+        ),
     )  # fmt: skip
+
+
+def _own(network: Network) -> tuple[Memory, ...]:
+    """The memories, driven by what drives them in their own network and by no resistor of another."""
+    for memory in network.memories:
+        if not network.drives_of(memory):
+            raise StructureViolated(f"memory {memory.name} is driven by nothing: leave it out before joining")
+    return tuple(replace(m, of=network.drives_of(m)) for m in network.memories)
 
 
 def _port(network: Network, name: str) -> Port:
@@ -119,7 +131,8 @@ def _port(network: Network, name: str) -> Port:
 
 def _check_names(one: Network, other: Network) -> None:
     for what, these, those in (
-        ("storage", one.state_names, other.state_names),
+        ("storage", one.storage_names, other.storage_names),
+        ("memory", [m.name for m in one.memories], [m.name for m in other.memories]),
         ("resistor", [r.name for r in one.resistors], [r.name for r in other.resistors]),
         ("port", [p.name for p in one.ports], [p.name for p in other.ports]),
         ("parameter", one.parameters, other.parameters),

@@ -37,7 +37,9 @@ def shifted_energy(
 
     Raises:
         InputRefused: a state of the wrong shape.
+        StructureViolated: a network with memories.
     """
+    _refuse_memories(system.network)
     # H(x) − H(x*) is the discrete gradient times the way, and nothing cancels where both are large and close.
     return ((system.mean_efforts(x_star, x) - system.efforts(x_star)) * (x - x_star)).sum(-1)
 
@@ -53,8 +55,10 @@ def shifted_losses(
 
     Raises:
         InputRefused: a state of the wrong shape.
-        StructureViolated: a ratio follows a state, so that the shifted balance has further terms.
+        StructureViolated: a ratio follows a state, so that the shifted balance has further terms, or a network with
+            memories.
     """
+    _refuse_memories(system.network)
     if system.network.modulations:
         ratio = system.network.modulations[0].ratio
         raise StructureViolated(
@@ -90,6 +94,7 @@ def forced_equilibrium(
             ``h_i⁻¹(Q_i*/C_i) ≠ 0``.
         StructureViolated: not one momentum that ports, one linear spring and hysterons act on.
     """
+    _refuse_memories(network)
     system, roles = PortHamiltonianSystem(network), _roles(network)
     if charges.shape[-1:] != (len(roles.hysterons),):
         names = ", ".join(network.state_names[k] for k in roles.hysterons) or "none"
@@ -113,6 +118,15 @@ def forced_equilibrium(
         name = network.storages[roles.spring].name
         raise StructureViolated(f"the effort of {name} is not proportional to it: (12) needs a linear spring")
     return x
+
+
+def _refuse_memories(network: Network) -> None:
+    """What follows a memory has no constant equilibrium: it moves on while the energy variables are at rest."""
+    if network.memories:
+        raise StructureViolated(
+            f"the memory {network.memories[0].name!r} goes on moving at a forced equilibrium: take the network without "
+            "it, with parameters as they are at one value of the memory"
+        )
 
 
 class _Roles(NamedTuple):

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused, StructureViolated
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, gradient
+from phnn.network import memory
 from phnn.network.checks import check_laws, check_name
 from phnn.network.driven import DrivenSystem
 from phnn.network.elements import Network, Resistor, Storage
@@ -26,6 +27,9 @@ class PortHamiltonianSystem(nn.Module):
 
     ``J`` holds one number per pair of storages and is skew by construction; every ``φ_r`` is a sector law, hence
     ``dH/dt ≤ Σ ψ(u) gᵀ∇H``. All tensors are batched, ``x`` is (..., n), ``u`` is (..., P), in SI and float64.
+
+    Memories are states without energy in ``H``: ``x`` has them last, ``ẋ`` their rates, and efforts and matrices leave
+    them out. Of one that holds heat `phnn.network.thermal` has energy and entropy.
 
     Attributes:
         network: the network as built; `as_network` has the present values.
@@ -56,12 +60,13 @@ class PortHamiltonianSystem(nn.Module):
             self._adopt("storage", storage)
         for resistor in network.resistors:
             self._adopt("resistor", resistor)
-        place = {name: k for k, name in enumerate(network.state_names)}
+        place = {name: k for k, name in enumerate(network.storage_names)}
         n = len(place)
         couplings: list[Entry] = [(place[c.to], place[c.of], c.ratio) for c in network.couplings]
         self._half = Incidence(n, n, couplings)
         self._branches = columns(network.resistors, place)
         self._inputs = columns(network.ports, place)
+        place = {name: k for k, name in enumerate(network.state_names)}
         self._factors = {m.ratio: (place[m.by], m) for m in network.modulations}
         self._modulators = tuple(None if r.modulated_by is None else place[r.modulated_by] for r in network.resistors)
 
@@ -84,7 +89,7 @@ class PortHamiltonianSystem(nn.Module):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the energy variables, in the order of ``x``."""
+        """Names of the energy variables and then the memories, in the order of ``x``."""
         return self.network.state_names
 
     def value(self, name: str) -> Tensor:
@@ -130,7 +135,8 @@ class PortHamiltonianSystem(nn.Module):
     ) -> Tensor:
         """(..., n) discrete gradient ``ē_k = (H_k(b_k) − H_k(a_k))/(b_k − a_k)``; ``∇H(a)`` where ``b = a``."""
         self._check_state(a)
-        ends = zip(a.unbind(-1), a.unbind(-1) if a is b else b.unbind(-1), strict=True)
+        first = len(self.network.storages)
+        ends = zip(a.unbind(-1)[:first], (a if a is b else b).unbind(-1)[:first], strict=True)
         return torch.stack([self.mean_effort(k, start, end) for k, (start, end) in enumerate(ends)], dim=-1)
 
     def mean_effort(
@@ -164,7 +170,8 @@ class PortHamiltonianSystem(nn.Module):
         """
         branches = self.incidences(x)[0]
         if not self.network.resistors:
-            return branches.new_zeros(*x.shape, x.shape[-1])
+            n = branches.shape[-2]
+            return branches.new_zeros(*x.shape[:-1], n, n)
         epsilon = combined(self.efforts(x), branches)
         conductance = torch.stack([self._conductance(r, epsilon[..., r], x) for r in range(epsilon.shape[-1])], dim=-1)
         return (branches * conductance.unsqueeze(-2)) @ branches.mT
@@ -247,7 +254,7 @@ class PortHamiltonianSystem(nn.Module):
         x: Tensor,  # (..., n) state that modulated laws read
         u: Tensor,  # (..., P)
     ) -> Tensor:
-        """(..., n) ``J e − Σ_r b_r φ_r(b_rᵀ e) + g ψ(u)`` for any effort ``e``."""
+        """(..., n) ``J e − Σ_r b_r φ_r(b_rᵀ e) + g ψ(u)`` of the storages for any effort ``e``."""
         branches, inputs = self.incidences(x)
         conserved = (self.structure(x) @ efforts.unsqueeze(-1)).squeeze(-1)
         lost = combined(self.branch_flows(combined(efforts, branches), x), branches.mT)
@@ -259,7 +266,12 @@ class PortHamiltonianSystem(nn.Module):
         u: Tensor,  # (..., P)
     ) -> Tensor:
         """(..., n) ``ẋ``."""
-        return self.rate(self.efforts(x), x, u)
+        efforts = self.efforts(x)
+        rate = self.rate(efforts, x, u)
+        if not self.network.memories:
+            return rate
+        slow = x[..., len(self.network.storages) :]
+        return torch.cat([rate, memory.rates(self, slow, memory.drives(self, efforts, x, u))], dim=-1)
 
     def port_outputs(
         self,
@@ -312,7 +324,7 @@ class PortHamiltonianSystem(nn.Module):
         return DrivenSystem(self, u, ports)
 
     def _check_state(self, x: Tensor) -> None:
-        n = len(self.network.storages)
+        n = len(self.state_names)
         if x.shape[-1:] != (n,):
             raise InputRefused(
                 f"a state has shape {tuple(x.shape)}: its last dimension must be {n} ({', '.join(self.state_names)})"

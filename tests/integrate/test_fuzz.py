@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from junctions import trajectory_of
-from networks import random_network
+from networks import random_network, remembering
 
 from phnn.integrate import kernel
 from phnn.integrate.program import compile_network
@@ -19,14 +19,15 @@ torch.set_num_threads(1)
 STEPS = 20
 
 
-def drawn(seed: int, monotone: bool) -> tuple[Network, np.ndarray, np.ndarray, np.ndarray]:
+def drawn(seed: int, monotone: bool, memories: bool = False) -> tuple[Network, np.ndarray, np.ndarray, np.ndarray]:
     """A network with rates from 1e-3 to 1e9 1/s, inputs with jumps, steps of several sizes and an initial state."""
     random = np.random.default_rng(seed)
     counts = int(random.integers(1, 7)), int(random.integers(0, 6)), int(random.integers(1, 4))
     network = random_network(seed, *counts, monotone=monotone, rich=True)
+    network = remembering(network, seed) if memories else network
     h = 10.0 ** random.uniform(-5.0, -0.5) * random.choice([1.0, 1.0, 0.3], STEPS)
     u = random.normal(size=(STEPS, len(network.ports))) * random.choice([0.0, 1.0, 10.0], (STEPS, 1))
-    return network, u, h, random.normal(size=len(network.storages)) * random.choice([0.0, 1.0])
+    return network, u, h, random.normal(size=len(network.state_names)) * random.choice([0.0, 1.0])
 
 
 def solved(network: Network, u: np.ndarray, h: np.ndarray, x0: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
@@ -57,9 +58,9 @@ def defect(network: Network, u: np.ndarray, h: np.ndarray, states: np.ndarray, e
     return float((balance.defect.abs() / size).max())
 
 
-def all_monotone(seeds: range) -> None:
+def all_monotone(seeds: range, memories: bool = False) -> None:
     for seed in seeds:
-        network, u, h, x0 = drawn(seed, monotone=True)
+        network, u, h, x0 = drawn(seed, monotone=True, memories=memories)
         done, states, efforts = solved(network, u, h, x0)
         assert done == STEPS, f"network {seed}: step {done} was not solved"
         assert defect(network, u, h, states, efforts) <= 1e-10, f"network {seed}"
@@ -87,6 +88,10 @@ def any_law(seeds: range) -> int:
 
 def test_stiff_monotone_networks_are_always_solved() -> None:
     all_monotone(range(200))
+
+
+def test_memories_do_not_get_in_the_way() -> None:
+    all_monotone(range(100), memories=True)
 
 
 @pytest.mark.slow

@@ -31,9 +31,9 @@ DRAG = Resistor("drag", "quadratic_drag", {"p": 1.0}, ("b",))
 
 
 @settings(max_examples=1000, deadline=None)
-@given(st.integers(0, 2**31 - 1))
-def test_any_stiff_network_is_solved_and_keeps_its_power_balance(seed: int) -> None:
-    trajectory = random_march(seed)
+@given(st.integers(0, 2**31 - 1), st.booleans())
+def test_any_stiff_network_is_solved_and_keeps_its_power_balance(seed: int, memories: bool) -> None:
+    trajectory = random_march(seed, memories=memories)
     assert np.isfinite(trajectory.states).all()
     system = PortHamiltonianSystem(trajectory.setup.network)
     assert check(trajectory, 1e-10, system) < 1e-10
@@ -135,6 +135,9 @@ def test_stiff_leaf_does_not_ring_at_long_steps() -> None:
 def sweep(trajectory: Trajectory, names: list[str], initial: list[int], output: int) -> np.ndarray:
     """(n+1, K+S) derivatives of one state by parameters and initial states."""
     program, n = replace(trajectory.program, output=output), trajectory.h.size
+    if output >= len(trajectory.setup.network.storages):
+        # Nothing flows into a memory, and no force is perturbed here.
+        vars(program)["flow"] = trajectory.program.flow
     active = np.array([program.names.index(name) for name in names], dtype=np.int64)
     return sweeps.sensitivities(
         program, trajectory.theta, active, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h,
@@ -144,9 +147,11 @@ def sweep(trajectory: Trajectory, names: list[str], initial: list[int], output: 
 
 
 # In 63 and 94 a law on the junction reads a leaf whose ratio is a parameter.
-@pytest.mark.parametrize("seed", [3, 8, 14, 33, 52, 63, 71, 94])
-def test_forward_sweep_agrees_with_finite_differences(seed: int) -> None:
-    trajectory = random_march(seed, stiff=False, steps=25)
+@pytest.mark.parametrize(
+    ("seed", "memories"), [*((s, False) for s in (3, 8, 14, 33, 52, 63, 71, 94)), *((s, True) for s in range(8))]
+)
+def test_forward_sweep_agrees_with_finite_differences(seed: int, memories: bool) -> None:
+    trajectory = random_march(seed, stiff=False, steps=25, memories=memories)
     network = trajectory.setup.network
     names = list(network.parameters)
     start = list(range(trajectory.states.shape[1]))
@@ -179,9 +184,10 @@ def agree(got: np.ndarray, differences: np.ndarray, size: float, what: str) -> N
     assert wrong.mean() < 0.1, what
 
 
+@pytest.mark.parametrize("memories", [False, True])
 @pytest.mark.parametrize("seed", range(20))
-def test_adjoint_is_the_transpose_of_the_forward_sweep(seed: int) -> None:
-    trajectory = random_march(seed, steps=30)
+def test_adjoint_is_the_transpose_of_the_forward_sweep(seed: int, memories: bool) -> None:
+    trajectory = random_march(seed, steps=30, memories=memories)
     program, states = trajectory.program, trajectory.states
     cotangent = np.random.default_rng(seed).normal(size=states.shape)
     names = list(trajectory.setup.network.parameters)

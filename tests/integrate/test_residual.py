@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from junctions import march, random_junction, random_march, recording
+from networks import remembering
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
@@ -93,13 +94,15 @@ class Solve(nn.Module):
 # Seeds whose motion keeps clear of kinks by more than a finite difference moves it.
 @pytest.mark.parametrize("seed", [0, 2, 3, 5, 7, 12])
 @pytest.mark.parametrize("window", [100, 3])
-def test_gradcheck_by_parameters_inputs_steps_and_start(seed: int, window: int) -> None:
+@pytest.mark.parametrize("memories", [False, True])
+def test_gradcheck_by_parameters_inputs_steps_and_start(seed: int, window: int, memories: bool) -> None:
     network = random_junction(seed, stiff=False)
+    network = remembering(network, seed) if memories else network
     system = PortHamiltonianSystem(network)
     random = np.random.default_rng(seed)
     u = torch.from_numpy(random.normal(size=(4, len(network.ports)))).requires_grad_(True)
     h = torch.from_numpy(random.uniform(0.05, 0.2, 4)).requires_grad_(True)
-    x0 = torch.from_numpy(random.normal(size=len(network.storages))).requires_grad_(True)
+    x0 = torch.from_numpy(random.normal(size=len(network.state_names))).requires_grad_(True)
     names, values = called(system, Solve(system))
 
     def solve(u: Tensor, h: Tensor, x0: Tensor, *parameters: Tensor) -> Tensor:
@@ -137,8 +140,11 @@ def gradients(system: PortHamiltonianSystem, path: Tensor, *others: Tensor) -> l
     return [torch.zeros(()) if g is None else g for g in found]
 
 
-def test_gradient_is_that_of_the_torch_step() -> None:
+@pytest.mark.parametrize("memories", [False, True])
+def test_gradient_is_that_of_the_torch_step(memories: bool) -> None:
     system = conservative()
+    if memories:
+        system = PortHamiltonianSystem(remembering(system.network, 0))
     random = np.random.default_rng(0)
     u = torch.from_numpy(random.normal(size=(30, len(system.network.ports)))).requires_grad_(True)
     x0 = torch.from_numpy(random.normal(size=len(system.state_names))).requires_grad_(True)

@@ -16,15 +16,26 @@ from scipy.integrate import solve_ivp
 from torch import Tensor
 
 from phnn.errors import StructureViolated
-from phnn.integrate.dispatch import factor_table, flow_table, storage_table, threshold_table
-from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, PortLaw, ResistorLaw, StorageLaw, register
+from phnn.integrate.dispatch import factor_table, flow_table, rate_table, storage_table, threshold_table
+from phnn.laws import (
+    FACTOR_LAWS,
+    MEMORY_LAWS,
+    PORT_LAWS,
+    RESISTOR_LAWS,
+    STORAGE_LAWS,
+    MemoryLaw,
+    PortLaw,
+    ResistorLaw,
+    StorageLaw,
+    register,
+)
 from phnn.laws.leaf import loss, rc_flow, relaxation
 from phnn.laws.namespace import TINY
 from phnn.laws.resistor import piecewise_linear
 
 torch.set_num_threads(1)
 
-Law = StorageLaw | ResistorLaw | PortLaw
+Law = StorageLaw | ResistorLaw | PortLaw | MemoryLaw
 # Away from every kink of the examples, of both signs, over some decades.
 POINTS = np.array([-2.3, -0.71, -0.113, -0.0021, 0.0017, 0.094, 0.83, 1.9])
 
@@ -39,13 +50,16 @@ def functions(law: Law) -> dict[str, tuple[Callable[..., Any], int]]:
         return {"energy": (law.energy, 1), "mean_effort": (law.mean_effort, 2)}
     if isinstance(law, PortLaw):
         return {"action": (law.action, 1), "slope": (law.slope, 1)}
+    if isinstance(law, MemoryLaw):
+        heat = {} if law.heat is None else {"energy": (law.heat.energy, 1), "entropy": (law.heat.entropy, 2)}
+        return {"rate": (law.rate, 2), **heat}
     thresholds = {} if law.thresholds is None else {"thresholds": (law.thresholds, 1)}
     return {"flow": (law.flow, 2), **thresholds}
 
 
 EVERY = [
     pytest.param(law, function, leading, id=f"{law.name}-{name}")
-    for table in (STORAGE_LAWS, RESISTOR_LAWS, PORT_LAWS)
+    for table in (STORAGE_LAWS, RESISTOR_LAWS, PORT_LAWS, MEMORY_LAWS)
     for law in table.values()
     for name, (function, leading) in functions(law).items()
 ]
@@ -100,6 +114,7 @@ def tables() -> dict[str, tuple[Callable[..., Any], dict[str, Any], str, int]]:
         "thresholds": (threshold_table(), RESISTOR_LAWS, 1),
         "flow": (flow_table(), RESISTOR_LAWS, 2),
         "factor": (factor_table(), FACTOR_LAWS, 1),
+        "rate": (rate_table(), MEMORY_LAWS, 2),
     }
     return {name: (caller(table, leading), laws, name, leading) for name, (table, laws, leading) in made.items()}
 
@@ -110,7 +125,7 @@ def caller(table: Any, leading: int) -> Callable[..., Any]:
     return numba.njit(lambda code, a, b, p: table(code, a, b, p, 0, 1, 2, 3))
 
 
-@pytest.mark.parametrize("name", ["mean_effort", "thresholds", "flow", "factor"])
+@pytest.mark.parametrize("name", ["mean_effort", "thresholds", "flow", "factor", "rate"])
 def test_compiled_values_and_slopes_are_those_of_the_law(name: str) -> None:
     call, laws, attribute, leading = tables()[name]
     for code, law in enumerate(laws.values()):

@@ -1,0 +1,56 @@
+"""Slow states, compiled: advanced at the end of a step by what happened in it.
+
+    z⁺ = z + h φ₁(−h d) f(z, s̄),     s̄ = Σ of mean powers, efforts or actions
+
+Laws and ratios read ``z`` as it is at the start of a step (`phnn.integrate.step`), so that the step itself is one of
+the network with those laws fixed, and keeps its power balance. Where ``s̄`` is power that resistors dissipate, it is
+what the balance of the step leaves: ``i ē − ΔH/h`` of a leaf, ``ε̄ φ(ε̄)`` on junctions.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from phnn.integrate.compiled import inline, plain, stay_outside
+from phnn.integrate.lookups import count, mean_effort, memory_decay, memory_rate, resistor_flow
+from phnn.integrate.step import EFFORT, FLOW, NEXT, branch_effort, leaf_current, read
+from phnn.integrate.tables import LEAVES, MEMORIES, STORAGES
+from phnn.laws.memory import advanced
+
+
+@inline
+def _source(
+    t: Any, s: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any
+) -> Any:  # fmt: skip
+    """What the source in row ``s`` contributes to ``s̄``."""
+    leaf, r = t[s, 0], t[s, 1]
+    if leaf >= 0:
+        k = t[t[0, LEAVES] + leaf, 0]
+        end = wx[NEXT, k]
+        stored = mean_effort(t, k, x[k], end, theta) * (end - x[k]) / h
+        return leaf_current(t, leaf, g, a, wj) * wx[EFFORT, k] - stored
+    if r >= 0:
+        effort = branch_effort(t, r, g, wj)
+        return effort * resistor_flow(t, r, effort, read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
+    if t[s, 2] >= 0:
+        return wx[EFFORT, t[s, 2]]
+    if t[s, 3] >= 0:
+        return wj[FLOW, t[s, 3]]
+    return a[t[s, 4]]
+
+
+@plain
+def advance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any) -> None:
+    """Fill the end states and the mean drives ``s̄`` of all memories from those of a step that has been solved.
+
+    Args: as of `phnn.integrate.step.inlined_balance`; ``x`` and ``wx`` have the memories after the storages.
+    """
+    stay_outside()
+    first = count(t, STORAGES)
+    for k in range(count(t, MEMORIES)):
+        row, z = t[0, MEMORIES] + k, x[first + k]
+        total = 0.0 * g[0]
+        for s in range(t[row, 5], t[row, 6]):
+            total += _source(t, s, theta, c, g, a, x, y, h, wj, wx)
+        wx[EFFORT, first + k] = total
+        wx[NEXT, first + k] = advanced(z, h, memory_rate(t, row, z, total, theta), memory_decay(t, row, theta))
