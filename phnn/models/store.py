@@ -13,7 +13,7 @@ from typing import Any
 from phnn.errors import InputRefused, PhnnError
 from phnn.integrate.program import compile_network
 from phnn.models.learned import as_json, from_json
-from phnn.network.elements import Coupling, Network, Port, Resistor, Storage
+from phnn.network.elements import Coupling, Memory, Modulation, Network, Port, Resistor, Storage
 from phnn.parameters import Parameter
 from phnn.setup import AMPLIFIERS, SENSORS, Block, Setup
 
@@ -39,6 +39,8 @@ def save(setup: Setup, folder: Path, substeps: int = 1) -> None:
         "resistors": [_element(r) for r in network.resistors],
         "couplings": [asdict(c) for c in network.couplings],
         "ports": [asdict(p) for p in network.ports],
+        "modulations": [asdict(m) for m in network.modulations],
+        "memories": [asdict(m) for m in network.memories],
         "output": network.output,
         "amplifier": [asdict(b) for b in setup.amplifier],
         "sensor": [asdict(b) for b in setup.sensor],
@@ -89,6 +91,9 @@ def _setup(content: Mapping[str, Any]) -> Setup:
         ports=tuple(Port(**_tupled(p)) for p in content["ports"]),
         parameters={n: _parameter(p) for n, p in content["parameters"].items()},
         output=content["output"],
+        # Files of earlier versions have neither.
+        modulations=tuple(Modulation(**_tupled(m)) for m in content.get("modulations", ())),
+        memories=tuple(Memory(**_tupled(m)) for m in content.get("memories", ())),
     )
     return Setup(
         network=network,

@@ -1,0 +1,141 @@
+"""The actuator that warms up as a model: in yaml, on disk, joined with others, and refused where it makes no sense."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from junctions import march, recording
+
+from phnn.configuration import config_folder
+from phnn.errors import InputRefused, StructureViolated
+from phnn.integrate.residual import check
+from phnn.models.actuator import hrc
+from phnn.models.network_file import load_graph, load_network
+from phnn.models.network_text import as_yaml
+from phnn.models.store import load, save
+from phnn.models.thermal import thermal_hrc
+from phnn.network import Memory, Modulation, Network, Storage
+from phnn.network.bondgraph import BondGraph, C
+from phnn.network.interconnect import interconnect, renamed
+from phnn.parameters import Parameter, constant, positive
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+SPRING, STIFF = Storage("s", "spring", ("stiff",)), positive("stiff", 1e3, "N/m")
+FILE = config_folder() / "network" / "thermal_hrc.yaml"
+
+
+@pytest.mark.parametrize("hysterons", [0, 1, 3])
+def test_any_number_of_hysterons_runs(hysterons: int) -> None:
+    t = np.arange(200) * 1e-5
+    run = simulate(Setup(thermal_hrc(hysterons)), recording(t, 75.0 * np.sin(2 * np.pi * 500.0 * t)))
+    assert check(run) < 1e-12
+    assert run.states[-1, -1] > 0.0
+
+
+def test_values_are_those_given() -> None:
+    network = thermal_hrc(1, {"C_T": 2.0, "T_a": 310.0, "k": 2e4})
+    assert [network.parameters[n].value for n in ("C_T", "T_a", "k")] == [2.0, 310.0, 2e4]
+    # At rest the body has the temperature of the ambient.
+    run = simulate(Setup(network), recording(np.arange(5) * 1e-4, np.zeros(5)))
+    np.testing.assert_allclose(run.states[:, -1], 310.0 - 293.15, rtol=1e-13)
+    assert np.abs(run.y).max() == 0.0
+    with pytest.raises(InputRefused, match="no parameter called heat"):
+        thermal_hrc(1, {"heat": 1.0})
+
+
+def test_the_file_is_the_function() -> None:
+    assert load_network(FILE) == thermal_hrc(2)
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    graph = load_graph(FILE)
+    memory = Memory("field", "exceeding", ("tau", "V_c"), ("voltage",), "1")
+    more = {n: Parameter(n, v) for n, v in {"tau": 3.0, "V_c": 50.0}.items()}
+    graph = replace(graph, memories=(*graph.memories, memory), parameters={**graph.parameters, **more})
+    (tmp_path / "written.yaml").write_text(as_yaml(graph), encoding="utf-8")
+    assert load_graph(tmp_path / "written.yaml") == graph
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("law: thermal,", "law: thermic,", r"memories: theta: law: 'thermic' is not known: accepted are thermal"),
+        ("[C_T, R_T, T_a, T_ref]", "[C_T, R_T]", "memories: theta: parameters: the law thermal takes 4, 2 are given"),
+        ("by: theta", "by: heat", "the ratio alpha reads the storage 'heat', which is not defined"),
+        ("by: theta, ", "", "modulations: alpha: no `by`: name the storage or memory"),
+        ("reads: theta", "reads: heat", "hysteron_1 reads the storage 'heat'"),
+        (
+            "unit: K}\nparameters",
+            "of: nobody}\nparameters",
+            "memory theta is driven by 'nobody', nothing has this name",
+        ),
+        (
+            "unit: K}\nparameters",
+            "ov: 1}\nparameters",
+            r"memories: theta: unknown key .ov.: accepted are law, parameters, of",
+        ),
+        ("  alpha: {by", "  beta: {by", "a modulation is of the ratio 'beta', which is not defined"),
+    ],
+)
+def test_what_a_file_gets_wrong_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+    text = FILE.read_text(encoding="utf-8")
+    assert old in text
+    (tmp_path / "wrong.yaml").write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InputRefused, match=f"wrong.yaml: .*{message}"):
+        load_network(tmp_path / "wrong.yaml")
+
+
+def test_a_ratio_that_moves_is_not_merged_into_a_stiffness() -> None:
+    graph = load_graph(FILE)
+    capacitor = C("Q_C", "electrical", "capacitor", ("C_E",), "C")
+    parameters = {**graph.parameters, "C_E": Parameter("C_E", 1.7e-7, "F", positive=True)}
+    with pytest.raises(StructureViolated, match="alpha follows theta, but merging Q_C into q takes it for constant"):
+        BondGraph(
+            graph.junctions, (*graph.elements, capacitor), graph.bonds, parameters, "q", True, graph.modulations,
+            graph.memories,
+        ).network()  # fmt: skip
+
+
+def test_round_trip_on_disk(tmp_path: Path) -> None:
+    setup = Setup(thermal_hrc(2, {"R_T": 120.0}), name="warm")
+    save(setup, tmp_path, 2)
+    again, steps = load(tmp_path)
+    assert (again.network, again.name, steps) == (setup.network, "warm", 2)
+    made = recording(np.arange(100) * 1e-5, np.linspace(0.0, 75.0, 100))
+    np.testing.assert_array_equal(simulate(again, made).states, simulate(setup, made).states)
+
+
+def test_a_ratio_that_follows_a_displacement_is_kept_on_disk(tmp_path: Path) -> None:
+    base = hrc(1)
+    more = {"kappa": Parameter("kappa", 0.1), "q0": constant("q0", 1e-4, "m")}
+    modulation = Modulation("alpha", "q", "affine", ("kappa", "q0"))
+    setup = Setup(replace(base, modulations=(modulation,), parameters={**base.parameters, **more}))
+    save(setup, tmp_path)
+    assert load(tmp_path)[0].network == setup.network
+
+
+def joined() -> Network:
+    return interconnect(renamed(thermal_hrc(1), "a_"), "a_force", renamed(hrc(1), "b_"), "b_force", SPRING, (STIFF,))
+
+
+def test_heat_stays_in_the_network_that_dissipates_it() -> None:
+    network = joined()
+    assert network.state_names[-1] == "a_theta"
+    assert network.memories[0].of == ("a_hysteron_1", "a_damper")
+    u = np.zeros((200, len(network.ports)))
+    u[:, 0] = 75.0
+    run = march(network, u, np.full(200, 1e-5), np.zeros(len(network.state_names)))
+    assert check(run) < 1e-12
+    # What the other one dissipates warms nobody.
+    assert run.efforts[-1, -1] > 0.0
+    with pytest.raises(StructureViolated, match="both networks have a memory theta"):
+        one = thermal_hrc(0)
+        other = replace(
+            renamed(hrc(0), "b_"),
+            memories=(Memory("theta", "relaxing", ("b_m",), ("b_p",)),),
+        )
+        interconnect(one, "force", other, "b_force", SPRING, (STIFF,))

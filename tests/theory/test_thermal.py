@@ -1,0 +1,304 @@
+"""The actuator that warms up: both laws of thermodynamics in every step, and the isothermal limit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from junctions import march, recording
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from torch import Tensor
+
+from phnn.errors import StructureViolated
+from phnn.integrate import quick
+from phnn.integrate.dense import solve_dense
+from phnn.integrate.residual import check, power_balance
+from phnn.models.actuator import hrc
+from phnn.models.thermal import thermal_hrc
+from phnn.network import Memory, Network, PortHamiltonianSystem
+from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_rate
+from phnn.network.memory import between, drives
+from phnn.network.thermal import ThermalBalance, thermal_balance, thermal_energy, total_energy
+from phnn.parameters import Parameter
+from phnn.setup import Block, Setup
+from phnn.simulate import Trajectory, output_derivatives, output_gradient, simulate
+
+torch.set_num_threads(1)
+Array = NDArray[np.float64]
+# A small body that follows fast, so that a short simulation shows what takes minutes otherwise.
+FAST = {"C_T": 2e-4, "R_T": 50.0, "kappa_alpha": 0.02, "kappa_rho": 0.1, "kappa_d": -0.05}
+
+
+def drawn(seed: int, hysterons: int) -> Trajectory:
+    """Parameters over decades, an ambient of its own, steps of all sizes, inputs with jumps."""
+    random = np.random.default_rng(seed)
+    network = thermal_hrc(hysterons)
+    values = {n: p.value * 10.0 ** random.uniform(-0.5, 0.5) for n, p in network.parameters.items() if p.positive}
+    # Where a coupling grows without bound and heat hardly leaves, temperature runs away: none of these does.
+    values |= {"C_T": 10.0 ** random.uniform(-2.0, 1.0), "R_T": 10.0 ** random.uniform(-1.0, 3.0)}
+    values |= {n: random.normal() * 0.01 for n in ("kappa_alpha", "kappa_rho", "kappa_d")}
+    values |= {"T_a": random.uniform(250.0, 350.0)}
+    steps = 60
+    h = 10.0 ** random.uniform(-6.0, 1.0) * random.choice([1.0, 1.0, 0.2], steps)
+    u = random.normal(size=(steps, 2)) * random.choice([0.0, 75.0], (steps, 1))
+    x0 = np.zeros(hysterons + 3)
+    x0[-1] = random.uniform(-20.0, 20.0)
+    return march(network.with_values(values), u, h, x0)
+
+
+def balances(trajectory: Trajectory) -> tuple[PortHamiltonianSystem, ThermalBalance, Tensor]:
+    """The module, the thermal balance, and (n,) what was supplied [J]."""
+    system = PortHamiltonianSystem(trajectory.setup.network)
+    first = len(system.network.storages)
+    with torch.no_grad():
+        thermal = thermal_balance(
+            system,
+            torch.from_numpy(trajectory.states),
+            torch.from_numpy(trajectory.efforts[:, first:]),
+            torch.from_numpy(trajectory.h),
+        )
+    return system, thermal, power_balance(trajectory, system).supplied.sum(-1)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.integers(0, 2**31 - 1), st.integers(0, 4))
+def test_total_energy_changes_by_what_is_supplied_and_released(seed: int, hysterons: int) -> None:
+    trajectory = drawn(seed, hysterons)
+    check(trajectory)
+    system, thermal, supplied = balances(trajectory)
+    x = torch.from_numpy(trajectory.states)
+    with torch.no_grad():
+        total, stored = total_energy(system, x), system.energy(x)
+        size = stored[1:] + stored[:-1] + thermal_energy(system, x).abs()[1:] + thermal.released.abs().sum(-1)
+    size = size + supplied.abs() + 1e-200
+    defect = total.diff() + thermal.released.sum(-1) - supplied
+    assert (defect.abs() <= 1e-12 * size).all()
+    assert ((total[-1] - total[0] + thermal.released.sum() - supplied.sum()).abs() <= 1e-12 * size.sum()).all()
+    # What became heat is what the resistors dissipated, and the heat adds up by itself.
+    dissipated = power_balance(trajectory, system).dissipated.sum(-1)
+    assert ((thermal.received.sum(-1) - dissipated).abs() <= 1e-12 * size).all()
+    assert (thermal.defect.abs().sum(-1) <= 1e-12 * size).all()
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.integers(0, 2**31 - 1), st.integers(0, 4))
+def test_entropy_of_body_and_ambient_never_falls(seed: int, hysterons: int) -> None:
+    trajectory = drawn(seed, hysterons)
+    system, thermal, supplied = balances(trajectory)
+    x = torch.from_numpy(trajectory.states)
+    with torch.no_grad():
+        held = system.energy(x) + thermal_energy(system, x).abs()
+    # Where nothing is lost, or the body has the temperature of the ambient, rounding of energies is left, at 200 K.
+    size = ((held[1:] + held[:-1] + supplied.abs()) / 200.0).unsqueeze(-1)
+    size = size + thermal.entropy.abs() + thermal.ambient.abs()
+    assert (thermal.produced >= -1e-12 * size).all()
+    assert (trajectory.states[:, -1] > -293.15).all()
+
+
+def test_a_source_of_energy_in_a_resistor_shows_as_falling_entropy() -> None:
+    base = thermal_hrc(0)
+    active = replace(base, parameters={**base.parameters, "b": Parameter("b", -0.5)})
+    steps = 200
+    u = np.zeros((steps, 2))
+    u[:, 0] = 20.0
+    _, thermal, _ = balances(march(active, u, np.full(steps, 1e-5), np.zeros(3)))
+    assert (thermal.produced < 0.0).all()
+
+
+def test_heat_flows_from_hot_to_cold() -> None:
+    for ambient, rise in ((293.15, 40.0), (333.15, 0.0)):
+        network = thermal_hrc(0).with_values({"T_a": ambient})
+        trajectory = march(network, np.zeros((50, 2)), np.full(50, 10.0), np.array([0.0, 0.0, rise]))
+        _, thermal, _ = balances(trajectory)
+        assert (thermal.produced > 0.0).all()
+        assert (np.sign(thermal.released.numpy()) == np.sign(rise - ambient + 293.15)).all()
+        # 500 s are 6.4 time constants.
+        assert trajectory.states[-1, -1] == pytest.approx(ambient - 293.15, abs=0.1)
+
+
+def driven(seconds: float, frequency: float, h: float, amplitude: float = 75.0) -> tuple[Array, Array]:
+    """Inputs and steps of a sine."""
+    n = round(seconds / h)
+    t = h * (np.arange(n) + 0.5)
+    u = np.zeros((n, 2))
+    u[:, 0] = amplitude * np.sin(2 * np.pi * frequency * t)
+    return u, np.full(n, h)
+
+
+@pytest.mark.parametrize("values", [{"C_T": 1e300}, {"kappa_alpha": 0.0, "kappa_rho": 0.0, "kappa_d": 0.0}])
+def test_the_isothermal_limit_is_the_actuator_bit_for_bit(
+    values: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(quick, "serves", lambda program: False)
+    u, h = driven(0.02, 150.0, 1e-5)
+    warm = march(thermal_hrc(2, values), u, h, np.zeros(5))
+    isothermal = march(hrc(2), u, h, np.zeros(4))
+    np.testing.assert_array_equal(warm.states[:, :4], isothermal.states)
+    np.testing.assert_array_equal(warm.efforts[:, :4], isothermal.efforts)
+    assert np.any(warm.states[-1, 4] > 0.0)
+
+
+def continuous(network: Network, frequency: float, t: Array) -> Array:
+    """(5, N) the irreversible port-Hamiltonian system with the entropy as its state, written anew; by Radau.
+
+    Ṡ = (Σ e h⁻¹(e, T) + b v² − (T − T_a)/R_T)/T,     T = T_ref exp(S/C_T)
+    """
+    c = {n: p.value for n, p in network.parameters.items()}
+
+    def rate(t: float, z: Array) -> list[float]:
+        e, q, v = z[:2], 1e-6 * z[2], 1e-3 * z[3]
+        temperature = c["T_ref"] * np.exp(1e-6 * z[4] / c["C_T"])
+        rise = temperature - c["T_ref"]
+        alpha = c["alpha"] * (1.0 + c["kappa_alpha"] * rise)
+        flows = []
+        for i in (1, 2):
+            half = 0.5 * c[f"d_{i}"] * max(1.0 + c["kappa_d"] * rise, 0.0)
+            slope = c[f"rho_{i}"] * max(1.0 + c["kappa_rho"] * rise, 0.0)
+            flows.append(slope * (max(e[i - 1] - half, 0.0) + min(e[i - 1] + half, 0.0)))
+        force = alpha * (75.0 * np.sin(2 * np.pi * frequency * t) - e.sum()) - c["k"] * q - c["b"] * v
+        heat = e @ np.array(flows) + c["b"] * v * v - (temperature - c["T_a"]) / c["R_T"]
+        return [
+            (alpha * v - flows[0]) / c["C_1"], (alpha * v - flows[1]) / c["C_2"], 1e6 * v, 1e3 * force / c["m"],
+            1e6 * heat / temperature,
+        ]  # fmt: skip
+
+    found = solve_ivp(rate, (0.0, t[-1]), np.zeros(5), "Radau", t, rtol=1e-8, atol=1e-8).y
+    found[2] *= 1e-6
+    found[4] = c["T_ref"] * np.expm1(1e-6 * found[4] / c["C_T"])
+    return found
+
+
+def test_the_march_tends_to_the_irreversible_system() -> None:
+    # The first hysteron slower, so that Radau needs no steps of its microsecond.
+    network = thermal_hrc(2, FAST | {"rho_1": 6e-3})
+    seconds, frequency = 0.03, 100.0
+    errors = []
+    for h in (2e-5, 1e-5):
+        n = round(seconds / h)
+        t = h * np.arange(n + 1)
+        voltage = 75.0 * np.sin(2 * np.pi * frequency * t)
+        run = simulate(Setup(network), recording(t, voltage))
+        if not errors:
+            exact = continuous(network, frequency, t[:: n // 30])
+        got = run.states[run.nodes][:: n // 30]
+        errors.append([float(np.abs(got[:, k] - exact[k]).max() / np.abs(exact[k]).max()) for k in (2, 4)])
+    assert exact[4, -1] > 0.5
+    (q_coarse, rise_coarse), (q_fine, rise_fine) = errors
+    assert q_fine < 5e-5 and rise_fine < 5e-5
+    # Second order in the displacement, as far as the temperature, which is read half a step late, does not matter.
+    assert q_fine < 0.3 * q_coarse
+    assert rise_fine == pytest.approx(0.5 * rise_coarse, rel=0.1)
+
+
+def test_the_vector_field_is_that_of_the_march() -> None:
+    network = thermal_hrc(2, FAST)
+    system = PortHamiltonianSystem(network)
+    random = np.random.default_rng(0)
+    x = torch.from_numpy(random.normal(size=5) * np.array([1e-5, 1e-5, 1e-4, 1e-4, 5.0]))
+    u = torch.tensor([40.0, 0.3], dtype=torch.float64)
+    with torch.no_grad():
+        rate = system.vector_field(x, u)
+        balance = system.power_balance(x, u)
+    h = 1e-11
+    moved = march(network, u.numpy()[None], np.array([h]), x.numpy()).states
+    np.testing.assert_allclose((moved[1] - moved[0]) / h, rate.numpy(), rtol=1e-4, atol=1e-5 * float(rate.abs().max()))
+    # dH/dt is that at constant temperature; what is dissipated warms the body.
+    assert abs(balance.defect.item()) < 1e-14 * balance.dissipated.sum().item()
+    cooling = x[-1].item() / FAST["R_T"]
+    assert rate[-1].item() == pytest.approx((balance.dissipated.sum().item() - cooling) / FAST["C_T"], rel=1e-12)
+
+
+def test_the_torch_step_keeps_both_laws() -> None:
+    system = PortHamiltonianSystem(thermal_hrc(2, FAST))
+    u, h = driven(0.002, 500.0, 4e-5)
+    x0, inputs = torch.zeros(5, dtype=torch.float64), torch.from_numpy(u)
+    with torch.no_grad():
+        x = solve_dense(system, x0, inputs, 4e-5)
+        efforts, middle = system.mean_efforts(x[:-1], x[1:]), between(system, x[:-1], x[1:])
+        thermal = thermal_balance(system, x, drives(system, efforts, middle, inputs), torch.from_numpy(h))
+        supplied = 4e-5 * (inputs * (efforts.unsqueeze(-2) @ system.incidences(middle)[1]).squeeze(-2)).sum(-1)
+        total = total_energy(system, x)
+    defect = total.diff() + thermal.released.sum(-1) - supplied
+    assert defect.abs().max() < 1e-12 * supplied.abs().max()
+    assert (thermal.produced > 0.0).all()
+    assert thermal.stored.sum() > 0.5 * thermal.received.sum() > 0.0
+
+
+def setup() -> Setup:
+    network = thermal_hrc(2, FAST | {"T_a": 296.0})
+    network = replace(network, parameters={n: replace(p, fixed=False) for n, p in network.parameters.items()})
+    block = Block("lowpass", ("tau",))
+    return Setup(network).with_block("amplifier", block, (Parameter("tau", 2e-5, positive=True, lower=1e-9),))
+
+
+def test_derivatives_by_every_parameter_agree_with_differences() -> None:
+    t = np.arange(301) * 1e-5
+    made = recording(t, 75.0 * np.sin(2 * np.pi * 300.0 * t))
+    run = simulate(setup(), made)
+    assert run.states[-1, 4] > 3.5
+    names = list(run.setup.parameters)
+    found = output_derivatives(run, names)
+    for k, name in enumerate(names):
+        value = run.setup.parameters[name].value
+        step = 1e-5 * abs(value)
+        ends = [simulate(run.setup.with_values({name: value + s}), made).y for s in (step, -step)]
+        wanted = (ends[0] - ends[1]) / (2.0 * step)
+        # A difference may straddle a kink: a few samples may differ.
+        wrong = np.abs(found[:, k] - wanted) > 1e-4 * np.abs(wanted).max() + 1e-13 / step
+        assert wrong.mean() < 0.05, name
+        assert np.abs(found[:, k]).max() > 0.0, name
+
+
+def test_the_backward_sweep_is_the_forward_one() -> None:
+    t = np.arange(301) * 1e-5
+    run = simulate(setup(), recording(t, 20.0 + 75.0 * np.sin(2 * np.pi * 300.0 * t)))
+    assert run.rest == 0.0
+    names = list(run.setup.network.parameters)
+    weights = np.random.default_rng(1).normal(size=t.size)
+    forward = weights @ output_derivatives(run, names)
+    np.testing.assert_allclose(
+        output_gradient(run, names, weights), forward, rtol=1e-8, atol=1e-10 * abs(forward).max()
+    )
+
+
+def test_heat_is_kept_once_and_by_what_dissipates() -> None:
+    base = thermal_hrc(1)
+    body = base.memories[0]
+    with pytest.raises(StructureViolated, match="damper heats both theta and case"):
+        replace(base, memories=(body, replace(body, name="case", of=("damper",))))
+    with pytest.raises(StructureViolated, match="holds heat: let resistors drive it, not voltage"):
+        replace(base, memories=(replace(body, of=("voltage",)),))
+    with pytest.raises(StructureViolated, match="driven by 'nobody', nothing has this name"):
+        replace(base, memories=(replace(body, of=("nobody",)),))
+    with pytest.raises(StructureViolated, match="each once"):
+        replace(base, memories=(Memory("z", "relaxing", ("R_T",), ("damper", "voltage")), body))
+    with pytest.raises(StructureViolated, match="share a name"):
+        replace(base, memories=(replace(body, name="q"),))
+
+
+def test_two_bodies_share_what_is_dissipated() -> None:
+    base = thermal_hrc(2)
+    ceramic, case = (replace(base.memories[0], name=n, of=of) for n, of in (
+        ("theta", ("hysteron_1", "hysteron_2")), ("case", ("damper",))))  # fmt: skip
+    u, h = driven(0.01, 100.0, 1e-5)
+    run = march(replace(base, memories=(ceramic, case)), u, h, np.zeros(6))
+    check(run)
+    _, thermal, _ = balances(run)
+    dissipated = power_balance(run).dissipated
+    torch.testing.assert_close(thermal.received[:, 1], dissipated[:, 2], rtol=1e-10, atol=1e-20)
+    torch.testing.assert_close(thermal.received[:, 0], dissipated[:, 0] + dissipated[:, 1], rtol=1e-10, atol=1e-20)
+
+
+def test_shifted_energies_know_no_memory() -> None:
+    network = thermal_hrc(1)
+    system, x = PortHamiltonianSystem(network), torch.zeros(4, dtype=torch.float64)
+    for call in (lambda: shifted_energy(system, x, x), lambda: shifted_rate(system, x, x)):
+        with pytest.raises(StructureViolated, match="memory 'theta' goes on moving"):
+            call()
+    with pytest.raises(StructureViolated, match="memory 'theta' goes on moving"):
+        forced_equilibrium(network, torch.zeros(2, dtype=torch.float64), torch.zeros(1, dtype=torch.float64))
