@@ -7,6 +7,8 @@ elements:                                           # storages become states in 
   damper: {type: R, junction: mass, law: linear, parameters: [b], direction: resistance}
   force:  {type: Se, junction: mass, unit: N}
 bonds: []                                           # {from: a, to: b}, {type: TF, from: a, to: b, ratio: alpha}
+modulations: {}                                     # alpha: {by: theta, law: affine, parameters: [kappa, T_s]}
+memories: {}                                        # theta: {law: thermal, parameters: [C_T, R_T, T_a, T_ref], unit: K}
 parameters:
   k: {value: 8.0, unit: N/m, positive: true}        # lower, upper, typical, fixed, description
   m: {value: 2.0, unit: kg, positive: true}
@@ -22,19 +24,21 @@ from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused, StructureViolated
-from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network.bondgraph import GY, TF, Bond, BondGraph, C, I, R, Se, Sf
 from phnn.network.bondgraph.description import DIRECTIONS, Element, Link
-from phnn.network.elements import Network, Ratio
+from phnn.network.elements import Memory, Modulation, Network, Ratio
 from phnn.parameters import Parameter, positive
 from phnn.recordings.values import choice, flag, keys_of, mapping, number, text
 
-_TOP = ("about", "junctions", "elements", "bonds", "parameters", "output", "merge")
+_TOP = ("about", "junctions", "elements", "bonds", "modulations", "memories", "parameters", "output", "merge")
 _PARAMETER = ("value", "unit", "positive", "lower", "upper", "typical", "fixed", "description")
 _NUMBERS = ("lower", "upper", "typical")
 _STORE = ("type", "junction", "law", "parameters", "unit")
 _RESISTOR = ("type", "junction", "law", "parameters", "direction", "reads")
 _SOURCE = ("type", "junction", "law", "parameters", "unit", "sign")
+_MODULATION = ("by", "law", "parameters")
+_MEMORY = ("law", "parameters", "of", "unit")
 
 
 def load_network(path: Path | str) -> Network:
@@ -79,6 +83,8 @@ def load_graph(path: Path | str) -> BondGraph:
             {str(n): _parameter(str(n), said, f"{name}: parameters: {n}") for n, said in parameters.items()},
             text(top["output"], f"{name}: output"),
             flag(top.get("merge", True), f"{name}: merge"),
+            tuple(_each(top, "modulations", _modulation, name)),
+            tuple(_each(top, "memories", _memory, name)),
         )
     except StructureViolated as error:
         raise InputRefused(f"{name}: {error}") from error
@@ -150,6 +156,30 @@ def _law(content: Mapping[str, Any], default: str, laws: Mapping[str, Any], wher
             f"{where}: parameters: the law {law} takes {wanted}, {len(parameters)} are given: name {wanted} in a list"
         )
     return law, parameters
+
+
+def _each(top: Mapping[str, Any], key: str, make: Callable[[str, Any, str], Any], file: str) -> list[Any]:
+    said = mapping(top.get(key, {}), f"{file}: {key}")
+    return [make(str(n), content, f"{file}: {key}: {n}") for n, content in said.items()]
+
+
+def _modulation(ratio: str, said: Any, where: str) -> Modulation:
+    content = mapping(said, where)
+    keys_of(content, _MODULATION, where)
+    if "by" not in content:
+        raise InputRefused(f"{where}: no `by`: name the storage or memory that the ratio follows")
+    return Modulation(
+        ratio, text(content["by"], f"{where}: by"), *_law(content, next(iter(FACTOR_LAWS)), FACTOR_LAWS, where)
+    )
+
+
+def _memory(name: str, said: Any, where: str) -> Memory:
+    content = mapping(said, where)
+    keys_of(content, _MEMORY, where)
+    law, parameters = _law(content, next(iter(MEMORY_LAWS)), MEMORY_LAWS, where)
+    of = content.get("of", [])
+    drives = tuple(text(n, f"{where}: of") for n in (of if isinstance(of, list) else [of]))
+    return Memory(name, law, parameters, drives, text(content.get("unit", "1"), f"{where}: unit"))
 
 
 def _bond(said: Any, where: str) -> Link:

@@ -10,6 +10,7 @@ from typing import Any
 from phnn.errors import InputRefused
 from phnn.network.bondgraph import Bond, BondGraph, R, Se, Sf
 from phnn.network.bondgraph.description import Element, Link
+from phnn.network.elements import Memory
 from phnn.parameters import Parameter, positive
 
 # Words that yaml takes for something else than a text.
@@ -29,6 +30,11 @@ def as_yaml(graph: BondGraph, about: str = "") -> str:
     lines += [f"junctions: {_flow(graph.junctions)}", "elements:"]
     lines += [f"  {_scalar(e.name)}: {_flow(_element(e))}" for e in graph.elements]
     lines += ["bonds:", *(f"  - {_flow(_bond(b))}" for b in graph.bonds)] if graph.bonds else []
+    if graph.modulations:
+        said = {m.ratio: {"by": m.by, "law": m.law, "parameters": list(m.parameters)} for m in graph.modulations}
+        lines += ["modulations:", *(f"  {_scalar(n)}: {_flow(m)}" for n, m in said.items())]
+    if graph.memories:
+        lines += ["memories:", *(f"  {_scalar(m.name)}: {_flow(_memory(m))}" for m in graph.memories)]
     lines += ["parameters:", *(f"  {_scalar(n)}: {_flow(_parameter(p))}" for n, p in graph.parameters.items())]
     lines.append(f"output: {_scalar(graph.output)}")
     return "\n".join([*lines, *([] if graph.merge else ["merge: false"])]) + "\n"
@@ -48,6 +54,11 @@ def _element(element: Element) -> dict[str, Any]:
             said["sign"] = element.sign
         return {k: v for k, v in said.items() if element.law != "linear" or k not in ("law", "parameters")}
     return said
+
+
+def _memory(memory: Memory) -> dict[str, Any]:
+    of = {"of": list(memory.of)} if memory.of else {}
+    return {"law": memory.law, "parameters": list(memory.parameters), **of, "unit": memory.unit}
 
 
 def _bond(bond: Link) -> dict[str, Any]:

@@ -52,9 +52,10 @@ def assemble(
     used: list[Ratio] = [n for s in stores for n in s.parameters]
     used += [n for r in resistors for n in (*r.parameters, *r.on.values())]
     used += [n for p in ports for n in (*p.parameters, *p.on.values())] + [c.ratio for c in couplings]
+    used += [n for m in graph.modulations for n in m.parameters] + [n for m in graph.memories for n in m.parameters]
     table = {n: p for n, p in parameters.items() if n in used}
     storages = tuple(Storage(s.name, s.law, s.parameters, s.unit) for s in stores)
-    return Network(storages, resistors, tuple(couplings), ports, table, graph.output)
+    return Network(storages, resistors, tuple(couplings), ports, table, graph.output, graph.modulations, graph.memories)
 
 
 def _unused(name: str, taken: Mapping[str, Parameter]) -> str:

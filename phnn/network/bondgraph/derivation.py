@@ -126,6 +126,7 @@ class _Derivation:
         )
 
     def _merge_linear(self, kept: str, gone: str, ratio: Any, compliant: bool = False) -> None:
+        self._refuse_modulated(kept, gone, ratio)
         store = self.stores[kept]
         own = store.parameters[0]
         # A parameter that others use as well keeps its meaning for them.
@@ -138,16 +139,27 @@ class _Derivation:
         self._drop(gone, merge)
 
     def _merge_nonlinear(self, kept: str, gone: str, ratio: Any) -> None:
+        self._refuse_modulated(kept, gone, ratio)
         self.stores[kept], merge = merged_nonlinear(
             self.stores[kept], self.stores[gone], self.field.expression(ratio), self.parameters
         )
         self._drop(gone, merge)
 
-    def _drop(self, gone: str, merge: Merge) -> None:
-        for resistor in resistors_of(self.graph):
-            if resistor.reads == gone:
+    def _refuse_modulated(self, kept: str, gone: str, ratio: Any) -> None:
+        names = set(map(str, self.field.expression(ratio).free_symbols))
+        for m in self.graph.modulations:
+            if m.ratio in names:
                 raise StructureViolated(
-                    f"{resistor.name} reads the storage {gone}, which is merged into {merge.kept}: "
+                    f"the ratio {m.ratio} follows {m.by}, but merging {gone} into {kept} takes it for constant: "
+                    f"leave {gone} out and give {kept} what both are at a fixed ratio"
+                )
+
+    def _drop(self, gone: str, merge: Merge) -> None:
+        reads = {r.name: r.reads for r in resistors_of(self.graph)} | {m.ratio: m.by for m in self.graph.modulations}
+        for name, read in reads.items():
+            if read == gone:
+                raise StructureViolated(
+                    f"{name} reads the storage {gone}, which is merged into {merge.kept}: "
                     f"let it read {merge.kept}, or set merge to false"
                 )
         del self.stores[gone]

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from phnn.errors import StructureViolated
-from phnn.network.elements import Network, Ratio
+from phnn.network.elements import Memory, Modulation, Network, Ratio
 from phnn.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class R:
     Attributes:
         direction: ``conductance`` for ``f = φ(e)``, ``resistance`` for ``e = φ(f)``. A ``linear`` law is inverted where
             the rest of the graph asks for it; any other must stand where its argument is what the graph supplies.
-        reads: storage whose energy variable the law may read.
+        reads: storage whose energy variable, or memory, the law may read.
     """
 
     name: str
@@ -148,6 +148,8 @@ class BondGraph:
         parameters: by name.
         output: the storage whose energy variable is measured.
         merge: whether storages with proportional rates become one (see `phnn.network.bondgraph.merging`).
+        modulations: ratios of transformers and gyrators that follow a storage or a memory.
+        memories: slow states that laws and ratios may read, the last ones of the network.
 
     Raises:
         StructureViolated: a junction that is neither 0 nor 1, a name given twice, a reference to nothing, a direction
@@ -160,6 +162,8 @@ class BondGraph:
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     output: str = "q"
     merge: bool = True
+    modulations: tuple[Modulation, ...] = ()
+    memories: tuple[Memory, ...] = ()
 
     def __post_init__(self) -> None:
         for name, kind in self.junctions.items():
@@ -167,7 +171,7 @@ class BondGraph:
                 raise StructureViolated(
                     f"junction {name} is {kind!r}: write 0 for a common effort or 1 for a common flow"
                 )
-        _once([e.name for e in self.elements], "elements")
+        _once([*(e.name for e in self.elements), *(m.name for m in self.memories)], "elements")
         for element in self.elements:
             _among(element.junction, self.junctions, f"{element.name} hangs on the junction")
             _check_element(element)
@@ -180,13 +184,18 @@ class BondGraph:
                 raise StructureViolated(f"the {type(bond).__name__} from {bond.start} has ratio 0: leave it out")
         stores = [e.name for e in self.elements if isinstance(e, C | I)]
         _among(self.output, stores, "the output is the storage")
+        read = [*stores, *(m.name for m in self.memories)]
         for element in self.elements:
             if isinstance(element, R) and element.reads is not None:
-                _among(element.reads, stores, f"{element.name} reads the storage")
+                _among(element.reads, read, f"{element.name} reads the storage")
+        for modulation in self.modulations:
+            _among(modulation.ratio, self.ratios, "a modulation is of the ratio")
+            _among(modulation.by, read, f"the ratio {modulation.ratio} reads the storage")
         self._check_parameters()
 
     def _check_parameters(self) -> None:
         used = {n for e in self.elements for n in e.parameters} | set(self.ratios)
+        used |= {n for m in self.modulations for n in m.parameters} | {n for m in self.memories for n in m.parameters}
         for name in sorted(used):
             _among(name, self.parameters, "an element or bond uses the parameter")
         for name in self.parameters:
