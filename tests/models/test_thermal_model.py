@@ -11,16 +11,18 @@ from junctions import march, recording
 
 from phnn.configuration import config_folder
 from phnn.errors import InputRefused, StructureViolated
+from phnn.integrate.program import compile_network
 from phnn.integrate.residual import check
+from phnn.integrate.rest import equilibrium, equilibrium_derivative
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_graph, load_network
 from phnn.models.network_text import as_yaml
 from phnn.models.store import load, save
 from phnn.models.thermal import thermal_hrc
-from phnn.network import Memory, Modulation, Network, Storage
+from phnn.network import Memory, Modulation, Network, Port, Resistor, Storage
 from phnn.network.bondgraph import BondGraph, C
 from phnn.network.interconnect import interconnect, renamed
-from phnn.parameters import Parameter, constant, positive
+from phnn.parameters import Parameter, as_table, constant, positive
 from phnn.setup import Setup
 from phnn.simulate import simulate
 
@@ -45,6 +47,24 @@ def test_values_are_those_given() -> None:
     assert np.abs(run.y).max() == 0.0
     with pytest.raises(InputRefused, match="no parameter called heat"):
         thermal_hrc(1, {"heat": 1.0})
+
+
+def test_a_steady_current_heats_to_its_steady_temperature() -> None:
+    # A tank filled steadily, its outlet's loss kept by a body: P = u²/g, ϑ = R_T P.
+    network = Network(
+        (Storage("volume", "capacitor", ("A",)),),
+        (Resistor("outlet", "linear", {"volume": 1.0}, ("g",)),),
+        (),
+        (Port("pump", {"volume": 1.0}),),
+        as_table(Parameter(n, v) for n, v in {"A": 2.0, "g": 0.5, "C_T": 3.0, "R_T": 4.0, "T": 290.0}.items()),
+        "volume",
+        memories=(Memory("theta", "thermal", ("C_T", "R_T", "T", "T")),),
+    )
+    program, u = compile_network(network), np.array([0.3])
+    np.testing.assert_allclose(equilibrium(program, network, u), [0.3 / 0.5 * 2.0, 4.0 * 0.3**2 / 0.5], rtol=1e-12)
+    found = equilibrium_derivative(program, network, u, np.array([program.names.index(n) for n in ("g", "R_T")]))
+    np.testing.assert_allclose(found, [[-2.4, 0.0], [-1.44, 0.18]], rtol=1e-6, atol=1e-9)
+    assert equilibrium(program, network, np.zeros(1)).tolist() == [0.0, 0.0]
 
 
 def test_the_file_is_the_function() -> None:
