@@ -62,7 +62,7 @@ def test_actuator_at_a_step_a_hundred_times_its_fastest_mode() -> None:
     assert 1e-5 < x[:, 2].abs().max() < 1e-3
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=pytest.mark.slow)])
 def test_agrees_with_radau_at_second_order(seed: int) -> None:
     network = random_network(seed, 4, 3, 1, monotone=True)
     system = PortHamiltonianSystem(network)
@@ -74,7 +74,7 @@ def test_agrees_with_radau_at_second_order(seed: int) -> None:
             u = torch.full((1,), np.sin(t), dtype=torch.float64)
             return system.vector_field(torch.from_numpy(x), u).numpy()
 
-    reference = solve_ivp(rate, (0.0, 0.5), start[0], method="Radau", rtol=1e-9, atol=1e-11).y[:, -1]
+    reference = solve_ivp(rate, (0.0, 0.5), start[0], method="Radau", rtol=1e-8, atol=1e-10).y[:, -1]
     errors = []
     for steps in (20, 40):
         h = 0.5 / steps
