@@ -7,7 +7,6 @@ import secrets
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +20,10 @@ from phnn.demo import EFFECTS, generate, open_seal, write_seal
 from phnn.diagnose.diagnosis import Diagnosis, score_on_all
 from phnn.diagnose.diagnosis import diagnose as run_diagnosis
 from phnn.errors import PhnnError
-from phnn.identify.base import Options, Progress, identify_base, identify_bouc_wen
+from phnn.identify.base import Options, Progress, identify_base
 from phnn.identify.evaluate import Evaluation, evaluate
 from phnn.identify.fit import Fit
 from phnn.identify.problem import Plan
-from phnn.identify.staged import identify_actuator
 from phnn.models.store import load, save
 from phnn.recordings import Campaign, describe, read
 from phnn.report import console_summary
@@ -33,6 +31,7 @@ from phnn.report.files import write_atomic
 from phnn.report.result import finite, write
 
 _CLASS = 3
+_PIPE = 200
 
 
 @contextmanager
@@ -122,21 +121,18 @@ def predict(model: Path, folder: Path, out: Path, manifest: Path | None) -> None
 
 
 def compare(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any]) -> None:
-    """Fit the port-Hamiltonian, the Bouc–Wen and the linear model; writes ``compare.json``."""
-    campaign = read(folder, manifest)
-    options = Options.from_config(config)
+    """Fit several kinds of model to a folder; see `phnn.compare.run.compare` for what it writes."""
+    from phnn.compare.run import compare as run_comparison
+    from phnn.compare.run import show
+    from phnn.compare.settings import Settings
+
+    settings = Settings.from_config(config)
     with _progress() as progress:
-        actuator = {"model": "piezo_actuator", "hysterons": campaign.setup.get("hysterons", 2)}
-        phs = identify_base(replace(campaign, setup=actuator), options, progress)[0]
-        scores = {"phs": score_on_all(phs, campaign)}
-        _write_json(out / "compare.json", _comparison(scores))
-        scores["bouc_wen"] = score_on_all(identify_bouc_wen(phs.plan, campaign, options, progress), campaign)
-        _write_json(out / "compare.json", _comparison(scores))
-        progress("identify linear")
-        linear = {n: a for n, a in campaign.known.items() if n in ("m", "k", "b", "alpha")}
-        scores["linear"] = score_on_all(identify_actuator(phs.plan, linear, 0, 1, options.seed), campaign)
-        _write_json(out / "compare.json", _comparison(scores))
-    Console().print(_score_table(scores))
+        table = run_comparison(read(folder, manifest), out, settings, progress)
+    # A pipe has no width: the whole table fits there.
+    console = Console()
+    show(table, console if console.is_terminal else Console(width=_PIPE))
+    print(f"results: {out / 'compare.md'}   seed: {settings.options.seed}")
 
 
 def train(config: Mapping[str, Any]) -> None:
@@ -172,22 +168,6 @@ def gather(folder: Path) -> pd.DataFrame:
         print(f"{name}: {reason}")
     print(f"results: {folder / 'runs.csv'}")
     return found
-
-
-def _comparison(scores: Mapping[str, Evaluation]) -> dict[str, Any]:
-    """``compare.json`` as a mapping."""
-    return {
-        name: {
-            p.name: {
-                "fit_percent": p.fit_percent,
-                "rmse": p.rmse,
-                "residual_over_noise": p.residual_over_noise,
-                "held_out": p.use == "confirmation",
-            }
-            for p in s.parts
-        }
-        for name, s in scores.items()
-    }
 
 
 def demo(seed: int | None, out: Path, config: Mapping[str, Any]) -> None:

@@ -94,7 +94,7 @@ def _check_key(command: str, override: str, defaults: Mapping[str, Any]) -> None
     key, equals, _ = override.partition("=")
     if not equals:
         raise InputRefused(f"{override!r} is no setting: write key=value with a key out of {accepted}")
-    if key not in defaults:
+    if key.partition(".")[0] not in defaults:
         raise InputRefused(f"unknown setting {key!r} in {override!r}: phnn {command} accepts {accepted}")
 
 
@@ -104,6 +104,8 @@ def _checked(key: str, value: Any, default: Any) -> Any:
     Raises:
         InputRefused: wrong kind or out of range.
     """
+    if isinstance(default, Mapping) and isinstance(value, Mapping):
+        return {str(k): _checked(f"{key}.{k}", v, default[k]) for k, v in value.items()}
     if isinstance(default, bool):
         if not isinstance(value, bool):
             raise InputRefused(f"setting {key}={value} must be true or false")
@@ -113,7 +115,7 @@ def _checked(key: str, value: Any, default: Any) -> Any:
             raise InputRefused(f"setting {key}={value} must be a positive number")
         return float(value)
     if isinstance(default, int):
-        least = _LEAST.get(key, 0)
+        least = _LEAST.get(key.rpartition(".")[2], 0)
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
             raise InputRefused(f"setting {key}={value} must be a whole number, {least} or more")
         return value

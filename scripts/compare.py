@@ -1,20 +1,47 @@
-"""Compare models on a folder of recordings: ``python scripts/compare.py folder=recordings out=out/mine``."""
+"""Compare all models: ``python scripts/compare.py [folder=recordings] [out=out/mine] [compare.models=[phs,linear]]``.
+
+Without a folder it makes recordings that also go beyond the identified range of frequency and amplitude.
+"""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import hydra
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
 
 from phnn import commands
+from phnn.compare.run import compare_on_made, show
+from phnn.compare.settings import Settings
+from phnn.configuration import checked
+from phnn.errors import PhnnError
+from phnn.experiment.recordings import Conditions
+from phnn.identify.base import quiet
 
 
-@hydra.main(version_base=None, config_path="../configs", config_name="experiment/folder")
+def run(config: DictConfig) -> None:
+    """Run one comparison from a composed configuration."""
+    chosen = checked("compare", OmegaConf.to_container(config.compare, resolve=True))
+    out = Path(config.out)
+    if config.folder is not None:
+        commands.compare(Path(config.folder), out, Path(config.manifest) if config.manifest else None, chosen)
+        return
+    progress = (lambda message: print(message, file=sys.stderr, flush=True)) if sys.stderr.isatty() else quiet
+    table = compare_on_made(out, Conditions(**config.recordings), Settings.from_config(chosen), progress)
+    show(table, Console() if sys.stdout.isatty() else Console(width=200))
+    print(f"results: {out / 'compare.md'}")
+
+
+@hydra.main(version_base=None, config_path="../configs", config_name="experiment/compare")
 def main(config: DictConfig) -> None:
-    """Fit and score all models from a composed configuration."""
-    manifest = Path(config.manifest) if config.manifest else None
-    commands.compare(Path(config.folder), Path(config.out), manifest, config.compare)
+    """Run, and refuse bad input in one line."""
+    try:
+        run(config)
+    except PhnnError as error:
+        print(f"compare: {error}", file=sys.stderr)
+        sys.exit(error.exit_status)
 
 
 if __name__ == "__main__":

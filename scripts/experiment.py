@@ -22,7 +22,7 @@ from phnn.identify.base import Options, quiet
 def run(config: DictConfig) -> None:
     """Run one experiment from a composed configuration."""
     progress = (lambda message: print(message, file=sys.stderr, flush=True)) if sys.stderr.isatty() else quiet
-    options = Options.from_config(checked("compare", config.fit))
+    options = Options.from_config(checked("identify", config.fit))
     out = Path(config.out)
     if config.folder is None:
         comparison = run_paper(out, Conditions(**config.recordings), options, progress)

@@ -15,7 +15,7 @@ from phnn.identify.evaluate import PartScore
 from phnn.models.actuator import from_paper
 from phnn.models.bouc_wen import bouc_wen
 from phnn.report.figures import Drawing
-from phnn.report.formatting import number, percent, with_error
+from phnn.report.formatting import markdown_table, number, percent, with_error
 from phnn.setup import Setup
 
 SCHEMA = "phnn.experiment/1"
@@ -119,7 +119,7 @@ def markdown(comparison: Comparison, made: Made | None, folder: str, drawings: S
     """The experiment for a person: what was recorded, Table 3, parameters, figures."""
     rows = comparison.rows()
     head = heads(rows)
-    table = _table(head, [cells(row, len(head)) for row in rows])
+    table = markdown_table(head, [cells(row, len(head)) for row in rows])
     lines = [f"# Both models on {folder}", "", _origin(made), "", "## Table 3", ""]
     lines += ["Fit in percent as MATLAB's `compare`, and the root mean square error in µm in brackets.", "", *table]
     lines += ["", _held_out(comparison), ""]
@@ -129,7 +129,7 @@ def markdown(comparison: Comparison, made: Made | None, folder: str, drawings: S
             [n, f"{_value(v['value'], v['std'])} {v['unit']}", number(v["published"], 5), v["held"] or ""]
             for n, v in values.items()
         ]
-        lines += [*_table(["parameter", "refitted", "published", "note"], body), ""]
+        lines += [*markdown_table(["parameter", "refitted", "published", "note"], body), ""]
     lines += ["## Figures", ""]
     for drawing in drawings:
         lines += [f"![{drawing.alt}](figures/{drawing.file})", ""]
@@ -138,11 +138,6 @@ def markdown(comparison: Comparison, made: Made | None, folder: str, drawings: S
 
 def _value(value: float, std: float | None) -> str:
     return number(value, 5) if std is None else with_error(value, std)
-
-
-def _table(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
-    rule = ["---"] * len(head)
-    return [f"| {' | '.join(cell.replace('|', '/') for cell in line)} |" for line in [head, rule, *body]]
 
 
 def _origin(made: Made | None) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 DASH = "–"
@@ -152,6 +152,12 @@ def change(before: float | None, after: float | None) -> str:
     if abs(relative) < 0.05:
         return "0 %"
     return f"{'+' if relative > 0 else '−'}{_fixed(abs(relative), 1)} %"
+
+
+def markdown_table(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
+    """The lines of a table in markdown; a bar within a cell becomes a slash."""
+    rule = ["---"] * len(head)
+    return [f"| {' | '.join(cell.replace('|', '/') for cell in line)} |" for line in [head, rule, *body]]
 
 
 @dataclass(frozen=True)

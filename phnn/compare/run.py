@@ -1,0 +1,105 @@
+"""One comparison from recordings to tables and figures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as Printed
+
+from phnn.compare.document import Table, cells, heads, markdown, scores, table_csv, table_of
+from phnn.compare.figures import draw_all
+from phnn.compare.models import Bench
+from phnn.compare.settings import Settings
+from phnn.experiment.recordings import Conditions, Made, comparison_plan, write_recordings
+from phnn.identify.base import Progress, quiet
+from phnn.recordings import Campaign, read
+from phnn.report.figures import Drawing
+from phnn.report.files import write_atomic
+from phnn.report.formatting import number
+from phnn.report.result import finite
+
+
+def compare(campaign: Campaign, out: Path, settings: Settings, progress: Progress = quiet, origin: str = "") -> Table:
+    """Fit all models that are asked for to the identification recordings and score them on all.
+
+    Writes ``compare.json`` and ``models.json`` after every model, ``compare.csv``, ``compare.md`` and ``figures/`` at
+    the end, and each model into a folder of its own. Models that were finished before are read back.
+
+    Args:
+        campaign: recordings with their uses.
+        out: where the results go.
+        settings: which models, and how they are fitted.
+        progress: told what is done.
+        origin: where the recordings come from, for the page of markdown.
+
+    Raises:
+        InputRefused: recordings that cannot be used, or results of other settings lie in ``out``.
+    """
+    bench = Bench(campaign, settings, out, progress)
+    results = []
+    for model in settings.models:
+        results.append(bench.result(model))
+        table = table_of(campaign, results)
+        _write_json(out / "compare.json", scores(table))
+        _write_json(out / "models.json", table.facts)
+    progress("draw")
+    drawings = draw_all(table, campaign, results)
+    for drawing in drawings:
+        write_atomic(out / "figures" / drawing.file, drawing.png)
+    write_atomic(out / "compare.csv", table_csv(table).encode())
+    write_atomic(out / "compare.md", _page(table, campaign, origin, drawings).encode())
+    return table
+
+
+def compare_on_made(out: Path, conditions: Conditions, settings: Settings, progress: Progress = quiet) -> Table:
+    """Make recordings in ``out/recordings`` that also go beyond the identified range, and compare on them.
+
+    Raises:
+        InputRefused: settings, or a folder that holds files of others.
+        SolverFailed: the second effect cannot be made as strong as asked.
+    """
+    progress("make recordings")
+    made = write_recordings(out / "recordings", conditions, comparison_plan())
+    return compare(read(out / "recordings"), out, settings, progress, _origin(made))
+
+
+def _origin(made: Made) -> str:
+    """What the recordings are, in words."""
+    c = made.conditions
+    text = (
+        "Recordings simulated from Table 1 of the paper by an independent generator: sines from rest, three periods of "
+        f"2500 samples, white noise of {c.noise_um:g} µm, least step {c.step_nm} nm, displacement zeros, seed {c.seed}."
+    )
+    if c.effect == "none":
+        return f"{text} Nothing else is in them: the class of port-Hamiltonian models with dead zones holds the truth."
+    values = ", ".join(f"{n} = {number(v)}" for n, v in made.parameters.items())
+    return (
+        f"{text} A second effect, {c.effect} ({values}; SI), leaves {number(made.residual * 1e6, 2)} µm r.m.s. beyond "
+        "a refit of Table 1: no model is exact."
+    )
+
+
+def _page(table: Table, campaign: Campaign, origin: str, drawings: list[Drawing]) -> str:
+    words = origin or "Fitted to the identification recordings of the folder named above."
+    return markdown(table, f"All models on {campaign.folder}", words, drawings) + "\n"
+
+
+def _write_json(path: Path, content: Mapping[str, Any]) -> None:
+    write_atomic(path, (json.dumps(finite(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
+
+
+def show(table: Table, console: Console) -> None:
+    """Print fit and residual over noise, recordings grouped by use."""
+    printed = Printed(*heads(table), title="fit % (residual over noise)")
+    last = ""
+    for name in table.grouped:
+        if last and table.uses[name] != last:
+            printed.add_section()
+        last = table.uses[name]
+        printed.add_row(*(escape(cell) for cell in cells(table, name)))
+    console.print(printed)

@@ -1,0 +1,178 @@
+"""Whole comparisons on small recordings: what is written, what is read back, what is refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import compare_example as example
+import numpy as np
+import pytest
+
+from phnn.cli import main
+from phnn.compare import models
+from phnn.compare.run import compare
+from phnn.compare.settings import MODELS, Settings
+from phnn.configuration import compose
+from phnn.errors import InputRefused
+from phnn.models.store import load
+from phnn.recordings import Campaign, read
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    return read(example.written(tmp_path_factory.mktemp("compare") / "recordings"))
+
+
+@pytest.fixture(scope="module")
+def out(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of all models."""
+    folder = tmp_path_factory.mktemp("compared")
+    with pytest.MonkeyPatch.context() as patch:
+        few(patch)
+        compare(campaign, folder, example.settings())
+    return folder
+
+
+def few(patch: pytest.MonkeyPatch) -> None:
+    """Random inputs that cost little."""
+    all_inputs = models.supply
+    patch.setattr(models, "supply", lambda response, recordings, seed: all_inputs(response, recordings, 20, seed))
+
+
+def content(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(path.read_text())
+    return found
+
+
+def test_scores_of_all_models_on_all_recordings(out: Path) -> None:
+    found = content(out / "compare.json")
+    assert tuple(found) == MODELS
+    uses = {"sine_070Hz_75V": "confirmation", "sine_070Hz_30V": "outside"}
+    for rows in found.values():
+        assert set(rows) == {example.recording(*d).name for d in example.DRIVES}
+        for name, row in rows.items():
+            assert row["use"] == uses.get(name, "identification")
+            assert row["held_out"] == (name in uses)
+            assert np.isfinite([row["fit_percent"], row["rmse"], row["residual_over_noise"]]).all()
+            assert np.isfinite([row["loop_area_error"], row["loop_area_noise"]]).all()
+            assert len(row["harmonics"]["error"]) == len(row["harmonics"]["relative"]) == 5
+    assert all(row["residual_over_noise"] < 1.2 for row in found["phs"].values())
+    exact, crude = found["phs"]["sine_070Hz_30V"], found["linear"]["sine_070Hz_30V"]
+    assert abs(exact["loop_area_error"]) < 5.0 * exact["loop_area_noise"] < abs(crude["loop_area_error"])
+    assert exact["harmonics"]["error"][0] < crude["harmonics"]["error"][0]
+
+
+def test_facts_of_all_models(out: Path) -> None:
+    found = content(out / "models.json")
+    assert tuple(found) == MODELS
+    for model, facts in found.items():
+        assert facts["seed"] == 0
+        assert facts["parameters"] > 0
+        assert facts["seconds"] >= 0.0
+        balance, supplied = facts["passivity"]["power_balance"], facts["passivity"]["supply"]
+        if model in ("bouc_wen", "neural_ode"):
+            assert balance["violations"] is None
+            assert "energy" in balance["reason"]
+        else:
+            assert balance["violations"] == 0
+        assert supplied["inputs"] + supplied["failed"] == 20
+        assert model in ("bouc_wen", "neural_ode", "neural_phs") or supplied["violations"] == 0
+
+
+def test_what_is_written(out: Path) -> None:
+    assert {p.name for p in out.iterdir()} == {
+        "compare.json", "models.json", "compare.csv", "compare.md", "figures", *MODELS,
+    }  # fmt: skip
+    for model in ("phs", "phs_neural", "bouc_wen", "linear"):
+        setup, substeps = load(out / model)
+        assert setup.parameters
+        assert substeps >= 1
+    lines = (out / "compare.csv").read_text().splitlines()
+    assert len(lines) == 1 + 4 * len(MODELS)
+    page = (out / "compare.md").read_text()
+    figures = sorted(p.name for p in (out / "figures").iterdir())
+    assert len(figures) == 6
+    for name in figures:
+        assert f"figures/{name}" in page
+    assert "held out, outside" in page
+
+
+def test_finished_models_are_read_back(out: Path, campaign: Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = (out / "compare.json").read_bytes()
+
+    def refit(*_: object) -> None:
+        raise AssertionError("a model is fitted again")
+
+    monkeypatch.setattr(models, "_trained", refit)
+    monkeypatch.setattr(models, "_FITTED", dict.fromkeys(("phs", "bouc_wen", "linear"), refit))
+    compare(campaign, out, example.settings())
+    assert (out / "compare.json").read_bytes() == before
+    # What does not enter a result may change, and fewer models may be asked for.
+    compare(campaign, out, example.settings("workers=2", "models=[linear,neural_ode]"))
+    assert set(content(out / "compare.json")) == {"linear", "neural_ode"}
+    for change in ("seed=1", "error_bound_sigma=0.5"):
+        with pytest.raises(InputRefused, match="resume=false"):
+            compare(campaign, out, example.settings(change, "models=linear"))
+    with pytest.raises(InputRefused, match="recipe"):
+        compare(campaign, out, example.settings("neural_ode.stages.long.lbfgs=2", "models=neural_ode"))
+
+
+def test_other_recordings_are_noticed(out: Path, campaign: Campaign) -> None:
+    from dataclasses import replace
+
+    first, *others = campaign.recordings
+    other = replace(campaign, recordings=(replace(first, noise=2.0 * first.noise), *others))
+    with pytest.raises(InputRefused, match="other recordings"):
+        compare(other, out, example.settings("models=linear"))
+
+
+def test_a_stopped_comparison_keeps_what_was_finished(
+    campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few(monkeypatch)
+    fitted: Mapping[str, Any] = models._FITTED
+
+    def stop(bench: models.Bench) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as stopped:
+        stopped.setattr(models, "_FITTED", {**fitted, "linear": stop})
+        with pytest.raises(KeyboardInterrupt):
+            compare(campaign, tmp_path, example.settings("models=[phs,linear]"))
+    assert set(content(tmp_path / "compare.json")) == {"phs"}
+    written = (tmp_path / "phs" / "result.json").read_bytes()
+    compare(campaign, tmp_path, example.settings("models=[phs,linear]"))
+    assert set(content(tmp_path / "compare.json")) == {"phs", "linear"}
+    assert (tmp_path / "phs" / "result.json").read_bytes() == written
+    (tmp_path / "linear" / "outputs.npz").write_bytes(b"half")
+    with pytest.raises(InputRefused, match="delete"):
+        compare(campaign, tmp_path, example.settings("models=[phs,linear]"))
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("models=[phs,transformer]", "nothing is called 'transformer'"),
+        ("models=[]", "none is named"),
+        ("neural_ode.depth=3", "neural_ode.depth"),
+        ("neural_ode.stages.short.lbfgs=many", "lbfgs=many"),
+        ("neural_ode.stages.short.lbfgs=-1", "whole number, 0 or more"),
+        ("neural_ode.longest_step=-1.0", "positive"),
+    ],
+)
+def test_wrong_settings_are_refused(
+    override: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["compare", str(tmp_path), "--out", str(tmp_path / "out"), override]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+
+
+def test_all_means_all_in_one_order() -> None:
+    assert Settings.from_config(compose("compare", ["models=all"])).models == MODELS
+    assert Settings.from_config(compose("compare", ["models=[linear,phs]"])).models == ("phs", "linear")
+    assert {"phs", "bouc_wen", "linear"} <= set(Settings.from_config(compose("compare")).models)
