@@ -164,8 +164,8 @@ _CYCLES = (
     "displacement, in nm; what the noise alone does to either stands in its column."
 )
 _SUPPLY = (
-    "Power balance: at how many of 10,000 random states and inputs storage grows faster than energy is supplied at the "
-    "model's own port. Supply: under how many of 10,000 random voltages from rest ∫ V q̇ dt falls below zero by more "
+    "Power balance: at how many random states and inputs storage grows faster than energy is supplied at the "
+    "model's own port. Supply: under how many random voltages from rest ∫ V q̇ dt falls below zero by more "
     "than a thousandth of ∫ |V q̇| dt, which no passive actuator with the paper's port allows."
 )
 
@@ -209,7 +209,7 @@ def _models(table: Table) -> list[str]:
         counted = balance["violations"]
         body.append([
             HEADS[model], facts["kind"], str(facts["parameters"]), number(facts["seconds"]),
-            str(counted) if counted is not None else balance["reason"],
+            f"{counted} of {balance['states']}" if counted is not None else balance["reason"],
             f"{supplied['violations']} of {supplied['inputs']}", facts["gradient"],
         ])  # fmt: skip
     return markdown_table(["model", "kind", "parameters", "seconds", "power balance", "supply", "fitted by"], body)

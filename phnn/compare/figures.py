@@ -97,7 +97,7 @@ def _dots(
         )  # fmt: skip
     _log_axis(axes.set_xscale, axes)
     if floor is not None:
-        axes.axvline(floor, color="#4d555c", linewidth=1.0, dashes=(3, 2), zorder=0)
+        axes.axvline(floor, color="#4d555c", linewidth=1.0, dashes=(3, 2), zorder=0, label="noise floor")
     words = [f"{literal(n, 34)}  ({_GROUPS[table.uses[n]]})" for n in places]
     axes.set_yticks(list(places.values()), words)
     axes.set_ylim(max(places.values()) + 0.6, -0.6)

@@ -66,7 +66,7 @@ def train(
         folder: gets one folder a stage.
         seed: of initial weights.
         resume: go on from what lies in the folder.
-        substeps: steps a sample interval, of networks.
+        substeps: steps a sample interval when it is scored; training takes those of its stages.
         base: identified model to start from.
         progress: told one line an epoch.
 
@@ -82,14 +82,14 @@ def train(
     used, held = (_thinned(rs, recipe, plant) for rs in (training, validation))
     seconds, losses = 0.0, {}
     for stage, given in recipe.stages.items():
-        settings = _settings(name, stage, given, recipe, campaign, folder / stage, seed, resume, substeps)
+        settings = _settings(name, stage, given, recipe, campaign, folder / stage, seed, resume)
         objective = Objective(plant, solver, used, settings.window, settings.substeps, settings.continuity)
         told = _told(progress, f"train {name}, {stage}")
         validate = _validation(plant, solver, held, settings.substeps) if held else None
         found = Trainer(objective, validate, settings, told).run()
         seconds, losses[stage] = seconds + found.seconds, found.best
     progress(f"score {name}")
-    scores = evaluate(plant, solver, campaign.recordings, settings.substeps, {})
+    scores = evaluate(plant, solver, campaign.recordings, substeps, {})
     count = sum(p.numel() for p in plant.trained())
     torch.save(plant.state_dict(), folder / "weights.pt")
     return Trained(plant, solver, scores, count, seconds, losses, aside)
@@ -109,15 +109,14 @@ def _plant(recipe: Recipe, campaign: Campaign, seed: int, base: Path | None) -> 
 
 
 def _settings(
-    name: str, stage: str, given: Any, recipe: Recipe, campaign: Campaign, home: Path, seed: int, resume: bool,
-    substeps: int,
-) -> Settings:  # fmt: skip
+    name: str, stage: str, given: Any, recipe: Recipe, campaign: Campaign, home: Path, seed: int, resume: bool
+) -> Settings:
     """The settings of one stage.
 
     Raises:
         InputRefused: a key that training does not have.
     """
-    none = {"adam": 0, "lbfgs": 0, "gauss_newton": 0, "tensorboard": False, "substeps": substeps}
+    none = {"adam": 0, "lbfgs": 0, "gauss_newton": 0, "tensorboard": False}
     own = {
         "folder": campaign.folder, "out": str(home), "model": dict(recipe.model), "solver": dict(recipe.solver),
         "seed": seed, "resume": resume,
@@ -141,7 +140,7 @@ def _thinned(recordings: Sequence[Recording], recipe: Recipe, plant: Plant) -> l
 
     A slow recording needs steps as short as a fast one's dynamics, not as many samples a period.
     """
-    if recipe.longest_step is None:
+    if recipe.longest_step is None or not recordings:
         return list(recordings)
     assert isinstance(plant.core, FullyNeural | NeuralODE)
     longest = recipe.longest_step * plant.core.scales.time

@@ -34,7 +34,8 @@ QUICK = (
     *(f"{m}.model.states=3" for m in ("neural_phs", "neural_ode")),
     *(f"{m}.stages.{s}.lbfgs=1" for m in ("neural_phs", "neural_ode") for s in ("short", "long")),
     *(f"{m}.stages.{s}.lbfgs_iterations=1" for m in ("neural_phs", "neural_ode") for s in ("short", "long")),
-    *(f"{m}.stages.long.window=101" for m in ("neural_phs", "neural_ode")),
+    *(f"{m}.stages.long.window=51" for m in ("neural_phs", "neural_ode")),
+    *(f"{m}.{key}" for m in ("neural_phs", "neural_ode") for key in ("longest_step=0.7", "least_per_period=20")),
 )  # fmt: skip
 
 
