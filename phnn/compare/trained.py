@@ -75,7 +75,7 @@ def train(
         SolverFailed: the model could not be simulated however small the steps of training.
     """
     torch.manual_seed(seed)
-    aside = validation_names(campaign, ())
+    aside = validation_names(campaign, None)
     training, validation = set_aside(campaign.recordings, aside)
     plant = _plant(recipe, campaign, seed, base)
     solver = solver_for(recipe.solver, plant)
