@@ -83,7 +83,7 @@ def sine(frequency: float, amplitude: float = PEAK, periods: int = 3, samples: i
     """Whole periods of a sine that starts from rest at zero."""
     duration = periods / frequency
     piece = Piece(0.0, duration, amplitude=amplitude, frequency=frequency)
-    return Excitation(f"sine_{frequency:03.0f}Hz_{amplitude:.0f}V", (piece,), duration / samples, samples)
+    return Excitation(f"sine_{frequency:03.0f}Hz_{amplitude:g}V", (piece,), duration / samples, samples)
 
 
 def step(amplitude: float = PEAK, before: float = 0.1, hold: float = 2.0, after: float = 0.9) -> Excitation:

@@ -14,13 +14,14 @@ import numpy as np
 
 from phnn.demo.actuator import TABLE, Array, simulate_all
 from phnn.demo.concealed import EFFECTS, described, draw, drifts
-from phnn.demo.excitation import Excitation, chirp, sine, step
+from phnn.demo.excitation import PEAK, Excitation, chirp, sine, step
 from phnn.demo.folder import MANIFEST, measured, refuse_strangers, write_manifest, write_recording
 from phnn.demo.strength import find_strength, ruler
 from phnn.errors import InputRefused
 
 IDENTIFICATION_HZ = (1.0, 50.0, 100.0, 150.0)
 VALIDATION_HZ = (10.0, 25.0, 75.0)
+HALF_HZ = (10.0, 75.0, 150.0)  # at half the voltage
 _WEIGHING = 1e-4  # standard deviation of the weighed mass over the mass
 
 
@@ -83,16 +84,35 @@ def paper_plan() -> tuple[dict[str, str], tuple[Excitation, ...]]:
     return {e.name: "identification" if e.name in chosen else "confirmation" for e in plan}, plan
 
 
-def write_recordings(folder: Path, conditions: Conditions) -> Made:
+def comparison_plan() -> tuple[dict[str, str], tuple[Excitation, ...]]:
+    """Use by recording name, and the recordings: the paper's seven sines of 75 V, and five that go beyond them.
+
+    Beyond are twice the highest frequency, half the voltage, and 1.2 times the voltage; all of them are held out.
+    """
+    inside = {f: sine(f) for f in sorted((*IDENTIFICATION_HZ, *VALIDATION_HZ))}
+    beyond = (sine(300.0), *(sine(f, 0.5 * PEAK) for f in HALF_HZ), sine(25.0, 1.2 * PEAK))
+    chosen = {inside[f].name for f in IDENTIFICATION_HZ}
+    plan = (*inside.values(), *beyond)
+    return {e.name: "identification" if e.name in chosen else "confirmation" for e in plan}, plan
+
+
+def write_recordings(
+    folder: Path, conditions: Conditions, recordings: tuple[dict[str, str], tuple[Excitation, ...]] | None = None
+) -> Made:
     """Simulate the campaign, add what a sensor adds, and write one csv for each recording and ``recordings.yaml``.
 
     The mass of Table 1 is given as weighed; nothing in the folder tells the second effect.
+
+    Args:
+        folder: gets the files.
+        conditions: how the recordings differ from what Table 1 predicts.
+        recordings: use by name, and what drives them; those of the paper if left out.
 
     Raises:
         InputRefused: the folder holds files of others.
         SolverFailed: the effect cannot be made as strong as asked.
     """
-    uses, plan = paper_plan()
+    uses, plan = recordings or paper_plan()
     refuse_strangers(folder, plan)
     shape, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(conditions.seed).spawn(2))
     outputs, made = _outputs(conditions, plan, shape)
