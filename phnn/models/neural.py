@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import torch
@@ -21,10 +20,10 @@ LAWS = ("damping", "monotone")
 
 # A slope that moves the effort by less than this share of d/2 at the fastest motion is as good as a vertical one.
 _FINEST = 0.01
-# Hysterons of which nothing is known carry these shares of the fastest current where their efforts end, one after the
-# other: one that mostly slips in fast recordings and one that slips in slow ones.
+# Hysterons of which nothing is known slip at this share of their effort scale, the second at half of it, and so on; the
+# slope there carries these shares of the fastest current at the scale, one that mostly slips and one that does not.
+_STAGGERED = 2.0 / 3.0
 _CARRIED = (1.0, 0.02)
-_POWER = 3
 _POINTS = 200
 _ITERATIONS = 200
 
@@ -54,9 +53,10 @@ def neural_hrc(
         hysterons: ``n ≥ 1``.
         width: units of every learned resistor.
         start: ``parametric``: each learned resistor is first fitted to the dead zone of ``values``, with a slope no
-            steeper than recordings of this ``speed`` resolve; ``none``: to a cubic, which says no more than that a
-            hysteron gives way the sooner the larger its effort. From a linear resistor, which has no amplitude at which
-            anything happens, training ends in a model whose hysterons are dampers.
+            steeper than recordings of this ``speed`` resolve; ``none``: to thresholds that the drive alone gives, at
+            staggered shares of the effort scale, as play operators are usually laid out. Two starts without any
+            threshold were tried: from linear resistors training ends in hysterons that are dampers, from cubic ones it
+            comes down tenfold more slowly.
         law: ``damping`` (`DampingMLP`, sign-constrained) or ``monotone`` (`MonotoneMLP`).
         symmetric: odd resistors; of ``damping`` only.
         spring_width: units of a learned convex spring (`EnergyMLP`) fitted to ``k q²/2`` first; 0 for a linear one.
@@ -79,15 +79,14 @@ def neural_hrc(
     laws = []
     for i in range(1, hysterons + 1):
         effort, flow = 0.5 * v["alpha"] * reach / v[f"C_{i}"], v["alpha"] * speed
-        untrained = partial(_untrained, law, effort, width, symmetric, seed + i)
         if start == "parametric":
-            rho = min(v[f"rho_{i}"], flow / (_FINEST * 0.5 * v[f"d_{i}"]))
-            laws.append(untrained(rho))
-            fit_dead_zone(laws[-1], rho, v[f"d_{i}"], 2.5 * effort)
+            zone = v[f"d_{i}"]
+            rho = conductance = min(v[f"rho_{i}"], flow / (_FINEST * 0.5 * zone))
         else:
-            carried = _CARRIED[(i - 1) % len(_CARRIED)] * flow
-            laws.append(untrained(2.0 * carried / effort))
-            fit_power(laws[-1], carried, effort / i, 2.5 * effort)
+            zone, carried = 2.0 * _STAGGERED * effort / i, _CARRIED[(i - 1) % len(_CARRIED)] * flow
+            rho, conductance = carried * i / ((1.0 - _STAGGERED) * effort), 2.0 * carried / effort
+        laws.append(_untrained(law, effort, conductance, width=width, symmetric=symmetric, seed=seed + i))
+        fit_dead_zone(laws[-1], rho, zone, 2.5 * effort)
     network = replace(known, resistors=_with_laws(known.resistors, laws))
     if spring_width:
         network = _with_spring(network, v["k"], reach, spring_width)
@@ -95,7 +94,7 @@ def neural_hrc(
 
 
 def _untrained(
-    law: str, effort: float, width: int, symmetric: bool, seed: int, conductance: float
+    law: str, effort: float, conductance: float, width: int, symmetric: bool, seed: int
 ) -> DampingMLP | MonotoneMLP:
     """A resistor of a typical conductance."""
     if law == "monotone":
@@ -122,26 +121,6 @@ def fit_dead_zone(
     near = half * torch.linspace(0.8, 1.2, _POINTS // 2, dtype=torch.float64)
     effort = torch.cat([even, near, -near])
     target = rho * (torch.relu(effort - half) - torch.relu(-effort - half))
-    return _fit(law, law, effort, target)
-
-
-def fit_power(
-    law: DampingMLP | MonotoneMLP,
-    flow: float,
-    scale: float,
-    reach: float,
-) -> float:
-    """Fit a learned resistor on ``|ε| ≤ reach`` [V] to ``φ = f sign(ε) |ε/s|³``, beyond ``s`` to its tangent.
-
-    Args:
-        flow: ``f`` [A]; scale: ``s`` [V].
-
-    Returns:
-        The root mean square error of the flow relative to that of the target's.
-    """
-    effort = torch.linspace(-reach, reach, 2 * _POINTS, dtype=torch.float64)
-    share = effort.abs() / scale
-    target = flow * effort.sign() * torch.where(share < 1.0, share**_POWER, 1.0 + _POWER * (share - 1.0))
     return _fit(law, law, effort, target)
 
 

@@ -42,14 +42,16 @@ def test_a_parametric_start_is_the_dead_zone(law: str) -> None:
 
 
 @pytest.mark.parametrize("law", ["damping", "monotone"])
-def test_without_a_start_it_is_a_cubic_that_knows_of_no_threshold(law: str) -> None:
-    network = neural_hrc(2, 16, start="none", law=law, reach=1.2e-4, speed=0.1)
-    for i, share in ((1, 1.0), (2, 0.02)):
-        scale = 0.5 * TABLE_1["alpha"] * 1.2e-4 / TABLE_1[f"C_{i}"] / i
-        effort = scale * torch.tensor([-2.0, -1.0, -0.6, 0.6, 1.0, 2.0], dtype=torch.float64)
-        flow = share * TABLE_1["alpha"] * 0.1
-        expected = flow * np.array([-4.0, -1.0, -0.216, 0.216, 1.0, 4.0])
-        np.testing.assert_allclose(network.resistors[i - 1].law(effort).detach(), expected, atol=0.3 * flow)
+def test_without_a_start_thresholds_are_those_of_the_drive(law: str) -> None:
+    told = {"rho_1": 1.0, "rho_2": 2.0, "d_1": 3.0, "d_2": 4.0}
+    networks = [neural_hrc(2, 16, start="none", law=law, values=values) for values in ({}, told)]
+    for i in (1, 2):
+        scale = 0.5 * TABLE_1["alpha"] * 1.2e-4 / TABLE_1[f"C_{i}"]
+        for network in networks:
+            resistor = network.resistors[i - 1].law
+            largest = 0.9 * float(resistor(torch.tensor(2.0 * scale, dtype=torch.float64)).detach())
+            low, high = thresholds(resistor, largest, 2.5 * scale)
+            assert (low, high) == pytest.approx((-scale / 1.5 / i, scale / 1.5 / i), rel=0.03)
 
 
 def test_a_learned_spring_starts_as_the_linear_one() -> None:
