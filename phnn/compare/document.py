@@ -127,9 +127,7 @@ def table_csv(table: Table) -> str:
         for model, rows in table.entries.items():
             e = rows[name]
             cycles = [""] * 7 if e.cycles is None else [e.cycles.area, e.cycles.area_noise, *e.cycles.harmonics]
-            writer.writerow(
-                [name, USES[table.uses[name]], model, e.fit_percent, e.rmse, e.residual_over_noise, *cycles]
-            )
+            writer.writerow([name, table.uses[name], model, e.fit_percent, e.rmse, e.residual_over_noise, *cycles])
     return out.getvalue()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -56,12 +56,14 @@ class Bench:
 
     Attributes:
         campaign: the recordings; settings: of the comparison; out: where the results go; progress: told what is done.
+        done: models that were fitted or read back, because others begin from them.
     """
 
     campaign: Campaign
     settings: Settings
     out: Path
     progress: Progress
+    done: dict[str, Result] = field(default_factory=dict)
 
     def home(self, model: str) -> Path:
         """The folder of a model."""
@@ -73,11 +75,14 @@ class Bench:
         Raises:
             InputRefused: the one that lies there was made otherwise.
         """
+        if model in self.done:
+            return self.done[model]
         made_with, recordings = self.settings.of(model), digest(self.campaign)
         found = kept(model, self.home(model), made_with, recordings) if self.settings.resume else None
         if found is None:
             found = _FITTED[model](self) if model in _FITTED else _trained(self, model)
             keep(found, self.home(model), made_with, recordings)
+        self.done[model] = found
         return found
 
     def plan(self) -> Plan:
