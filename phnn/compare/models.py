@@ -177,5 +177,5 @@ def _passivity(bench: Bench, model: str, response: Response, plant: Plant | None
     seed, voltage = bench.settings.options.seed, max(float(np.abs(r.u).max()) for r in recordings)
     counted = None if plant is None else violations(plant, voltage, STATES, seed)
     balance: dict[str, Any] = {"states": STATES, "violations": counted}
-    found: Supply = supply(response, recordings, seed=seed)
+    found: Supply = supply(response, recordings, bench.settings.inputs, seed)
     return {"power_balance": balance if counted is not None else balance | {"reason": why}, "supply": asdict(found)}

@@ -9,9 +9,10 @@ from typing import Any
 from phnn.errors import InputRefused
 from phnn.identify.base import Options
 
-# In the order in which they are fitted and shown: phs_neural begins from phs.
-PARAMETRIC = ("phs", "bouc_wen", "linear")
 TRAINED = ("phs_neural", "neural_phs", "neural_ode")
+# These begin without an identified model.
+BLACK_BOXES = ("neural_phs", "neural_ode")
+# In the order in which they are fitted and shown: phs_neural begins from phs.
 MODELS = ("phs", "phs_neural", "neural_phs", "bouc_wen", "linear", "neural_ode")
 
 
@@ -42,12 +43,14 @@ class Settings:
     Attributes:
         options: of the identification of parametric models.
         models: which to fit, in the order of `MODELS`.
+        inputs: random voltages under which the supplied energy is accounted for, see `phnn.compare.supply`.
         resume: read finished models of an earlier run back, and go on where a training was stopped.
         recipes: of the neural models, by name.
     """
 
     options: Options
     models: tuple[str, ...]
+    inputs: int
     resume: bool
     recipes: Mapping[str, Recipe]
 
@@ -67,13 +70,14 @@ class Settings:
         if not chosen:
             raise InputRefused(f"models: none is named: choose from {', '.join(MODELS)}, or all")
         recipes = {name: Recipe(**config[name]) for name in TRAINED}
-        return cls(Options.from_config(config), chosen, bool(config["resume"]), recipes)
+        return cls(Options.from_config(config), chosen, int(config["inputs"]), bool(config["resume"]), recipes)
 
     def of(self, model: str) -> dict[str, Any]:
         """All that the result of one model depends on besides the recordings, as plain numbers and texts."""
         # Threads share the work and leave the result as it is.
-        base = {n: getattr(self.options, n) for n in ("seed", "starts", "error_bound_sigma")}
-        if model in PARAMETRIC:
-            return base
-        recipe = vars(self.recipes[model])
-        return (base if model == "phs_neural" else {"seed": self.options.seed}) | {"recipe": recipe}
+        own: dict[str, Any] = {"seed": self.options.seed, "inputs": self.inputs}
+        if model in TRAINED:
+            own |= {"recipe": vars(self.recipes[model])}
+        if model in BLACK_BOXES:
+            return own
+        return own | {n: getattr(self.options, n) for n in ("starts", "error_bound_sigma")}

@@ -31,7 +31,6 @@ from phnn.simulate import simulate
 Array = NDArray[np.float64]
 Response = Callable[[Sequence[Recording]], list[Array]]
 
-INPUTS = 10_000
 _TONES, _SAMPLES, _PERIODS = 4, 257, 2
 _DECADES, _WEAKEST = 1.0, 0.03
 # What counts as extracted, over all that went to and fro: more than solvers and the trapezoidal rule are wrong by.
@@ -54,7 +53,7 @@ class Supply:
     worst: float
 
 
-def supply(respond: Response, recordings: Sequence[Recording], count: int = INPUTS, seed: int = 0) -> Supply:
+def supply(respond: Response, recordings: Sequence[Recording], count: int, seed: int = 0) -> Supply:
     """Simulate a model from rest under random inputs and account for the energy that it was supplied with.
 
     Args:

@@ -72,15 +72,15 @@ def test_what_noise_does_to_them() -> None:
     clean, u = 1e-4 * np.sin(2 * np.pi * f * t - 0.2), 75.0 * np.sin(2 * np.pi * f * t)
     # Noise whose neighbours are half alike.
     correlation = np.array([1.0, 0.5])
-    draws = random.standard_normal((3000, 601))
+    draws = random.standard_normal((800, 601))
     noises = noise * (draws[:, 1:] + draws[:, :-1]) / np.sqrt(2.0)
     r = replace(recorded(t, u, clean, 1.0 / f, noise), noise_correlation=correlation)
     found = [cycle_errors(r, r.parts[0], clean + n) for n in noises]
     areas = np.array([e.area for e in found if e is not None])
     harmonics = np.array([e.harmonics for e in found if e is not None])
     assert found[0] is not None
-    assert np.std(areas) == pytest.approx(found[0].area_noise, rel=0.05)
-    assert np.sqrt(np.mean(harmonics**2)) == pytest.approx(found[0].harmonic_noise, rel=0.03)
+    assert np.std(areas) == pytest.approx(found[0].area_noise, rel=0.1)
+    assert np.sqrt(np.mean(harmonics**2)) == pytest.approx(found[0].harmonic_noise, rel=0.05)
 
 
 def test_a_start_from_rest_is_left_out() -> None:

@@ -33,16 +33,8 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 def out(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of models that are fitted quickly."""
     folder = tmp_path_factory.mktemp("compared")
-    with pytest.MonkeyPatch.context() as patch:
-        few(patch)
-        compare(campaign, folder, example.settings(f"models=[{','.join(QUICK)}]"))
+    compare(campaign, folder, example.settings(f"models=[{','.join(QUICK)}]"))
     return folder
-
-
-def few(patch: pytest.MonkeyPatch) -> None:
-    """Random inputs that cost little."""
-    all_inputs = models.supply
-    patch.setattr(models, "supply", lambda response, recordings, seed: all_inputs(response, recordings, 20, seed))
 
 
 def content(path: Path) -> dict[str, Any]:
@@ -91,8 +83,7 @@ def test_scores_and_facts_of_the_models(out: Path) -> None:
 
 
 @pytest.mark.slow
-def test_all_models_are_compared(campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    few(monkeypatch)
+def test_all_models_are_compared(campaign: Campaign, tmp_path: Path) -> None:
     compare(campaign, tmp_path, example.settings())
     scores, facts = content(tmp_path / "compare.json"), content(tmp_path / "models.json")
     assert tuple(scores) == tuple(facts) == MODELS
@@ -134,7 +125,7 @@ def test_finished_models_are_read_back(out: Path, campaign: Campaign, monkeypatc
     # What does not enter a result may change, and fewer models may be asked for.
     compare(campaign, out, example.settings("workers=2", "models=[linear,neural_ode]"))
     assert set(content(out / "compare.json")) == {"linear", "neural_ode"}
-    for change in ("seed=1", "error_bound_sigma=0.5"):
+    for change in ("seed=1", "error_bound_sigma=0.5", "inputs=21"):
         with pytest.raises(InputRefused, match="resume=false"):
             compare(campaign, out, example.settings(change, "models=linear"))
     with pytest.raises(InputRefused, match="recipe"):
@@ -151,7 +142,6 @@ def test_other_recordings_are_noticed(out: Path, campaign: Campaign) -> None:
 def test_a_stopped_comparison_keeps_what_was_finished(
     campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    few(monkeypatch)
     monkeypatch.setattr(run, "draw_all", lambda *_: [])
     fitted: Mapping[str, Any] = models._FITTED
 
@@ -175,7 +165,6 @@ def test_a_stopped_comparison_keeps_what_was_finished(
 def test_beginning_anew_fits_every_model_once(
     campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    few(monkeypatch)
     monkeypatch.setattr(run, "draw_all", lambda *_: [])
     said: list[str] = []
     for times in (1, 2):
