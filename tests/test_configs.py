@@ -15,6 +15,7 @@ from hydra.core.plugins import Plugins
 from hydra.types import HydraContext, RunMode
 from junctions import march
 
+from phnn.compare import settings as comparison
 from phnn.configuration import compose, compose_groups, config_folder
 from phnn.experiment.recordings import Conditions
 from phnn.identify.base import Options
@@ -56,6 +57,13 @@ def command(name: str) -> None:
         trains("model.start=none")
         return
     given = compose(name)
+    if name == "compare":
+        settings = comparison.Settings.from_config(given)
+        assert settings.options == Options.from_config(given)
+        for recipe in settings.recipes.values():
+            for stage in recipe.stages.values():
+                Settings(folder="a", out="b", model=recipe.model, solver=recipe.solver, **stage)
+        return
     assert set(given) <= set(Options.__dataclass_fields__)
     assert Options.from_config(given) == Options(**given)
 
@@ -72,7 +80,7 @@ def solver(name: str) -> None:
 
 def network(name: str) -> None:
     found = load_network(HOME / "network" / f"{name}.yaml")
-    states, steps = len(found.storages), 20
+    states, steps = len(found.state_names), 20
     marched = march(found, np.ones((steps, len(found.ports))), np.full(steps, 1e-5), np.zeros(states))
     assert np.isfinite(marched.states).all()
     assert marched.states[-1].any()
