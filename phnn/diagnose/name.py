@@ -64,14 +64,15 @@ class Naming:
 def score(
     ground: Ground, effects: Sequence[Effect], generic: Responses | None, seed: int, error: Array | None = None
 ) -> Naming:
-    """Score the effects of a catalogue on a ground.
+    """Score the effects of a catalogue on a ground, those that can be added to its model.
 
     Args:
         generic: responses of local functions, which take part in the supremum: what no catalogue lists is noticed too.
         seed: of the draws from the null.
         error: (N,) weighted numerical error of the simulations.
     """
-    points = [(e, v) for e in effects for v in e.grid(ground.scales)]
+    setup = ground.fit.setup
+    points = [(e, v) for e in effects if e.can_be_added_to(setup) for v in e.grid(ground.scales)]
     directions = [_direction(ground, e, v) for e, v in points]
     raw = np.column_stack([*directions, *([generic.columns] if generic is not None else [])])
     d = ground.project(raw)

@@ -27,6 +27,10 @@ EFFECT = Effect(
     location="amplifier",
     equation=r"\tau_a \dot{V} = u - V",
     statement="The amplifier does not follow its command at once: it is a low-pass with a time constant of {tau_a}.",
+    fingerprint="The output lags by a time that grows into a phase proportional to frequency, and its gain falls with "
+    "the square of it.",
+    separation="A sine well above the corner of the amplifier: a low-pass loses gain there where a delay keeps it; the "
+    "terminal voltage, recorded as well, tells the amplifier from the sensor.",
     references=("Fleming & Leang 2014, Design, Modeling and Control of Nanopositioning Systems, ch. 14",),
     passive=False,
     strength="tau_a",

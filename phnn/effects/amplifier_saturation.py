@@ -26,6 +26,9 @@ EFFECT = Effect(
     location="amplifier",
     equation=r"V = \mathrm{clip}(u, \pm V_{max})",
     statement="The amplifier saturates: beyond {V_max} the voltage no longer follows the command, at any frequency.",
+    fingerprint="Flat tops begin at one amplitude of the command, at every frequency and on both sides.",
+    separation="Sines of rising amplitude about two offsets of the voltage: a limit of the amplifier stays at its "
+    "voltage, a stop at its displacement.",
     references=("Fleming & Leang 2014, Design, Modeling and Control of Nanopositioning Systems, ch. 14",),
     passive=False,
     strength=None,

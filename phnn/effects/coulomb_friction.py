@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, with_network
+from phnn.effects.effect import Effect, Scales, has_motion, with_network
 from phnn.network.elements import Resistor
 from phnn.parameters import positive
 from phnn.setup import Setup
@@ -38,6 +38,10 @@ EFFECT = Effect(
     equation=r"F_f = F_c \tanh(v/v_s)",
     statement="Dry friction of {F_c} acts on the moving part; it turns round with the velocity and does not grow "
     "with it (smoothed over {v_s}).",
+    fingerprint="Odd harmonics whose share of the motion falls as the amplitude grows, and the motion sticks at its "
+    "turning points.",
+    separation="Triangles of small amplitude at two rates: friction holds the output at every reversal by the same "
+    "force, a hysteron slips after the same displacement.",
     references=("Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, Automatica 30",),
     passive=True,
     strength="F_c",
@@ -45,5 +49,6 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("F_c", "v_s"),
+    applies=has_motion,
     neighbours=("extra_hysteron",),
 )

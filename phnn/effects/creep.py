@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales, with_network
+from phnn.effects.effect import Effect, Scales, has_motion, with_network
 from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.parameters import positive
 from phnn.setup import Setup
@@ -41,6 +41,10 @@ EFFECT = Effect(
     equation=r"F_s = k_s\,s, \quad \dot{s} = v - s/\tau_s",
     statement="Part of the stiffness relaxes: a spring of {k_s} gives way with a time constant of {tau_s}, so the "
     "displacement goes on growing after a change of voltage.",
+    fingerprint="The displacement goes on growing long after a step, and the gain falls slowly towards high "
+    "frequencies at a nearly constant phase.",
+    separation="A step to a constant voltage held ten times the creep time and back to zero: creep recovers its whole "
+    "way, a drifting sensor does not turn round and a hysteron stops.",
     references=("Findley, Lai & Onaran 1976, Creep and Relaxation of Nonlinear Viscoelastic Materials",),
     passive=True,
     strength="k_s",
@@ -48,5 +52,6 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("k_s", "tau_s"),
+    applies=has_motion,
     neighbours=("extra_hysteron", "sensor_drift"),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, replace_storage, with_network
+from phnn.effects.effect import Effect, Scales, has_spring, replace_storage, with_network
 from phnn.parameters import Parameter, constant
 from phnn.setup import Setup
 
@@ -29,6 +29,10 @@ EFFECT = Effect(
     equation=r"F_k = k\,q\,(1 + \kappa_3 (q/q_0)^2)",
     statement="The stiffness depends on the amplitude: at a displacement of {q_0} the spring force differs by the "
     "share {kappa_3} from a straight line.",
+    fingerprint="A third harmonic that grows with the cube of the amplitude, and a resonance that moves with the "
+    "amplitude.",
+    separation="Sweeps through the resonance at several amplitudes: a stiffness moves it on every one, a saturated "
+    "amplifier only beyond its limit.",
     references=("Kovacic & Brennan 2011, The Duffing Equation",),
     passive=True,
     strength="kappa_3",
@@ -36,5 +40,6 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("kappa_3", "q_0"),
+    applies=has_spring,
     neighbours=("amplifier_saturation",),
 )

@@ -12,6 +12,8 @@ from phnn.setup import Setup
 LOCATIONS = (
     "amplifier", "electrical", "hysteron", "coupling", "mechanical", "thermal", "sensor", "environment",
 )  # fmt: skip
+# Resistor laws of hysterons: nothing flows between two thresholds.
+DEAD_ZONES = ("dead_zone", "following_dead_zone", "thermal_dead_zone")
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,40 @@ class Scales:
     noise: float
 
 
+def always(setup: Setup) -> bool:
+    """Whatever the setup is."""
+    return True
+
+
+def has_motion(setup: Setup) -> bool:
+    """The output is a displacement ``q`` that a momentum ``p`` moves: forces can act on it."""
+    network = setup.network
+    moves = any({c.to, c.of} == {"q", "p"} for c in network.couplings)
+    return network.output == "q" and "p" in network.storage_names and moves
+
+
+def has_spring(setup: Setup) -> bool:
+    """The displacement ``q`` has a linear spring of its own, which is not there for its position alone."""
+    stiffness = [s.parameters[0] for s in setup.network.storages if s.name == "q" and s.law == "spring"]
+    return has_motion(setup) and any(setup.parameters[name].value > 0.0 for name in stiffness)
+
+
+def has_dead_zones(setup: Setup) -> bool:
+    """Some resistor has a dead zone: there are hysterons."""
+    return any(r.law in DEAD_ZONES for r in setup.network.resistors)
+
+
+def has_plain_dead_zones(setup: Setup) -> bool:
+    """Some resistor has a dead zone that follows no state yet."""
+    return any(r.law == "dead_zone" for r in setup.network.resistors)
+
+
+def has_transducer(setup: Setup) -> bool:
+    """A parameter ``alpha`` is the ratio by which the voltage port acts on the momentum."""
+    ports = setup.network.ports
+    return has_motion(setup) and any(p.name == "voltage" and p.on.get("p") == "alpha" for p in ports)
+
+
 @dataclass(frozen=True)
 class Effect:
     """A member of the catalogue.
@@ -46,12 +82,15 @@ class Effect:
         location: one of `LOCATIONS`.
         equation: LaTeX.
         statement: one or two sentences for a person; ``{parameter}`` is replaced by its value with unit.
+        fingerprint: one sentence: what betrays it in recordings.
+        separation: one sentence: the experiment that separates it from its neighbours.
         references: where the law comes from.
         passive: whether adding it keeps ``J = −Jᵀ``, ``D ≥ 0`` and ``H`` bounded below.
         strength: the parameter that is zero when the effect is absent; None where there is no such parameter.
         one_sided: only positive strengths are physical.
         grid: values of all its parameters to probe, given the scales. Strengths are small there.
         build: adds the effect with given parameter values.
+        applies: whether it can be added to a setup at all.
         needs_command: makes sense only where the recorded voltage is the amplifier's command.
         neighbours: effects that ordinary recordings cannot always tell apart from it.
         contains: effects that are special cases of it, so that it can never fit worse than they do.
@@ -62,6 +101,8 @@ class Effect:
     location: str
     equation: str
     statement: str
+    fingerprint: str
+    separation: str
     references: tuple[str, ...]
     passive: bool
     strength: str | None
@@ -69,6 +110,7 @@ class Effect:
     grid: Callable[[Scales], list[dict[str, float]]]
     build: Callable[[Setup, Mapping[str, float]], Setup]
     parameters: tuple[str, ...]
+    applies: Callable[[Setup], bool] = always
     needs_command: bool = False
     neighbours: tuple[str, ...] = ()
     rescale: Callable[[Mapping[str, float], float], dict[str, float]] | None = None
@@ -87,6 +129,10 @@ class Effect:
             return dict(values)
         factor = max(factor, 1e-3) if self.one_sided else factor
         return dict(values) | {self.strength: values[self.strength] * factor}
+
+    def can_be_added_to(self, setup: Setup) -> bool:
+        """Whether it applies to the setup and is not in it already, under its own parameter names."""
+        return self.applies(setup) and not set(self.parameters) & set(setup.parameters)
 
     def add_to(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         """The setup with this effect at the given parameter values (SI)."""

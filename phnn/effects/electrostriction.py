@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from phnn.effects.effect import Effect, Scales, with_network
+from phnn.effects.effect import Effect, Scales, has_transducer, with_network
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Setup
 
@@ -32,6 +32,10 @@ EFFECT = Effect(
     equation=r"F = \alpha (V + \frac{1}{2} \varepsilon V^2)",
     statement="The force is not proportional to the voltage: electrostriction adds the share {epsilon} times half "
     "the voltage, the same at every frequency.",
+    fingerprint="Even harmonics and a mean shift with the square of the voltage, the same at every frequency and "
+    "without a loop.",
+    separation="Small sines about several offsets of the voltage, far below and near the resonance: electrostriction "
+    "follows the voltage, the others follow the displacement.",
     references=("Uchino 1997, Piezoelectric Actuators and Ultrasonic Motors",),
     passive=True,
     strength="epsilon",
@@ -39,5 +43,6 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("epsilon",),
+    applies=has_transducer,
     neighbours=("displacement_coupling", "quadratic_stiffness", "sensor_nonlinearity"),
 )

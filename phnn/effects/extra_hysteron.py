@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales, with_network
+from phnn.effects.effect import Effect, Scales, has_transducer, with_network
 from phnn.models.actuator import hysteron, hysteron_parameters
 from phnn.setup import Setup
 
@@ -52,6 +52,10 @@ EFFECT = Effect(
     equation=r"\dot{Q}_x = \alpha v - h_x^{-1}(Q_x/C_x)",
     statement="The hysteresis needs one more hysteron: capacitance {C_x}, dead zone {d_x}, conductance {rho_x} outside "
     "it.",
+    fingerprint="Loops whose width grows with the amplitude in another way than the hysterons of the model allow: "
+    "rounder corners.",
+    separation="Slow triangles of many amplitudes, each with a hold at its end: a hysteron needs a displacement to "
+    "slip, creep and friction do not.",
     references=("Díaz, Ramírez, Le Gorrec & Wu, eqs. (1)–(4)",),
     passive=True,
     strength="C_x",
@@ -59,6 +63,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("C_x", "rho_x", "d_x"),
+    applies=has_transducer,
     neighbours=("creep", "coulomb_friction"),
     rescale=rescale,
     # Without a dead zone a hysteron is a Maxwell cell with C = α²/k_s.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from phnn.effects.effect import Effect, Scales, with_network
+from phnn.effects.effect import Effect, Scales, has_plain_dead_zones, with_network
 from phnn.network.elements import Resistor
 from phnn.parameters import Parameter, as_table, constant
 from phnn.setup import Setup
@@ -41,6 +41,10 @@ EFFECT = Effect(
     equation=r"d_i(q) = d_i \max(0, 1 + \kappa_d\, q/q_d)",
     statement="The hysteresis loop is wider on one side: the dead zones grow by the share {kappa_d} per {q_d} of "
     "displacement.",
+    fingerprint="The loop is wider on one side of the displacement than on the other: even harmonics that carry "
+    "dissipation.",
+    separation="Small slow loops about a high and a low offset: thresholds that follow the displacement change their "
+    "width, electrostriction only their slope.",
     references=("Díaz, Ramírez, Le Gorrec & Wu, sec. 2.4.3 (asymmetric actuators)",),
     passive=True,
     strength="kappa_d",
@@ -48,5 +52,6 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("kappa_d", "q_d"),
+    applies=has_plain_dead_zones,
     neighbours=("electrostriction",),
 )

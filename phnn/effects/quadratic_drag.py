@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, with_network
+from phnn.effects.effect import Effect, Scales, has_motion, with_network
 from phnn.network.elements import Resistor
 from phnn.parameters import positive
 from phnn.setup import Setup
@@ -33,6 +33,9 @@ EFFECT = Effect(
     equation=r"F_d = c_2 |v| v",
     statement="A resistance of {c_2} grows with the square of the velocity, so that fast motion is damped more than "
     "slow motion.",
+    fingerprint="The resonance peak grows broader with the amplitude, while slow motion is left as it is.",
+    separation="Sines at the resonance of rising amplitude, the terminal voltage recorded as well: drag limits the "
+    "motion, a slew limit the voltage.",
     references=("Batchelor 1967, An Introduction to Fluid Dynamics, sec. 5.11",),
     passive=True,
     strength="c_2",
@@ -40,5 +43,6 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("c_2",),
+    applies=has_motion,
     neighbours=("slew_limit",),
 )

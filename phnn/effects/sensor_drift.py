@@ -26,6 +26,9 @@ EFFECT = Effect(
     location="sensor",
     equation=r"y = q + r\,t",
     statement="The sensor drifts by {drift_rate}, whatever the actuator does.",
+    fingerprint="A ramp below the lowest excited frequency that goes on whatever the voltage does.",
+    separation="A recording at zero voltage, as long as the others, after a long rest: a sensor drifts then as well, "
+    "creep does not.",
     references=("Fraden 2016, Handbook of Modern Sensors, ch. 3",),
     passive=False,
     strength="drift_rate",

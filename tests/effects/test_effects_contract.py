@@ -16,12 +16,14 @@ from junctions import recording
 from matplotlib.mathtext import MathTextParser
 
 import phnn.effects
+from phnn.configuration import config_folder
 from phnn.effects import Effect, Scales, catalogue, effect
-from phnn.effects.effect import LOCATIONS
+from phnn.effects.effect import LOCATIONS, has_spring
 from phnn.errors import InputRefused
 from phnn.integrate.residual import check, power_balance
 from phnn.laws import STORAGE_LAWS
-from phnn.models.actuator import from_paper
+from phnn.models.actuator import from_paper, hrc
+from phnn.models.network_file import load_network
 from phnn.network import PortHamiltonianSystem
 from phnn.setup import Setup
 from phnn.simulate import Trajectory, output_derivatives, simulate
@@ -34,8 +36,29 @@ SCALES = Scales(
     fastest=150.0, duration=0.02, noise=5e-8,
 )  # fmt: skip
 BASE = Setup(from_paper())
+FOLDER = config_folder() / "network"
+# What is no actuator: no hysteron, no transducer, no spring, no motion.
+OTHERS = {
+    "oscillator": Setup(load_network(FOLDER / "mass_spring_damper.yaml")),
+    "mass": Setup(load_network(FOLDER / "mass_damper.yaml")),
+    "tanks": Setup(load_network(FOLDER / "tanks.yaml")),
+    "linear": Setup(hrc(0)),
+}
 EFFECTS = list(catalogue().values())
 every = pytest.mark.parametrize("effect_", EFFECTS, ids=[e.name for e in EFFECTS])
+
+
+def test_what_needs_a_part_does_not_apply_without_it() -> None:
+    found = {name: {e.name for e in EFFECTS if e.applies(setup)} for name, setup in OTHERS.items()}
+    everywhere = {e.name for e in EFFECTS if e.location in ("amplifier", "sensor")}
+    for names in found.values():
+        assert everywhere <= names
+    assert {"creep", "cubic_stiffness", "quadratic_drag"} <= found["oscillator"]
+    assert not {"electrostriction", "extra_hysteron", "hysteresis_asymmetry"} & found["oscillator"]
+    assert found["oscillator"] - found["mass"] == {e.name for e in EFFECTS if e.applies is has_spring}
+    assert not {"creep", "quadratic_drag", "extra_hysteron"} & found["tanks"]
+    assert "electrostriction" in found["linear"]
+    assert "hysteresis_asymmetry" not in found["linear"]
 
 
 @cache
@@ -87,6 +110,20 @@ class TestEveryEffect:
         assert effect_.location in LOCATIONS
         assert effect_.references
         assert effect_.name not in effect_.neighbours
+        assert effect_.neighbours
+
+    def test_fingerprint_and_separation_are_one_sentence_each(self, effect_: Effect) -> None:
+        for text in (effect_.fingerprint, effect_.separation):
+            assert text[0].isupper()
+            assert text.endswith(".")
+            assert text.count(". ") == 0
+        assert effect_.fingerprint != effect_.separation
+
+    def test_it_applies_to_an_actuator_and_adds_itself_wherever_it_applies(self, effect_: Effect) -> None:
+        assert effect_.can_be_added_to(BASE)
+        for setup in OTHERS.values():
+            if effect_.can_be_added_to(setup):
+                assert not effect_.can_be_added_to(effect_.add_to(setup, effect_.grid(SCALES)[0]))
 
     def test_equation_is_mathtext(self, effect_: Effect) -> None:
         MathTextParser("path").parse(f"${effect_.equation}$")
