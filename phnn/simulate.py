@@ -8,18 +8,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.chain.passage import amplified, measured, measured_changes, place_of, sounded
 from phnn.errors import SolverFailed
 from phnn.integrate import kernel, sweep
 from phnn.integrate.program import Program, compile_network
-from phnn.integrate.rest import equilibrium, equilibrium_derivative
+from phnn.integrate.rest import equilibrium, equilibrium_derivative, equilibrium_slope
 from phnn.laws import FACTOR_LAWS, PORT_LAWS
 from phnn.laws.namespace import TINY
 from phnn.recordings.recording import Recording
-from phnn.setup import AMPLIFIERS, SENSORS, Block, Setup
+from phnn.setup import Block, Setup
 from phnn.signals.reconstruct import mean_input, substep_counts, substep_input
 
 Array = NDArray[np.float64]
@@ -80,6 +82,9 @@ def simulate(
 ) -> Trajectory:
     """Simulate a setup on the input of a recording.
 
+    Sources are silent before the first recorded sample, so that rest and spin-up know the recorded input alone; sensor
+    blocks act during the spin-up too.
+
     Args:
         setup: the model.
         recording: gives input, sampling, start and reconstruction.
@@ -97,12 +102,12 @@ def simulate(
     counts, fine = _reconstructed(recording, substeps, method or recording.interpolation)
     nodes = np.concatenate([[0], np.cumsum(counts)])
     h = np.repeat(recording.dt / counts, counts)
-    for block in setup.amplifier:
-        fine = np.real(_through(setup, block, fine, h, before))
-        before = _settled(setup, block, before)
+    fine, before = amplified(setup, fine, h, before)
     u = np.zeros((fine.shape[0], len(setup.network.ports)))
     u[:, 0] = mean_input(fine)
-    rest = before if initial is None else None
+    for source in setup.sources:
+        u[:, place_of(setup, source)] += sounded(setup, source, h, lead * recording.dt)
+    rest = float(before) if initial is None else None
     x0 = equilibrium(program, setup.network, _constant(u, before)) if initial is None else initial
     n = u.shape[0]
     states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
@@ -112,11 +117,10 @@ def simulate(
             f"{recording.name}: no solution of the step at t = {h[:done].sum() - lead * recording.dt:.6g} s; "
             "a parameter is probably far from physical: narrow its bounds or use more sub-steps"
         )
-    t = recording.t
-    q = states[nodes[lead:], program.output]
-    for block in setup.sensor:
-        q = SENSORS[block.kind](q, t, *(setup.parameters[p].value for p in block.parameters))
-    return Trajectory(setup, recording, program, theta, h, nodes, lead, rest, t, q, fine, u, states, efforts)
+    y = measured(setup, states[nodes, program.output], _sample_times(recording, lead))
+    return Trajectory(
+        setup, recording, program, theta, h, nodes, lead, rest, recording.t, y[lead:], fine, u, states, efforts
+    )
 
 
 def _constant(u: Array, voltage: float) -> Array:
@@ -150,18 +154,9 @@ def input_before(recording: Recording, samples: Array) -> float:
     return recording.start.input_before if recording.start.state == "rest" else float(samples[0])
 
 
-def _through(setup: Setup, block: Block, fine: Array, h: Array, before: float, perturbed: str = "") -> Array:
-    """One amplifier block, a parameter of it perturbed for its complex-step derivative."""
-    values = [
-        complex(setup.parameters[p].value, TINY) if p == perturbed else setup.parameters[p].value
-        for p in block.parameters
-    ]
-    return AMPLIFIERS[block.kind](fine, h, before, *values)
-
-
-def _settled(setup: Setup, block: Block, before: float) -> float:
-    """What a block puts out after a long constant input."""
-    return float(np.real(_through(setup, block, np.full((1, 3), before), np.ones(1), before)[0, 0]))
+def _sample_times(recording: Recording, lead: int) -> Array:
+    """(lead + N,) times of all samples, those of the spin-up negative."""
+    return np.concatenate([recording.t[0] - recording.dt * np.arange(lead, 0, -1), recording.t])
 
 
 def output_derivatives(
@@ -183,27 +178,33 @@ def output_derivatives(
     network_names = [n for n in names if n in program.names]
     asked = len(network_names)
     network_names += [n for n in dict.fromkeys(n for n, _ in varied) if n not in network_names]
-    amplifier = [(b, n) for b in setup.amplifier for n in b.parameters if n in names]
     active = np.array([program.names.index(n) for n in network_names], dtype=np.int64)
     steps = trajectory.u.shape[0]
+    acting = _acting(trajectory, names)
     given = np.zeros((steps, 0)) if forces is None else forces
-    columns = [_amplifier_force(trajectory, block, name)[:, None] for block, name in amplifier]
     signals = np.column_stack([w for _, w in varied]) if varied else np.zeros((steps, 0))
     start = np.zeros((trajectory.states.shape[1], active.size))
     if trajectory.rest is not None:
         start = equilibrium_derivative(program, setup.network, _constant(trajectory.u, trajectory.rest), active)
+    # States that rest elsewhere when what acts on a port changes; seldom any, so they are columns of their own.
+    moved = [int(k) for k in np.flatnonzero(sum(np.abs(a.rest) for a in acting))] if acting else []
     out = sweep.sensitivities(
         program, trajectory.theta, active, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h, start,
-        np.array(initial, dtype=np.int64), np.ascontiguousarray(np.hstack([*columns, given])),
+        np.array([*initial, *moved], dtype=np.int64),
+        np.ascontiguousarray(np.hstack([*(a.force[:, None] for a in acting), given])),
         np.array([network_names.index(n) for n, _ in varied], dtype=np.int64), np.ascontiguousarray(signals),
         trajectory.nodes,
-    )[trajectory.lead :]  # fmt: skip
-    by_name = {n: out[:, k] for k, n in enumerate(network_names[:asked])}
-    first = active.size + len(initial)
-    by_name |= {n: out[:, first + j] for j, (_, n) in enumerate(amplifier)}
-    by_name |= _sensor_derivatives(trajectory, names)
-    head = np.column_stack([by_name[n] for n in names]) if names else np.zeros((out.shape[0], 0))
-    return np.hstack([head, out[:, active.size : first], out[:, first + len(columns) :]])
+    )  # fmt: skip
+    head = np.zeros((out.shape[0], len(names)))
+    for k, name in enumerate(network_names[:asked]):
+        head[:, names.index(name)] = out[:, k]
+    rests = active.size + len(initial)
+    first = rests + len(moved)
+    for j, a in enumerate(acting):
+        head[:, names.index(a.name)] += out[:, first + j] + out[:, rests:first] @ a.rest[moved]
+    changes = np.hstack([head, out[:, active.size : rests], out[:, first + len(acting) :]])
+    q, times = trajectory.states[trajectory.nodes, program.output], _sample_times(trajectory.recording, trajectory.lead)
+    return measured_changes(setup, q, times, changes, names)[trajectory.lead :]
 
 
 def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Array) -> Array:
@@ -226,12 +227,12 @@ def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Arr
     return gradient + (back + along[0]) @ equilibrium_derivative(program, trajectory.setup.network, voltage, places)
 
 
-def input_force(trajectory: Trajectory, change: Array) -> Array:
-    """(n, …) change of the junction force by a change of the port's input, ``g ψ'(V) δV``."""
-    port = trajectory.setup.network.ports[0]
+def input_force(trajectory: Trajectory, change: Array, place: int = 0) -> Array:
+    """(n, …) change of the junction force by a change of a port's input, ``g ψ'(V) δV``."""
+    port = trajectory.setup.network.ports[place]
     ((_, ratio),) = port.on.items()
     values = {n: p.value for n, p in trajectory.setup.network.parameters.items()}
-    slope = PORT_LAWS[port.law].slope(trajectory.u[:, 0], *(values[n] for n in port.parameters))
+    slope = PORT_LAWS[port.law].slope(trajectory.u[:, place], *(values[n] for n in port.parameters))
     force = (values[ratio] * _factor(trajectory, ratio) if isinstance(ratio, str) else ratio) * np.asarray(slope)
     return force * change if change.ndim == 1 else force[:, None] * change
 
@@ -247,27 +248,39 @@ def _factor(trajectory: Trajectory, ratio: str) -> Array | float:
     return 1.0
 
 
-def _amplifier_force(trajectory: Trajectory, block: Block, name: str) -> Array:
-    """(n,) change of the junction force by a parameter of an amplifier block."""
+class _Acting(NamedTuple):
+    """What a parameter of an amplifier block or a source changes.
+
+    Attributes:
+        name: of the parameter.
+        force: (n,) change of the junction force.
+        rest: (N,) change of the state at rest.
+    """
+
+    name: str
+    force: Array
+    rest: Array
+
+
+def _acting(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]:
+    """By every named parameter of an amplifier block or a source."""
+    setup, unmoved = trajectory.setup, np.zeros(trajectory.states.shape[1])
+    found = [_by_amplifier(trajectory, b, n) for b in setup.amplifier for n in b.parameters if n in names]
+    lead = trajectory.lead * trajectory.recording.dt
+    for source in setup.sources:
+        for name in (n for n in source.parameters if n in names):
+            change = np.imag(sounded(setup, source, trajectory.h, lead, name)) / TINY
+            found.append(_Acting(name, input_force(trajectory, change, place_of(setup, source)), unmoved))
+    return found
+
+
+def _by_amplifier(trajectory: Trajectory, block: Block, name: str) -> _Acting:
     setup, recording = trajectory.setup, trajectory.recording
     _, samples = _with_spin_up(recording)
-    before = input_before(recording, samples)
-    fine = substep_input(samples, np.diff(trajectory.nodes), recording.interpolation)
-    for other in setup.amplifier:
-        fine = _through(setup, other, fine, trajectory.h, before, name if other is block else "")
-        before = _settled(setup, other, before)
-    return input_force(trajectory, mean_input(np.imag(fine)) / TINY)
-
-
-def _sensor_derivatives(trajectory: Trajectory, names: Sequence[str]) -> dict[str, Array]:
-    setup = trajectory.setup
-    found = {}
-    for block in setup.sensor:
-        for name in block.parameters:
-            if name in names:
-                values = [
-                    complex(setup.parameters[p].value, TINY if p == name else 0.0) for p in block.parameters
-                ]  # fmt: skip
-                y = SENSORS[block.kind](trajectory.y, trajectory.t, *values)
-                found[name] = np.imag(y) / TINY
-    return found
+    command = substep_input(samples, np.diff(trajectory.nodes), recording.interpolation)
+    fine, before = amplified(setup, command, trajectory.h, input_before(recording, samples), (block, name))
+    rest = np.zeros(trajectory.states.shape[1])
+    if trajectory.rest is not None and np.imag(before) != 0.0:
+        voltage = _constant(trajectory.u, trajectory.rest)
+        rest = equilibrium_slope(trajectory.program, setup.network, voltage, 0) * (np.imag(before) / TINY)
+    return _Acting(name, input_force(trajectory, mean_input(np.imag(fine)) / TINY), rest)

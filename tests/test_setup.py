@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from phnn.chain.amplifiers import bouc_wen, lowpass, saturation
+from phnn.chain.sensors import drift
 from phnn.errors import InputRefused, StructureViolated
 from phnn.laws.namespace import TINY
 from phnn.models.actuator import from_paper
 from phnn.models.bouc_wen import TABLE_2
 from phnn.parameters import Parameter, positive
-from phnn.setup import AMPLIFIERS, SENSORS, Block, Setup, bouc_wen, drift, lowpass, saturation
+from phnn.setup import AMPLIFIERS, SENSORS, Block, Setup
 
 H = np.full(400, 1e-3)
 NODES = np.concatenate([[0.0], np.cumsum(H)])

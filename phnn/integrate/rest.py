@@ -40,6 +40,8 @@ from phnn.network.elements import Network
 Array = NDArray[np.float64]
 
 _ITERATIONS = 60
+# Relative step of central differences.
+_STEP = 1e-5
 
 
 def equilibrium(program: Program, network: Network, u: Array) -> Array:
@@ -75,11 +77,29 @@ def equilibrium_derivative(program: Program, network: Network, u: Array, places:
     return out
 
 
+def equilibrium_slope(program: Program, network: Network, u: Array, port: int) -> Array:
+    """(N,) derivative of the rest state by the input at one port.
+
+    Raises:
+        SolverFailed: there is no rest state close by; names what moves on for ever.
+    """
+    theta = program.theta(network).astype(complex)
+    along = np.arange(u.size) == port
+    xi = _displacements(program, theta.real, u) if _served(program) else None
+    slopes = np.zeros((0, 0)) if xi is None else _slopes(program, theta.real, u, xi)
+    if xi is not None and np.linalg.matrix_rank(slopes) == xi.size:
+        shift = -np.linalg.solve(slopes, np.imag(_forces(program, theta, u + 1j * TINY * along, xi)) / TINY)
+        return np.asarray(np.imag(_states(program, theta, u + 1j * TINY * along, xi + 1j * TINY * shift)) / TINY)
+    step = _STEP * max(abs(float(u[port])), 1.0)
+    above, below = (steady_state(network, u + s * along) for s in (step, -step))
+    return np.asarray((above - below) / (2.0 * step))
+
+
 def _displacements(program: Program, theta: Array, u: Array) -> Array | None:
     """(m,) ``ξ`` by Newton's method; None where they do not say what rest is."""
     if not np.any(u):
         return np.zeros(len(program.junctions))
-    if not program.junctions or len(rows_of(program.table, LEAF_INLETS)) or len(rows_of(program.table, GYRATORS)):
+    if not _served(program):
         return None
     xi = np.zeros(len(program.junctions))
     start = np.abs(_forces(program, theta, u, xi)).max()
@@ -92,6 +112,12 @@ def _displacements(program: Program, theta: Array, u: Array) -> Array | None:
             return None
         xi = xi - np.linalg.solve(slopes, force)
     return xi
+
+
+def _served(program: Program) -> bool:
+    """Whether displacements of the junctions say all about rest: there are some, and nothing comes in beside them."""
+    beside = len(rows_of(program.table, LEAF_INLETS)) + len(rows_of(program.table, GYRATORS))
+    return bool(program.junctions) and not beside
 
 
 def _slopes(program: Program, theta: Array, u: Array, xi: Array) -> Array:

@@ -1,0 +1,10 @@
+"""The measuring chain: blocks before and behind the network, and what acts on it beside the recorded input.
+
+Blocks take complex parameters and signals, so that complex steps through them are their derivatives.
+"""
+
+from phnn.chain.amplifiers import AMPLIFIERS
+from phnn.chain.sensors import SENSORS
+from phnn.chain.sources import SOURCES
+
+__all__ = ["AMPLIFIERS", "SENSORS", "SOURCES"]

@@ -1,0 +1,88 @@
+"""Amplifier blocks: from the command within the sub-steps to the voltage there.
+
+A block takes ``fine`` (n, 3), its input at the start, middle and end of every step, the steps ``h`` (n,) [s], its input
+before the first of them [V] and its parameters, and gives its output at the same points. The end of one row and the
+start of the next differ where the input jumps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.chain.bouc_wen import bouc_wen
+from phnn.chain.delay import delay
+from phnn.integrate.compiled import entry
+from phnn.laws.namespace import absolute, exp, real, where
+
+Array = NDArray[Any]
+
+
+def lowpass(fine: Array, h: Array, before: float, tau: Any) -> Array:
+    """``τ V̇ = u − V`` exactly for an input that is linear between the points of the sub-steps."""
+    z = 0.5 * h / tau
+    a = exp(-z)
+    mean = (1.0 - a) / z
+    return np.asarray(_first_order(fine + 0.0 * tau, a, mean - a, 1.0 - mean, before + 0.0 * tau))
+
+
+def _first_order_loop(fine: Any, a: Any, b0: Any, b1: Any, state: Any) -> Any:
+    out = np.empty_like(fine)
+    for n in range(fine.shape[0]):
+        out[n, 0] = state
+        state = a[n] * state + b0[n] * fine[n, 0] + b1[n] * fine[n, 1]
+        out[n, 1] = state
+        state = a[n] * state + b0[n] * fine[n, 1] + b1[n] * fine[n, 2]
+        out[n, 2] = state
+    return out
+
+
+def saturation(fine: Array, h: Array, before: float, limit: Any) -> Array:
+    """``V = clip(u, ±V_max)``."""
+    return np.asarray(where(absolute(real(fine)) > real(limit), np.sign(real(fine)) * limit, fine + 0.0 * limit))
+
+
+def slew_limit(fine: Array, h: Array, before: Any, limit: Any) -> Array:
+    """``|V̇| ≤ S``: ``V`` follows ``u`` where it can and approaches it at the rate ``S`` where it cannot.
+
+    Exact at the points of the sub-steps for an input that is linear between them.
+    """
+    reach = 0.5 * h * limit
+    zero = 0.0 * (limit + fine[0, 0])
+    return np.asarray(_limited(fine + zero, reach + zero, before + zero))
+
+
+def _limited_loop(fine: Any, reach: Any, state: Any) -> Any:
+    out = np.empty_like(fine)
+    for n in range(fine.shape[0]):
+        out[n, 0] = state
+        for i in range(1, 3):
+            rise = fine[n, i] - state
+            if real(rise) > real(reach[n]):
+                rise = reach[n]
+            elif real(rise) < -real(reach[n]):
+                rise = -reach[n]
+            state = state + rise
+            out[n, i] = state
+    return out
+
+
+def offset(fine: Array, h: Array, before: Any, voltage: Any) -> Array:
+    """``V = u + V₀``."""
+    return np.asarray(fine + voltage)
+
+
+_first_order = entry(_first_order_loop)
+_limited = entry(_limited_loop)
+
+AMPLIFIERS: dict[str, Callable[..., Array]] = {
+    "lowpass": lowpass,
+    "saturation": saturation,
+    "bouc_wen": bouc_wen,
+    "delay": delay,
+    "slew_limit": slew_limit,
+    "offset": offset,
+}

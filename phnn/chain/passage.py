@@ -1,0 +1,80 @@
+"""Signals on their way through the measuring chain of a setup, and derivatives by its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.chain import AMPLIFIERS, SENSORS, SOURCES
+from phnn.laws.namespace import TINY
+from phnn.setup import Block, Setup, Source
+from phnn.signals.reconstruct import mean_input
+
+Array = NDArray[np.float64]
+
+
+def amplified(setup: Setup, fine: Any, h: Array, before: Any, perturbed: tuple[Block, str] | None = None) -> Any:
+    """Through all amplifier blocks: the voltage at the port (n, 3), and what it was before the first step.
+
+    Args:
+        fine: (n, 3) command at the start, middle and end of the steps ``h`` (n,).
+        before: the constant command before them, under which all blocks have settled.
+        perturbed: a block and its parameter that takes a complex step; the result is complex then.
+    """
+    for block in setup.amplifier:
+        values = _values(setup, block, perturbed[1] if perturbed and perturbed[0] is block else "")
+        law = AMPLIFIERS[block.kind]
+        fine, before = law(fine, h, before, *values), law(np.full((1, 3), before), np.ones(1), before, *values)[0, 0]
+    return fine, before
+
+
+def place_of(setup: Setup, source: Source) -> int:
+    """Which port of the network a source acts on."""
+    return [p.name for p in setup.network.ports].index(source.port)
+
+
+def sounded(setup: Setup, source: Source, h: Array, lead: float, perturbed: str = "") -> Any:
+    """(n,) means of a source over the steps ``h`` (n,).
+
+    Args:
+        lead: duration [s] of a spin-up, during which sources are silent.
+        perturbed: a parameter that takes a complex step; the result is complex then.
+    """
+    starts = np.concatenate([[0.0], np.cumsum(h)[:-1]]) - lead
+    times = starts[:, None] + h[:, None] * np.array([0.0, 0.5, 1.0])
+    found = mean_input(SOURCES[source.kind](times, *_values(setup, source, perturbed)))
+    return np.where(times[:, 1] > 0.0, found, 0.0)
+
+
+def measured(setup: Setup, q: Array, times: Array) -> Array:
+    """(N,) what the sensor makes of the network's output at the samples."""
+    for block in setup.sensor:
+        q = SENSORS[block.kind](q, times, *_values(setup, block))
+    return q
+
+
+def measured_changes(setup: Setup, q: Array, times: Array, changes: Array, names: Sequence[str]) -> Array:
+    """(N, M) changes of the sensor's output by changes (N, M) of the network's, and by the sensor's own parameters.
+
+    Args:
+        q: (N,) the network's output at the samples, of the times ``times`` (N,).
+        names: parameters whose changes the first columns are; those of a sensor block are added to theirs.
+    """
+    y, times = q[:, None], times[:, None]
+    for block in setup.sensor:
+        law, values = SENSORS[block.kind], _values(setup, block)
+        own = {n: np.imag(law(y, times, *_values(setup, block, n))) / TINY for n in block.parameters if n in names}
+        changes = np.imag(law(y + 1j * TINY * changes, times, *values)) / TINY
+        for name, change in own.items():
+            changes[:, names.index(name)] += change[:, 0]
+        y = law(y, times, *values)
+    return changes
+
+
+def _values(setup: Setup, block: Block | Source, perturbed: str = "") -> list[Any]:
+    """Values of the parameters of a block or source, one of them with a complex step."""
+    values = [setup.parameters[p].value for p in block.parameters]
+    return [complex(v, TINY) if p == perturbed else v for p, v in zip(block.parameters, values, strict=True)]

@@ -1,0 +1,43 @@
+"""Sensor blocks: from the network's output to the recorded output.
+
+A block takes samples (N, …) of its input, their times (N,) or (N, 1) [s] and its parameters, and gives the samples of
+its output. It acts on every column alike: with ``q + i·1e-140 q'`` in the columns come the directional derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.chain.lag import lag
+from phnn.chain.play import play
+from phnn.laws.namespace import absolute
+
+Array = NDArray[Any]
+
+
+def drift(y: Array, t: Array, rate: Any) -> Array:
+    """``y + r t``: a sensor that drifts at a constant rate."""
+    return np.asarray(y + rate * t)
+
+
+def polynomial(y: Array, t: Array, square: Any, cube: Any) -> Array:
+    """``y + a₂ y² + a₃ y³``: a static characteristic that is not straight."""
+    return np.asarray(y * (1.0 + y * (square + y * cube)))
+
+
+def rectification(y: Array, t: Array) -> Array:
+    """``|y|``: a sensor that knows no sign."""
+    return np.asarray(absolute(y))
+
+
+SENSORS: dict[str, Callable[..., Array]] = {
+    "drift": drift,
+    "lag": lag,
+    "polynomial": polynomial,
+    "rectification": rectification,
+    "play": play,
+}
