@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from phnn.effects import Scales
 from phnn.identify.fit import Fit
-from phnn.identify.problem import Plan, centred
+from phnn.identify.nuisances import without_nuisances
+from phnn.identify.problem import Plan
 from phnn.identify.staged import dominant_frequency
 from phnn.recordings.recording import Recording
 from phnn.simulate import Trajectory, simulate
@@ -58,9 +59,11 @@ class Ground:
         return np.asarray(columns - self.basis @ (self.basis.T @ columns))
 
     def stack(self, outputs: Sequence[Array]) -> Array:
-        """Changes of the outputs, one array a recording, as weighted centred columns."""
+        """Changes of the outputs, one array a recording, as weighted columns without nuisances."""
+        lines = self.fit.setup.lines
         rows = [
-            centred(o, r.mask("identification")) / r.noise for o, r in zip(outputs, self.plan.recordings, strict=True)
+            without_nuisances(o, r.mask("identification"), r, lines) / r.noise
+            for o, r in zip(outputs, self.plan.recordings, strict=True)
         ]
         return np.concatenate(rows)
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.identify.fit import fit
+from phnn.identify.nuisances import lines_of, zero_of
 from phnn.identify.problem import Plan, aperiodic
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
@@ -32,7 +33,7 @@ class PartScore:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Model output, zero included, by recording, and the scores of its parts."""
+    """Model output, zero and lines included, by recording, and the scores of its parts."""
 
     outputs: Mapping[str, Array]
     parts: tuple[PartScore, ...]
@@ -54,7 +55,9 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
     """Simulate all recordings of a plan and score their parts.
 
     The zero of a recording comes from its identification part where it has one, else from its nuisance part; so does
-    the initial state of a recording whose start is unknown and that took no part in the fit.
+    the initial state of a recording whose start is unknown and that took no part in the fit. The lines of the setup are
+    fitted to each part itself, scored or not: nothing predicts their phase, so what is left beside them is what a model
+    can be held to.
 
     Args:
         initial: initial states estimated by the fit, by recording name.
@@ -68,7 +71,10 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
         y = simulate(setup, recording, plan.steps_of(recording), initial=own).y
         masks = (recording.mask("identification"), nuisance, np.ones(recording.t.size, dtype=bool))
         mask = next(m for m in masks if m.any())
-        return np.asarray(y + np.mean(recording.y[mask] - y[mask]))
+        y = y + zero_of(recording.y - y, mask, recording, setup.lines)
+        for rows in (slice(p.first, p.last) for p in recording.parts if setup.lines):
+            y[rows] += lines_of(recording.y - y, rows, recording, setup.lines)
+        return np.asarray(y)
 
     outputs = plan.each(one)
     parts = [

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.identify.fit import Fit
-from phnn.identify.problem import Plan, centred
+from phnn.identify.nuisances import without_nuisances
+from phnn.identify.problem import Plan
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from phnn.simulate import simulate
@@ -50,8 +51,8 @@ def substeps_for(setup: Setup, plan: Plan, bound: float) -> Plan:
         coarse = simulate(setup, recording, steps).y
         while steps < MAX_SUBSTEPS:
             fine = simulate(setup, recording, 2 * steps).y
-            error = np.linalg.norm(centred(coarse - fine, recording.mask("identification"))) / recording.noise
-            if 4.0 / 3.0 * error <= share:
+            change = without_nuisances(coarse - fine, recording.mask("identification"), recording, setup.lines)
+            if 4.0 / 3.0 * np.linalg.norm(change) / recording.noise <= share:
                 break
             steps, coarse = 2 * steps, fine
         return steps
@@ -72,7 +73,8 @@ def numerical_error(fit: Fit) -> NumericalError:
         reconstruction = np.zeros_like(solver)
         if recording.interpolation == "cubic":
             reconstruction = simulate(fit.setup, recording, steps, method="quintic", initial=initial).y - base
-        return centred(solver + reconstruction, recording.mask("identification")) / recording.noise
+        mask = recording.mask("identification")
+        return without_nuisances(solver + reconstruction, mask, recording, fit.setup.lines) / recording.noise
 
     parts = plan.each(one)
     error = np.concatenate(parts)

@@ -1,9 +1,10 @@
 """The weighted residual of a setup on a campaign, and its derivatives.
 
-    r = (y − ŷ(θ) − zero) / σ     over the samples of one use, recording by recording
+    r = (y − ŷ(θ) − zero − lines) / σ     over the samples of one use, recording by recording
 
-The displacement zero enters linearly; it is projected out of residual and derivatives (variable projection),
-so that no optimiser sees it. Initial states of recordings with an unknown start are variables beside ``θ``.
+The displacement zero and the lines of the setup enter linearly; they are projected out of residual and derivatives
+(variable projection), so that no optimiser sees them. Initial states of recordings with an unknown start are variables
+beside ``θ``.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import SolverFailed
+from phnn.identify.nuisances import without_nuisances
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from phnn.simulate import Trajectory, output_derivatives, simulate
@@ -60,12 +62,6 @@ class Plan:
     def coarse(self) -> Plan:
         """The same recordings with a quarter of the sub-steps, for first looks."""
         return replace(self, substeps={r.name: max(1, self.steps_of(r) // 4) for r in self.recordings})
-
-
-def centred(values: Array, mask: Array) -> Array:
-    """The masked rows without their mean: what the displacement zero cannot explain."""
-    inside = values[mask]
-    return inside - inside.mean(axis=0) if inside.size else inside
 
 
 @dataclass(frozen=True)
@@ -206,12 +202,14 @@ class Problem:
         def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
             initial = range(self.variables.scales.size) if recording.name in self.variables.unknown else ()
             raw = output_derivatives(trajectory, self.variables.names, tuple(initial))
-            return -centred(self.variables.columns(setup, recording, raw), mask) / recording.noise
+            columns = self.variables.columns(setup, recording, raw)
+            return -without_nuisances(columns, mask, recording, setup.lines) / recording.noise
 
         return one
 
 
 def weighted_residual(trajectory: Trajectory, mask: Array) -> Array:
-    """``(y − ŷ)/σ`` on the masked samples without its mean."""
+    """``(y − ŷ)/σ`` on the masked samples without what zero and lines explain."""
     recording = trajectory.recording
-    return centred(recording.y - trajectory.y, mask) / recording.noise
+    error = recording.y - trajectory.y
+    return without_nuisances(error, mask, recording, trajectory.setup.lines) / recording.noise

@@ -15,7 +15,7 @@ from phnn.integrate.program import compile_network
 from phnn.models.learned import as_json, from_json
 from phnn.network.elements import Coupling, Memory, Modulation, Network, Port, Resistor, Storage
 from phnn.parameters import Parameter
-from phnn.setup import AMPLIFIERS, SENSORS, Block, Setup
+from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Setup, Source
 
 SCHEMA = "phnn.model/1"
 FILE = "model.json"
@@ -44,6 +44,8 @@ def save(setup: Setup, folder: Path, substeps: int = 1) -> None:
         "output": network.output,
         "amplifier": [asdict(b) for b in setup.amplifier],
         "sensor": [asdict(b) for b in setup.sensor],
+        "sources": [asdict(s) for s in setup.sources],
+        "lines": list(setup.lines),
         "parameters": {n: _plain(p) for n, p in network.parameters.items()},
         "block_parameters": {n: _plain(p) for n, p in (setup.block_parameters or {}).items()},
     }
@@ -73,11 +75,14 @@ def load(folder: Path) -> tuple[Setup, int]:
         compile_network(setup.network)
         unknown = [b.kind for b in setup.amplifier if b.kind not in AMPLIFIERS]
         unknown += [b.kind for b in setup.sensor if b.kind not in SENSORS]
+        unknown += [s.kind for s in setup.sources if s.kind not in SOURCES]
         if unknown or substeps < 1:
             raise ValueError(f"unknown block {unknown[0]}" if unknown else f"substeps {substeps}")
-        missing = [n for b in (*setup.amplifier, *setup.sensor) for n in b.parameters if n not in setup.parameters]
+        chain: tuple[Block | Source, ...] = (*setup.amplifier, *setup.sensor, *setup.sources)
+        missing = [n for b in chain for n in b.parameters if n not in setup.parameters]
+        missing += [s.port for s in setup.sources if s.port not in [p.name for p in setup.network.ports]]
         if missing:
-            raise ValueError(f"no parameter {missing[0]}")
+            raise ValueError(f"no parameter or port {missing[0]}")
         return setup, substeps
     except (KeyError, TypeError, ValueError, AttributeError, PhnnError) as error:
         raise InputRefused(f"{path}: is damaged ({type(error).__name__}: {error}): write the model again") from error
@@ -91,7 +96,7 @@ def _setup(content: Mapping[str, Any]) -> Setup:
         ports=tuple(Port(**_tupled(p)) for p in content["ports"]),
         parameters={n: _parameter(p) for n, p in content["parameters"].items()},
         output=content["output"],
-        # Files of earlier versions have neither.
+        # Files of earlier versions have none of these, nor sources and lines.
         modulations=tuple(Modulation(**_tupled(m)) for m in content.get("modulations", ())),
         memories=tuple(Memory(**_tupled(m)) for m in content.get("memories", ())),
     )
@@ -101,6 +106,8 @@ def _setup(content: Mapping[str, Any]) -> Setup:
         sensor=tuple(Block(**_tupled(b)) for b in content["sensor"]),
         block_parameters={n: _parameter(p) for n, p in content["block_parameters"].items()},
         name=content["name"],
+        sources=tuple(Source(**_tupled(s)) for s in content.get("sources", ())),
+        lines=tuple(float(f) for f in content.get("lines", ())),
     )
 
 

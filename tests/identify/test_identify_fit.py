@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from phnn.identify.fit import fit, sandwich, unidentified
-from phnn.identify.problem import Plan, Problem, centred, variables_of
+from phnn.identify.nuisances import without_nuisances
+from phnn.identify.problem import Plan, Problem, variables_of
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.simulate import simulate
 
@@ -59,10 +60,11 @@ def test_displacement_zero_is_projected_out_exactly() -> None:
         first += int(mask.sum())
 
 
-def test_centred_takes_the_mean_of_the_masked_rows_only() -> None:
-    values = np.array([1.0, 2.0, 3.0, 100.0])
-    mask = np.array([True, True, True, False])
-    np.testing.assert_array_equal(centred(values, mask), [-1.0, 0.0, 1.0])
+def test_the_zero_is_the_mean_of_the_masked_rows_only() -> None:
+    recording = campaigns.base().plan.recordings[0]
+    mask = np.arange(recording.t.size) < 3
+    values = np.where(mask, np.arange(1.0, recording.t.size + 1.0), 100.0)
+    np.testing.assert_array_equal(without_nuisances(values, mask, recording), [-1.0, 0.0, 1.0])
 
 
 def coloured(rng: np.random.Generator, size: int, pole: float) -> np.ndarray:
@@ -134,7 +136,8 @@ def test_initial_state_is_estimated_where_the_start_is_unknown() -> None:
     assert initial is not None
     assert found.variables.unknown == (later.name,)
     assert 0.85 < found.chi2 < 1.15
-    uninformed = centred(later.y - simulate(fitted.setup, later, 2).y, later.mask("identification")) / later.noise
+    error = later.y - simulate(fitted.setup, later, 2).y
+    uninformed = without_nuisances(error, later.mask("identification"), later) / later.noise
     assert np.mean(uninformed**2) > 20.0
     # The displacement relative to the zero is known to the noise of the fit; charges only as far as they matter.
     path = simulate(fitted.setup, whole, 2)
