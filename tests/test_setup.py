@@ -1,118 +1,15 @@
-"""The blocks before and behind the network."""
+"""A setup as a value: its network, its blocks and their parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
-import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
-from phnn.chain.amplifiers import bouc_wen, lowpass, saturation
-from phnn.chain.sensors import drift
+from phnn.effects import effect
 from phnn.errors import InputRefused, StructureViolated
-from phnn.laws.namespace import TINY
 from phnn.models.actuator import from_paper
-from phnn.models.bouc_wen import TABLE_2
+from phnn.network.elements import Port
 from phnn.parameters import Parameter, positive
-from phnn.setup import AMPLIFIERS, SENSORS, Block, Setup
-
-H = np.full(400, 1e-3)
-NODES = np.concatenate([[0.0], np.cumsum(H)])
-FINE_T = np.column_stack([NODES[:-1], NODES[:-1] + 0.5e-3, NODES[1:]])
-
-
-def command(t: Any) -> Any:
-    """Reversals at several amplitudes, from 3 V."""
-    return 3.0 + 40.0 * np.sin(2 * np.pi * 7.0 * t) * (0.3 + t) + 15.0 * np.sin(2 * np.pi * 19.0 * t)
-
-
-def slope(t: float) -> float:
-    return float(np.imag(command(complex(t, TINY))) / TINY)
-
-
-@pytest.mark.parametrize("tau", [1e-6, 2e-3, 0.05, 30.0])
-def test_lowpass_solves_its_equation(tau: float) -> None:
-    got = lowpass(command(FINE_T), H, 3.0, tau)
-    exact = solve_ivp(
-        lambda t, v: (command(t) - v) / tau, (0.0, 0.4), [3.0], "Radau", FINE_T[:, 1], rtol=1e-9, atol=1e-9
-    ).y[0]  # fmt: skip
-    # The input is taken as straight between the points of the sub-steps.
-    assert np.abs(got[:, 1] - exact).max() < 1e-2
-    np.testing.assert_allclose(got[1:, 0], got[:-1, 2], rtol=1e-14)
-    assert got[0, 0] == pytest.approx(3.0)
-
-
-def test_lowpass_is_exact_for_a_ramp_and_after_a_jump() -> None:
-    tau, t = 0.02, FINE_T
-    ramp = lowpass(5.0 * t, H, 0.0, tau)
-    np.testing.assert_allclose(ramp, 5.0 * (t - tau * (1.0 - np.exp(-t / tau))), atol=1e-12)
-    jump = lowpass(np.ones_like(t), H, 0.0, tau)
-    np.testing.assert_allclose(jump, 1.0 - np.exp(-t / tau), atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("beta", "gamma"), [(TABLE_2["beta"], TABLE_2["gamma"]), (0.05, 0.02), (0.02, 0.02), (0.03, -0.02), (1e-7, 0.0)]
-)
-def test_bouc_wen_solves_equation_19(beta: float, gamma: float) -> None:
-    a, weight = TABLE_2["A"], TABLE_2["K_h"] / TABLE_2["K_v"]
-    fine = command(FINE_T)
-    got = (fine - bouc_wen(fine, H, 3.0, a, beta, gamma, weight)) / weight
-
-    def rate(t: float, h: np.ndarray) -> list[float]:
-        v = slope(t)
-        return [a * v - beta * abs(v) * h[0] - gamma * abs(h[0]) * v]
-
-    exact = solve_ivp(rate, (0.0, 0.4), [0.0], "DOP853", FINE_T[:, 1], rtol=1e-9, atol=1e-12, max_step=2e-3).y[0]
-    # A reversal inside a sub-step is the only approximation.
-    assert np.abs(got[:, 1] - exact).max() < 1e-3 * np.abs(exact).max()
-
-
-def test_bouc_wen_does_not_depend_on_the_rate() -> None:
-    args = (TABLE_2["A"], TABLE_2["beta"], TABLE_2["gamma"], 40.0)
-    fine = command(FINE_T)
-    np.testing.assert_array_equal(bouc_wen(fine, H, 3.0, *args), bouc_wen(fine, 100.0 * H, 3.0, *args))
-    # A monotone stretch in one step or in many is the same.
-    rise = np.linspace(0.0, 60.0, 801)
-    many = np.column_stack([rise[:-2:2], rise[1:-1:2], rise[2::2]])
-    once = np.array([[0.0, 30.0, 60.0]])
-    assert bouc_wen(once, H[:1], 0.0, *args)[0, 2] == pytest.approx(bouc_wen(many, H, 0.0, *args)[-1, 2], rel=1e-12)
-
-
-def test_saturation_clips_both_ways() -> None:
-    got = saturation(command(FINE_T), H, 3.0, 12.5)
-    np.testing.assert_array_equal(got, np.clip(command(FINE_T), -12.5, 12.5))
-    assert got.max() == 12.5
-    assert got.min() == -12.5
-
-
-def test_drift_adds_a_ramp() -> None:
-    np.testing.assert_allclose(drift(np.ones(3), np.array([0.0, 2.0, 4.0]), 0.5), [1.0, 2.0, 3.0])
-
-
-VALUES = {"lowpass": (2e-3,), "saturation": (12.5,), "bouc_wen": (0.0087, 0.006, 0.014, 40.0)}
-
-
-@pytest.mark.parametrize("kind", AMPLIFIERS)
-def test_complex_steps_through_every_block_are_its_derivatives(kind: str) -> None:
-    block: Callable[..., Any] = AMPLIFIERS[kind]
-    values, fine = VALUES[kind], command(FINE_T)
-    for k, value in enumerate(values):
-        moved = [complex(v, TINY) if i == k else v for i, v in enumerate(values)]
-        got = np.imag(block(fine, H, 3.0, *moved)) / TINY
-        step = 1e-6 * value
-        ends = [
-            block(fine, H, 3.0, *(v + s * (i == k) for i, v in enumerate(values))) for s in (step, -step)
-        ]  # fmt: skip
-        wanted = (ends[0] - ends[1]) / (2.0 * step)
-        np.testing.assert_allclose(got, wanted, atol=2e-6 * np.abs(wanted).max())
-        assert np.abs(wanted).max() > 0.0
-
-
-def test_tables_have_the_blocks() -> None:
-    assert set(VALUES) == set(AMPLIFIERS)
-    assert SENSORS["drift"] is drift
+from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Setup, Source
 
 
 def chain() -> Setup:
@@ -142,3 +39,45 @@ def test_names_that_are_not_there_or_twice_are_refused() -> None:
         chain().with_values({"tau": 1.0})
     with pytest.raises(InputRefused, match="two parameters are called m"):
         Setup(from_paper()).with_block("amplifier", Block("lowpass", ("m",)), (positive("m", 1.0, "s"),)).values()
+
+
+def test_a_source_has_a_port_of_its_own() -> None:
+    force = (Parameter("F_c", 1.0, "N"), Parameter("F_s", 0.0, "N"), positive("f", 50.0, "Hz"))
+    names = tuple(p.name for p in force)
+    setup = Setup(from_paper()).with_source(Source("tone", "force", names), force)
+    assert set(names) <= set(setup.free)
+    assert setup.with_values({"f": 60.0}).values()["f"] == 60.0
+    for port in ("voltage", "base"):
+        with pytest.raises(StructureViolated, match=f"'{port}': name one beside the recorded input, force"):
+            Setup(from_paper()).with_source(Source("tone", port, names), force)
+    one = from_paper()
+    alone = Setup(one.__class__(one.storages, one.resistors, one.couplings, (Port("voltage", {"p": "alpha"}),),
+                                one.parameters))  # fmt: skip
+    with pytest.raises(StructureViolated, match="of which there is none"):
+        alone.with_source(Source("tone", "force", names), force)
+
+
+def test_every_kind_has_an_effect_or_a_model() -> None:
+    used = {b.kind for name in CHAIN for b in built(name).amplifier}, {b.kind for n in CHAIN for b in built(n).sensor}
+    assert used[0] | {"bouc_wen"} == set(AMPLIFIERS)
+    assert used[1] == set(SENSORS)
+    assert {s.kind for name in CHAIN for s in built(name).sources} == set(SOURCES)
+
+
+CHAIN = {
+    "amplifier_lowpass": {"tau_a": 1e-3},
+    "amplifier_saturation": {"V_max": 20.0},
+    "delay": {"tau_d": 1e-4},
+    "slew_limit": {"S": 1e4},
+    "amplifier_offset": {"V_0": 1.0},
+    "sensor_drift": {"drift_rate": 1e-6},
+    "sensor_lag": {"tau_y": 1e-4},
+    "sensor_nonlinearity": {"a_2": 1.0, "a_3": 1.0},
+    "sensor_rectification": {},
+    "output_backlash": {"delta_b": 1e-7},
+    "base_motion": {"A_c": 1.0, "A_s": 0.0, "f_b": 50.0},
+}
+
+
+def built(name: str) -> Setup:
+    return effect(name).add_to(Setup(from_paper()), CHAIN[name])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from junctions import recording
+from scipy.integrate import solve_ivp
 
 from phnn.effects import effect
 from phnn.errors import SolverFailed
@@ -106,6 +107,38 @@ def test_blocks_act_in_their_order_and_the_sensor_on_the_output() -> None:
     np.testing.assert_allclose(run.y, simulate(BASE, sine()).y + 1e-4 * run.t, rtol=1e-12)
 
 
+def test_sensors_settle_during_the_spin_up() -> None:
+    for part in (LAG, PLAY):
+        y = simulate(chained(part), periodic()).y
+        np.testing.assert_allclose(y[:100], y[100:200], atol=2e-3 * np.abs(y).max())
+        from_rest = simulate(chained(part), sine()).y
+        assert np.abs(y - from_rest).max() > 0.05 * np.abs(y).max()
+
+
+def test_a_source_is_a_force_on_the_mass() -> None:
+    linear = hrc(0)
+    setup = chained(BASE_MOTION, start=Setup(linear))
+    quiet = recording(np.arange(401) * 5e-5, np.zeros(401))
+    p = linear.parameters
+
+    def rate(t: float, x: np.ndarray) -> list[float]:
+        force = 0.2 * np.cos(2.0 * np.pi * 170.0 * t) - 0.1 * np.sin(2.0 * np.pi * 170.0 * t)
+        return [x[1], (force - p["k"].value * x[0] - p["b"].value * x[1]) / p["m"].value]
+
+    exact = solve_ivp(rate, (0.0, 0.02), [0.0, 0.0], "DOP853", quiet.t, rtol=1e-10, atol=1e-16).y[0]
+    run = simulate(setup, quiet, substeps=8)
+    assert run.u.shape == (3200, 3)
+    np.testing.assert_allclose(run.y, exact, atol=1e-3 * np.abs(exact).max())
+
+
+def test_a_source_is_silent_during_a_spin_up() -> None:
+    run = simulate(chained(BASE_MOTION), periodic())
+    steps = run.nodes[run.lead]
+    assert (run.u[:steps, 2] == 0.0).all()
+    assert (run.u[steps:, 2] != 0.0).all()
+    np.testing.assert_array_equal(run.states[: steps + 1], simulate(BASE, periodic()).states[: steps + 1])
+
+
 def test_settled_blocks_start_without_a_transient() -> None:
     lag = effect("amplifier_lowpass").add_to(BASE, {"tau_a": 1e-3})
     t = np.arange(50) * 1e-4
@@ -119,6 +152,27 @@ def differences(setup: Setup, run: Recording, name: str) -> np.ndarray:
     ends = [simulate(setup.with_values({name: value + s}), run).y for s in (step, -step)]
     return (ends[0] - ends[1]) / (2.0 * step)
 
+
+def chained(*parts: tuple[str, dict[str, float]], start: Setup = BASE) -> Setup:
+    """A setup with effects one after the other."""
+    for name, values in parts:
+        start = effect(name).add_to(start, values)
+    return start
+
+
+def periodic() -> Recording:
+    return sine(start=Start("periodic"), period=0.01)
+
+
+def jump() -> Recording:
+    t = np.arange(200) * 1e-4
+    return recording(t, np.where(np.arange(200) < 50, 0.0, 120.0))
+
+
+LAG, PLAY = ("sensor_lag", {"tau_y": 3e-4}), ("output_backlash", {"delta_b": 4e-6})
+OFFSET, LOWPASS = ("amplifier_offset", {"V_0": 2.0}), ("amplifier_lowpass", {"tau_a": 5e-4})
+BENT, DELAY = ("sensor_nonlinearity", {"a_2": 300.0, "a_3": -2e6}), ("delay", {"tau_d": 2.34e-4})
+BASE_MOTION = ("base_motion", {"A_c": 0.2, "A_s": -0.1, "f_b": 170.0})
 
 CASES = {
     "actuator": (BASE, sine()),
@@ -135,6 +189,21 @@ CASES = {
         ),
         sine(),
     ),
+    "delay": (chained(DELAY), sine()),
+    "delay of a jump": (chained(DELAY), jump()),
+    "slew limit": (chained(("slew_limit", {"S": 3e4})), sine()),
+    "offset": (chained(OFFSET), sine()),
+    "offset, then low-pass, from a bias": (chained(OFFSET, LOWPASS), sine(offset=20.0, start=Start("rest", 20.0))),
+    "lag": (chained(LAG), sine()),
+    "lag, periodic": (chained(LAG), periodic()),
+    "bent sensor": (chained(BENT), sine()),
+    "rectified": (chained(("sensor_rectification", {})), sine()),
+    "play": (chained(PLAY), sine()),
+    "play, periodic": (chained(PLAY), periodic()),
+    "lag, then play": (chained(LAG, PLAY), sine()),
+    "drift, then bent sensor, then lag": (chained(("sensor_drift", {"drift_rate": 1e-4}), BENT, LAG), sine()),
+    "base motion": (chained(BASE_MOTION), sine()),
+    "base motion, periodic, lag": (chained(BASE_MOTION, LAG), periodic()),
 }
 
 
@@ -164,6 +233,11 @@ def test_derivatives_by_initial_states_and_forces() -> None:
         ends = [simulate(BASE, sine(), initial=s * step * np.eye(4)[place]).y for s in (1.0, -1.0)]
         wanted = (ends[0] - ends[1]) / (2.0 * step)
         np.testing.assert_allclose(got[:, 1 + column], wanted, atol=2e-4 * np.abs(wanted).max())
+    # Through a sensor too.
+    slow = chained(LAG, PLAY)
+    through = output_derivatives(simulate(slow, sine()), ["tau_y"], initial=[2])
+    ends = [simulate(slow, sine(), initial=s * 1e-11 * np.eye(4)[2]).y for s in (1.0, -1.0)]
+    np.testing.assert_allclose(through[:, 1], (ends[0] - ends[1]) / 2e-11, atol=2e-4 * np.abs(through[:, 1]).max())
     # A force on the junction is a voltage over the transducer ratio.
     assert (got[:40, 4] == 0.0).all()
     np.testing.assert_allclose(input_force(run, np.ones(n)), 0.046311)

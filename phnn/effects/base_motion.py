@@ -1,0 +1,73 @@
+"""A base that shakes: a force on the mass that has nothing to do with the voltage."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from phnn.effects.effect import Effect, Scales, has_motion, with_network
+from phnn.network.elements import Port
+from phnn.parameters import Parameter, positive
+from phnn.setup import Setup, Source
+
+_MAINS = (50.0, 60.0)
+_SPACED = 5
+
+
+def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """A port ``F_b`` on ``p`` with ``F_b(t) = A_c cos 2πft + A_s sin 2πft``, ``t`` the time of the recording.
+
+    Seen from a base that moves by ``s_b`` it is the inertia force ``−m s̈_b``.
+    """
+    size = max(abs(values["A_c"]), abs(values["A_s"])) or 1e-3
+    port = Port("base", {"p": 1.0}, unit="N")
+    network = replace(setup.network, ports=(*setup.network.ports, port))
+    names = ("A_c", "A_s", "f_b")
+    return with_network(setup, network).with_source(
+        Source("tone", "base", names),
+        (
+            Parameter("A_c", values["A_c"], "N", -1e6, 1e6, typical=size, description="cosine part of the base force"),
+            Parameter("A_s", values["A_s"], "N", -1e6, 1e6, typical=size, description="sine part of the base force"),
+            positive("f_b", values["f_b"], "Hz", "frequency of the base motion", 1e3),
+        ),
+    )
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """Both phases at frequencies around those of the drive, and at those of machines on the mains."""
+    force = 1e-4 * scales.stiffness * scales.displacement
+    spaced = np.geomspace(0.3 * scales.slowest, 2.0 * scales.fastest, _SPACED)
+    return [
+        {"A_c": force * (1.0 - phase), "A_s": force * phase, "f_b": float(f)}
+        for f in sorted({*spaced.tolist(), *_MAINS})
+        for phase in (0.0, 1.0)
+    ]
+
+
+def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
+    """Strength is the size of both amplitudes."""
+    return {"A_c": factor * values["A_c"], "A_s": factor * values["A_s"], "f_b": values["f_b"]}
+
+
+EFFECT = Effect(
+    name="base_motion",
+    location="environment",
+    equation=r"F_b(t) = A_c \cos 2\pi f_b t + A_s \sin 2\pi f_b t",
+    statement="The base shakes at {f_b}, the same way in every recording: a force of {A_c} (cosine) and {A_s} (sine) "
+    "acts on the moving part, whatever the voltage does.",
+    fingerprint="An error at one frequency that no drive excites, with the same phase in every recording.",
+    separation="A recording at zero voltage that begins at another time: shaking goes on there, with the resonance of "
+    "the actuator in it, which a line picked up by the sensor has not.",
+    references=("Harris & Piersol 2002, Harris' Shock and Vibration Handbook, ch. 2",),
+    passive=True,
+    strength="A_c",
+    one_sided=False,
+    grid=grid,
+    build=build,
+    parameters=("A_c", "A_s", "f_b"),
+    applies=has_motion,
+    neighbours=("mains_pickup",),
+    rescale=rescale,
+)

@@ -1,0 +1,45 @@
+"""An amplifier, or the electronics before it, that passes on its command some time later."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from phnn.effects.effect import Effect, Scales
+from phnn.parameters import Parameter
+from phnn.setup import Block, Setup
+
+
+def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """``V(t) = u(t − τ)`` before the port."""
+    tau = values["tau_d"]
+    parameter = Parameter("tau_d", tau, "s", 1e-9, 10.0, positive=True, description="delay of the voltage")
+    return setup.with_block("amplifier", Block("delay", ("tau_d",)), (parameter,))
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """Small against the fastest line, and two finite delays where the response is no longer proportional."""
+    unit = 1.0 / (2.0 * np.pi * scales.fastest)
+    return [{"tau_d": unit * share} for share in (1e-3, 0.03, 0.3)]
+
+
+EFFECT = Effect(
+    name="delay",
+    location="amplifier",
+    equation=r"V(t) = u(t - \tau_d)",
+    statement="The voltage follows its command {tau_d} late, at every frequency alike: a delay of the electronics, "
+    "which the displacement shows as if its sensor were late.",
+    fingerprint="A phase that falls in proportion to the frequency while the gain stays as it is.",
+    separation="A step of the command sampled much faster than the delay: a delay holds still and then repeats it, a "
+    "low-pass or a lagging sensor begins at once.",
+    references=("Åström & Wittenmark 1997, Computer-Controlled Systems",),
+    passive=False,
+    strength="tau_d",
+    one_sided=True,
+    grid=grid,
+    build=build,
+    parameters=("tau_d",),
+    needs_command=True,
+    neighbours=("amplifier_lowpass", "sensor_lag"),
+)

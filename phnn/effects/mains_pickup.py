@@ -1,0 +1,45 @@
+"""Lines of the mains in the measured output."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from phnn.effects.effect import Effect, Scales
+from phnn.parameters import as_table, constant
+from phnn.setup import Setup
+
+_HARMONICS = (1, 2, 3)
+
+
+def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """Lines at ``f_m`` and its second and third harmonic, amplitude and phase every recording's own."""
+    mains = constant("f_m", values["f_m"], "Hz", "frequency of the mains")
+    table = as_table((*(setup.block_parameters or {}).values(), mains))
+    lines = tuple(n * values["f_m"] for n in _HARMONICS)
+    return replace(setup, lines=(*setup.lines, *lines), block_parameters=table)
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """The two frequencies that mains have."""
+    return [{"f_m": 50.0}, {"f_m": 60.0}]
+
+
+EFFECT = Effect(
+    name="mains_pickup",
+    location="environment",
+    equation=r"y = q + \sum_{n=1}^{3} (a_n \cos 2\pi n f_m t + b_n \sin 2\pi n f_m t)",
+    statement="The measurement picks up the mains: lines at {f_m} and its harmonics stand in the output, with an "
+    "amplitude and phase of their own in every recording.",
+    fingerprint="Narrow lines at the mains and its harmonics whose phase is another one in every recording.",
+    separation="A recording at zero voltage with the actuator held fast: pickup stays as it is, a shaking base moves "
+    "nothing any more.",
+    references=("Ott 2009, Electromagnetic Compatibility Engineering, ch. 2",),
+    passive=False,
+    strength=None,
+    one_sided=False,
+    grid=grid,
+    build=build,
+    parameters=("f_m",),
+    neighbours=("base_motion",),
+)

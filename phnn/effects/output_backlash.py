@@ -1,0 +1,44 @@
+"""Play between what moves and what is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from phnn.effects.effect import Effect, Scales
+from phnn.parameters import positive
+from phnn.setup import Block, Setup
+
+
+def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """``y`` follows ``q`` through a play of half-width ``δ_b``, centred at the first sample."""
+    parameter = positive("delta_b", values["delta_b"], "m", "half-width of the play at the output", 1e4)
+    return setup.with_block("sensor", Block("play", ("delta_b",)), (parameter,))
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """Three half-widths, from below the noise to a few hundredths of the displacement."""
+    widest = 0.03 * scales.displacement
+    least = min(0.3 * scales.noise, 0.1 * widest)
+    return [{"delta_b": float(width)} for width in np.geomspace(least, widest, 3)]
+
+
+EFFECT = Effect(
+    name="output_backlash",
+    location="sensor",
+    equation=r"|q - y| \leq \delta_b, \quad \dot{y} \neq 0 \ \mathrm{only\ where}\ |q - y| = \delta_b",
+    statement="There is play between what moves and what is measured: after each reversal the output rests until the "
+    "actuator has moved by twice {delta_b}.",
+    fingerprint="A plateau of the output after every reversal, as wide at every amplitude and frequency.",
+    separation="Small triangles whose amplitude grows from nothing: play shows no motion at all below its width, "
+    "friction and a hysteron show a smaller one.",
+    references=("Brokate & Sprekels 1996, Hysteresis and Phase Transitions, ch. 2 (play operator)",),
+    passive=False,
+    strength="delta_b",
+    one_sided=True,
+    grid=grid,
+    build=build,
+    parameters=("delta_b",),
+    neighbours=("coulomb_friction", "extra_hysteron"),
+)

@@ -1,0 +1,44 @@
+"""A sensor that lags behind the displacement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from phnn.effects.effect import Effect, Scales
+from phnn.parameters import Parameter
+from phnn.setup import Block, Setup
+
+
+def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """``τ ẏ = q − y`` behind the network, settled at the first sample."""
+    tau = values["tau_y"]
+    parameter = Parameter("tau_y", tau, "s", 1e-9, 10.0, positive=True, description="time constant of the sensor")
+    return setup.with_block("sensor", Block("lag", ("tau_y",)), (parameter,))
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """Small against the fastest line, and two finite corners where the response is no longer proportional."""
+    unit = 1.0 / (2.0 * np.pi * scales.fastest)
+    return [{"tau_y": unit * share} for share in (1e-3, 0.1, 1.0, 10.0)]
+
+
+EFFECT = Effect(
+    name="sensor_lag",
+    location="sensor",
+    equation=r"\tau_y \dot{y} = q - y",
+    statement="The sensor lags behind the displacement: it is a low-pass with a time constant of {tau_y}.",
+    fingerprint="A lag that grows with frequency, and noise that is coloured by the same low-pass where it comes from "
+    "before the filter.",
+    separation="A blow to the mass at constant voltage: a sensor lags behind that as well, an amplifier cannot; or "
+    "another sensor beside this one.",
+    references=("Fleming 2013, Sensors and Actuators A 190 (position sensors), sec. 2",),
+    passive=False,
+    strength="tau_y",
+    one_sided=True,
+    grid=grid,
+    build=build,
+    parameters=("tau_y",),
+    neighbours=("amplifier_lowpass", "delay"),
+)

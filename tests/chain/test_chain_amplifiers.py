@@ -1,0 +1,192 @@
+"""The blocks before the network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from phnn.chain.amplifiers import AMPLIFIERS, bouc_wen, delay, lowpass, offset, saturation, slew_limit
+from phnn.laws.namespace import TINY
+from phnn.models.bouc_wen import TABLE_2
+from phnn.signals.reconstruct import mean_input
+
+H = np.full(400, 1e-3)
+NODES = np.concatenate([[0.0], np.cumsum(H)])
+FINE_T = np.column_stack([NODES[:-1], NODES[:-1] + 0.5e-3, NODES[1:]])
+
+
+def command(t: Any) -> Any:
+    """Reversals at several amplitudes, from 3 V."""
+    return 3.0 + 40.0 * np.sin(2 * np.pi * 7.0 * t) * (0.3 + t) + 15.0 * np.sin(2 * np.pi * 19.0 * t)
+
+
+def slope(t: float) -> float:
+    return float(np.imag(command(complex(t, TINY))) / TINY)
+
+
+@pytest.mark.parametrize("tau", [1e-6, 2e-3, 0.05, 30.0])
+def test_lowpass_solves_its_equation(tau: float) -> None:
+    got = lowpass(command(FINE_T), H, 3.0, tau)
+    exact = solve_ivp(
+        lambda t, v: (command(t) - v) / tau, (0.0, 0.4), [3.0], "Radau", FINE_T[:, 1], rtol=1e-9, atol=1e-9
+    ).y[0]  # fmt: skip
+    # The input is taken as straight between the points of the sub-steps.
+    assert np.abs(got[:, 1] - exact).max() < 1e-2
+    np.testing.assert_allclose(got[1:, 0], got[:-1, 2], rtol=1e-14)
+    assert got[0, 0] == pytest.approx(3.0)
+
+
+def test_lowpass_is_exact_for_a_ramp_and_after_a_jump() -> None:
+    tau, t = 0.02, FINE_T
+    ramp = lowpass(5.0 * t, H, 0.0, tau)
+    np.testing.assert_allclose(ramp, 5.0 * (t - tau * (1.0 - np.exp(-t / tau))), atol=1e-12)
+    jump = lowpass(np.ones_like(t), H, 0.0, tau)
+    np.testing.assert_allclose(jump, 1.0 - np.exp(-t / tau), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("beta", "gamma"), [(TABLE_2["beta"], TABLE_2["gamma"]), (0.05, 0.02), (0.02, 0.02), (0.03, -0.02), (1e-7, 0.0)]
+)
+def test_bouc_wen_solves_equation_19(beta: float, gamma: float) -> None:
+    a, weight = TABLE_2["A"], TABLE_2["K_h"] / TABLE_2["K_v"]
+    fine = command(FINE_T)
+    got = (fine - bouc_wen(fine, H, 3.0, a, beta, gamma, weight)) / weight
+
+    def rate(t: float, h: np.ndarray) -> list[float]:
+        v = slope(t)
+        return [a * v - beta * abs(v) * h[0] - gamma * abs(h[0]) * v]
+
+    exact = solve_ivp(rate, (0.0, 0.4), [0.0], "DOP853", FINE_T[:, 1], rtol=1e-9, atol=1e-12, max_step=2e-3).y[0]
+    # A reversal inside a sub-step is the only approximation.
+    assert np.abs(got[:, 1] - exact).max() < 1e-3 * np.abs(exact).max()
+
+
+def test_bouc_wen_does_not_depend_on_the_rate() -> None:
+    args = (TABLE_2["A"], TABLE_2["beta"], TABLE_2["gamma"], 40.0)
+    fine = command(FINE_T)
+    np.testing.assert_array_equal(bouc_wen(fine, H, 3.0, *args), bouc_wen(fine, 100.0 * H, 3.0, *args))
+    # A monotone stretch in one step or in many is the same.
+    rise = np.linspace(0.0, 60.0, 801)
+    many = np.column_stack([rise[:-2:2], rise[1:-1:2], rise[2::2]])
+    once = np.array([[0.0, 30.0, 60.0]])
+    assert bouc_wen(once, H[:1], 0.0, *args)[0, 2] == pytest.approx(bouc_wen(many, H, 0.0, *args)[-1, 2], rel=1e-12)
+
+
+def test_saturation_clips_both_ways() -> None:
+    got = saturation(command(FINE_T), H, 3.0, 12.5)
+    np.testing.assert_array_equal(got, np.clip(command(FINE_T), -12.5, 12.5))
+    assert got.max() == 12.5
+    assert got.min() == -12.5
+
+
+@pytest.mark.parametrize("tau", [0.0, 3e-4, 1e-3, 0.0123, 0.1])
+def test_a_delayed_signal_is_what_it_was(tau: float) -> None:
+    got = delay(command(FINE_T), H, 3.0, tau)
+    wanted = np.where(tau > FINE_T, 3.0, command(FINE_T - tau))
+    # Between its points the signal is a parabola a step.
+    np.testing.assert_allclose(got, wanted, atol=2e-3)
+    assert np.abs(command(FINE_T) - got).max() >= 10.0 * tau
+
+
+def test_a_delay_longer_than_the_record_leaves_what_was_before() -> None:
+    assert (delay(command(FINE_T), H, -2.0, 1.0) == -2.0).all()
+
+
+def test_a_delayed_jump_stays_sharp() -> None:
+    fine = np.where(FINE_T < 0.1, 0.0, 1.0)
+    fine[99, 2], fine[100, 0] = 0.0, 1.0
+    # Onto a node: one value before, another after it.
+    onto = delay(fine, H, 0.0, 0.05)
+    np.testing.assert_array_equal(onto, np.where(np.arange(400)[:, None] < 150, 0.0, 1.0) * np.ones(3))
+    # Into a step: only that step has both values, and its mean is the share of it that lies behind the jump.
+    into = delay(fine, H, 0.0, 0.05 + 0.3e-3)
+    assert ((into == 0.0) | (into == 1.0))[np.arange(400) != 150].all()
+    assert (into[150, 0], into[150, 2]) == (0.0, 1.0)
+    assert mean_input(into)[150] == pytest.approx(0.7)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    levels=st.lists(st.floats(-50.0, 50.0), min_size=400, max_size=400), before=st.floats(-50.0, 50.0),
+    tau=st.floats(0.0, 0.3),
+)  # fmt: skip
+def test_a_delay_loses_no_area_whatever_jumps(levels: list[float], before: float, tau: float) -> None:
+    steps = np.array(levels)[:, None] * np.ones(3)
+    kept = np.concatenate([[0.0], np.cumsum(H * steps[:, 0])])
+    wanted = before * tau + np.interp(0.4 - tau, NODES, kept)
+    assert mean_input(delay(steps, H, before, tau)) @ H == pytest.approx(wanted, abs=1e-9)
+
+
+def test_area_of_a_delayed_jump_falls_with_the_delay() -> None:
+    got = delay(np.ones((400, 3)), H, 0.0, complex(0.0123, TINY))
+    assert mean_input(np.imag(got) / TINY) @ H == pytest.approx(-1.0)
+
+
+def test_a_delay_knows_steps_of_any_size() -> None:
+    h = np.where(np.arange(400) % 3 == 0, 1e-4, 1.45e-3)
+    starts = np.cumsum(h) - h
+    t = starts[:, None] + h[:, None] * np.array([0.0, 0.5, 1.0])
+    got = delay(command(t), h, 3.0, 5e-3)
+    np.testing.assert_allclose(got, np.where(t < 5e-3, 3.0, command(t - 5e-3)), atol=1e-2)
+
+
+def test_a_slew_limit_follows_what_it_can() -> None:
+    fine = command(FINE_T)
+    fast = np.abs(np.diff(fine, axis=1)).max() / 0.5e-3
+    np.testing.assert_allclose(slew_limit(fine, H, 3.0, 1.01 * fast), fine, atol=1e-9)
+    limited = slew_limit(fine, H, 3.0, 0.3 * fast)
+    assert np.abs(np.diff(limited, axis=1)).max() <= 0.3 * fast * 0.5e-3 * (1.0 + 1e-9)
+    np.testing.assert_array_equal(limited[1:, 0], limited[:-1, 2])
+    # What obeys the limit passes through it.
+    np.testing.assert_allclose(slew_limit(limited, H, 3.0, 0.3 * fast), limited, atol=1e-9)
+
+
+def test_a_slew_limit_makes_a_jump_a_ramp_and_a_large_sine_a_triangle() -> None:
+    jump = slew_limit(np.full((400, 3), 2.0), H, 0.0, 10.0)
+    np.testing.assert_allclose(jump, np.minimum(10.0 * FINE_T, 2.0), atol=1e-12)
+    rate, frequency = 1000.0, 20.0
+    sine = slew_limit(100.0 * np.sin(2.0 * np.pi * frequency * FINE_T), H, 0.0, rate)
+    last = sine[FINE_T[:, 1] > 0.35]
+    # It always rises or falls at the limit; half a period each way.
+    np.testing.assert_allclose(np.abs(np.diff(last[:, ::2], axis=1)).max(), rate * 1e-3)
+    assert np.ptp(last) == pytest.approx(rate * 0.5 / frequency, rel=0.02)
+
+
+def test_an_offset_is_added() -> None:
+    np.testing.assert_allclose(offset(command(FINE_T), H, 3.0, -1.5), command(FINE_T) - 1.5)
+
+
+VALUES = {
+    "lowpass": (2e-3,),
+    "saturation": (12.5,),
+    "bouc_wen": (0.0087, 0.006, 0.014, 40.0),
+    "delay": (7.3e-3,),
+    "slew_limit": (700.0,),
+    "offset": (1.5,),
+}
+
+
+@pytest.mark.parametrize("kind", AMPLIFIERS)
+def test_complex_steps_through_every_block_are_its_derivatives(kind: str) -> None:
+    block: Callable[..., Any] = AMPLIFIERS[kind]
+    values, fine = VALUES[kind], command(FINE_T)
+    for k, value in enumerate(values):
+        moved = [complex(v, TINY) if i == k else v for i, v in enumerate(values)]
+        got = np.imag(block(fine, H, 3.0, *moved)) / TINY
+        step = 1e-6 * value
+        ends = [
+            block(fine, H, 3.0, *(v + s * (i == k) for i, v in enumerate(values))) for s in (step, -step)
+        ]  # fmt: skip
+        wanted = (ends[0] - ends[1]) / (2.0 * step)
+        np.testing.assert_allclose(got, wanted, atol=2e-6 * np.abs(wanted).max())
+        assert np.abs(wanted).max() > 0.0
+
+
+def test_every_block_is_tested() -> None:
+    assert set(VALUES) == set(AMPLIFIERS)

@@ -1,0 +1,134 @@
+"""The blocks behind the network."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from phnn.chain.midpoints import midpoints
+from phnn.chain.sensors import SENSORS, drift, lag, play, polynomial, rectification
+from phnn.laws.namespace import TINY
+
+T = np.arange(601) * 1e-3
+signals = arrays(np.float64, st.integers(5, 60), elements=st.floats(-10.0, 10.0))
+
+
+def sine(frequency: float, amplitude: float = 1.0) -> np.ndarray:
+    return amplitude * np.sin(2.0 * np.pi * frequency * T)
+
+
+def test_drift_adds_a_ramp() -> None:
+    np.testing.assert_allclose(drift(np.ones(3), np.array([0.0, 2.0, 4.0]), 0.5), [1.0, 2.0, 3.0])
+
+
+def test_a_polynomial_and_a_rectifier_act_sample_by_sample() -> None:
+    q = np.array([-2.0, 0.0, 3.0])
+    np.testing.assert_allclose(polynomial(q, T[:3], 0.1, -0.2), [-2.0 + 0.4 + 1.6, 0.0, 3.0 + 0.9 - 5.4])
+    np.testing.assert_array_equal(rectification(q, T[:3]), [2.0, 0.0, 3.0])
+
+
+def test_midpoints_of_a_cubic_are_exact_and_of_a_sine_fourth_order() -> None:
+    t = np.linspace(0.0, 1.0, 9)
+    middle = 0.5 * (t[1:] + t[:-1])
+    np.testing.assert_allclose(midpoints(t**3 - t), middle**3 - middle, atol=1e-14)
+    errors = []
+    for n in (21, 41, 81):
+        t = np.linspace(0.0, 1.0, n)
+        errors.append(np.abs(midpoints(np.sin(9.0 * t)) - np.sin(9.0 * 0.5 * (t[1:] + t[:-1]))).max())
+    assert errors[2] < errors[1] / 14.0 < errors[0] / 14.0**2
+    np.testing.assert_array_equal(midpoints(np.array([1.0, 2.0])), [1.5])
+
+
+@pytest.mark.parametrize("tau", [1e-7, 5e-4, 1.9e-3, 2.1e-3, 0.03, 5.0])
+def test_the_lag_of_a_sine_has_its_closed_form(tau: float) -> None:
+    omega = 2.0 * np.pi * 20.0
+    y = lag(sine(20.0), T, tau)
+    z = omega * tau
+    wanted = (np.sin(omega * T) - z * np.cos(omega * T) + z * np.exp(-T / tau)) / (1.0 + z**2)
+    # Fifty samples a period; a straight line between them would be wrong by 1e-3.
+    np.testing.assert_allclose(y, wanted, atol=1e-5)
+
+
+@pytest.mark.parametrize("tau", [1e-4, 1.9e-3, 2.1e-3, 0.1])
+def test_the_lag_of_a_parabola_is_exact(tau: float) -> None:
+    q = 1.0 + T + 40.0 * T**2
+    # Settled at the first sample: 1.
+    slope, square = 1.0, 40.0
+    gone = 1.0 - np.exp(-T / tau)
+    wanted = 1.0 + slope * (T - tau * gone) + square * (T**2 - 2.0 * tau * T + 2.0 * tau**2 * gone)
+    np.testing.assert_allclose(lag(q, T, tau), wanted, rtol=1e-11)
+
+
+@settings(max_examples=50, deadline=None)
+@given(signals, st.floats(1e-5, 1.0))
+def test_a_lag_is_linear_and_keeps_a_constant(q: np.ndarray, tau: float) -> None:
+    t = T[: q.size]
+    np.testing.assert_allclose(lag(2.0 * q - 3.0, t, tau), 2.0 * lag(q, t, tau) - 3.0, atol=1e-9)
+
+
+def test_play_cuts_what_turns_round_between_samples() -> None:
+    width = 0.2
+    for frequency in (7.3, 19.0, 41.7):
+        y = play(sine(frequency), T, width)
+        later = y[1.0 / frequency < T]
+        period = 2.0 * np.pi * frequency * 1e-3
+        # The samples themselves miss a peak by up to an eighth of the square of their phase step.
+        np.testing.assert_allclose([later.max(), later.min()], [0.8, -0.8], atol=0.02 * period**3)
+    # On the way up from its first plateau it hangs behind by the width.
+    rising = (T > 0.0) & (T < 1.0 / (4.0 * 19.0)) & (sine(19.0) > width)
+    np.testing.assert_allclose(play(sine(19.0), T, width)[rising], sine(19.0)[rising] - width, atol=1e-12)
+
+
+@settings(max_examples=100, deadline=None)
+@given(signals, st.floats(0.0, 5.0))
+def test_play_stays_within_its_width_and_does_not_know_time(q: np.ndarray, width: float) -> None:
+    t = T[: q.size]
+    y = play(q, t, width)
+    assert (np.abs(q - y) <= width + 1e-12).all()
+    assert y[0] == q[0]
+    np.testing.assert_array_equal(y, play(q, 100.0 * t, width))
+    np.testing.assert_allclose(play(-q, t, width), -y, atol=1e-12)
+    if np.ptp(q) == 0.0:
+        assert (y == q).all()
+
+
+def test_wide_play_shows_nothing_and_none_shows_all() -> None:
+    assert (play(sine(20.0), T, 2.0) == 0.0).all()
+    np.testing.assert_array_equal(play(sine(20.0), T, 0.0), sine(20.0))
+
+
+VALUES = {"drift": (0.3,), "lag": (4e-3,), "polynomial": (0.3, -0.2), "rectification": (), "play": (0.15,)}
+
+
+@pytest.mark.parametrize("kind", SENSORS)
+def test_complex_steps_along_columns_are_directional_derivatives(kind: str) -> None:
+    block, values = SENSORS[kind], VALUES[kind]
+    q, t = (sine(11.0) + 0.4 * sine(29.0) + 0.1)[:, None], T[:, None]
+    along = np.column_stack([np.cos(31.0 * T), np.sin(97.0 * T), np.ones(T.size)])
+    got = np.imag(block(q + 1j * TINY * along, t, *values)) / TINY
+    step = 1e-6
+    wanted = (block(q + step * along, t, *values) - block(q - step * along, t, *values)) / (2.0 * step)
+    # A kink may lie between the ends of a difference.
+    wrong = np.abs(got - wanted) > 1e-6 * np.abs(wanted).max()
+    assert wrong.mean() < 0.01
+    np.testing.assert_array_equal(np.real(block(q + 0j, t, *values)), block(q, t, *values))
+
+
+@pytest.mark.parametrize("kind", SENSORS)
+def test_complex_steps_by_every_parameter_are_its_derivatives(kind: str) -> None:
+    block, values = SENSORS[kind], VALUES[kind]
+    q = sine(11.0) + 0.4 * sine(29.0)
+    for k, value in enumerate(values):
+        got = np.imag(block(q, T, *(complex(v, TINY * (i == k)) for i, v in enumerate(values)))) / TINY
+        step = 1e-6 * abs(value)
+        ends = [block(q, T, *(v + s * (i == k) for i, v in enumerate(values))) for s in (step, -step)]
+        wanted = (ends[0] - ends[1]) / (2.0 * step)
+        assert (np.abs(got - wanted) > 1e-6 * np.abs(wanted).max()).mean() < 0.01
+        assert np.abs(wanted).max() > 0.0
+
+
+def test_every_block_is_tested() -> None:
+    assert set(VALUES) == set(SENSORS)
