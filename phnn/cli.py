@@ -15,7 +15,7 @@ from phnn.configuration import compose, compose_groups, config_folder
 from phnn.errors import PhnnError
 
 # Commands with settings, and the file under configs/ that holds them.
-_SETTINGS = {"identify": "identify", "diagnose": "diagnose", "compare": "compare", "demo": "diagnose"}
+_SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "prove")} | {"demo": "diagnose"}
 # The command whose settings are composed from groups of files.
 _TRAIN = "train"
 _DEBUG = "PHNN_DEBUG"
@@ -81,11 +81,12 @@ def _parser() -> argparse.ArgumentParser:
     train = _add_command(commands, "train", "train a neural or parametric model: phnn train folder=DIR out=DIR ...")
     train.epilog, train.formatter_class = _training_settings(), argparse.RawDescriptionHelpFormatter
     demo = _add_command(commands, "demo", "conceal an effect in simulated recordings, seal it, diagnose it")
+    prove = _add_command(commands, "prove", "conceal many effects, seal them, diagnose them all, and count")
     predict.add_argument("model", type=Path, metavar="MODEL", help="model/ or base/ of an earlier result")
     for command in (check, identify, diagnose, predict, compare):
         command.add_argument("folder", type=Path, metavar="FOLDER", help="folder of recordings")
         command.add_argument("--manifest", type=Path, metavar="FILE", help="recordings.yaml that lies elsewhere")
-    for command in (identify, diagnose, predict, compare):
+    for command in (identify, diagnose, predict, compare, prove):
         command.add_argument("--out", type=Path, metavar="DIR", required=True, help="where the results go")
     demo.add_argument(
         "--seed", type=_seed, metavar="N", help="which effect, how strong, what noise (drawn if left out)"
@@ -105,16 +106,17 @@ def _parse(argv: Sequence[str] | None) -> tuple[argparse.Namespace, list[str]]:
 
 
 def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
+    from phnn.ensemble.processes import ONE_THREAD
+
     name = arguments.command
     # Settings are refused before torch and numba are loaded.
     config = compose(_SETTINGS[name], settings) if name in _SETTINGS else {}
     if name == _TRAIN:
-        from phnn.ensemble.processes import ONE_THREAD
-
         config = compose_groups(_TRAIN, settings)
-        # Sums over several threads round otherwise: a run would depend on the number of cores.
-        for variable, count in ONE_THREAD.items():
-            os.environ.setdefault(variable, count)
+    # Sums over several threads round otherwise, so that a result would depend on the number of cores; and recordings are
+    # simulated in threads already.
+    for variable, count in ONE_THREAD.items():
+        os.environ.setdefault(variable, count)
     import phnn.commands as commands
 
     if name == "check":
@@ -129,6 +131,8 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
         commands.predict(arguments.model, arguments.folder, arguments.out, arguments.manifest)
     elif name == "compare":
         commands.compare(arguments.folder, arguments.out, arguments.manifest, config)
+    elif name == "prove":
+        commands.prove(arguments.out, config)
     else:
         commands.demo(arguments.seed, arguments.out, config)
 

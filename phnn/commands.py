@@ -97,6 +97,11 @@ def _diagnose(campaign: Campaign, out: Path, options: Options) -> Diagnosis:
     return diagnosis
 
 
+def diagnose_quietly(folder: Path, out: Path, config: Mapping[str, Any]) -> None:
+    """The same without a word on the terminal; the settings as in ``configs/diagnose.yaml``."""
+    write(run_diagnosis(read(folder), Options.from_config(config)), out)
+
+
 def _keep(fitted: Fit, folder: Path) -> None:
     save(fitted.setup, folder, max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
 
@@ -194,6 +199,27 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any]) -> None:
     print(f"sealed: {sealed.effect}  verdict: {j.verdict}  named: {words[0]}  class: {words[1]}", flush=True)
     if sealed.effect not in named and not (sealed.effect in members and len(members) <= _CLASS):
         raise PhnnError(f"the sealed effect {sealed.effect} was not found; see {out / 'diagnosis' / 'report.html'}")
+
+
+def prove(out: Path, config: Mapping[str, Any]) -> None:
+    """Conceal many effects, seal the answers, diagnose all, count; writes ``report.html``, tables and figures."""
+    from phnn.prove.page import numbers, write_proof
+    from phnn.prove.run import prove as run_proof
+    from phnn.prove.settings import Settings as ProofSettings
+
+    settings = ProofSettings.from_config(config)
+    print(f"seed {settings.seed}", flush=True)
+    outcomes, digest = run_proof(settings, out, lambda message: print(message, flush=True))
+    table = Table("what", "share", "cases", "95 % interval", "target", title="proof")
+    for r in write_proof(outcomes, settings, digest, out):
+        if r.cases:
+            low, high = (f"{100 * v:.1f}" for v in r.interval)
+            table.add_row(r.label, f"{100 * r.share:.1f} %", f"{r.hits} of {r.cases}", f"{low} – {high} %", r.target)
+    console = Console()
+    console.print(table)
+    for label, value, target in numbers(outcomes):
+        console.print(f"{label}: {value} (target {target})")
+    print(f"report: {out / 'report.html'}")
 
 
 def _note(fitted: Fit, name: str) -> str | None:

@@ -54,7 +54,7 @@ def test_arguments_reach_the_commands(calls: list[tuple[str, tuple[Any, ...]]]) 
     assert calls[0] == ("check", (Path("data"), Path("m.yaml")))
     assert calls[1] == ("predict", (Path("model"), Path("data"), Path("o"), None))
     name, (seed, out, config) = calls[2]
-    assert (name, seed, out, config["max_effects"]) == ("demo", 3, Path("out/demo"), 2)
+    assert (name, seed, out, config["max_effects"]) == ("demo", 3, Path("out/demo"), 3)
 
 
 @pytest.mark.parametrize(
@@ -181,4 +181,4 @@ def test_help_is_quick_and_loads_nothing_heavy() -> None:
 def test_help_of_a_command_tells_its_settings(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         cli.main(["diagnose", "--help"])
-    assert "max_effects: 2" in capsys.readouterr().out
+    assert "max_effects: 3" in capsys.readouterr().out

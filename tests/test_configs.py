@@ -26,6 +26,9 @@ from phnn.learn.starts import plant_for
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_network
 from phnn.network import PortHamiltonianSystem
+from phnn.prove.cases import tasks
+from phnn.prove.settings import STRATA
+from phnn.prove.settings import Settings as ProofSettings
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
 
@@ -64,8 +67,14 @@ def command(name: str) -> None:
             for stage in recipe.stages.values():
                 Settings(folder="a", out="b", model=recipe.model, solver=recipe.solver, **stage)
         return
+    if name == "prove":
+        proof = ProofSettings.from_config(given)
+        assert len(tasks(proof)) == sum(given[n] for n in (*STRATA, "fast_none", "fast_weak", "few"))
+        return
     assert set(given) <= set(Options.__dataclass_fields__)
-    assert Options.from_config(given) == Options(**given)
+    assert {n: getattr(Options.from_config(given), n) for n in given} == given | {
+        n: tuple(v) for n, v in given.items() if isinstance(v, list)
+    }
 
 
 def model(name: str) -> None:

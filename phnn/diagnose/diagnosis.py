@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from phnn.diagnose.judge import Judgement, judge
 from phnn.diagnose.propose import NextExperiment, propose
-from phnn.effects import Effect, catalogue
+from phnn.effects import Effect, catalogue, effect
 from phnn.ensemble import executor
 from phnn.identify.base import Options, Progress, identify_base, quiet, refined
 from phnn.identify.evaluate import Evaluation, evaluate
@@ -17,6 +17,7 @@ from phnn.identify.numerics import NumericalError
 from phnn.identify.problem import Plan
 from phnn.integrate.residual import check
 from phnn.recordings.recording import Campaign
+from phnn.setup import Setup
 
 # Above this score along a candidate's direction a numerical error could be named as physics.
 _FAKE = 0.3
@@ -45,9 +46,18 @@ class Diagnosis:
     seconds: float
 
 
-def available(campaign: Campaign) -> list[Effect]:
-    """Effects that can exist: with the voltage measured at the terminals the amplifier is no culprit."""
-    return [e for e in catalogue().values() if not (e.needs_command and campaign.voltage == "terminals")]
+def available(campaign: Campaign, setup: Setup, without: Sequence[str] = ()) -> list[Effect]:
+    """Effects that can exist in a setup: with the voltage measured at the terminals the amplifier is no culprit.
+
+    Args:
+        without: names that are left out.
+
+    Raises:
+        InputRefused: one of these names is not in the catalogue.
+    """
+    out = [effect(name) for name in without]
+    found = [e for e in catalogue().values() if e not in out and e.applies(setup)]
+    return [e for e in found if not (e.needs_command and campaign.voltage == "terminals")]
 
 
 def diagnose(
@@ -67,13 +77,14 @@ def diagnose(
         on_base: called with the base fit as soon as there is one, so that it can be kept whatever comes.
 
     Raises:
-        InputRefused: the executor is not understood or does not answer; nothing has been fitted yet then.
+        InputRefused: the executor is not understood or does not answer, or an effect to do without is not in the
+            catalogue; nothing has been fitted yet then.
     """
     began = time.monotonic()
     chosen = options or Options()
-    refits = executor(chosen.executor)
+    refits, _ = executor(chosen.executor), [effect(name) for name in chosen.without]
     base, error = identify_base(campaign, chosen, progress)
-    catalogue_ = list(effects) if effects is not None else available(campaign)
+    catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, chosen.without)
     progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
     if on_base is not None:
         on_base(base)
@@ -113,5 +124,4 @@ def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
     """A fit's scores on every recording of a campaign; held-out ones get the finest sub-steps of the fit's plan."""
     finest = max((fitted.plan.steps_of(r) for r in fitted.plan.recordings), default=1)
     steps = {r.name: fitted.plan.substeps.get(r.name, finest) for r in campaign.recordings}
-    initial = {n: state for n in fitted.variables.unknown if (state := fitted.initial(n)) is not None}
-    return evaluate(fitted.setup, Plan(campaign.recordings, steps, fitted.plan.workers), initial)
+    return evaluate(fitted.setup, Plan(campaign.recordings, steps, fitted.plan.workers), fitted.initial_states)

@@ -9,14 +9,16 @@ from phnn.diagnose.ground import Ground, prepare
 from phnn.diagnose.learn import learn
 from phnn.diagnose.locate import Location, locate, responses
 from phnn.diagnose.name import Naming, score
-from phnn.diagnose.refit import Trial, class_of, refit
+from phnn.diagnose.refit import Trial, class_of, refit, tie
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
+from phnn.errors import PhnnError
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import NumericalError
+from phnn.identify.staged import fit_identified, stated_only
 
 SIGNIFICANT = 0.01
-_REFITS = 5
+_REFITS = 14
 # Below this share of the excess residual explained, a catalogue entry imitates the truth rather than being it.
 _EXPLAINS = 0.7
 # What comes second explains what the first left, which in real recordings is itself a mixture.
@@ -133,9 +135,32 @@ def _select(
         unexplained = remainder.p_value < SIGNIFICANT
         findings.append(Finding(trials[0], tuple(class_of(trials, unexplained)), tuple(trials), scores))
         here, scores = after, remainder
-        if not unexplained or fitted.chi2 < _MATERIAL**2:
+        superfluous = _superfluous(ground.fit, findings, here.fit)
+        if superfluous is not None:
+            findings, fitted = superfluous
+            here = prepare(fitted, ground.terminals)
+            scores = score(here, _others(effects, findings, findings[-1].trial), responses(here), seed)
+        if scores.p_value >= SIGNIFICANT or fitted.chi2 < _MATERIAL**2:
             break
     return findings, tried, here, scores
+
+
+def _superfluous(base: Fit, findings: Sequence[Finding], fitted: Fit) -> tuple[list[Finding], Fit] | None:
+    """Backward deletion: the findings without an earlier one that those after it have made superfluous."""
+    for place in range(len(findings) - 1):
+        left = [f for i, f in enumerate(findings) if i != place]
+        values = fitted.setup.values()
+        setup = base.setup.with_values({n: values[n] for n in base.setup.free})
+        for f in left:
+            setup = f.trial.candidate.effect.add_to(setup, values)
+        own = [n for f in left for n in f.trial.candidate.effect.parameters]
+        try:
+            alone = fit_identified(setup, base.plan, stated_only(base.held), origin=base, keep=own)
+        except PhnnError:
+            continue
+        if alone.cost - fitted.cost < tie(fitted):
+            return left, alone
+    return None
 
 
 def _share(before: Fit, after: Fit, scores: Naming) -> float:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
 from phnn.diagnose.ground import Ground
+from phnn.effects.effect import has_dead_zones, has_transducer
 from phnn.simulate import Trajectory, input_force, output_derivatives
 
 Array = NDArray[np.float64]
@@ -79,7 +80,7 @@ def _responses_of(trajectory: Trajectory, ground: Ground) -> tuple[Array, NDArra
     parameters = trajectory.setup.network.parameters
     for index, group in enumerate(GROUPS):
         functions = group.functions(trajectory, scales)
-        if ground.terminals and group.enters == VOLTAGE:
+        if not _exists(group, ground):
             functions = np.zeros_like(functions)
         if group.enters == OUTPUT:
             outputs.append(functions * scales.displacement)
@@ -95,6 +96,16 @@ def _responses_of(trajectory: Trajectory, ground: Ground) -> tuple[Array, NDArra
             owners[FORCE] += [index] * functions.shape[1]
     through = output_derivatives(trajectory, (), (), np.hstack(forces), varied)
     return np.hstack([through, *outputs]), np.array(owners[FORCE] + owners[PARAMETER] + owners[OUTPUT])
+
+
+def _exists(group: Group, ground: Ground) -> bool:
+    """Whether the system has such a place: hysterons, a transducer, an amplifier whose command was recorded."""
+    setup = ground.fit.setup
+    if group.location in ("hysteron", "electrical"):
+        return has_dead_zones(setup)
+    if group.location in ("coupling", "thermal"):
+        return has_transducer(setup)
+    return not (group.location == "amplifier" and ground.terminals)
 
 
 def locate(ground: Ground, given: Responses | None = None) -> Location:

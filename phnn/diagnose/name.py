@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnose.ground import Ground
+from phnn.diagnose.lines import line_score
 from phnn.diagnose.locate import Responses
 from phnn.effects import Effect
 from phnn.errors import SolverFailed
 from phnn.recordings.recording import Recording
+from phnn.setup import Setup
 from phnn.simulate import simulate
 
 Array = NDArray[np.float64]
@@ -71,9 +73,12 @@ def score(
         seed: of the draws from the null.
         error: (N,) weighted numerical error of the simulations.
     """
-    setup = ground.fit.setup
-    points = [(e, v) for e in effects if e.can_be_added_to(setup) for v in e.grid(ground.scales)]
-    directions = [_direction(ground, e, v) for e, v in points]
+    base = ground.fit.setup
+    able = [e for e in effects if e.can_be_added_to(base)]
+    every = [(e, v, e.add_to(base, v)) for e in able for v in e.grid(ground.scales)]
+    lines = [(e, v, [f for f in s.lines if f not in base.lines]) for e, v, s in every if s.lines != base.lines]
+    points = [(e, v) for e, v, s in every if s.lines == base.lines]
+    directions = [_direction(ground, s) for _, _, s in every if s.lines == base.lines]
     raw = np.column_stack([*directions, *([generic.columns] if generic is not None else [])])
     d = ground.project(raw)
     colour = noise_correlation(ground)
@@ -84,10 +89,15 @@ def score(
     scores = scale * (d.T @ ground.residual)
     sided = np.array([e.one_sided for e, _ in points] + [False] * (raw.shape[1] - len(points)))
     value = np.where(sided, np.maximum(scores, 0.0), np.abs(scores))
-    null = _null_of_supremum((d.T @ rd) * np.outer(scale, scale), sided, seed)
+    # Lines have phases of their own: what they score has nothing to do with any direction.
+    null = _null_of_supremum((d.T @ rd) * np.outer(scale, scale), sided, len(lines), seed)
     strengths = (d.T @ ground.residual) / np.maximum(np.einsum("ij,ij->j", d, d), 1e-300)
-    candidates = _best_of_each(points, value, strengths, null)
-    statistic = float(value.max(initial=0.0))
+    deviates = [line_score(ground, f, colour) for _, _, f in lines]
+    candidates = [
+        *_best_of_each(points, value, strengths, null),
+        *_best_of_each([(e, v) for e, v, _ in lines], np.array(deviates), np.ones(len(lines)), null),
+    ]
+    statistic = float(max([value.max(initial=0.0), *deviates]))
     fake = 0.0 if error is None else float(np.abs(scale * (d.T @ ground.project(error))).max(initial=0.0))
     return Naming(
         candidates=tuple(sorted(candidates, key=lambda c: -c.score)),
@@ -111,9 +121,8 @@ def _best_of_each(
     return found
 
 
-def _direction(ground: Ground, effect: Effect, values: dict[str, float]) -> Array:
+def _direction(ground: Ground, setup: Setup) -> Array:
     """(N,) weighted change of the output by an effect; zero where the changed model cannot be simulated."""
-    setup = effect.add_to(ground.fit.setup, values)
     plan = ground.plan.coarse()
 
     def one(recording: Recording, base: Array) -> Array:
@@ -150,8 +159,9 @@ def noise_correlation(ground: Ground) -> Callable[[Array], Array]:
     return multiply
 
 
-def _null_of_supremum(correlation: Array, sided: Array, seed: int) -> Array:
-    """(draws,) sorted suprema of Gaussian scores with the given correlation."""
+def _null_of_supremum(correlation: Array, sided: Array, lines: int, seed: int) -> Array:
+    """(draws,) sorted suprema of Gaussian scores with the given correlation, and of as many one-sided ones on their own
+    as there are lines."""
     values, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     root = root[:, values > 1e-10 * max(values.max(initial=0.0), 1e-300)]
@@ -160,7 +170,8 @@ def _null_of_supremum(correlation: Array, sided: Array, seed: int) -> Array:
     for _ in range(_DRAWS // _CHUNK):
         z = root @ rng.standard_normal((root.shape[1], _CHUNK))
         z = np.where(sided[:, None], z, np.abs(z))
-        found.append(z.max(axis=0, initial=0.0))
+        own = rng.standard_normal((lines, _CHUNK))
+        found.append(np.vstack([z, own]).max(axis=0, initial=0.0))
     return np.sort(np.concatenate(found))
 
 

@@ -14,17 +14,22 @@ from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
 from phnn.errors import PhnnError
 from phnn.identify.base import released
-from phnn.identify.fit import Fit, distinct_optima
+from phnn.identify.fit import Fit, distinct_optima, fit
 from phnn.identify.staged import fit_identified, stated_only
 from phnn.setup import Setup
 
-_QUICK, _FULL = 8, 40
+# Evaluations of the three rounds, and how many candidates enter the second and the third.
+_FIRST, _SECOND, _THIRD = 5, 8, 40
+_ENTER_SECOND, _ENTER_THIRD = 7, 4
+# What saves less than this share of the best saving in the first round, or costs this many times as much after the
+# second, cannot win.
+_SAVES = 0.35
+_NEAR = 2.0
+# Scores are costs saved to first order; what scores below this share of the best cannot overtake it.
+_WITHIN = 0.25
+_OTHER_STARTS = 2
 _TIE = 12.0
 _IMPERFECT = 0.2
-# Scores are costs saved to first order; what scores below this share of the best cannot overtake it.
-_WITHIN = 0.35
-_NEAR = 2.0
-_OTHER_STARTS = 1
 
 
 @dataclass(frozen=True)
@@ -41,10 +46,10 @@ class Trial:
 
 
 def refit(base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIAL) -> list[Trial]:
-    """Candidates refitted together with the base parameters, best first.
+    """Candidates refitted together with the base parameters, best first: a race in three rounds.
 
-    All that score within reach of the best are refitted a little from several starts; those that come near are
-    carried to convergence.
+    All that score within reach of the best take a few steps from one start; those that save most go on from several
+    starts; those that come near the best are carried to convergence.
 
     Args:
         base: the fit without them.
@@ -58,13 +63,16 @@ def refit(base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIA
         return []
     reach = _WITHIN * candidates[0].score
     tried = [c for c in candidates if c.score >= reach]
-    trials = [Trial(c, f) for c, f in zip(tried, _fits(_quick_fit, base, tried, executor), strict=True)]
-    best = min(t.cost for t in trials)
-    near = [i for i, t in enumerate(trials) if t.cost <= _NEAR * best]
-    finished = _fits(_finished, base, [trials[i] for i in near], executor)
-    for i, f in zip(near, finished, strict=True):
-        trials[i] = Trial(trials[i].candidate, f)
-    return sorted(trials, key=_criterion)
+    trials = [Trial(c, f) for c, f in zip(tried, _fits(_first_steps, base, tried, executor), strict=True)]
+    trials.sort(key=lambda t: t.cost)
+    least = base.cost - _SAVES * (base.cost - trials[0].cost)
+    for work, count, limit in ((_from_several_starts, _ENTER_SECOND, least), (_finished, _ENTER_THIRD, None)):
+        bound = limit if limit is not None else _NEAR * trials[0].cost
+        going = [t for t in trials[:count] if t.cost <= bound]
+        done = _fits(work, base, going, executor)
+        trials[: len(going)] = [Trial(t.candidate, f) for t, f in zip(going, done, strict=True)]
+        trials.sort(key=_criterion)
+    return trials
 
 
 def _fits(
@@ -85,24 +93,35 @@ def _criterion(trial: Trial) -> float:
     return trial.cost + len(free) * max(1.0, trial.fit.chi2) * float(np.log(trial.fit.residual.size))
 
 
-def _quick_fit(base: Fit, candidate: Candidate) -> Fit | None:
-    """A few steps with coarse sub-steps from every start: shapes of the effect, and other optima of the base."""
-    effect = candidate.effect
-    starts = [(base.setup, v) for v in (candidate.values, *candidate.others[:_OTHER_STARTS])]
-    starts += [(setup, candidate.values) for setup in base.alternatives]
-    found = []
-    for setup, values in starts:
+def _first_steps(base: Fit, candidate: Candidate) -> Fit | None:
+    """A few steps from the start that the score proposes."""
+    return _few_steps(base, candidate.effect, base.setup, candidate.values, _FIRST)
+
+
+def _few_steps(
+    base: Fit, effect: Effect, setup: Setup, values: Mapping[str, float], evaluations: int
+) -> Fit | None:  # fmt: skip
+    """Steps with coarse sub-steps; None where the start cannot be simulated."""
+    try:
+        begun = _clamped(effect, setup, values)
+        own = [n for n in effect.parameters if not begun.parameters[n].fixed]
+        names = [*base.variables.names, *own]
         origin = base if setup is base.setup else None
-        try:
-            begun = _clamped(effect, setup, values)
-            found.append(
-                fit_identified(begun, base.plan.coarse(), stated_only(base.held), _QUICK, origin, effect.parameters)
-            )
-        except PhnnError:
-            continue
-    if not found:
+        return fit(begun, base.plan.coarse(), names, base.held, evaluations, origin=origin)
+    except PhnnError:
         return None
-    best, alternatives = distinct_optima(found)
+
+
+def _from_several_starts(base: Fit, trial: Trial) -> Fit | None:
+    """Further steps from there and from other starts: shapes of the effect, and other optima of the base."""
+    if trial.fit is None:
+        return None
+    candidate, effect = trial.candidate, trial.candidate.effect
+    starts = [(base.setup, v) for v in candidate.others[:_OTHER_STARTS]]
+    starts += [(setup, candidate.values) for setup in base.alternatives]
+    tried = [_few_steps(base, effect, setup, values, _SECOND) for setup, values in starts]
+    tried.append(fit(trial.fit.setup, trial.fit.plan, trial.fit.variables.names, base.held, _SECOND, origin=trial.fit))
+    best, alternatives = distinct_optima([f for f in tried if f is not None])
     return replace(best, alternatives=alternatives)
 
 
@@ -112,7 +131,7 @@ def _finished(base: Fit, trial: Trial) -> Fit | None:
         return None
     effect = trial.candidate.effect
     try:
-        full = fit_identified(trial.fit.setup, base.plan, stated_only(base.held), _FULL, trial.fit, effect.parameters)
+        full = fit_identified(trial.fit.setup, base.plan, stated_only(base.held), _THIRD, trial.fit, effect.parameters)
         full = released(full, effect.parameters)
     except PhnnError:
         return None
@@ -152,9 +171,14 @@ def class_of(trials: Sequence[Trial], unexplained: bool) -> list[Trial]:
     best = trials[0]
     if best.fit is None:
         return list(trials[:1])
-    # Coloured noise inflates differences of sums of squares by the sum of its correlation.
-    colour = max(max(1.0, 2.0 * float(np.sum(r.noise_correlation)) - 1.0) for r in best.fit.plan.recordings)
     left = max(best.cost - best.fit.residual.size, 0.0)
-    reach = max(_TIE * colour * max(1.0, best.fit.chi2), _IMPERFECT * left if unexplained else 0.0)
+    reach = max(tie(best.fit), _IMPERFECT * left if unexplained else 0.0)
     name = best.candidate.effect.name
     return [t for t in trials if t.cost - best.cost <= reach and name not in t.candidate.effect.contains]
+
+
+def tie(fitted: Fit) -> float:
+    """Difference of sums of squares below which two refits are not told apart."""
+    # Coloured noise inflates such differences by the sum of its correlation.
+    colour = max(max(1.0, 2.0 * float(np.sum(r.noise_correlation)) - 1.0) for r in fitted.plan.recordings)
+    return _TIE * colour * max(1.0, fitted.chi2)

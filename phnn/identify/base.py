@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from phnn.errors import InputRefused
-from phnn.identify.fit import Fit, fit
+from phnn.errors import InputRefused, SolverFailed
+from phnn.identify.described import identify_network
+from phnn.identify.fit import Fit
 from phnn.identify.numerics import NumericalError, numerical_error, substeps_for
-from phnn.identify.problem import Plan
+from phnn.identify.problem import Plan, Problem, Variables
 from phnn.identify.staged import fit_identified, held_by_statement, identify_actuator, mechanical_points, stated_only
 from phnn.models.bouc_wen import bouc_wen
+from phnn.models.network_file import load_network
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
 
@@ -29,6 +32,7 @@ class Options:
         starts: starting points of the nonlinear stage per resonance.
         error_bound_sigma: bound on the numerical error over the plan, in standard deviations.
         max_effects: how many effects a diagnosis may add.
+        without: effects of the catalogue that a diagnosis must not use.
         workers: threads of a fit.
         executor: where the refits of a diagnosis are done, for choices see `phnn.ensemble.executor.executor`; anywhere
             but in ``serial`` each refit has one thread.
@@ -37,7 +41,8 @@ class Options:
     seed: int = 0
     starts: int = 2
     error_bound_sigma: float = 1.0
-    max_effects: int = 2
+    max_effects: int = 3
+    without: tuple[str, ...] = ()
     workers: int = 2
     executor: str = "serial"
 
@@ -66,15 +71,18 @@ def identification_plan(campaign: Campaign, workers: int) -> Plan:
 
 def identify_base(campaign: Campaign, options: Options, progress: Progress = quiet) -> tuple[Fit, NumericalError]:
     """Fit the campaign's base model; the sub-steps are chosen on the way and checked at the end."""
-    if "network" in campaign.setup:
-        raise InputRefused("setup: a network from a file is not fitted by this version; name a model instead")
-    model = str(campaign.setup.get("model", "piezo_actuator"))
     plan = identification_plan(campaign, options.workers)
+    if "network" in campaign.setup:
+        path = Path(str(campaign.setup["network"]))
+        progress(f"identify the network of {path.name}")
+        setup = Setup(load_network(path), name=path.stem)
+        return settled(identify_network(setup, plan, campaign.known, options.starts, options.seed), options)
+    model = str(campaign.setup.get("model", "piezo_actuator"))
     hysterons = int(campaign.setup.get("hysterons", 2)) if model in ("piezo_actuator", "hrc") else 0
     if model == "bouc_wen":
-        return _converged(identify_bouc_wen(plan, campaign, options, progress), options)
+        return settled(identify_bouc_wen(plan, campaign, options, progress), options)
     progress(f"identify {model} with {hysterons} hysterons")
-    return _converged(identify_actuator(plan, campaign.known, hysterons, options.starts, options.seed), options)
+    return settled(identify_actuator(plan, campaign.known, hysterons, options.starts, options.seed), options)
 
 
 def identify_bouc_wen(plan: Plan, campaign: Campaign, options: Options, progress: Progress = quiet) -> Fit:
@@ -95,11 +103,11 @@ def identify_bouc_wen(plan: Plan, campaign: Campaign, options: Options, progress
     return min(finished, key=lambda f: f.cost)
 
 
-def _converged(first: Fit, options: Options) -> tuple[Fit, NumericalError]:
+def settled(first: Fit, options: Options) -> tuple[Fit, NumericalError]:
     """Refit with sub-steps for the bound, once more where the fit has moved enough to need finer ones."""
     fitted = first
     for _ in range(3):
-        plan = substeps_for(fitted.setup, fitted.plan, options.error_bound_sigma)
+        plan = substeps_for(fitted.setup, fitted.plan, options.error_bound_sigma, fitted.initial_states)
         held = stated_only(fitted.held)
         fitted = fit_identified(fitted.setup, plan, held, origin=fitted)
         error = numerical_error(fitted)
@@ -122,23 +130,29 @@ def released(fitted: Fit, keep: Sequence[str] = ()) -> Fit:
         keep: parameters that are estimated in any case.
     """
     held = stated_only(fitted.held)
+    if fitted.variables.unknown:
+        # Initial states would have to follow every value that is scanned.
+        return fitted
     for name in [n for n in fitted.held if n not in held and fitted.setup.parameters[n].positive]:
         p = fitted.setup.parameters[name]
         values = [v for v in p.value * 10.0 ** np.arange(-9.0, 10.0) if p.lower < v < p.upper]
         setups = [fitted.setup.with_values({name: v}) for v in values]
-        costs = [_cost(s, fitted) for s in setups]
+        costs = [_coarse_cost(s, fitted.plan) for s in setups]
         best = int(np.argmin(costs))
-        if costs[best] < fitted.cost - 1.0:
+        if costs[best] < _coarse_cost(fitted.setup, fitted.plan) - 1.0:
             moved = fit_identified(setups[best], fitted.plan, held, origin=fitted, keep=keep)
             fitted = moved if moved.cost < fitted.cost else fitted
     return fitted
 
 
-def _cost(setup: Setup, fitted: Fit) -> float:
-    """Sum of squares of a setup on the plan of a fit, everything else as fitted."""
-    return (
-        fit(setup, fitted.plan, (), max_evaluations=1, origin=fitted).cost if not fitted.variables.unknown else np.inf
-    )
+def _coarse_cost(setup: Setup, plan: Plan) -> float:
+    """Sum of squares of a setup on a plan with coarse sub-steps; infinite where it cannot be simulated."""
+    problem = Problem(setup, plan.coarse(), Variables((), (), np.zeros(0), {}))
+    try:
+        residual = problem.residual(np.zeros(0))
+    except SolverFailed:
+        return float("inf")
+    return float(residual @ residual)
 
 
 def refined(fitted: Fit, options: Options) -> tuple[Fit, NumericalError]:

@@ -67,6 +67,11 @@ class Fit:
             for i, n in enumerate(self.variables.names)
         }
 
+    @property
+    def initial_states(self) -> dict[str, Array]:
+        """Estimated initial states by recording; those of the others follow from their start."""
+        return {n: state for n in self.variables.unknown if (state := self.initial(n)) is not None}
+
     def initial(self, name: str) -> Array | None:
         """Estimated initial state of a recording, or None."""
         recording = next(r for r in self.plan.recordings if r.name == name)

@@ -7,6 +7,7 @@ absorb is projected out; the norm of the rest, over the whole plan, is in units 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,7 +38,7 @@ class NumericalError:
     shares: dict[str, float]
 
 
-def substeps_for(setup: Setup, plan: Plan, bound: float) -> Plan:
+def substeps_for(setup: Setup, plan: Plan, bound: float, initial: Mapping[str, Array] | None = None) -> Plan:
     """The plan with sub-steps doubled, recording by recording, until the solver error is below the bound.
 
     The bound [standard deviations] is shared evenly among the recordings, 1.5 times over, because the projection that
@@ -46,11 +47,14 @@ def substeps_for(setup: Setup, plan: Plan, bound: float) -> Plan:
     chosen = dict(plan.substeps)
     share = 1.5 * bound / np.sqrt(len(plan.recordings))
 
+    def run(recording: Recording, steps: int) -> Array:
+        return simulate(setup, recording, steps, initial=(initial or {}).get(recording.name)).y
+
     def enough(recording: Recording) -> int:
         steps = plan.steps_of(recording)
-        coarse = simulate(setup, recording, steps).y
+        coarse = run(recording, steps)
         while steps < MAX_SUBSTEPS:
-            fine = simulate(setup, recording, 2 * steps).y
+            fine = run(recording, 2 * steps)
             change = without_nuisances(coarse - fine, recording.mask("identification"), recording, setup.lines)
             if 4.0 / 3.0 * np.linalg.norm(change) / recording.noise <= share:
                 break

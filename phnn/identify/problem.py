@@ -126,10 +126,18 @@ def variables_of(setup: Setup, plan: Plan, names: Sequence[str]) -> Variables:
     unknown = [r for r in plan.recordings if r.start.state == "unknown" or aperiodic(r)]
     if not unknown:
         return Variables(tuple(names), (), np.zeros(0), {})
-    trajectories = {r.name: simulate(setup, r, plan.steps_of(r)) for r in unknown}
+    trajectories = {r.name: _first_guess(setup, r, plan.steps_of(r)) for r in unknown}
     spread = np.max([np.ptp(t.states, axis=0) for t in trajectories.values()], axis=0)
     origin = {n: t.states[0].copy() for n, t in trajectories.items()}
     return Variables(tuple(names), tuple(trajectories), np.where(spread > 0.0, spread, 1.0), origin)
+
+
+def _first_guess(setup: Setup, recording: Recording, substeps: int) -> Trajectory:
+    """A simulation from rest under the first input; from nothing stored where that input lets nothing rest."""
+    try:
+        return simulate(setup, recording, substeps)
+    except SolverFailed:
+        return simulate(setup, recording, substeps, initial=np.zeros(len(setup.network.state_names)))
 
 
 def aperiodic(recording: Recording) -> bool:

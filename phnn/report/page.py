@@ -21,7 +21,7 @@ from phnn.report.shares import Shares
 _SHOWN = 8
 
 
-def _image(drawing: Drawing) -> Markup:
+def image(drawing: Drawing) -> Markup:
     """The picture as part of the page, sized so that a point of print is a point on the screen."""
     width, height = (int.from_bytes(drawing.png[start : start + 4], "big") for start in (16, 20))
     data = base64.b64encode(drawing.png).decode("ascii")
@@ -83,7 +83,7 @@ def _environment() -> Environment:
         chance=formatting.chance,
         words=formatting.words,
         listing=formatting.listing,
-        image=_image,
+        image=image,
         formula=formula,
         equivalence=verdicts.equivalence_sentence,
         passivity=verdicts.passive_sentence,

@@ -166,10 +166,13 @@ def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
     j = diagnosis.judgement
     if j.location is None:
         return None
+    # A refit that names an effect knows better where it is than the dictionary did before.
+    named = list(dict.fromkeys(t.candidate.effect.location for f in j.findings for t in f.members))
     return {
-        "name": j.location.name,
+        "name": named[0] if named else j.location.name,
         "detail": j.location.detail,
-        "tied": list(j.location.tied),
+        "tied": named[1:] if named else list(j.location.tied),
+        "dictionary": [j.location.name, *j.location.tied],
         "scores": {n: round(s, 4) for n, s in j.location.scores.items()},
         "recordings": {n: {"residual_over_noise": v} for n, v in recording_scores(j.ground).items()},
         "frequencies_Hz": strongest_frequencies(j.ground),

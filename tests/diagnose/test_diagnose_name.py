@@ -36,10 +36,10 @@ def test_p_values_of_noise_are_uniform(monkeypatch: pytest.MonkeyPatch) -> None:
     kept: dict[tuple[str, tuple[float, ...]], np.ndarray] = {}
     make = naming._direction
 
-    def once(g: Any, effect: Any, values: dict[str, float]) -> np.ndarray:
-        key = effect.name, tuple(values.values())
+    def once(g: Any, setup: Any) -> np.ndarray:
+        key = setup.name, tuple(setup.values().values())
         if key not in kept:
-            kept[key] = make(g, effect, values)
+            kept[key] = make(g, setup)
         return kept[key]
 
     monkeypatch.setattr(naming, "_direction", once)

@@ -111,7 +111,7 @@ class Seen(Executor):
 def test_refits_elsewhere_have_one_thread_and_come_back_to_the_plan_of_the_base() -> None:
     seen = Seen()
     trials = refit(base(), candidates(), seen)
-    assert seen.threads == [1, 1]
+    assert seen.threads == [1, 1, 1]
     for trial in trials:
         assert trial.fit is not None
         assert trial.fit.plan.workers == 2

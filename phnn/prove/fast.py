@@ -1,0 +1,48 @@
+"""The fast tier: fit the base model from the published values, and let the score say what it thinks."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from phnn.diagnose.diagnosis import available
+from phnn.diagnose.ground import prepare
+from phnn.diagnose.judge import SIGNIFICANT
+from phnn.diagnose.locate import responses
+from phnn.diagnose.name import score
+from phnn.identify.base import Options, identification_plan, settled
+from phnn.identify.staged import fit_identified, held_by_statement
+from phnn.models.actuator import from_paper
+from phnn.recordings import read
+from phnn.setup import Setup
+
+# Two candidates whose squared scores differ by less explain the residual equally well: see `phnn.diagnose.refit`.
+_TIE = 12.0
+
+
+def score_folder(folder: Path, seed: int) -> dict[str, Any]:
+    """What the score stage says of a folder, in the words of ``diagnosis.json`` as far as they go."""
+    began = time.monotonic()
+    campaign = read(folder)
+    options = Options(seed=seed, workers=1)
+    network = from_paper().with_values({n: a.value for n, a in campaign.known.items()})
+    first = fit_identified(
+        Setup(network), identification_plan(campaign, 1), held_by_statement(campaign.known), max_evaluations=30
+    )
+    base, error = settled(first, options)
+    ground = prepare(base, campaign.voltage == "terminals")
+    naming = score(ground, available(campaign, base.setup), responses(ground), seed, error.error)
+    best = naming.candidates[0]
+    members = [c.effect.name for c in naming.candidates if best.score**2 - c.score**2 < _TIE and c.score > 0.0]
+    found = naming.p_value < SIGNIFICANT
+    return {
+        "verdict": "named" if found else "none",
+        "test": {"statistic": naming.statistic, "p_value": naming.p_value, "candidate": best.effect.name},
+        "missing": [{"effect": members[0], "location": best.effect.location, "equivalent_to": members[1:]}]
+        if found
+        else [],
+        "base_residual_over_noise": base.chi2**0.5,
+        "numerical_error_sigma": error.sigma,
+        "seconds": time.monotonic() - began,
+    }

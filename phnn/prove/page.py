@@ -1,0 +1,93 @@
+"""What a proof writes: ``report.html``, ``cases.csv``, ``rates.csv`` and its figures."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from jinja2 import Environment, StrictUndefined
+
+from phnn.prove.figures import draw_all
+from phnn.prove.outcome import WRONG, Outcome
+from phnn.prove.settings import FULL, Settings
+from phnn.prove.tally import Rate, detection, quantiles, rates, strong
+from phnn.report.files import write_atomic
+from phnn.report.formatting import DASH, number, ratio
+from phnn.report.page import image
+
+
+def write_proof(outcomes: Sequence[Outcome], settings: Settings, digest: str, out: Path) -> list[Rate]:
+    """Write tables, figures and the page; returns the rates."""
+    found = rates(outcomes)
+    drawings = draw_all(outcomes)
+    write_atomic(out / "cases.csv", _csv(pd.DataFrame([o.row() for o in outcomes])))
+    table = [
+        {"what": r.label, "target": r.target, "hits": r.hits, "cases": r.cases, "low": r.interval[0], "high": r.interval[1]}
+        for r in found
+    ]  # fmt: skip
+    write_atomic(out / "rates.csv", _csv(pd.DataFrame(table)))
+    for drawing in drawings:
+        write_atomic(out / "figures" / drawing.file, drawing.png)
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(image=image, ratio=ratio)
+    page = environment.from_string(files("phnn.prove").joinpath("page.html").read_text("utf-8")).render(
+        outcomes=outcomes,
+        settings=settings,
+        digest=digest,
+        failed=sum(bool(o.failure) for o in outcomes),
+        rates=found,
+        numbers=numbers(outcomes),
+        drawings=drawings,
+        wrong=[o for o in outcomes if o.tier == FULL and o.grade == WRONG],
+    )
+    write_atomic(out / "report.html", page.encode())
+    return found
+
+
+def numbers(outcomes: Sequence[Outcome]) -> list[tuple[str, str, str]]:
+    """Figures that are no rates, with their targets: label, value, target."""
+    found: list[tuple[str, str, str]] = []
+    curve = detection(outcomes)
+    if curve is not None:
+        limit, seen, named = curve.half
+        found += [
+            ("strength detected in half the cases, over the limit's", _shown(seen / limit), "≤ 2"),
+            ("strength named rightly in half the cases, over the limit's", _shown(named / limit), "≤ 3"),
+        ]
+    same = [o for o in outcomes if o.tier == FULL and o.stratum == "same" and o.group != "few" and strong(o)]
+    right = [o for o in same if o.grade != WRONG]
+    if same:
+        median, ninth = quantiles((o.held_after for o in same), (0.5, 0.9))
+        before = quantiles((o.held_before for o in same), (0.5,))[0]
+        errors = [quantiles((getattr(o, n) for o in right), (0.5, 0.9)) for n in ("worst_before", "worst_after")]
+        found += [
+            ("held-out residual over noise before, median", _shown(before), DASH),
+            ("held-out residual over noise after, median", _shown(median), "≤ 1.1"),
+            ("held-out residual over noise after, 90th percentile", _shown(ninth), "≤ 1.5"),
+            ("worst scale-free group of the base model, median error", _percent(errors[0][0]), DASH),
+            ("worst scale-free group after a right diagnosis, median error", _percent(errors[1][0]), "≤ 1 %"),
+            ("worst scale-free group after a right diagnosis, 90th percentile", _percent(errors[1][1]), "≤ 1 %"),
+        ]
+    for tier in ("fast", FULL):
+        seconds = [o.seconds for o in outcomes if o.tier == tier and np.isfinite(o.seconds)]
+        if seconds:
+            found.append((f"seconds a case, {tier} tier: median", number(float(np.median(seconds))), DASH))
+    return found
+
+
+def _shown(value: float) -> str:
+    return number(value) if np.isfinite(value) else DASH
+
+
+def _percent(value: float) -> str:
+    return f"{100.0 * value:.2g} %" if np.isfinite(value) else DASH
+
+
+def _csv(table: pd.DataFrame) -> bytes:
+    buffer = io.StringIO()
+    table.to_csv(buffer, index=False)
+    return buffer.getvalue().encode()
