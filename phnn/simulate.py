@@ -240,12 +240,14 @@ def input_force(trajectory: Trajectory, change: Array, place: int = 0) -> Array:
 def _factor(trajectory: Trajectory, ratio: str) -> Array | float:
     """(n,) what a ratio is multiplied by during the steps; one where it follows no state."""
     network, states = trajectory.setup.network, trajectory.states
+    total: Array | float = 1.0
     for m in network.modulations:
         if m.ratio == ratio:
             k = trajectory.program.states.index(m.by)
             read = 0.5 * (states[:-1, k] + states[1:, k]) if m.by in network.storage_names else states[:-1, k]
-            return np.asarray(FACTOR_LAWS[m.law].factor(read, *(network.parameters[n].value for n in m.parameters)))
-    return 1.0
+            values = (network.parameters[n].value for n in m.parameters)
+            total = total * np.asarray(FACTOR_LAWS[m.law].factor(read, *values))
+    return total
 
 
 class _Acting(NamedTuple):

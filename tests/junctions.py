@@ -95,7 +95,7 @@ class _Draw:
     def leaf(self, name: str, dissipative: bool) -> None:
         self.couplings.append(Coupling(name, "p", self.ratio()))
         if not dissipative:
-            law = self.pick(list(STORAGE_LAWS))
+            law = self.pick([n for n, found in STORAGE_LAWS.items() if found.bounded])
             self.storages.append(Storage(name, law, self.values(name, STORAGE_LAWS[law].example)))
             self.lossless.append(name)
             return

@@ -72,7 +72,7 @@ def random_network(
     """
     draw = _Draw(seed)
     names = [f"x{k}" for k in range(storages)]
-    storage_laws = [law for law in STORAGE_LAWS.values() if law.convex or not monotone]
+    storage_laws = [law for law in STORAGE_LAWS.values() if law.bounded and (law.convex or not monotone)]
     resistor_laws = [law for law in RESISTOR_LAWS.values() if law.monotone or not monotone]
     port_laws = list(PORT_LAWS.values())
     pick = draw.random.choice

@@ -1,7 +1,8 @@
 """What does not change from step to step is resolved once: constants of leaves and junctions, and gains.
 
-c (L+m, 6)  of a leaf: s = 1/C of a linear storage; ρ, lo, hi of a piecewise linear resistor that reads no state;
-            the relaxation functions of h ρ s. Of a junction, after the leaves: 1/s
+c (L+m, 9)  of a leaf: s = 1/C of a linear storage; ρ, lo, hi of a piecewise linear resistor that reads no state;
+            the relaxation functions of h (ρ + g) s; g of the leaks beside it, and the same of h g s. Of a junction,
+            after the leaves: 1/s
 g (rows,)   signed ratio of every row of the table that has one
 
 The third array of a step, a (P,), holds the ports' actions ψ_p(ū_p) from `phnn.integrate.actions`.
@@ -16,14 +17,15 @@ from phnn.integrate.lookups import (
     count,
     is_linear,
     junction_storage,
+    resistor_flow,
     resistor_thresholds,
     stiffness,
 )
 from phnn.integrate.tables import EXACT, JUNCTIONS, LEAVES, RATIO, SIGN
 from phnn.laws.leaf import relaxation
 
-STIFFNESS, RHO, LOW, HIGH, ONE, TWO = range(6)
-CONSTANTS = 6
+STIFFNESS, RHO, LOW, HIGH, ONE, TWO, LEAK, LEAK_ONE, LEAK_TWO = range(9)
+CONSTANTS = 9
 CAPACITY = 0
 
 
@@ -36,11 +38,18 @@ def fill_constants(t: Any, theta: Any, h: Any, c: Any) -> None:
         row = t[0, LEAVES] + leaf
         if t[row, 2] > 0:
             c[leaf, STIFFNESS] = stiffness(t, t[row, 0], theta)
-        r = t[row, 3]
+        r, none = t[row, 3], 0.0 * theta[0]
+        leak = none
+        if t[row, 1] == EXACT:
+            # All resistors of such a leaf but the first are linear.
+            for other in range(r + 1, t[row, 4]):
+                leak += resistor_flow(t, other, 1.0 + none, none, theta)
+        c[leaf, LEAK] = leak
+        c[leaf, LEAK_ONE], c[leaf, LEAK_TWO] = relaxation(h * leak * c[leaf, STIFFNESS])
         if t[row, 1] == EXACT and t[r, 5] < 0:
-            rho, low, high = resistor_thresholds(t, r, 0.0 * theta[0], theta)
+            rho, low, high = resistor_thresholds(t, r, none, theta)
             c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH] = rho, low, high
-            c[leaf, ONE], c[leaf, TWO] = relaxation(h * rho * c[leaf, STIFFNESS])
+            c[leaf, ONE], c[leaf, TWO] = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])
     for j in range(count(t, JUNCTIONS)):
         if is_linear(t, j):
             c[leaves + j, CAPACITY] = 1.0 / stiffness(t, junction_storage(t, j), theta)
@@ -56,9 +65,9 @@ def fill_gains(t: Any, theta: Any, g: Any) -> None:
 
 
 @plain
-def scale_gains(t: Any, place: Any, by: Any, theta: Any, g: Any) -> None:
-    """Set the gains of one ratio to ``by`` times what they are unmodulated."""
+def scale_gains(t: Any, place: Any, by: Any, g: Any) -> None:
+    """Multiply the gains of one ratio."""
     stay_outside()
     for r in range(t.shape[0]):
         if t[r, RATIO] == place:
-            g[r] = t[r, SIGN] * by * theta[place]
+            g[r] *= by

@@ -11,9 +11,12 @@ so the equation to solve has as many unknowns as there are junctions: one for th
 
 from __future__ import annotations
 
-from phnn.network.elements import Network, Ratio, Storage
+from collections.abc import Sequence
+
+from phnn.network.elements import Network, Ratio, Resistor, Storage
 
 _LINEAR_STORAGES = ("capacitor", "spring")
+_LINEAR_RESISTORS = ("linear", "maxwell")
 
 
 def junctions_of(network: Network) -> tuple[str, ...]:
@@ -40,6 +43,16 @@ def junctions_of(network: Network) -> tuple[str, ...]:
 def is_linear(storage: Storage) -> bool:
     """Whether the effort of a storage is linear in its state."""
     return isinstance(storage.law, str) and storage.law in _LINEAR_STORAGES
+
+
+def is_leak(resistor: Resistor) -> bool:
+    """Whether the flow of a resistor is linear in its effort."""
+    return isinstance(resistor.law, str) and resistor.law in _LINEAR_RESISTORS
+
+
+def exact_order(places: Sequence[int], resistors: Sequence[Resistor]) -> list[int]:
+    """The resistors of a leaf in the order in which the kernel has them: leaks after the one with a dead zone."""
+    return sorted(places, key=lambda r: is_leak(resistors[r]))
 
 
 def merged_couplings(network: Network) -> dict[tuple[str, str, Ratio], int]:

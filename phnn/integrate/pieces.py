@@ -16,7 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate.compiled import inline, plain, stay_outside
-from phnn.integrate.constants import CONSTANTS, HIGH, LOW, ONE, RHO, STIFFNESS, TWO, fill_gains
+from phnn.integrate.constants import (
+    CONSTANTS,
+    HIGH,
+    LEAK,
+    LEAK_ONE,
+    LEAK_TWO,
+    LOW,
+    ONE,
+    RHO,
+    STIFFNESS,
+    TWO,
+    fill_gains,
+)
 from phnn.integrate.linearise import Pattern, Run
 from phnn.integrate.lookups import junction_storage
 from phnn.integrate.quick import GAIN, resolve
@@ -35,8 +47,8 @@ class Pieces(NamedTuple):
     """Memory for the derivatives of one step by I inputs, K of them parameters.
 
     Attributes:
-        theta: (M,), g: (rows,), constants: (L+1, 6), complex, and kinds: (L, 2), see `resolve`.
-        c: (K+1, L, 7) constants of the leaves, complex: one parameter perturbed each, and last none.
+        theta: (M,), g: (rows,), constants: (L+1, 9), complex, and kinds: (L, 2), see `resolve`.
+        c: (K+1, L, 10) constants of the leaves, complex: one parameter perturbed each, and last none.
         whole: (K+1, L, 3, 6) derivatives of the coefficients of each piece, and last the coefficients.
         affine: (pairs, 3, 6) the derivatives of each pair as a function of ``(x, v̄, 1)``.
         junction, change: (2, I) of the junction's own terms and of ``z − p`` as functions of ``(v̄, 1)``.
@@ -88,9 +100,9 @@ def _term(piece: Any, h: Any, c: Any, term: Any) -> Any:
     x = unit if term == 0 else none
     current = c[GAIN] if term == 1 else none
     if piece == _RESTING:
-        return resting(x, current, h, c[STIFFNESS])
+        return resting(x, current, h, c[STIFFNESS], c[LEAK], c[LEAK_ONE], c[LEAK_TWO])
     threshold = (c[HIGH] if piece == _ABOVE else c[LOW]) if term == 2 else none
-    return sliding(x, current, h, c[STIFFNESS], c[RHO], threshold, c[ONE], c[TWO])
+    return sliding(x, current, h, c[STIFFNESS], c[RHO], threshold, c[LEAK], c[ONE], c[TWO])
 
 
 @inline
@@ -173,7 +185,10 @@ def _crossed(p: Any, d: Any, leaf: Any, states: Any, h: Any, x: Any, v: Any) -> 
         k = p.input[pair] - states - 1
         c = d.c[max(k, -1), leaf]
         x_c, v_c = complex(x, TINY if k < -1 else 0.0), complex(v, TINY if k == -1 else 0.0)
-        end, mean = rc_flow(x_c, c[GAIN] * v_c, h, c[STIFFNESS], c[RHO], c[LOW], c[HIGH], c[ONE], c[TWO])
+        end, mean = rc_flow(
+            x_c, c[GAIN] * v_c, h, c[STIFFNESS], c[RHO], c[LOW], c[HIGH], c[LEAK], c[ONE], c[TWO], c[LEAK_ONE],
+            c[LEAK_TWO],
+        )  # fmt: skip
         d.by_leaf[pair] = end.imag / TINY
         d.by_force[0, p.input[pair]] += (c[GAIN] * mean).imag / TINY
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
-from phnn.integrate.partition import is_linear, junctions_of, merged_couplings
+from phnn.integrate.partition import exact_order, is_leak, is_linear, junctions_of, merged_couplings
 from phnn.integrate.sources import source_rows
 from phnn.integrate.tables import (
     BRANCHES,
@@ -132,8 +132,8 @@ def compile_network(network: Network, leaf_rule: str = "exact") -> Program:
 
     Args:
         leaf_rule: how a linear storage with resistors is advanced. ``exact``: by its exact flow where it has one
-            piecewise linear resistor, else by two-stage Radau IIA; ``radau``: always by the latter; ``midpoint``: by
-            the discrete gradient, as every other element.
+            piecewise linear resistor, and any number of linear ones, else by two-stage Radau IIA; ``radau``: always by
+            the latter; ``midpoint``: by the discrete gradient, as every other element.
 
     Raises:
         StructureViolated: an unknown law or leaf rule, or a torch module without weights for the kernel;
@@ -207,7 +207,8 @@ class _Builder:
         rows[PORTS] = [self._law("port", p.name, p.law, p.parameters) for p in network.ports]
         rows[READS] = [self._read(name) for name in self.reads]
         for name in leaves:
-            resistors = [r for r in network.resistors if tuple(r.on) == (name,)]
+            mine = [k for k, r in enumerate(network.resistors) if tuple(r.on) == (name,)]
+            resistors = [network.resistors[k] for k in exact_order(mine, network.resistors)]
             before = [len(rows[k]) for k in _OWNED]
             for r in resistors:
                 self._with_ratio(rows, LEAF_RESISTORS, self._resistor(r), r.on[name])
@@ -280,10 +281,10 @@ class _Builder:
             return LOSSLESS
         if not is_linear(storage) or self.leaf_rule == "midpoint":
             return GRADIENT
-        only = resistors[0]
-        piecewise = isinstance(only.law, str) and RESISTOR_LAWS[only.law].thresholds is not None
-        exact = self.leaf_rule == "exact" and len(resistors) == 1 and piecewise and only.on[storage.name] == 1.0
-        return EXACT if exact else RADAU
+        first, others = resistors[0].law, resistors[1:]
+        piecewise = isinstance(first, str) and RESISTOR_LAWS[first].thresholds is not None
+        plain = all(r.on[storage.name] == 1.0 for r in resistors) and all(map(is_leak, others))
+        return EXACT if self.leaf_rule == "exact" and piecewise and plain else RADAU
 
     def _links(self, rows: dict[int, list[list[int]]], leaf: str) -> None:
         for (to, of, ratio), times in self.couplings.items():

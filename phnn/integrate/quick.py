@@ -21,6 +21,9 @@ from phnn.integrate.constants import (
     CAPACITY,
     CONSTANTS,
     HIGH,
+    LEAK,
+    LEAK_ONE,
+    LEAK_TWO,
     LOW,
     ONE,
     RHO,
@@ -90,7 +93,7 @@ def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
         else:
             end, mean = rc_flow(
                 x[kinds[leaf, 1]], gain * y, h, c[leaf, STIFFNESS], c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH],
-                c[leaf, ONE], c[leaf, TWO],
+                c[leaf, LEAK], c[leaf, ONE], c[leaf, TWO], c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
             )  # fmt: skip
         ends[kinds[leaf, 1]] = end
         means[kinds[leaf, 1]] = mean
@@ -120,9 +123,9 @@ def resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: A
     """Fill the leaves' kinds and constants for steps of size ``h``; returns the junction's ``1/s`` and its damping.
 
     Args:
-        g: gains; constants: (L+1, 6) memory.
+        g: gains; constants: (L+1, 9) memory.
         kinds: (L, 2) filled with the rule and the storage of every leaf.
-        c: (L, 7) filled with its constants, see `phnn.integrate.constants`, and its ratio.
+        c: (L, 10) filled with its constants, see `phnn.integrate.constants`, and its ratio.
     """
     stay_outside()
     leaves = count(t, LEAVES)

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from phnn.errors import SolverFailed
+from phnn.integrate.partition import exact_order
 from phnn.integrate.program import Program
 from phnn.integrate.remembered import drives_and_sizes
 from phnn.integrate.stages import gradient_defect, radau_defects
@@ -119,9 +120,11 @@ class _Steps:
             return end, self.system.mean_effort(k, x, end)
         if rule == EXACT:
             s = self.system.mean_effort(k, one, one)
-            rho, low, high = self._thresholds(self.on[k][0])
-            relaxed = relaxation(self.h * rho * s)
-            return rc_flow(x, current, self.h, s, rho, low, high, *relaxed)
+            first, *others = exact_order(self.on[k], self.system.network.resistors)
+            rho, low, high = self._thresholds(first)
+            leak = sum((self.system.branch_flow(r, one, self.middle) for r in others), torch.zeros_like(one))
+            relaxed = *relaxation(self.h * (rho + leak) * s), *relaxation(self.h * leak * s)
+            return rc_flow(x, current, self.h, s, rho, low, high, leak, *relaxed)
         if rule == RADAU:
             return self._radau(k, x, current, self.system.mean_effort(k, one, one))
         # The march has solved the equation; one Newton step from its solution carries the derivatives.

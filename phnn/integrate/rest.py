@@ -42,6 +42,8 @@ Array = NDArray[np.float64]
 _ITERATIONS = 60
 # Relative step of central differences.
 _STEP = 1e-5
+# Laws with an effort where nothing is stored.
+_WEIGHTS = [code for code, law in enumerate(STORAGE_LAWS.values()) if not law.bounded]
 
 
 def equilibrium(program: Program, network: Network, u: Array) -> Array:
@@ -50,9 +52,9 @@ def equilibrium(program: Program, network: Network, u: Array) -> Array:
     Raises:
         SolverFailed: something moves on for ever, so that there is no rest state; names it.
     """
-    if not np.any(u) and not len(rows_of(program.table, MEMORIES)):
-        return np.zeros(len(program.states))
     theta = program.theta(network)
+    if not _pulled(program, theta, u) and not len(rows_of(program.table, MEMORIES)):
+        return np.zeros(len(program.states))
     xi = _displacements(program, theta, u)
     return steady_state(network, u) if xi is None else np.real(_states(program, theta, u, xi))
 
@@ -60,18 +62,19 @@ def equilibrium(program: Program, network: Network, u: Array) -> Array:
 def equilibrium_derivative(program: Program, network: Network, u: Array, places: NDArray[np.int64]) -> Array:
     """(N, K) derivatives of the rest state by the parameters at some places, by the implicit function theorem."""
     out = np.zeros((len(program.states), places.size))
-    if not np.any(u) and not len(rows_of(program.table, MEMORIES)):
-        return out
     theta = program.theta(network)
+    pulled = _pulled(program, theta, u)
+    if not pulled and not len(rows_of(program.table, MEMORIES)):
+        return out
     xi, shift = _displacements(program, theta, u), np.zeros(len(program.junctions))
     if xi is None:
         return steady_derivative(network, u, [program.names[place] for place in places])
-    slopes = _slopes(program, theta, u, xi) if np.any(u) else np.eye(xi.size)
+    slopes = _slopes(program, theta, u, xi) if pulled else np.eye(xi.size)
     for k, place in enumerate(places):
         moved = theta.astype(complex)
         moved[place] += 1j * TINY
-        # Without inputs nothing pulls, whatever the parameters, and nothing need hold.
-        if np.any(u):
+        # Where nothing pulls, whatever the parameters, nothing need hold.
+        if pulled:
             shift = -np.linalg.solve(slopes, np.imag(_forces(program, moved, u, xi)) / TINY)
         out[:, k] = np.imag(_states(program, moved, u, xi + 1j * TINY * shift)) / TINY
     return out
@@ -95,9 +98,16 @@ def equilibrium_slope(program: Program, network: Network, u: Array, port: int) -
     return np.asarray((above - below) / (2.0 * step))
 
 
+def _pulled(program: Program, theta: Array, u: Array) -> bool:
+    """Whether inputs, or storages with an effort of their own such as weights, pull at an empty network."""
+    rows = rows_of(program.table, STORAGES)
+    weights = np.isin(rows[:, 0], _WEIGHTS).any()
+    return bool(np.any(u) or weights)
+
+
 def _displacements(program: Program, theta: Array, u: Array) -> Array | None:
     """(m,) ``ξ`` by Newton's method; None where they do not say what rest is."""
-    if not np.any(u):
+    if not _pulled(program, theta, u):
         return np.zeros(len(program.junctions))
     if not _served(program):
         return None
@@ -160,7 +170,10 @@ def _resting_drive(program: Program, memory: NDArray[np.int64], theta: Any, u: A
 def _forces(program: Program, theta: Any, u: Array, xi: Any) -> Any:
     """(m,) what pulls on every junction at rest."""
     x = _states(program, theta, u, xi)
-    ratio = {int(row[6]): theta[row[6]] * _factor(program, row, theta, x) for row in rows_of(program.table, FACTORS)}
+    ratio: dict[int, Any] = {}
+    for row in rows_of(program.table, FACTORS):
+        place = int(row[6])
+        ratio[place] = ratio.get(place, theta[place]) * _factor(program, row, theta, x)
     force = np.zeros(len(program.junctions), dtype=x.dtype)
     for leaf in _lossless(program):
         effort = _effort(program, leaf[0], theta, x[leaf[0]])

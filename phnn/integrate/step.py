@@ -18,7 +18,20 @@ from __future__ import annotations
 from typing import Any
 
 from phnn.integrate.compiled import inline, plain, stay_outside
-from phnn.integrate.constants import CAPACITY, HIGH, LOW, ONE, RHO, STIFFNESS, TWO, fill_gains, scale_gains
+from phnn.integrate.constants import (
+    CAPACITY,
+    HIGH,
+    LEAK,
+    LEAK_ONE,
+    LEAK_TWO,
+    LOW,
+    ONE,
+    RHO,
+    STIFFNESS,
+    TWO,
+    fill_gains,
+    scale_gains,
+)
 from phnn.integrate.lookups import (
     count,
     factor,
@@ -89,7 +102,7 @@ def modulate(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any,
     stay_outside()
     fill_gains(t, theta, g)
     for r in range(t[0, FACTORS], t[0, FACTORS + 1]):
-        scale_gains(t, t[r, 6], factor(t, r, read(t, t[r, 5], c, g, a, x, y, h, wj), theta), theta, g)
+        scale_gains(t, t[r, 6], factor(t, r, read(t, t[r, 5], c, g, a, x, y, h, wj), theta), g)
 
 
 @inline
@@ -190,12 +203,15 @@ def leaf_closed(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y
             return x[k] + gain, c[leaf, STIFFNESS] * (x[k] + 0.5 * gain)
         return x[k] + gain, mean_effort(t, k, x[k], x[k] + gain, theta)
     rho, low, high = c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH]
-    one, two = c[leaf, ONE], c[leaf, TWO]
+    one, two, leak = c[leaf, ONE], c[leaf, TWO], c[leaf, LEAK]
     r = t[row, 3]
     if t[r, 5] >= 0:
         rho, low, high = resistor_thresholds(t, r, read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
-        one, two = relaxation(h * rho * c[leaf, STIFFNESS])
-    return rc_flow(x[k], leaf_current(t, leaf, g, a, wj), h, c[leaf, STIFFNESS], rho, low, high, one, two)
+        one, two = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])
+    return rc_flow(
+        x[k], leaf_current(t, leaf, g, a, wj), h, c[leaf, STIFFNESS], rho, low, high, leak, one, two,
+        c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
+    )  # fmt: skip
 
 
 @inline

@@ -40,7 +40,7 @@ class _Uses:
         self.junction_rows, self.leaf_rows = rows_of(table, JUNCTIONS), rows_of(table, LEAVES)
         self.unknown = len(self.storages) + len(rows_of(table, MEMORIES))
         self.theta = self.unknown + len(self.junction_rows)
-        self.factor_of = {int(row[6]): row for row in rows_of(table, FACTORS)}
+        self.factors = rows_of(table, FACTORS)
 
     def _law(self, row: Integers, scalars: int) -> set[int]:
         """Places of a law's parameters; weights of neural laws are left to the torch module."""
@@ -51,7 +51,7 @@ class _Uses:
 
     def _ratio(self, place: int) -> set[int]:
         found = {self.theta + int(place)}
-        if (row := self.factor_of.get(int(place))) is not None:
+        for row in self.factors[self.factors[:, 6] == place]:
             found |= {self.theta + int(p) for p in row[1:5]} | self._read(row[5])
         return found
 

@@ -12,4 +12,10 @@ def affine(q: Any, kappa: Any, q0: Any) -> Any:
     return 1.0 + kappa * q / q0
 
 
+def declining(z: Any, delta: Any) -> Any:
+    """``1 − δ z``."""
+    return 1.0 - delta * z
+
+
 register(FactorLaw("affine", affine, (0.3, 0.9)))
+register(FactorLaw("declining", declining, (0.3,)))

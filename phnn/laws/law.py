@@ -16,7 +16,7 @@ from phnn.errors import StructureViolated
 
 @dataclass(frozen=True)
 class StorageLaw:
-    """An energy ``H(x; θ) ≥ H(0) = 0``.
+    """An energy ``H(x; θ) ≥ H(0) = 0``, but for a source of constant effort.
 
     Attributes:
         name: as used in networks.
@@ -25,6 +25,7 @@ class StorageLaw:
             cancellation; the effort ``H'(x)`` is ``mean_effort(x, x, *θ)``.
         example: parameter values for the contract tests.
         convex: whether the effort is monotone.
+        bounded: whether ``H ≥ 0``; a weight, whose energy falls without end, is a source and not passive.
     """
 
     name: str
@@ -32,6 +33,7 @@ class StorageLaw:
     mean_effort: Callable[..., Any]
     example: tuple[float, ...]
     convex: bool = True
+    bounded: bool = True
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
-"""A leaf: a capacitor with a piecewise linear resistor, advanced exactly under a constant current.
+"""A leaf: a capacitor with a piecewise linear resistor and a leak, advanced exactly under a constant current.
 
-    ẋ = i − φ(x/C),   φ(e) = ρ (max(e − hi, 0) + min(e − lo, 0))
+    ẋ = i − φ(x/C),   φ(e) = g e + ρ (max(e − hi, 0) + min(e − lo, 0))
 
 Under constant ``i`` the scalar autonomous equation is monotone in time, so it visits the regions below,
 inside and above the dead zone in order, each with a closed form. The rule has no step-size limit, damps
@@ -68,10 +68,10 @@ def _time_to_threshold(depth: Any, current: Any, rho: Any, capacitance: Any) -> 
 
 @register_jitable(error_model="numpy", forceinline=False)
 def _across(
-    x: Any, current: Any, h: Any, stiffness: Any, rho: Any, low: Any, high: Any, e0: Any, drive: Any
+    x: Any, current: Any, h: Any, stiffness: Any, rho: Any, low: Any, high: Any, leak: Any, e0: Any, drive: Any
 ) -> Any:  # fmt: skip
     """The step region by region, for those that meet a threshold."""
-    capacitance = reciprocal(stiffness)
+    capacitance, slope = reciprocal(stiffness), rho + leak
     # Mirror a falling leaf: what follows moves upwards through (below, inside, above).
     falling = real(drive) < 0.0
     e = where(falling, -e0, e0)
@@ -83,42 +83,45 @@ def _across(
     below = real(depth) > 0.0
     depth = where(below, depth, 0.0 * depth)
     whole = h + 0.0 * depth
-    meet = minimum(_time_to_threshold(depth, i, rho, capacitance), whole)
+    meet = minimum(_time_to_threshold(depth, i - leak * bottom, slope, capacitance), whole)
     time_below = where(below, meet, 0.0 * meet)
-    e1, area1 = _relax(e, time_below, i, rho, bottom, stiffness)
-    # Inside the dead zone: a straight line until the upper threshold is met.
+    e1, area1 = _relax(e, time_below, i - leak * bottom, slope, bottom, stiffness)
+    # Inside the dead zone: without a leak a straight line, until the upper threshold is met.
     room = top - e1
     inside = real(room) > 0.0
-    cross = minimum(_time_to_threshold(where(inside, room, 0.0 * room), i, 0.0 * rho, capacitance), whole - time_below)
+    room = where(inside, room, 0.0 * room)
+    cross = minimum(_time_to_threshold(room, i - leak * top, leak, capacitance), whole - time_below)
     time_inside = where(inside, cross, 0.0 * cross)
-    climb = i * time_inside * stiffness
-    e2 = e1 + climb
-    area2 = time_inside * (e1 + 0.5 * climb)
+    e2, area2 = _relax(e1, time_inside, i, leak, 0.0 * leak, stiffness)
     # Above it: relaxation for what is left of the step.
     rest = whole - time_below - time_inside
-    e3, area3 = _relax(e2, where(real(rest) > 0.0, rest, 0.0 * rest), i, rho, top, stiffness)
+    e3, area3 = _relax(e2, where(real(rest) > 0.0, rest, 0.0 * rest), i - leak * top, slope, top, stiffness)
     end = where(falling, -e3, e3) * capacitance
     mean = (area1 + area2 + area3) * reciprocal(whole)
     return end, where(falling, -mean, mean)
 
 
 @shared
-def resting(x: Any, current: Any, h: Any, stiffness: Any) -> Any:
-    """End state and average effort of a step inside the dead zone, where no resistor acts."""
-    gain = current * h
-    return x + gain, stiffness * (x + 0.5 * gain)
+def resting(x: Any, current: Any, h: Any, stiffness: Any, leak: Any, one: Any, two: Any) -> Any:
+    """End state and average effort of a step inside the dead zone; ``one``, ``two``: `relaxation` of ``h g/C``."""
+    gain = (current - leak * (x * stiffness)) * h
+    return x + gain * one, stiffness * (x + gain * two)
 
 
 @shared
-def sliding(x: Any, current: Any, h: Any, stiffness: Any, rho: Any, threshold: Any, one: Any, two: Any) -> Any:
-    """The same of a step beyond one threshold; ``one`` and ``two`` are `relaxation` of ``h ρ/C``."""
-    gain = (current - rho * (x * stiffness - threshold)) * h
+def sliding(
+    x: Any, current: Any, h: Any, stiffness: Any, rho: Any, threshold: Any, leak: Any, one: Any, two: Any
+) -> Any:  # fmt: skip
+    """The same of a step beyond one threshold; ``one`` and ``two`` are `relaxation` of ``h (ρ + g)/C``."""
+    effort = x * stiffness
+    gain = (current - leak * effort - rho * (effort - threshold)) * h
     return x + gain * one, stiffness * (x + gain * two)
 
 
 @shared
 def rc_flow(
-    x: Any, current: Any, h: Any, stiffness: Any, rho: Any, low: Any, high: Any, one: Any, two: Any
+    x: Any, current: Any, h: Any, stiffness: Any, rho: Any, low: Any, high: Any, leak: Any, one: Any, two: Any,
+    leak_one: Any, leak_two: Any,
 ) -> Any:  # fmt: skip
     """Advance one leaf by ``h`` under a constant current.
 
@@ -128,7 +131,9 @@ def rc_flow(
         h: duration [s], positive.
         stiffness: ``1/C`` with ``e = x/C``.
         rho, low, high: slope and thresholds of the resistor, ``ρ ≥ 0``, ``lo ≤ 0 ≤ hi``.
-        one, two: `relaxation` of ``h ρ/C``; given, because they stay the same from step to step.
+        leak: conductance ``g ≥ 0`` beside the resistor.
+        one, two: `relaxation` of ``h (ρ + g)/C``; given, because they stay the same from step to step.
+        leak_one, leak_two: the same of ``h g/C``.
 
     Returns:
         ``(x⁺, ē)``: the charge at the end and the average effort.
@@ -138,18 +143,18 @@ def rc_flow(
     deficit = e0 - low
     # Most steps meet no threshold: one closed form, recognised by its end.
     if certain((real(excess) <= 0.0) & (real(deficit) >= 0.0)):
-        end, mean = resting(x, current, h, stiffness)
+        end, mean = resting(x, current, h, stiffness, leak, leak_one, leak_two)
         last = real(end) * real(stiffness)
         if certain((last <= real(high)) & (last >= real(low))):
             return end, mean
     elif certain(real(rho) > 0.0):
         above = real(excess) > 0.0
-        end, mean = sliding(x, current, h, stiffness, rho, where(above, high, low), one, two)
+        end, mean = sliding(x, current, h, stiffness, rho, where(above, high, low), leak, one, two)
         last = real(end) * real(stiffness)
         if certain(where(above, last >= real(high), last <= real(low))):
             return end, mean
-    drive = current - rho * (maximum(excess, 0.0 * excess) + minimum(deficit, 0.0 * deficit))
-    return _across(x, current, h, stiffness, rho, low, high, e0, drive)
+    drive = current - leak * e0 - rho * (maximum(excess, 0.0 * excess) + minimum(deficit, 0.0 * deficit))
+    return _across(x, current, h, stiffness, rho, low, high, leak, e0, drive)
 
 
 def loss(x: Any, x_next: Any, current: Any, mean_effort: Any, h: Any, capacitance: Any) -> Any:

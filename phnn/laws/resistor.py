@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from phnn.laws.law import ResistorLaw, register
-from phnn.laws.namespace import absolute, maximum, minimum, reciprocal, shared, tanh
+from phnn.laws.namespace import absolute, maximum, minimum, reciprocal, shared, sqrt, tanh
 
 
 @shared
@@ -67,6 +67,24 @@ def following_dead_zone(effort: Any, q: Any, rho: Any, width: Any, kappa: Any, q
 
 
 @shared
+def _hastened_half(momentum: Any, width: Any, kappa: Any, mass: Any) -> Any:
+    """``(d/2) (1 + κ |p|/m)``."""
+    return 0.5 * width * (1.0 + kappa * absolute(momentum) * reciprocal(mass))
+
+
+def rate_dependent_dead_zone_thresholds(q: Any, rho: Any, width: Any, kappa: Any, mass: Any) -> Any:
+    """Symmetric thresholds that grow with the speed ``|p|/m`` of the momentum ``p = q`` that is read."""
+    half = _hastened_half(q, width, kappa, mass)
+    return rho + 0.0 * half, -half, half
+
+
+def rate_dependent_dead_zone(effort: Any, q: Any, rho: Any, width: Any, kappa: Any, mass: Any) -> Any:
+    """Eq. (2) with the width ``d (1 + κ |p|/m)``, ``κ ≥ 0`` in s/m, hence a sector law at every speed."""
+    half = _hastened_half(q, width, kappa, mass)
+    return piecewise_linear(effort, rho, -half, half)
+
+
+@shared
 def _tempered(value: Any, kappa: Any, rise: Any) -> Any:
     """``v max(0, 1 + κ ϑ)``: never negative, hence a sector law at every temperature."""
     factor = 1.0 + kappa * rise
@@ -95,6 +113,17 @@ def quadratic_drag(effort: Any, q: Any, drag: Any) -> Any:
     return drag * absolute(effort) * effort
 
 
+def turbulent(effort: Any, q: Any, conductance: Any, kappa: Any, flow: Any) -> Any:
+    """Flow ``Q`` through pipe and orifice, ``g ε = Q (1 + κ |Q|/Q₀)``: linear for small, a root for large ``ε``."""
+    return 2.0 * conductance * effort / (1.0 + sqrt(1.0 + 4.0 * kappa * conductance * absolute(effort) / flow))
+
+
+def overflow(effort: Any, q: Any, rate: Any, level: Any, capacitance: Any) -> Any:
+    """``r max(V − V_o, 0)`` out of a tank of volume ``V = C ε`` whose rim is at ``V_o ≥ 0``."""
+    above = capacitance * effort - level
+    return rate * maximum(above, 0.0 * above)
+
+
 register(ResistorLaw("linear", linear, (0.7,), linear_thresholds))
 register(ResistorLaw("maxwell", maxwell, (0.7, 0.4), maxwell_thresholds))
 register(ResistorLaw("dead_zone", dead_zone, (0.7, 0.6), dead_zone_thresholds))
@@ -102,3 +131,10 @@ register(ResistorLaw("following_dead_zone", following_dead_zone, (0.7, 0.6, 0.5,
 register(ResistorLaw("coulomb", coulomb, (0.4, 0.3)))
 register(ResistorLaw("quadratic_drag", quadratic_drag, (0.8,)))
 register(ResistorLaw("thermal_dead_zone", thermal_dead_zone, (0.7, 0.6, 0.2, -0.1), thermal_dead_zone_thresholds))
+register(
+    ResistorLaw(
+        "rate_dependent_dead_zone", rate_dependent_dead_zone, (0.7, 0.6, 0.5, 0.9), rate_dependent_dead_zone_thresholds
+    )
+)
+register(ResistorLaw("turbulent", turbulent, (0.7, 0.4, 0.9)))
+register(ResistorLaw("overflow", overflow, (0.8, 0.3, 0.6)))

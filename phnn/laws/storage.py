@@ -53,6 +53,29 @@ def cubic_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa: Any, q0: Any
     return stiffness * (a + b) * (0.5 + kappa * quadratic / 4.0 + _completion(kappa) * sextic / 6.0)
 
 
+def quadratic_spring_energy(x: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
+    """``H = k x² (1/2 + κ s/3 + κ² s²/12)``, ``s = x/q₀``, of curvature ``H″ = k (1 + κ s)² ≥ 0``."""
+    s = kappa * x / q0
+    return stiffness * x * x * (0.5 + s / 3.0 + s * s / 12.0)
+
+
+def quadratic_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
+    """Effort ``k x (1 + κ s + κ² s²/3)``, differences of powers factored: ``(bⁿ − aⁿ)/(b − a)``."""
+    u = kappa * a / q0
+    w = kappa * b / q0
+    return stiffness * (0.5 * (a + b) + (a * u + a * w + b * w) / 3.0 + (a + b) * (u * u + w * w) / 12.0)
+
+
+def weight_energy(x: Any, force: Any) -> Any:
+    """``H = −F x``: the potential of a constant force, not bounded below."""
+    return -force * x
+
+
+def weight_mean_effort(a: Any, b: Any, force: Any) -> Any:
+    """``−F`` wherever it is."""
+    return -force + 0.0 * (a + b)
+
+
 def stop_energy(x: Any, stiffness: Any, gap: Any) -> Any:
     """One-sided elastic stop, ``H = k max(x − gap, 0)²/2`` for ``gap ≥ 0`` and mirrored for ``gap < 0``."""
     depth = maximum(where(real(gap) < 0.0, gap - x, x - gap), 0.0 * x)
@@ -77,4 +100,6 @@ def stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any) -> Any:
 register(StorageLaw("capacitor", capacitor_energy, capacitor_mean_effort, (0.7,)))
 register(StorageLaw("spring", spring_energy, spring_mean_effort, (1.3,)))
 register(StorageLaw("cubic_spring", cubic_spring_energy, cubic_spring_mean_effort, (1.3, 0.4, 0.8)))
+register(StorageLaw("quadratic_spring", quadratic_spring_energy, quadratic_spring_mean_effort, (1.3, 0.4, 0.8)))
+register(StorageLaw("weight", weight_energy, weight_mean_effort, (0.6,), bounded=False))
 register(StorageLaw("stop", stop_energy, stop_mean_effort, (2.0, 0.3)))

@@ -88,6 +88,8 @@ class Port:
 class Modulation:
     """A ratio that follows a state: for ``ratio`` stands ``ratio · f(x_by; θ)``, in ``J(x)`` and ``g(x)`` alike.
 
+    Several modulations of one ratio multiply.
+
     The structure stays skew at every state, so that a modulated transformer neither stores nor dissipates.
 
     Attributes:
@@ -133,7 +135,7 @@ class Network:
         storages, resistors, couplings, ports: the elements.
         parameters: by name.
         output: the storage whose energy variable is measured.
-        modulations: ratios that follow a state, each at most once.
+        modulations: ratios that follow a state; the factors of one that follows several multiply.
         memories: slow states; the state vector has them after the storages.
     """
 
@@ -160,9 +162,6 @@ class Network:
         for name in self._parameter_references():
             if name not in self.parameters:
                 raise StructureViolated(f"an element refers to the parameter {name!r}, which is not defined")
-        modulated = [m.ratio for m in self.modulations]
-        if len(set(modulated)) != len(modulated):
-            raise StructureViolated(f"a ratio among {modulated} is modulated twice: multiply the factors in one law")
         for memory in self.memories:
             self._check_drives(memory)
         self._check_heat()

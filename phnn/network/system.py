@@ -67,7 +67,7 @@ class PortHamiltonianSystem(nn.Module):
         self._branches = columns(network.resistors, place)
         self._inputs = columns(network.ports, place)
         place = {name: k for k, name in enumerate(network.state_names)}
-        self._factors = {m.ratio: (place[m.by], m) for m in network.modulations}
+        self._factors = tuple((place[m.by], m) for m in network.modulations)
         self._modulators = tuple(None if r.modulated_by is None else place[r.modulated_by] for r in network.resistors)
 
     def _adopt(self, kind: str, element: Storage | Resistor) -> None:
@@ -104,10 +104,11 @@ class PortHamiltonianSystem(nn.Module):
         """The function from a ratio's name to its value (...) at a state."""
 
         def ratio(name: str) -> Tensor:
-            if name not in self._factors:
-                return self.value(name)
-            place, m = self._factors[name]
-            return self.value(name) * FACTOR_LAWS[m.law].factor(x[..., place], *map(self.value, m.parameters))
+            value = self.value(name)
+            for place, m in self._factors:
+                if m.ratio == name:
+                    value = value * FACTOR_LAWS[m.law].factor(x[..., place], *map(self.value, m.parameters))
+            return value
 
         return ratio
 

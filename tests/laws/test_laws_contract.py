@@ -150,9 +150,9 @@ def test_compiled_values_and_slopes_are_those_of_the_law(name: str) -> None:
 
 @named(STORAGE_LAWS)
 class TestEveryStorage:
-    def test_energy_is_zero_at_zero_and_never_negative(self, law: StorageLaw) -> None:
+    def test_energy_is_zero_at_zero_and_negative_only_where_the_law_says_so(self, law: StorageLaw) -> None:
         assert law.energy(0.0, *law.example) == 0.0
-        assert (law.energy(np.linspace(-50.0, 50.0, 2001), *law.example) >= 0.0).all()
+        assert (law.energy(np.linspace(-50.0, 50.0, 2001), *law.example) >= 0.0).all() == law.bounded
 
     def test_mean_effort_is_the_quotient_of_energies(self, law: StorageLaw) -> None:
         a, b = (m.ravel() for m in np.meshgrid(POINTS, POINTS + 0.0317))
@@ -179,6 +179,25 @@ def test_a_softening_spring_stays_convex_and_bounded() -> None:
     for kappa in (-0.01, -0.5, -3.0):
         assert (np.diff(spring.mean_effort(x, x, 1.3, kappa, 0.8)) >= 0.0).all()
         assert (spring.energy(x, 1.3, kappa, 0.8) >= 0.0).all()
+
+
+def test_a_spring_stiffer_on_one_side_stays_convex_and_bounded() -> None:
+    spring = STORAGE_LAWS["quadratic_spring"]
+    x = np.linspace(-30.0, 30.0, 6001)
+    for kappa in (-3.0, -0.2, 0.01, 3.0):
+        efforts = spring.mean_effort(x, x, 1.3, kappa, 0.8)
+        assert (np.diff(efforts) >= 0.0).all()
+        assert (spring.energy(x, 1.3, kappa, 0.8) >= 0.0).all()
+        np.testing.assert_allclose(np.diff(efforts) / np.diff(x), 1.3 * (1.0 + kappa * (x[1:] + x[:-1]) / 1.6) ** 2,
+                                   rtol=1e-2, atol=1e-2)  # fmt: skip
+
+
+def test_a_turbulent_pipe_is_linear_for_small_and_a_root_for_large_efforts() -> None:
+    pipe = RESISTOR_LAWS["turbulent"].flow
+    np.testing.assert_allclose(pipe(1e-6, 0.0, 0.7, 0.4, 0.9), 0.7e-6, rtol=1e-5)
+    np.testing.assert_allclose(pipe(4e12, 0.0, 0.7, 0.4, 0.9), 2.0 * pipe(1e12, 0.0, 0.7, 0.4, 0.9), rtol=1e-5)
+    flow = pipe(POINTS, 0.0, 0.7, 0.4, 0.9)
+    np.testing.assert_allclose(flow * (1.0 + 0.4 * np.abs(flow) / 0.9), 0.7 * POINTS, rtol=1e-14)
 
 
 def test_a_stop_on_the_negative_side_mirrors_the_positive_one() -> None:
@@ -248,31 +267,34 @@ leaves = st.fixed_dictionaries(
         "rho": st.one_of(st.just(0.0), st.floats(-6.0, 7.0).map(lambda e: 10.0**e)),
         "low": st.one_of(st.just(0.0), amounts(-2.0, 0.0)),
         "high": st.one_of(st.just(0.0), amounts(0.0, 2.0)),
+        # Mostly none, as in the actuator.
+        "leak": st.one_of(st.just(0.0), st.just(0.0), st.floats(-6.0, 5.0).map(lambda e: 10.0**e)),
     }
 )
 Leaf = dict[str, float]
 
 
-def advanced(x, current, h, capacitance, rho, low, high):  # type: ignore[no-untyped-def]
+def advanced(x, current, h, capacitance, rho, low, high, leak):  # type: ignore[no-untyped-def]
     """End state and mean effort of a leaf."""
     s = 1.0 / capacitance
-    return rc_flow(x, current, h, s, rho, low, high, *relaxation(h * rho * s))
+    known = *relaxation(h * (rho + leak) * s), *relaxation(h * leak * s)
+    return rc_flow(x, current, h, s, rho, low, high, leak, *known)
 
 
 def reference(leaf: Leaf) -> tuple[float, float, float]:
     """End state, mean effort and loss by Radau, both integrals carried along."""
-    c, rho, low, high, i = (leaf[k] for k in ("capacitance", "rho", "low", "high", "current"))
+    c, rho, low, high, i, leak = (leaf[k] for k in ("capacitance", "rho", "low", "high", "current", "leak"))
 
     def rate(t: float, z: np.ndarray) -> list[float]:
         e = z[0] / c
-        flow = piecewise_linear(e, rho, low, high)
+        flow = piecewise_linear(e, rho, low, high) + leak * e
         return [float(i - flow), e, float(e * flow)]
 
     def jacobian(t: float, z: np.ndarray) -> np.ndarray:
         e = z[0] / c
         outside = e > high or e < low
-        flow = float(piecewise_linear(e, rho, low, high))
-        slope = rho / c if outside else 0.0
+        flow = float(piecewise_linear(e, rho, low, high)) + leak * e
+        slope = (rho if outside else 0.0) / c + leak / c
         return np.array([[-slope, 0.0, 0.0], [1.0 / c, 0.0, 0.0], [flow / c + e * slope, 0.0, 0.0]])
 
     sol = solve_ivp(rate, (0.0, leaf["h"]), [leaf["x"], 0.0, 0.0], "Radau", rtol=1e-11, atol=1e-13, jac=jacobian)
@@ -297,6 +319,7 @@ class TestExactLeaf:
     def test_is_passive_to_rounding_at_any_stiffness(self, leaf: Leaf, units: float) -> None:
         leaf = leaf | {"x": leaf["x"] * units, "capacitance": leaf["capacitance"] * units}
         leaf = leaf | {"current": leaf["current"] * units, "rho": leaf["rho"] * units}
+        leaf = leaf | {"leak": leaf["leak"] * units}
         end, mean = advanced(**leaf)
         lost = loss(leaf["x"], end, leaf["current"], mean, leaf["h"], leaf["capacitance"])
         given_ = abs(leaf["h"] * leaf["current"] * mean)

@@ -188,6 +188,9 @@ class BondGraph:
         for element in self.elements:
             if isinstance(element, R) and element.reads is not None:
                 _among(element.reads, read, f"{element.name} reads the storage")
+        modulated = [m.ratio for m in self.modulations]
+        if len(set(modulated)) != len(modulated):
+            raise StructureViolated(f"a ratio among {modulated} is modulated twice: multiply the factors in one law")
         for modulation in self.modulations:
             _among(modulation.ratio, self.ratios, "a modulation is of the ratio")
             _among(modulation.by, read, f"the ratio {modulation.ratio} reads the storage")
