@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from phnn.errors import InputRefused
 from phnn.network.elements import Network
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Setup
@@ -13,7 +14,7 @@ LOCATIONS = (
     "amplifier", "electrical", "hysteron", "coupling", "mechanical", "thermal", "sensor", "environment",
 )  # fmt: skip
 # Resistor laws of hysterons: nothing flows between two thresholds.
-DEAD_ZONES = ("dead_zone", "following_dead_zone", "thermal_dead_zone")
+DEAD_ZONES = ("dead_zone", "following_dead_zone", "rate_dependent_dead_zone", "thermal_dead_zone")
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,12 @@ def has_transducer(setup: Setup) -> bool:
     """A parameter ``alpha`` is the ratio by which the voltage port acts on the momentum."""
     ports = setup.network.ports
     return has_motion(setup) and any(p.name == "voltage" and p.on.get("p") == "alpha" for p in ports)
+
+
+def has_tanks(setup: Setup) -> bool:
+    """Stores of constant capacity drain into each other through resistors alone."""
+    network = setup.network
+    return all(s.law == "capacitor" for s in network.storages) and not network.couplings
 
 
 @dataclass(frozen=True)
@@ -135,7 +142,14 @@ class Effect:
         return self.applies(setup) and not set(self.parameters) & set(setup.parameters)
 
     def add_to(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        """The setup with this effect at the given parameter values (SI)."""
+        """The setup with this effect at the given parameter values (SI).
+
+        Raises:
+            InputRefused: it does not apply to the setup, or is in it already.
+        """
+        if not self.applies(setup) and not set(self.parameters) & set(setup.parameters):
+            wanted = (self.applies.__doc__ or "").strip()
+            raise InputRefused(f"{self.name} cannot be added to {setup.name}; it can be where this holds: {wanted}")
         return replace(self.build(setup, values), name=f"{setup.name}+{self.name}")
 
 

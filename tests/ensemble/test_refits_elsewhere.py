@@ -89,7 +89,7 @@ def test_every_effect_survives_pickling(name: str) -> None:
     effect = catalogue()[name]
     again = pickle.loads(pickle.dumps(effect))
     assert again == effect
-    for values in effect.grid(SCALES)[:2]:
+    for values in effect.grid(SCALES)[:2] if effect.can_be_added_to(base().setup) else ():
         changed = effect.add_to(base().setup, values)
         assert again.add_to(base().setup, values) == changed
         assert pickle.loads(pickle.dumps(changed)) == changed

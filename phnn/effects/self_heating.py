@@ -1,0 +1,75 @@
+"""A transducer ratio that follows the warmth of what is dissipated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from phnn.effects.effect import Effect, Scales, has_transducer, with_network
+from phnn.network.elements import Memory, Modulation
+from phnn.parameters import Parameter, constant, positive
+from phnn.setup import Setup
+
+# Of a gram of ceramic. Recordings without a temperature know κ_T/C_T and R_T C_T alone: the capacity is a convention.
+_CAPACITY = 0.4
+_AMBIENT = 293.15
+_CHANGE = 1e-3
+# Part of the reactive power k q v that is taken to be dissipated, on average.
+_LOSS = 0.1
+
+
+def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """``α`` becomes ``α (1 + κ_T (T − T_a)/T_s)`` with ``C_T Ṫ = P − (T − T_a)/R_T``, ``P`` of all resistors."""
+    return with_network(
+        setup,
+        setup.network.extend(
+            modulations=(Modulation("alpha", "theta", "affine", ("kappa_T", "T_s")),),
+            memories=(Memory("theta", "thermal", ("C_T", "R_T", "T_a", "T_a"), unit="K"),),
+            parameters=(
+                Parameter("kappa_T", values["kappa_T"], "1", typical=0.1, description="change of coupling per kelvin"),
+                positive("R_T", values["R_T"], "K/W", "thermal resistance to the ambient"),
+                constant("C_T", values["C_T"], "J/K", "heat capacity, a convention"),
+                constant("T_a", values["T_a"], "K", "temperature of the ambient, where the other parameters hold"),
+                constant("T_s", values["T_s"], "K", "unit of the temperature coefficient"),
+            ),
+        ),
+    )
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """Warming over shares of the longest recording; a change of the ratio by about a permille."""
+    power = _LOSS * scales.stiffness * scales.displacement * scales.velocity
+    found = []
+    for share in (0.05, 0.3, 2.0):
+        tau = share * scales.duration
+        # What has warmed at the end of the recording.
+        warmth = power * min(tau, scales.duration) / _CAPACITY
+        others = {"R_T": tau / _CAPACITY, "C_T": _CAPACITY, "T_a": _AMBIENT, "T_s": 1.0}
+        found.append({"kappa_T": _CHANGE / warmth} | others)
+    return found
+
+
+def applies(setup: Setup) -> bool:
+    """A parameter ``alpha`` is the ratio of the voltage port, and what is dissipated warms nothing yet."""
+    network = setup.network
+    return has_transducer(setup) and bool(network.resistors) and all(m.law != "thermal" for m in network.memories)
+
+
+EFFECT = Effect(
+    name="self_heating",
+    location="thermal",
+    equation=r"\alpha(T) = \alpha (1 + \kappa_T (T - T_a)/T_s), \quad C_T \dot{T} = P - (T - T_a)/R_T",
+    statement="The actuator warms itself: per kelvin the transducer ratio changes by the share {kappa_T}, a heat "
+    "capacity of {C_T} being assumed, and the warmth leaves over {R_T}.",
+    fingerprint="The gain drifts with the square of the amplitude and with frequency, and recovers at rest.",
+    separation="A small sine of low frequency before, after and well after a burst near the resonance: warmth comes "
+    "with dissipation and leaves at rest, polarisation is lost by voltage alone and a sensor drifts in any case.",
+    references=("Ramírez, Maschke & Sbarbaro 2013, Chemical Engineering Science 89 (irreversible systems)",),
+    passive=True,
+    strength="kappa_T",
+    one_sided=False,
+    grid=grid,
+    build=build,
+    parameters=("kappa_T", "R_T", "C_T", "T_a", "T_s"),
+    applies=applies,
+    neighbours=("depolarisation", "sensor_drift"),
+)
