@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from phnn.diagnose.judge import Judgement, judge
+from phnn.diagnose.judge import Judgement, judge, scored
 from phnn.diagnose.propose import NextExperiment, propose
 from phnn.effects import Effect, catalogue, effect
 from phnn.ensemble import executor
@@ -89,17 +89,18 @@ def diagnose(
     if on_base is not None:
         on_base(base)
 
-    def judged(base: Fit, error: NumericalError) -> Judgement:
-        new, terminals = campaign.held_out_is_new, campaign.voltage == "terminals"
-        return judge(base, catalogue_, chosen.seed, max(1, chosen.max_effects), new, error, terminals, refits)
-
-    judgement = judged(base, error)
+    terminals = campaign.voltage == "terminals"
+    found = scored(base, catalogue_, chosen.seed, error, terminals)
     for _ in range(2):
-        if judgement.naming.numerical <= _FAKE:
+        if found.naming.numerical <= _FAKE:
             break
-        progress(f"numerical error could score {judgement.naming.numerical:.2g}: finer steps")
+        progress(f"numerical error could score {found.naming.numerical:.2g}: finer steps")
         base, error = refined(base, chosen)
-        judgement = judged(base, error)
+        found = scored(base, catalogue_, chosen.seed, error, terminals)
+    progress(f"largest score {found.naming.statistic:.3g}: locate and name")
+    judgement = judge(
+        found, catalogue_, chosen.seed, max(1, chosen.max_effects), campaign.held_out_is_new, refits
+    )  # fmt: skip
     progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
     before = score_on_all(base, campaign)
     after = score_on_all(judgement.final, campaign) if judgement.final is not base else before

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from phnn.diagnose.ground import Ground, prepare
 from phnn.diagnose.learn import learn
-from phnn.diagnose.locate import Location, locate, responses
+from phnn.diagnose.locate import Location, Responses, locate, responses
 from phnn.diagnose.name import Naming, score
 from phnn.diagnose.refit import Trial, class_of, refit, tie
 from phnn.effects import Effect
@@ -70,34 +70,54 @@ def excess(fit: Fit) -> float:
     return fit.cost - (fit.residual.size - fit.jacobian.shape[1])
 
 
-def judge(
-    base: Fit,
-    effects: Sequence[Effect],
-    seed: int,
-    max_effects: int,
-    new_in_held_out: bool,
-    error: NumericalError,
-    terminals: bool = False,
-    executor: Executor = SERIAL,
-) -> Judgement:
-    """Locate, name, refit and judge.
+@dataclass(frozen=True)
+class Scored:
+    """A base model with its scores: all that a verdict ``none`` needs."""
+
+    ground: Ground
+    generic: Responses
+    naming: Naming
+
+
+def scored(
+    base: Fit, effects: Sequence[Effect], seed: int, error: NumericalError, terminals: bool = False
+) -> Scored:  # fmt: skip
+    """Score the catalogue and the generic functions on a base model.
 
     Args:
         base: the fitted base model.
         effects: the catalogue entries that can exist in this setup.
         seed: of the null distribution.
-        max_effects: how many effects may be added one after the other.
-        new_in_held_out: whether confirmation brings something new; without it the word is ``equivalent`` at most.
         error: numerical error of the simulations.
         terminals: whether the input was measured at the port.
-        executor: where candidates are refitted.
     """
     ground = prepare(base, terminals)
     generic = responses(ground)
-    naming = score(ground, effects, generic, seed, error.error)
+    return Scored(ground, generic, score(ground, effects, generic, seed, error.error))
+
+
+def judge(
+    found: Scored,
+    effects: Sequence[Effect],
+    seed: int,
+    max_effects: int,
+    new_in_held_out: bool,
+    executor: Executor = SERIAL,
+) -> Judgement:
+    """Locate, name, refit and judge.
+
+    Args:
+        found: the scores of the base model.
+        effects: the catalogue entries that can exist in this setup.
+        seed: of the null distribution.
+        max_effects: how many effects may be added one after the other.
+        new_in_held_out: whether confirmation brings something new; without it the word is ``equivalent`` at most.
+        executor: where candidates are refitted.
+    """
+    ground, naming = found.ground, found.naming
     if naming.p_value >= SIGNIFICANT:
-        return Judgement("none", ground, naming, None, base, ground)
-    location = locate(ground, generic)
+        return Judgement("none", ground, naming, None, ground.fit, ground)
+    location = locate(ground, found.generic)
     findings, tried, here, scores = _select(ground, naming, effects, seed, max_effects, executor)
     final = here.fit
     learned = None
