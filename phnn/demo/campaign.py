@@ -7,15 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from phnn.demo.actuator import TABLE, simulate_all
-from phnn.demo.concealed import EFFECTS, ON_REQUEST, described, draw, drifts, quasi_static_peak
-from phnn.demo.excitation import Excitation, plan_of
+from phnn.demo.actuator import simulate_all
+from phnn.demo.base import draw_base
+from phnn.demo.concealed import EFFECTS, ON_REQUEST, described, draw, drifts
+from phnn.demo.excitation import Excitation
 from phnn.demo.folder import MANIFEST, measured, refuse_strangers, write_manifest, write_recording
+from phnn.demo.listed import LOCATIONS
+from phnn.demo.plans import plan_of
 from phnn.demo.sealed import Sealed
 from phnn.demo.strength import find_strength, ruler
 from phnn.errors import InputRefused
 
-_SPREAD = 0.2  # each parameter of Table 1 moves by up to this part of itself
 _TARGETS = (1.5, 10.0)  # residual over noise that an effect leaves
 
 
@@ -39,7 +41,7 @@ def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "de
     # The noise has a stream of its own: it stays the same whatever effect a seed is told to conceal.
     choices, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
     drawn = str(choices.choice(EFFECTS))
-    base = _draw_base(choices)
+    base = draw_base(choices)
     noise = float(choices.uniform(20e-9, 80e-9))
     quantisation = int(choices.integers(5, 21)) * 1e-9
     target = float(np.exp(choices.uniform(*np.log(_TARGETS))))
@@ -63,7 +65,11 @@ def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "de
     for excitation, q in zip(excitations, outputs, strict=True):
         write_recording(folder / f"{excitation.name}.csv", excitation, measured(q, noise, quantisation, sensor))
     write_manifest(folder / MANIFEST, base["m"], excitations)
-    return Sealed(name, parameters, base, reached, noise, quantisation, seed, plan)
+    effects = () if name == "none" else (name,)
+    location, stratum = tuple(LOCATIONS[n] for n in effects), "same" if effects else "none"
+    return Sealed(
+        name, parameters, base, reached, noise, quantisation, seed, plan, effects, stratum, location=location
+    )  # fmt: skip
 
 
 def _check(seed: int, effect: str | None, folder: Path, plan: Sequence[Excitation]) -> None:
@@ -73,15 +79,3 @@ def _check(seed: int, effect: str | None, folder: Path, plan: Sequence[Excitatio
     if seed < 0:
         raise InputRefused(f"seed = {seed}: give a whole number, 0 or more")
     refuse_strangers(folder, plan)
-
-
-def _draw_base(rng: np.random.Generator) -> dict[str, float]:
-    """Table 1 with every parameter moved by up to ±20 %, such that each hysteron slips at the largest voltage.
-
-    A hysteron that never slips is a capacitor in series: its slope and width would be in no recording.
-    """
-    while True:
-        base = {name: value * float(rng.uniform(1.0 - _SPREAD, 1.0 + _SPREAD)) for name, value in TABLE.items()}
-        charge = base["alpha"] * quasi_static_peak(base)
-        if all(charge / base[f"C_{i}"] > 1.1 * 0.5 * base[f"d_{i}"] for i in (1, 2)):
-            return base

@@ -28,6 +28,8 @@ class Concealed:
         most: largest strength that still makes physical sense.
         law: strength -> parameters for the simulation (SI).
         drift: strength -> drift rates of the sensor, one per recording, m/s.
+        added: strength and recording -> what else is added to the output, (samples,), m.
+        stated: strength -> its parameters as a person would state them, where these are not those of ``law``.
     """
 
     name: str
@@ -35,13 +37,17 @@ class Concealed:
     most: float
     law: Callable[[float], Values]
     drift: Callable[[float], Values] = lambda strength: {}
+    added: Callable[[float, Excitation], Array] = lambda strength, excitation: np.zeros(excitation.samples)
+    stated: Callable[[float], Values] | None = None
 
 
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number whose logarithm is uniform."""
     return float(np.exp(rng.uniform(math.log(low), math.log(high))))
 
 
-def _sign(rng: np.random.Generator) -> float:
+def either_sign(rng: np.random.Generator) -> float:
+    """Plus or minus one."""
     return float(rng.choice([-1.0, 1.0]))
 
 
@@ -52,7 +58,7 @@ def quasi_static_peak(base: Mapping[str, float]) -> float:
 
 
 def _creep(rng: np.random.Generator, base: Mapping[str, float]) -> Concealed:
-    tau = _log_uniform(rng, 0.05, 1.0)
+    tau = log_uniform(rng, 0.05, 1.0)
     return Concealed("creep", 0.01 * base["k"], base["k"], lambda z: {"k_s": z, "tau_s": tau})
 
 
@@ -71,7 +77,7 @@ def _quadratic_drag(rng: np.random.Generator, base: Mapping[str, float]) -> Conc
 def _extra_hysteron(rng: np.random.Generator, base: Mapping[str, float]) -> Concealed:
     # The dead zone shrinks with 1/C_3, so that the hysteron slips at the same displacement whatever its strength.
     slips_at = rng.uniform(0.15, 0.6) * quasi_static_peak(base)
-    tau = _log_uniform(rng, 1e-5, 3e-3)
+    tau = log_uniform(rng, 1e-5, 3e-3)
 
     def law(z: float) -> Values:
         return {"inv_C_3": z, "rho_3": 1.0 / (z * tau), "d_3": 2.0 * z * base["alpha"] * slips_at}
@@ -80,12 +86,12 @@ def _extra_hysteron(rng: np.random.Generator, base: Mapping[str, float]) -> Conc
 
 
 def _hysteresis_asymmetry(rng: np.random.Generator, base: Mapping[str, float]) -> Concealed:
-    sign = _sign(rng)
+    sign = either_sign(rng)
     return Concealed("hysteresis_asymmetry", 0.02, 0.8, lambda z: {"kappa_d": sign * z})
 
 
 def _electrostriction(rng: np.random.Generator, base: Mapping[str, float]) -> Concealed:
-    sign = _sign(rng)
+    sign = either_sign(rng)
     return Concealed("electrostriction", 1e-4, 0.01, lambda z: {"epsilon": sign * z})
 
 
@@ -99,7 +105,7 @@ def _amplifier_saturation(rng: np.random.Generator, base: Mapping[str, float]) -
 
 def _sensor_drift(rng: np.random.Generator, base: Mapping[str, float], names: Sequence[str]) -> Concealed:
     # A steadily warming sensor: the same rate in every recording.
-    slope = _sign(rng)
+    slope = either_sign(rng)
     return Concealed("sensor_drift", 1e-7, 1e-3, lambda z: {}, lambda z: dict.fromkeys(names, z * slope))
 
 
@@ -134,17 +140,19 @@ def draw(name: str, rng: np.random.Generator, base: Mapping[str, float], plan: S
 
 
 def drifts(effect: Concealed, strength: float, plan: Sequence[Excitation]) -> tuple[Array, ...]:
-    """What the sensor adds to each recording, (samples,), m: a ramp from zero, or nothing."""
+    """What is added to the output of each recording, (samples,), m."""
     rates = effect.drift(strength)
-    return tuple(rates.get(excitation.name, 0.0) * excitation.t for excitation in plan)
+    return tuple(rates.get(e.name, 0.0) * e.t + effect.added(strength, e) for e in plan)
 
 
 def described(effect: Concealed, strength: float) -> Values:
     """The parameters of an effect as a person would state them, SI."""
+    if effect.stated is not None:
+        return effect.stated(strength)
     values = effect.law(strength)
     if "inv_C_3" in values:
         values = {"C_3": 1.0 / values["inv_C_3"], "rho_3": values["rho_3"], "d_3": values["d_3"]}
-    if {"kappa_3", "kappa_d"} & set(values):
+    if {"kappa_2", "kappa_3", "kappa_5", "kappa_a", "kappa_b", "kappa_d", "kappa_e"} & set(values):
         values["q_0"] = Q_0
     rates = {f"rate_{name}": rate for name, rate in effect.drift(strength).items()}
     return {**values, **rates}

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-
-from phnn.errors import InputRefused
 
 PEAK = 75.0  # V, largest voltage of every plan
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A stretch on which the voltage is smooth: ``V(t) = level + A sin(2π (f₀ t + ½ f' t²))``.
+    """A stretch on which the voltage is smooth: ``V(t) = level + A sin(2π (f₀ t' + ½ f' t'²))``, ``t' = t − shift``.
 
     Attributes:
         start, end: s; the voltage may jump where one piece follows another.
         level, amplitude: V.
         frequency: ``f₀`` in Hz.
         rate: ``f'`` in Hz/s.
+        shift: s.
     """
 
     start: float
@@ -31,16 +29,24 @@ class Piece:
     amplitude: float = 0.0
     frequency: float = 0.0
     rate: float = 0.0
+    shift: float = 0.0
 
     def voltage(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """Voltage [V] at times ``t`` [s], shape as ``t``."""
-        phase = 2.0 * math.pi * (self.frequency * t + 0.5 * self.rate * t * t)
+        since = t - self.shift
+        phase = 2.0 * math.pi * (self.frequency * since + 0.5 * self.rate * since * since)
         voltage: NDArray[np.float64] = self.level + self.amplitude * np.sin(phase)
         return voltage
 
+    @property
+    def steepest(self) -> float:
+        """Largest slope [V/s] that a sine of the highest frequency of the piece has."""
+        highest = max(abs(self.frequency), abs(self.frequency + self.rate * (self.end - self.start)))
+        return 2.0 * math.pi * highest * abs(self.amplitude)
+
     def as_array(self) -> NDArray[np.float64]:
-        """``(level, amplitude, frequency, rate)`` for the right-hand side."""
-        return np.array([self.level, self.amplitude, self.frequency, self.rate])
+        """``(level, amplitude, frequency, rate, shift)`` for the right-hand side."""
+        return np.array([self.level, self.amplitude, self.frequency, self.rate, self.shift])
 
 
 @dataclass(frozen=True)
@@ -65,6 +71,16 @@ class Excitation:
     def t(self) -> NDArray[np.float64]:
         """Sampling times, (samples,), s."""
         return np.arange(self.samples, dtype=np.float64) * self.dt
+
+    def delayed(self, delay: float) -> Excitation:
+        """The same voltage, later by ``delay`` [s] > 0; nothing before that, and the recording is no longer."""
+        end = self.pieces[-1].end
+        later = [
+            replace(p, start=p.start + delay, end=min(p.end + delay, end), shift=p.shift + delay)
+            for p in self.pieces
+            if p.start + delay < end
+        ]
+        return replace(self, pieces=(Piece(0.0, min(delay, end)), *later))
 
     def piece_of(self, t: NDArray[np.float64]) -> NDArray[np.intp]:
         """Index of the piece that each time lies in, shape as ``t``."""
@@ -95,30 +111,9 @@ def step(amplitude: float = PEAK, before: float = 0.1, hold: float = 2.0, after:
     return Excitation(f"step_{amplitude:.0f}V", pieces, dt, end, held=True)
 
 
-def chirp(amplitude: float = 60.0, low: float = 1.0, high: float = 100.0, duration: float = 2.0) -> Excitation:
-    """A sine whose frequency rises linearly, sampled at 5 kHz."""
+def chirp(
+    amplitude: float = 60.0, low: float = 1.0, high: float = 100.0, duration: float = 2.0, dt: float = 2e-4
+) -> Excitation:
+    """A sine whose frequency rises linearly, sampled at 5 kHz if nothing else is said."""
     piece = Piece(0.0, duration, amplitude=amplitude, frequency=low, rate=(high - low) / duration)
-    return Excitation(f"chirp_{low:.0f}-{high:.0f}Hz_{amplitude:.0f}V", (piece,), 2e-4, round(duration / 2e-4))
-
-
-def _demo() -> tuple[Excitation, ...]:
-    sines = tuple(sine(f) for f in (1.0, 10.0, 25.0, 50.0, 75.0, 100.0, 150.0))
-    return (*sines, sine(10.0, 25.0), sine(10.0, 50.0), sine(50.0, 40.0), step(), chirp())
-
-
-def _short() -> tuple[Excitation, ...]:
-    return sine(10.0), sine(100.0), sine(10.0, 50.0), step(before=0.05, hold=0.3, after=0.15)
-
-
-PLANS: dict[str, Callable[[], tuple[Excitation, ...]]] = {"demo": _demo, "short": _short}
-
-
-def plan_of(name: str) -> tuple[Excitation, ...]:
-    """The recordings of a plan.
-
-    Raises:
-        InputRefused: no plan of this name.
-    """
-    if name not in PLANS:
-        raise InputRefused(f"no plan called {name!r}: take one of {', '.join(PLANS)}")
-    return PLANS[name]()
+    return Excitation(f"chirp_{low:.0f}-{high:.0f}Hz_{amplitude:.0f}V", (piece,), dt, round(duration / dt))

@@ -11,6 +11,7 @@ from omegaconf import OmegaConf
 
 from phnn.demo.actuator import Array
 from phnn.demo.excitation import Excitation
+from phnn.demo.noise import Noise
 from phnn.errors import InputRefused
 
 MANIFEST = "recordings.yaml"
@@ -31,9 +32,9 @@ def refuse_strangers(folder: Path, plan: Sequence[Excitation]) -> None:
         raise InputRefused(f"{folder}: holds {strangers[0]}, which the demonstration did not write; name a new folder")
 
 
-def measured(q: Array, noise: float, quantisation: float, rng: np.random.Generator) -> Array:
-    """What the sensor reports: its zero, noise, and least step."""
-    y = q + rng.uniform(-_ZERO, _ZERO) + noise * rng.standard_normal(q.size)
+def measured(q: Array, noise: float, quantisation: float, rng: np.random.Generator, colour: float = 0.0) -> Array:
+    """What the sensor reports: its zero, noise (white, or of first order where ``colour`` is not 0), and least step."""
+    y = q + rng.uniform(-_ZERO, _ZERO) + Noise(noise, quantisation, colour).drawn(q.size, rng)
     rounded: Array = np.round(y / quantisation) * quantisation
     return rounded
 

@@ -6,8 +6,9 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from phnn.errors import InputRefused
 
@@ -26,6 +27,18 @@ class Sealed:
         quantisation: least step of the displacement, m.
         seed: everything was drawn from it.
         plan: name of the set of recordings.
+        effects: all that was concealed: canonical names, or names that no catalogue has; empty for nothing.
+        stratum: which kind of case, one of `phnn.demo.STRATA`.
+        form: the form of the law: "canonical", the name of another form, or "unlisted".
+        location: canonical location of each effect.
+        withheld: names of the catalogue that the diagnosis must do without.
+        levels: of each effect alone, as ``strength_over_noise``.
+        delta: noncentrality of all that was concealed: norm of what it changes beyond a refit of the base model and of
+            each recording's zero, in units of the (whitened) noise, rounding included. Where the effect's direction
+            is known, a test of false-alarm rate a finds it with probability Φ(δ − z_a), and no test does better.
+        deltas: of each effect alone.
+        colour: coefficient of the first-order noise, 0 for white noise.
+        redrawn: shapes that were drawn in vain before, because no strength reached what was wanted.
     """
 
     effect: str
@@ -36,6 +49,16 @@ class Sealed:
     quantisation: float
     seed: int
     plan: str
+    effects: tuple[str, ...] = ()
+    stratum: str = "same"
+    form: str = "canonical"
+    location: tuple[str, ...] = ()
+    withheld: tuple[str, ...] = ()
+    levels: tuple[float, ...] = ()
+    delta: float = 0.0
+    deltas: tuple[float, ...] = ()
+    colour: float = 0.0
+    redrawn: int = 0
 
 
 def write_seal(sealed: Sealed, path: Path) -> str:
@@ -64,7 +87,9 @@ def open_seal(path: Path) -> Sealed:
         raise InputRefused(f"{path}: cannot be read ({error.strerror}): give the file that write_seal wrote") from error
     except ValueError as error:
         raise InputRefused(f"{path}: is not json ({error}): give the file that write_seal wrote") from error
-    names = {field.name for field in fields(Sealed)}
-    if not isinstance(content, dict) or set(content) != names:
-        raise InputRefused(f"{path}: is no sealed answer, which has {', '.join(sorted(names))}")
-    return Sealed(**content)
+    names = [field.name for field in fields(Sealed)]
+    needed = [field.name for field in fields(Sealed) if field.default is MISSING]
+    if not isinstance(content, dict) or not set(needed) <= set(content) <= set(names):
+        raise InputRefused(f"{path}: is no sealed answer, which has {', '.join(sorted(needed))}")
+    values: dict[str, Any] = {n: tuple(v) if isinstance(v, list) else v for n, v in content.items()}
+    return Sealed(**values)

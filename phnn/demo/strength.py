@@ -11,9 +11,14 @@ import numpy as np
 from phnn.demo.actuator import TABLE, Array, simulate_all
 from phnn.demo.concealed import Concealed, drifts
 from phnn.demo.excitation import Excitation
+from phnn.demo.noise import Noise
 from phnn.errors import SolverFailed
 
+Stack = Callable[[Sequence[Array]], Array]
+
 _STEP = 1e-2  # relative step of the differences; the solver's error of 1e-8 is far below what they resolve
+_AHEAD = 5e-4  # relative step of forward differences
+_FAINT = {"rho_1": 3e-2}  # steps of parameters that move the output so little that the solver's error would show
 _CLOSE = 0.02  # accepted relative distance from the target
 
 
@@ -31,20 +36,41 @@ class Ruler:
         plan: the recordings.
         undisturbed: output of the base model, one array per recording, m.
         tangent: orthonormal basis of what the base parameters can change, (samples, rank).
+        stacked: joins what changes in each recording, without what its zero can take.
     """
 
     base: Mapping[str, float]
     plan: tuple[Excitation, ...]
     undisturbed: tuple[Array, ...]
     tangent: Array
+    stacked: Stack = _stacked
+
+    def left(self, outputs: Sequence[Array]) -> Array:
+        """What the linear refit of the base model leaves of ``outputs``, (samples,)."""
+        change = self.stacked([q - q_0 for q, q_0 in zip(outputs, self.undisturbed, strict=True)])
+        left: Array = change - self.tangent @ (self.tangent.T @ change)
+        return left
 
     def residual(self, effect: Concealed, strength: float) -> float:
         """Root mean square [m] of the change that is left after the linear refit of the base model."""
-        moved = simulate_all({**self.base, **effect.law(strength)}, self.plan)
-        ramps = drifts(effect, strength, self.plan)
-        change = _stacked([q - q_0 + ramp for q, q_0, ramp in zip(moved, self.undisturbed, ramps, strict=True)])
-        left = change - self.tangent @ (self.tangent.T @ change)
-        return float(np.sqrt(np.mean(left**2)))
+        return float(np.sqrt(np.mean(self.left(concealing(self.base, self.plan, [(effect, strength)])) ** 2)))
+
+    def noncentrality(self, effect: Concealed, strength: float) -> float:
+        """Norm of what is left; with whitened recordings the δ of the most powerful test, of power Φ(δ − z_a)."""
+        return float(np.linalg.norm(self.left(concealing(self.base, self.plan, [(effect, strength)]))))
+
+
+def concealing(
+    base: Mapping[str, float], plan: Sequence[Excitation], effects: Sequence[tuple[Concealed, float]]
+) -> tuple[Array, ...]:
+    """Outputs with effects of given strengths, one array per recording, m."""
+    values = dict(base)
+    for effect, strength in effects:
+        values.update(effect.law(strength))
+    outputs = simulate_all(values, plan)
+    for effect, strength in effects:
+        outputs = tuple(q + d for q, d in zip(outputs, drifts(effect, strength, plan), strict=True))
+    return outputs
 
 
 def ruler(base: Mapping[str, float], plan: tuple[Excitation, ...]) -> Ruler:
@@ -54,13 +80,46 @@ def ruler(base: Mapping[str, float], plan: tuple[Excitation, ...]) -> Ruler:
         above = simulate_all({**base, name: base[name] * (1.0 + _STEP)}, plan)
         below = simulate_all({**base, name: base[name] * (1.0 - _STEP)}, plan)
         columns.append(_stacked([(a - b) / (2.0 * _STEP) for a, b in zip(above, below, strict=True)]))
-    basis, sizes, _ = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
     # One direction, the common factor of all impedances, moves nothing: its singular value is rounding.
-    return Ruler(base, plan, simulate_all(base, plan), basis[:, sizes > 1e-6 * sizes[0]])
+    return Ruler(base, plan, simulate_all(base, plan), _basis(columns))
+
+
+def rulers(base: Mapping[str, float], plan: tuple[Excitation, ...], noise: Noise) -> tuple[Ruler, Ruler]:
+    """Rulers of displacement in m, and of displacement whitened by the noise, from one set of forward differences.
+
+    The mass is left alone: nine parameters span what ten can change, for a common factor of all impedances moves
+    nothing, and forward differences would turn that nothing into a direction of their own.
+    """
+    undisturbed = simulate_all(base, plan)
+    changes = []
+    for name in (n for n in TABLE if n != "m"):
+        part = _FAINT.get(name, _AHEAD)
+        ahead = simulate_all({**base, name: base[name] * (1.0 + part)}, plan)
+        changes.append([(a - q) / part for a, q in zip(ahead, undisturbed, strict=True)])
+
+    def white(paths: Sequence[Array]) -> Array:
+        return np.concatenate([_without_zero(path, noise) for path in paths])
+
+    stacks: tuple[Stack, Stack] = (_stacked, white)
+    first, second = (Ruler(base, plan, undisturbed, _basis([s(c) for c in changes]), s) for s in stacks)
+    return first, second
+
+
+def _without_zero(path: Array, noise: Noise) -> Array:
+    """The whitened path without what the (whitened) zero of its recording can take."""
+    zero, white = noise.whitened(np.ones_like(path)), noise.whitened(path)
+    rest: Array = white - zero * ((zero @ white) / (zero @ zero))
+    return rest
+
+
+def _basis(columns: Sequence[Array]) -> Array:
+    basis, sizes, _ = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
+    kept: Array = basis[:, sizes > 1e-6 * sizes[0]]
+    return kept
 
 
 def find_strength(residual: Callable[[float], float], guess: float, most: float, target: float) -> tuple[float, float]:
-    """The strength whose residual is ``target``, by secants in logarithms inside a bracket.
+    """The strength whose residual, in m or in units of the noise, is ``target``: bracketed secants in logarithms.
 
     Returns:
         The strength, and the residual it has.
@@ -90,4 +149,4 @@ def find_strength(residual: Callable[[float], float], guess: float, most: float,
         )
         if not low < strength < high and math.isfinite(high):
             strength = math.sqrt(low * high) if low > 0.0 else 0.2 * high
-    raise SolverFailed(f"no strength up to {most:g} leaves a residual of {target:g} m: draw another seed")
+    raise SolverFailed(f"no strength up to {most:g} leaves what is wanted, {target:g}: draw another seed")

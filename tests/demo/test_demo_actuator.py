@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lsim, lti
 
 from phnn.demo.actuator import TABLE, simulate
-from phnn.demo.excitation import Excitation, Piece, plan_of, sine, step
+from phnn.demo.excitation import Excitation, Piece, sine, step
+from phnn.demo.plans import plan_of
 
 
 def test_held_step_without_slip_rests_at_the_static_gain() -> None:

@@ -1,0 +1,115 @@
+"""A case of the benchmark: everything that is decided before anything is simulated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from phnn.demo.base import draw_base
+from phnn.demo.excitation import Excitation
+from phnn.demo.noise import Noise
+from phnn.demo.plans import PLANS, VARIED, plan_of
+from phnn.demo.strata import STRATA, Choice, choices
+from phnn.errors import InputRefused
+
+_COLOURED = 1.0 / 3.0  # of all cases
+_COLOURS = (0.3, 0.8)  # coefficient of first-order noise
+
+
+@dataclass(frozen=True)
+class Case:
+    """What will be concealed, and in what recordings.
+
+    Attributes:
+        seed: everything follows from it and the stratum.
+        stratum: one of ``STRATA``.
+        choices: what is concealed, and what instead if no shape of it can be made strong enough.
+        plan: name of the set of recordings.
+        base: the ten parameters of the actuator, SI.
+        noise: of the sensor.
+        targets: wanted of each effect alone: residual over noise, or noncentrality.
+        by_delta: whether targets are noncentralities.
+    """
+
+    seed: int
+    stratum: str
+    choices: tuple[Choice, ...]
+    plan: str
+    base: Mapping[str, float]
+    noise: Noise
+    targets: tuple[float, ...]
+    by_delta: bool
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of what is concealed; empty for nothing."""
+        return self.choices[0].effects
+
+    @property
+    def form(self) -> str:
+        """Of the law: "canonical", the name of another form, or "unlisted"."""
+        return self.choices[0].form
+
+    @property
+    def withheld(self) -> tuple[str, ...]:
+        """Names of the catalogue that the diagnosis must do without."""
+        return self.choices[0].withheld
+
+    @property
+    def recordings(self) -> tuple[Excitation, ...]:
+        """What drives the recordings."""
+        return plan_of(self.plan, self.stream("plan"))
+
+    def stream(self, use: str, *index: int) -> np.random.Generator:
+        """Random numbers of their own for each use, so that one draw more here changes nothing there."""
+        return _stream(self.seed, self.stratum, use, *index)
+
+
+def _stream(seed: int, stratum: str, use: str, *index: int) -> np.random.Generator:
+    words = [int.from_bytes(word.encode(), "big") for word in (stratum, use)]
+    return np.random.default_rng(np.random.SeedSequence([seed, *words, *index]))
+
+
+def draw_case(
+    seed: int,
+    stratum: str,
+    plan: str = "full",
+    levels: tuple[float, float] = (1.5, 10.0),
+    deltas: tuple[float, float] | None = None,
+) -> Case:
+    """Decide a case; nothing is simulated.
+
+    Effects go round with the seed, so that consecutive seeds conceal each of them equally often; all else is drawn.
+
+    Args:
+        seed: 0 or more.
+        stratum: "none": nothing; "same": one listed effect in the form the catalogue gives it.
+        plan: "full" (13 recordings), "demo" (12), "short" (4) or "few" (2).
+        levels: residual over noise that an effect alone leaves beyond a refit of the base model; log-uniform.
+        deltas: noncentralities to draw from instead of ``levels``; log-uniform.
+
+    Raises:
+        InputRefused: unknown stratum or plan, a negative seed, or no range of positive numbers.
+    """
+    if stratum not in STRATA:
+        raise InputRefused(f"stratum = {stratum!r}: take one of {', '.join(STRATA)}")
+    if plan not in (*PLANS, *VARIED):
+        raise InputRefused(f"no plan called {plan!r}: take one of {', '.join((*PLANS, *VARIED))}")
+    if seed < 0:
+        raise InputRefused(f"seed = {seed}: give a whole number, 0 or more")
+    low, high = levels if deltas is None else deltas
+    if not 0.0 < low <= high < math.inf:
+        raise InputRefused(f"from {low} to {high}: give two positive numbers, the smaller one first")
+    rng = _stream(seed, stratum, "choices")
+    base = draw_base(rng)
+    deviation, step = float(rng.uniform(20e-9, 80e-9)), int(rng.integers(5, 21)) * 1e-9
+    targets = tuple(float(np.exp(rng.uniform(math.log(low), math.log(high)))) for _ in range(2))
+    colour = float(rng.uniform(*_COLOURS)) if rng.random() < _COLOURED else 0.0
+    all_choices = choices(stratum)
+    first = seed % len(all_choices)
+    order = all_choices[first:] + all_choices[:first]
+    noise = Noise(deviation, step, colour)
+    return Case(seed, stratum, order, plan, base, noise, targets[: len(order[0].effects)], deltas is not None)

@@ -1,0 +1,143 @@
+"""Make the recordings of a case, and its answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from phnn.demo.case import Case
+from phnn.demo.concealed import Concealed, described
+from phnn.demo.excitation import Excitation
+from phnn.demo.folder import MANIFEST, measured, refuse_strangers, write_manifest, write_recording
+from phnn.demo.sealed import Sealed
+from phnn.demo.strata import Choice
+from phnn.demo.strength import Ruler, concealing, find_strength, rulers
+from phnn.errors import SolverFailed
+
+_SHAPES = 10  # drawn of one effect before another one takes its place
+
+Parts = list[tuple[Concealed, float]]
+
+
+@dataclass(frozen=True)
+class _Gauges:
+    """Rulers in m and in units of the noise."""
+
+    metres: Ruler
+    white: Ruler
+
+
+def make_case(case: Case, folder: Path) -> Sealed:
+    """Find shapes and strengths, simulate, add noise, write the recordings; nothing in the folder tells the answer.
+
+    Where no strength of a drawn shape reaches what is wanted, the shape is drawn again, ten times, then the case's
+    next choice takes the place.
+
+    Args:
+        case: what to conceal.
+        folder: made if need be; gets ``NAME.csv`` per recording and ``recordings.yaml``.
+
+    Returns:
+        The answer: keep it with ``write_seal``, elsewhere.
+
+    Raises:
+        InputRefused: the folder holds files of others.
+        SolverFailed: the simulation failed, or nothing can be made strong enough.
+    """
+    plan = case.recordings
+    refuse_strangers(folder, plan)
+    gauges = _Gauges(*rulers(case.base, plan, case.noise)) if case.effects else None
+    choice, parts, redrawn = (case.choices[0], [], 0) if gauges is None else _settled(case, plan, gauges)
+    outputs = concealing(case.base, plan, parts)
+    sensor = case.stream("sensor")
+    folder.mkdir(parents=True, exist_ok=True)
+    for excitation, q in zip(plan, outputs, strict=True):
+        y = measured(q, case.noise.deviation, case.noise.step, sensor, case.noise.colour)
+        write_recording(folder / f"{excitation.name}.csv", excitation, y)
+    write_manifest(folder / MANIFEST, case.base["m"], plan)
+    return _answer(case, choice, parts, redrawn, outputs, gauges)
+
+
+def _settled(case: Case, plan: tuple[Excitation, ...], gauges: _Gauges) -> tuple[Choice, Parts, int]:
+    """What is concealed, with strengths, and how many shapes were drawn in vain."""
+    vain = 0
+    for number, choice in enumerate(case.choices):
+        parts: Parts = []
+        for index, target in enumerate(case.targets):
+            for effect in _shapes(case, choice, (number, index), plan):
+                strength = _strength(effect, case, target, gauges)
+                if strength is not None:
+                    parts.append((effect, strength))
+                    break
+                vain += 1
+            if len(parts) <= index:
+                break
+        if len(parts) == len(case.targets):
+            return choice, parts, vain
+    raise SolverFailed(f"seed {case.seed}: nothing can be made as strong as wanted, {case.targets}: ask for less")
+
+
+def _shapes(case: Case, choice: Choice, at: tuple[int, int], plan: tuple[Excitation, ...]) -> Iterator[Concealed]:
+    """The effect with one shape after the other; only once where it has none to draw."""
+    seen = []
+    for attempt in range(_SHAPES):
+        effect = choice.concealed(at[1], case.stream("shape", *at, attempt), case.base, plan)
+        stated = described(effect, effect.guess)
+        if stated not in seen:
+            yield effect
+        seen.append(stated)
+
+
+def _strength(effect: Concealed, case: Case, target: float, gauges: _Gauges) -> float | None:
+    """The strength at which it is as strong as wanted; none where there is no such strength."""
+
+    def residual(strength: float) -> float:
+        if case.by_delta:
+            return gauges.white.noncentrality(effect, strength)
+        return gauges.metres.residual(effect, strength) / case.noise.deviation
+
+    try:
+        return find_strength(residual, effect.guess, effect.most, target)[0]
+    except SolverFailed:
+        return None
+
+
+def _answer(
+    case: Case, choice: Choice, parts: Parts, redrawn: int, outputs: Sequence[np.ndarray], gauges: _Gauges | None
+) -> Sealed:
+    level, delta, levels, deltas = 0.0, 0.0, [], []
+    if gauges is not None:
+        level, delta = _measured(outputs, case, gauges)
+        alone = [(level, delta)]
+        if len(parts) > 1:
+            alone = [_measured(concealing(case.base, gauges.metres.plan, [part]), case, gauges) for part in parts]
+        levels, deltas = [a[0] for a in alone], [a[1] for a in alone]
+    return Sealed(
+        effect="+".join(choice.effects) or "none",
+        parameters={n: value for effect, z in parts for n, value in described(effect, z).items()},
+        base=dict(case.base),
+        strength_over_noise=level,
+        noise=case.noise.deviation,
+        quantisation=case.noise.step,
+        seed=case.seed,
+        plan=case.plan,
+        effects=choice.effects,
+        stratum=case.stratum,
+        form=choice.form,
+        location=choice.location,
+        withheld=choice.withheld,
+        levels=tuple(levels),
+        delta=delta,
+        deltas=tuple(deltas),
+        colour=case.noise.colour,
+        redrawn=redrawn,
+    )
+
+
+def _measured(outputs: Sequence[np.ndarray], case: Case, gauges: _Gauges) -> tuple[float, float]:
+    """Residual over noise, and noncentrality."""
+    left = gauges.metres.left(outputs)
+    return float(np.sqrt(np.mean(left**2))) / case.noise.deviation, float(np.linalg.norm(gauges.white.left(outputs)))
