@@ -109,6 +109,10 @@ class _Draw:
             place = 1 if law == "maxwell" else 0
             self.parameters[place - len(names)] = Parameter(names[place], 1.0 / rate if place else rate)
         self.resistors.append(Resistor(f"r_{name}", law, {name: 1.0}, names, self.modulator(law)))
+        if self.random.random() < 0.3:
+            # Before or after what it lies beside.
+            leak = Resistor(f"leak_{name}", "linear", {name: 1.0}, self.values(f"leak_{name}", (0.4,)))
+            self.resistors.insert(len(self.resistors) - int(self.random.integers(2)), leak)
 
     def hindrance(self, name: str) -> None:
         law = self.pick(list(RESISTOR_LAWS))

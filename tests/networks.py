@@ -137,7 +137,7 @@ def remembering(network: Network, seed: int) -> Network:
         return replace(r, modulated_by=str(random.choice(names))) if free else r
 
     modulations = network.modulations
-    if ports and "alpha" not in [m.ratio for m in modulations]:
+    if ports:
         modulations = (*modulations, Modulation("alpha", "xi", "affine", ("kappa", "scale")))
     return replace(
         network,
