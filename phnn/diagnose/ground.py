@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.effects import Scales
+from phnn.effects import Effect, Scales
+from phnn.errors import SolverFailed
 from phnn.identify.fit import Fit
 from phnn.identify.nuisances import without_nuisances
 from phnn.identify.problem import Plan
@@ -112,3 +113,26 @@ def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:
         duration=max(float(r.t[-1]) for r in recordings),
         noise=float(np.median([r.noise for r in recordings])),
     )
+
+
+def direction(ground: Ground, effect: Effect, values: Mapping[str, float]) -> Array:
+    """(N,) weighted change of the output by an effect; zero where the changed model cannot be simulated."""
+    setup = effect.add_to(ground.fit.setup, values)
+    plan = ground.plan.coarse()
+
+    def one(recording: Recording, base: Array) -> Array:
+        initial = ground.fit.initial(recording.name)
+        if initial is not None:
+            initial = _carried(initial, ground.fit.setup.network.state_names, setup.network.state_names)
+        return simulate(setup, recording, plan.steps_of(recording), initial=initial).y - base
+
+    try:
+        return ground.stack(plan.each(one, ground.coarse_outputs))
+    except SolverFailed:
+        return np.zeros(ground.fit.residual.size)
+
+
+def _carried(initial: Array, known: Sequence[str], wanted: Sequence[str]) -> Array:
+    """Initial state of a network with further states, which begin at zero."""
+    found = dict(zip(known, initial, strict=True))
+    return np.array([found.get(name, 0.0) for name in wanted])

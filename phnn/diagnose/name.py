@@ -14,14 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnose.ground import Ground
-from phnn.diagnose.lines import line_score
+from phnn.diagnose.ground import Ground, direction
+from phnn.diagnose.lines import line_candidates
 from phnn.diagnose.locate import Responses
 from phnn.effects import Effect
-from phnn.errors import SolverFailed
-from phnn.recordings.recording import Recording
-from phnn.setup import Setup
-from phnn.simulate import simulate
 
 Array = NDArray[np.float64]
 
@@ -73,15 +69,13 @@ def score(
         seed: of the draws from the null.
         error: (N,) weighted numerical error of the simulations.
     """
-    base = ground.fit.setup
-    able = [e for e in effects if e.can_be_added_to(base)]
-    every = [(e, v, e.add_to(base, v)) for e in able for v in e.grid(ground.scales)]
-    lines = [(e, v, [f for f in s.lines if f not in base.lines]) for e, v, s in every if s.lines != base.lines]
-    points = [(e, v) for e, v, s in every if s.lines == base.lines]
-    directions = [_direction(ground, s) for _, _, s in every if s.lines == base.lines]
+    able = [e for e in effects if e.can_be_added_to(ground.fit.setup)]
+    colour = noise_correlation(ground)
+    lines = line_candidates(ground, able, colour)
+    points = [(e, v) for e in able if all(e is not c.effect for c in lines) for v in e.grid(ground.scales)]
+    directions = [direction(ground, e, v) for e, v in points]
     raw = np.column_stack([*directions, *([generic.columns] if generic is not None else [])])
     d = ground.project(raw)
-    colour = noise_correlation(ground)
     rd = colour(d)
     power = np.einsum("ij,ij->j", d, rd)
     alive = power > 1e-16 * max(float(power.max(initial=0.0)), 1e-300)
@@ -89,15 +83,11 @@ def score(
     scores = scale * (d.T @ ground.residual)
     sided = np.array([e.one_sided for e, _ in points] + [False] * (raw.shape[1] - len(points)))
     value = np.where(sided, np.maximum(scores, 0.0), np.abs(scores))
-    # Lines have phases of their own: what they score has nothing to do with any direction.
     null = _null_of_supremum((d.T @ rd) * np.outer(scale, scale), sided, len(lines), seed)
     strengths = (d.T @ ground.residual) / np.maximum(np.einsum("ij,ij->j", d, d), 1e-300)
-    deviates = [line_score(ground, f, colour) for _, _, f in lines]
-    candidates = [
-        *_best_of_each(points, value, strengths, null),
-        *_best_of_each([(e, v) for e, v, _ in lines], np.array(deviates), np.ones(len(lines)), null),
-    ]
-    statistic = float(max([value.max(initial=0.0), *deviates]))
+    candidates = _best_of_each(points, value, strengths, null)
+    candidates += [Candidate(c.effect, c.values, (), c.deviate, tail(null, c.deviate)) for c in lines]
+    statistic = float(max([value.max(initial=0.0), *(c.deviate for c in lines)]))
     fake = 0.0 if error is None else float(np.abs(scale * (d.T @ ground.project(error))).max(initial=0.0))
     return Naming(
         candidates=tuple(sorted(candidates, key=lambda c: -c.score)),
@@ -121,28 +111,6 @@ def _best_of_each(
     return found
 
 
-def _direction(ground: Ground, setup: Setup) -> Array:
-    """(N,) weighted change of the output by an effect; zero where the changed model cannot be simulated."""
-    plan = ground.plan.coarse()
-
-    def one(recording: Recording, base: Array) -> Array:
-        initial = ground.fit.initial(recording.name)
-        if initial is not None:
-            initial = _carried(initial, ground.fit.setup.network.state_names, setup.network.state_names)
-        return simulate(setup, recording, plan.steps_of(recording), initial=initial).y - base
-
-    try:
-        return ground.stack(plan.each(one, ground.coarse_outputs))
-    except SolverFailed:
-        return np.zeros(ground.fit.residual.size)
-
-
-def _carried(initial: Array, known: Sequence[str], wanted: Sequence[str]) -> Array:
-    """Initial state of a network with further states, which begin at zero."""
-    found = dict(zip(known, initial, strict=True))
-    return np.array([found.get(name, 0.0) for name in wanted])
-
-
 def noise_correlation(ground: Ground) -> Callable[[Array], Array]:
     """Multiplication by the block-diagonal correlation matrix of the noise."""
 
@@ -161,7 +129,7 @@ def noise_correlation(ground: Ground) -> Callable[[Array], Array]:
 
 def _null_of_supremum(correlation: Array, sided: Array, lines: int, seed: int) -> Array:
     """(draws,) sorted suprema of Gaussian scores with the given correlation, and of as many one-sided ones on their own
-    as there are lines."""
+    as there are effects with lines."""
     values, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     root = root[:, values > 1e-10 * max(values.max(initial=0.0), 1e-300)]

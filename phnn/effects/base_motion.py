@@ -12,9 +12,6 @@ from phnn.network.elements import Port
 from phnn.parameters import Parameter, positive
 from phnn.setup import Setup, Source
 
-_MAINS = (50.0, 60.0)
-_SPACED = 5
-
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """A port ``F_b`` on ``p`` with ``F_b(t) = A_c cos 2πft + A_s sin 2πft``, ``t`` the time of the recording.
@@ -36,14 +33,9 @@ def build(setup: Setup, values: Mapping[str, float]) -> Setup:
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Both phases at frequencies around those of the drive, and at those of machines on the mains."""
+    """Both phases; the frequency is searched."""
     force = 1e-4 * scales.stiffness * scales.displacement
-    spaced = np.geomspace(0.3 * scales.slowest, 2.0 * scales.fastest, _SPACED)
-    return [
-        {"A_c": force * (1.0 - phase), "A_s": force * phase, "f_b": float(f)}
-        for f in sorted({*spaced.tolist(), *_MAINS})
-        for phase in (0.0, 1.0)
-    ]
+    return [{"A_c": a * force, "A_s": (1.0 - a) * force, "f_b": scales.fastest} for a in (1.0, 0.0)]
 
 
 def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
@@ -70,4 +62,5 @@ EFFECT = Effect(
     applies=has_motion,
     neighbours=("mains_pickup",),
     rescale=rescale,
+    searched="f_b",
 )

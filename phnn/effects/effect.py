@@ -101,6 +101,7 @@ class Effect:
         needs_command: makes sense only where the recorded voltage is the amplifier's command.
         neighbours: effects that ordinary recordings cannot always tell apart from it.
         contains: effects that are special cases of it, so that it can never fit worse than they do.
+        searched: its parameter that is a frequency to be found in the spectrum of what the model leaves.
         rescale: how to multiply the strength where that is more than multiplying one parameter.
     """
 
@@ -122,6 +123,7 @@ class Effect:
     neighbours: tuple[str, ...] = ()
     rescale: Callable[[Mapping[str, float], float], dict[str, float]] | None = None
     contains: tuple[str, ...] = ()
+    searched: str | None = None
 
     def scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
         """Parameter values with the strength multiplied, kept within a physical range.

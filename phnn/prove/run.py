@@ -104,7 +104,8 @@ def _answered(room: Room, settings: Settings, task: Task) -> None:
         else:
             options = {"seed": settings.seed, "starts": settings.starts, "max_effects": settings.max_effects}
             report = room.out / "reports" / task.name
-            answer = diagnose_folder(folder, report, task.case().withheld, options, settings.keep)
+            without = open_seal(room.seal(task)).withheld
+            answer = diagnose_folder(folder, report, without, options, settings.keep)
     except PhnnError as error:
         answer = {"failure": str(error)}
     text = json.dumps(finite(answer), indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -14,6 +14,7 @@ from scipy.stats import kstest
 
 from phnn.diagnose import name as naming
 from phnn.diagnose.judge import judge
+from phnn.diagnose.judge import scored as scored_base
 from phnn.diagnose.name import Candidate, noise_correlation, score, tail
 from phnn.diagnose.propose import menu, propose
 from phnn.diagnose.refit import Trial, class_of
@@ -34,15 +35,15 @@ def scored(effect: str) -> naming.Naming:
 def test_p_values_of_noise_are_uniform(monkeypatch: pytest.MonkeyPatch) -> None:
     ground, generic = campaigns.ground(), campaigns.generic()
     kept: dict[tuple[str, tuple[float, ...]], np.ndarray] = {}
-    make = naming._direction
+    make = naming.direction
 
-    def once(g: Any, setup: Any) -> np.ndarray:
-        key = setup.name, tuple(setup.values().values())
+    def once(g: Any, effect: Any, values: dict[str, float]) -> np.ndarray:
+        key = effect.name, tuple(values.values())
         if key not in kept:
-            kept[key] = make(g, setup)
+            kept[key] = make(g, effect, values)
         return kept[key]
 
-    monkeypatch.setattr(naming, "_direction", once)
+    monkeypatch.setattr(naming, "direction", once)
     monkeypatch.setattr(naming, "_DRAWS", 4_000)
     monkeypatch.setattr(naming, "_CHUNK", 4_000)
     chosen = [catalogue()[n] for n in ("creep", "coulomb_friction", "electrostriction", "sensor_drift")]
@@ -166,7 +167,7 @@ def test_class_of() -> None:
 
 def test_nothing_missing_is_found_to_be_nothing() -> None:
     fitted = campaigns.base()
-    found = judge(fitted, EVERY, 0, 2, True, numerical_error(fitted))
+    found = judge(scored_base(fitted, EVERY, 0, numerical_error(fitted)), EVERY, 0, 2, True)
     assert found.verdict == "none"
     assert found.findings == ()
     assert found.location is None
