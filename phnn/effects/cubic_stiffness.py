@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, has_spring, replace_storage, with_network
+from phnn.effects.effect import Effect, Scales, bent_spring, has_spring, with_network
 from phnn.parameters import Parameter, constant
 from phnn.setup import Setup
 
@@ -15,7 +15,7 @@ def build(setup: Setup, values: Mapping[str, float]) -> Setup:
         Parameter("kappa_3", values["kappa_3"], "1", -2.0, 20.0, typical=0.05, description="cubic stiffness"),
         constant("q_0", values["q_0"], "m", "reference displacement of the cubic stiffness"),
     )
-    return with_network(setup, replace_storage(setup.network, "q", "cubic_spring", extra))
+    return with_network(setup, bent_spring(setup.network, "cubic_spring", extra))
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:

@@ -6,13 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from phnn.errors import InputRefused
-from phnn.network.elements import Network
+from phnn.network.elements import Network, Storage
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Setup
 
 LOCATIONS = (
     "amplifier", "electrical", "hysteron", "coupling", "mechanical", "thermal", "sensor", "environment",
 )  # fmt: skip
+# Storage laws of a spring that can be bent, or bent further.
+SPRINGS = ("spring", "quadratic_spring", "cubic_spring")
 # Resistor laws of hysterons: nothing flows between two thresholds.
 DEAD_ZONES = ("dead_zone", "following_dead_zone", "rate_dependent_dead_zone", "thermal_dead_zone")
 
@@ -53,8 +55,8 @@ def has_motion(setup: Setup) -> bool:
 
 
 def has_spring(setup: Setup) -> bool:
-    """The displacement ``q`` has a linear spring of its own, which is not there for its position alone."""
-    stiffness = [s.parameters[0] for s in setup.network.storages if s.name == "q" and s.law == "spring"]
+    """The displacement ``q`` has a spring of its own, which is not there for its position alone."""
+    stiffness = [s.parameters[0] for s in setup.network.storages if s.name == "q" and s.law in SPRINGS]
     return has_motion(setup) and any(setup.parameters[name].value > 0.0 for name in stiffness)
 
 
@@ -160,11 +162,19 @@ def with_network(setup: Setup, network: Network) -> Setup:
     return replace(setup, network=network)
 
 
-def replace_storage(network: Network, name: str, law: str, extra: Sequence[Parameter]) -> Network:
-    """Another energy law on a storage; its parameters come after those it has."""
-    storages = tuple(
-        replace(s, law=law, parameters=(*s.parameters, *(p.name for p in extra))) if s.name == name else s
-        for s in network.storages
-    )
+def bent_spring(network: Network, law: str, extra: Sequence[Parameter]) -> Network:
+    """The network with the spring of ``q`` bent by one of the laws of `SPRINGS`, or by both if it is bent already."""
+
+    def bent(spring: Storage) -> Storage:
+        stiffness, *before = spring.parameters
+        mine = [p.name for p in extra]
+        if spring.law == "spring":
+            return replace(spring, law=law, parameters=(stiffness, *mine))
+        # The law of both takes the quadratic bend first.
+        names = (*mine, *before) if law == "quadratic_spring" else (*before, *mine)
+        return replace(spring, law="bent_spring", parameters=(stiffness, *names))
+
+    # First, for it refuses parameters that a law has already.
     parameters = as_table((*network.parameters.values(), *extra))
+    storages = tuple(bent(s) if s.name == "q" else s for s in network.storages)
     return replace(network, storages=storages, parameters=parameters)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, has_spring, replace_storage, with_network
+from phnn.effects.effect import Effect, Scales, bent_spring, has_spring, with_network
 from phnn.parameters import Parameter, constant
 from phnn.setup import Setup
 
@@ -15,7 +15,7 @@ def build(setup: Setup, values: Mapping[str, float]) -> Setup:
         Parameter("kappa_2", values["kappa_2"], "1", -3.0, 3.0, typical=0.05, description="quadratic stiffness"),
         constant("q_2", values["q_2"], "m", "reference displacement of the quadratic stiffness"),
     )
-    return with_network(setup, replace_storage(setup.network, "q", "quadratic_spring", extra))
+    return with_network(setup, bent_spring(setup.network, "quadratic_spring", extra))
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:

@@ -9,24 +9,27 @@ from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, compiled_flow, compiled_mean_effort
 
-_PLACES = ("i0", "i1", "i2", "i3")
+_PLACES = ("i0", "i1", "i2", "i3", "i4")
+# Parameters that the kernel passes to a law, and to one of a storage.
+SCALARS, STORAGE_SCALARS = 4, 5
 
 # A function of a law, how many parameters it takes, and whether it reads a block of weights instead.
 Entry = tuple[Callable[..., Any] | None, int, bool]
 
 
-def look_up(name: str, entries: Sequence[Entry], leading: int) -> Any:
+def look_up(name: str, entries: Sequence[Entry], leading: int, scalars: int = SCALARS) -> Any:
     """A compiled ``name(code, a_1…a_leading, theta, i0, i1, i2, i3)`` calling the function at position ``code``.
 
     Args:
         entries: by code; a function is None where a law lacks it. One of a neural law is called with
             ``(a_1…a_leading, theta, first, units)``.
         leading: number of arguments before the parameters.
+        scalars: number of places.
     """
     arguments = [f"a{i}" for i in range(leading)]
     scope: dict[str, Any] = {}
     scope["stay_outside"] = stay_outside
-    lines = [f"def {name}({', '.join(['code', *arguments, 'theta', *_PLACES])}):", "    stay_outside()"]
+    lines = [f"def {name}({', '.join(['code', *arguments, 'theta', *_PLACES[:scalars]])}):", "    stay_outside()"]
     present = [(code, *entry) for code, entry in enumerate(entries) if entry[0] is not None]
     for code, function, count, wide in present:
         if wide:
@@ -44,9 +47,10 @@ def look_up(name: str, entries: Sequence[Entry], leading: int) -> Any:
 
 
 def storage_table() -> Any:
-    """``mean_effort(code, a, b, theta, i0…i3)``."""
+    """``mean_effort(code, a, b, theta, i0…i4)``."""
     scalar: list[Entry] = [(x.mean_effort, len(x.example), False) for x in STORAGE_LAWS.values()]
-    return look_up("mean_effort", scalar + [(compiled_mean_effort(x), 0, True) for x in WIDE_STORAGES.values()], 2)
+    wide: list[Entry] = [(compiled_mean_effort(x), 0, True) for x in WIDE_STORAGES.values()]
+    return look_up("mean_effort", scalar + wide, 2, STORAGE_SCALARS)
 
 
 def threshold_table() -> Any:

@@ -33,7 +33,7 @@ def count(t: Any, kind: Any) -> Any:
 def mean_effort(t: Any, k: Any, a: Any, b: Any, theta: Any) -> Any:
     """``ē`` of storage ``k`` between two states."""
     r = t[0, STORAGES] + k
-    return _mean_effort(t[r, 0], a, b, theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
+    return _mean_effort(t[r, 0], a, b, theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4], t[r, 5])
 
 
 @inline

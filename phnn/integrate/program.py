@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
+from phnn.integrate.dispatch import SCALARS, STORAGE_SCALARS
 from phnn.integrate.partition import exact_order, is_leak, is_linear, junctions_of, merged_couplings
 from phnn.integrate.sources import source_rows
 from phnn.integrate.tables import (
@@ -57,7 +58,6 @@ _LAWS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
     "modulation": (FACTOR_LAWS, {}),
     "memory": (MEMORY_LAWS, {}),
 }
-_SCALARS = 4
 _MOST_KNOWN = 512
 _KNOWN: dict[Any, tuple[Any, Program]] = {}
 
@@ -182,15 +182,16 @@ class _Builder:
         return len(self.names) + self.constants.index(float(ratio))
 
     def _law(self, kind: str, name: str, law: Any, parameters: tuple[str, ...]) -> list[int]:
-        """Code and four places, or the block of weights, of a law."""
+        """Code and places, or the block of weights, of a law."""
         scalar, wide = _LAWS[kind]
         if isinstance(law, str):
             if law not in scalar:
                 raise StructureViolated(f"{kind} {name}: no law called {law!r}; there are {', '.join(scalar)}")
-            if len(parameters) > _SCALARS:
-                raise StructureViolated(f"{kind} {name}: {len(parameters)} parameters; the kernel passes {_SCALARS}")
+            most = STORAGE_SCALARS if kind == "storage" else SCALARS
+            if len(parameters) > most:
+                raise StructureViolated(f"{kind} {name}: {len(parameters)} parameters; the kernel passes {most}")
             places = [self.names.index(n) for n in parameters]
-            return [list(scalar).index(law), *places, *[self._place(0.0)] * (_SCALARS - len(places))]
+            return [list(scalar).index(law), *places, *[self._place(0.0)] * (most - len(places))]
         known = str(getattr(law, "law", None))
         if known not in wide:
             raise StructureViolated(f"{kind} {name}: this torch module has no kernel; solve with phnn.integrate.dense")

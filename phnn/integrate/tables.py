@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 Integers = NDArray[np.int64]
 
 # Kinds of rows, and what stands in their columns.
-STORAGES = 0  # law (5): in the order of the network
+STORAGES = 0  # law (6, with a fifth place): in the order of the network
 JUNCTIONS = 1  # storage number, whether its effort is linear in its state
 LEAVES = 2  # storage number, rule, whether its storage is linear, first and last row of its resistors, links, inlets
 LINKS = 3  # junction number; ratio with the sign of J[leaf, junction]

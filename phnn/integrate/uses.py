@@ -6,6 +6,7 @@ memory may be anything that a step contains, so that memories have no set.
 
 from __future__ import annotations
 
+from phnn.integrate.dispatch import SCALARS, STORAGE_SCALARS
 from phnn.integrate.tables import (
     BRANCHES,
     FACTORS,
@@ -42,12 +43,12 @@ class _Uses:
         self.theta = self.unknown + len(self.junction_rows)
         self.factors = rows_of(table, FACTORS)
 
-    def _law(self, row: Integers, scalars: int) -> set[int]:
+    def _law(self, row: Integers, laws: int, scalars: int = SCALARS) -> set[int]:
         """Places of a law's parameters; weights of neural laws are left to the torch module."""
-        return set() if row[0] >= scalars else {self.theta + int(p) for p in row[1:5]}
+        return set() if row[0] >= laws else {self.theta + int(p) for p in row[1 : 1 + scalars]}
 
     def _storage(self, k: int) -> set[int]:
-        return self._law(self.storages[k], len(STORAGE_LAWS))
+        return self._law(self.storages[k], len(STORAGE_LAWS), STORAGE_SCALARS)
 
     def _ratio(self, place: int) -> set[int]:
         found = {self.theta + int(place)}

@@ -38,6 +38,14 @@ def _completion(kappa: Any) -> Any:
     return where(real(kappa) < 0.0, 0.45 * kappa * kappa, 0.0 * kappa)
 
 
+@shared
+def _cubic_share(u: Any, w: Any, kappa: Any) -> Any:
+    """What the cubic bend adds to the mean effort between ``u q₀`` and ``w q₀``, as a share of ``k (a + b)``."""
+    quadratic = u * u + w * w
+    sextic = (quadratic + u * w) * (quadratic - u * w)
+    return kappa * quadratic / 4.0 + _completion(kappa) * sextic / 6.0
+
+
 def cubic_spring_energy(x: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
     """Duffing spring, effort ``k x (1 + κ s² + c s⁴)``, ``s = x/q₀``; ``c = 9κ²/20`` where ``κ < 0``, else 0."""
     s2 = (x / q0) * (x / q0)
@@ -46,11 +54,7 @@ def cubic_spring_energy(x: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
 
 def cubic_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
     """Differences of powers factored: ``(bⁿ − aⁿ)/(b − a)``."""
-    u = a / q0
-    w = b / q0
-    quadratic = u * u + w * w
-    sextic = (quadratic + u * w) * (quadratic - u * w)
-    return stiffness * (a + b) * (0.5 + kappa * quadratic / 4.0 + _completion(kappa) * sextic / 6.0)
+    return stiffness * (a + b) * (0.5 + _cubic_share(a / q0, b / q0, kappa))
 
 
 def quadratic_spring_energy(x: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
@@ -59,11 +63,31 @@ def quadratic_spring_energy(x: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
     return stiffness * x * x * (0.5 + s / 3.0 + s * s / 12.0)
 
 
+@shared
+def _quadratic_mean(a: Any, b: Any, u: Any, w: Any) -> Any:
+    """Mean effort of a quadratic spring over its stiffness."""
+    return 0.5 * (a + b) + (a * u + a * w + b * w) / 3.0 + (a + b) * (u * u + w * w) / 12.0
+
+
 def quadratic_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
     """Effort ``k x (1 + κ s + κ² s²/3)``, differences of powers factored: ``(bⁿ − aⁿ)/(b − a)``."""
-    u = kappa * a / q0
-    w = kappa * b / q0
-    return stiffness * (0.5 * (a + b) + (a * u + a * w + b * w) / 3.0 + (a + b) * (u * u + w * w) / 12.0)
+    return stiffness * _quadratic_mean(a, b, kappa * a / q0, kappa * b / q0)
+
+
+def bent_spring_energy(x: Any, stiffness: Any, kappa_2: Any, q2: Any, kappa_3: Any, q3: Any) -> Any:
+    """A spring with both bends, effort ``k x (1 + κ₂ s₂ + κ₂² s₂²/3 + κ₃ s₃² + c s₃⁴)``.
+
+    Convex where ``κ₃ ≥ 0``; else bounded below by its sixth power, with further wells where both bends are strong.
+    """
+    s, cubic = kappa_2 * x / q2, (x / q3) * (x / q3)
+    share = 0.5 + s / 3.0 + s * s / 12.0 + kappa_3 * cubic / 4.0 + _completion(kappa_3) * cubic * cubic / 6.0
+    return stiffness * x * x * share
+
+
+def bent_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa_2: Any, q2: Any, kappa_3: Any, q3: Any) -> Any:
+    """The sum of what both bends make of the straight spring."""
+    cubic = (a + b) * _cubic_share(a / q3, b / q3, kappa_3)
+    return stiffness * (_quadratic_mean(a, b, kappa_2 * a / q2, kappa_2 * b / q2) + cubic)
 
 
 def weight_energy(x: Any, force: Any) -> Any:
@@ -101,5 +125,6 @@ register(StorageLaw("capacitor", capacitor_energy, capacitor_mean_effort, (0.7,)
 register(StorageLaw("spring", spring_energy, spring_mean_effort, (1.3,)))
 register(StorageLaw("cubic_spring", cubic_spring_energy, cubic_spring_mean_effort, (1.3, 0.4, 0.8)))
 register(StorageLaw("quadratic_spring", quadratic_spring_energy, quadratic_spring_mean_effort, (1.3, 0.4, 0.8)))
+register(StorageLaw("bent_spring", bent_spring_energy, bent_spring_mean_effort, (1.3, 0.4, 0.8, 0.3, 0.7)))
 register(StorageLaw("weight", weight_energy, weight_mean_effort, (0.6,), bounded=False))
 register(StorageLaw("stop", stop_energy, stop_mean_effort, (2.0, 0.3)))

@@ -161,11 +161,8 @@ def difference(effect_: Effect, values: dict[str, float]) -> float:
     return float(np.abs(added(effect_, values).y - base(where).y).max() / np.abs(base(where).y).max())
 
 
-# One law a spring or a threshold: of two effects that would change it, the second does not apply.
-EXCLUSIVE = [
-    {"cubic_stiffness", "quadratic_stiffness"},
-    {"hysteresis_asymmetry", "rate_dependent_threshold"},
-]
+# A threshold follows one state: of two effects that would change it, the second does not apply.
+EXCLUSIVE = [{"hysteresis_asymmetry", "rate_dependent_threshold"}]
 PAIRS = [(a, b) for a, b in combinations(EFFECTS, 2) if home(a) is home(b)]
 
 

@@ -116,12 +116,17 @@ def tables() -> dict[str, tuple[Callable[..., Any], dict[str, Any], str, int]]:
         "factor": (factor_table(), FACTOR_LAWS, 1),
         "rate": (rate_table(), MEMORY_LAWS, 2),
     }
-    return {name: (caller(table, leading), laws, name, leading) for name, (table, laws, leading) in made.items()}
+    return {
+        name: (caller(table, leading, laws is STORAGE_LAWS), laws, name, leading)
+        for name, (table, laws, leading) in made.items()
+    }
 
 
-def caller(table: Any, leading: int) -> Callable[..., Any]:
+def caller(table: Any, leading: int, storage: bool) -> Callable[..., Any]:
     if leading == 1:
         return numba.njit(lambda code, a, p: table(code, a, p, 0, 1, 2, 3))
+    if storage:
+        return numba.njit(lambda code, a, b, p: table(code, a, b, p, 0, 1, 2, 3, 4))
     return numba.njit(lambda code, a, b, p: table(code, a, b, p, 0, 1, 2, 3))
 
 
@@ -132,7 +137,7 @@ def test_compiled_values_and_slopes_are_those_of_the_law(name: str) -> None:
         function = getattr(law, attribute)
         if function is None:
             continue
-        parameters = np.zeros(4)
+        parameters = np.zeros(5)
         parameters[: len(law.example)] = law.example
         for row in zip(*arguments(leading), strict=True):
             wanted = np.array(function(*row, *law.example))
