@@ -178,32 +178,28 @@ def output_derivatives(
     network_names = [n for n in names if n in program.names]
     asked = len(network_names)
     network_names += [n for n in dict.fromkeys(n for n, _ in varied) if n not in network_names]
-    active = np.array([program.names.index(n) for n in network_names], dtype=np.int64)
-    steps = trajectory.u.shape[0]
+    places = np.array([program.names.index(n) for n in network_names], dtype=np.int64)
     acting = _acting(trajectory, names)
-    given = np.zeros((steps, 0)) if forces is None else forces
+    active = np.concatenate([places, [sweep.carrier(program, a.port) for a in acting]]).astype(np.int64)
+    steps = trajectory.u.shape[0]
+    given = np.zeros((steps, 0)) if forces is None else np.ascontiguousarray(forces)
     signals = np.column_stack([w for _, w in varied]) if varied else np.zeros((steps, 0))
-    start = np.zeros((trajectory.states.shape[1], active.size))
+    start = np.zeros((trajectory.states.shape[1], places.size))
     if trajectory.rest is not None:
-        start = equilibrium_derivative(program, setup.network, _constant(trajectory.u, trajectory.rest), active)
-    # States that rest elsewhere when what acts on a port changes; seldom any, so they are columns of their own.
-    moved = [int(k) for k in np.flatnonzero(sum(np.abs(a.rest) for a in acting))] if acting else []
+        start = equilibrium_derivative(program, setup.network, _constant(trajectory.u, trajectory.rest), places)
     out = sweep.sensitivities(
-        program, trajectory.theta, active, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h, start,
-        np.array([*initial, *moved], dtype=np.int64),
-        np.ascontiguousarray(np.hstack([*(a.force[:, None] for a in acting), given])),
+        program, trajectory.theta, active, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h,
+        np.hstack([start, *(a.rest[:, None] for a in acting)]), np.array(initial, dtype=np.int64), given,
         np.array([network_names.index(n) for n, _ in varied], dtype=np.int64), np.ascontiguousarray(signals),
-        trajectory.nodes,
+        trajectory.nodes, {places.size + j: a.action for j, a in enumerate(acting)},
     )  # fmt: skip
     head = np.zeros((out.shape[0], len(names)))
     for k, name in enumerate(network_names[:asked]):
         head[:, names.index(name)] = out[:, k]
-    rests = active.size + len(initial)
-    first = rests + len(moved)
     for j, a in enumerate(acting):
-        head[:, names.index(a.name)] += out[:, first + j] + out[:, rests:first] @ a.rest[moved]
-    changes = np.hstack([head, out[:, active.size : rests], out[:, first + len(acting) :]])
+        head[:, names.index(a.name)] += out[:, places.size + j]
     q, times = trajectory.states[trajectory.nodes, program.output], _sample_times(trajectory.recording, trajectory.lead)
+    changes = np.hstack([head, out[:, active.size :]])
     return measured_changes(setup, q, times, changes, names)[trajectory.lead :]
 
 
@@ -227,12 +223,12 @@ def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Arr
     return gradient + (back + along[0]) @ equilibrium_derivative(program, trajectory.setup.network, voltage, places)
 
 
-def input_force(trajectory: Trajectory, change: Array, place: int = 0) -> Array:
-    """(n, …) change of the junction force by a change of a port's input, ``g ψ'(V) δV``."""
-    port = trajectory.setup.network.ports[place]
+def input_force(trajectory: Trajectory, change: Array) -> Array:
+    """(n, …) change of the junction force by a change of the port's input, ``g ψ'(V) δV``."""
+    port = trajectory.setup.network.ports[0]
     ((_, ratio),) = port.on.items()
     values = {n: p.value for n, p in trajectory.setup.network.parameters.items()}
-    slope = PORT_LAWS[port.law].slope(trajectory.u[:, place], *(values[n] for n in port.parameters))
+    slope = PORT_LAWS[port.law].slope(trajectory.u[:, 0], *(values[n] for n in port.parameters))
     force = (values[ratio] * _factor(trajectory, ratio) if isinstance(ratio, str) else ratio) * np.asarray(slope)
     return force * change if change.ndim == 1 else force[:, None] * change
 
@@ -255,12 +251,14 @@ class _Acting(NamedTuple):
 
     Attributes:
         name: of the parameter.
-        force: (n,) change of the junction force.
+        port: which port it acts through.
+        action: (n, P) change of what the ports make of their inputs.
         rest: (N,) change of the state at rest.
     """
 
     name: str
-    force: Array
+    port: int
+    action: Array
     rest: Array
 
 
@@ -270,9 +268,10 @@ def _acting(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]:
     found = [_by_amplifier(trajectory, b, n) for b in setup.amplifier for n in b.parameters if n in names]
     lead = trajectory.lead * trajectory.recording.dt
     for source in setup.sources:
+        place = place_of(setup, source)
         for name in (n for n in source.parameters if n in names):
             change = np.imag(sounded(setup, source, trajectory.h, lead, name)) / TINY
-            found.append(_Acting(name, input_force(trajectory, change, place_of(setup, source)), unmoved))
+            found.append(_Acting(name, place, _action(trajectory, place, change), unmoved))
     return found
 
 
@@ -285,4 +284,13 @@ def _by_amplifier(trajectory: Trajectory, block: Block, name: str) -> _Acting:
     if trajectory.rest is not None and np.imag(before) != 0.0:
         voltage = _constant(trajectory.u, trajectory.rest)
         rest = equilibrium_slope(trajectory.program, setup.network, voltage, 0) * (np.imag(before) / TINY)
-    return _Acting(name, input_force(trajectory, mean_input(np.imag(fine)) / TINY), rest)
+    return _Acting(name, 0, _action(trajectory, 0, mean_input(np.imag(fine)) / TINY), rest)
+
+
+def _action(trajectory: Trajectory, place: int, change: Array) -> Array:
+    """(n, P) ``ψ'(u) δu`` of a change (n,) of one port's input."""
+    network = trajectory.setup.network
+    port, out = network.ports[place], np.zeros(trajectory.u.shape)
+    slope = PORT_LAWS[port.law].slope(trajectory.u[:, place], *(network.parameters[n].value for n in port.parameters))
+    out[:, place] = slope * change
+    return out

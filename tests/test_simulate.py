@@ -7,6 +7,7 @@ import pytest
 from junctions import recording
 from scipy.integrate import solve_ivp
 
+from phnn.configuration import config_folder
 from phnn.effects import effect
 from phnn.errors import SolverFailed
 from phnn.integrate import kernel
@@ -14,6 +15,7 @@ from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.bouc_wen import bouc_wen
+from phnn.models.network_file import load_network
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
 from phnn.simulate import input_force, output_derivatives, simulate
@@ -164,6 +166,15 @@ def periodic() -> Recording:
     return sine(start=Start("periodic"), period=0.01)
 
 
+def tanks() -> Setup:
+    return Setup(load_network(config_folder() / "network" / "tanks.yaml"))
+
+
+def pumped() -> Recording:
+    t = np.arange(200) * 0.5
+    return recording(t, 1e-4 * (1.0 + 0.5 * np.sin(0.2 * t)), Start("rest", 1e-4))
+
+
 def jump() -> Recording:
     t = np.arange(200) * 1e-4
     return recording(t, np.where(np.arange(200) < 50, 0.0, 120.0))
@@ -202,6 +213,15 @@ CASES = {
     "play, periodic": (chained(PLAY), periodic()),
     "lag, then play": (chained(LAG, PLAY), sine()),
     "drift, then bent sensor, then lag": (chained(("sensor_drift", {"drift_rate": 1e-4}), BENT, LAG), sine()),
+    # What an amplifier changes does not reach these networks as a force on a junction alone.
+    "low-pass, then a memory of the voltage": (
+        chained(("depolarisation", {"delta_z": 0.2, "tau_z": 5e-3, "V_c": 30.0}), OFFSET, LOWPASS),
+        sine(),
+    ),
+    "delay of a pump": (
+        chained(("amplifier_offset", {"V_0": 1e-5}), ("delay", {"tau_d": 2.43}), LAG, start=tanks()),
+        pumped(),
+    ),
     "base motion": (chained(BASE_MOTION), sine()),
     "base motion, periodic, lag": (chained(BASE_MOTION, LAG), periodic()),
 }

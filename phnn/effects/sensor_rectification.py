@@ -21,7 +21,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 
 def applies(setup: Setup) -> bool:
-    """What has no sign any more cannot lose it again."""
+    """No block of the sensor rectifies already."""
     return _BLOCK not in setup.sensor
 
 

@@ -6,7 +6,7 @@ taken of the very step that marched: by `phnn.integrate.linearise`, or by `phnn.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from phnn.integrate.compiled import loop_entry
 from phnn.integrate.linearise import Pattern, Run, pattern_of
 from phnn.integrate.program import Program
 from phnn.integrate.recursion import make_adjoint, make_sensitivities
-from phnn.integrate.tables import Integers
+from phnn.integrate.tables import PORTS, Integers, rows_of
 
 Array = NDArray[np.float64]
 
@@ -61,21 +61,33 @@ _GENERAL = _Sweeps(_every_sensitivities, _every_adjoint, linearise.new_derivativ
 _QUICK = _Sweeps(_some_sensitivities, _some_adjoint, pieces.new_pieces)
 
 
+def carrier(program: Program, port: int) -> int:
+    """A place in theta that stands in the law of a port, where its row is padded, and that nothing reads.
+
+    As an active parameter it changes nothing but the actions that `sensitivities` is given for it.
+    """
+    return int(rows_of(program.table, PORTS)[port, 4])
+
+
 def _prepared(
-    program: Program, theta: Array, active: NDArray[np.int64], states: Array, efforts: Array, u: Array, h: Array
-) -> tuple[_Sweeps, Pattern, Run, Any]:
+    program: Program, theta: Array, active: NDArray[np.int64], states: Array, efforts: Array, u: Array, h: Array,
+    pushed: Mapping[int, Array],
+) -> tuple[_Sweeps, Pattern, Run, Any]:  # fmt: skip
     """The sweeps of a program with what they take: pattern, march and memory."""
     sweeps = _QUICK if quick.serves(program) else _GENERAL
     pattern = pattern_of(program, tuple(active.tolist()))
     in_laws = active[pattern.in_ports >= 0]
-    run = Run(states, efforts, h, actions(program, theta, u), action_derivatives(program, theta, u, in_laws))
+    by_port = action_derivatives(program, theta, u, in_laws)
+    for k, action in pushed.items():
+        by_port[pattern.in_ports[k]] = action
+    run = Run(states, efforts, h, actions(program, theta, u), by_port)
     return sweeps, pattern, run, sweeps.memory(program.table, pattern, theta, run)
 
 
 def sensitivities(
     program: Program, theta: Array, active: NDArray[np.int64], states: Array, efforts: Array, u: Array, h: Array,
     start: Array, initial: NDArray[np.int64], forces: Array, varied: NDArray[np.int64], weights: Array,
-    nodes: NDArray[np.int64],
+    nodes: NDArray[np.int64], pushed: Mapping[int, Array] | None = None,
 ) -> Array:  # fmt: skip
     """Forward sweep of the linearised recursion with many right-hand sides.
 
@@ -90,11 +102,12 @@ def sensitivities(
         forces: (n, F) perturbations of the junction's force, one column each.
         varied: (W,) which active parameter is perturbed; weights: (n, W) by which signal.
         nodes: (M,) increasing step indices at which the output is wanted, the first 0.
+        pushed: for active places that are a `carrier`, by their number among the active: (n, P) change of the actions.
 
     Returns:
         (M, K + S + F + W) the output's derivatives.
     """
-    sweeps, pattern, run, memory = _prepared(program, theta, active, states, efforts, u, h)
+    sweeps, pattern, run, memory = _prepared(program, theta, active, states, efforts, u, h, pushed or {})
     m, first_force = len(program.junctions), active.size + initial.size
     first_varied = first_force + forces.shape[1]
     out = np.empty((nodes.size, first_varied + varied.size))
@@ -125,7 +138,7 @@ def adjoint(
     Returns:
         (K,) ``dL/dθ`` of the window, and (N,) ``dL/dx`` at its first node but for that node's own cotangent.
     """
-    sweeps, pattern, run, memory = _prepared(program, theta, active, states, efforts, u, h)
+    sweeps, pattern, run, memory = _prepared(program, theta, active, states, efforts, u, h, {})
     m = len(program.junctions)
     w = np.zeros(states.shape[1]) if carry is None else carry.copy()
     gradient, pulled = np.zeros(active.size), np.zeros(pattern.in_junctions.size)

@@ -8,7 +8,7 @@ from junctions import recording
 
 from phnn.configuration import config_folder
 from phnn.effects import Scales, effect
-from phnn.errors import SolverFailed
+from phnn.errors import InputRefused, SolverFailed
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.network_file import load_network
 from phnn.recordings.recording import Recording, Start
@@ -108,7 +108,8 @@ def test_the_sensors_act_on_what_the_network_puts_out() -> None:
 def test_what_has_no_sign_cannot_lose_it_again() -> None:
     rectified = with_effect("sensor_rectification", {})
     assert effect("sensor_rectification").can_be_added_to(BASE)
-    assert not effect("sensor_rectification").can_be_added_to(rectified)
+    with pytest.raises(InputRefused, match=r"it can be where this holds: No block of the sensor rectifies already"):
+        effect("sensor_rectification").add_to(rectified, {})
 
 
 def test_strengths_of_several_amplitudes_grow_together() -> None:
