@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.integrate.compiled import entry
+from phnn.laws.namespace import real, shared
+
 Array = NDArray[Any]
 
 # Share of a step by which a point counts as inside it: the node of a jump is hit to rounding only.
@@ -21,36 +24,44 @@ def delay(fine: Array, h: Array, before: Any, tau: Any) -> Array:
     middle value is chosen such that the mean over the step by Simpson's rule is that of the delayed signal: what the
     network feels, and its derivative by ``τ``, are exact then.
     """
+    zero = 0.0 * (tau + before + fine[0, 0])
+    fine, before = fine + zero, before + zero
     nodes = np.concatenate([[0.0], np.cumsum(h)])
-    shifted = nodes[:-1, None] + h[:, None] * np.array([0.0, 0.5, 1.0]) - tau
-    sides = np.real(shifted) + h[:, None] * np.array([_INSIDE, 0.0, -_INSIDE])
-    rows = np.searchsorted(nodes, sides, side="right") - 1
-    earlier, rows = rows < 0, np.clip(rows, 0, h.size - 1)
-    s = (shifted - nodes[rows]) / h[rows]
-    out = np.where(earlier, before + 0.0 * s, _parabola(fine[rows], s))
-    gaps = fine[:, 0] - np.concatenate([[before], fine[:-1, 2]])
-    jumps = nodes[:-1][np.abs(np.real(gaps)) > _JUMP * np.abs(np.real(fine)).max()]
-    split = np.searchsorted(jumps, sides[:, 2]) > np.searchsorted(jumps, sides[:, 0])
-    if split.any():
-        total = np.concatenate([[0.0], np.cumsum(h * (fine[:, 0] + 4.0 * fine[:, 1] + fine[:, 2]) / 6.0)])
-        ends = [
-            np.where(earlier[split, i], before * shifted[split, i],
-                     total[rows[split, i]] + h[rows[split, i]] * _area(fine[rows[split, i]], s[split, i]))
-            for i in (0, 2)
-        ]  # fmt: skip
-        mean = (ends[1] - ends[0]) / h[split]
-        out[split, 1] = (6.0 * mean - out[split, 0] - out[split, 2]) / 4.0
-    return np.asarray(out)
+    gaps = np.real(fine[:, 0] - np.concatenate([[before], fine[:-1, 2]]))
+    jumps = np.cumsum(np.abs(gaps) > _JUMP * np.abs(np.real(fine)).max())
+    area = np.concatenate([[zero], np.cumsum(h * (fine[:, 0] + 4.0 * fine[:, 1] + fine[:, 2]) / 6.0)])
+    return np.asarray(_delayed(fine, h, before, tau + zero, nodes, jumps, area))
 
 
-def _parabola(points: Array, s: Array) -> Array:
-    """The parabola through values (…, 3) at 0, ½ and 1, at ``s``."""
-    first, middle, last = points[..., 0], points[..., 1], points[..., 2]
-    return np.asarray(first + s * (4.0 * middle - 3.0 * first - last + s * (2.0 * (first + last) - 4.0 * middle)))
+def _delay_loop(fine: Any, h: Any, before: Any, tau: Any, nodes: Any, jumps: Any, area: Any) -> Any:
+    out = np.empty_like(fine)
+    # Of the start, middle and end of a step: where it comes from, and the signal's integral up to there.
+    rows, areas = np.full(3, -1), np.empty(3, fine.dtype)
+    for n in range(fine.shape[0]):
+        for i in range(3):
+            t = nodes[n] + 0.5 * i * h[n] - tau
+            row = rows[i]
+            while row + 1 < h.shape[0] and nodes[row + 1] <= real(t) + (1 - i) * _INSIDE * h[n]:
+                row += 1
+            rows[i] = row
+            if row < 0:
+                out[n, i], areas[i] = before, before * t
+            else:
+                s = (t - nodes[row]) / h[row]
+                out[n, i], part = _parabola(fine[row, 0], fine[row, 1], fine[row, 2], s)
+                areas[i] = area[row] + h[row] * part
+        first, last = rows[0], rows[2]
+        if last >= 0 and jumps[last] > (jumps[first] if first >= 0 else 0):
+            mean = (areas[2] - areas[0]) / h[n]
+            out[n, 1] = 1.5 * mean - 0.25 * (out[n, 0] + out[n, 2])
+    return out
 
 
-def _area(points: Array, s: Array) -> Array:
-    """Its integral from 0 to ``s``."""
-    first, middle, last = points[..., 0], points[..., 1], points[..., 2]
+@shared
+def _parabola(first: Any, middle: Any, last: Any, s: Any) -> Any:
+    """The parabola through values at 0, ½ and 1, at ``s``, and its integral from 0 to there."""
     linear, square = 4.0 * middle - 3.0 * first - last, 2.0 * (first + last) - 4.0 * middle
-    return np.asarray(s * (first + s * (0.5 * linear + s * square / 3.0)))
+    return first + s * (linear + s * square), s * (first + s * (0.5 * linear + s * square / 3.0))
+
+
+_delayed = entry(_delay_loop)
