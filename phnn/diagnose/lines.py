@@ -103,7 +103,9 @@ def strongest_line(ground: Ground) -> tuple[float, float]:
     The periodograms of all recordings, each over the spectrum of its noise, are added up. The tail probability of the
     largest sum is multiplied by the number of frequencies that the longest recording resolves.
     """
-    spectra = [_spectrum(ground.residual[rows], r) for r, rows in zip(ground.plan.recordings, ground.slices, strict=True)]
+    spectra = [
+        _spectrum(ground.residual[rows], r) for r, rows in zip(ground.plan.recordings, ground.slices, strict=True)
+    ]
     longest = max(s.duration for s in spectra)
     last = max(s.f[-1] for s in spectra)
     f = np.arange(_PERIODS / longest, last, 0.25 / longest)
@@ -129,7 +131,7 @@ class _Spectrum:
 
 def _spectrum(residual: Array, recording: Recording) -> _Spectrum:
     n = residual.size
-    f = np.fft.rfftfreq(_PADDING * n, recording.dt)
+    f = np.asarray(np.fft.rfftfreq(_PADDING * n, recording.dt), dtype=np.float64)
     power = 2.0 / n * np.abs(np.fft.rfft(residual, _PADDING * n)) ** 2
     rho = recording.noise_correlation
     lags = np.arange(1, rho.size)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from phnn.effects.effect import Effect, Scales, has_motion, with_network
 from phnn.network.elements import Port
 from phnn.parameters import Parameter, positive

@@ -11,11 +11,14 @@ from math import comb, sqrt
 
 import numpy as np
 
+from phnn.signals.first_order import fit_first_order
+
 WHITE = np.array([1.0])
 _FEWEST_PERIODS = 3  # after the first one, which holds the transient
 _FEWEST_AT_REST = 200
 _LEAST_SHARE_OF_RANGE = 1e-6
 _ORDERS = range(1, 9)
+_FORGOTTEN = 0.01  # correlation at which first-order noise is cut
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,13 +173,29 @@ def longest_hold(u: np.ndarray) -> tuple[int, int]:
     return int(edges[2 * longest]), int(edges[2 * longest + 1]) + 1
 
 
+def from_spectrum(y: np.ndarray, dt: float) -> NoiseFloor | None:
+    """First-order noise fitted to the spectrum above what is excited; ``None`` where white noise does as well."""
+    found = fit_first_order(y)
+    if found is None:
+        return None
+    lags = 1 + int(np.log(_FORGOTTEN) / np.log(max(abs(found.coefficient), 1e-3)))
+    source = (
+        f"the spectrum above {found.edge / dt:.4g} Hz, carried on below as first-order noise of coefficient "
+        f"{found.coefficient:.2g}"
+    )
+    return NoiseFloor(found.deviation, source, found.coefficient ** np.arange(max(lags, 2)))
+
+
 def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
-    """From the highest frequencies, taking the noise as white.
+    """From the highest frequencies: first-order noise where their spectrum shows it, else white noise.
 
     Differences of order p pass white noise with the factor ``√C(2p, p)`` and a tone of angular frequency ω with
     ``(2 sin(ω dt/2))^p``, so with rising order what was excited vanishes and the estimate comes to rest at the noise.
     Jumps and corners touch few samples and are clipped away.
     """
+    coloured = from_spectrum(y, dt)
+    if coloured is not None:
+        return coloured
     sigma, order = _plateau(y)
     source = f"the spectrum above {0.25 / dt:.4g} Hz, noise taken as white"
     gain = float(np.ptp(y)) / max(float(np.ptp(u)), 1e-300)

@@ -1,0 +1,94 @@
+"""First-order (autoregressive) noise under a signal, from that part of the spectrum which the signal does not reach.
+
+    n_k = a n_{k−1} + w_k,   S(ω) = σ² (1 − a²)/(1 + a² − 2a cos ω)
+
+The likelihood is Whittle's (1953), over the frequencies above an edge: the lowest one above which the fit leaves
+neither lines nor a slope.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import OptimizeResult, minimize
+from scipy.signal.windows import blackmanharris
+
+# Lowest frequencies of the fit that are tried, in cycles a sample.
+_EDGES = (0.03, 0.06, 0.1, 0.16, 0.25)
+_FEWEST = 200
+_PARTS = 5
+# Neighbouring frequencies share what the window smears: so many count as one.
+_SMEARED = 2.0
+# How much better than white noise the log likelihood must be, in such units.
+_CLEARLY = 6.0
+# Largest coefficient; logarithms of the strength of the tail to begin with.
+_LARGEST = 0.95
+_TAILS = (-12.0, -4.0)
+
+
+@dataclass(frozen=True)
+class FirstOrder:
+    """Standard deviation, coefficient ``a``, and the edge [cycles a sample] above which they were fitted."""
+
+    deviation: float
+    coefficient: float
+    edge: float
+
+
+def fit_first_order(y: np.ndarray) -> FirstOrder | None:
+    """First-order noise in ``(N,)`` samples; ``None`` where white noise explains the high frequencies as well, or
+    where the signal reaches too high.
+
+    What the signal's kinks leave there falls with the fourth power of the frequency and is fitted beside the noise.
+    """
+    window = blackmanharris(y.size, sym=False)
+    line = np.polynomial.Polynomial.fit(np.arange(y.size), y, 1)
+    tapered = window * (y - line(np.arange(y.size)))
+    power = np.abs(np.fft.rfft(tapered)) ** 2 / float(window @ window)
+    omega = 2.0 * np.pi * np.fft.rfftfreq(y.size)
+    for edge in _EDGES:
+        band = (omega > 2.0 * np.pi * edge) & (omega < np.pi)
+        if band.sum() < _FEWEST:
+            return None
+        p, w = power[band], omega[band]
+        coloured, white = _best(p, w, (0.0, 0.4, 0.8)), _best(p, w, (0.0,), white=True)
+        shape = _shape(coloured.x, w)
+        if not _fits(p, shape):
+            continue
+        a = _coefficient(coloured.x[0])
+        variance = float(np.mean(p / shape))
+        gain = (white.fun - coloured.fun) * p.size / _SMEARED
+        return FirstOrder(float(np.sqrt(variance)), a, edge) if gain > _CLEARLY else None
+    return None
+
+
+def _best(power: np.ndarray, omega: np.ndarray, starts: tuple[float, ...], white: bool = False) -> OptimizeResult:
+    """Best coefficient and strength of the tail; the coefficient stays zero for white noise."""
+
+    def negative(z: np.ndarray) -> float:
+        shape = _shape(np.array([0.0, z[0]]) if white else z, omega)
+        return float(np.log(np.mean(power / shape)) + np.mean(np.log(shape)))
+
+    points = [[t] if white else [np.arctanh(a), t] for a in starts for t in _TAILS]
+    return min((minimize(negative, z, method="Nelder-Mead") for z in points), key=lambda r: float(r.fun))
+
+
+def _coefficient(z: float) -> float:
+    return float(_LARGEST * np.tanh(z))
+
+
+def _shape(z: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """Spectrum of noise of unit variance, and of the tail beside it."""
+    a = _coefficient(z[0])
+    noise = (1.0 - a * a) / (1.0 + a * a - 2.0 * a * np.cos(omega))
+    return np.asarray(noise + np.exp(min(z[1], 50.0)) * omega**-4.0)
+
+
+def _fits(power: np.ndarray, shape: np.ndarray) -> bool:
+    """Whether the whitened spectrum has no lines and the same level everywhere."""
+    white = power / shape
+    white = white / white.mean()
+    levels = np.array([part.mean() for part in np.array_split(white, _PARTS)])
+    spread = np.sqrt(_SMEARED * _PARTS / white.size)
+    return bool(white.max() < np.log(white.size) + 6.0 and np.abs(levels - 1.0).max() < 4.0 * spread)
