@@ -12,7 +12,7 @@ from phnn.demo.base import draw_base
 from phnn.demo.excitation import Excitation
 from phnn.demo.noise import Noise
 from phnn.demo.plans import PLANS, VARIED, plan_of
-from phnn.demo.strata import STRATA, Choice, choices
+from phnn.demo.strata import STRATA, Choice, in_turn
 from phnn.errors import InputRefused
 
 _COLOURED = 1.0 / 3.0  # of all cases
@@ -86,7 +86,8 @@ def draw_case(
 
     Args:
         seed: 0 or more.
-        stratum: "none": nothing; "same": one listed effect in the form the catalogue gives it.
+        stratum: "none": nothing; "same": one listed effect in the form the catalogue gives it;
+            "outside": one that no catalogue lists, or a listed one whose name is withheld.
         plan: "full" (13 recordings), "demo" (12), "short" (4) or "few" (2).
         levels: residual over noise that an effect alone leaves beyond a refit of the base model; log-uniform.
         deltas: noncentralities to draw from instead of ``levels``; log-uniform.
@@ -108,8 +109,6 @@ def draw_case(
     deviation, step = float(rng.uniform(20e-9, 80e-9)), int(rng.integers(5, 21)) * 1e-9
     targets = tuple(float(np.exp(rng.uniform(math.log(low), math.log(high)))) for _ in range(2))
     colour = float(rng.uniform(*_COLOURS)) if rng.random() < _COLOURED else 0.0
-    all_choices = choices(stratum)
-    first = seed % len(all_choices)
-    order = all_choices[first:] + all_choices[:first]
+    order = in_turn(stratum, seed)
     noise = Noise(deviation, step, colour)
     return Case(seed, stratum, order, plan, base, noise, targets[: len(order[0].effects)], deltas is not None)

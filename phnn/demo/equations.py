@@ -130,13 +130,16 @@ def _spring_and_damper(t: float, q: float, v: float, w: Any) -> float:
     stiffness = w.k
     if w.kappa_p != 0.0:
         stiffness *= 1.0 + w.kappa_p * math.sin(2.0 * math.pi * w.f_p * t + w.phi_p)
-    return stiffness * q * shape + (w.b * (1.0 + w.kappa_b * s**2) + w.c_2 * abs(v) ** w.n_c2) * v
+    drag = w.c_2 * abs(v) if w.n_c2 == 1.0 else w.c_2 * abs(v) ** w.n_c2
+    return stiffness * q * shape + (w.b * (1.0 + w.kappa_b * s**2) + drag) * v
 
 
 @njit(cache=True)
 def _friction(x: Array, v: float, w: Any, out: Array) -> float:
     """``F_c g tanh(v/v_s)``, ``g = 1 + (r − 1) exp(−(v/v_st)²)``; bristles ``F_l z/z_l``, ``ż = v − |v| z/(z_l g)``."""
     force = 0.0
+    if w.F_c == 0.0 and w.at_bristle == 0:
+        return force
     stribeck = 1.0 + (w.r_s - 1.0) * math.exp(-((v / w.v_st) ** 2))
     if w.F_c != 0.0:
         force += w.F_c * stribeck * math.tanh(v / w.v_s)
@@ -217,3 +220,25 @@ def rates(t: float, x: Array, w: Any, drive: Array) -> Array:
     out[2] = v
     out[3] = force
     return out
+
+
+@njit(cache=True)
+def march(x: Array, times: Array, w: Any, drive: Array, longest: float) -> Array:
+    """States at ``times``, (len(times), states), by Runge and Kutta's method in steps of at most ``longest`` [s].
+
+    For voltages with thousands of jumps, at each of which an adaptive method would begin again.
+    """
+    path = np.empty((times.size, x.size))
+    path[0] = x
+    for i in range(1, times.size):
+        count = max(1, math.ceil((times[i] - times[i - 1]) / longest))
+        h = (times[i] - times[i - 1]) / count
+        for j in range(count):
+            t = times[i - 1] + j * h
+            k_1 = rates(t, x, w, drive)
+            k_2 = rates(t + 0.5 * h, x + 0.5 * h * k_1, w, drive)
+            k_3 = rates(t + 0.5 * h, x + 0.5 * h * k_2, w, drive)
+            k_4 = rates(t + h, x + h * k_3, w, drive)
+            x = x + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
+        path[i] = x
+    return path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from phnn.demo.strength import Ruler, concealing, find_strength, rulers
 from phnn.errors import SolverFailed
 
 _SHAPES = 10  # drawn of one effect before another one takes its place
+_WEAKER = (1.0, 0.5, 0.25)  # parts of what is wanted that are tried after each other
 
 Parts = list[tuple[Concealed, float]]
 
@@ -34,7 +36,7 @@ def make_case(case: Case, folder: Path) -> Sealed:
     """Find shapes and strengths, simulate, add noise, write the recordings; nothing in the folder tells the answer.
 
     Where no strength of a drawn shape reaches what is wanted, the shape is drawn again, ten times, then the case's
-    next choice takes the place.
+    next choice takes the place; where none is left, half of it is wanted, and a quarter at last.
 
     Args:
         case: what to conceal.
@@ -64,9 +66,9 @@ def make_case(case: Case, folder: Path) -> Sealed:
 def _settled(case: Case, plan: tuple[Excitation, ...], gauges: _Gauges) -> tuple[Choice, Parts, int]:
     """What is concealed, with strengths, and how many shapes were drawn in vain."""
     vain = 0
-    for number, choice in enumerate(case.choices):
+    for number, (weaker, choice) in enumerate(product(_WEAKER, case.choices)):
         parts: Parts = []
-        for index, target in enumerate(case.targets):
+        for index, target in enumerate(weaker * np.array(case.targets)):
             for effect in _shapes(case, choice, (number, index), plan):
                 strength = _strength(effect, case, target, gauges)
                 if strength is not None:

@@ -9,6 +9,7 @@ from functools import cache
 from phnn.demo.concealed import Concealed
 from phnn.demo.inner import Base, Plan, Rng
 from phnn.demo.listed import LISTED, LOCATIONS, drawn
+from phnn.demo.unlisted import UNLISTED, UNLISTED_LOCATIONS
 
 CANONICAL = "canonical"
 
@@ -30,16 +31,23 @@ class Choice:
     @property
     def location(self) -> tuple[str, ...]:
         """Canonical location of each effect."""
-        return tuple(LOCATIONS[name] for name in self.effects)
+        return tuple({**LOCATIONS, **UNLISTED_LOCATIONS}[name] for name in self.effects)
 
     def concealed(self, index: int, rng: Rng, base: Base, plan: Plan) -> Concealed:
         """Effect number ``index`` with its shape drawn."""
-        return drawn(self.effects[index], rng, base, plan)
+        name = self.effects[index]
+        if name in UNLISTED:
+            return UNLISTED[name](rng, base, plan)
+        return drawn(name, rng, base, plan)
 
 
 _ROUNDS: dict[str, Callable[[], tuple[Choice, ...]]] = {
     "none": lambda: (Choice(),),
     "same": lambda: tuple(Choice((name,)) for name in LISTED),
+    "outside": lambda: (
+        *(Choice((name,), withheld=(name,)) for name in LISTED),
+        *(Choice((name,), "unlisted") for name in UNLISTED),
+    ),
 }
 STRATA = tuple(_ROUNDS)
 
@@ -48,3 +56,14 @@ STRATA = tuple(_ROUNDS)
 def choices(stratum: str) -> tuple[Choice, ...]:
     """All that cases of a stratum can conceal."""
     return _ROUNDS[stratum]()
+
+
+def in_turn(stratum: str, number: int) -> tuple[Choice, ...]:
+    """What case ``number`` of a stratum conceals, and what instead where that cannot be made strong enough.
+
+    What is withheld is known before a case is made; nothing takes the place of an effect whose name is withheld.
+    """
+    everything = choices(stratum)
+    first = number % len(everything)
+    order = everything[first:] + everything[:first]
+    return tuple(choice for choice in order if choice.withheld == order[0].withheld)

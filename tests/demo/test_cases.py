@@ -71,15 +71,17 @@ def test_a_noncentrality_can_be_asked_for(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_made_strong_enough_gives_way_to_the_next_choice(tmp_path: Path) -> None:
-    # However curved within its bounds, the sensor reports no more than the displacement itself.
-    case = draw_case(SENSOR_NONLINEARITY, "same", "few")
-    alone = replace(case, choices=case.choices[:1], targets=(5e-5 / case.noise.deviation,))
+    # A play changes the output by no more than its half-width, 20 µm at most.
+    case = draw_case(LISTED.index("output_backlash"), "same", "few")
+    alone = replace(case, choices=case.choices[:1], targets=(1.2e-4 / case.noise.deviation,))
     with pytest.raises(SolverFailed, match="ask for less"):
         make_case(alone, tmp_path)
     drift = next(c for c in case.choices if c.effects == ("sensor_drift",))
     sealed = make_case(replace(alone, choices=(case.choices[0], drift)), tmp_path)
-    assert (sealed.effects, sealed.redrawn) == (("sensor_drift",), 10)
-    assert sealed.strength_over_noise == pytest.approx(alone.targets[0], rel=0.03)
+    # A drift can be as fast as half of what is wanted asks for.
+    assert sealed.effects == ("sensor_drift",)
+    assert sealed.strength_over_noise == pytest.approx(0.5 * alone.targets[0], rel=0.03)
+    assert sealed.redrawn >= 3
 
 
 def test_nothing_concealed_leaves_the_base_model(tmp_path: Path) -> None:
@@ -96,6 +98,15 @@ def test_cases_of_a_stratum_conceal_everything_it_can(stratum: str) -> None:
     for choice in choices(stratum):
         assert len(choice.location) == len(choice.effects)
         assert set(choice.withheld) <= set(LISTED)
+
+
+def test_nothing_takes_the_place_of_what_is_withheld() -> None:
+    for seed, choice in enumerate(choices("outside")):
+        case = draw_case(seed, "outside", "short")
+        assert (case.effects, case.withheld, case.form) == (choice.effects, choice.withheld, choice.form)
+        assert case.withheld == (case.effects if case.form == "canonical" else ())
+        assert all(other.withheld == case.withheld for other in case.choices)
+        assert (case.effects[0] in LISTED) == bool(case.withheld)
 
 
 def test_the_same_effects_are_all_listed_and_none_is_withheld() -> None:
