@@ -15,6 +15,7 @@ from phnn.demo.plans import PLANS, VARIED, plan_of
 from phnn.demo.strata import STRATA, Choice, in_turn
 from phnn.errors import InputRefused
 
+_EACH = 2.0  # residual over noise that either effect of a pair leaves at least
 _COLOURED = 1.0 / 3.0  # of all cases
 _COLOURS = (0.3, 0.8)  # coefficient of first-order noise
 
@@ -87,9 +88,12 @@ def draw_case(
     Args:
         seed: 0 or more.
         stratum: "none": nothing; "same": one listed effect in the form the catalogue gives it;
+            "other": one listed effect in another form;
+            "pair": two listed effects that differ in kind;
             "outside": one that no catalogue lists, or a listed one whose name is withheld.
         plan: "full" (13 recordings), "demo" (12), "short" (4) or "few" (2).
-        levels: residual over noise that an effect alone leaves beyond a refit of the base model; log-uniform.
+        levels: residual over noise that an effect alone leaves beyond a refit of the base model; log-uniform. Either
+            effect of a pair leaves at least twice the noise.
         deltas: noncentralities to draw from instead of ``levels``; log-uniform.
 
     Raises:
@@ -104,6 +108,8 @@ def draw_case(
     low, high = levels if deltas is None else deltas
     if not 0.0 < low <= high < math.inf:
         raise InputRefused(f"from {low} to {high}: give two positive numbers, the smaller one first")
+    if stratum == "pair" and deltas is None:
+        low, high = max(low, _EACH), max(high, _EACH)
     rng = _stream(seed, stratum, "choices")
     base = draw_base(rng)
     deviation, step = float(rng.uniform(20e-9, 80e-9)), int(rng.integers(5, 21)) * 1e-9

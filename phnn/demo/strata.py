@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import combinations
 
 from phnn.demo.concealed import Concealed
 from phnn.demo.inner import Base, Plan, Rng
-from phnn.demo.listed import LISTED, LOCATIONS, drawn
+from phnn.demo.listed import LISTED, LOCATIONS, drawn, may_be_paired
+from phnn.demo.other_form import FORMS
 from phnn.demo.unlisted import UNLISTED, UNLISTED_LOCATIONS
 
 CANONICAL = "canonical"
@@ -36,6 +38,8 @@ class Choice:
     def concealed(self, index: int, rng: Rng, base: Base, plan: Plan) -> Concealed:
         """Effect number ``index`` with its shape drawn."""
         name = self.effects[index]
+        if self.form in FORMS:
+            return FORMS[self.form][1](rng, base, plan)
         if name in UNLISTED:
             return UNLISTED[name](rng, base, plan)
         return drawn(name, rng, base, plan)
@@ -44,10 +48,12 @@ class Choice:
 _ROUNDS: dict[str, Callable[[], tuple[Choice, ...]]] = {
     "none": lambda: (Choice(),),
     "same": lambda: tuple(Choice((name,)) for name in LISTED),
+    "other": lambda: tuple(Choice((name,), form) for form, (name, _) in FORMS.items()),
     "outside": lambda: (
         *(Choice((name,), withheld=(name,)) for name in LISTED),
         *(Choice((name,), "unlisted") for name in UNLISTED),
     ),
+    "pair": lambda: tuple(Choice(pair) for pair in combinations(LISTED, 2) if may_be_paired(*pair)),
 }
 STRATA = tuple(_ROUNDS)
 
