@@ -13,6 +13,7 @@ from phnn.demo.case import Case
 from phnn.demo.concealed import Concealed, described
 from phnn.demo.excitation import Excitation
 from phnn.demo.folder import MANIFEST, measured, refuse_strangers, write_manifest, write_recording
+from phnn.demo.parameters import Array
 from phnn.demo.sealed import Sealed
 from phnn.demo.strata import Choice
 from phnn.demo.strength import Ruler, concealing, find_strength, rulers
@@ -21,7 +22,19 @@ from phnn.errors import SolverFailed
 _SHAPES = 10  # drawn of one effect before another one takes its place
 _WEAKER = (1.0, 0.5, 0.25)  # parts of what is wanted that are tried after each other
 
-Parts = list[tuple[Concealed, float]]
+_CLOSE = 0.1  # accepted relative distance from what is wanted: the answer states what was reached
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One effect with its strength, and the outputs with it alone."""
+
+    effect: Concealed
+    strength: float
+    outputs: tuple[Array, ...]
+
+
+Parts = list[_Part]
 
 
 @dataclass(frozen=True)
@@ -30,6 +43,11 @@ class _Gauges:
 
     metres: Ruler
     white: Ruler
+
+    def of(self, outputs: Sequence[Array], case: Case) -> tuple[float, float]:
+        """Residual over noise, and noncentrality."""
+        residual = np.sqrt(np.mean(self.metres.left(outputs) ** 2))
+        return float(residual) / case.noise.deviation, float(np.linalg.norm(self.white.left(outputs)))
 
 
 def make_case(case: Case, folder: Path) -> Sealed:
@@ -53,7 +71,7 @@ def make_case(case: Case, folder: Path) -> Sealed:
     refuse_strangers(folder, plan)
     gauges = _Gauges(*rulers(case.base, plan, case.noise)) if case.effects else None
     choice, parts, redrawn = (case.choices[0], [], 0) if gauges is None else _settled(case, plan, gauges)
-    outputs = concealing(case.base, plan, parts)
+    outputs = parts[0].outputs if len(parts) == 1 else _together(case, plan, parts)
     sensor = case.stream("sensor")
     folder.mkdir(parents=True, exist_ok=True)
     for excitation, q in zip(plan, outputs, strict=True):
@@ -70,9 +88,9 @@ def _settled(case: Case, plan: tuple[Excitation, ...], gauges: _Gauges) -> tuple
         parts: Parts = []
         for index, target in enumerate(weaker * np.array(case.targets)):
             for effect in _shapes(case, choice, (number, index), plan):
-                strength = _strength(effect, case, target, gauges)
-                if strength is not None:
-                    parts.append((effect, strength))
+                part = _part(effect, case, target, gauges)
+                if part is not None:
+                    parts.append(part)
                     break
                 vain += 1
             if len(parts) <= index:
@@ -93,33 +111,36 @@ def _shapes(case: Case, choice: Choice, at: tuple[int, int], plan: tuple[Excitat
         seen.append(stated)
 
 
-def _strength(effect: Concealed, case: Case, target: float, gauges: _Gauges) -> float | None:
-    """The strength at which it is as strong as wanted; none where there is no such strength."""
+def _part(effect: Concealed, case: Case, target: float, gauges: _Gauges) -> _Part | None:
+    """The effect as strong as wanted; none where no strength makes it so."""
+    last: list[tuple[Array, ...]] = []
 
     def residual(strength: float) -> float:
-        if case.by_delta:
-            return gauges.white.noncentrality(effect, strength)
-        return gauges.metres.residual(effect, strength) / case.noise.deviation
+        last[:] = [concealing(case.base, gauges.metres.plan, [(effect, strength)])]
+        return gauges.of(last[0], case)[1 if case.by_delta else 0]
 
     try:
-        return find_strength(residual, effect.guess, effect.most, target)[0]
+        strength, _ = find_strength(residual, effect.guess, effect.most, target, _CLOSE)
     except SolverFailed:
         return None
+    return _Part(effect, strength, last[0])
+
+
+def _together(case: Case, plan: tuple[Excitation, ...], parts: Parts) -> tuple[Array, ...]:
+    return concealing(case.base, plan, [(part.effect, part.strength) for part in parts])
 
 
 def _answer(
-    case: Case, choice: Choice, parts: Parts, redrawn: int, outputs: Sequence[np.ndarray], gauges: _Gauges | None
+    case: Case, choice: Choice, parts: Parts, redrawn: int, outputs: Sequence[Array], gauges: _Gauges | None
 ) -> Sealed:
-    level, delta, levels, deltas = 0.0, 0.0, [], []
+    level, delta, alone, apart = 0.0, 0.0, [], []
     if gauges is not None:
-        level, delta = _measured(outputs, case, gauges)
-        alone = [(level, delta)]
-        if len(parts) > 1:
-            alone = [_measured(concealing(case.base, gauges.metres.plan, [part]), case, gauges) for part in parts]
-        levels, deltas = [a[0] for a in alone], [a[1] for a in alone]
+        level, delta = gauges.of(outputs, case)
+        alone = [gauges.of(part.outputs, case) for part in parts]
+        apart = _apart([gauges.white.left(part.outputs) for part in parts])
     return Sealed(
         effect="+".join(choice.effects) or "none",
-        parameters={n: value for effect, z in parts for n, value in described(effect, z).items()},
+        parameters={n: v for part in parts for n, v in described(part.effect, part.strength).items()},
         base=dict(case.base),
         strength_over_noise=level,
         noise=case.noise.deviation,
@@ -131,15 +152,18 @@ def _answer(
         form=choice.form,
         location=choice.location,
         withheld=choice.withheld,
-        levels=tuple(levels),
+        levels=tuple(a[0] for a in alone),
         delta=delta,
-        deltas=tuple(deltas),
+        deltas=tuple(a[1] for a in alone),
+        apart=tuple(apart),
         colour=case.noise.colour,
         redrawn=redrawn,
     )
 
 
-def _measured(outputs: Sequence[np.ndarray], case: Case, gauges: _Gauges) -> tuple[float, float]:
-    """Residual over noise, and noncentrality."""
-    left = gauges.metres.left(outputs)
-    return float(np.sqrt(np.mean(left**2))) / case.noise.deviation, float(np.linalg.norm(gauges.white.left(outputs)))
+def _apart(left: Sequence[Array]) -> list[float]:
+    """Norm of each signal without what the other one's direction can take."""
+    if len(left) < 2:
+        return [float(np.linalg.norm(signal)) for signal in left]
+    rest = [own - other * ((other @ own) / (other @ other)) for own, other in zip(left, left[::-1], strict=True)]
+    return [float(np.linalg.norm(signal)) for signal in rest]

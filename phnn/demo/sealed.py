@@ -37,6 +37,7 @@ class Sealed:
             each recording's zero, in units of the (whitened) noise, rounding included. Where the effect's direction
             is known, a test of false-alarm rate a finds it with probability Φ(δ − z_a), and no test does better.
         deltas: of each effect alone.
+        apart: of each effect, the noncentrality of what the other one's direction cannot take over either.
         colour: coefficient of the first-order noise, 0 for white noise.
         redrawn: shapes that were drawn in vain before, because no strength reached what was wanted.
     """
@@ -57,6 +58,7 @@ class Sealed:
     levels: tuple[float, ...] = ()
     delta: float = 0.0
     deltas: tuple[float, ...] = ()
+    apart: tuple[float, ...] = ()
     colour: float = 0.0
     redrawn: int = 0
 

@@ -55,10 +55,6 @@ class Ruler:
         """Root mean square [m] of the change that is left after the linear refit of the base model."""
         return float(np.sqrt(np.mean(self.left(concealing(self.base, self.plan, [(effect, strength)])) ** 2)))
 
-    def noncentrality(self, effect: Concealed, strength: float) -> float:
-        """Norm of what is left; with whitened recordings the δ of the most powerful test, of power Φ(δ − z_a)."""
-        return float(np.linalg.norm(self.left(concealing(self.base, self.plan, [(effect, strength)]))))
-
 
 def concealing(
     base: Mapping[str, float], plan: Sequence[Excitation], effects: Sequence[tuple[Concealed, float]]
@@ -118,8 +114,17 @@ def _basis(columns: Sequence[Array]) -> Array:
     return kept
 
 
-def find_strength(residual: Callable[[float], float], guess: float, most: float, target: float) -> tuple[float, float]:
+def find_strength(
+    residual: Callable[[float], float], guess: float, most: float, target: float, close: float = _CLOSE
+) -> tuple[float, float]:
     """The strength whose residual, in m or in units of the noise, is ``target``: bracketed secants in logarithms.
+
+    Args:
+        residual: of a strength; called last with the strength that is returned.
+        guess: a strength to begin with.
+        most: largest strength.
+        target: wanted residual.
+        close: accepted relative distance from the target.
 
     Returns:
         The strength, and the residual it has.
@@ -132,7 +137,7 @@ def find_strength(residual: Callable[[float], float], guess: float, most: float,
     last: tuple[float, float] | None = None
     for _ in range(40):
         value = residual(strength)
-        if abs(value / target - 1.0) < _CLOSE:
+        if abs(value / target - 1.0) < close:
             return strength, value
         if value < target:
             low = max(low, strength)

@@ -13,7 +13,9 @@ from omegaconf import OmegaConf
 
 from phnn.demo import STRATA, Case, Sealed, draw_case, make_case, open_seal, write_seal
 from phnn.demo.listed import LISTED, LOCATIONS
+from phnn.demo.noise import Noise
 from phnn.demo.strata import choices
+from phnn.demo.strength import concealing, rulers
 from phnn.errors import InputRefused, SolverFailed
 
 SENSOR_NONLINEARITY = LISTED.index("sensor_nonlinearity")
@@ -43,7 +45,7 @@ def test_the_answer_says_what_the_case_says_and_survives_the_seal(
     assert (sealed.location, sealed.withheld, sealed.form) == (("sensor",), (), "canonical")
     assert (sealed.seed, sealed.stratum, sealed.plan, sealed.base) == (case.seed, "same", "few", case.base)
     assert set(sealed.parameters) == {"a_2", "a_3"}
-    assert sealed.strength_over_noise == pytest.approx(case.targets[0], rel=0.03)
+    assert sealed.strength_over_noise == pytest.approx(case.targets[0], rel=0.1)
     assert (sealed.levels, sealed.deltas) == ((sealed.strength_over_noise,), (sealed.delta,))
     write_seal(sealed, tmp_path / "sealed.json")
     assert open_seal(tmp_path / "sealed.json") == sealed
@@ -66,7 +68,7 @@ def test_recordings_have_true_names_and_nothing_betrays_the_answer(made: tuple[C
 def test_a_noncentrality_can_be_asked_for(tmp_path: Path) -> None:
     case = draw_case(SENSOR_NONLINEARITY, "same", "few", deltas=(3.0, 3.0))
     sealed = make_case(case, tmp_path)
-    assert sealed.delta == pytest.approx(3.0, rel=0.03)
+    assert sealed.delta == pytest.approx(3.0, rel=0.1)
     assert sealed.strength_over_noise < 0.2
 
 
@@ -80,8 +82,39 @@ def test_what_cannot_be_made_strong_enough_gives_way_to_the_next_choice(tmp_path
     sealed = make_case(replace(alone, choices=(case.choices[0], drift)), tmp_path)
     # A drift can be as fast as half of what is wanted asks for.
     assert sealed.effects == ("sensor_drift",)
-    assert sealed.strength_over_noise == pytest.approx(0.5 * alone.targets[0], rel=0.03)
+    assert sealed.strength_over_noise == pytest.approx(0.5 * alone.targets[0], rel=0.1)
     assert sealed.redrawn >= 3
+
+
+def test_a_pair_is_measured_apart_and_together(tmp_path: Path) -> None:
+    first = next(i for i, c in enumerate(choices("pair")) if c.effects == ("sensor_drift", "mains_pickup"))
+    case = draw_case(first, "pair", "few", levels=(1.0, 10.0))
+    assert all(2.0 <= target <= 10.0 for target in case.targets)
+    sealed = make_case(case, tmp_path)
+    assert (sealed.effects, sealed.location) == (("sensor_drift", "mains_pickup"), ("sensor", "environment"))
+    assert sealed.levels == pytest.approx(case.targets, rel=0.1)
+    # A ramp and a line are nearly orthogonal: their squares add up, and neither hides in the other.
+    assert sealed.delta == pytest.approx(np.hypot(*sealed.deltas), rel=0.02)
+    assert sealed.apart == pytest.approx(sealed.deltas, rel=0.02)
+    assert sealed.strength_over_noise == pytest.approx(np.hypot(*sealed.levels), rel=0.02)
+
+
+def test_noncentrality_is_the_deviation_of_the_best_test(tmp_path: Path) -> None:
+    # The best test projects the whitened recordings on the whitened effect: of noise alone it has unit variance, and
+    # the effect shifts it by δ. Noise is drawn here, the direction is that of the ruler.
+    case = draw_case(LISTED.index("mains_pickup"), "same", "few", deltas=(5.0, 5.0))
+    case = replace(case, noise=Noise(50e-9, 10e-9, 0.7))
+    effect = case.choices[0].concealed(0, np.random.default_rng(0), case.base, case.recordings)
+    _, white = rulers(case.base, case.recordings, case.noise)
+    signal = white.left(concealing(case.base, case.recordings, [(effect, 1e-8)]))
+    delta = np.linalg.norm(signal)
+    rng, scores = np.random.default_rng(1), []
+    for _ in range(300):
+        drawn = [case.noise.drawn(q.size, rng) for q in white.undisturbed]
+        noisy = [q + np.round(n / 10e-9) * 10e-9 for q, n in zip(white.undisturbed, drawn, strict=True)]
+        scores.append(white.left(noisy) @ signal / delta)
+    assert np.std(scores) == pytest.approx(1.0, abs=0.12)
+    assert abs(np.mean(scores)) < 0.2
 
 
 def test_nothing_concealed_leaves_the_base_model(tmp_path: Path) -> None:

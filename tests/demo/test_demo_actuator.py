@@ -75,6 +75,37 @@ def test_agrees_with_an_implicit_solver_of_another_kind() -> None:
     assert np.max(np.abs(path.y[2] - simulate(TABLE, drive))) < 1e-11
 
 
+def test_effects_together_agree_with_equations_written_anew() -> None:
+    # Most effects of the demonstration at once, straight from their equations.
+    drive = sine(150.0, periods=1, samples=100)
+    w = TABLE
+    extra = {
+        "k_s": 300.0, "tau_s": 0.01, "kappa_3": 0.1, "c_2": 20.0, "inv_C_3": 1e5, "rho_3": 0.1, "d_3": 3.0,
+        "kappa_d": 0.1, "epsilon": 1e-3, "tau_V": 1e-4, "V_max": 72.0, "k_c": 1e4, "q_c": 4e-5,
+    }  # fmt: skip
+
+    def dead_zone(e: float, rho: float, half: float) -> float:
+        return rho * math.copysign(max(abs(e) - half, 0.0), e)
+
+    def rates(t: float, x: np.ndarray) -> list[float]:
+        q, v, s = x[2], x[3] / w["m"], x[4]
+        e = [x[0] / w["C_1"], x[1] / w["C_2"], x[5] * 1e5]
+        wide = 0.5 * (1.0 + 0.1 * q / 1e-4)
+        voltage = min(max(x[6], -72.0), 72.0)
+        force = w["alpha"] * (voltage + 0.5e-3 * voltage**2 - sum(e)) - w["k"] * q * (1.0 + 0.1 * (q / 1e-4) ** 2)
+        force -= 300.0 * s + w["b"] * v + 20.0 * abs(v) * v + 1e4 * max(q - 4e-5, 0.0)
+        pairs = ((w["rho_1"], w["d_1"]), (w["rho_2"], w["d_2"]), (0.1, 3.0))
+        currents = [w["alpha"] * v - dead_zone(e[i], rho, d * wide) for i, (rho, d) in enumerate(pairs)]
+        follows = (75.0 * math.sin(2 * math.pi * 150.0 * t) - x[6]) / 1e-4
+        return [currents[0], currents[1], v, force, v - s / 0.01, currents[2], follows]
+
+    tolerance = 1e-9 * np.array([4e-6, 4e-6, 1e-4, 1e-5, 1e-4, 4e-6, 75.0])
+    path = solve_ivp(rates, (0.0, drive.t[-1]), np.zeros(7), "Radau", drive.t, rtol=1e-7, atol=tolerance)
+    moved = simulate({**TABLE, **extra}, drive)
+    assert np.max(np.abs(moved - simulate(TABLE, drive))) > 1e-6
+    assert np.max(np.abs(path.y[2] - moved)) < 2e-11
+
+
 # Each limit turns an effect into something known: a changed base parameter or a changed input.
 @pytest.mark.parametrize(
     ("effect", "same"),
