@@ -18,7 +18,7 @@ from numba import njit
 from phnn.demo.parameters import Array
 
 Q_0 = 100e-6  # m, displacement that the dimensionless strengths refer to
-_TRACKS = 1e-6  # s, within which a slew-limited amplifier that has caught up follows its command
+_TRACKS = 1e-8  # s, within which a slew-limited amplifier that has caught up follows its command
 _CELLS = 8  # of logarithmic creep, evenly spaced over _DECADES
 _DECADES = 4.0
 
