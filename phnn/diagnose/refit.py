@@ -20,19 +20,22 @@ from phnn.setup import Setup
 
 # Evaluations of the three rounds, and how many candidates enter the second and the third.
 _FIRST, _SECOND, _THIRD = 5, 8, 40
-_ENTER_SECOND, _ENTER_THIRD = 7, 4
+_ENTER_SECOND, _ENTER_THIRD = 6, 4
 # What saves less than this share of the best saving in the first round, or costs this many times as much after the
 # second, cannot win.
 _SAVES = 0.35
 _NEAR = 2.0
 # Scores are costs saved to first order; what scores below this share of the best cannot overtake it.
 _WITHIN = 0.25
+# Once a candidate leaves less than this share of the excess, only those that score nearly as high can still tie.
+_SETTLED, _RIVAL = 0.05, 0.75
+_CHUNK = 3
 _OTHER_STARTS = 2
 _TIE = 12.0
 _IMPERFECT = 0.2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """A candidate with its refit; ``fit`` is None where no start could be simulated."""
 
@@ -61,18 +64,43 @@ def refit(base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIA
     """
     if not candidates:
         return []
-    reach = _WITHIN * candidates[0].score
-    tried = [c for c in candidates if c.score >= reach]
-    trials = [Trial(c, f) for c, f in zip(tried, _fits(_first_steps, base, tried, executor), strict=True)]
-    trials.sort(key=lambda t: t.cost)
+    trials = _first_round(base, candidates, executor)
     least = base.cost - _SAVES * (base.cost - trials[0].cost)
-    for work, count, limit in ((_from_several_starts, _ENTER_SECOND, least), (_finished, _ENTER_THIRD, None)):
-        bound = limit if limit is not None else _NEAR * trials[0].cost
-        going = [t for t in trials[:count] if t.cost <= bound]
-        done = _fits(work, base, going, executor)
-        trials[: len(going)] = [Trial(t.candidate, f) for t, f in zip(going, done, strict=True)]
-        trials.sort(key=_criterion)
-    return trials
+    rivals = [t for t in trials if t.cost <= least and _may_tie(t, trials[0], base)]
+    trials = _again(_from_several_starts, base, trials, rivals[:_ENTER_SECOND], executor)
+    rivals = [t for t in trials if t.cost <= _NEAR * trials[0].cost and _may_tie(t, trials[0], base)]
+    return _again(_finished, base, trials, rivals[:_ENTER_THIRD], executor)
+
+
+def _again(
+    work: Callable[[Fit, Any], Fit | None], base: Fit, trials: Sequence[Trial], some: Sequence[Trial], executor: Executor
+) -> list[Trial]:  # fmt: skip
+    """Further work on some of the trials; all of them, best first."""
+    done = [Trial(t.candidate, f) for t, f in zip(some, _fits(work, base, some, executor), strict=True)]
+    return sorted([*done, *(t for t in trials if t not in some)], key=_criterion)
+
+
+def _first_round(base: Fit, candidates: Sequence[Candidate], executor: Executor) -> list[Trial]:
+    """A few steps of each, a few candidates at a time, until one explains nearly everything; best first."""
+    tried = [c for c in candidates if c.score >= _WITHIN * candidates[0].score]
+    trials: list[Trial] = []
+    for first in range(0, len(tried), _CHUNK):
+        some = tried[first : first + _CHUNK]
+        if trials:
+            best = min(trials, key=_cost)
+            some = [c for c in some if _may_tie(Trial(c, None), best, base)]
+        trials += [Trial(c, f) for c, f in zip(some, _fits(_first_steps, base, some, executor), strict=True)]
+    return sorted(trials, key=_cost)
+
+
+def _cost(trial: Trial) -> float:
+    return trial.cost
+
+
+def _may_tie(trial: Trial, best: Trial, base: Fit) -> bool:
+    """Whether a candidate can still end where the best one is."""
+    settled = best.cost - base.residual.size < _SETTLED * (base.cost - base.residual.size)
+    return not settled or trial.candidate.score >= _RIVAL * best.candidate.score
 
 
 def _fits(

@@ -20,7 +20,7 @@ from phnn.recordings.sampling import on_grid
 from phnn.recordings.table import Table, Where
 from phnn.recordings.text_files import looks_like_numbers, read_csv, read_text
 from phnn.recordings.units import UNITS, parse_name
-from phnn.signals.noise import noise_floor
+from phnn.signals.noise import WHITE, NoiseFloor, noise_floor, pooled
 
 READERS: Mapping[str, Callable[[Path], Table]] = {
     ".csv": read_csv,
@@ -52,7 +52,13 @@ def read(folder: str | Path, manifest: str | Path | None = None, *, need_output:
     drafts = [_draft(home, entry, said, need_output) for entry in entries]
     checks.unique_names((d.recording.name, d.recording.source) for d in drafts)
     parts, new, notes = _divided(drafts, need_output)
-    recordings = tuple(replace(d.recording, parts=parts[d.recording.name]) for d in drafts)
+    recordings = tuple(
+        replace(
+            d.recording, parts=parts[d.recording.name], noise=f.value, noise_source=f.source,
+            noise_correlation=f.correlation,
+        )
+        for d, f in zip(drafts, pooled([d.floor for d in drafts]), strict=True)
+    )  # fmt: skip
     notes = (_extent(recordings), *_columns(drafts), *(note for d in drafts for note in d.notes), *notes)
     if left:
         notes = (*notes, f"Left alone, no recordings: {', '.join(left)}.")
@@ -64,6 +70,7 @@ class _Draft:
     """A recording that has not been given its parts yet."""
 
     recording: Recording
+    floor: NoiseFloor
     excitation: Excitation
     use: str | None
     columns: str
@@ -137,24 +144,23 @@ def _draft(home: Path, entry: Entry, said: Manifest, need_output: bool) -> _Draf
         checks.not_clipped(u, y, label, channels[y_name].factor, where)
     excitation = _excitation(u, dt, entry, where)
     name = entry.name or path.stem
-    recording = _recording(name, path.name, dt, u, y, start, entry, excitation)
+    floor, recording = _recording(name, path.name, dt, u, y, start, entry, excitation)
     further = {q: values[q] for q in FURTHER if q in values and q != u_name}
     recording = replace(recording, channels=further)
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
     spare = unused(table, channels)
     if spare and not table.by_name:
         notes.append(f"{name}: columns not used: {', '.join(spare)}.")
-    return _Draft(recording, excitation, entry.use, what, tuple(notes))
+    return _Draft(recording, floor, excitation, entry.use, what, tuple(notes))
 
 
 def _recording(
     name: str, file: str, dt: float, u: np.ndarray, y: np.ndarray, start: Start, entry: Entry, excitation: Excitation
-) -> Recording:
-    value, source, correlation = float("nan"), "no output recorded", np.array([1.0])
+) -> tuple[NoiseFloor, Recording]:
+    floor = NoiseFloor(float("nan"), "no output recorded", WHITE)
     if np.isfinite(y).all():
         floor = noise_floor(u, y, dt, excitation.period, excitation.span, start.state == "periodic")
-        value, source, correlation = floor.value, floor.source, floor.correlation
-    return Recording(
+    return floor, Recording(
         name=name,
         t=dt * np.arange(u.size),
         u=u,
@@ -162,9 +168,9 @@ def _recording(
         start=start,
         interpolation=entry.input or "cubic",
         parts=(),
-        noise=value,
-        noise_source=source,
-        noise_correlation=correlation,
+        noise=floor.value,
+        noise_source=floor.source,
+        noise_correlation=floor.correlation,
         period=excitation.period,
         channels={},
         source=file,

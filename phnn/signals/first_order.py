@@ -52,7 +52,7 @@ def fit_first_order(y: np.ndarray) -> FirstOrder | None:
         if band.sum() < _FEWEST:
             return None
         p, w = power[band], omega[band]
-        coloured, white = _best(p, w, (0.0, 0.4, 0.8)), _best(p, w, (0.0,), white=True)
+        coloured, white = _best(p, w, (0.1, 0.5, 0.8)), _best(p, w, (0.0,), white=True)
         shape = _shape(coloured.x, w)
         if not _fits(p, shape):
             continue
@@ -70,12 +70,13 @@ def _best(power: np.ndarray, omega: np.ndarray, starts: tuple[float, ...], white
         shape = _shape(np.array([0.0, z[0]]) if white else z, omega)
         return float(np.log(np.mean(power / shape)) + np.mean(np.log(shape)))
 
-    points = [[t] if white else [np.arctanh(a), t] for a in starts for t in _TAILS]
+    points = [[t] if white else [np.arctanh(np.sqrt(a)), t] for a in starts for t in _TAILS]
     return min((minimize(negative, z, method="Nelder-Mead") for z in points), key=lambda r: float(r.fun))
 
 
 def _coefficient(z: float) -> float:
-    return float(_LARGEST * np.tanh(z))
+    """Between zero and the largest one: an amplifier or a filter makes neighbours alike, never opposite."""
+    return float(_LARGEST * np.tanh(z) ** 2)
 
 
 def _shape(z: np.ndarray, omega: np.ndarray) -> np.ndarray:
