@@ -113,7 +113,7 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
     config = compose(_SETTINGS[name], settings) if name in _SETTINGS else {}
     if name == _TRAIN:
         config = compose_groups(_TRAIN, settings)
-    # Sums over several threads round otherwise, so that a result would depend on the number of cores; and recordings are
+    # Sums over several threads round otherwise, so that a result would depend on the number of cores; recordings are
     # simulated in threads already.
     for variable, count in ONE_THREAD.items():
         os.environ.setdefault(variable, count)

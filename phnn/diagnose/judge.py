@@ -19,10 +19,11 @@ from phnn.identify.staged import fit_identified, stated_only
 
 SIGNIFICANT = 0.01
 _REFITS = 14
+_RETESTED = 5
 # Below this share of the excess residual explained, a catalogue entry imitates the truth rather than being it.
 _EXPLAINS = 0.7
-# What comes second explains what the first left, which in real recordings is itself a mixture.
-_EXPLAINS_MORE = 0.4
+# What takes less than this share of what is left does not help to find what else is missing.
+_EXPLAINS_SOME = 0.25
 # Learned against named: how much less it must leave.
 _CLEARLY = 0.8
 # A second effect must matter: it is looked for only where the residual exceeds the noise by this much.
@@ -118,7 +119,8 @@ def judge(
     if naming.p_value >= SIGNIFICANT:
         return Judgement("none", ground, naming, None, ground.fit, ground)
     location = locate(ground, found.generic)
-    findings, tried, here, scores = _select(ground, naming, effects, seed, max_effects, executor)
+    selected, tried = _select(ground, naming, effects, seed, max_effects, executor)
+    findings, here, scores = selected.findings, selected.ground, selected.scores
     final = here.fit
     learned = None
     if not findings or scores.p_value < SIGNIFICANT:
@@ -130,57 +132,107 @@ def judge(
     settled = new_in_held_out and all(len(f.members) == 1 for f in findings)
     remaining = locate(here) if scores.p_value < SIGNIFICANT else None
     verdict = "named" if settled else "equivalent"
-    return Judgement(verdict, ground, naming, location, final, here, tuple(findings), tried, scores, remaining)
+    return Judgement(verdict, ground, naming, location, final, here, findings, tried, scores, remaining)
+
+
+@dataclass(frozen=True)
+class _Selected:
+    """A step of the selection: the effects so far, the model with them, what it leaves, the share the last one took."""
+
+    findings: tuple[Finding, ...]
+    ground: Ground
+    scores: Naming
+    share: float
 
 
 def _select(
     ground: Ground, naming: Naming, effects: Sequence[Effect], seed: int, max_effects: int, executor: Executor
-) -> tuple[list[Finding], tuple[Trial, ...], Ground, Naming]:
-    """Forward selection: effects that explain enough of what is left, one after the other."""
-    findings: list[Finding] = []
+) -> tuple[_Selected, tuple[Trial, ...]]:
+    """Forward selection with backward deletion; and what was tried for the first effect.
+
+    Of two effects of one size the first explains but half, so that one is tried upon another while each takes some of
+    what is left. What is kept in the end either leaves nothing significant, or its last effect took most of what there
+    was: several that nibble at one another's leavings are no explanation.
+    """
+    steps = [_Selected((), ground, naming, 1.0)]
     tried: tuple[Trial, ...] = ()
-    here, scores = ground, naming
-    while len(findings) < max_effects:
-        left = [c for c in scores.candidates if c.p_value < SIGNIFICANT][:_REFITS]
-        trials = refit(here.fit, left, executor)
+    while len(steps) <= max_effects and steps[-1].scores.p_value < SIGNIFICANT:
+        last = steps[-1]
+        left = [c for c in last.scores.candidates if c.p_value < SIGNIFICANT][:_REFITS]
+        trials = refit(last.ground.fit, left, executor)
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
-        fitted = trials[0].fit
+        step = _with(ground, last, trials, effects, seed, executor)
+        if step.scores.p_value < SIGNIFICANT and step.share < _EXPLAINS_SOME:
+            break
+        steps.append(step)
+        if step.ground.fit.chi2 < _MATERIAL**2:
+            break
+    while steps[-1].scores.p_value < SIGNIFICANT and len(steps) > 1 and steps[-1].share < _EXPLAINS:
+        steps.pop()
+    return steps[-1], tried
+
+
+def _with(
+    ground: Ground,
+    last: _Selected,
+    trials: Sequence[Trial],
+    effects: Sequence[Effect],
+    seed: int,
+    executor: Executor,
+) -> _Selected:
+    """The step with the best of some trials, what came before tested again."""
+    best = trials[0]
+    assert best.fit is not None
+    after = prepare(best.fit, ground.terminals)
+    scores = score(after, effects, responses(after), seed)
+    share = _share(last.ground.fit, best.fit, last.scores)
+    members = tuple(class_of(trials, scores.p_value < SIGNIFICANT))
+    findings = (*last.findings, Finding(best, members, tuple(trials), last.scores))
+    findings, fitted = _retested(ground.fit, findings, best.fit, executor)
+    if fitted is not best.fit:
         after = prepare(fitted, ground.terminals)
-        remainder = score(after, _others(effects, findings, trials[0]), responses(after), seed)
-        enough = _EXPLAINS_MORE if findings else _EXPLAINS
-        if remainder.p_value < SIGNIFICANT and _share(here.fit, fitted, scores) < enough:
-            break
-        unexplained = remainder.p_value < SIGNIFICANT
-        findings.append(Finding(trials[0], tuple(class_of(trials, unexplained)), tuple(trials), scores))
-        here, scores = after, remainder
-        superfluous = _superfluous(ground.fit, findings, here.fit)
-        if superfluous is not None:
-            findings, fitted = superfluous
-            here = prepare(fitted, ground.terminals)
-            scores = score(here, _others(effects, findings, findings[-1].trial), responses(here), seed)
-        if scores.p_value >= SIGNIFICANT or fitted.chi2 < _MATERIAL**2:
-            break
-    return findings, tried, here, scores
+        scores = score(after, effects, responses(after), seed)
+    return _Selected(findings, after, scores, share)
 
 
-def _superfluous(base: Fit, findings: Sequence[Finding], fitted: Fit) -> tuple[list[Finding], Fit] | None:
-    """Backward deletion: the findings without an earlier one that those after it have made superfluous."""
-    for place in range(len(findings) - 1):
-        left = [f for i, f in enumerate(findings) if i != place]
-        values = fitted.setup.values()
-        setup = base.setup.with_values({n: values[n] for n in base.setup.free})
-        for f in left:
-            setup = f.trial.candidate.effect.add_to(setup, values)
-        own = [n for f in left for n in f.trial.candidate.effect.parameters]
-        try:
-            alone = fit_identified(setup, base.plan, stated_only(base.held), origin=base, keep=own)
-        except PhnnError:
+def _retested(
+    base: Fit, findings: tuple[Finding, ...], fitted: Fit, executor: Executor
+) -> tuple[tuple[Finding, ...], Fit]:
+    """Every earlier finding once more, now that the last one is there: superfluous, or better another one?"""
+    place = 0
+    while place < len(findings) - 1:
+        others = (*findings[:place], *findings[place + 1 :])
+        alone = _fit_with(base, others, fitted)
+        if alone is None:
+            place += 1
             continue
         if alone.cost - fitted.cost < tie(fitted):
-            return left, alone
-    return None
+            findings, fitted = others, alone
+            continue
+        used = {f.trial.candidate.effect.name for f in others}
+        rivals = [t.candidate for t in findings[place].trials[:_RETESTED] if t.candidate.effect.name not in used]
+        trials = refit(alone, rivals, executor)
+        best = trials[0]
+        if best.fit is not None and best.cost <= fitted.cost:
+            again = Finding(best, tuple(class_of(trials, False)), tuple(trials), findings[place].naming)
+            findings, fitted = (*findings[:place], again, *findings[place + 1 :]), best.fit
+        place += 1
+    return findings, fitted
+
+
+def _fit_with(base: Fit, findings: Sequence[Finding], fitted: Fit) -> Fit | None:
+    """The base model with some of the effects of a fit, fitted from where that one ended."""
+    values = fitted.setup.values()
+    setup = base.setup.with_values({n: values[n] for n in base.setup.free})
+    for f in findings:
+        setup = f.trial.candidate.effect.add_to(setup, values)
+    own = [n for f in findings for n in f.trial.candidate.effect.parameters]
+    try:
+        return fit_identified(setup, base.plan, stated_only(base.held), origin=base, keep=own)
+    except PhnnError:
+        return None
 
 
 def _share(before: Fit, after: Fit, scores: Naming) -> float:
@@ -191,11 +243,6 @@ def _share(before: Fit, after: Fit, scores: Naming) -> float:
     spread = 2.0 * (2.0 * before.residual.size) ** 0.5
     explainable = max(excess(before) - spread, scores.statistic**2, 1e-300)
     return (before.cost - after.cost) / explainable
-
-
-def _others(effects: Sequence[Effect], findings: Sequence[Finding], trial: Trial) -> list[Effect]:
-    used = {f.trial.candidate.effect.name for f in findings} | {trial.candidate.effect.name}
-    return [e for e in effects if e.name not in used]
 
 
 def _unknown(

@@ -73,8 +73,12 @@ def refit(base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIA
 
 
 def _again(
-    work: Callable[[Fit, Any], Fit | None], base: Fit, trials: Sequence[Trial], some: Sequence[Trial], executor: Executor
-) -> list[Trial]:  # fmt: skip
+    work: Callable[[Fit, Any], Fit | None],
+    base: Fit,
+    trials: Sequence[Trial],
+    some: Sequence[Trial],
+    executor: Executor,
+) -> list[Trial]:
     """Further work on some of the trials; all of them, best first."""
     done = [Trial(t.candidate, f) for t, f in zip(some, _fits(work, base, some, executor), strict=True)]
     return sorted([*done, *(t for t in trials if t not in some)], key=_criterion)

@@ -32,8 +32,10 @@ class Outcome:
     Attributes:
         name, tier, group, seed, plan, stratum, form: which case.
         truth: concealed effects; places: their locations; withheld: catalogue entries taken away.
-        level: residual over noise of what was concealed; delta: noncentrality of its own direction; base: of the base fit.
-        verdict, named, members, location, tied, dictionary: the answer; ``dictionary`` is the location found before naming.
+        level: residual over noise of what was concealed; delta: noncentrality of its own direction.
+        base: residual over noise of the base fit.
+        verdict, named, members, location, tied: the answer.
+        dictionary: the location found before naming.
         statistic, p_value, remainder: scores.
         grade: ``exact``, ``class`` or ``wrong``; located: ``alone``, ``tied`` or ``no``.
         held_before, held_after: residual over noise on held-out recordings, root mean square.

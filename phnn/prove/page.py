@@ -25,11 +25,9 @@ def write_proof(outcomes: Sequence[Outcome], settings: Settings, digest: str, ou
     found = rates(outcomes)
     drawings = draw_all(outcomes)
     write_atomic(out / "cases.csv", _csv(pd.DataFrame([o.row() for o in outcomes])))
-    table = [
-        {"what": r.label, "target": r.target, "hits": r.hits, "cases": r.cases, "low": r.interval[0], "high": r.interval[1]}
-        for r in found
-    ]  # fmt: skip
-    write_atomic(out / "rates.csv", _csv(pd.DataFrame(table)))
+    table = [(r.label, r.target, r.hits, r.cases, *r.interval) for r in found]
+    columns = ["what", "target", "hits", "cases", "low", "high"]
+    write_atomic(out / "rates.csv", _csv(pd.DataFrame(table, columns=columns)))
     for drawing in drawings:
         write_atomic(out / "figures" / drawing.file, drawing.png)
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from phnn.demo import Sealed, make_case, open_seal, write_seal
+from phnn.effects import catalogue
 from phnn.ensemble import executor
 from phnn.errors import InputRefused, PhnnError
 from phnn.prove.cases import Task, tasks
@@ -104,7 +105,7 @@ def _answered(room: Room, settings: Settings, task: Task) -> None:
         else:
             options = {"seed": settings.seed, "starts": settings.starts, "max_effects": settings.max_effects}
             report = room.out / "reports" / task.name
-            without = open_seal(room.seal(task)).withheld
+            without = containing(open_seal(room.seal(task)).withheld)
             answer = diagnose_folder(folder, report, without, options, settings.keep)
     except PhnnError as error:
         answer = {"failure": str(error)}
@@ -112,6 +113,11 @@ def _answered(room: Room, settings: Settings, task: Task) -> None:
     write_atomic(room.answer(task), text.encode())
     if not settings.keep:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def containing(names: Sequence[str]) -> list[str]:
+    """Effects, and those of which one of them is a special case: they would say the same under another name."""
+    return [n for n, e in catalogue().items() if n in names or set(names) & set(e.contains)]
 
 
 def _digest(room: Room, todo: Sequence[Task]) -> str:
