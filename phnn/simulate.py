@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.chain.passage import amplified, measured, measured_changes, place_of, sounded
+from phnn.chain.passage import amplified, measured, measured_changes, place_of, sensed, sounded
 from phnn.errors import SolverFailed
 from phnn.integrate import kernel, sweep
 from phnn.integrate.program import Program, compile_network
@@ -117,7 +117,8 @@ def simulate(
             f"{recording.name}: no solution of the step at t = {h[:done].sum() - lead * recording.dt:.6g} s; "
             "a parameter is probably far from physical: narrow its bounds or use more sub-steps"
         )
-    y = measured(setup, states[nodes, program.output], _sample_times(recording, lead))
+    looks, times, samples_of = sensed(setup, nodes, h)
+    y = measured(setup, states[looks, program.output], times - lead * recording.dt)[samples_of]
     return Trajectory(
         setup, recording, program, theta, h, nodes, lead, rest, recording.t, y[lead:], fine, u, states, efforts
     )
@@ -154,11 +155,6 @@ def input_before(recording: Recording, samples: Array) -> float:
     return recording.start.input_before if recording.start.state == "rest" else float(samples[0])
 
 
-def _sample_times(recording: Recording, lead: int) -> Array:
-    """(lead + N,) times of all samples, those of the spin-up negative."""
-    return np.concatenate([recording.t[0] - recording.dt * np.arange(lead, 0, -1), recording.t])
-
-
 def output_derivatives(
     trajectory: Trajectory,
     names: Sequence[str],
@@ -182,6 +178,7 @@ def output_derivatives(
     acting = _acting(trajectory, names)
     active = np.concatenate([places, [sweep.carrier(program, a.port) for a in acting]]).astype(np.int64)
     steps = trajectory.u.shape[0]
+    looks, times, samples_of = sensed(setup, trajectory.nodes, trajectory.h)
     given = np.zeros((steps, 0)) if forces is None else np.ascontiguousarray(forces)
     signals = np.column_stack([w for _, w in varied]) if varied else np.zeros((steps, 0))
     start = np.zeros((trajectory.states.shape[1], places.size))
@@ -191,16 +188,16 @@ def output_derivatives(
         program, trajectory.theta, active, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h,
         np.hstack([start, *(a.rest[:, None] for a in acting)]), np.array(initial, dtype=np.int64), given,
         np.array([network_names.index(n) for n, _ in varied], dtype=np.int64), np.ascontiguousarray(signals),
-        trajectory.nodes, {places.size + j: a.action for j, a in enumerate(acting)},
+        looks, {places.size + j: a.action for j, a in enumerate(acting)},
     )  # fmt: skip
     head = np.zeros((out.shape[0], len(names)))
     for k, name in enumerate(network_names[:asked]):
         head[:, names.index(name)] = out[:, k]
     for j, a in enumerate(acting):
         head[:, names.index(a.name)] += out[:, places.size + j]
-    q, times = trajectory.states[trajectory.nodes, program.output], _sample_times(trajectory.recording, trajectory.lead)
+    q, times = trajectory.states[looks, program.output], times - trajectory.lead * trajectory.recording.dt
     changes = np.hstack([head, out[:, active.size :]])
-    return measured_changes(setup, q, times, changes, names)[trajectory.lead :]
+    return measured_changes(setup, q, times, changes, names)[samples_of][trajectory.lead :]
 
 
 def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Array) -> Array:

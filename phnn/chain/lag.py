@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from phnn.chain.midpoints import midpoints
+from phnn.integrate.compiled import entry
 
 Array = NDArray[Any]
 
@@ -19,24 +19,42 @@ _SERIES, _TERMS = 0.5, 16
 
 def lag(y: Array, t: Array, tau: Any) -> Array:
     """``τ ẏ' + y' = y``, exactly for a ``y`` that is a parabola through samples and midpoints; settled at the first."""
-    zeroth, first, second = _moments((t.flat[1] - t.flat[0]) / tau)
-    middle = midpoints(y)
-    # Weights of the parabola's values at 0, ½ and 1.
-    at_ends = (zeroth - 3.0 * first + 2.0 * second) * y[:-1] + (2.0 * second - first) * y[1:]
-    driven = at_ends + 4.0 * (first - second) * middle
+    times, columns = t.ravel(), y.reshape(y.shape[0], -1)
+    zeroth, first, second = _moments(np.diff(times) / tau)
+    # Weights of the parabola's values at 0, 1 and ½.
+    weights = (zeroth - 3.0 * first + 2.0 * second, 2.0 * second - first, 4.0 * (first - second))
+    parts = (columns[:-1], columns[1:], midpoints(columns, times))
+    driven = weights[0][:, None] * parts[0] + weights[1][:, None] * parts[1] + weights[2][:, None] * parts[2]
     keeps = 1.0 - zeroth
-    rest, _ = lfilter([1.0], np.array([1.0, -keeps]), driven, axis=0, zi=keeps * y[:1])
-    return np.concatenate([y[:1] + 0.0 * rest[:1], rest])
+    zero = 0.0 * (driven[0, 0] + keeps[0])
+    return np.asarray(_lagging(driven + zero, keeps + zero, columns[0] + zero).reshape(y.shape))
 
 
-def _moments(z: Any) -> tuple[Any, Any, Any]:
+def _lagging_loop(driven: Any, keeps: Any, start: Any) -> Any:
+    out = np.empty((driven.shape[0] + 1, driven.shape[1]), driven.dtype)
+    out[0] = start
+    for n in range(driven.shape[0]):
+        for k in range(driven.shape[1]):
+            out[n + 1, k] = keeps[n] * out[n, k] + driven[n, k]
+    return out
+
+
+def _moments(z: Array) -> tuple[Array, ...]:
     """``∫₀¹ z e^{−z(1−s)} sᵏ ds`` for k = 0, 1, 2."""
-    if np.real(z) < _SERIES:
-        found = [
-            factorial(k) * sum((-1.0) ** j * z ** (j + 1) / factorial(k + j + 1) for j in range(_TERMS))
-            for k in range(3)
-        ]  # fmt: skip
-        return found[0], found[1], found[2]
-    zeroth = 1.0 - np.exp(-z)
-    first = 1.0 - zeroth / z
-    return zeroth, first, 1.0 - 2.0 * first / z
+    small = np.real(z) < _SERIES
+    low, high = np.where(small, z, 0.0), np.where(small, 1.0, z)
+    zeroth = 1.0 - np.exp(-high)
+    first = 1.0 - zeroth / high
+    closed = (zeroth, first, 1.0 - 2.0 * first / high)
+    return tuple(np.where(small, _series(low, k), c) for k, c in enumerate(closed))
+
+
+def _series(z: Array, k: int) -> Array:
+    """The same by powers of a small ``z``, Horner's way."""
+    total = 0.0 * z
+    for j in reversed(range(_TERMS)):
+        total = total * z + (-1.0) ** j * factorial(k) / factorial(k + j + 1)
+    return np.asarray(total * z)
+
+
+_lagging = entry(_lagging_loop)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.chain import AMPLIFIERS, SENSORS, SOURCES
+from phnn.chain import AMPLIFIERS, REMEMBERING, SENSORS, SOURCES
 from phnn.laws.namespace import TINY
 from phnn.setup import Block, Setup, Source
 from phnn.signals.reconstruct import mean_input
@@ -47,6 +47,21 @@ def sounded(setup: Setup, source: Source, h: Array, lead: float, perturbed: str 
     times = starts[:, None] + h[:, None] * np.array([0.0, 0.5, 1.0])
     found = mean_input(SOURCES[source.kind](times, *_values(setup, source, perturbed)))
     return np.where(times[:, 1] > 0.0, found, 0.0)
+
+
+def sensed(setup: Setup, nodes: NDArray[np.int64], h: Array) -> tuple[NDArray[np.int64], Array, NDArray[np.int64]]:
+    """Where the sensor looks: nodes of the steps, their times [s] from the first node on, and the samples among them.
+
+    Those of all steps where a block remembers, for a fast motion between samples that lie far apart leaves its trace;
+    those of the samples otherwise.
+
+    Args:
+        nodes: of the samples; h: (n,) steps.
+    """
+    times = np.concatenate([[0.0], np.cumsum(h)])
+    if any(b.kind in REMEMBERING for b in setup.sensor):
+        return np.arange(times.size), times, nodes
+    return nodes, times[nodes], np.arange(nodes.size)
 
 
 def measured(setup: Setup, q: Array, times: Array) -> Array:

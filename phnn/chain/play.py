@@ -22,7 +22,7 @@ def play(y: Array, t: Array, width: Any) -> Array:
     """
     columns = y.reshape(y.shape[0], -1)
     zero = 0.0 * (width + columns[0, 0])
-    found = _played(columns + zero, midpoints(columns) + zero, width + zero)
+    found = _played(columns + zero, midpoints(columns, t.ravel()) + zero, width + zero)
     return np.asarray(found.reshape(y.shape))
 
 

@@ -41,3 +41,5 @@ SENSORS: dict[str, Callable[..., Array]] = {
     "rectification": rectification,
     "play": play,
 }
+REMEMBERING = ("lag", "play")
+"""Blocks whose output depends on what was between the samples."""
