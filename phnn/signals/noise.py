@@ -28,9 +28,9 @@ _FORGOTTEN = 0.01  # correlation at which first-order noise is cut
 class NoiseFloor:
     """Standard deviation of the noise (unit of the output), its source in words, and its autocorrelation.
 
-    ``correlation`` is ``(K,)``, lags ``0..K-1``, first entry 1; ``[1.0]`` when white or unknown. ``coefficient`` is that
-    of first-order noise seen in a part of the spectrum only, zero where such a part was taken as white, and ``None``
-    where more of the noise was seen.
+    ``correlation`` is ``(K,)``, lags ``0..K-1``, first entry 1; ``[1.0]`` when white or unknown.
+    ``coefficient`` is that of first-order noise seen in a part of the spectrum only, zero where such a part was taken
+    as white, and ``None`` where more of the noise was seen.
     """
 
     value: float
