@@ -26,6 +26,8 @@ _EXPLAINS = 0.7
 _EXPLAINS_SOME = 0.25
 # Learned against named: how much less it must leave.
 _CLEARLY = 0.8
+# How much less a location must explain to be called another one.
+_ELSEWHERE = 0.01
 # A second effect must matter: it is looked for only where the residual exceeds the noise by this much.
 _MATERIAL = 1.1
 
@@ -125,8 +127,12 @@ def judge(
     learned = None
     if not findings or scores.p_value < SIGNIFICANT:
         learned = learn(ground, location.detail) if location.name == "mechanical" else None
-    # What a few generic functions at the location explain clearly better was imitated, not named.
+    # What a few generic functions at the location explain clearly better was imitated, not named; so was what leaves
+    # something and lies elsewhere than where those functions explain most.
     imitated = learned is not None and learned.cost < _CLEARLY * final.cost
+    if findings and scores.p_value < SIGNIFICANT:
+        best = location.scores[location.name]
+        imitated |= location.scores[findings[0].trial.candidate.effect.location] < best - _ELSEWHERE
     if not findings or imitated:
         return _unknown(ground, naming, location, tried, seed, learned)
     settled = new_in_held_out and all(len(f.members) == 1 for f in findings)

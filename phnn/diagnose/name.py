@@ -85,7 +85,8 @@ def score(
     value = np.where(sided, np.maximum(scores, 0.0), np.abs(scores))
     null = _null_of_supremum((d.T @ rd) * np.outer(scale, scale), sided, len(lines), seed)
     strengths = (d.T @ ground.residual) / np.maximum(np.einsum("ij,ij->j", d, d), 1e-300)
-    candidates = _best_of_each(points, value, strengths, null)
+    saved = np.einsum("ij,ij->j", d, d) * (2.0 * strengths - 1.0)
+    candidates = _best_of_each(points, value, strengths, saved, null)
     candidates += [Candidate(c.effect, c.values, (), c.deviate, tail(null, c.deviate)) for c in lines]
     statistic = float(max([value.max(initial=0.0), *(c.deviate for c in lines)]))
     fake = 0.0 if error is None else float(np.abs(scale * (d.T @ ground.project(error))).max(initial=0.0))
@@ -99,14 +100,15 @@ def score(
 
 
 def _best_of_each(
-    points: Sequence[tuple[Effect, dict[str, float]]], value: Array, strengths: Array, null: Array
+    points: Sequence[tuple[Effect, dict[str, float]]], value: Array, strengths: Array, saved: Array, null: Array
 ) -> list[Candidate]:
+    """The candidates; the starts of one whose strength cannot be chosen are those that save most as they are."""
     found = []
     for effect in dict.fromkeys(e for e, _ in points):
         mine = [i for i, (e, _) in enumerate(points) if e is effect]
-        order = sorted(mine, key=lambda i: -value[i])
+        order = sorted(mine, key=lambda i: -(value if effect.strength is not None else saved)[i])
         starts = [effect.scaled(points[i][1], float(strengths[i])) for i in order]
-        best = float(value[order[0]])
+        best = float(max(value[i] for i in mine))
         found.append(Candidate(effect, starts[0], tuple(starts[1:3]), best, tail(null, best)))
     return found
 
