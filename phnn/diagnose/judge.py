@@ -121,7 +121,7 @@ def judge(
     if naming.p_value >= SIGNIFICANT:
         return Judgement("none", ground, naming, None, ground.fit, ground)
     location = locate(ground, found.generic)
-    selected, tried = _select(ground, naming, effects, seed, max_effects, executor)
+    selected, tried = _select(ground, naming, location, effects, seed, max_effects, executor)
     findings, here, scores = selected.findings, selected.ground, selected.scores
     final = here.fit
     learned = None
@@ -152,7 +152,13 @@ class _Selected:
 
 
 def _select(
-    ground: Ground, naming: Naming, effects: Sequence[Effect], seed: int, max_effects: int, executor: Executor
+    ground: Ground,
+    naming: Naming,
+    location: Location,
+    effects: Sequence[Effect],
+    seed: int,
+    max_effects: int,
+    executor: Executor,
 ) -> tuple[_Selected, tuple[Trial, ...]]:
     """Forward selection with backward deletion; and what was tried for the first effect.
 
@@ -165,11 +171,11 @@ def _select(
     while len(steps) <= max_effects and steps[-1].scores.p_value < SIGNIFICANT:
         last = steps[-1]
         left = [c for c in last.scores.candidates if c.p_value < SIGNIFICANT][:_REFITS]
-        trials = refit(last.ground.fit, left, executor)
+        trials = _in_place(refit(last.ground.fit, left, executor), location)
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
-        step = _with(ground, last, trials, effects, seed, executor)
+        step = _with(ground, last, trials, location, effects, seed, executor)
         if step.scores.p_value < SIGNIFICANT and step.share < _EXPLAINS_SOME:
             break
         steps.append(step)
@@ -180,10 +186,20 @@ def _select(
     return steps[-1], tried
 
 
+def _in_place(trials: list[Trial], location: Location) -> list[Trial]:
+    """The trials with the one first that, of those which fit as well as the best, lies where most is explained."""
+    if not trials or trials[0].fit is None:
+        return trials
+    members = class_of(trials, trials[0].fit.chi2 > _MATERIAL**2)
+    first = max(members, key=lambda t: location.scores[t.candidate.effect.location])
+    return [first, *(t for t in trials if t is not first)]
+
+
 def _with(
     ground: Ground,
     last: _Selected,
     trials: Sequence[Trial],
+    location: Location,
     effects: Sequence[Effect],
     seed: int,
     executor: Executor,
@@ -196,7 +212,7 @@ def _with(
     share = _share(last.ground.fit, best.fit, last.scores)
     members = tuple(class_of(trials, scores.p_value < SIGNIFICANT))
     findings = (*last.findings, Finding(best, members, tuple(trials), last.scores))
-    findings, fitted = _retested(ground.fit, findings, best.fit, executor)
+    findings, fitted = _retested(ground.fit, findings, best.fit, location, executor)
     if fitted is not best.fit:
         after = prepare(fitted, ground.terminals)
         scores = score(after, effects, responses(after), seed)
@@ -204,7 +220,7 @@ def _with(
 
 
 def _retested(
-    base: Fit, findings: tuple[Finding, ...], fitted: Fit, executor: Executor
+    base: Fit, findings: tuple[Finding, ...], fitted: Fit, location: Location, executor: Executor
 ) -> tuple[tuple[Finding, ...], Fit]:
     """Every earlier finding once more, now that the last one is there: superfluous, or better another one?"""
     place = 0
@@ -219,9 +235,9 @@ def _retested(
             continue
         used = {f.trial.candidate.effect.name for f in others}
         rivals = [t.candidate for t in findings[place].trials[:_RETESTED] if t.candidate.effect.name not in used]
-        trials = refit(alone, rivals, executor)
+        trials = _in_place(refit(alone, rivals, executor), location)
         best = trials[0]
-        if best.fit is not None and best.cost <= fitted.cost:
+        if best.fit is not None and best.cost <= fitted.cost + tie(fitted):
             again = Finding(best, tuple(class_of(trials, False)), tuple(trials), findings[place].naming)
             findings, fitted = (*findings[:place], again, *findings[place + 1 :]), best.fit
         place += 1

@@ -8,15 +8,19 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phnn.diagnose.name import Candidate
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
-from phnn.errors import PhnnError
+from phnn.errors import PhnnError, SolverFailed
 from phnn.identify.base import released
-from phnn.identify.fit import Fit, distinct_optima, fit
+from phnn.identify.fit import Fit, distinct_optima, fit, variables_from
+from phnn.identify.problem import Problem
 from phnn.identify.staged import fit_identified, stated_only
 from phnn.setup import Setup
+
+Array = NDArray[np.float64]
 
 # Evaluations of the three rounds, and how many candidates enter the second and the third.
 _FIRST, _SECOND, _THIRD = 5, 8, 40
@@ -31,6 +35,8 @@ _WITHIN = 0.25
 _SETTLED, _RIVAL = 0.05, 0.75
 _CHUNK = 3
 _OTHER_STARTS = 2
+# Shares of the step that makes room for an effect, and the largest such step of an estimation coordinate.
+_SHARES, _FARTHEST = (1.0, 0.3), 2.0
 _TIE = 12.0
 _IMPERFECT = 0.2
 
@@ -138,10 +144,42 @@ def _few_steps(
         begun = _clamped(effect, setup, values)
         own = [n for n in effect.parameters if not begun.parameters[n].fixed]
         names = [*base.variables.names, *own]
-        origin = base if setup is base.setup else None
+        origin = None
+        if setup is base.setup:
+            begun, origin = _adjusted(base, begun)
         return fit(begun, base.plan.coarse(), names, base.held, evaluations, origin=origin)
     except PhnnError:
         return None
+
+
+def _adjusted(base: Fit, begun: Setup) -> tuple[Setup, Fit]:
+    """A start whose base parameters and initial states make room for the effect, to first order; and where they are.
+
+    Without that a strong effect beside parameters that took its part before is further off than no effect at all.
+    """
+    if not base.z.size:
+        return begun, base
+    plan = base.plan.coarse()
+
+    def residual(z: Array) -> Array:
+        moved = replace(base, z=z, setup=base.variables.setup(base.setup, z))
+        variables = variables_from(begun, plan, (), moved)
+        return Problem(base.variables.setup(begun, z), plan, variables).residual(variables.start(begun))
+
+    first = residual(base.z)
+    step, *_ = np.linalg.lstsq(base.jacobian, -first, rcond=1e-10)
+    best, z = float(first @ first), base.z
+    for share in _SHARES:
+        tried = base.z + share * np.clip(step, -_FARTHEST, _FARTHEST)
+        try:
+            cost = float(np.sum(residual(tried) ** 2))
+        except SolverFailed:
+            continue
+        if cost < best:
+            best, z = cost, tried
+            break
+    moved = replace(base, z=z, setup=base.variables.setup(base.setup, z))
+    return base.variables.setup(begun, z), moved
 
 
 def _from_several_starts(base: Fit, trial: Trial) -> Fit | None:

@@ -99,10 +99,7 @@ def fit(
         origin: an earlier fit whose estimated initial states to start from.
         use: which samples are fitted.
     """
-    variables = variables_of(setup, plan, names)
-    if origin is not None and origin.variables.unknown == variables.unknown:
-        moved = {n: _initial_or(origin, n, variables) for n in variables.unknown}
-        variables = Variables(variables.names, variables.unknown, variables.scales, moved)
+    variables = variables_from(setup, plan, names, origin)
     problem = Problem(setup, plan, variables, use)
     lower, upper = variables.bounds(setup)
     start = np.clip(variables.start(setup), lower + 1e-12, upper - 1e-12)
@@ -157,10 +154,18 @@ def last_call_of(function: Callable[[Array], Array]) -> Callable[[Array], Array]
     return remembered
 
 
-def _initial_or(origin: Fit, name: str, variables: Variables) -> Array:
-    earlier = origin.initial(name)
-    own = variables.origin[name]
-    return own if earlier is None or earlier.shape != own.shape else earlier
+def variables_from(setup: Setup, plan: Plan, names: Sequence[str], origin: Fit | None) -> Variables:
+    """The variables of a fit that begins at the initial states of an earlier one; states it had not begin anew."""
+    variables = variables_of(setup, plan, names)
+    if origin is None or origin.variables.unknown != variables.unknown:
+        return variables
+    known = origin.setup.network.state_names
+    moved = {}
+    for name, own in variables.origin.items():
+        earlier = dict(zip(known, origin.initial_states[name], strict=True))
+        states = zip(setup.network.state_names, own, strict=True)
+        moved[name] = np.array([earlier.get(state, value) for state, value in states])
+    return Variables(variables.names, variables.unknown, variables.scales, moved)
 
 
 def _finish(problem: Problem, z: Array, held: dict[str, str], evaluations: int) -> Fit:
