@@ -101,6 +101,11 @@ def network(name: str) -> None:
 
 
 def experiment(name: str) -> None:
+    if name == "prove":
+        with hydra.initialize_config_dir(str(HOME), version_base=None):
+            config = hydra.compose(f"experiment/{name}")
+        assert tasks(ProofSettings.from_config(config.prove))
+        return
     with hydra.initialize_config_dir(str(HOME), version_base=None):
         config = hydra.compose(f"experiment/{name}", ["folder=recordings", "out=out"])
     groups = [config[key] for key in ("fit", "compare", "diagnose") if key in config]

@@ -40,7 +40,7 @@ def write_proof(outcomes: Sequence[Outcome], settings: Settings, digest: str, ou
         rates=found,
         numbers=numbers(outcomes),
         drawings=drawings,
-        wrong=[o for o in outcomes if o.tier == FULL and o.grade == WRONG],
+        wrong=[o for o in outcomes if o.grade == WRONG and o.group != "fast_weak"],
     )
     write_atomic(out / "report.html", page.encode())
     return found
