@@ -67,7 +67,7 @@ def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
         rate("same form: exactly right", same, lambda o: o.grade == EXACT, "≥ 85 %"),
         rate("same form: location among at most 3", same, lambda o: o.located != "no", "≥ 95 %"),
         rate("same form: location alone", same, lambda o: o.located == "alone", "≥ 85 %"),
-        rate("same form: location before naming, first", same, lambda o: _first(o) in o.places, "–"),
+        rate("same form: location before naming, first", same, lambda o: o.dictionary in o.places, "–"),
         rate("other form: name or class", of("other"), lambda o: o.grade != WRONG, "≥ 85 %"),
         rate("other form: remainder flagged", of("other"), lambda o: o.remainder == "unknown", "–"),
         rate("outside: unknown at the right location", of("outside"), lambda o: o.grade != WRONG, "≥ 85 %"),
@@ -79,10 +79,6 @@ def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
         rate("nothing missing: false alarms, whole command", [o for o in nothing if o.tier == FULL],
              lambda o: o.verdict != "none", "≤ 2 %"),
     ]  # fmt: skip
-
-
-def _first(outcome: Outcome) -> str:
-    return outcome.dictionary.split(",")[0]
 
 
 @dataclass(frozen=True)

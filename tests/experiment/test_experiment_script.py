@@ -31,7 +31,12 @@ def script(*overrides: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("name", FILES)
 def test_every_experiment_composes(name: str) -> None:
     with hydra.initialize_config_dir(str(config_folder()), version_base=None):
-        config = hydra.compose(f"experiment/{name}", ["folder=recordings", "out=out"])
+        given = ["out=out"] if name == "prove" else ["folder=recordings", "out=out"]
+        config = hydra.compose(f"experiment/{name}", given)
+    assert config.out == "out"
+    if name == "prove":
+        assert config.prove.seed == 2026
+        return
     assert config.folder == "recordings"
     group = {"paper": "fit", "folder": "diagnose", "compare": "compare"}[name]
     assert Options.from_config(config[group]).starts >= 1
