@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.identify.fit import fit
-from phnn.identify.nuisances import lines_of, zero_of
+from phnn.identify.nuisances import lines_of
 from phnn.identify.problem import Plan, aperiodic
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
@@ -56,8 +56,8 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
 
     The zero of a recording comes from its identification part where it has one, else from its nuisance part; so does
     the initial state of a recording whose start is unknown and that took no part in the fit. The lines of the setup are
-    fitted to each part itself, scored or not: nothing predicts their phase, so what is left beside them is what a model
-    can be held to.
+    fitted to the whole recording, scored or not: nothing predicts their phase, so what is left beside them is what a
+    model can be held to.
 
     Args:
         initial: initial states estimated by the fit, by recording name.
@@ -71,9 +71,10 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
         y = simulate(setup, recording, plan.steps_of(recording), initial=own).y
         masks = (recording.mask("identification"), nuisance, np.ones(recording.t.size, dtype=bool))
         mask = next(m for m in masks if m.any())
-        y = y + zero_of(recording.y - y, mask, recording, setup.lines)
-        for rows in (slice(p.first, p.last) for p in recording.parts if setup.lines):
-            y[rows] += lines_of(recording.y - y, rows, recording, setup.lines)
+        if setup.lines:
+            # From all samples: a stretch shorter than a period could not tell them from the zero.
+            y = y + lines_of(recording.y - y, slice(None), recording, setup.lines)
+        y = y + np.mean((recording.y - y)[mask])
         return np.asarray(y)
 
     outputs = plan.each(one)

@@ -51,12 +51,6 @@ def _line_basis(recording: Recording, lines: tuple[float, ...], mask: bytes) -> 
     return np.asarray(left[:, size > _RANK * np.sqrt(columns.shape[0])])
 
 
-def zero_of(error: Array, mask: Array, recording: Recording, lines: tuple[float, ...] = ()) -> float:
-    """The zero of a recording from what is measured less what is simulated (N,), estimated together with its lines."""
-    columns = np.column_stack([np.ones(recording.t.size), line_columns(recording, lines)])[mask]
-    return float(np.linalg.lstsq(columns, error[mask], rcond=_RANK)[0][0])
-
-
 def lines_of(error: Array, rows: slice, recording: Recording, lines: tuple[float, ...]) -> Array:
     """(M,) the lines in some rows of an error (N,), fitted to these very rows beside a constant."""
     columns = np.column_stack([np.ones(recording.t.size), line_columns(recording, lines)])[rows]
