@@ -33,7 +33,8 @@ class Candidate:
         effect: which.
         values: parameter values at which the data ask for it, strength estimated from the score.
         others: further starting values, from other grid points.
-        score: supremum over the grid; p_value: of that score under the null of the supremum over everything.
+        score: supremum over the grid, in units of the stated noise.
+        p_value: of the supremum in units of the noise as the residuals have it, under the null of that over everything.
     """
 
     effect: Effect
@@ -83,24 +84,34 @@ def score(
     scores = scale * (d.T @ ground.residual)
     sided = np.array([e.one_sided for e, _ in points] + [False] * (raw.shape[1] - len(points)))
     value = np.where(sided, np.maximum(scores, 0.0), np.abs(scores))
-    null = _null_of_supremum((d.T @ rd) * np.outer(scale, scale), sided, len(lines), seed)
+    # Scores are in units of the stated noise; how improbable they are is asked with the noise as the residual has it.
+    doubted = d * scale * ground.doubt[:, None]
+    covariance = doubted.T @ colour(doubted)
+    doubt = np.sqrt(np.maximum(np.diag(covariance), 1.0))
+    null = _null_of_supremum(covariance / np.outer(doubt, doubt), sided, len(lines), seed)
     strengths = (d.T @ ground.residual) / np.maximum(np.einsum("ij,ij->j", d, d), 1e-300)
     saved = np.einsum("ij,ij->j", d, d) * (2.0 * strengths - 1.0)
-    candidates = _best_of_each(points, value, strengths, saved, null)
+    candidates = _best_of_each(points, value, value / doubt, strengths, saved, null)
     candidates += [Candidate(c.effect, c.values, (), c.deviate, tail(null, c.deviate)) for c in lines]
-    statistic = float(max([value.max(initial=0.0), *(c.deviate for c in lines)]))
+    deviates = [c.deviate for c in lines]
+    statistic = float(max([value.max(initial=0.0), *deviates]))
     fake = 0.0 if error is None else float(np.abs(scale * (d.T @ ground.project(error))).max(initial=0.0))
     return Naming(
         candidates=tuple(sorted(candidates, key=lambda c: -c.score)),
         statistic=statistic,
-        p_value=tail(null, statistic),
+        p_value=tail(null, float(max([(value / doubt).max(initial=0.0), *deviates]))),
         generic=float(value[len(points) :].max(initial=0.0)),
         numerical=fake,
     )
 
 
 def _best_of_each(
-    points: Sequence[tuple[Effect, dict[str, float]]], value: Array, strengths: Array, saved: Array, null: Array
+    points: Sequence[tuple[Effect, dict[str, float]]],
+    value: Array,
+    studentised: Array,
+    strengths: Array,
+    saved: Array,
+    null: Array,
 ) -> list[Candidate]:
     """The candidates; the starts of one whose strength cannot be chosen are those that save most as they are."""
     found = []
@@ -109,7 +120,8 @@ def _best_of_each(
         order = sorted(mine, key=lambda i: -(value if effect.strength is not None else saved)[i])
         starts = [effect.scaled(points[i][1], float(strengths[i])) for i in order]
         best = float(max(value[i] for i in mine))
-        found.append(Candidate(effect, starts[0], tuple(starts[1:3]), best, tail(null, best)))
+        p_value = tail(null, float(max(studentised[i] for i in mine)))
+        found.append(Candidate(effect, starts[0], tuple(starts[1:3]), best, p_value))
     return found
 
 
