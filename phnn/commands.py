@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import secrets
 import sys
 from collections.abc import Iterator, Mapping
@@ -27,8 +26,8 @@ from phnn.identify.problem import Plan
 from phnn.models.store import load, save
 from phnn.recordings import Campaign, describe, read
 from phnn.report import console_summary
-from phnn.report.files import write_atomic
-from phnn.report.result import finite, write
+from phnn.report.files import finite, write_atomic, write_json
+from phnn.report.result import write
 
 _CLASS = 3
 _PIPE = 200
@@ -69,7 +68,7 @@ def identify(folder: Path, out: Path, manifest: Path | None, config: Mapping[str
         "numerical_error_sigma": error.sigma,
         "seed": options.seed,
     }
-    _write_json(out / "identify.json", content)
+    write_json(out / "identify.json", content)
     console = Console()
     table = Table("parameter", "value", "standard error", "note", title=f"base model of {folder}")
     for name, row in parameters.items():
@@ -235,8 +234,3 @@ def _score_table(scores: Mapping[str, Evaluation]) -> Table:
         cells = [f"{s.parts[i].fit_percent:.2f}  {s.parts[i].residual_over_noise:.3g}" for s in scores.values()]
         table.add_row(escape(part.name), "held out" if part.use == "confirmation" else "identified", *cells)
     return table
-
-
-def _write_json(path: Path, content: Mapping[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomic(path, (json.dumps(finite(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())

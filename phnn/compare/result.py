@@ -15,8 +15,7 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.identify.evaluate import Evaluation, PartScore
 from phnn.recordings.recording import Campaign
-from phnn.report.files import write_atomic
-from phnn.report.result import finite
+from phnn.report.files import finite, write_atomic, write_json
 
 SCHEMA = "phnn.compared/1"
 FILE, OUTPUTS = "result.json", "outputs.npz"
@@ -66,8 +65,7 @@ def keep(result: Result, folder: Path, made_with: Mapping[str, Any], recordings:
         "facts": result.facts,
         "substeps": dict(result.substeps),
     }
-    text = json.dumps(finite(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    write_atomic(folder / FILE, text.encode())
+    write_json(folder / FILE, content)
 
 
 def kept(name: str, folder: Path, made_with: Mapping[str, Any], recordings: str) -> Result | None:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -19,9 +16,8 @@ from phnn.experiment.recordings import Conditions, Made, comparison_plan, write_
 from phnn.identify.base import Progress, quiet
 from phnn.recordings import Campaign, read
 from phnn.report.figures import Drawing
-from phnn.report.files import write_atomic
+from phnn.report.files import write_atomic, write_json
 from phnn.report.formatting import number
-from phnn.report.result import finite
 
 
 def compare(campaign: Campaign, out: Path, settings: Settings, progress: Progress = quiet, origin: str = "") -> Table:
@@ -45,8 +41,8 @@ def compare(campaign: Campaign, out: Path, settings: Settings, progress: Progres
     for model in settings.models:
         results.append(bench.result(model))
         table = table_of(campaign, results)
-        _write_json(out / "compare.json", scores(table))
-        _write_json(out / "models.json", table.facts)
+        write_json(out / "compare.json", scores(table))
+        write_json(out / "models.json", table.facts)
     progress("draw")
     drawings = draw_all(table, campaign, results)
     for drawing in drawings:
@@ -87,10 +83,6 @@ def _origin(made: Made) -> str:
 def _page(table: Table, campaign: Campaign, origin: str, drawings: list[Drawing]) -> str:
     words = origin or "Fitted to the identification recordings of the folder named above."
     return markdown(table, f"All models on {campaign.folder}", words, drawings) + "\n"
-
-
-def _write_json(path: Path, content: Mapping[str, Any]) -> None:
-    write_atomic(path, (json.dumps(finite(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
 
 
 def show(table: Table, console: Console) -> None:

@@ -9,13 +9,13 @@ import numpy as np
 
 from phnn.demo.actuator import simulate_all
 from phnn.demo.base import draw_base
-from phnn.demo.concealed import EFFECTS, ON_REQUEST, described, draw, drifts
+from phnn.demo.concealed import EFFECTS, ON_REQUEST, described, draw
 from phnn.demo.excitation import Excitation
 from phnn.demo.folder import MANIFEST, measured, refuse_strangers, write_manifest, write_recording
 from phnn.demo.listed import LOCATIONS
 from phnn.demo.plans import plan_of
 from phnn.demo.sealed import Sealed
-from phnn.demo.strength import find_strength, ruler
+from phnn.demo.strength import concealing, find_strength, ruler
 from phnn.errors import InputRefused
 
 _TARGETS = (1.5, 10.0)  # residual over noise that an effect leaves
@@ -58,8 +58,7 @@ def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "de
             lambda z: measure.residual(concealed, z), concealed.guess, concealed.most, target * noise
         )
         parameters, reached = described(concealed, strength), left / noise
-        moved = simulate_all({**base, **concealed.law(strength)}, excitations)
-        outputs = tuple(q + d for q, d in zip(moved, drifts(concealed, strength, excitations), strict=True))
+        outputs = concealing(base, excitations, [(concealed, strength)])
 
     folder.mkdir(parents=True, exist_ok=True)
     for excitation, q in zip(excitations, outputs, strict=True):

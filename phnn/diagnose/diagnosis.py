@@ -46,17 +46,13 @@ class Diagnosis:
     seconds: float
 
 
-def available(campaign: Campaign, setup: Setup, without: Sequence[str] = ()) -> list[Effect]:
+def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) -> list[Effect]:
     """Effects that can exist in a setup: with the voltage measured at the terminals the amplifier is no culprit.
 
     Args:
-        without: names that are left out.
-
-    Raises:
-        InputRefused: one of these names is not in the catalogue.
+        without: effects that are left out.
     """
-    out = [effect(name) for name in without]
-    found = [e for e in catalogue().values() if e not in out and e.applies(setup)]
+    found = [e for e in catalogue().values() if e not in without and e.applies(setup)]
     return [e for e in found if not (e.needs_command and campaign.voltage == "terminals")]
 
 
@@ -82,9 +78,9 @@ def diagnose(
     """
     began = time.monotonic()
     chosen = options or Options()
-    refits, _ = executor(chosen.executor), [effect(name) for name in chosen.without]
+    refits, without = executor(chosen.executor), [effect(name) for name in chosen.without]
     base, error = identify_base(campaign, chosen, progress)
-    catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, chosen.without)
+    catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, without)
     progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
     if on_base is not None:
         on_base(base)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from phnn.effects import Effect, Scales
 from phnn.errors import SolverFailed
-from phnn.identify.fit import Fit
+from phnn.identify.fit import Fit, carried
 from phnn.identify.nuisances import without_nuisances
 from phnn.identify.problem import Plan
 from phnn.identify.staged import dominant_frequency
@@ -134,16 +134,10 @@ def direction(ground: Ground, effect: Effect, values: Mapping[str, float]) -> Ar
     def one(recording: Recording, base: Array) -> Array:
         initial = ground.fit.initial(recording.name)
         if initial is not None:
-            initial = _carried(initial, ground.fit.setup.network.state_names, setup.network.state_names)
+            initial = carried(initial, ground.fit.setup, setup, np.zeros(len(setup.network.state_names)))
         return simulate(setup, recording, plan.steps_of(recording), initial=initial).y - base
 
     try:
         return ground.stack(plan.each(one, ground.coarse_outputs))
     except SolverFailed:
         return np.zeros(ground.fit.residual.size)
-
-
-def _carried(initial: Array, known: Sequence[str], wanted: Sequence[str]) -> Array:
-    """Initial state of a network with further states, which begin at zero."""
-    found = dict(zip(known, initial, strict=True))
-    return np.array([found.get(name, 0.0) for name in wanted])

@@ -75,28 +75,37 @@ def excess(fit: Fit) -> float:
 
 @dataclass(frozen=True)
 class Scored:
-    """A base model with its scores: all that a verdict ``none`` needs."""
+    """A model with its scores: all that a verdict ``none`` needs."""
 
     ground: Ground
     generic: Responses
     naming: Naming
 
+    @property
+    def significant(self) -> bool:
+        """Whether the model leaves more than chance would."""
+        return self.naming.p_value < SIGNIFICANT
+
+    def remaining(self) -> Location | None:
+        """Where what it leaves seems to be; None where that is no more than chance."""
+        return locate(self.ground, self.generic) if self.significant else None
+
 
 def scored(
-    base: Fit, effects: Sequence[Effect], seed: int, error: NumericalError, terminals: bool = False
-) -> Scored:  # fmt: skip
-    """Score the catalogue and the generic functions on a base model.
+    fitted: Fit, effects: Sequence[Effect], seed: int, error: NumericalError | None = None, terminals: bool = False
+) -> Scored:
+    """Score the catalogue and the generic functions on a model.
 
     Args:
-        base: the fitted base model.
+        fitted: the base model, or one with effects.
         effects: the catalogue entries that can exist in this setup.
         seed: of the null distribution.
-        error: numerical error of the simulations.
+        error: numerical error of the simulations, where what it could fake is asked.
         terminals: whether the input was measured at the port.
     """
-    ground = prepare(base, terminals)
+    ground = prepare(fitted, terminals)
     generic = responses(ground)
-    return Scored(ground, generic, score(ground, effects, generic, seed, error.error))
+    return Scored(ground, generic, score(ground, effects, generic, seed, error.error if error is not None else None))
 
 
 def judge(
@@ -118,42 +127,41 @@ def judge(
         executor: where candidates are refitted.
     """
     ground, naming = found.ground, found.naming
-    if naming.p_value >= SIGNIFICANT:
+    location = found.remaining()
+    if location is None:
         return Judgement("none", ground, naming, None, ground.fit, ground)
-    location = locate(ground, found.generic)
-    selected, tried = _select(ground, naming, location, effects, seed, max_effects, executor)
-    findings, here, scores = selected.findings, selected.ground, selected.scores
-    final = here.fit
+    selected, tried = _select(found, location, effects, seed, max_effects, executor)
+    findings, here = selected.findings, selected.model
+    final = here.ground.fit
     learned = None
-    if not findings or scores.p_value < SIGNIFICANT:
+    if not findings or here.significant:
         learned = learn(ground, location.detail) if location.name == "mechanical" else None
     # What a few generic functions at the location explain clearly better was imitated, not named; so was what leaves
     # something and lies elsewhere than where those functions explain most.
     imitated = learned is not None and learned.cost < _CLEARLY * final.cost
-    if findings and scores.p_value < SIGNIFICANT:
+    if findings and here.significant:
         best = location.scores[location.name]
         imitated |= location.scores[findings[0].trial.candidate.effect.location] < best - _ELSEWHERE
     if not findings or imitated:
         return _unknown(ground, naming, location, tried, seed, learned)
     settled = new_in_held_out and all(len(f.members) == 1 for f in findings)
-    remaining = locate(here) if scores.p_value < SIGNIFICANT else None
     verdict = "named" if settled else "equivalent"
-    return Judgement(verdict, ground, naming, location, final, here, findings, tried, scores, remaining)
+    return Judgement(
+        verdict, ground, naming, location, final, here.ground, findings, tried, here.naming, here.remaining()
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class _Selected:
-    """A step of the selection: the effects so far, the model with them, what it leaves, the share the last one took."""
+    """A step of the selection: the effects so far, the model with them, the share that the last one took."""
 
     findings: tuple[Finding, ...]
-    ground: Ground
-    scores: Naming
+    model: Scored
     share: float
 
 
 def _select(
-    ground: Ground,
-    naming: Naming,
+    found: Scored,
     location: Location,
     effects: Sequence[Effect],
     seed: int,
@@ -166,22 +174,22 @@ def _select(
     what is left. What is kept in the end either leaves nothing significant, or its last effect took most of what there
     was: several that nibble at one another's leavings are no explanation.
     """
-    steps = [_Selected((), ground, naming, 1.0)]
+    steps = [_Selected((), found, 1.0)]
     tried: tuple[Trial, ...] = ()
-    while len(steps) <= max_effects and steps[-1].scores.p_value < SIGNIFICANT:
+    while len(steps) <= max_effects and steps[-1].model.significant:
         last = steps[-1]
-        left = [c for c in last.scores.candidates if c.p_value < SIGNIFICANT][:_REFITS]
-        trials = _in_place(refit(last.ground.fit, left, executor), location)
+        left = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT][:_REFITS]
+        trials = _in_place(refit(last.model.ground.fit, left, executor), location)
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
-        step = _with(ground, last, trials, location, effects, seed, executor)
-        if step.scores.p_value < SIGNIFICANT and step.share < _EXPLAINS_SOME:
+        step = _with(found.ground, last, trials, location, effects, seed, executor)
+        if step.model.significant and step.share < _EXPLAINS_SOME:
             break
         steps.append(step)
-        if step.ground.fit.chi2 < _MATERIAL**2:
+        if step.model.ground.fit.chi2 < _MATERIAL**2:
             break
-    while steps[-1].scores.p_value < SIGNIFICANT and len(steps) > 1 and steps[-1].share < _EXPLAINS:
+    while steps[-1].model.significant and len(steps) > 1 and steps[-1].share < _EXPLAINS:
         steps.pop()
     return steps[-1], tried
 
@@ -207,16 +215,14 @@ def _with(
     """The step with the best of some trials, what came before tested again."""
     best = trials[0]
     assert best.fit is not None
-    after = prepare(best.fit, ground.terminals)
-    scores = score(after, effects, responses(after), seed)
-    share = _share(last.ground.fit, best.fit, last.scores)
-    members = tuple(class_of(trials, scores.p_value < SIGNIFICANT))
-    findings = (*last.findings, Finding(best, members, tuple(trials), last.scores))
+    model = scored(best.fit, effects, seed, terminals=ground.terminals)
+    share = _share(last.model.ground.fit, best.fit, last.model.naming)
+    members = tuple(class_of(trials, model.significant))
+    findings = (*last.findings, Finding(best, members, tuple(trials), last.model.naming))
     findings, fitted = _retested(ground.fit, findings, best.fit, location, executor)
     if fitted is not best.fit:
-        after = prepare(fitted, ground.terminals)
-        scores = score(after, effects, responses(after), seed)
-    return _Selected(findings, after, scores, share)
+        model = scored(fitted, effects, seed, terminals=ground.terminals)
+    return _Selected(findings, model, share)
 
 
 def _retested(
@@ -274,7 +280,7 @@ def _unknown(
     # A dozen strengths lower any sum of squares: the drop must be of the size that the score promised.
     if learned is None or ground.fit.cost - learned.cost < 0.5 * naming.statistic**2:
         return Judgement("unknown", ground, naming, location, ground.fit, ground, (), tried, naming, location)
-    after = prepare(learned, ground.terminals)
-    remainder = score(after, (), responses(after), seed)
-    remaining = locate(after) if remainder.p_value < SIGNIFICANT else None
-    return Judgement("unknown", ground, naming, location, learned, after, (), tried, remainder, remaining, True)
+    after = scored(learned, (), seed, terminals=ground.terminals)
+    return Judgement(
+        "unknown", ground, naming, location, learned, after.ground, (), tried, after.naming, after.remaining(), True
+    )  # fmt: skip

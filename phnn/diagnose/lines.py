@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.special import ndtri_exp
 from scipy.stats import chi2
 
@@ -81,14 +82,8 @@ def line_score(ground: Ground, frequencies: Sequence[float], colour: Callable[[A
         colour: multiplication by the correlation matrix of the noise.
     """
     blocks = [line_columns(r, frequencies) for r in ground.plan.recordings]
-    width = sum(b.shape[1] for b in blocks)
-    outputs, first = [], 0
-    for block in blocks:
-        wide = np.zeros((block.shape[0], width))
-        wide[:, first : first + block.shape[1]] = block
-        outputs.append(wide)
-        first += block.shape[1]
-    columns = ground.project(ground.stack(outputs))
+    ends = np.cumsum([b.shape[0] for b in blocks])[:-1]
+    columns = ground.project(ground.stack(np.split(block_diag(*blocks), ends)))
     if not columns.size:
         return 0.0
     left, size, _ = np.linalg.svd(columns, full_matrices=False)

@@ -85,8 +85,7 @@ def score(
     sided = np.array([e.one_sided for e, _ in points] + [False] * (raw.shape[1] - len(points)))
     value = np.where(sided, np.maximum(scores, 0.0), np.abs(scores))
     # Scores are in units of the stated noise; how improbable they are is asked with the noise as the residual has it.
-    doubted = d * scale * ground.doubt[:, None]
-    covariance = doubted.T @ colour(doubted)
+    covariance = ((d * ground.doubt[:, None] ** 2).T @ rd) * np.outer(scale, scale)
     doubt = np.sqrt(np.maximum(np.diag(covariance), 1.0))
     null = _null_of_supremum(covariance / np.outer(doubt, doubt), sided, len(lines), seed)
     strengths = (d.T @ ground.residual) / np.maximum(np.einsum("ij,ij->j", d, d), 1e-300)

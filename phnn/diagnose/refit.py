@@ -37,7 +37,7 @@ _CHUNK = 3
 _OTHER_STARTS = 2
 # Shares of the step that makes room for an effect, and the largest such step of an estimation coordinate.
 _SHARES, _FARTHEST = (1.0, 0.3), 2.0
-_TIE = 12.0
+TIE = 12.0
 _IMPERFECT = 0.2
 
 
@@ -161,25 +161,26 @@ def _adjusted(base: Fit, begun: Setup) -> tuple[Setup, Fit]:
         return begun, base
     plan = base.plan.coarse()
 
+    def moved(z: Array) -> Fit:
+        return replace(base, z=z, setup=base.variables.setup(base.setup, z))
+
     def residual(z: Array) -> Array:
-        moved = replace(base, z=z, setup=base.variables.setup(base.setup, z))
-        variables = variables_from(begun, plan, (), moved)
+        variables = variables_from(begun, plan, (), moved(z))
         return Problem(base.variables.setup(begun, z), plan, variables).residual(variables.start(begun))
 
     first = residual(base.z)
     step, *_ = np.linalg.lstsq(base.jacobian, -first, rcond=1e-10)
-    best, z = float(first @ first), base.z
+    z = base.z
     for share in _SHARES:
         tried = base.z + share * np.clip(step, -_FARTHEST, _FARTHEST)
         try:
             cost = float(np.sum(residual(tried) ** 2))
         except SolverFailed:
             continue
-        if cost < best:
-            best, z = cost, tried
+        if cost < float(first @ first):
+            z = tried
             break
-    moved = replace(base, z=z, setup=base.variables.setup(base.setup, z))
-    return base.variables.setup(begun, z), moved
+    return base.variables.setup(begun, z), moved(z)
 
 
 def _from_several_starts(base: Fit, trial: Trial) -> Fit | None:
@@ -251,4 +252,4 @@ def tie(fitted: Fit) -> float:
     """Difference of sums of squares below which two refits are not told apart."""
     # Coloured noise inflates such differences by the sum of its correlation.
     colour = max(max(1.0, 2.0 * float(np.sum(r.noise_correlation)) - 1.0) for r in fitted.plan.recordings)
-    return _TIE * colour * max(1.0, fitted.chi2)
+    return TIE * colour * max(1.0, fitted.chi2)

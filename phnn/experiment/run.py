@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 
@@ -17,8 +16,7 @@ from phnn.experiment.table import REFITTED, Comparison, compare
 from phnn.identify.base import Options, Progress, quiet
 from phnn.models.store import save
 from phnn.recordings import Campaign, read
-from phnn.report.files import write_atomic
-from phnn.report.result import finite
+from phnn.report.files import write_atomic, write_json
 
 
 def run_paper(out: Path, conditions: Conditions, options: Options, progress: Progress = quiet) -> Comparison:
@@ -69,9 +67,9 @@ def _run(
         fitted = comparison.models[model].fit
         save(fitted.setup, out / model, max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
     write_atomic(out / "table3.csv", table_csv(rows).encode())
-    content = document(comparison, made, campaign.folder, options.seed, time.monotonic() - began)
-    text = json.dumps(finite(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    write_atomic(out / "experiment.json", text.encode())
+    write_json(
+        out / "experiment.json", document(comparison, made, campaign.folder, options.seed, time.monotonic() - began)
+    )
     write_atomic(out / "experiment.md", markdown(comparison, made, campaign.folder, drawings).encode())
     return comparison
 

@@ -154,17 +154,18 @@ def last_call_of(function: Callable[[Array], Array]) -> Callable[[Array], Array]
     return remembered
 
 
+def carried(initial: Array, known: Setup, wanted: Setup, own: Array) -> Array:
+    """The initial state (N,) of a setup where another one begins at ``initial``: ``own`` in the states it has not."""
+    earlier = dict(zip(known.network.state_names, initial, strict=True))
+    return np.array([earlier.get(state, v) for state, v in zip(wanted.network.state_names, own, strict=True)])
+
+
 def variables_from(setup: Setup, plan: Plan, names: Sequence[str], origin: Fit | None) -> Variables:
     """The variables of a fit that begins at the initial states of an earlier one; states it had not begin anew."""
     variables = variables_of(setup, plan, names)
     if origin is None or origin.variables.unknown != variables.unknown:
         return variables
-    known = origin.setup.network.state_names
-    moved = {}
-    for name, own in variables.origin.items():
-        earlier = dict(zip(known, origin.initial_states[name], strict=True))
-        states = zip(setup.network.state_names, own, strict=True)
-        moved[name] = np.array([earlier.get(state, value) for state, value in states])
+    moved = {n: carried(origin.initial_states[n], origin.setup, setup, own) for n, own in variables.origin.items()}
     return Variables(variables.names, variables.unknown, variables.scales, moved)
 
 

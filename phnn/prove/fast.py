@@ -11,14 +11,12 @@ from phnn.diagnose.ground import prepare
 from phnn.diagnose.judge import SIGNIFICANT
 from phnn.diagnose.locate import responses
 from phnn.diagnose.name import score
+from phnn.diagnose.refit import TIE
 from phnn.identify.base import Options, identification_plan, settled
 from phnn.identify.staged import fit_identified, held_by_statement
 from phnn.models.actuator import from_paper
 from phnn.recordings import read
 from phnn.setup import Setup
-
-# Two candidates whose squared scores differ by less explain the residual equally well: see `phnn.diagnose.refit`.
-_TIE = 12.0
 
 
 def score_folder(folder: Path, seed: int) -> dict[str, Any]:
@@ -34,7 +32,8 @@ def score_folder(folder: Path, seed: int) -> dict[str, Any]:
     ground = prepare(base, campaign.voltage == "terminals")
     naming = score(ground, available(campaign, base.setup), responses(ground), seed, error.error)
     best = naming.candidates[0]
-    members = [c.effect.name for c in naming.candidates if best.score**2 - c.score**2 < _TIE and c.score > 0.0]
+    # Squared scores are sums of squares that a refit would save.
+    members = [c.effect.name for c in naming.candidates if best.score**2 - c.score**2 < TIE and c.score > 0.0]
     found = naming.p_value < SIGNIFICANT
     return {
         "verdict": "named" if found else "none",

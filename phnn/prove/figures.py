@@ -9,11 +9,10 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.stats import norm
 
 from phnn.prove.outcome import WRONG, Outcome
 from phnn.prove.settings import FULL
-from phnn.prove.tally import Detection, confusion, detection, reliability
+from phnn.prove.tally import Detection, confusion, detection, limit, reliability
 from phnn.report.figures.style import AFTER, BEFORE, FAINT, INK, RC, Drawing, new_figure, png, quiet_grid
 
 _LEVELS = np.array([0.003, 0.01, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0])
@@ -48,7 +47,7 @@ def _detection(curve: Detection) -> Drawing:
     axes: Axes = figure.subplots()
     quiet_grid(axes)
     fine = np.geomspace(curve.delta.min(), curve.delta.max(), 200)
-    axes.plot(fine, norm.cdf(fine - curve.half[0]), color=FAINT, lw=2.0, label="limit: effect's own direction")
+    axes.plot(fine, limit(fine), color=FAINT, lw=2.0, label="limit: effect's own direction")
     axes.plot(curve.delta, curve.found, "o-", color=AFTER, label="verdict is not none")
     axes.plot(curve.delta, curve.named, "s--", color=BEFORE, label="right name or class")
     axes.set(xscale="log", xlabel="noncentrality of the concealed effect", ylabel="share of cases", ylim=(-0.03, 1.03))

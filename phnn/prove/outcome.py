@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -189,15 +189,3 @@ def _reason(verdict: str, named: tuple[str, ...], truth: tuple[str, ...], answer
     if not lacking:
         return f"{', '.join(extra)} named besides"
     return f"{', '.join(extra) or 'nothing'} named instead of {', '.join(lacking)}"
-
-
-def from_row(row: Mapping[str, Any]) -> Outcome:
-    """An outcome read back from a table."""
-    values: dict[str, Any] = {}
-    for f in fields(Outcome):
-        value = row[f.name]
-        if f.type == "tuple[str, ...]":
-            values[f.name] = tuple(p for p in str(value).split("+") if p and value == value)
-        else:
-            values[f.name] = "" if f.type == "str" and value != value else value
-    return Outcome(**values)

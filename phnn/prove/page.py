@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -24,10 +23,10 @@ def write_proof(outcomes: Sequence[Outcome], settings: Settings, digest: str, ou
     """Write tables, figures and the page; returns the rates."""
     found = rates(outcomes)
     drawings = draw_all(outcomes)
-    write_atomic(out / "cases.csv", _csv(pd.DataFrame([o.row() for o in outcomes])))
+    write_atomic(out / "cases.csv", pd.DataFrame([o.row() for o in outcomes]).to_csv(index=False).encode())
     table = [(r.label, r.target, r.hits, r.cases, *r.interval) for r in found]
     columns = ["what", "target", "hits", "cases", "low", "high"]
-    write_atomic(out / "rates.csv", _csv(pd.DataFrame(table, columns=columns)))
+    write_atomic(out / "rates.csv", pd.DataFrame(table, columns=columns).to_csv(index=False).encode())
     for drawing in drawings:
         write_atomic(out / "figures" / drawing.file, drawing.png)
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
@@ -83,9 +82,3 @@ def _shown(value: float) -> str:
 
 def _percent(value: float) -> str:
     return f"{100.0 * value:.2g} %" if np.isfinite(value) else DASH
-
-
-def _csv(table: pd.DataFrame) -> bytes:
-    buffer = io.StringIO()
-    table.to_csv(buffer, index=False)
-    return buffer.getvalue().encode()

@@ -23,8 +23,7 @@ from phnn.prove.fast import score_folder
 from phnn.prove.full import diagnose_folder
 from phnn.prove.outcome import Outcome, graded
 from phnn.prove.settings import FAST, Settings
-from phnn.report.files import write_atomic
-from phnn.report.result import finite
+from phnn.report.files import write_atomic, write_json
 
 Say = Callable[[str], None]
 
@@ -109,8 +108,7 @@ def _answered(room: Room, settings: Settings, task: Task) -> None:
             answer = diagnose_folder(folder, report, without, options, settings.keep)
     except PhnnError as error:
         answer = {"failure": str(error)}
-    text = json.dumps(finite(answer), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    write_atomic(room.answer(task), text.encode())
+    write_json(room.answer(task), answer)
     if not settings.keep:
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -17,6 +17,7 @@ from phnn.prove.settings import FAST, FULL
 Array = NDArray[np.float64]
 
 _STRONG = 2.0
+_THRESHOLD = float(norm.isf(SIGNIFICANT))
 
 
 @dataclass(frozen=True)
@@ -114,12 +115,16 @@ def detection(outcomes: Sequence[Outcome], bins: int = 10) -> Detection | None:
     cases = np.bincount(place, minlength=bins).astype(float)
     filled = cases > 0
     mean = [np.bincount(place, v, bins)[filled] / cases[filled] for v in (np.log(delta), found, named)]
-    z = float(norm.isf(SIGNIFICANT))
     centres = np.exp(mean[0])
     return Detection(
-        centres, mean[1], mean[2], cases[filled], norm.cdf(centres - z),
-        (z, half_point(delta, found), half_point(delta, named)),
+        centres, mean[1], mean[2], cases[filled], limit(centres),
+        (_THRESHOLD, half_point(delta, found), half_point(delta, named)),
     )  # fmt: skip
+
+
+def limit(delta: Array) -> Array:
+    """Probability of detection along an effect's own direction, at the rate of false alarms that a verdict states."""
+    return np.asarray(norm.cdf(delta - _THRESHOLD))
 
 
 def half_point(delta: Array, hit: Array) -> float:

@@ -20,7 +20,8 @@ from phnn.recordings.sampling import on_grid
 from phnn.recordings.table import Table, Where
 from phnn.recordings.text_files import looks_like_numbers, read_csv, read_text
 from phnn.recordings.units import UNITS, parse_name
-from phnn.signals.noise import WHITE, NoiseFloor, noise_floor, pooled
+from phnn.signals.noise import WHITE, NoiseFloor, noise_floor
+from phnn.signals.pooling import pooled
 
 READERS: Mapping[str, Callable[[Path], Table]] = {
     ".csv": read_csv,

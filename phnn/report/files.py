@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from phnn.errors import InputRefused
 
@@ -24,3 +30,20 @@ def write_atomic(path: Path, content: bytes) -> None:
             temporary.unlink(missing_ok=True)
     except OSError as error:
         raise InputRefused(f"{path}: cannot be written ({error.strerror}): choose another folder for --out") from error
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """The same of a mapping as json; numbers that are not finite become null."""
+    text = json.dumps(finite(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    write_atomic(path, text.encode())
+
+
+def finite(value: Any) -> Any:
+    """Numbers that are not finite become null, as json demands."""
+    if isinstance(value, Mapping):
+        return {str(k): finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(v) for v in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,7 +24,7 @@ from phnn.identify.fit import Fit
 from phnn.identify.staged import fixes_common_factor
 from phnn.models.store import save
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace
-from phnn.report.files import write_atomic
+from phnn.report.files import finite, write_json
 from phnn.report.sentence import sentence, unknown_statement
 from phnn.report.write import write_report
 from phnn.units import quantity
@@ -46,8 +44,7 @@ def write(diagnosis: Diagnosis, out: Path) -> dict[str, Any]:
     save(diagnosis.base.setup, out / "base", finest)
     save(diagnosis.judgement.final.setup, out / "model", finest)
     content = document(diagnosis)
-    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    write_atomic(out / "diagnosis.json", text.encode())
+    write_json(out / "diagnosis.json", content)
     write_report(content, evidence(diagnosis), out)
     return content
 
@@ -90,17 +87,6 @@ def _test(j: Judgement) -> dict[str, Any]:
     best = j.naming.candidates[0] if j.naming.candidates else None
     name = best.effect.name if best is not None and best.score >= j.naming.generic else None
     return {"statistic": j.naming.statistic, "p_value": j.naming.p_value, "candidate": name}
-
-
-def finite(value: Any) -> Any:
-    """Numbers that are not finite become null, as json demands."""
-    if isinstance(value, Mapping):
-        return {str(k): finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(v) for v in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value
 
 
 def _missing(diagnosis: Diagnosis) -> list[dict[str, Any]]:

@@ -25,6 +25,8 @@ _CLEARLY = 6.0
 # Largest coefficient; logarithms of the strength of the tail to begin with.
 _LARGEST = 0.95
 _TAILS = (-12.0, -4.0)
+# Correlation at which it is cut.
+_FORGOTTEN = 0.01
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,12 @@ class FirstOrder:
     deviation: float
     coefficient: float
     edge: float
+
+
+def correlation_of(coefficient: float) -> np.ndarray:
+    """Autocorrelation ``aᵏ`` until it is forgotten, two lags at least."""
+    lags = 1 + int(np.log(_FORGOTTEN) / np.log(max(coefficient, 1e-3)))
+    return np.asarray(coefficient ** np.arange(max(lags, 2)))
 
 
 def fit_first_order(y: np.ndarray) -> FirstOrder | None:

@@ -6,22 +6,18 @@ output's spectrum above everything that was excited. Quantisation is a lower bou
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb, sqrt
 
 import numpy as np
 
-from phnn.signals.first_order import fit_first_order
+from phnn.signals.first_order import correlation_of, fit_first_order
 
 WHITE = np.array([1.0])
 _FEWEST_PERIODS = 3  # after the first one, which holds the transient
 _FEWEST_AT_REST = 200
 _LEAST_SHARE_OF_RANGE = 1e-6
 _ORDERS = range(1, 9)
-# Fewest recordings whose spectra are pooled; how far their coefficients may lie from the median.
-_FEWEST_POOLED, _AGREES = 4, 0.12
-_FORGOTTEN = 0.01  # correlation at which first-order noise is cut
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,40 +184,7 @@ def from_spectrum(y: np.ndarray, dt: float) -> NoiseFloor | None:
         f"the spectrum above {found.edge / dt:.4g} Hz, carried on below as first-order noise of coefficient "
         f"{found.coefficient:.2g}"
     )
-    return NoiseFloor(found.deviation, source, _decay(found.coefficient), found.coefficient)
-
-
-def _decay(coefficient: float) -> np.ndarray:
-    """Autocorrelation of first-order noise."""
-    lags = 1 + int(np.log(_FORGOTTEN) / np.log(max(coefficient, 1e-3)))
-    return np.asarray(coefficient ** np.arange(max(lags, 2)))
-
-
-def pooled(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
-    """The floors of recordings by one sensor, those seen in a part of the spectrum only brought to a common word.
-
-    One spectrum hardly tells coloured noise from what the signal leaves there; several that agree do. Where at least
-    half of them show first-order noise of about the same coefficient, all get their median; where few do, those get
-    the median of the white ones.
-    """
-    partial = [f for f in floors if f.coefficient is not None]
-    coloured = [f for f in partial if f.coefficient]
-    if len(partial) < _FEWEST_POOLED:
-        return list(floors)
-    if 2 * len(coloured) >= len(partial):
-        middle = float(np.median([f.coefficient or 0.0 for f in coloured]))
-        agreeing = [f for f in coloured if abs((f.coefficient or 0.0) - middle) <= _AGREES]
-        if 2 * len(agreeing) < len(partial):
-            return list(floors)
-        note, correlation = f"first-order noise of coefficient {middle:.2g}", _decay(middle)
-    else:
-        agreeing = [f for f in partial if not f.coefficient]
-        note, correlation = "white noise", WHITE
-    value = float(np.median([f.value for f in agreeing]))
-    source = f"the spectra of {len(agreeing)} recordings that agree on {note}"
-    alone = {id(f) for f in agreeing} if correlation is WHITE else set()
-    common = NoiseFloor(value, source, correlation, 0.0)
-    return [f if f.coefficient is None or id(f) in alone else common for f in floors]
+    return NoiseFloor(found.deviation, source, correlation_of(found.coefficient), found.coefficient)
 
 
 def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:

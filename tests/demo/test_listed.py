@@ -6,16 +6,15 @@ import math
 
 import numpy as np
 import pytest
+from concealments import moves_and_vanishes
 from scipy.signal import lsim, lti
 
 from phnn.demo.actuator import TABLE, simulate, simulate_all
 from phnn.demo.concealed import described
 from phnn.demo.excitation import Excitation, Piece, sine, step
 from phnn.demo.listed import ALIKE, LISTED, LOCATIONS, drawn, may_be_paired
-from phnn.demo.parameters import NEUTRAL
 from phnn.demo.plans import plan_of
 from phnn.demo.sensor import play
-from phnn.demo.strength import concealing
 
 PLAN = plan_of("short")
 # As far as the hysterons do not slip they are capacitors, and the actuator is linear.
@@ -32,15 +31,7 @@ def undisturbed() -> tuple[np.ndarray, ...]:
 def test_it_changes_the_output_and_vanishes_with_its_strength(name: str, undisturbed: tuple[np.ndarray, ...]) -> None:
     effect = drawn(name, np.random.default_rng(1), TABLE, PLAN)
     assert effect.name == name
-    assert set(effect.law(effect.guess)) <= set(NEUTRAL)
-    assert described(effect, effect.guess)
-
-    def change(strength: float) -> float:
-        moved = concealing(TABLE, PLAN, [(effect, strength)])
-        return max(float(np.ptp(a - b)) for a, b in zip(moved, undisturbed, strict=True))
-
-    assert change(effect.guess) > 1e-8
-    assert change(effect.guess * 1e-3) < 0.05 * change(effect.guess)
+    moves_and_vanishes(effect, PLAN, undisturbed)
 
 
 def _gain(values: dict[str, float], drive: Excitation) -> complex:

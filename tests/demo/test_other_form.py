@@ -6,15 +6,14 @@ import math
 
 import numpy as np
 import pytest
+from concealments import moves_and_vanishes
 
 from phnn.demo.actuator import TABLE, simulate, simulate_all
 from phnn.demo.concealed import described
 from phnn.demo.excitation import Excitation, Piece, sine, step
 from phnn.demo.listed import LISTED
 from phnn.demo.other_form import FORMS
-from phnn.demo.parameters import NEUTRAL
 from phnn.demo.plans import plan_of
-from phnn.demo.strength import concealing
 
 PLAN = plan_of("short")
 UNSLIPPED = {**TABLE, "d_1": 1e4, "d_2": 1e4}
@@ -26,16 +25,7 @@ def test_it_changes_the_output_and_vanishes_with_its_strength(form: str) -> None
     name, drawn = FORMS[form]
     effect = drawn(np.random.default_rng(1), TABLE, PLAN)
     assert effect.name == name and name in LISTED
-    assert set(effect.law(effect.guess)) <= set(NEUTRAL)
-    assert described(effect, effect.guess)
-    undisturbed = simulate_all(TABLE, PLAN)
-
-    def change(strength: float) -> float:
-        moved = concealing(TABLE, PLAN, [(effect, strength)])
-        return max(float(np.ptp(a - b)) for a, b in zip(moved, undisturbed, strict=True))
-
-    assert change(effect.guess) > 1e-8
-    assert change(effect.guess * 1e-3) < 0.05 * change(effect.guess)
+    moves_and_vanishes(effect, PLAN, simulate_all(TABLE, PLAN))
 
 
 # Each limit turns a form into something known: the catalogue's form, a base parameter, or a changed voltage.

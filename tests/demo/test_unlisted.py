@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from concealments import moves_and_vanishes
 
 from phnn.demo.actuator import TABLE, simulate, simulate_all
-from phnn.demo.concealed import described
 from phnn.demo.excitation import sine, step
 from phnn.demo.listed import LISTED
-from phnn.demo.parameters import NEUTRAL
 from phnn.demo.plans import plan_of
-from phnn.demo.strength import concealing
 from phnn.demo.unlisted import UNLISTED, UNLISTED_LOCATIONS
 
 PLAN = plan_of("short")
@@ -23,16 +21,7 @@ def test_it_changes_the_output_and_vanishes_with_its_strength(name: str) -> None
     effect = UNLISTED[name](np.random.default_rng(1), TABLE, PLAN)
     assert effect.name == name
     assert name in UNLISTED_LOCATIONS and name not in LISTED
-    assert set(effect.law(effect.guess)) <= set(NEUTRAL)
-    assert described(effect, effect.guess)
-    undisturbed = simulate_all(TABLE, PLAN)
-
-    def change(strength: float) -> float:
-        moved = concealing(TABLE, PLAN, [(effect, strength)])
-        return max(float(np.ptp(a - b)) for a, b in zip(moved, undisturbed, strict=True))
-
-    assert change(effect.guess) > 1e-8
-    assert change(effect.guess * 1e-3) < 0.05 * change(effect.guess)
+    moves_and_vanishes(effect, PLAN, simulate_all(TABLE, PLAN))
 
 
 def test_curved_capacitors_hold_the_charge_that_flowed() -> None:

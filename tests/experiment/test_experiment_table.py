@@ -18,7 +18,7 @@ from phnn.experiment.table import Comparison, Scored
 from phnn.identify.fit import Fit, fit
 from phnn.models.bouc_wen import bouc_wen
 from phnn.report.figures import Drawing
-from phnn.report.result import finite
+from phnn.report.files import finite
 
 
 def scored(fitted: Fit) -> Scored:

@@ -14,7 +14,7 @@ from scipy.stats import norm
 from phnn.demo import Sealed
 from phnn.demo.actuator import TABLE
 from phnn.prove.cases import Task
-from phnn.prove.outcome import CLASS, EXACT, IN_CLASS, WRONG, from_row, graded, group_error
+from phnn.prove.outcome import CLASS, EXACT, IN_CLASS, WRONG, graded, group_error
 from phnn.prove.tally import Rate, confusion, detection, half_point, rates, reliability
 
 FULL_TASK = Task("full", "same", 0, 1, "demo")
@@ -98,12 +98,6 @@ def test_groups_of_parameters_ignore_the_common_factor_and_the_order_of_hysteron
     assert group_error(swapped, TABLE) < 1e-12
     assert group_error(TABLE | {"d_2": 1.02 * TABLE["d_2"]}, TABLE) == pytest.approx(0.02)
     assert np.isnan(group_error({}, TABLE))
-
-
-def test_a_row_of_the_table_gives_the_outcome_back() -> None:
-    for said in (answer("named", entry("creep", "delay")), answer("none")):
-        outcome = graded(FULL_TASK, SEALED, said)
-        assert from_row(outcome.row()) == outcome
 
 
 def test_rates_have_exact_intervals() -> None:
