@@ -69,17 +69,6 @@ class Ground:
         return np.concatenate(rows)
 
     @cached_property
-    def doubt(self) -> Array:
-        """(N,) by what factor noise may exceed what is stated: root mean square of its residual, at least 1.
-
-        A floor is an estimate. Where it is too low the residual says so; where an effect is the reason, it stands out
-        far beyond this.
-        """
-        return np.concatenate(
-            [np.full(s.stop - s.start, max(1.0, float(np.sqrt(np.mean(self.residual[s] ** 2))))) for s in self.slices]
-        )
-
-    @cached_property
     def coarse_outputs(self) -> list[Array]:
         """Outputs with the coarse sub-steps, the origin of finite changes."""
         plan = self.plan.coarse()

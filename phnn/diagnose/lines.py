@@ -7,7 +7,7 @@ normal deviate of the same tail probability makes it comparable to the score of 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from scipy.linalg import block_diag
 from scipy.special import ndtri_exp
 from scipy.stats import chi2
 
+from phnn.diagnose.colour import Colour, doubt, first_order_of
 from phnn.diagnose.ground import Ground, direction
 from phnn.effects import Effect
 from phnn.identify.nuisances import line_columns
@@ -30,21 +31,22 @@ _PADDING, _PERIODS = 8, 2.0
 
 @dataclass(frozen=True)
 class LineCandidate:
-    """An effect that shows as lines: its parameter values, and how far the lines stand out, as a normal deviate."""
+    """An effect that shows as lines.
+
+    Attributes:
+        effect: which; values: of its parameters.
+        deviate: how far the lines stand out of the stated noise, as a normal deviate.
+        judged: the same out of the noise as the residual has it, where that is more.
+    """
 
     effect: Effect
     values: dict[str, float]
     deviate: float
+    judged: float
 
 
-def line_candidates(
-    ground: Ground, effects: Sequence[Effect], colour: Callable[[Array], Array]
-) -> list[LineCandidate]:  # fmt: skip
-    """Those of the effects that show as lines, with their scores.
-
-    Args:
-        colour: multiplication by the correlation matrix of the noise.
-    """
+def line_candidates(ground: Ground, effects: Sequence[Effect], colour: Colour) -> list[LineCandidate]:
+    """Those of the effects that show as lines, with their scores."""
     found = []
     for effect in effects:
         points = effect.grid(ground.scales)
@@ -55,48 +57,49 @@ def line_candidates(
     return found
 
 
-def _known(
-    ground: Ground, effect: Effect, points: Sequence[dict[str, float]], colour: Callable[[Array], Array]
-) -> LineCandidate:  # fmt: skip
+def _known(ground: Ground, effect: Effect, points: Sequence[dict[str, float]], colour: Colour) -> LineCandidate:
     """The best of a few given frequencies."""
-    deviates = [line_score(ground, effect.add_to(ground.fit.setup, v).lines, colour) for v in points]
-    best = int(np.argmax(deviates))
-    return LineCandidate(effect, dict(points[best]), deviates[best])
+    found = [line_score(ground, effect.add_to(ground.fit.setup, v).lines, colour) for v in points]
+    best = max(range(len(points)), key=lambda i: found[i])
+    return LineCandidate(effect, dict(points[best]), *found[best])
 
 
 def _searched(ground: Ground, effect: Effect, name: str, points: Sequence[dict[str, float]]) -> LineCandidate:
     """The strongest line there is; the other parameters, in which the effect is linear, by least squares."""
-    frequency, deviate = strongest_line(ground)
+    frequency, deviate, judged = strongest_line(ground)
     placed = [point | {name: frequency} for point in points]
     columns = ground.project(np.column_stack([direction(ground, effect, v) for v in placed]))
     weights = np.linalg.lstsq(columns, ground.residual, rcond=_RANK)[0]
     values = {n: float(sum(w * v[n] for w, v in zip(weights, placed, strict=True))) for n in placed[0]}
-    return LineCandidate(effect, values | {name: frequency}, deviate)
+    return LineCandidate(effect, values | {name: frequency}, deviate, judged)
 
 
-def line_score(ground: Ground, frequencies: Sequence[float], colour: Callable[[Array], Array]) -> float:
-    """Normal deviate of the residual's power at some lines; zero where no recording can show them.
+def line_score(ground: Ground, frequencies: Sequence[float], colour: Colour) -> tuple[float, float]:
+    """Normal deviates of the residual's power at some lines, out of the noise as stated and as the residual has it.
+
+    Both are zero where no recording can show the lines.
 
     Args:
         frequencies: of the lines [Hz].
-        colour: multiplication by the correlation matrix of the noise.
     """
     blocks = [line_columns(r, frequencies) for r in ground.plan.recordings]
     ends = np.cumsum([b.shape[0] for b in blocks])[:-1]
     columns = ground.project(ground.stack(np.split(block_diag(*blocks), ends)))
     if not columns.size:
-        return 0.0
-    left, size, _ = np.linalg.svd(columns, full_matrices=False)
-    q = left[:, size > _RANK * size[0]]
-    power = float(np.einsum("ij,ij->", q, colour(q))) / q.shape[1]
-    return _deviate(float(np.sum((q.T @ ground.residual) ** 2)) / power, q.shape[1], 1.0)
+        return 0.0, 0.0
+    basis, size, _ = np.linalg.svd(columns, full_matrices=False)
+    q = basis[:, size > _RANK * size[0]]
+    stated, left = (np.einsum("ij,ij->", q, times(q)) / q.shape[1] for times in (colour.stated, colour.left))
+    saved = float(np.sum((q.T @ ground.residual) ** 2) / stated)
+    return _deviate(saved, q.shape[1], 1.0), _deviate(saved / float(doubt(left, stated)) ** 2, q.shape[1], 1.0)
 
 
-def strongest_line(ground: Ground) -> tuple[float, float]:
-    """The frequency [Hz] at which the recordings' residuals hold most power together, and its normal deviate.
+def strongest_line(ground: Ground) -> tuple[float, float, float]:
+    """The frequency [Hz] at which the recordings' residuals hold most power together, and its normal deviates.
 
     The periodograms of all recordings, each over the spectrum of its noise, are added up. The tail probability of the
-    largest sum is multiplied by the number of frequencies that the longest recording resolves.
+    largest sum is multiplied by the number of frequencies that the longest recording resolves. The deviates are those
+    out of the noise as stated and as the residual has it; the frequency is that of the first.
     """
     spectra = [
         _spectrum(ground.residual[rows], r) for r, rows in zip(ground.plan.recordings, ground.slices, strict=True)
@@ -104,23 +107,25 @@ def strongest_line(ground: Ground) -> tuple[float, float]:
     longest = max(s.duration for s in spectra)
     last = max(s.f[-1] for s in spectra)
     f = np.arange(_PERIODS / longest, last, 0.25 / longest)
-    power, freedom = np.zeros_like(f), np.zeros_like(f)
+    power, judged, freedom = np.zeros_like(f), np.zeros_like(f), np.zeros_like(f)
     for s in spectra:
         shown = (f >= _PERIODS / s.duration) & (f <= s.f[-1])
         power += np.where(shown, np.interp(f, s.f, s.power), 0.0)
+        judged += np.where(shown, np.interp(f, s.f, s.judged), 0.0)
         freedom += 2.0 * shown
-    tails = chi2.logsf(power, np.maximum(freedom, 2.0))
     # Where tails underflow the power itself decides.
-    best = int(np.lexsort((-power, tails))[0])
-    return float(f[best]), _deviate(float(power[best]), int(freedom[best]), last * longest)
+    best, worst = (int(np.lexsort((-p, chi2.logsf(p, np.maximum(freedom, 2.0))))[0]) for p in (power, judged))
+    deviates = [_deviate(float(p[i]), int(freedom[i]), last * longest) for p, i in ((power, best), (judged, worst))]
+    return float(f[best]), deviates[0], deviates[1]
 
 
 @dataclass(frozen=True)
 class _Spectrum:
-    """Frequencies [Hz] and power in units of half its mean where there is only noise."""
+    """Frequencies [Hz], and power in units of half its mean under noise as stated and as the residual has it."""
 
     f: Array
     power: Array
+    judged: Array
     duration: float
 
 
@@ -133,7 +138,12 @@ def _spectrum(residual: Array, recording: Recording) -> _Spectrum:
     noise = 1.0 + 2.0 * np.cos(2.0 * np.pi * recording.dt * np.outer(f, lags)) @ rho[1:]
     keep = f < 0.45 / recording.dt
     # A correlation that was cut off may give a spectrum that is hardly positive somewhere.
-    return _Spectrum(f[keep], power[keep] / np.maximum(noise[keep], 0.1), n * recording.dt)
+    stated = np.maximum(noise[keep], 0.1)
+    squares, a = first_order_of(residual)
+    left = squares * (1.0 - a * a) / (1.0 + a * a - 2.0 * a * np.cos(2.0 * np.pi * recording.dt * f[keep]))
+    return _Spectrum(
+        f[keep], power[keep] / stated, power[keep] / stated / doubt(left, stated) ** 2, n * recording.dt
+    )  # fmt: skip
 
 
 def _deviate(saved: float, freedom: int, tries: float) -> float:

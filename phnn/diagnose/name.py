@@ -8,12 +8,13 @@ drawn from Gaussian scores with the correlation of the directions, no simulation
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.diagnose.colour import Colour, doubt
 from phnn.diagnose.ground import Ground, direction
 from phnn.diagnose.lines import line_candidates
 from phnn.diagnose.locate import Responses
@@ -71,13 +72,13 @@ def score(
         error: (N,) weighted numerical error of the simulations.
     """
     able = [e for e in effects if e.can_be_added_to(ground.fit.setup)]
-    colour = noise_correlation(ground)
+    colour = Colour(ground)
     lines = line_candidates(ground, able, colour)
     points = [(e, v) for e in able if all(e is not c.effect for c in lines) for v in e.grid(ground.scales)]
     directions = [direction(ground, e, v) for e, v in points]
     raw = np.column_stack([*directions, *([generic.columns] if generic is not None else [])])
     d = ground.project(raw)
-    rd = colour(d)
+    rd = colour.stated(d)
     power = np.einsum("ij,ij->j", d, rd)
     alive = power > 1e-16 * max(float(power.max(initial=0.0)), 1e-300)
     scale = np.where(alive, 1.0 / np.sqrt(np.maximum(power, 1e-300)), 0.0)
@@ -85,20 +86,20 @@ def score(
     sided = np.array([e.one_sided for e, _ in points] + [False] * (raw.shape[1] - len(points)))
     value = np.where(sided, np.maximum(scores, 0.0), np.abs(scores))
     # Scores are in units of the stated noise; how improbable they are is asked with the noise as the residual has it.
-    covariance = ((d * ground.doubt[:, None] ** 2).T @ rd) * np.outer(scale, scale)
-    doubt = np.sqrt(np.maximum(np.diag(covariance), 1.0))
-    null = _null_of_supremum(covariance / np.outer(doubt, doubt), sided, len(lines), seed)
+    covariance = (d.T @ colour.left(d)) * np.outer(scale, scale)
+    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    null = _null_of_supremum(covariance / np.outer(spread, spread), sided, len(lines), seed)
+    judged = value / doubt(np.diag(covariance), np.ones_like(value))
     strengths = (d.T @ ground.residual) / np.maximum(np.einsum("ij,ij->j", d, d), 1e-300)
     saved = np.einsum("ij,ij->j", d, d) * (2.0 * strengths - 1.0)
-    candidates = _best_of_each(points, value, value / doubt, strengths, saved, null)
-    candidates += [Candidate(c.effect, c.values, (), c.deviate, tail(null, c.deviate)) for c in lines]
-    deviates = [c.deviate for c in lines]
-    statistic = float(max([value.max(initial=0.0), *deviates]))
+    candidates = _best_of_each(points, value, judged, strengths, saved, null)
+    candidates += [Candidate(c.effect, c.values, (), c.deviate, tail(null, c.judged)) for c in lines]
+    statistic = float(max([value.max(initial=0.0), *(c.deviate for c in lines)]))
     fake = 0.0 if error is None else float(np.abs(scale * (d.T @ ground.project(error))).max(initial=0.0))
     return Naming(
         candidates=tuple(sorted(candidates, key=lambda c: -c.score)),
         statistic=statistic,
-        p_value=tail(null, float(max([(value / doubt).max(initial=0.0), *deviates]))),
+        p_value=tail(null, float(max([judged.max(initial=0.0), *(c.judged for c in lines)]))),
         generic=float(value[len(points) :].max(initial=0.0)),
         numerical=fake,
     )
@@ -107,7 +108,7 @@ def score(
 def _best_of_each(
     points: Sequence[tuple[Effect, dict[str, float]]],
     value: Array,
-    studentised: Array,
+    judged: Array,
     strengths: Array,
     saved: Array,
     null: Array,
@@ -119,25 +120,9 @@ def _best_of_each(
         order = sorted(mine, key=lambda i: -(value if effect.strength is not None else saved)[i])
         starts = [effect.scaled(points[i][1], float(strengths[i])) for i in order]
         best = float(max(value[i] for i in mine))
-        p_value = tail(null, float(max(studentised[i] for i in mine)))
+        p_value = tail(null, float(max(judged[i] for i in mine)))
         found.append(Candidate(effect, starts[0], tuple(starts[1:3]), best, p_value))
     return found
-
-
-def noise_correlation(ground: Ground) -> Callable[[Array], Array]:
-    """Multiplication by the block-diagonal correlation matrix of the noise."""
-
-    def multiply(columns: Array) -> Array:
-        out = np.array(columns, copy=True)
-        for recording, rows in zip(ground.plan.recordings, ground.slices, strict=True):
-            rho = recording.noise_correlation
-            block = columns[rows]
-            for lag in range(1, min(rho.size, block.shape[0])):
-                out[rows][lag:] += rho[lag] * block[:-lag]
-                out[rows][:-lag] += rho[lag] * block[lag:]
-        return out
-
-    return multiply
 
 
 def _null_of_supremum(correlation: Array, sided: Array, lines: int, seed: int) -> Array:

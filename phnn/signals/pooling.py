@@ -10,7 +10,7 @@ from phnn.signals.first_order import correlation_of
 from phnn.signals.noise import WHITE, NoiseFloor
 
 # Fewest recordings whose spectra are pooled; how far their coefficients may lie from the median.
-_FEWEST, _AGREES = 4, 0.12
+_FEWEST, _AGREES = 3, 0.12
 
 
 def pooled(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:

@@ -15,7 +15,7 @@ from scipy.stats import kstest
 from phnn.diagnose import name as naming
 from phnn.diagnose.judge import judge
 from phnn.diagnose.judge import scored as scored_base
-from phnn.diagnose.name import Candidate, noise_correlation, score, tail
+from phnn.diagnose.name import Candidate, score, tail
 from phnn.diagnose.propose import menu, propose
 from phnn.diagnose.refit import Trial, class_of
 from phnn.effects import catalogue
@@ -118,23 +118,6 @@ def test_numerical_error_is_scored_along_every_direction() -> None:
     one = score(ground, few, campaigns.generic(), 0, error).numerical
     assert score(ground, few, campaigns.generic(), 0, 10.0 * error).numerical == pytest.approx(10.0 * one)
     assert 0.0 < one < np.linalg.norm(error)
-
-
-def test_correlation_of_the_noise_is_a_symmetric_band() -> None:
-    ground = campaigns.ground()
-    rho = np.array([1.0, 0.5, 0.2])
-    recordings = tuple(replace(r, noise_correlation=rho) for r in ground.plan.recordings)
-    fitted = replace(ground.fit, plan=replace(ground.fit.plan, recordings=recordings))
-    multiply = noise_correlation(replace(ground, fit=fitted))
-    n = ground.fit.residual.size
-    edge = ground.slices[0].stop
-    impulses = np.zeros((n, 2))
-    impulses[10, 0] = impulses[edge - 1, 1] = 1.0
-    found = multiply(impulses)
-    np.testing.assert_allclose(found[8:13, 0], [0.2, 0.5, 1.0, 0.5, 0.2])
-    # Another recording has noise of its own.
-    np.testing.assert_allclose(found[edge - 3 : edge + 2, 1], [0.2, 0.5, 1.0, 0.0, 0.0])
-    assert np.abs(found).sum() == pytest.approx(2.4 + 1.7)
 
 
 def test_tail() -> None:
