@@ -6,8 +6,9 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from phnn.diagnose.judge import Judgement, judge, scored
+from phnn.diagnose.judge import Judgement, judge
 from phnn.diagnose.propose import NextExperiment, propose
+from phnn.diagnose.scored import scored
 from phnn.effects import Effect, catalogue, effect
 from phnn.ensemble import executor
 from phnn.identify.base import Options, Progress, identify_base, quiet, refined

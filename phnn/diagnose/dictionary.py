@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnose.filters import low_pass, play_operator, rate, stop_operator
+from phnn.diagnose.filters import integral_while_within, low_pass, play_operator, rate, rate_limited, stop_operator
 from phnn.effects import Scales
+from phnn.effects.effect import DEAD_ZONES
 from phnn.simulate import Trajectory, input_before
 
 Array = NDArray[np.float64]
@@ -98,10 +99,17 @@ def _hysteron(trajectory: Trajectory, scales: Scales) -> Array:
 
 def _leakage(trajectory: Trajectory, scales: Scales) -> Array:
     times = np.geomspace(1.0 / scales.fastest, scales.duration, 4)
+    network, h = trajectory.setup.network, trajectory.h
+    thresholds = {
+        n: network.parameters[r.parameters[1]].value for r in network.resistors if r.law in DEAD_ZONES for n in r.on
+    }
     columns = []
     for i in _electrical_leaves(trajectory):
         e = trajectory.efforts[:, i] / scales.voltage
-        columns += [low_pass(e, trajectory.h, t, float(e[0])) for t in times]
+        columns += [low_pass(e, h, t, float(e[0])) for t in times]
+        # What leaked away while a hysteron held is made up for as soon as it gives way.
+        limit = thresholds.get(network.storages[i].name, np.inf) / scales.voltage
+        columns.append(integral_while_within(e, h, limit) / scales.duration)
     return np.column_stack(columns) if columns else np.zeros((trajectory.velocity.size, 0))
 
 
@@ -136,8 +144,16 @@ def _amplifier_limit(u: Array, scales: Scales) -> Array:
 
 def _amplifier_slew(trajectory: Trajectory, scales: Scales) -> Array:
     u, h = trajectory.u[:, 0] / scales.voltage, trajectory.h
-    slope = rate(u, h) / (2.0 * np.pi * scales.fastest)
-    return np.column_stack([np.sign(slope) * np.maximum(np.abs(slope) - c, 0.0) for c in (0.1, 0.3, 0.6)])
+    before = input_before(trajectory.recording, trajectory.recording.u) / scales.voltage
+    rates = 2.0 * np.pi * scales.fastest * np.array([0.5, 0.9, 2.0, 10.0])
+    return np.column_stack([u - rate_limited(u, h, r, before) for r in rates])
+
+
+def _polarisation(trajectory: Trajectory, scales: Scales) -> Array:
+    w = np.abs(trajectory.u[:, 0]) / scales.voltage
+    times = np.geomspace(0.05 * scales.duration, 5.0 * scales.duration, 3)
+    excesses = [np.maximum(w - c, 0.0) for c in (0.3, 0.6, 0.85)]
+    return np.column_stack([low_pass(e, trajectory.h, t, 0.0) for e in excesses for t in times])
 
 
 def _warmth(trajectory: Trajectory, scales: Scales) -> Array:
@@ -216,6 +232,7 @@ GROUPS = (
         "coupling", "ratio that follows the displacement", PARAMETER, _of_displacement(_by_displacement), _Q,
         _by_displacement, ("alpha",),
     ),
+    Group("coupling", "ratio that follows past voltage", PARAMETER, _polarisation, "", None, ("alpha",)),
     Group("amplifier", "lag", VOLTAGE, _amplifier_lag, _T, _lag_after_a_step),
     Group("amplifier", "limit", VOLTAGE, _of_voltage(_amplifier_limit), _U, _amplifier_limit),
     Group("amplifier", "slew", VOLTAGE, _amplifier_slew),

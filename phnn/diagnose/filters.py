@@ -1,4 +1,4 @@
-"""Small causal operators on sampled signals: low-pass, play, differences."""
+"""Small causal operators on sampled signals: low-pass, play, rate limit, integrals, differences."""
 
 from __future__ import annotations
 
@@ -29,13 +29,42 @@ def _play_loop(x: Any, radius: Any) -> Any:
     return out
 
 
+def _rate_limit_loop(x: Any, h: Any, limit: Any, state: Any) -> Any:
+    out = np.empty_like(x)
+    for n in range(x.size):
+        state += min(max(x[n] - state, -limit * h[n]), limit * h[n])
+        out[n] = state
+    return out
+
+
+def _let_go_loop(x: Any, h: Any, limit: Any) -> Any:
+    out = np.empty_like(x)
+    state = 0.0
+    for n in range(x.size):
+        state = state + h[n] * x[n] if abs(x[n]) < limit else 0.0
+        out[n] = state
+    return out
+
+
 _low_pass = entry(_low_pass_loop)
+_rate_limit = entry(_rate_limit_loop)
 _play = entry(_play_loop)
+_let_go = entry(_let_go_loop)
 
 
 def low_pass(x: Array, h: Array, tau: float, before: float) -> Array:
     """First-order low-pass with time constant ``tau`` and steps ``h``, settled at ``before`` when it begins."""
     return np.asarray(_low_pass(x, h, tau, before))
+
+
+def rate_limited(x: Array, h: Array, limit: float, before: float) -> Array:
+    """``x`` followed at a rate of at most ``limit``, with steps ``h``, from ``before``."""
+    return np.asarray(_rate_limit(x, h, limit, before))
+
+
+def integral_while_within(x: Array, h: Array, limit: float) -> Array:
+    """Integral of ``x`` since its magnitude last reached a limit."""
+    return np.asarray(_let_go(x, h, limit))
 
 
 def stop_operator(x: Array, radius: float) -> Array:

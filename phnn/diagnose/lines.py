@@ -20,13 +20,17 @@ from phnn.diagnose.colour import Colour, doubt, first_order_of
 from phnn.diagnose.ground import Ground, direction
 from phnn.effects import Effect
 from phnn.identify.nuisances import line_columns
+from phnn.identify.staged import dominant_frequency
 from phnn.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 
 _RANK = 1e-9
-# Zero padding of the spectra that are searched; how many periods a recording must have to show a line.
-_PADDING, _PERIODS = 8, 2.0
+# Zero padding of the spectra that are searched; how many periods a recording must have to show a line; the spacing of
+# the frequencies in units of what the longest recording resolves, and the highest one in cycles a sample.
+_PADDING, _PERIODS, _FINER, _HIGHEST = 8, 2.0, 0.25, 0.45
+# Multiples of a line's frequency that come with it.
+_HARMONICS = (1, 2, 3)
 
 
 @dataclass(frozen=True)
@@ -94,56 +98,83 @@ def line_score(ground: Ground, frequencies: Sequence[float], colour: Colour) -> 
     return _deviate(saved, q.shape[1], 1.0), _deviate(saved / float(doubt(left, stated)) ** 2, q.shape[1], 1.0)
 
 
+def line_share(ground: Ground) -> float:
+    """Sum of squares that lines take away, in units of the noise, at frequencies that other recordings tell.
+
+    What drives a recording repeats at its own frequency and is no line: harmonics of it do not count.
+    """
+    f, spectra = _spectra(ground)
+    power, freedom = np.sum([s.power for s in spectra], axis=0), np.sum([s.freedom for s in spectra], axis=0)
+    saved = 0.0
+    for recording, rows, own in zip(ground.plan.recordings, ground.slices, spectra, strict=True):
+        alone = len(spectra) == 1
+        frequency = f[_strongest(power, freedom) if alone else _strongest(power - own.power, freedom - own.freedom)]
+        columns = line_columns(recording, [k * frequency for k in _HARMONICS])[recording.mask("identification")]
+        duration, driven = columns.shape[0] * recording.dt, dominant_frequency(recording)
+        apart = frequency - driven * round(frequency / driven) if driven * duration > _PERIODS else frequency
+        if columns.shape[1] and abs(apart) * duration > 1.0:
+            left = np.linalg.qr(columns)[0].T @ ground.residual[rows]
+            saved += float(left @ left) - left.size
+    return max(saved, 0.0)
+
+
 def strongest_line(ground: Ground) -> tuple[float, float, float]:
     """The frequency [Hz] at which the recordings' residuals hold most power together, and its normal deviates.
 
     The periodograms of all recordings, each over the spectrum of its noise, are added up. The tail probability of the
-    largest sum is multiplied by the number of frequencies that the longest recording resolves. The deviates are those
-    out of the noise as stated and as the residual has it; the frequency is that of the first.
+    largest sum is multiplied by the number of frequencies. The deviates are those under noise as stated and as the
+    residual has it; the frequency is that of the first.
     """
-    spectra = [
-        _spectrum(ground.residual[rows], r) for r, rows in zip(ground.plan.recordings, ground.slices, strict=True)
-    ]
-    longest = max(s.duration for s in spectra)
-    last = max(s.f[-1] for s in spectra)
-    f = np.arange(_PERIODS / longest, last, 0.25 / longest)
-    power, judged, freedom = np.zeros_like(f), np.zeros_like(f), np.zeros_like(f)
-    for s in spectra:
-        shown = (f >= _PERIODS / s.duration) & (f <= s.f[-1])
-        power += np.where(shown, np.interp(f, s.f, s.power), 0.0)
-        judged += np.where(shown, np.interp(f, s.f, s.judged), 0.0)
-        freedom += 2.0 * shown
-    # Where tails underflow the power itself decides.
-    best, worst = (int(np.lexsort((-p, chi2.logsf(p, np.maximum(freedom, 2.0))))[0]) for p in (power, judged))
-    deviates = [_deviate(float(p[i]), int(freedom[i]), last * longest) for p, i in ((power, best), (judged, worst))]
-    return float(f[best]), deviates[0], deviates[1]
+    f, spectra = _spectra(ground)
+    freedom = np.sum([s.freedom for s in spectra], axis=0)
+    deviates, best = [], []
+    for power in (np.sum([s.power for s in spectra], axis=0), np.sum([s.judged for s in spectra], axis=0)):
+        best.append(_strongest(power, freedom))
+        deviates.append(_deviate(float(power[best[-1]]), int(freedom[best[-1]]), f.size * _FINER))
+    return float(f[best[0]]), deviates[0], deviates[1]
+
+
+def _strongest(power: Array, freedom: Array) -> int:
+    """Where χ² is least probable, by its normal deviate (Wilson & Hilferty 1931), which never underflows."""
+    known = np.maximum(freedom, 1.0)
+    spread = 2.0 / (9.0 * known)
+    deviate = (np.cbrt(np.maximum(power, 0.0) / known) - (1.0 - spread)) / np.sqrt(spread)
+    return int(np.argmax(np.where(freedom > 0.5, deviate, -np.inf)))
 
 
 @dataclass(frozen=True)
 class _Spectrum:
-    """Frequencies [Hz], and power in units of half its mean under noise as stated and as the residual has it."""
+    """Power of one recording in units of half its mean under noise as stated and as the residual has it, and its
+    degrees of freedom; zero where the recording shows no line."""
 
-    f: Array
     power: Array
     judged: Array
-    duration: float
+    freedom: Array
 
 
-def _spectrum(residual: Array, recording: Recording) -> _Spectrum:
-    n = residual.size
-    f = np.asarray(np.fft.rfftfreq(_PADDING * n, recording.dt), dtype=np.float64)
+def _spectra(ground: Ground) -> tuple[Array, list[_Spectrum]]:
+    """Common frequencies [Hz], as fine as the longest recording asks, and every recording's spectrum there."""
+    pairs = list(zip(ground.plan.recordings, ground.slices, strict=True))
+    longest = max((s.stop - s.start) * r.dt for r, s in pairs)
+    f = np.arange(_PERIODS / longest, max(_HIGHEST / r.dt for r, _ in pairs), _FINER / longest)
+    return f, [_spectrum(ground.residual[rows], recording, f) for recording, rows in pairs]
+
+
+def _spectrum(residual: Array, recording: Recording, f: Array) -> _Spectrum:
+    n, dt = residual.size, recording.dt
+    own = np.asarray(np.fft.rfftfreq(_PADDING * n, dt), dtype=np.float64)
     power = 2.0 / n * np.abs(np.fft.rfft(residual, _PADDING * n)) ** 2
-    rho = recording.noise_correlation
+    shown = (f >= _PERIODS / (n * dt)) & (f <= _HIGHEST / dt)
+    seen, rho = f[shown], recording.noise_correlation
     lags = np.arange(1, rho.size)
-    noise = 1.0 + 2.0 * np.cos(2.0 * np.pi * recording.dt * np.outer(f, lags)) @ rho[1:]
-    keep = f < 0.45 / recording.dt
     # A correlation that was cut off may give a spectrum that is hardly positive somewhere.
-    stated = np.maximum(noise[keep], 0.1)
+    stated = np.maximum(1.0 + 2.0 * np.cos(2.0 * np.pi * dt * np.outer(seen, lags)) @ rho[1:], 0.1)
     squares, a = first_order_of(residual)
-    left = squares * (1.0 - a * a) / (1.0 + a * a - 2.0 * a * np.cos(2.0 * np.pi * recording.dt * f[keep]))
-    return _Spectrum(
-        f[keep], power[keep] / stated, power[keep] / stated / doubt(left, stated) ** 2, n * recording.dt
-    )  # fmt: skip
+    left = squares * (1.0 - a * a) / (1.0 + a * a - 2.0 * a * np.cos(2.0 * np.pi * dt * seen))
+    full, judged = np.zeros_like(f), np.zeros_like(f)
+    full[shown] = np.interp(seen, own, power) / stated
+    judged[shown] = full[shown] / doubt(left, stated) ** 2
+    return _Spectrum(full, judged, np.where(shown, 2.0, 0.0))
 
 
 def _deviate(saved: float, freedom: int, tries: float) -> float:

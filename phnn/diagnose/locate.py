@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
 from phnn.diagnose.ground import Ground
+from phnn.diagnose.lines import line_share
 from phnn.effects.effect import has_dead_zones, has_transducer
 from phnn.simulate import Trajectory, input_force, output_derivatives
 
@@ -123,6 +124,8 @@ def locate(ground: Ground, given: Responses | None = None) -> Location:
         joint = _generalise(ground, found.columns[:, np.isin(found.owner, members)], folds)
         # A location may be explained best by one kind of element or by several together.
         scores[name] = max([joint] + [details[f"{GROUPS[i].location}/{GROUPS[i].detail}"] for i in members])
+    # Lines have a phase of their own in every recording: only their frequency can be known from others.
+    scores["environment"] = max(scores["environment"], min(line_share(ground) / _explainable(ground), 1.0))
     best = max(scores, key=lambda n: scores[n])
     inside = {g.detail: details[f"{best}/{g.detail}"] for g in GROUPS if g.location == best}
     detail = max(inside, key=lambda d: inside[d])
@@ -171,10 +174,19 @@ def _generalise(ground: Ground, columns: Array, folds: Sequence[NDArray[np.int64
         return total
 
     alone = error(0.0, slice(0, k)) if k else sum(squares)
-    # The excess is known only to the spread of a sum of squares; below that no share can be large.
-    explainable = max(alone - r.size, 2.0 * (2.0 * r.size) ** 0.5)
     best = min(error(ridge, slice(0, None)) for ridge in _RIDGES)
-    return float(np.clip((alone - best) / explainable, 0.0, 1.0))
+    return float(np.clip((alone - best) / _at_least(alone - r.size, r.size), 0.0, 1.0))
+
+
+def _explainable(ground: Ground) -> float:
+    """Sum of squares in excess of the noise."""
+    r = ground.residual
+    return _at_least(float(r @ r) - r.size, r.size)
+
+
+def _at_least(excess: float, size: int) -> float:
+    """An excess is known only to the spread of a sum of squares; below that no share of it can be large."""
+    return max(excess, 2.0 * (2.0 * size) ** 0.5)
 
 
 def _weights(ground: Ground, found: Responses, group: int) -> tuple[Array, Array]:

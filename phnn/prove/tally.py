@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest, norm
 
-from phnn.diagnose.judge import SIGNIFICANT
+from phnn.diagnose.scored import SIGNIFICANT
 from phnn.prove.outcome import EXACT, WRONG, Outcome
 from phnn.prove.settings import FAST, FULL
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.judge import SIGNIFICANT, Finding, Judgement
+from phnn.diagnose.judge import Judgement
 from phnn.diagnose.ledger import account
 from phnn.diagnose.locate import (
     group_of,
@@ -20,6 +20,8 @@ from phnn.diagnose.locate import (
 )
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.picture import Picture, missing_force, picture
+from phnn.diagnose.scored import SIGNIFICANT
+from phnn.diagnose.select import Finding
 from phnn.identify.fit import Fit
 from phnn.identify.staged import fixes_common_factor
 from phnn.models.store import save

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.judge import SIGNIFICANT, Finding, Judgement
+from phnn.diagnose.judge import Judgement
+from phnn.diagnose.scored import SIGNIFICANT
+from phnn.diagnose.select import Finding
 
 
 def sentence(diagnosis: Diagnosis) -> str:

@@ -8,7 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from phnn.diagnose.filters import low_pass, play_operator, rate, stop_operator
+from phnn.diagnose.filters import (
+    integral_while_within,
+    low_pass,
+    play_operator,
+    rate,
+    rate_limited,
+    stop_operator,
+)
 
 signals = st.integers(0, 10**6).map(lambda seed: np.cumsum(np.random.default_rng(seed).standard_normal(200)))
 
@@ -56,3 +63,24 @@ def test_rate_is_exact_for_a_parabola_on_unequal_steps() -> None:
     t = 0.5 * (edges[1:] + edges[:-1])
     np.testing.assert_allclose(rate(3.0 * t**2 - t, h)[1:-1], (6.0 * t - 1.0)[1:-1], atol=1e-9)
     assert (rate(np.array([1.0, 2.0]), np.array([0.1, 0.1])) == 0.0).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(signals, st.floats(0.1, 50.0), st.floats(-2.0, 2.0))
+def test_rate_limit_follows_what_is_slow_and_never_exceeds_its_rate(x: np.ndarray, limit: float, before: float) -> None:
+    h = np.full(x.size, 0.1)
+    y = rate_limited(x, h, limit, before)
+    assert np.abs(np.diff(y, prepend=before)).max() <= 0.1 * limit * (1 + 1e-12)
+    fast = max(np.abs(np.diff(x, prepend=before)).max() / 0.1, limit)
+    np.testing.assert_allclose(rate_limited(x, h, 1.001 * fast, before), x, atol=1e-12)
+
+
+def test_rate_limit_answers_a_step_with_a_ramp() -> None:
+    y = rate_limited(np.ones(10), np.full(10, 0.5), 0.4, 0.0)
+    np.testing.assert_allclose(y, [0.2, 0.4, 0.6, 0.8, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+
+
+def test_integral_begins_anew_wherever_the_limit_is_reached() -> None:
+    x = np.array([1.0, 1.0, -1.0, 5.0, 1.0, 2.0, -5.0])
+    np.testing.assert_allclose(integral_while_within(x, np.full(7, 0.5), 3.0), [0.5, 1.0, 0.5, 0.0, 0.5, 1.5, 0.0])
+    np.testing.assert_allclose(integral_while_within(x, np.full(7, 0.5), np.inf), 0.5 * np.cumsum(x))

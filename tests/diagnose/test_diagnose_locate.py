@@ -11,6 +11,7 @@ import pytest
 from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
 from phnn.diagnose.learn import learn
 from phnn.diagnose.ledger import account
+from phnn.diagnose.lines import line_share
 from phnn.diagnose.locate import Location, locate, recording_scores, strongest_frequencies, strongest_times
 from phnn.diagnose.picture import missing_force, picture
 from phnn.effects.effect import LOCATIONS
@@ -143,6 +144,22 @@ def test_where_and_when_the_residual_is() -> None:
     times = strongest_times(ground)
     assert times == sorted(times)
     assert recording.t[np.argmax(residual)] in times
+
+
+def test_lines_of_a_frequency_that_recordings_share_lie_in_the_environment() -> None:
+    ground = campaigns.ground()
+    rng = np.random.default_rng(0)
+    times = np.concatenate([r.t[r.mask("identification")] for r in ground.plan.recordings])
+    phases = np.concatenate([np.full(s.stop - s.start, rng.uniform(0.0, 6.0)) for s in ground.slices])
+    noise = rng.standard_normal(times.size)
+    power = {}
+    for size in (0.0, 2.0):
+        residual = noise + size * np.sin(2.0 * np.pi * 437.0 * times + phases)
+        shown = replace(ground, fit=replace(ground.fit, residual=residual, jacobian=np.zeros((times.size, 0))))
+        power[size] = line_share(shown) / times.size
+    assert power[0.0] < 0.01
+    # A sine of amplitude two holds twice the power of the noise.
+    assert power[2.0] == pytest.approx(2.0, rel=0.1)
 
 
 def at(index: int, count: int) -> Location:

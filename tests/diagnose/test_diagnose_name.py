@@ -14,10 +14,10 @@ from scipy.stats import kstest
 
 from phnn.diagnose import name as naming
 from phnn.diagnose.judge import judge
-from phnn.diagnose.judge import scored as scored_base
 from phnn.diagnose.name import Candidate, score, tail
 from phnn.diagnose.propose import menu, propose
 from phnn.diagnose.refit import Trial, class_of
+from phnn.diagnose.scored import scored as scored_base
 from phnn.effects import catalogue
 from phnn.identify.numerics import numerical_error
 from phnn.models.actuator import hrc

@@ -1,0 +1,57 @@
+"""A fitted model with its scores, and whether it leaves anything."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from phnn.diagnose.ground import Ground, prepare
+from phnn.diagnose.locate import Location, Responses, locate, responses
+from phnn.diagnose.name import Naming, score
+from phnn.effects import Effect
+from phnn.identify.fit import Fit
+from phnn.identify.numerics import NumericalError
+
+SIGNIFICANT = 0.01
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A model with its scores: all that a verdict ``none`` needs."""
+
+    ground: Ground
+    generic: Responses
+    naming: Naming
+
+    @property
+    def significant(self) -> bool:
+        """Whether the model leaves more than chance would."""
+        return self.naming.p_value < SIGNIFICANT
+
+    @cached_property
+    def remaining(self) -> Location | None:
+        """Where what it leaves seems to be; None where that is no more than chance."""
+        return locate(self.ground, self.generic) if self.significant else None
+
+
+def scored(
+    fitted: Fit, effects: Sequence[Effect], seed: int, error: NumericalError | None = None, terminals: bool = False
+) -> Scored:
+    """Score the catalogue and the generic functions on a model.
+
+    Args:
+        fitted: the base model, or one with effects.
+        effects: the catalogue entries that can exist in this setup.
+        seed: of the null distribution.
+        error: numerical error of the simulations, where what it could fake is asked.
+        terminals: whether the input was measured at the port.
+    """
+    ground = prepare(fitted, terminals)
+    generic = responses(ground)
+    return Scored(ground, generic, score(ground, effects, generic, seed, error.error if error is not None else None))
+
+
+def excess(fit: Fit) -> float:
+    """Sum of squares above what noise of the stated floor leaves."""
+    return fit.cost - (fit.residual.size - fit.jacobian.shape[1])

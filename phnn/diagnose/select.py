@@ -1,0 +1,176 @@
+"""Forward selection of effects with backward deletion, and when a selection stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from phnn.diagnose.ground import Ground
+from phnn.diagnose.locate import Location
+from phnn.diagnose.name import Naming
+from phnn.diagnose.refit import Trial, class_of, refit, tie
+from phnn.diagnose.scored import SIGNIFICANT, Scored, excess, scored
+from phnn.effects import Effect
+from phnn.ensemble import Executor
+from phnn.errors import PhnnError
+from phnn.identify.fit import Fit
+from phnn.identify.staged import fit_identified, stated_only
+
+# Candidates that are refitted: for a first effect, for a further one, and in the place of an earlier one.
+_REFITS, _REFITS_MORE, _RETESTED = 14, 6, 3
+# Below this share of the excess residual explained, a catalogue entry is no explanation, not even in another form;
+# a further one is not below that share of what the ones before it left.
+_EXPLAINS, EXPLAINS_MORE = 0.5, 0.7
+# What takes less than this share of what is left does not help to find what else is missing.
+_EXPLAINS_SOME = 0.25
+# Share that a location must explain to be believed.
+LOCATED = 0.3
+# A second effect must matter: it is looked for only where the residual exceeds the noise by this much.
+_MATERIAL = 1.1
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that was added, with everything that was tried for it."""
+
+    trial: Trial
+    members: tuple[Trial, ...]
+    trials: tuple[Trial, ...]
+    naming: Naming
+
+
+@dataclass(frozen=True)
+class Selected:
+    """A step of the selection: the effects so far, the model with them, the share that the last one took."""
+
+    findings: tuple[Finding, ...]
+    model: Scored
+    share: float
+
+
+def select(
+    found: Scored,
+    location: Location,
+    effects: Sequence[Effect],
+    seed: int,
+    max_effects: int,
+    executor: Executor,
+) -> tuple[Selected, tuple[Trial, ...]]:
+    """Forward selection with backward deletion; and what was tried for the first effect.
+
+    Of two effects of one size the first explains but half, so that one is tried upon another while each takes some of
+    what is left. What is kept in the end either leaves nothing significant, or its last effect took most of what there
+    was and left nothing that has a place: several that nibble at one another's leavings are no explanation.
+    """
+    steps = [Selected((), found, 1.0)]
+    tried: tuple[Trial, ...] = ()
+    while len(steps) <= max_effects and steps[-1].model.significant:
+        last = steps[-1]
+        left = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT]
+        left = left[: _REFITS_MORE if last.findings else _REFITS]
+        trials = _in_place(refit(last.model.ground.fit, left, executor), location)
+        tried = tried or tuple(trials)
+        if not trials or trials[0].fit is None:
+            break
+        step = _with(found.ground, last, trials, location, effects, seed, executor)
+        if step.model.significant and step.share < _EXPLAINS_SOME:
+            break
+        steps.append(step)
+        if step.model.ground.fit.chi2 < _MATERIAL**2:
+            break
+    while len(steps) > 1 and not _kept(steps):
+        steps.pop()
+    return steps[-1], tried
+
+
+def _kept(steps: Sequence[Selected]) -> bool:
+    """Whether the last step of a selection stands: it leaves nothing, or it explains much and nothing has its place.
+
+    One effect alone may leave something at its own place, as the same in another form would.
+    """
+    last = steps[-1]
+    left = last.model.remaining
+    if left is None:
+        return True
+    if len(steps) == 2:
+        return last.share >= _EXPLAINS
+    return last.share >= EXPLAINS_MORE and left.scores[left.name] <= LOCATED
+
+
+def _in_place(trials: list[Trial], location: Location) -> list[Trial]:
+    """The trials with the one first that, of those which fit as well as the best, lies where most is explained."""
+    if not trials or trials[0].fit is None:
+        return trials
+    members = class_of(trials, trials[0].fit.chi2 > _MATERIAL**2)
+    first = max(members, key=lambda t: location.scores[t.candidate.effect.location])
+    return [first, *(t for t in trials if t is not first)]
+
+
+def _with(
+    ground: Ground,
+    last: Selected,
+    trials: Sequence[Trial],
+    location: Location,
+    effects: Sequence[Effect],
+    seed: int,
+    executor: Executor,
+) -> Selected:
+    """The step with the best of some trials, what came before tested again."""
+    best = trials[0]
+    assert best.fit is not None
+    model = scored(best.fit, effects, seed, terminals=ground.terminals)
+    share = share_of(last.model.ground.fit, best.fit, last.model.naming)
+    members = tuple(class_of(trials, model.significant))
+    findings = (*last.findings, Finding(best, members, tuple(trials), last.model.naming))
+    findings, fitted = _retested(ground.fit, findings, best.fit, location, executor)
+    if fitted is not best.fit:
+        model = scored(fitted, effects, seed, terminals=ground.terminals)
+    return Selected(findings, model, share)
+
+
+def _retested(
+    base: Fit, findings: tuple[Finding, ...], fitted: Fit, location: Location, executor: Executor
+) -> tuple[tuple[Finding, ...], Fit]:
+    """Every earlier finding once more, now that the last one is there: superfluous, or better another one?"""
+    place = 0
+    while place < len(findings) - 1:
+        others = (*findings[:place], *findings[place + 1 :])
+        alone = _fit_with(base, others, fitted)
+        if alone is None:
+            place += 1
+            continue
+        if alone.cost - fitted.cost < tie(fitted):
+            findings, fitted = others, alone
+            continue
+        used = {f.trial.candidate.effect.name for f in others}
+        rivals = [t.candidate for t in findings[place].trials[:_RETESTED] if t.candidate.effect.name not in used]
+        trials = _in_place(refit(alone, rivals, executor), location)
+        best = trials[0]
+        if best.fit is not None and best.cost <= fitted.cost + tie(fitted):
+            again = Finding(best, tuple(class_of(trials, False)), tuple(trials), findings[place].naming)
+            findings, fitted = (*findings[:place], again, *findings[place + 1 :]), best.fit
+        place += 1
+    return findings, fitted
+
+
+def _fit_with(base: Fit, findings: Sequence[Finding], fitted: Fit) -> Fit | None:
+    """The base model with some of the effects of a fit, fitted from where that one ended."""
+    values = fitted.setup.values()
+    setup = base.setup.with_values({n: values[n] for n in base.setup.free})
+    for f in findings:
+        setup = f.trial.candidate.effect.add_to(setup, values)
+    own = [n for f in findings for n in f.trial.candidate.effect.parameters]
+    try:
+        return fit_identified(setup, base.plan, stated_only(base.held), origin=base, keep=own)
+    except PhnnError:
+        return None
+
+
+def share_of(before: Fit, after: Fit, scores: Naming) -> float:
+    """Share of the explainable sum of squares that an effect has taken.
+
+    Explainable is the excess over the noise, less its own spread, and at least what one direction would take.
+    """
+    spread = 2.0 * (2.0 * before.residual.size) ** 0.5
+    explainable = max(excess(before) - spread, scores.statistic**2, 1e-300)
+    return (before.cost - after.cost) / explainable
