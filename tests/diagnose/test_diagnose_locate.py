@@ -154,7 +154,7 @@ def test_lines_of_a_frequency_that_recordings_share_lie_in_the_environment() -> 
     noise = rng.standard_normal(times.size)
     power = {}
     for size in (0.0, 2.0):
-        residual = noise + size * np.sin(2.0 * np.pi * 437.0 * times + phases)
+        residual = noise + size * np.sin(2.0 * np.pi * 445.0 * times + phases)
         shown = replace(ground, fit=replace(ground.fit, residual=residual, jacobian=np.zeros((times.size, 0))))
         power[size] = line_share(shown) / times.size
     assert power[0.0] < 0.01
