@@ -240,5 +240,5 @@ GROUPS = (
     Group("sensor", "nonlinear", OUTPUT, _of_output(_sensor_static), _Q, _sensor_static),
     Group("sensor", "lag or play", OUTPUT, _sensor_memory),
     Group("sensor", "drift", OUTPUT, _drift, "time [s]", _drifts),
-    Group("environment", "mains", OUTPUT, _lines),
+    Group("environment", "lines", OUTPUT, _lines),
 )  # fmt: skip

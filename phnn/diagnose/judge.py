@@ -11,15 +11,13 @@ from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Naming
 from phnn.diagnose.refit import Trial
 from phnn.diagnose.scored import Scored, excess, scored
-from phnn.diagnose.select import EXPLAINS_MORE, LOCATED, Finding, select, share_of
+from phnn.diagnose.select import EXPLAINS_MORE, LOCATED, WELL, Finding, elsewhere, select, share_of
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
 from phnn.identify.fit import Fit
 
-# Above this share no learned element is held against a named one; below, it must leave less than half as much.
-_WELL, _CLEARLY = 0.9, 0.5
-# How much less a location must explain to be called another one.
-_ELSEWHERE = 0.01
+# A learned element must leave less than this share of what a named one leaves.
+_CLEARLY = 0.5
 
 
 @dataclass(frozen=True)
@@ -75,9 +73,9 @@ def judge(
     final, left = here.ground.fit, here.remaining
     share = share_of(ground.fit, final, naming)
     learned = None
-    if location.name == "mechanical" and left is not None and share < _WELL:
+    if location.name == "mechanical" and left is not None and share < WELL:
         learned = learn(ground, location.detail)
-    if findings and left is not None and _elsewhere(findings, location, left):
+    if findings and left is not None and elsewhere(findings, location, left):
         if share > EXPLAINS_MORE and left.scores[left.name] > LOCATED:
             location = _also(location, left.name)
         return _unknown(ground, naming, location, tried, seed, learned)
@@ -86,17 +84,6 @@ def judge(
     settled = new_in_held_out and all(len(f.members) == 1 for f in findings)
     verdict = "named" if settled else "equivalent"
     return Judgement(verdict, ground, naming, location, final, here.ground, findings, tried, here.naming, left)
-
-
-def _elsewhere(findings: Sequence[Finding], location: Location, left: Location) -> bool:
-    """Whether what is left lies elsewhere than everything that was named.
-
-    The right element in another form leaves something at its own place; one that imitates leaves it where the truth
-    is. Where what is left is too little to be located, the whole mismatch is asked.
-    """
-    asked = left if left.scores[left.name] > LOCATED else location
-    named = max(asked.scores[f.trial.candidate.effect.location] for f in findings)
-    return named < asked.scores[asked.name] - _ELSEWHERE
 
 
 def _also(location: Location, name: str) -> Location:

@@ -117,6 +117,9 @@ def locate(ground: Ground, given: Responses | None = None) -> Location:
         f"{g.location}/{g.detail}": _generalise(ground, found.columns[:, found.owner == i], folds)
         for i, g in enumerate(GROUPS)
     }
+    # Lines have a phase of their own in every recording: only their frequency can be known from others.
+    lines = min(line_share(ground) / _explainable(ground), 1.0)
+    details["environment/lines"] = max(details["environment/lines"], lines)
     names = list(dict.fromkeys(g.location for g in GROUPS))
     scores = {}
     for name in names:
@@ -124,8 +127,6 @@ def locate(ground: Ground, given: Responses | None = None) -> Location:
         joint = _generalise(ground, found.columns[:, np.isin(found.owner, members)], folds)
         # A location may be explained best by one kind of element or by several together.
         scores[name] = max([joint] + [details[f"{GROUPS[i].location}/{GROUPS[i].detail}"] for i in members])
-    # Lines have a phase of their own in every recording: only their frequency can be known from others.
-    scores["environment"] = max(scores["environment"], min(line_share(ground) / _explainable(ground), 1.0))
     best = max(scores, key=lambda n: scores[n])
     inside = {g.detail: details[f"{best}/{g.detail}"] for g in GROUPS if g.location == best}
     detail = max(inside, key=lambda d: inside[d])

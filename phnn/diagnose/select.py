@@ -23,8 +23,10 @@ _REFITS, _REFITS_MORE, _RETESTED = 14, 6, 3
 _EXPLAINS, EXPLAINS_MORE = 0.5, 0.7
 # What takes less than this share of what is left does not help to find what else is missing.
 _EXPLAINS_SOME = 0.25
-# Share that a location must explain to be believed.
-LOCATED = 0.3
+# From this share on an effect explains well: no learned element is held against it.
+WELL = 0.9
+# Share that a location must explain to be believed, and how much less one must explain to be called another one.
+LOCATED, _ELSEWHERE = 0.3, 0.01
 # A second effect must matter: it is looked for only where the residual exceeds the noise by this much.
 _MATERIAL = 1.1
 
@@ -66,9 +68,9 @@ def select(
     tried: tuple[Trial, ...] = ()
     while len(steps) <= max_effects and steps[-1].model.significant:
         last = steps[-1]
-        left = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT]
-        left = left[: _REFITS_MORE if last.findings else _REFITS]
-        trials = _in_place(refit(last.model.ground.fit, left, executor), location)
+        able = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT]
+        able = able[: _REFITS_MORE if last.findings else _REFITS]
+        trials = _in_place(refit(last.model.ground.fit, able, executor), location)
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
@@ -76,11 +78,31 @@ def select(
         if step.model.significant and step.share < _EXPLAINS_SOME:
             break
         steps.append(step)
-        if step.model.ground.fit.chi2 < _MATERIAL**2:
+        left = step.model.remaining
+        if left is None or step.model.ground.fit.chi2 < _MATERIAL**2:
+            break
+        # The same effect in another form: no second one need be looked for.
+        if step.share > WELL and left.scores[left.name] > LOCATED and not elsewhere(step.findings, location, left):
             break
     while len(steps) > 1 and not _kept(steps):
         steps.pop()
     return steps[-1], tried
+
+
+def elsewhere(findings: Sequence[Finding], location: Location, left: Location) -> bool:
+    """Whether what is left lies elsewhere than everything that was named.
+
+    The right element in another form leaves something at its own place; one that imitates leaves it where the truth
+    is. Where what is left is too little to be located, the whole mismatch is asked.
+    """
+    asked = left if left.scores[left.name] > LOCATED else location
+    named = max(_explained(asked, f.trial.candidate.effect) for f in findings)
+    return named < max(asked.details.values()) - _ELSEWHERE
+
+
+def _explained(location: Location, effect: Effect) -> float:
+    """What functions of an effect's own kind explain; all of its place, where there are none of its kind."""
+    return location.details.get(f"{effect.location}/{effect.kind}", location.scores[effect.location])
 
 
 def _kept(steps: Sequence[Selected]) -> bool:
@@ -120,12 +142,23 @@ def _with(
     assert best.fit is not None
     model = scored(best.fit, effects, seed, terminals=ground.terminals)
     share = share_of(last.model.ground.fit, best.fit, last.model.naming)
-    members = tuple(class_of(trials, model.significant))
-    findings = (*last.findings, Finding(best, members, tuple(trials), last.model.naming))
+    members = class_of(trials, model.significant)
+    if model.significant:
+        members += [t for t in trials if t not in members and _as_well(t, best, last)]
+    findings = (*last.findings, Finding(best, tuple(members), tuple(trials), last.model.naming))
     findings, fitted = _retested(ground.fit, findings, best.fit, location, executor)
     if fitted is not best.fit:
         model = scored(fitted, effects, seed, terminals=ground.terminals)
     return Selected(findings, model, share)
+
+
+def _as_well(trial: Trial, best: Trial, last: Selected) -> bool:
+    """Whether an effect of the best one's kind explains well too: of the forms of one kind, none of them the true one,
+    the one that comes nearest need not be its name."""
+    effect, other = trial.candidate.effect, best.candidate.effect
+    if trial.fit is None or (effect.location, effect.kind) != (other.location, other.kind):
+        return False
+    return share_of(last.model.ground.fit, trial.fit, last.model.naming) > WELL
 
 
 def _retested(

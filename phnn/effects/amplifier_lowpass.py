@@ -25,6 +25,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="amplifier_lowpass",
     location="amplifier",
+    kind="lag",
     equation=r"\tau_a \dot{V} = u - V",
     statement="The amplifier does not follow its command at once: it is a low-pass with a time constant of {tau_a}.",
     fingerprint="The output lags by a time that grows into a phase proportional to frequency, and its gain falls with "

@@ -23,6 +23,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="amplifier_offset",
     location="amplifier",
+    kind="offset",
     equation=r"V = u + V_0",
     statement="The amplifier adds {V_0} to its command. Where the actuator is linear in the voltage and a spring "
     "holds it, only the zero of the displacement shows that.",

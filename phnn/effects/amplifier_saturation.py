@@ -24,6 +24,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="amplifier_saturation",
     location="amplifier",
+    kind="limit",
     equation=r"V = \mathrm{clip}(u, \pm V_{max})",
     statement="The amplifier saturates: beyond {V_max} the voltage no longer follows the command, at any frequency.",
     fingerprint="Flat tops begin at one amplitude of the command, at every frequency and on both sides.",

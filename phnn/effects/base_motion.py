@@ -44,6 +44,7 @@ def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
 EFFECT = Effect(
     name="base_motion",
     location="environment",
+    kind="lines",
     equation=r"F_b(t) = A_c \cos 2\pi f_b t + A_s \sin 2\pi f_b t",
     statement="The base shakes at {f_b}, the same way in every recording: a force of {A_c} (cosine) and {A_s} (sine) "
     "acts on the moving part, whatever the voltage does.",

@@ -31,6 +31,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="charge_leakage",
     location="electrical",
+    kind="leakage",
     equation=r"\dot{Q}_i = \alpha v - h_i^{-1}(e_i) - G e_i, \quad e_i = Q_i/C_i",
     statement="The capacitors of the hysterons leak with a conductance of {G} each: what hysteresis holds back is "
     "slowly let go.",

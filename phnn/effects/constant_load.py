@@ -35,6 +35,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="constant_load",
     location="mechanical",
+    kind="constant",
     equation=r"F = F_0",
     statement="A constant force of {F_0} acts on the moving part, as gravity or a preload does.",
     fingerprint="Without a spring the motion goes further one way than the other; with a linear one the mean "

@@ -38,6 +38,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="contact_stop",
     location="mechanical",
+    kind="elastic",
     equation=r"F_c = k_c \max(q - g_c, 0)",
     statement="The moving part meets an elastic stop: beyond a displacement of {g_c} a further stiffness of {k_c} acts "
     "on that side.",

@@ -35,6 +35,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="coulomb_friction",
     location="mechanical",
+    kind="dissipative",
     equation=r"F_f = F_c \tanh(v/v_s)",
     statement="Dry friction of {F_c} acts on the moving part; it turns round with the velocity and does not grow "
     "with it (smoothed over {v_s}).",

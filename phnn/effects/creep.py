@@ -38,6 +38,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="creep",
     location="mechanical",
+    kind="memory",
     equation=r"F_s = k_s\,s, \quad \dot{s} = v - s/\tau_s",
     statement="Part of the stiffness relaxes: a spring of {k_s} gives way with a time constant of {tau_s}, so the "
     "displacement goes on growing after a change of voltage.",

@@ -26,6 +26,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="cubic_stiffness",
     location="mechanical",
+    kind="elastic",
     equation=r"F_k = k\,q\,(1 + \kappa_3 (q/q_0)^2)",
     statement="The stiffness depends on the amplitude: at a displacement of {q_0} the spring force differs by the "
     "share {kappa_3} from a straight line.",

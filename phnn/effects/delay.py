@@ -27,6 +27,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="delay",
     location="amplifier",
+    kind="lag",
     equation=r"V(t) = u(t - \tau_d)",
     statement="The voltage follows its command {tau_d} late, at every frequency alike: a delay of the electronics, "
     "which the displacement shows as if its sensor were late.",

@@ -38,6 +38,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="depolarisation",
     location="coupling",
+    kind="ratio that follows past voltage",
     equation=r"\alpha(z) = \alpha (1 - \delta_z z), \quad \tau_z \dot{z} = \max(|V|/V_c - 1, 0) - z",
     statement="High voltage takes polarisation away: beyond {V_c} the transducer ratio falls by the share {delta_z} "
     "for every further such voltage, with a time constant of {tau_z}.",

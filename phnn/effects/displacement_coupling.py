@@ -32,6 +32,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="displacement_coupling",
     location="coupling",
+    kind="ratio that follows the displacement",
     equation=r"\alpha(q) = \alpha (1 + \kappa_a\, q/q_a)",
     statement="The transducer ratio follows the displacement: it changes by the share {kappa_a} per {q_a}.",
     fingerprint="Even harmonics and a mean shift with the product of voltage and displacement, weaker and turned in "

@@ -89,6 +89,8 @@ class Effect:
     Attributes:
         name: canonical name.
         location: one of `LOCATIONS`.
+        kind: what sort of thing it is there: elastic, dissipative, memory, lag, …; effects of one kind act through the
+            same local variables.
         equation: LaTeX.
         statement: one or two sentences for a person; ``{parameter}`` is replaced by its value with unit.
         fingerprint: one sentence: what betrays it in recordings.
@@ -109,6 +111,7 @@ class Effect:
 
     name: str
     location: str
+    kind: str
     equation: str
     statement: str
     fingerprint: str

@@ -29,6 +29,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="electrostriction",
     location="coupling",
+    kind="force against voltage",
     equation=r"F = \alpha (V + \frac{1}{2} \varepsilon V^2)",
     statement="The force is not proportional to the voltage: electrostriction adds the share {epsilon} times half "
     "the voltage, the same at every frequency.",

@@ -49,6 +49,7 @@ def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
 EFFECT = Effect(
     name="extra_hysteron",
     location="hysteron",
+    kind="shape",
     equation=r"\dot{Q}_x = \alpha v - h_x^{-1}(Q_x/C_x)",
     statement="The hysteresis needs one more hysteron: capacitance {C_x}, dead zone {d_x}, conductance {rho_x} outside "
     "it.",

@@ -38,6 +38,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="hysteresis_asymmetry",
     location="hysteron",
+    kind="threshold that follows the displacement",
     equation=r"d_i(q) = d_i \max(0, 1 + \kappa_d\, q/q_d)",
     statement="The hysteresis loop is wider on one side: the dead zones grow by the share {kappa_d} per {q_d} of "
     "displacement.",

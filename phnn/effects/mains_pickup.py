@@ -28,6 +28,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="mains_pickup",
     location="environment",
+    kind="lines",
     equation=r"y = q + \sum_{n=1}^{3} (a_n \cos 2\pi n f_m t + b_n \sin 2\pi n f_m t)",
     statement="The measurement picks up the mains: lines at {f_m} and its harmonics stand in the output, with an "
     "amplitude and phase of their own in every recording.",

@@ -27,6 +27,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="output_backlash",
     location="sensor",
+    kind="lag or play",
     equation=r"|q - y| \leq \delta_b, \quad \dot{y} \neq 0 \ \mathrm{only\ where}\ |q - y| = \delta_b",
     statement="There is play between what moves and what is measured: after each reversal the output rests until the "
     "actuator has moved by twice {delta_b}.",

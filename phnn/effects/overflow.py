@@ -38,6 +38,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="overflow",
     location="mechanical",
+    kind="dissipative",
     equation=r"\dot{V} = \dots - r_o \max(V - V_o, 0)",
     statement="The tank overflows: above a volume of {V_o} what is too much flows off at a rate of {r_o}.",
     fingerprint="Nothing below one level, and above it the level rises no further than the inflow needs to run off.",

@@ -30,6 +30,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="quadratic_drag",
     location="mechanical",
+    kind="dissipative",
     equation=r"F_d = c_2 |v| v",
     statement="A resistance of {c_2} grows with the square of the velocity, so that fast motion is damped more than "
     "slow motion.",

@@ -26,6 +26,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="quadratic_stiffness",
     location="mechanical",
+    kind="elastic",
     equation=r"F_k = k\,q\,(1 + \kappa_2 s + \frac{1}{3}\kappa_2^2 s^2), \quad s = q/q_2",
     statement="The spring is stiffer on one side than on the other: at a displacement of {q_2} its force differs by "
     "the share {kappa_2} from a straight line.",

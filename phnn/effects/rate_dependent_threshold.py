@@ -42,6 +42,7 @@ def applies(setup: Setup) -> bool:
 EFFECT = Effect(
     name="rate_dependent_threshold",
     location="hysteron",
+    kind="threshold that follows the rate",
     equation=r"d_i(v) = d_i (1 + \kappa_v |v|)",
     statement="The hysteresis loop widens with the speed: the dead zones grow in proportion to it, by {kappa_v}.",
     fingerprint="The loop grows wider with frequency while its corners stay where the direction turns round.",

@@ -57,6 +57,7 @@ def applies(setup: Setup) -> bool:
 EFFECT = Effect(
     name="self_heating",
     location="thermal",
+    kind="ratio that follows the warmth",
     equation=r"\alpha(T) = \alpha (1 + \kappa_T (T - T_a)/T_s), \quad C_T \dot{T} = P - (T - T_a)/R_T",
     statement="The actuator warms itself: per kelvin the transducer ratio changes by the share {kappa_T}, a heat "
     "capacity of {C_T} being assumed, and the warmth leaves over {R_T}.",

@@ -24,6 +24,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="sensor_drift",
     location="sensor",
+    kind="drift",
     equation=r"y = q + r\,t",
     statement="The sensor drifts by {drift_rate}, whatever the actuator does.",
     fingerprint="A ramp below the lowest excited frequency that goes on whatever the voltage does.",

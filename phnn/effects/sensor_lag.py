@@ -27,6 +27,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="sensor_lag",
     location="sensor",
+    kind="lag or play",
     equation=r"\tau_y \dot{y} = q - y",
     statement="The sensor lags behind the displacement: it is a low-pass with a time constant of {tau_y}.",
     fingerprint="A lag that grows with frequency, and noise that is coloured by the same low-pass where it comes from "

@@ -36,6 +36,7 @@ def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
 EFFECT = Effect(
     name="sensor_nonlinearity",
     location="sensor",
+    kind="nonlinear",
     equation=r"y = q + a_2 q^2 + a_3 q^3",
     statement="The sensor is not straight: to the displacement it adds {a_2} times its square and {a_3} times its "
     "cube, at any speed.",

@@ -28,6 +28,7 @@ def applies(setup: Setup) -> bool:
 EFFECT = Effect(
     name="sensor_rectification",
     location="sensor",
+    kind="nonlinear",
     equation=r"y = |q|",
     statement="The sensor shows how far the output is from its zero, not on which side: it rectifies.",
     fingerprint="An output that never crosses its zero but turns back at it with a sharp corner, at twice the "

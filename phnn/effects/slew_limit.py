@@ -27,6 +27,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 EFFECT = Effect(
     name="slew_limit",
     location="amplifier",
+    kind="slew",
     equation=r"|\dot{V}| \leq S",
     statement="The voltage cannot change faster than {S}: the current of the amplifier is limited, so that large fast "
     "commands become triangles.",

@@ -42,6 +42,7 @@ def applies(setup: Setup) -> bool:
 EFFECT = Effect(
     name="turbulent_orifice",
     location="mechanical",
+    kind="dissipative",
     equation=r"g\,\Delta p = Q (1 + \kappa_t |Q|/Q_t)",
     statement="The pipes have orifices in which the flow is turbulent: at a flow of {Q_t} they resist by the share "
     "{kappa_t} more than in proportion, and large flows go with the root of the head.",

@@ -14,11 +14,12 @@ from phnn.diagnose.ledger import account
 from phnn.diagnose.lines import line_share
 from phnn.diagnose.locate import Location, locate, recording_scores, strongest_frequencies, strongest_times
 from phnn.diagnose.picture import missing_force, picture
+from phnn.effects import Effect, catalogue
 from phnn.effects.effect import LOCATIONS
 from phnn.simulate import simulate
 
 # Functions of time alone act without any motion.
-_OF_TIME = ("drift", "mains")
+_OF_TIME = ("drift", "lines")
 
 
 @pytest.mark.parametrize("group", GROUPS, ids=lambda g: f"{g.location}/{g.detail}")
@@ -278,3 +279,10 @@ def test_learned_dampers_and_memories_follow_what_is_missing(detail: str) -> Non
 
 def test_nothing_is_learned_where_there_is_no_one_port() -> None:
     assert learn(campaigns.ground(), "lag") is None
+
+
+@pytest.mark.parametrize("effect", list(catalogue().values()), ids=lambda e: e.name)
+def test_every_effect_is_of_a_kind_that_the_dictionaries_have(effect: Effect) -> None:
+    kinds = {(g.location, g.detail) for g in GROUPS}
+    # A constant shows at once and everywhere: no function of time or state is needed to describe it.
+    assert (effect.location, effect.kind) in kinds or effect.kind in ("offset", "constant")
