@@ -112,7 +112,7 @@ def diagnose(
     grounds = {id(g): g for g in (judgement.ground, judgement.final_ground)}.values()
     residual = max(check(t) for g in grounds for t in g.trajectories)
     members = next((f.members for f in judgement.findings if len(f.members) > 1), ())
-    proposal = propose(members, judgement.ground.scales)
+    proposal = propose(members, judgement.ground)
     return Diagnosis(
         campaign, base, error, judgement, before, after, proposal, residual, chosen, time.monotonic() - began
     )  # fmt: skip

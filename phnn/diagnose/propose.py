@@ -1,84 +1,180 @@
-"""The next recording: the one of a menu on which the members of a class differ most."""
+"""The next recording: the one of a menu on which the members of a class differ most, whatever their parameters.
+
+Members ``a`` and ``b`` are refitted models that the recordings at hand cannot tell apart. On a new recording, if ``a``
+is right, ``b`` fails to explain
+
+    min over δ of  ‖Δ − S δ‖² + ‖J δ‖²,    Δ = (y_a − y_b)/σ without the zero of the recording
+
+to first order: ``S`` are the sensitivities of ``b`` on the new recording and ``J`` those on the recordings at hand, so
+that its parameters, base and effect, move only within what these allow. This is the expected difference of the sums of
+squares of a joint refit; its root is the separation in noise units. The smaller of both directions counts.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnose.refit import Trial
-from phnn.effects import Scales
-from phnn.errors import SolverFailed
-from phnn.recordings.recording import Part, Recording, Start
-from phnn.simulate import simulate
+from phnn.diagnose.ground import Ground
+from phnn.diagnose.menu import Experiment, menu
+from phnn.diagnose.refit import Trial, tie
+from phnn.errors import PhnnError
+from phnn.identify.fit import Fit, variables_from
+from phnn.identify.nuisances import without_nuisances
+from phnn.identify.problem import Problem, Variables
+from phnn.identify.staged import stated_only
+from phnn.simulate import output_derivatives, simulate
 
 Array = NDArray[np.float64]
 
-_SAMPLES = 4000
+_SUBSTEPS = 2
+# Coordinates do not move further than this, a factor of twenty: beyond, a sensitivity at one place says nothing.
+_FAR = 3.0
+_NOTHING = 1e-3
 
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """A recording to make, what it separates, and why."""
+    """A recording to make.
+
+    Attributes:
+        recording: all that is needed to make it, in words; experiment: the same for a program.
+        separates: members of the class that it tells from another one; all where it tells none apart.
+        why: a sentence with the figures.
+        separation: the smallest between members that it tells apart, in noise units over the whole recording.
+        needed: the separation from which two models are told apart.
+        menu: the smallest separation between any two members, by recording of the menu.
+    """
 
     recording: str
     separates: tuple[str, ...]
     why: str
+    separation: float
+    needed: float
+    experiment: Experiment
+    menu: Mapping[str, float]
 
 
-def menu(scales: Scales) -> dict[str, Recording]:
-    """Recordings a laboratory can easily make, at the voltage already in use."""
-    v = scales.voltage
-    hold = np.linspace(0.0, max(10.0 * scales.duration, 10.0), _SAMPLES)
-    slow = np.linspace(0.0, 4.0 / (0.2 * scales.slowest), _SAMPLES)
-    fast = np.linspace(0.0, 20.0 / (2.0 * scales.fastest), _SAMPLES)
-    middle = np.sqrt(scales.slowest * scales.fastest)
-    sweep = np.linspace(0.0, 10.0 / middle, _SAMPLES)
-    sine = np.sin
-    return {
-        f"hold: a step to {v:.3g} V held for {hold[-1]:.0f} s": _recording(hold, np.where(hold >= 0.0, v, 0.0)),
-        f"slow sine: {0.2 * scales.slowest:.3g} Hz at {v:.3g} V": _recording(
-            slow, v * sine(2 * np.pi * 0.2 * scales.slowest * slow)
-        ),
-        f"fast sine: {2.0 * scales.fastest:.3g} Hz at {0.5 * v:.3g} V": _recording(
-            fast, 0.5 * v * sine(2 * np.pi * 2.0 * scales.fastest * fast)
-        ),
-        f"amplitude sweep: {middle:.3g} Hz growing from 0 to {v:.3g} V": _recording(
-            sweep, v * sweep / sweep[-1] * sine(2 * np.pi * middle * sweep)
-        ),
-        f"offset sine: {middle:.3g} Hz at {0.4 * v:.3g} V around {0.5 * v:.3g} V": _recording(
-            sweep, 0.5 * v * np.minimum(1.0, 2 * middle * sweep) + 0.4 * v * sine(2 * np.pi * middle * sweep)
-        ),
-    }
+def propose(members: Sequence[Trial], ground: Ground) -> NextExperiment | None:
+    """The experiment of the menu that tells most pairs of members apart; of several, the one that does so most clearly.
 
-
-def _recording(t: Array, u: Array) -> Recording:
-    part = Part("menu", 0, t.size, "identification")
-    return Recording(
-        "menu", t, u, np.zeros_like(t), Start("rest", 0.0), "cubic", (part,), 1.0, "none", np.array([1.0]), None, {}, ""
+    None where there is no class, or nothing on the menu moves its members apart.
+    """
+    fitted = [(t.candidate.effect.name, t.fit) for t in members if t.fit is not None]
+    if len(fitted) < 2:
+        return None
+    rivals = [_rival(f) for _, f in fitted]
+    needed = math.sqrt(tie(fitted[0][1]))
+    found = [(e, s) for e in menu(ground) if (s := separations(rivals, e, ground.scales.noise)) is not None]
+    if not found:
+        return None
+    experiment, apart = max(found, key=lambda item: _merit(item[1], needed))
+    if apart.max() < _NOTHING:
+        return None
+    pairs = list(combinations([name for name, _ in fitted], 2))
+    told = [pair for pair, s in zip(pairs, apart, strict=True) if s >= needed]
+    names = tuple(n for n, _ in fitted if not told or any(n in pair for pair in told))
+    separation = _merit(apart, needed)[1]
+    return NextExperiment(
+        recording=experiment.words,
+        separates=names,
+        why=_why(pairs, apart, needed),
+        separation=separation,
+        needed=needed,
+        experiment=experiment,
+        menu={e.kind: float(s.min()) for e, s in found},
     )
 
 
-def propose(members: Sequence[Trial], scales: Scales) -> NextExperiment | None:
-    """The menu entry with the largest smallest separation between refitted members, in noise standard deviations."""
-    fitted = [t for t in members if t.fit is not None]
-    if len(fitted) < 2:
-        return None
-    best_name, best = "", 0.0
-    for name, recording in menu(scales).items():
+def _merit(apart: Array, needed: float) -> tuple[int, float]:
+    """How many pairs are told apart, and the smallest separation of those; of all where there are none."""
+    told = apart[apart >= needed]
+    return told.size, float(told.min() if told.size else apart.min())
+
+
+def _why(pairs: Sequence[tuple[str, str]], apart: Array, needed: float) -> str:
+    told = [(pair, s) for pair, s in zip(pairs, apart, strict=True) if s >= needed]
+    start = "With their parameters refitted as far as the recordings at hand allow, the models of "
+    end = f"× noise over the whole recording, and {needed:.2g} are needed to tell two models apart"
+    if not told:
+        (a, b), s = min(zip(pairs, apart, strict=True), key=lambda item: item[1])
+        times = math.ceil((needed / s) ** 2) if s > 0.0 else 0
+        often = f": make it {times} times" if 0 < times < 100 else ""
+        return f"{start}{a} and {b} differ there by {s:.2g} {end}{often}."
+    (a, b), s = min(told, key=lambda item: item[1])
+    left = [" and ".join(pair) for pair, value in zip(pairs, apart, strict=True) if value < needed]
+    rest = f" It does not tell apart {'; '.join(left)}." if left else ""
+    least = " least" if len(told) > 1 else ""
+    return f"{start}{a} and {b} differ there{least}: by {s:.2g} {end}.{rest}"
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """A refitted model with what the recordings at hand know of its parameters.
+
+    Attributes:
+        variables: everything that they leave open, also what they do not identify.
+        known: (M, K) rows ``J`` with ``‖J δ‖²`` the rise of their sum of squares.
+    """
+
+    fit: Fit
+    variables: Variables
+    known: Array
+
+
+def _rival(fitted: Fit) -> Rival:
+    held = [n for n in fitted.held if n not in stated_only(fitted.held)]
+    variables = variables_from(fitted.setup, fitted.plan, (*fitted.variables.names, *held), fitted)
+    j = fitted.jacobian
+    if held:
+        problem = Problem(fitted.setup, fitted.plan.coarse(), variables)
+        j = problem.jacobian(variables.start(fitted.setup))
+    return Rival(fitted, variables, np.concatenate([np.linalg.qr(j, mode="r"), np.eye(j.shape[1]) / _FAR]))
+
+
+def separations(rivals: Sequence[Rival], experiment: Experiment, noise: float) -> Array | None:
+    """(P,) separations of all pairs on an experiment; None where one of the models cannot be simulated there.
+
+    Args:
+        noise: standard deviation of the output's noise [m].
+    """
+    recording = experiment.recording(noise)
+    everything = recording.mask("identification")
+    lines = tuple(dict.fromkeys(f for r in rivals for f in r.fit.setup.lines))
+
+    def weighted(values: Array) -> Array:
+        return without_nuisances(values, everything, recording, lines) / noise
+
+    outputs, moved = [], []
+    for r in rivals:
         try:
-            outputs = [simulate(t.fit.setup, recording, 2).y for t in fitted if t.fit is not None]
-        except SolverFailed:
-            continue
-        distances = [
-            float(np.std(a - b)) / scales.noise for i, a in enumerate(outputs) for b in outputs[i + 1 :]
-        ]  # fmt: skip
-        if min(distances) > best:
-            best_name, best = name, min(distances)
-    names = tuple(t.candidate.effect.name for t in fitted)
-    if not best_name:
-        return None
-    why = f"the refitted models of {', '.join(names)} differ there by at least {best:.2g} × noise (root mean square)"
-    return NextExperiment(best_name, names, why)
+            trajectory = simulate(r.fit.setup, recording, _SUBSTEPS)
+        except PhnnError:
+            return None
+        raw = output_derivatives(trajectory, r.variables.names)
+        outputs.append(weighted(trajectory.y))
+        moved.append(weighted(r.variables.columns(r.fit.setup, recording, raw)))
+    pairs = combinations(range(len(rivals)), 2)
+    return np.array(
+        [
+            min(left(outputs[a] - outputs[b], moved[i], rivals[i].known) for i in (a, b))
+            for a, b in pairs
+        ]
+    )  # fmt: skip
+
+
+def left(difference: Array, moved: Array, known: Array) -> float:
+    """``√min ‖Δ − S δ‖² + ‖J δ‖²`` over ``δ``.
+
+    Args:
+        difference: (N,) ``Δ``; moved: (N, K) ``S``; known: (M, K) ``J``.
+    """
+    design = np.concatenate([moved, known])
+    wanted = np.concatenate([difference, np.zeros(known.shape[0])])
+    basis = np.linalg.qr(design)[0]
+    return float(np.linalg.norm(wanted - basis @ (basis.T @ wanted)))

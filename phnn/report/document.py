@@ -90,6 +90,8 @@ class NextExperiment:
     recording: str
     separates: tuple[str, ...]
     why: str
+    needed: float | None = None  # separation from which two models are told apart, in noise units
+    menu: tuple[tuple[str, float | None], ...] = ()  # smallest separation by recording of the menu, largest first
 
 
 @dataclass(frozen=True)
@@ -215,7 +217,13 @@ def _remainder(value: Any) -> Remainder | None:
 def _next_experiment(value: Any) -> NextExperiment | None:
     if not isinstance(value, Mapping):
         return None
-    return NextExperiment(_text(value.get("recording")), _texts(value.get("separates")), _text(value.get("why")))
+    return NextExperiment(
+        recording=_text(value.get("recording")),
+        separates=_texts(value.get("separates")),
+        why=_text(value.get("why")),
+        needed=finite(value.get("needed")),
+        menu=_descending({str(n): finite(s) for n, s in _mapping(value.get("menu")).items()}),
+    )
 
 
 def read_document(document: Mapping[str, Any]) -> Document:

@@ -27,6 +27,7 @@ from phnn.identify.staged import fixes_common_factor
 from phnn.models.store import save
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace
 from phnn.report.files import finite, write_json
+from phnn.report.following import WAVEFORM, next_experiment, write_waveform
 from phnn.report.sentence import sentence, unknown_statement
 from phnn.report.write import write_report
 from phnn.units import quantity
@@ -47,6 +48,7 @@ def write(diagnosis: Diagnosis, out: Path) -> dict[str, Any]:
     save(diagnosis.judgement.final.setup, out / "model", finest)
     content = document(diagnosis)
     write_json(out / "diagnosis.json", content)
+    write_waveform(diagnosis.proposal, diagnosis.base.setup, out / WAVEFORM)
     write_report(content, evidence(diagnosis), out)
     return content
 
@@ -55,7 +57,6 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
     """``diagnosis.json`` as a mapping; numbers that are not finite become null."""
     j = diagnosis.judgement
     names = {p.name: p.use for p in diagnosis.before.parts}
-    proposal = diagnosis.proposal
     content = {
         "schema": SCHEMA,
         "verdict": j.verdict,
@@ -71,9 +72,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
             "after": diagnosis.after.table() if j.final is not diagnosis.base else {},
             "held_out": [n for n, use in names.items() if use == "confirmation"],
         },
-        "next_experiment": None
-        if proposal is None
-        else {"recording": proposal.recording, "separates": list(proposal.separates), "why": proposal.why},
+        "next_experiment": next_experiment(diagnosis.proposal),
         "versions": {name: version(name) for name in _PACKAGES},
         "seed": diagnosis.options.seed,
         "seconds": round(diagnosis.seconds, 2),

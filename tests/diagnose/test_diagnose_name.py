@@ -15,7 +15,6 @@ from scipy.stats import kstest
 from phnn.diagnose import name as naming
 from phnn.diagnose.judge import judge
 from phnn.diagnose.name import Candidate, score, tail
-from phnn.diagnose.propose import menu, propose
 from phnn.diagnose.refit import Trial, class_of
 from phnn.diagnose.scored import scored as scored_base
 from phnn.effects import catalogue
@@ -174,25 +173,6 @@ def test_a_missing_element_is_named_with_its_parameters(effect: str) -> None:
     else:
         rates = {v for n, v in true.items() if n.startswith("rate_")}
         assert found["drift_rate"] == pytest.approx(next(iter(rates)), rel=0.1)
-
-
-def test_next_experiment_is_one_of_the_menu() -> None:
-    made = campaigns.diagnosis("quadratic_drag")
-    scales = made.judgement.ground.scales
-    fits = [made.base, made.judgement.final]
-    members = [
-        Trial(Candidate(catalogue()[n], {}, (), 10.0, 1e-5), f)
-        for n, f in zip(("creep", "quadratic_drag"), fits, strict=True)
-    ]
-    found = propose(members, scales)
-    assert found is not None
-    assert found.recording in menu(scales)
-    # Drag needs speed to show itself.
-    assert found.recording.startswith("fast sine")
-    assert found.separates == ("creep", "quadratic_drag")
-    assert propose(members[:1], scales) is None
-    assert propose([members[0], Trial(members[1].candidate, None)], scales) is None
-    assert propose([members[0], members[0]], scales) is None
 
 
 @pytest.mark.slow

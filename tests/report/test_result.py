@@ -83,7 +83,10 @@ def test_document_has_the_keys_that_others_read(case: str) -> None:
         for row in content["location"]["recordings"].values():
             assert set(row) == {"residual_over_noise"}
     if content["next_experiment"] is not None:
-        assert set(content["next_experiment"]) == {"recording", "separates", "why"}
+        assert set(content["next_experiment"]) == {
+            "recording", "separates", "why", "separation", "needed", "menu", "kind", "duration_s", "sample_rate_hz",
+            "input", "stretches",
+        }  # fmt: skip
     assert {"phnn", "numpy", "torch"} <= set(content["versions"])
     assert all(not isinstance(v, float) or math.isfinite(v) for v in walk(content))
     assert 0.0 < content["numerical_error_sigma"] <= 1.0
