@@ -9,15 +9,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phnn.diagnose.ground import Ground
 from phnn.effects import Scales
 from phnn.effects.effect import with_network
 from phnn.errors import PhnnError
 from phnn.identify.fit import Fit, fit
+from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.parameters import Parameter, constant
 from phnn.setup import Setup
+
+Array = NDArray[np.float64]
 
 _SHARES = (0.25, 0.4, 0.55, 0.7, 0.8, 0.9)
 
@@ -38,6 +42,29 @@ def learn(ground: Ground, detail: str) -> Fit | None:
         return fit(setup, ground.plan, [*ground.fit.variables.names, *own], ground.fit.held, 60, origin=ground.fit)
     except PhnnError:
         return None
+
+
+def learned_force(base: Setup, setup: Setup, x: Array, step: float) -> Array:
+    """(M,) force of the learned element on the junction [N], against its own variable.
+
+    Args:
+        base: the setup without it; setup: with it.
+        x: (M,) displacement [m] of a spring, velocity [m/s] of a damper, time [s] after a step of a memory.
+        step: height of that step [m].
+    """
+    values = setup.values()
+    force = np.zeros_like(x)
+    relaxing = {name for r in setup.network.resistors if r.law == "maxwell" for name in r.on}
+    for s in (s for s in setup.network.storages if s not in base.network.storages and s.name not in relaxing):
+        force -= np.asarray(STORAGE_LAWS[s.law].mean_effort(x, x, *(values[n] for n in s.parameters)))
+    for r in (r for r in setup.network.resistors if r not in base.network.resistors):
+        own = [values[n] for n in r.parameters]
+        if r.law == "maxwell":
+            stiffness, tau = own
+            force -= stiffness * step * np.exp(-x / tau)
+        else:
+            force -= np.asarray(RESISTOR_LAWS[r.law].flow(x, 0.0 * x, *own))
+    return force
 
 
 def _strength(name: str, typical: float, unit: str) -> Parameter:

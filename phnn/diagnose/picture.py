@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE
 from phnn.diagnose.ground import Ground
+from phnn.diagnose.learn import learned_force
 from phnn.diagnose.locate import Location
 from phnn.effects import Scales
+from phnn.setup import Setup
 
 Array = NDArray[np.float64]
 
@@ -56,6 +58,19 @@ def picture(ground: Ground, location: Location) -> Picture | None:
     std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", functions, covariance, functions), 0.0))
     shown, axis = _micrometres(x, group.axis)
     return Picture(shown, unit * (functions @ weights), unit * std, axis, label, title)
+
+
+def learned_picture(ground: Ground, location: Location, learned: Setup) -> Picture:
+    """The law of the learned one-port, on the axis of the location's own functions.
+
+    Args:
+        learned: the setup with it.
+    """
+    group, scales = GROUPS[location.group], ground.scales
+    x = _axis(group.axis, scales)
+    force = learned_force(ground.fit.setup, learned, x, scales.displacement)
+    shown, axis = _micrometres(x, group.axis)
+    return Picture(shown, force, None, axis, "force on the mass [N]", f"learned one-port: {location.detail}")
 
 
 def _micrometres(x: Array, axis: str) -> tuple[Array, str]:

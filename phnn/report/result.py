@@ -19,7 +19,7 @@ from phnn.diagnose.locate import (
     strongest_times,
 )
 from phnn.diagnose.name import Candidate
-from phnn.diagnose.picture import Picture, missing_force, picture
+from phnn.diagnose.picture import Picture, learned_picture, missing_force, picture
 from phnn.diagnose.scored import SIGNIFICANT
 from phnn.diagnose.select import Finding
 from phnn.identify.fit import Fit
@@ -28,7 +28,7 @@ from phnn.models.store import save
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace
 from phnn.report.files import finite, write_json
 from phnn.report.following import WAVEFORM, next_experiment, write_waveform
-from phnn.report.sentence import sentence, unknown_statement
+from phnn.report.sentence import sentence, unknown_character, unknown_statement
 from phnn.report.write import write_report
 from phnn.units import quantity
 
@@ -128,7 +128,7 @@ def _learned(j: Judgement) -> dict[str, Any]:
         "location": name,
         "equivalent_to": list(where.tied) if where else [],
         "p_value": j.naming.p_value,
-        "statement": unknown_statement(j),
+        "statement": f"{unknown_statement(j)} {unknown_character(j)}".strip(),
         "equation": r"F_x = \sum_j \theta_j f_j" if j.learned else "",
         "passive": j.learned,
         "parameters": {n: {"value": parameters[n].value, "unit": parameters[n].unit, "std": std.get(n)} for n in added},
@@ -175,9 +175,11 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
         found = picture(ground, where) if where is not None else None
         if found is not None:
             curves.append(_curve(found, ground is not j.ground))
+    if j.learned and j.location is not None:
+        curves.insert(1, _curve(learned_picture(j.ground, j.location, j.final.setup), False))
     return Evidence(
         traces=tuple(_traces(diagnosis)),
-        curves=tuple(curves[:2] if j.verdict != "unknown" else curves[:1]),
+        curves=tuple(curves[:2] if j.learned or j.verdict != "unknown" else curves[:1]),
         parameters=tuple(_parameters(diagnosis)),
         candidates=tuple(_candidates(j)),
         ledger=tuple(_ledger(j)),

@@ -8,6 +8,7 @@ from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.judge import Judgement
 from phnn.diagnose.scored import SIGNIFICANT
 from phnn.diagnose.select import Finding
+from phnn.diagnose.words import fitted_in_words, learned_in_words
 
 
 def sentence(diagnosis: Diagnosis) -> str:
@@ -58,3 +59,12 @@ def unknown_statement(judgement: Judgement) -> str:
         else "No passive one-port of that kind is learned; the model is still the base model."
     )
     return f"Something real is left out at {place}, and no element of the catalogue explains it. {model}"
+
+
+def unknown_character(judgement: Judgement) -> str:
+    """What the unknown element is like: the learned one-port, or what was fitted at the location."""
+    if judgement.location is None:
+        return ""
+    if judgement.learned:
+        return learned_in_words(judgement.ground, judgement.location, judgement.final.setup)
+    return fitted_in_words(judgement.ground, judgement.location)
