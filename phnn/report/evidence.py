@@ -111,3 +111,4 @@ class Evidence:
     ledger: tuple[LedgerRow, ...]
     notes: tuple[str, ...]
     verdict_sentence: str
+    symptoms: tuple[str, ...] = ()  # what the base model's residual looks like, in sentences

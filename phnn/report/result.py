@@ -22,6 +22,7 @@ from phnn.diagnose.name import Candidate
 from phnn.diagnose.picture import Picture, learned_picture, missing_force, picture
 from phnn.diagnose.scored import SIGNIFICANT
 from phnn.diagnose.select import Finding
+from phnn.diagnose.symptoms import seen, symptoms
 from phnn.identify.fit import Fit
 from phnn.identify.staged import fixes_common_factor
 from phnn.models.store import save
@@ -29,6 +30,7 @@ from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, Param
 from phnn.report.files import finite, write_json
 from phnn.report.following import WAVEFORM, next_experiment, write_waveform
 from phnn.report.sentence import sentence, unknown_character, unknown_statement
+from phnn.report.symptoms import symptom_sentences
 from phnn.report.write import write_report
 from phnn.units import quantity
 
@@ -185,6 +187,7 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
         ledger=tuple(_ledger(j)),
         notes=(*diagnosis.campaign.notes, *(f"{r.name}: noise from {r.noise_source}." for r in _few(diagnosis))),
         verdict_sentence=sentence(diagnosis),
+        symptoms=symptom_sentences(symptoms(seen(j.ground))) if j.location is not None else (),
     )
 
 

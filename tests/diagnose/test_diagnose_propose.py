@@ -5,24 +5,28 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import campaigns
 import made_next
 import numpy as np
 import pytest
 
-from phnn.demo import Sealed
+from phnn.demo import Sealed, draw_case, make_case
 from phnn.demo.actuator import TABLE
 from phnn.demo.excitation import sine
+from phnn.diagnose import diagnose
 from phnn.diagnose.ground import Ground, prepare
 from phnn.diagnose.menu import Experiment, Stretch, menu, resonance
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.propose import left, propose
 from phnn.diagnose.refit import Trial, class_of, tie
 from phnn.effects import catalogue
+from phnn.identify.base import Options
 from phnn.identify.problem import Plan
 from phnn.identify.staged import fit_identified
 from phnn.models.actuator import hrc
+from phnn.recordings import read
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
 
@@ -88,6 +92,26 @@ def test_a_delay_and_a_lag_are_told_apart_by_the_recording_that_is_proposed() ->
     assert apart > tie(true.fit)
     # Foreseen to first order, seen with noise of its own: √(rise) has a standard deviation of one.
     assert math.sqrt(apart) == pytest.approx(found.separation, rel=0.3, abs=3.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [7, 43, 68])
+def test_the_recording_that_is_proposed_resolves_the_class(seed: int, tmp_path: Path) -> None:
+    case = draw_case(seed, "same", "few", (1.1, 1.6))
+    answer = make_case(case, tmp_path / "recordings")
+    campaign = read(tmp_path / "recordings")
+    first = diagnose(campaign, Options(workers=2))
+    assert first.judgement.verdict == "equivalent"
+    before = [t.candidate.effect.name for f in first.judgement.findings for t in f.members]
+    assert answer.effect in before
+    assert len(before) > 1
+    assert first.proposal is not None
+    assert first.proposal.separation > first.proposal.needed
+    made_next.add(case, answer, campaign, first.proposal.experiment)
+    second = diagnose(read(tmp_path / "recordings"), Options(workers=2)).judgement
+    after = [t.candidate.effect.name for f in second.findings for t in f.members]
+    assert after == [answer.effect]
+    assert second.verdict == "named"
 
 
 def test_what_old_recordings_allow_to_move_does_not_count() -> None:

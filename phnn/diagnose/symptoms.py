@@ -1,0 +1,247 @@
+"""What a residual looks like before anything is named: growth, harmonics, phase, repetition, drift.
+
+Every figure comes with the probability that noise alone would give it; residuals are in units of the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+from scipy.stats import t as student
+
+from phnn.diagnose.ground import Ground
+from phnn.recordings.excitation import excitation_of
+
+Array = NDArray[np.float64]
+
+_HARMONICS = 9
+# Periods that are left out at the start, where the motion has not settled, if enough others remain.
+_SETTLING, _LEAST_PERIODS = 1.0, 2.0
+# Recordings from which an exponent and its error can be estimated; excess below which there is nothing to grow.
+_FEW, _EXCESS = 4, 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """One recording as the base model sees it.
+
+    Attributes:
+        dt: sampling interval [s].
+        residual: (N,) over noise.
+        measured, model: (N,) output without its mean [m].
+        frequency: of a sine [Hz], 0 for any other input; amplitude: half the input's range.
+        correlation: (K,) autocorrelation of the noise.
+        noise: its standard deviation [m].
+    """
+
+    dt: float
+    residual: Array
+    measured: Array
+    model: Array
+    frequency: float
+    amplitude: float
+    correlation: Array
+    noise: float
+
+    def density(self, frequency: float) -> float:
+        """Spectrum of the noise over that of white noise."""
+        lags = np.arange(1, self.correlation.size)
+        wave = np.cos(2.0 * np.pi * frequency * self.dt * lags)
+        return max(1.0 + 2.0 * float(self.correlation[1:] @ wave), 0.1)
+
+    def settled(self) -> slice:
+        """The samples of a sine after the first period, or all where few periods were recorded."""
+        if self.frequency == 0.0:
+            return slice(None)
+        period = 1.0 / (self.frequency * self.dt)
+        enough = self.residual.size >= (_SETTLING + _LEAST_PERIODS) * period
+        return slice(round(_SETTLING * period) if enough else 0, None)
+
+
+@dataclass(frozen=True)
+class Trend:
+    """An estimate with its standard error and the probability of one as far from zero by chance."""
+
+    value: float
+    std: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Symptoms:
+    """What was found; None where the recordings cannot show it.
+
+    Attributes:
+        by_amplitude, by_frequency: exponents of the residual's growth over sines.
+        even, odd: share of the power at the harmonics (without the first) and its p-value.
+        delay: what the phase of the output against the model asks for [s]; explained: share of the phases it explains.
+        repetition: root mean square of period-to-period differences over what noise gives; its p-value is one-sided.
+        drift: mean rate of the residual [m/s].
+    """
+
+    by_amplitude: Trend | None
+    by_frequency: Trend | None
+    even: Trend | None
+    odd: Trend | None
+    delay: Trend | None
+    explained: float
+    repetition: Trend | None
+    drift: Trend | None
+
+
+def seen(ground: Ground) -> list[Seen]:
+    """The identification recordings of a ground."""
+    found = []
+    for trajectory, rows in zip(ground.trajectories, ground.slices, strict=True):
+        r = trajectory.recording
+        mask = r.mask("identification")
+        drive = excitation_of(r.u, r.dt)
+        frequency = drive.low_Hz if drive.kind == "sine" else 0.0
+        y, model = r.y[mask], trajectory.y[mask]
+        found.append(
+            Seen(
+                r.dt, ground.fit.residual[rows], y - y.mean(), model - model.mean(), frequency, drive.amplitude,
+                r.noise_correlation, r.noise,
+            )
+        )  # fmt: skip
+    return found
+
+
+def symptoms(recordings: Sequence[Seen]) -> Symptoms:
+    """All of them."""
+    by_amplitude, by_frequency = growth(recordings)
+    even, odd = harmonics(recordings)
+    delay, explained = phase(recordings)
+    return Symptoms(
+        by_amplitude, by_frequency, even, odd, delay, explained, repetition(recordings), drift(recordings)
+    )  # fmt: skip
+
+
+def growth(recordings: Sequence[Seen]) -> tuple[Trend | None, Trend | None]:
+    """Exponents ``n, m`` of ``√(r̄² − 1) ∝ Aⁿ fᵐ`` over the sines, each with the other one free."""
+    rows = []
+    for s in recordings:
+        excess = float(np.mean(s.residual**2)) - 1.0
+        if s.frequency > 0.0 and excess > _EXCESS:
+            rows.append((0.5 * np.log(excess), np.log(s.amplitude), np.log(s.frequency)))
+    if len(rows) < _FEW:
+        return None, None
+    level, *logs = np.array(rows).T
+    varied = [x for x in logs if np.ptp(x) > 0.05]
+    design = np.column_stack([np.ones_like(level), *varied])
+    freedom = level.size - design.shape[1]
+    if freedom < 1 or np.linalg.matrix_rank(design) < design.shape[1]:
+        return None, None
+    weights = np.linalg.lstsq(design, level, rcond=None)[0]
+    spread = float(np.sum((level - design @ weights) ** 2)) / freedom
+    std = np.sqrt(np.diag(np.linalg.inv(design.T @ design)) * spread)
+    trends = iter(
+        Trend(float(w), float(s), float(2.0 * student.sf(abs(w) / max(s, 1e-12), freedom)))
+        for w, s in zip(weights[1:], std[1:], strict=True)
+    )
+    first, second = (next(trends) if np.ptp(x) > 0.05 else None for x in logs)
+    return first, second
+
+
+def _waves(s: Seen, rows: slice, orders: Sequence[int]) -> Array:
+    """(N, 2 + 2K) a constant, a slope, and cosine and sine of some harmonics."""
+    t = s.dt * np.arange(s.residual.size)[rows]
+    columns = [np.ones_like(t), t - t.mean()]
+    for k in orders:
+        columns += [np.cos(2.0 * np.pi * k * s.frequency * t), np.sin(2.0 * np.pi * k * s.frequency * t)]
+    return np.column_stack(columns)
+
+
+def harmonic_powers(s: Seen) -> dict[int, float]:
+    """Power of the residual at the harmonics of a sine; each is χ² of two degrees of freedom where there is noise."""
+    rows = s.settled()
+    count = s.residual[rows].size
+    orders = [k for k in range(1, _HARMONICS + 1) if k * s.frequency * s.dt < 0.4]
+    if s.frequency == 0.0 or count * s.dt * s.frequency < _LEAST_PERIODS * 0.99:
+        return {}
+    w = np.linalg.lstsq(_waves(s, rows, orders), s.residual[rows], rcond=None)[0][2:]
+    return {k: 0.5 * count * float(w[2 * i] ** 2 + w[2 * i + 1] ** 2) / s.density(k * s.frequency)
+            for i, k in enumerate(orders)}  # fmt: skip
+
+
+def harmonics(recordings: Sequence[Seen]) -> tuple[Trend | None, Trend | None]:
+    """Shares of even and of odd harmonics (the third and up), pooled over the sines."""
+    powers = [harmonic_powers(s) for s in recordings]
+    groups = []
+    for parity in (0, 1):
+        found = [p for each in powers for k, p in each.items() if k > 1 and k % 2 == parity]
+        groups.append((sum(found), 2 * len(found)))
+    total = sum(max(power - freedom, 0.0) for power, freedom in groups)
+    trends = [
+        Trend(
+            max(power - freedom, 0.0) / total if total > 0.0 else 0.0,
+            np.sqrt(2.0 * freedom) / max(total, 1e-300),
+            float(chi2.sf(power, freedom)),
+        )
+        if freedom
+        else None
+        for power, freedom in groups
+    ]
+    return trends[0], trends[1]
+
+
+def phase(recordings: Sequence[Seen]) -> tuple[Trend | None, float]:
+    """The delay ``τ`` of ``arg(Y/Ŷ) = −2π f τ`` over the sines, and the share of the phases that it explains."""
+    rows = []
+    for s in (s for s in recordings if s.frequency > 0.0):
+        inside = s.settled()
+        waves = _waves(s, inside, (1,))
+        y, model = (np.linalg.lstsq(waves, x[inside], rcond=None)[0][2:] for x in (s.measured, s.model))
+        ratio = complex(y[0], -y[1]) / complex(model[0], -model[1])
+        std = s.noise * np.sqrt(2.0 * s.density(s.frequency) / waves.shape[0]) / float(np.hypot(*model))
+        rows.append((-2.0 * np.pi * s.frequency / std, np.angle(ratio) / std, s.frequency))
+    if len(rows) < 2 or np.ptp([r[2] for r in rows]) == 0.0:
+        return None, 0.0
+    slope, angle, _ = np.array(rows).T
+    tau, std = float(slope @ angle / (slope @ slope)), float(1.0 / np.linalg.norm(slope))
+    rest = angle - tau * slope
+    return Trend(tau, std, float(2.0 * norm.sf(abs(tau) / std))), 1.0 - float(rest @ rest) / float(angle @ angle)
+
+
+def repetition(recordings: Sequence[Seen]) -> Trend | None:
+    """Period-to-period differences of the residual over what noise gives, over sines of three periods and more."""
+    squares, samples, freedom = 0.0, 0, 0.0
+    for s in (s for s in recordings if s.frequency > 0.0):
+        r = s.residual[s.settled()]
+        lag = 1.0 / (s.frequency * s.dt)
+        if r.size < 2.0 * lag:
+            continue
+        whole, part = int(lag), lag - int(lag)
+        later = (1.0 - part) * r[whole:-1] + part * r[whole + 1 :]
+        neighbour = float(s.correlation[1]) if s.correlation.size > 1 else 0.0
+        expected = 1.0 + (1.0 - part) ** 2 + part**2 + 2.0 * part * (1.0 - part) * neighbour
+        squares += float(np.sum((later - r[: later.size]) ** 2)) / expected
+        samples += later.size
+        # Differences share samples with those a period on, and colour makes neighbours alike.
+        freedom += later.size / (1.5 * (1.0 + 2.0 * float(np.sum(s.correlation[1:] ** 2))))
+    if not samples:
+        return None
+    power = squares / samples
+    return Trend(float(np.sqrt(power)), float(np.sqrt(0.5 / freedom)), float(chi2.sf(power * freedom, freedom)))
+
+
+def drift(recordings: Sequence[Seen]) -> Trend | None:
+    """Mean rate of the residual beside the harmonics [m/s], weighted by what each recording knows of it."""
+    rates, stds = [], []
+    for s in recordings:
+        rows = s.settled()
+        orders = [k for k in range(1, _HARMONICS + 1) if k * s.frequency * s.dt < 0.4] if s.frequency else []
+        waves = _waves(s, rows, orders)
+        w = np.linalg.lstsq(waves, s.residual[rows], rcond=None)[0]
+        rates.append(w[1] * s.noise)
+        # Low frequencies are where a drift competes with the noise.
+        stds.append(s.noise * np.sqrt(s.density(0.0)) / float(np.linalg.norm(waves[:, 1])))
+    if not rates:
+        return None
+    known = 1.0 / np.array(stds) ** 2
+    rate, std = float(np.array(rates) @ known / known.sum()), float(1.0 / np.sqrt(known.sum()))
+    return Trend(rate, std, float(2.0 * norm.sf(abs(rate) / std)))

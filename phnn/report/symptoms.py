@@ -1,0 +1,92 @@
+"""The symptoms of a residual as sentences."""
+
+from __future__ import annotations
+
+from phnn.diagnose.symptoms import Symptoms, Trend
+from phnn.report.formatting import p_value
+from phnn.units import quantity
+
+_SIGNIFICANT = 0.01
+# An exponent above this is an onset rather than a power; a growth below this is none.
+_ONSET, _FLAT = 6.0, 0.5
+# Share of the phases that a delay must explain to be called one.
+_LIKE_A_DELAY = 0.8
+_PURE = 0.9
+
+
+def symptom_sentences(found: Symptoms) -> tuple[str, ...]:
+    """What the residual of the base model looks like; nothing is said of what the recordings cannot show."""
+    sentences = [_growth(found), _harmonics(found), _phase(found), _repetition(found), _drift(found)]
+    return tuple(s for s in sentences if s)
+
+
+def _exponent(trend: Trend) -> str:
+    return f"{trend.value:.2g} ± {trend.std:.1g} ({p_value(trend.p_value)})"
+
+
+def _growth(found: Symptoms) -> str:
+    a, f = found.by_amplitude, found.by_frequency
+    said = []
+    if a is not None:
+        onset = ", steeply enough for an onset" if a.value > _ONSET else ""
+        said.append(f"with the amplitude to the power {_exponent(a)}{onset}")
+    if f is not None:
+        said.append(f"with the frequency to the power {_exponent(f)}")
+    if not said:
+        return ""
+    together = ""
+    if a is not None and f is not None and a.p_value < _SIGNIFICANT and f.p_value < _SIGNIFICANT:
+        close = abs(a.value - f.value) < 2.0 * (a.std + f.std) and f.value > _FLAT
+        together = ": it follows amplitude × frequency, that is the speed" if close else ""
+    return f"Over the sines what is unexplained grows {' and '.join(said)}{together}."
+
+
+def _harmonics(found: Symptoms) -> str:
+    if found.even is None or found.odd is None:
+        return ""
+    even, odd = found.even, found.odd
+    if min(even.p_value, odd.p_value) >= _SIGNIFICANT:
+        return "No harmonic stands out of the noise: the mismatch is linear, or too weak to tell."
+    odds = f"even {p_value(even.p_value)}, odd {p_value(odd.p_value)}"
+    if odd.value > _PURE:
+        return f"Of the harmonics above the first nearly all are odd ({odds}): it treats both directions alike."
+    if even.value > _PURE:
+        return f"Of the harmonics above the first nearly all are even ({odds}): it tells one direction from the other."
+    return f"Even harmonics hold {100.0 * even.value:.0f} % of the power above the first, odd ones the rest ({odds})."
+
+
+def _phase(found: Symptoms) -> str:
+    tau = found.delay
+    if tau is None:
+        return ""
+    if tau.p_value >= _SIGNIFICANT:
+        return f"The phase against the model has no slope over frequency ({p_value(tau.p_value)})."
+    side = "lags behind" if tau.value > 0.0 else "runs ahead of"
+    size = f"{quantity(abs(tau.value), 's')} ± {quantity(tau.std, 's')}, {p_value(tau.p_value)}"
+    if found.explained > _LIKE_A_DELAY:
+        return f"The output {side} the model by a phase in proportion to frequency, like a delay ({size})."
+    return f"The output {side} the model by a phase that is not in proportion to frequency (mean slope {size})."
+
+
+def _repetition(found: Symptoms) -> str:
+    r = found.repetition
+    if r is None:
+        return ""
+    if r.p_value >= _SIGNIFICANT:
+        return f"It repeats from period to period: differences are {r.value:.3g} × what noise gives."
+    return (
+        f"It does not repeat from period to period: differences are {r.value:.3g} × what noise gives "
+        f"({p_value(r.p_value)}), so that part of it does not follow the drive."
+    )
+
+
+def _drift(found: Symptoms) -> str:
+    d = found.drift
+    if d is None:
+        return ""
+    if d.p_value >= _SIGNIFICANT:
+        return f"There is no drift beneath the drive ({p_value(d.p_value)})."
+    return (
+        f"It drifts beneath the drive, by {quantity(d.value, 'm')}/s ± {quantity(d.std, 'm')}/s on average "
+        f"({p_value(d.p_value)})."
+    )

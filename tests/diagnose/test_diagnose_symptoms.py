@@ -1,0 +1,120 @@
+"""Made-up residuals with known answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import campaigns
+import numpy as np
+import pytest
+
+from phnn.diagnose.symptoms import Seen, Symptoms, seen, symptoms
+from phnn.report.symptoms import symptom_sentences
+
+NOISE, DT, MODEL = 5e-8, 1e-4, 1e-6
+SINES = ((20.0, 5.0), (40.0, 5.0), (75.0, 5.0), (30.0, 40.0), (75.0, 40.0), (50.0, 80.0))
+
+
+def seen_with(extra: Callable[[np.ndarray, float, float], np.ndarray], seed: int = 0, late: float = 0.0) -> list[Seen]:
+    """Sines of several amplitudes [V] and frequencies [Hz] with noise and something else [m] in the residual."""
+    rng, found = np.random.default_rng(seed), []
+    for amplitude, f in SINES:
+        t = np.arange(round(6.0 / f / DT)) * DT
+        model = MODEL * amplitude * np.sin(2.0 * np.pi * f * t)
+        measured = MODEL * amplitude * np.sin(2.0 * np.pi * f * (t - late))
+        rest = extra(t, amplitude, f) + NOISE * rng.standard_normal(t.size)
+        residual = (measured - model + rest) / NOISE
+        found.append(
+            Seen(DT, residual - residual.mean(), measured + rest, model, f, amplitude, np.array([1.0]), NOISE)
+        )  # fmt: skip
+    return found
+
+
+def nothing(t: np.ndarray, amplitude: float, f: float) -> np.ndarray:
+    return np.zeros_like(t)
+
+
+def of(found: Symptoms, name: str) -> tuple[float, float, float]:
+    trend = getattr(found, name)
+    assert trend is not None
+    return trend.value, trend.std, trend.p_value
+
+
+def test_a_cubic_effect_gives_odd_harmonics_that_grow_with_the_square_of_the_amplitude_beside_the_drive() -> None:
+    # Of A³ sin³ the base takes the first harmonic.
+    found = symptoms(seen_with(lambda t, a, f: -4e-12 * a**3 * np.sin(6.0 * np.pi * f * t)))
+    value, std, p = of(found, "by_amplitude")
+    assert value == pytest.approx(3.0, abs=0.3)
+    assert std < 0.3
+    assert p < 0.01
+    assert abs(of(found, "by_frequency")[0]) < 0.2
+    assert of(found, "odd")[0] > 0.95
+    assert of(found, "odd")[2] < 1e-6
+    assert of(found, "even")[2] > 0.01
+    words = " ".join(symptom_sentences(found))
+    assert "nearly all are odd" in words
+    assert "no drift" in words
+    assert "It repeats from period to period" in words
+
+
+def test_an_even_effect_gives_even_harmonics() -> None:
+    found = symptoms(seen_with(lambda t, a, f: 1e-10 * a**2 * np.cos(4.0 * np.pi * f * t)))
+    assert of(found, "even")[0] > 0.95
+    assert of(found, "odd")[2] > 0.01
+    assert of(found, "by_amplitude")[0] == pytest.approx(2.0, abs=0.3)
+
+
+def test_what_follows_the_speed_grows_with_amplitude_times_frequency() -> None:
+    found = symptoms(seen_with(lambda t, a, f: 3e-9 * a * f * np.cos(2.0 * np.pi * f * t)))
+    assert of(found, "by_amplitude")[0] == pytest.approx(1.0, abs=0.1)
+    assert of(found, "by_frequency")[0] == pytest.approx(1.0, abs=0.1)
+    assert "amplitude × frequency" in symptom_sentences(found)[0]
+
+
+def test_a_delay_is_a_phase_in_proportion_to_frequency() -> None:
+    found = symptoms(seen_with(nothing, late=3e-5))
+    value, std, p = of(found, "delay")
+    assert value == pytest.approx(3e-5, abs=4.0 * std)
+    assert std < 1e-6
+    assert p < 1e-6
+    assert found.explained > 0.95
+    assert any("in proportion to frequency, like a delay" in s for s in symptom_sentences(found))
+
+
+def test_a_drift_is_found_with_its_rate() -> None:
+    found = symptoms(seen_with(lambda t, a, f: 2e-7 * t))
+    value, std, p = of(found, "drift")
+    assert value == pytest.approx(2e-7, abs=4.0 * std)
+    assert p < 1e-6
+    assert any("drifts beneath the drive" in s for s in symptom_sentences(found))
+
+
+def test_what_does_not_follow_the_drive_does_not_repeat() -> None:
+    found = symptoms(seen_with(lambda t, a, f: 1e-7 * np.sin(2.0 * np.pi * 0.37 * f * t)))
+    value, _, p = of(found, "repetition")
+    assert value > 1.3
+    assert p < 1e-6
+    assert any("does not repeat" in s for s in symptom_sentences(found))
+
+
+def test_noise_alone_has_no_symptoms() -> None:
+    low = []
+    for seed in range(100):
+        found = symptoms(seen_with(nothing, seed))
+        assert found.by_amplitude is None
+        low.append([of(found, n)[2] < 0.01 for n in ("even", "odd", "delay", "repetition", "drift")])
+    assert (np.mean(low, axis=0) <= 0.05).all()
+
+
+def test_what_recordings_cannot_show_is_not_said() -> None:
+    steps = [replace(s, frequency=0.0) for s in seen_with(nothing)]
+    found = symptoms(steps)
+    assert found.even is found.odd is found.delay is found.repetition is None
+    assert len(symptom_sentences(found)) == 1
+
+
+def test_symptoms_of_a_folder() -> None:
+    found = symptoms(seen(campaigns.ground("cubic_stiffness")))
+    assert of(found, "odd")[0] > 0.9
+    assert of(found, "odd")[2] < 1e-6
