@@ -100,17 +100,26 @@ def _merit(apart: Array, needed: float) -> tuple[int, float]:
 def _why(pairs: Sequence[tuple[str, str]], apart: Array, needed: float) -> str:
     told = [(pair, s) for pair, s in zip(pairs, apart, strict=True) if s >= needed]
     start = "With their parameters refitted as far as the recordings at hand allow, the models of "
-    end = f"× noise over the whole recording, and {needed:.2g} are needed to tell two models apart"
+    end = f"× noise over the whole recording; {_two(needed)} are needed to tell two models apart"
     if not told:
-        (a, b), s = min(zip(pairs, apart, strict=True), key=lambda item: item[1])
+        pair, s = min(zip(pairs, apart, strict=True), key=lambda item: item[1])
         times = math.ceil((needed / s) ** 2) if s > 0.0 else 0
         often = f": make it {times} times" if 0 < times < 100 else ""
-        return f"{start}{a} and {b} differ there by {s:.2g} {end}{often}."
-    (a, b), s = min(told, key=lambda item: item[1])
-    left = [" and ".join(pair) for pair, value in zip(pairs, apart, strict=True) if value < needed]
-    rest = f" It does not tell apart {'; '.join(left)}." if left else ""
-    least = " least" if len(told) > 1 else ""
-    return f"{start}{a} and {b} differ there{least}: by {s:.2g} {end}.{rest}"
+        return f"{start}{_both(pair)} differ there by {_two(s)} {end}{often}."
+    pair, s = min(told, key=lambda item: item[1])
+    rest = [_both(pair) for pair, value in zip(pairs, apart, strict=True) if value < needed]
+    but = f" It does not tell apart {'; '.join(rest)}." if rest else ""
+    least = " least: by" if len(told) > 1 else " by"
+    return f"{start}{_both(pair)} differ there{least} {_two(s)} {end}.{but}"
+
+
+def _both(pair: tuple[str, str]) -> str:
+    return " and ".join(name.replace("_", " ") for name in pair)
+
+
+def _two(value: float) -> str:
+    """Two digits, and no exponent."""
+    return f"{float(f'{value:.2g}'):.10g}"
 
 
 @dataclass(frozen=True, eq=False)

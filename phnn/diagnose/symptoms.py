@@ -19,6 +19,7 @@ from phnn.recordings.excitation import excitation_of
 Array = NDArray[np.float64]
 
 _HARMONICS = 9
+_BLOCKS = 12
 # Periods that are left out at the start, where the motion has not settled, if enough others remain.
 _SETTLING, _LEAST_PERIODS = 1.0, 2.0
 # Recordings from which an exponent and its error can be estimated; excess below which there is nothing to grow.
@@ -80,6 +81,7 @@ class Symptoms:
         even, odd: share of the power at the harmonics (without the first) and its p-value.
         delay: what the phase of the output against the model asks for [s]; explained: share of the phases it explains.
         repetition: root mean square of period-to-period differences over what noise gives; its p-value is one-sided.
+        unrepeated: share of what is unexplained in those periods that does not repeat.
         drift: mean rate of the residual [m/s].
     """
 
@@ -90,6 +92,7 @@ class Symptoms:
     delay: Trend | None
     explained: float
     repetition: Trend | None
+    unrepeated: float
     drift: Trend | None
 
 
@@ -116,8 +119,9 @@ def symptoms(recordings: Sequence[Seen]) -> Symptoms:
     by_amplitude, by_frequency = growth(recordings)
     even, odd = harmonics(recordings)
     delay, explained = phase(recordings)
+    repeated, unrepeated = repetition(recordings)
     return Symptoms(
-        by_amplitude, by_frequency, even, odd, delay, explained, repetition(recordings), drift(recordings)
+        by_amplitude, by_frequency, even, odd, delay, explained, repeated, unrepeated, drift(recordings)
     )  # fmt: skip
 
 
@@ -207,9 +211,12 @@ def phase(recordings: Sequence[Seen]) -> tuple[Trend | None, float]:
     return Trend(tau, std, float(2.0 * norm.sf(abs(tau) / std))), 1.0 - float(rest @ rest) / float(angle @ angle)
 
 
-def repetition(recordings: Sequence[Seen]) -> Trend | None:
-    """Period-to-period differences of the residual over what noise gives, over sines of three periods and more."""
-    squares, samples, freedom = 0.0, 0, 0.0
+def repetition(recordings: Sequence[Seen]) -> tuple[Trend | None, float]:
+    """Period-to-period differences of the residual over what noise gives, over sines of three periods and more.
+
+    Second: the share of the residual's excess over the noise that does not repeat.
+    """
+    squares, excess, samples, freedom = 0.0, 0.0, 0, 0.0
     for s in (s for s in recordings if s.frequency > 0.0):
         r = s.residual[s.settled()]
         lag = 1.0 / (s.frequency * s.dt)
@@ -221,12 +228,15 @@ def repetition(recordings: Sequence[Seen]) -> Trend | None:
         expected = 1.0 + (1.0 - part) ** 2 + part**2 + 2.0 * part * (1.0 - part) * neighbour
         squares += float(np.sum((later - r[: later.size]) ** 2)) / expected
         samples += later.size
+        excess += float(np.mean(r**2) - 1.0) * later.size
         # Differences share samples with those a period on, and colour makes neighbours alike.
         freedom += later.size / (1.5 * (1.0 + 2.0 * float(np.sum(s.correlation[1:] ** 2))))
     if not samples:
-        return None
+        return None, 0.0
     power = squares / samples
-    return Trend(float(np.sqrt(power)), float(np.sqrt(0.5 / freedom)), float(chi2.sf(power * freedom, freedom)))
+    share = float(np.clip((squares - samples) / excess, 0.0, 1.0)) if excess > 0.0 else 0.0
+    found = Trend(float(np.sqrt(power)), float(np.sqrt(0.5 / freedom)), float(chi2.sf(power * freedom, freedom)))
+    return found, share
 
 
 def drift(recordings: Sequence[Seen]) -> Trend | None:
@@ -238,8 +248,11 @@ def drift(recordings: Sequence[Seen]) -> Trend | None:
         waves = _waves(s, rows, orders)
         w = np.linalg.lstsq(waves, s.residual[rows], rcond=None)[0]
         rates.append(w[1] * s.noise)
-        # Low frequencies are where a drift competes with the noise.
-        stds.append(s.noise * np.sqrt(s.density(0.0)) / float(np.linalg.norm(waves[:, 1])))
+        # Low frequencies are where a drift competes with the noise, and with what else the model misses.
+        slope = waves[:, 1]
+        parts = np.array_split(slope * (s.residual[rows] - waves @ w), _BLOCKS)
+        missed = float(np.linalg.norm([p.sum() for p in parts])) / float(slope @ slope)
+        stds.append(s.noise * max(missed, float(np.sqrt(s.density(0.0)) / np.linalg.norm(slope))))
     if not rates:
         return None
     known = 1.0 / np.array(stds) ** 2

@@ -32,6 +32,7 @@ _HISTORY = {
     "shape": "on the history of the displacement, as a hysteron does",
     "leakage": "on the past of the voltages that the hysterons hold",
     "slew": "on the rate of the voltage",
+    "ratio that follows past voltage": "on how high the voltage was before",
     "ratio that follows the warmth": "on how much energy was dissipated before",
     "lag or play": "on the rate of the displacement and on its turning points",
     "mains": "on time alone, in lines of the mains",

@@ -12,6 +12,8 @@ _ONSET, _FLAT = 6.0, 0.5
 # Share of the phases that a delay must explain to be called one.
 _LIKE_A_DELAY = 0.8
 _PURE = 0.9
+# Share that does not repeat below which the rest decides; the smallest p-value that is written out.
+_MINOR, _LEAST = 0.1, 1e-12
 
 
 def symptom_sentences(found: Symptoms) -> tuple[str, ...]:
@@ -20,8 +22,12 @@ def symptom_sentences(found: Symptoms) -> tuple[str, ...]:
     return tuple(s for s in sentences if s)
 
 
+def _odds(trend: Trend) -> str:
+    return p_value(trend.p_value) if trend.p_value >= _LEAST else "p < 10⁻¹²"
+
+
 def _exponent(trend: Trend) -> str:
-    return f"{trend.value:.2g} ± {trend.std:.1g} ({p_value(trend.p_value)})"
+    return f"{trend.value:.2g} ± {trend.std:.1g} ({_odds(trend)})"
 
 
 def _growth(found: Symptoms) -> str:
@@ -47,7 +53,7 @@ def _harmonics(found: Symptoms) -> str:
     even, odd = found.even, found.odd
     if min(even.p_value, odd.p_value) >= _SIGNIFICANT:
         return "No harmonic stands out of the noise: the mismatch is linear, or too weak to tell."
-    odds = f"even {p_value(even.p_value)}, odd {p_value(odd.p_value)}"
+    odds = f"even {_odds(even)}, odd {_odds(odd)}"
     if odd.value > _PURE:
         return f"Of the harmonics above the first nearly all are odd ({odds}): it treats both directions alike."
     if even.value > _PURE:
@@ -60,9 +66,9 @@ def _phase(found: Symptoms) -> str:
     if tau is None:
         return ""
     if tau.p_value >= _SIGNIFICANT:
-        return f"The phase against the model has no slope over frequency ({p_value(tau.p_value)})."
+        return f"The phase against the model has no slope over frequency ({_odds(tau)})."
     side = "lags behind" if tau.value > 0.0 else "runs ahead of"
-    size = f"{quantity(abs(tau.value), 's')} ± {quantity(tau.std, 's')}, {p_value(tau.p_value)}"
+    size = f"{quantity(abs(tau.value), 's')} ± {quantity(tau.std, 's')}, {_odds(tau)}"
     if found.explained > _LIKE_A_DELAY:
         return f"The output {side} the model by a phase in proportion to frequency, like a delay ({size})."
     return f"The output {side} the model by a phase that is not in proportion to frequency (mean slope {size})."
@@ -72,11 +78,12 @@ def _repetition(found: Symptoms) -> str:
     r = found.repetition
     if r is None:
         return ""
-    if r.p_value >= _SIGNIFICANT:
-        return f"It repeats from period to period: differences are {r.value:.3g} × what noise gives."
+    if r.p_value >= _SIGNIFICANT or found.unrepeated < _MINOR:
+        rest = f", all but {100.0 * found.unrepeated:.0f} %" if r.p_value < _SIGNIFICANT else ""
+        return f"It repeats from period to period{rest}: differences are {r.value:.3g} × what noise gives."
     return (
-        f"It does not repeat from period to period: differences are {r.value:.3g} × what noise gives "
-        f"({p_value(r.p_value)}), so that part of it does not follow the drive."
+        f"It does not repeat from period to period: differences are {r.value:.3g} × what noise gives ({_odds(r)}); "
+        f"{100.0 * found.unrepeated:.0f} % of it does not follow the drive, or has not settled yet."
     )
 
 
@@ -85,8 +92,8 @@ def _drift(found: Symptoms) -> str:
     if d is None:
         return ""
     if d.p_value >= _SIGNIFICANT:
-        return f"There is no drift beneath the drive ({p_value(d.p_value)})."
+        return f"There is no drift beneath the drive ({_odds(d)})."
     return (
         f"It drifts beneath the drive, by {quantity(d.value, 'm')}/s ± {quantity(d.std, 'm')}/s on average "
-        f"({p_value(d.p_value)})."
+        f"({_odds(d)})."
     )
