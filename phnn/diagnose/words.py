@@ -35,7 +35,7 @@ _HISTORY = {
     "ratio that follows past voltage": "on how high the voltage was before",
     "ratio that follows the warmth": "on how much energy was dissipated before",
     "lag or play": "on the rate of the displacement and on its turning points",
-    "mains": "on time alone, in lines of the mains",
+    "lines": "on time alone, in lines",
 }
 # Share of the work done either way that must be left over for a force to be called dissipative, or active.
 _LOSSY = 0.2
