@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
+from pathlib import Path
 
 import campaigns
 import hydra
@@ -29,6 +30,7 @@ from phnn.network import PortHamiltonianSystem
 from phnn.prove.cases import tasks
 from phnn.prove.settings import STRATA
 from phnn.prove.settings import Settings as ProofSettings
+from phnn.recordings.manifest import load_manifest
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
 
@@ -134,8 +136,20 @@ def launcher(name: str) -> None:
     assert config.hydra.sweep.dir == "out/sweep"
 
 
+def study(group: str, name: str) -> None:
+    """A manifest names the network beside it, a network builds."""
+    path = HOME / group / f"{name}.yaml"
+    if name in ("recordings", "whole"):
+        manifest = load_manifest(path.parent, path)
+        assert Path(manifest.setup["network"]).parent == path.parent
+        assert manifest.entries
+    else:
+        assert load_network(path).output == "q"
+
+
 USES: dict[str, Callable[[str], None]] = {
     "": command, "model": model, "solver": solver, "network": network, "experiment": experiment, "launcher": launcher,
+    **{group: partial(study, group) for group in ("recordings/emps", "recordings/silverbox")},
 }  # fmt: skip
 
 
