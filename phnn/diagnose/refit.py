@@ -248,6 +248,31 @@ def class_of(trials: Sequence[Trial], unexplained: bool) -> list[Trial]:
     return [t for t in trials if t.cost - best.cost <= reach and name not in t.candidate.effect.contains]
 
 
+def simplest_first(tied: Sequence[Trial]) -> list[Trial]:
+    """Trials that explain as much, ordered by the sum of squares with a penalty for every parameter and initial state.
+
+    The penalty is Schwarz's (1978), with as many samples as the residual is worth: where much is left it is no white
+    noise, and a tone, or a mode that rings on from an initial state of its own, takes more of it than parameters would
+    take of noise.
+    """
+    least = min(tied, key=_cost).fit
+    if least is None:
+        return list(tied)
+    samples = effective_samples(least.residual)
+    price = least.cost / samples * float(np.log(samples))
+    return sorted(tied, key=lambda t: t.cost + (price * t.fit.z.size if t.fit is not None else 0.0))
+
+
+def effective_samples(residual: Array) -> float:
+    """How many independent samples have a mean square as certain as that of a coloured residual.
+
+    ``(Σλ)²/Σλ²`` over the eigenvalues of its covariance (Bayley & Hammersley 1946), from the periodogram, whose
+    ordinates scatter as ``χ²₂``.
+    """
+    power = np.abs(np.fft.rfft(residual)[1:]) ** 2
+    return float(np.clip(4.0 * power.sum() ** 2 / max(float(power @ power), 1e-300), 4.0, residual.size))
+
+
 def tie(fitted: Fit) -> float:
     """Difference of sums of squares below which two refits are not told apart."""
     # Coloured noise inflates such differences by the sum of its correlation.
