@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Naming
-from phnn.diagnose.refit import Trial, class_of, refit, tie
+from phnn.diagnose.refit import Trial, class_of, refit, simplest_first, tie
 from phnn.diagnose.scored import SIGNIFICANT, Scored, excess, scored
 from phnn.effects import Effect
 from phnn.ensemble import Executor
@@ -120,10 +120,13 @@ def _kept(steps: Sequence[Selected]) -> bool:
 
 
 def _in_place(trials: list[Trial], location: Location) -> list[Trial]:
-    """The trials with the one first that, of those which fit as well as the best, lies where most is explained."""
+    """The trials with the one first that, of those which fit as well as the best, lies where most is explained.
+
+    Of several there it is the simplest.
+    """
     if not trials or trials[0].fit is None:
         return trials
-    members = class_of(trials, trials[0].fit.chi2 > _MATERIAL**2)
+    members = simplest_first(class_of(trials, trials[0].fit.chi2 > _MATERIAL**2))
     first = max(members, key=lambda t: location.scores[t.candidate.effect.location])
     return [first, *(t for t in trials if t is not first)]
 
