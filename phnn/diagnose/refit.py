@@ -72,7 +72,8 @@ def refit(base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIA
         return []
     trials = _first_round(base, candidates, executor)
     least = base.cost - _SAVES * (base.cost - trials[0].cost)
-    rivals = [t for t in trials if t.cost <= least and _may_tie(t, trials[0], base)]
+    # What ends above the base model, which it contains, had a bad start: nothing is known of it yet.
+    rivals = [t for t in trials if not least < t.cost <= base.cost and _may_tie(t, trials[0], base)]
     trials = _again(_from_several_starts, base, trials, rivals[:_ENTER_SECOND], executor)
     rivals = [t for t in trials if t.cost <= _NEAR * trials[0].cost and _may_tie(t, trials[0], base)]
     return _again(_finished, base, trials, rivals[:_ENTER_THIRD], executor)
