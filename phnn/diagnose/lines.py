@@ -101,21 +101,31 @@ def line_score(ground: Ground, frequencies: Sequence[float], colour: Colour) -> 
 def line_share(ground: Ground) -> float:
     """Sum of squares that lines take away, in units of the noise, at frequencies that other recordings tell.
 
-    What drives a recording repeats at its own frequency and is no line: harmonics of it do not count.
+    What drives a recording repeats at its own frequency and tells of no line: it is asked beside harmonics of it.
     """
     f, spectra = _spectra(ground)
-    power, freedom = np.sum([s.power for s in spectra], axis=0), np.sum([s.freedom for s in spectra], axis=0)
-    saved = 0.0
-    for recording, rows, own in zip(ground.plan.recordings, ground.slices, spectra, strict=True):
-        alone = len(spectra) == 1
-        frequency = f[_strongest(power, freedom) if alone else _strongest(power - own.power, freedom - own.freedom)]
-        columns = line_columns(recording, [k * frequency for k in _HARMONICS])[recording.mask("identification")]
-        duration, driven = columns.shape[0] * recording.dt, dominant_frequency(recording)
-        apart = frequency - driven * round(frequency / driven) if driven * duration > _PERIODS else frequency
-        if columns.shape[1] and abs(apart) * duration > 1.0:
+    pairs = list(zip(ground.plan.recordings, ground.slices, strict=True))
+    beside = [np.where(_driven(r, s, f), 0.0, 1.0) for r, s in pairs]
+    powers = [s.power * b for s, b in zip(spectra, beside, strict=True)]
+    freedoms = [s.freedom * b for s, b in zip(spectra, beside, strict=True)]
+    power, freedom, saved = np.sum(powers, axis=0), np.sum(freedoms, axis=0), 0.0
+    for i, (recording, rows) in enumerate(pairs):
+        several = len(pairs) > 1
+        best = _strongest(power - several * powers[i], freedom - several * freedoms[i])
+        lines = [k * f[best] for k in _HARMONICS]
+        columns = line_columns(recording, lines)[recording.mask("identification")]
+        if columns.shape[1] and np.max(freedom - several * freedoms[i]) > 0.5:
             left = np.linalg.qr(columns)[0].T @ ground.residual[rows]
             saved += float(left @ left) - left.size
     return max(saved, 0.0)
+
+
+def _driven(recording: Recording, rows: slice, f: Array) -> Array:
+    """Which frequencies a recording cannot tell from harmonics of what drives it."""
+    duration, driven = (rows.stop - rows.start) * recording.dt, dominant_frequency(recording)
+    if driven * duration <= _PERIODS:
+        return np.zeros(f.shape, dtype=bool)
+    return np.asarray(np.abs(f - driven * np.round(f / driven)) * duration <= 1.0)
 
 
 def strongest_line(ground: Ground) -> tuple[float, float, float]:

@@ -25,8 +25,9 @@ _EXPLAINS, EXPLAINS_MORE = 0.5, 0.7
 _EXPLAINS_SOME = 0.25
 # From this share on an effect explains well: no learned element is held against it.
 WELL = 0.9
-# Share that a location must explain to be believed, and how much less one must explain to be called another one.
-LOCATED, _ELSEWHERE = 0.3, 0.01
+# Share that a location must explain to be believed, and how much less one must explain to be called another one; one
+# that explains less than a small share of what the best one does is none where an effect is looked for.
+LOCATED, _ELSEWHERE, _NOWHERE = 0.3, 0.01, 0.05
 # A second effect must matter: it is looked for only where the residual exceeds the noise by this much.
 _MATERIAL = 1.1
 
@@ -68,9 +69,10 @@ def select(
     tried: tuple[Trial, ...] = ()
     while len(steps) <= max_effects and steps[-1].model.significant:
         last = steps[-1]
-        able = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT]
+        here = last.model.remaining or location
+        able = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT and _explains(c.effect, here)]
         able = able[: _REFITS_MORE if last.findings else _REFITS]
-        trials = _in_place(refit(last.model.ground.fit, able, executor), location)
+        trials = _in_place(refit(last.model.ground.fit, able, executor), here)
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
@@ -108,7 +110,7 @@ def _explained(location: Location, effect: Effect) -> float:
 def _kept(steps: Sequence[Selected]) -> bool:
     """Whether the last step of a selection stands: it leaves nothing, or it explains much and nothing has its place.
 
-    One effect alone may leave something at its own place, as the same in another form would.
+    An effect may leave something at its own place, as the same in another form would.
     """
     last = steps[-1]
     left = last.model.remaining
@@ -116,7 +118,17 @@ def _kept(steps: Sequence[Selected]) -> bool:
         return True
     if len(steps) == 2:
         return last.share >= _EXPLAINS
-    return last.share >= EXPLAINS_MORE and left.scores[left.name] <= LOCATED
+    own = not elsewhere(last.findings[-1:], left, left)
+    return last.share >= EXPLAINS_MORE and (own or left.scores[left.name] <= LOCATED)
+
+
+def _explains(effect: Effect, location: Location) -> bool:
+    """Whether an effect lies where some of what is left is explained, as far as that can be told.
+
+    A tone at a frequency of the drive is no tone of the surroundings, however well it fits.
+    """
+    best = location.scores[location.name]
+    return best < LOCATED or location.scores[effect.location] > _NOWHERE * best
 
 
 def _in_place(trials: list[Trial], location: Location) -> list[Trial]:
