@@ -84,7 +84,9 @@ def substep_input(u: Array, counts: NDArray[np.int64], method: str) -> Array:
     size = 1.0 / counts[interval]
     positions = np.column_stack([first, first + 0.5 * size, first + size])
     fine = np.empty((int(nodes[-1]), 3))
-    edges = [0, *find_jumps(u).tolist(), u.size]
+    # What is band-limited has no jumps: it rings where it sets in, and a piece cut off there is wrong at its ends.
+    jumps = [] if method == "band_limited" else find_jumps(u).tolist()
+    edges = [0, *jumps, u.size]
     for start, stop in pairwise(edges):
         rows = slice(nodes[start], nodes[stop - 1])
         fine[rows] = _smooth(u[start:stop], positions[rows] - start, method)

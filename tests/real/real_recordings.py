@@ -13,7 +13,7 @@ from phnn.configuration import config_folder
 from phnn.diagnose import Diagnosis
 
 _BESIDE = Path(__file__).resolve().parents[3] / "shared" / "recordings"
-_UNSCORED = 50
+_UNSCORED = 100
 
 
 def folder(name: str, file: str) -> Path:
@@ -38,6 +38,6 @@ def named(diagnosis: Diagnosis) -> list[str]:
 
 
 def benchmark_errors(diagnosis: Diagnosis) -> dict[str, float]:
-    """Root mean square errors by recording as the benchmark counts them: without the mean, not the first 50 samples."""
+    """Root mean square errors by recording as the benchmark counts them: without the mean, not the first samples."""
     measured: dict[str, NDArray[np.float64]] = {r.name: r.y for r in diagnosis.campaign.recordings}
     return {n: float(np.std((measured[n] - y)[_UNSCORED:])) for n, y in diagnosis.after.outputs.items()}

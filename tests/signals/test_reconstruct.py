@@ -114,3 +114,18 @@ def test_short_records_and_an_unknown_method() -> None:
         np.testing.assert_allclose(fine, positions(np.full(n - 1, 2)), atol=1e-12)
     with pytest.raises(InputRefused, match=r"'spline' is not a reconstruction; choose cubic"):
         substep_input(SAMPLES, COUNTS, "spline")
+
+
+def test_a_band_limited_input_is_not_cut_where_it_looks_like_a_jump() -> None:
+    # A seed whose samples around the 99th happen to look like a step.
+    rng = np.random.default_rng(362)
+    sizes, phases, cycles = rng.standard_normal(60), rng.uniform(0.0, 6.28, 60), np.arange(1, 61) / 200.0
+
+    def u(t: np.ndarray) -> np.ndarray:
+        return np.cos(2.0 * np.pi * np.outer(t, cycles) + phases) @ sizes
+
+    samples = u(np.arange(200.0))
+    assert find_jumps(samples).tolist() == [99]
+    middles = (np.arange(398) + 0.5) / 2.0
+    error = np.abs(substep_input(samples, np.full(199, 2), "band_limited")[:, 1] - u(middles))
+    assert error[80:320].max() < 1e-4 * np.abs(samples).max()
