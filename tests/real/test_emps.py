@@ -17,11 +17,12 @@ PUBLISHED = {"m": 95.109, "b": 203.5, "F_c": 20.394, "F_0": 3.165}
 @pytest.mark.slow
 def test_load_and_dry_friction_are_found() -> None:
     where = folder("emps", "DATA_EMPS.mat")
-    campaign = read(where, config_folder() / "recordings" / "emps" / "whole.yaml")
-    found = diagnose(campaign, Options(starts=1, workers=1))
+    campaign = read(where, config_folder() / "recordings" / "emps" / "recordings.yaml")
+    found = diagnose(campaign, Options(starts=1, workers=1, max_effects=2))
     assert found.judgement.verdict == "equivalent"
     assert named(found) == ["constant_load", "coulomb_friction"]
-    values = found.judgement.final.setup.values()
+    values, std = found.judgement.final.setup.values(), found.judgement.final.std()
     for name, published in PUBLISHED.items():
-        assert values[name] == pytest.approx(published, rel=0.08)
-    assert found.judgement.final.cost < 0.05 * found.base.cost
+        assert abs(values[name] - published) < 3.0 * std[name]
+        assert values[name] == pytest.approx(published, rel=0.12)
+    assert found.judgement.final.cost < 0.01 * found.base.cost
