@@ -83,12 +83,22 @@ def select(
         left = step.model.remaining
         if left is None or step.model.ground.fit.chi2 < _MATERIAL**2:
             break
-        # The same effect in another form: no second one need be looked for.
-        if step.share > WELL and left.scores[left.name] > LOCATED and not elsewhere(step.findings, location, left):
+        if _in_another_form(step, location, left):
             break
     while len(steps) > 1 and not _kept(steps):
         steps.pop()
     return steps[-1], tried
+
+
+def _in_another_form(step: Selected, location: Location, left: Location) -> bool:
+    """Whether what is left may be another form of what was found, so that no further effect need be looked for.
+
+    Functions of its own kind have to say so: a constant, of which there are none, has no other form.
+    """
+    effects = [f.trial.candidate.effect for f in step.findings]
+    has_forms = any(f"{e.location}/{e.kind}" in left.details for e in effects)
+    well = step.share > WELL and left.scores[left.name] > LOCATED
+    return has_forms and well and not elsewhere(step.findings, location, left)
 
 
 def elsewhere(findings: Sequence[Finding], location: Location, left: Location) -> bool:
