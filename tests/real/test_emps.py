@@ -18,7 +18,7 @@ PUBLISHED = {"m": 95.109, "b": 203.5, "F_c": 20.394, "F_0": 3.165}
 def test_load_and_dry_friction_are_found() -> None:
     where = folder("emps", "DATA_EMPS.mat")
     campaign = read(where, config_folder() / "recordings" / "emps" / "recordings.yaml")
-    found = diagnose(campaign, Options(starts=1, workers=1, max_effects=2))
+    found = diagnose(campaign, Options(starts=1, workers=1))
     assert found.judgement.verdict == "equivalent"
     assert named(found) == ["constant_load", "coulomb_friction"]
     values, std = found.judgement.final.setup.values(), found.judgement.final.std()
