@@ -13,7 +13,9 @@ from phnn.diagnose.scored import SIGNIFICANT, Scored, excess, scored
 from phnn.effects import Effect
 from phnn.ensemble import Executor
 from phnn.errors import PhnnError
+from phnn.identify.base import Options, settled
 from phnn.identify.fit import Fit
+from phnn.identify.numerics import numerical_error
 from phnn.identify.staged import fit_identified, stated_only
 
 # Candidates that are refitted: for a first effect, for a further one, and in the place of an earlier one.
@@ -170,11 +172,26 @@ def _with(
     members = class_of(trials, model.significant)
     if model.significant:
         members += [t for t in trials if t not in members and _as_well(t, best, last)]
+        best = _exact(best, last.findings)
+        members[0] = best
     findings = (*last.findings, Finding(best, tuple(members), tuple(trials), last.model.naming))
-    findings, fitted = _retested(ground.fit, findings, best.fit, location, executor)
-    if fitted is not best.fit:
+    findings, fitted = _retested(ground.fit, findings, best.fit or model.ground.fit, location, executor)
+    if fitted is not model.ground.fit:
         model = scored(fitted, effects, seed, terminals=ground.terminals)
     return Selected(findings, model, share)
+
+
+def _exact(trial: Trial, earlier: Sequence[Finding]) -> Trial:
+    """The trial with sub-steps that bound the numerical error, where it has outgrown those of the base model."""
+    assert trial.fit is not None
+    bound = Options.error_bound_sigma
+    if numerical_error(trial.fit).sigma <= bound:
+        return trial
+    own = [n for t in (*(f.trial for f in earlier), trial) for n in t.candidate.effect.parameters]
+    try:
+        return Trial(trial.candidate, settled(trial.fit, bound, own)[0])
+    except PhnnError:
+        return trial
 
 
 def _as_well(trial: Trial, best: Trial, last: Selected) -> bool:
@@ -189,9 +206,12 @@ def _as_well(trial: Trial, best: Trial, last: Selected) -> bool:
 def _retested(
     base: Fit, findings: tuple[Finding, ...], fitted: Fit, location: Location, executor: Executor
 ) -> tuple[tuple[Finding, ...], Fit]:
-    """Every earlier finding once more, now that the last one is there: superfluous, or better another one?"""
+    """Every finding once more, now that the last one is there: superfluous, or better another one?
+
+    The last one too: together they may have led an earlier one to where it needs no other.
+    """
     place = 0
-    while place < len(findings) - 1:
+    while place < len(findings) and len(findings) > 1:
         others = (*findings[:place], *findings[place + 1 :])
         alone = _fit_with(base, others, fitted)
         if alone is None:
@@ -200,6 +220,8 @@ def _retested(
         if alone.cost - fitted.cost < tie(fitted):
             findings, fitted = others, alone
             continue
+        if place == len(findings) - 1:
+            break
         used = {f.trial.candidate.effect.name for f in others}
         rivals = [t.candidate for t in findings[place].trials[:_RETESTED] if t.candidate.effect.name not in used]
         trials = _in_place(refit(alone, rivals, executor), location)

@@ -76,13 +76,17 @@ def identify_base(campaign: Campaign, options: Options, progress: Progress = qui
         path = Path(str(campaign.setup["network"]))
         progress(f"identify the network of {path.name}")
         setup = Setup(load_network(path), name=path.stem)
-        return settled(identify_network(setup, plan, campaign.known, options.starts, options.seed), options)
+        return settled(
+            identify_network(setup, plan, campaign.known, options.starts, options.seed), options.error_bound_sigma
+        )
     model = str(campaign.setup.get("model", "piezo_actuator"))
     hysterons = int(campaign.setup.get("hysterons", 2)) if model in ("piezo_actuator", "hrc") else 0
     if model == "bouc_wen":
-        return settled(identify_bouc_wen(plan, campaign, options, progress), options)
+        return settled(identify_bouc_wen(plan, campaign, options, progress), options.error_bound_sigma)
     progress(f"identify {model} with {hysterons} hysterons")
-    return settled(identify_actuator(plan, campaign.known, hysterons, options.starts, options.seed), options)
+    return settled(
+        identify_actuator(plan, campaign.known, hysterons, options.starts, options.seed), options.error_bound_sigma
+    )
 
 
 def identify_bouc_wen(plan: Plan, campaign: Campaign, options: Options, progress: Progress = quiet) -> Fit:
@@ -103,17 +107,21 @@ def identify_bouc_wen(plan: Plan, campaign: Campaign, options: Options, progress
     return min(finished, key=lambda f: f.cost)
 
 
-def settled(first: Fit, options: Options) -> tuple[Fit, NumericalError]:
-    """Refit with sub-steps for the bound, once more where the fit has moved enough to need finer ones."""
+def settled(first: Fit, bound: float, keep: Sequence[str] = ()) -> tuple[Fit, NumericalError]:
+    """Refit with sub-steps for a bound, again where the fit has moved enough to need finer ones.
+
+    Args:
+        bound: on the numerical error over all recordings, in standard deviations of the noise.
+        keep: parameters that are estimated in any case.
+    """
     fitted = first
     for _ in range(3):
-        plan = substeps_for(fitted.setup, fitted.plan, options.error_bound_sigma, fitted.initial_states)
-        held = stated_only(fitted.held)
-        fitted = fit_identified(fitted.setup, plan, held, origin=fitted)
+        plan = substeps_for(fitted.setup, fitted.plan, bound, fitted.initial_states)
+        fitted = fit_identified(fitted.setup, plan, stated_only(fitted.held), origin=fitted, keep=keep)
         error = numerical_error(fitted)
-        if error.sigma <= options.error_bound_sigma:
+        if error.sigma <= bound:
             break
-    free = released(fitted)
+    free = released(fitted, keep)
     if free is not fitted:
         fitted, error = free, numerical_error(free)
     return replace(fitted, alternatives=first.alternatives), error

@@ -28,7 +28,7 @@ def score_folder(folder: Path, seed: int) -> dict[str, Any]:
     first = fit_identified(
         Setup(network), identification_plan(campaign, 1), held_by_statement(campaign.known), max_evaluations=30
     )
-    base, error = settled(first, options)
+    base, error = settled(first, options.error_bound_sigma)
     ground = prepare(base, campaign.voltage == "terminals")
     naming = score(ground, available(campaign, base.setup), responses(ground), seed, error.error)
     best = naming.candidates[0]
