@@ -151,15 +151,18 @@ def _amplifier_slew(trajectory: Trajectory, scales: Scales) -> Array:
 
 def _polarisation(trajectory: Trajectory, scales: Scales) -> Array:
     w = np.abs(trajectory.u[:, 0]) / scales.voltage
-    times = np.geomspace(0.05 * scales.duration, 5.0 * scales.duration, 3)
-    excesses = [np.maximum(w - c, 0.0) for c in (0.3, 0.6, 0.85)]
-    return np.column_stack([low_pass(e, trajectory.h, t, 0.0) for e in excesses for t in times])
+    return _slowly(trajectory, scales, *(np.maximum(w - c, 0.0) for c in (0.3, 0.6, 0.85)))
 
 
 def _warmth(trajectory: Trajectory, scales: Scales) -> Array:
     power = (trajectory.velocity / scales.velocity) ** 2
+    return _slowly(trajectory, scales, power)
+
+
+def _slowly(trajectory: Trajectory, scales: Scales, *driving: Array) -> Array:
+    """States that follow what drives them over a good part of the recordings, from none at the start."""
     times = np.geomspace(0.05 * scales.duration, 5.0 * scales.duration, 3)
-    return np.column_stack([low_pass(power, trajectory.h, t, 0.0) for t in times])
+    return np.column_stack([low_pass(x, trajectory.h, t, 0.0) for x in driving for t in times])
 
 
 def _sensor_static(q: Array, scales: Scales) -> Array:

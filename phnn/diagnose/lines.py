@@ -22,6 +22,7 @@ from phnn.effects import Effect
 from phnn.identify.nuisances import line_columns
 from phnn.identify.staged import dominant_frequency
 from phnn.recordings.recording import Recording
+from phnn.signals.first_order import density_of, first_order_density
 
 Array = NDArray[np.float64]
 
@@ -108,13 +109,13 @@ def line_share(ground: Ground) -> float:
     beside = [np.where(_driven(r, s, f), 0.0, 1.0) for r, s in pairs]
     powers = [s.power * b for s, b in zip(spectra, beside, strict=True)]
     freedoms = [s.freedom * b for s, b in zip(spectra, beside, strict=True)]
-    power, freedom, saved = np.sum(powers, axis=0), np.sum(freedoms, axis=0), 0.0
+    saved = 0.0
     for i, (recording, rows) in enumerate(pairs):
-        several = len(pairs) > 1
-        best = _strongest(power - several * powers[i], freedom - several * freedoms[i])
-        lines = [k * f[best] for k in _HARMONICS]
+        others = [k for k in range(len(pairs)) if k != i] or [i]
+        power, freedom = np.sum([powers[k] for k in others], axis=0), np.sum([freedoms[k] for k in others], axis=0)
+        lines = [k * f[_strongest(power, freedom)] for k in _HARMONICS]
         columns = line_columns(recording, lines)[recording.mask("identification")]
-        if columns.shape[1] and np.max(freedom - several * freedoms[i]) > 0.5:
+        if columns.shape[1] and freedom.max() > 0.5:
             left = np.linalg.qr(columns)[0].T @ ground.residual[rows]
             saved += float(left @ left) - left.size
     return max(saved, 0.0)
@@ -137,11 +138,13 @@ def strongest_line(ground: Ground) -> tuple[float, float, float]:
     """
     f, spectra = _spectra(ground)
     freedom = np.sum([s.freedom for s in spectra], axis=0)
-    deviates, best = [], []
-    for power in (np.sum([s.power for s in spectra], axis=0), np.sum([s.judged for s in spectra], axis=0)):
-        best.append(_strongest(power, freedom))
-        deviates.append(_deviate(float(power[best[-1]]), int(freedom[best[-1]]), f.size * _FINER))
-    return float(f[best[0]]), deviates[0], deviates[1]
+
+    def strongest(power: Array) -> tuple[float, float]:
+        best = _strongest(power, freedom)
+        return float(f[best]), _deviate(float(power[best]), int(freedom[best]), f.size * _FINER)
+
+    frequency, deviate = strongest(np.sum([s.power for s in spectra], axis=0))
+    return frequency, deviate, strongest(np.sum([s.judged for s in spectra], axis=0))[1]
 
 
 def _strongest(power: Array, freedom: Array) -> int:
@@ -175,12 +178,10 @@ def _spectrum(residual: Array, recording: Recording, f: Array) -> _Spectrum:
     own = np.asarray(np.fft.rfftfreq(_PADDING * n, dt), dtype=np.float64)
     power = 2.0 / n * np.abs(np.fft.rfft(residual, _PADDING * n)) ** 2
     shown = (f >= _PERIODS / (n * dt)) & (f <= _HIGHEST / dt)
-    seen, rho = f[shown], recording.noise_correlation
-    lags = np.arange(1, rho.size)
-    # A correlation that was cut off may give a spectrum that is hardly positive somewhere.
-    stated = np.maximum(1.0 + 2.0 * np.cos(2.0 * np.pi * dt * np.outer(seen, lags)) @ rho[1:], 0.1)
+    seen = f[shown]
+    stated = density_of(recording.noise_correlation, dt * seen)
     squares, a = first_order_of(residual)
-    left = squares * (1.0 - a * a) / (1.0 + a * a - 2.0 * a * np.cos(2.0 * np.pi * dt * seen))
+    left = squares * first_order_density(a, 2.0 * np.pi * dt * seen)
     full, judged = np.zeros_like(f), np.zeros_like(f)
     full[shown] = np.interp(seen, own, power) / stated
     judged[shown] = full[shown] / doubt(left, stated) ** 2

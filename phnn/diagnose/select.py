@@ -83,9 +83,7 @@ def select(
             break
         steps.append(step)
         left = step.model.remaining
-        if left is None or step.model.ground.fit.chi2 < _MATERIAL**2:
-            break
-        if _in_another_form(step, location, left):
+        if left is None or step.model.ground.fit.chi2 < _MATERIAL**2 or _in_another_form(step, location, left):
             break
     while len(steps) > 1 and not _kept(steps):
         steps.pop()
@@ -165,33 +163,36 @@ def _with(
     executor: Executor,
 ) -> Selected:
     """The step with the best of some trials, what came before tested again."""
-    best = trials[0]
-    assert best.fit is not None
-    model = scored(best.fit, effects, seed, terminals=ground.terminals)
-    share = share_of(last.model.ground.fit, best.fit, last.model.naming)
+    best, fitted = trials[0], trials[0].fit
+    assert fitted is not None
+    model = scored(fitted, effects, seed, terminals=ground.terminals)
+    share = share_of(last.model.ground.fit, fitted, last.model.naming)
     members = class_of(trials, model.significant)
     if model.significant:
         members += [t for t in trials if t not in members and _as_well(t, best, last)]
-        best = _exact(best, last.findings)
-        members[0] = best
+        fitted = _exact(fitted, [*_own(last.findings), *best.candidate.effect.parameters])
+        best = members[0] = Trial(best.candidate, fitted)
     findings = (*last.findings, Finding(best, tuple(members), tuple(trials), last.model.naming))
-    findings, fitted = _retested(ground.fit, findings, best.fit or model.ground.fit, location, executor)
+    findings, fitted = _retested(ground.fit, findings, fitted, location, executor)
     if fitted is not model.ground.fit:
         model = scored(fitted, effects, seed, terminals=ground.terminals)
     return Selected(findings, model, share)
 
 
-def _exact(trial: Trial, earlier: Sequence[Finding]) -> Trial:
-    """The trial with sub-steps that bound the numerical error, where it has outgrown those of the base model."""
-    assert trial.fit is not None
+def _own(findings: Sequence[Finding]) -> list[str]:
+    """Parameters of the effects that were found."""
+    return [n for f in findings for n in f.trial.candidate.effect.parameters]
+
+
+def _exact(fitted: Fit, keep: Sequence[str]) -> Fit:
+    """The fit with sub-steps that bound the numerical error, where it has outgrown those of the base model."""
     bound = Options.error_bound_sigma
-    if numerical_error(trial.fit).sigma <= bound:
-        return trial
-    own = [n for t in (*(f.trial for f in earlier), trial) for n in t.candidate.effect.parameters]
+    if numerical_error(fitted).sigma <= bound:
+        return fitted
     try:
-        return Trial(trial.candidate, settled(trial.fit, bound, own)[0])
+        return settled(fitted, bound, keep)[0]
     except PhnnError:
-        return trial
+        return fitted
 
 
 def _as_well(trial: Trial, best: Trial, last: Selected) -> bool:
@@ -239,9 +240,8 @@ def _fit_with(base: Fit, findings: Sequence[Finding], fitted: Fit) -> Fit | None
     setup = base.setup.with_values({n: values[n] for n in base.setup.free})
     for f in findings:
         setup = f.trial.candidate.effect.add_to(setup, values)
-    own = [n for f in findings for n in f.trial.candidate.effect.parameters]
     try:
-        return fit_identified(setup, base.plan, stated_only(base.held), origin=base, keep=own)
+        return fit_identified(setup, base.plan, stated_only(base.held), origin=base, keep=_own(findings))
     except PhnnError:
         return None
 

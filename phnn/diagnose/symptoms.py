@@ -15,6 +15,7 @@ from scipy.stats import t as student
 
 from phnn.diagnose.ground import Ground
 from phnn.recordings.excitation import excitation_of
+from phnn.signals.first_order import density_of
 
 Array = NDArray[np.float64]
 
@@ -50,9 +51,11 @@ class Seen:
 
     def density(self, frequency: float) -> float:
         """Spectrum of the noise over that of white noise."""
-        lags = np.arange(1, self.correlation.size)
-        wave = np.cos(2.0 * np.pi * frequency * self.dt * lags)
-        return max(1.0 + 2.0 * float(self.correlation[1:] @ wave), 0.1)
+        return float(density_of(self.correlation, np.array([frequency * self.dt]))[0])
+
+    def orders(self) -> list[int]:
+        """Harmonics of a sine that the sampling shows; none of any other input."""
+        return [k for k in range(1, _HARMONICS + 1) if 0.0 < k * self.frequency * self.dt < 0.4]
 
     def settled(self) -> slice:
         """The samples of a sine after the first period, or all where few periods were recorded."""
@@ -164,7 +167,7 @@ def harmonic_powers(s: Seen) -> dict[int, float]:
     """Power of the residual at the harmonics of a sine; each is χ² of two degrees of freedom where there is noise."""
     rows = s.settled()
     count = s.residual[rows].size
-    orders = [k for k in range(1, _HARMONICS + 1) if k * s.frequency * s.dt < 0.4]
+    orders = s.orders()
     if s.frequency == 0.0 or count * s.dt * s.frequency < _LEAST_PERIODS * 0.99:
         return {}
     w = np.linalg.lstsq(_waves(s, rows, orders), s.residual[rows], rcond=None)[0][2:]
@@ -244,8 +247,7 @@ def drift(recordings: Sequence[Seen]) -> Trend | None:
     rates, stds = [], []
     for s in recordings:
         rows = s.settled()
-        orders = [k for k in range(1, _HARMONICS + 1) if k * s.frequency * s.dt < 0.4] if s.frequency else []
-        waves = _waves(s, rows, orders)
+        waves = _waves(s, rows, s.orders())
         w = np.linalg.lstsq(waves, s.residual[rows], rcond=None)[0]
         rates.append(w[1] * s.noise)
         # Low frequencies are where a drift competes with the noise, and with what else the model misses.

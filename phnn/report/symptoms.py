@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from phnn.diagnose.scored import SIGNIFICANT
 from phnn.diagnose.symptoms import Symptoms, Trend
 from phnn.report.formatting import p_value
 from phnn.units import quantity
 
-_SIGNIFICANT = 0.01
 # An exponent above this is an onset rather than a power; a growth below this is none.
 _ONSET, _FLAT = 6.0, 0.5
 # Share of the phases that a delay must explain to be called one.
@@ -41,7 +41,7 @@ def _growth(found: Symptoms) -> str:
     if not said:
         return ""
     together = ""
-    if a is not None and f is not None and a.p_value < _SIGNIFICANT and f.p_value < _SIGNIFICANT:
+    if a is not None and f is not None and a.p_value < SIGNIFICANT and f.p_value < SIGNIFICANT:
         close = abs(a.value - f.value) < 2.0 * (a.std + f.std) and f.value > _FLAT
         together = ": it follows amplitude × frequency, that is the speed" if close else ""
     return f"Over the sines what is unexplained grows {' and '.join(said)}{together}."
@@ -51,7 +51,7 @@ def _harmonics(found: Symptoms) -> str:
     if found.even is None or found.odd is None:
         return ""
     even, odd = found.even, found.odd
-    if min(even.p_value, odd.p_value) >= _SIGNIFICANT:
+    if min(even.p_value, odd.p_value) >= SIGNIFICANT:
         return "No harmonic stands out of the noise: the mismatch is linear, or too weak to tell."
     odds = f"even {_odds(even)}, odd {_odds(odd)}"
     if odd.value > _PURE:
@@ -65,7 +65,7 @@ def _phase(found: Symptoms) -> str:
     tau = found.delay
     if tau is None:
         return ""
-    if tau.p_value >= _SIGNIFICANT:
+    if tau.p_value >= SIGNIFICANT:
         return f"The phase against the model has no slope over frequency ({_odds(tau)})."
     side = "lags behind" if tau.value > 0.0 else "runs ahead of"
     size = f"{quantity(abs(tau.value), 's')} ± {quantity(tau.std, 's')}, {_odds(tau)}"
@@ -78,8 +78,8 @@ def _repetition(found: Symptoms) -> str:
     r = found.repetition
     if r is None:
         return ""
-    if r.p_value >= _SIGNIFICANT or found.unrepeated < _MINOR:
-        rest = f", all but {100.0 * found.unrepeated:.0f} %" if r.p_value < _SIGNIFICANT else ""
+    if r.p_value >= SIGNIFICANT or found.unrepeated < _MINOR:
+        rest = f", all but {100.0 * found.unrepeated:.0f} %" if r.p_value < SIGNIFICANT else ""
         return f"It repeats from period to period{rest}: differences are {r.value:.3g} × what noise gives."
     return (
         f"It does not repeat from period to period: differences are {r.value:.3g} × what noise gives ({_odds(r)}); "
@@ -91,7 +91,7 @@ def _drift(found: Symptoms) -> str:
     d = found.drift
     if d is None:
         return ""
-    if d.p_value >= _SIGNIFICANT:
+    if d.p_value >= SIGNIFICANT:
         return f"There is no drift beneath the drive ({_odds(d)})."
     return (
         f"It drifts beneath the drive, by {quantity(d.value, 'm')}/s ± {quantity(d.std, 'm')}/s on average "

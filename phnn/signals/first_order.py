@@ -25,8 +25,8 @@ _CLEARLY = 6.0
 # Largest coefficient; logarithms of the strength of the tail to begin with.
 _LARGEST = 0.95
 _TAILS = (-12.0, -4.0)
-# Correlation at which it is cut.
-_FORGOTTEN = 0.01
+# Correlation at which it is cut; least spectrum that a correlation may give.
+_FORGOTTEN, _HARDLY = 0.01, 0.1
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,19 @@ def correlation_of(coefficient: float) -> np.ndarray:
     """Autocorrelation ``aᵏ`` until it is forgotten, two lags at least."""
     lags = 1 + int(np.log(_FORGOTTEN) / np.log(max(coefficient, 1e-3)))
     return np.asarray(coefficient ** np.arange(max(lags, 2)))
+
+
+def density_of(correlation: np.ndarray, cycles: np.ndarray) -> np.ndarray:
+    """``(F,)`` spectrum over that of white noise, from an autocorrelation ``(K,)``; frequencies in cycles a sample."""
+    waves = np.cos(2.0 * np.pi * np.multiply.outer(cycles, np.arange(1, correlation.size)))
+    # A correlation that was cut off may give a spectrum that is hardly positive somewhere.
+    return np.asarray(np.maximum(1.0 + 2.0 * waves @ correlation[1:], _HARDLY))
+
+
+def first_order_density(coefficient: float, omega: np.ndarray) -> np.ndarray:
+    """``(F,)`` spectrum of first-order noise over that of white noise, at ``ω`` in radians a sample."""
+    a = coefficient
+    return np.asarray((1.0 - a * a) / (1.0 + a * a - 2.0 * a * np.cos(omega)))
 
 
 def fit_first_order(y: np.ndarray) -> FirstOrder | None:
@@ -89,8 +102,7 @@ def _coefficient(z: float) -> float:
 
 def _shape(z: np.ndarray, omega: np.ndarray) -> np.ndarray:
     """Spectrum of noise of unit variance, and of the tail beside it."""
-    a = _coefficient(z[0])
-    noise = (1.0 - a * a) / (1.0 + a * a - 2.0 * a * np.cos(omega))
+    noise = first_order_density(_coefficient(z[0]), omega)
     return np.asarray(noise + np.exp(min(z[1], 50.0)) * omega**-4.0)
 
 
