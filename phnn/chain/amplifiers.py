@@ -16,9 +16,12 @@ from numpy.typing import NDArray
 from phnn.chain.bouc_wen import bouc_wen
 from phnn.chain.delay import delay
 from phnn.integrate.compiled import entry
-from phnn.laws.namespace import absolute, exp, real, where
+from phnn.laws.namespace import absolute, exp, log1p, maximum, minimum, real, where
 
 Array = NDArray[Any]
+
+# A ratio whose powers vanish, while its logarithm exists.
+_LEAST = 1e-100
 
 
 def lowpass(fine: Array, h: Array, before: float, tau: Any) -> Array:
@@ -43,6 +46,14 @@ def _first_order_loop(fine: Any, a: Any, b0: Any, b1: Any, state: Any) -> Any:
 def saturation(fine: Array, h: Array, before: float, limit: Any) -> Array:
     """``V = clip(u, ±V_max)``."""
     return np.asarray(where(absolute(real(fine)) > real(limit), np.sign(real(fine)) * limit, fine + 0.0 * limit))
+
+
+def soft_saturation(fine: Array, h: Array, before: float, limit: Any, sharpness: Any) -> Array:
+    """``V = u/(1 + |u/V_max|ⁿ)^{1/n}`` (Rapp 1991); the larger of ``1`` and ``|u/V_max|`` is drawn out of the root."""
+    size = absolute(fine + 0.0 * limit) / limit
+    large = maximum(size, 1.0 + 0.0 * size)
+    ratio = maximum(minimum(size, 1.0 + 0.0 * size) / large, _LEAST + 0.0 * size)
+    return np.asarray(fine / large * exp(-log1p(exp(sharpness * np.log(ratio))) / sharpness))
 
 
 def slew_limit(fine: Array, h: Array, before: Any, limit: Any) -> Array:
@@ -81,6 +92,7 @@ _limited = entry(_limited_loop)
 AMPLIFIERS: dict[str, Callable[..., Array]] = {
     "lowpass": lowpass,
     "saturation": saturation,
+    "soft_saturation": soft_saturation,
     "bouc_wen": bouc_wen,
     "delay": delay,
     "slew_limit": slew_limit,

@@ -43,13 +43,16 @@ def _commanded(t: float, drive: Array) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def _clipped(voltage: float, most: float, exponent: float) -> float:
-    """Hard limit (infinite exponent), ``tanh`` (zero), or algebraic ``V/(1 + |V/V_max|ⁿ)^(1/n)``."""
-    if exponent == math.inf:
-        return min(max(voltage, -most), most)
-    if exponent == 0.0:
+def _clipped(voltage: float, most: float, softness: float) -> float:
+    """Hard limit (softness zero), ``tanh`` (infinite), or a parabola between ``(1 ± s) V_max`` that touches both."""
+    if softness == math.inf:
         return most * math.tanh(voltage / most)
-    return voltage / (1.0 + (abs(voltage) / most) ** exponent) ** (1.0 / exponent)
+    beyond = abs(voltage) - (1.0 - softness) * most
+    if beyond <= 0.0:
+        return voltage
+    if beyond >= 2.0 * softness * most:
+        return math.copysign(most, voltage)
+    return math.copysign(abs(voltage) - beyond * beyond / (4.0 * softness * most), voltage)
 
 
 @njit(cache=True)
@@ -74,7 +77,7 @@ def _amplifier(t: float, x: Array, w: Any, drive: Array, out: Array) -> float:
         else:
             out[6] = (voltage - x[6]) / w.tau_V
         voltage = x[6]
-    return _clipped(voltage, w.V_max, w.n_V)
+    return _clipped(voltage, w.V_max, w.s_V)
 
 
 @njit(cache=True)

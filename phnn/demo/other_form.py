@@ -54,13 +54,13 @@ def hertz_contact(rng: Rng, base: Base, plan: Plan) -> Concealed:
 
 def tanh_saturation(rng: Rng, base: Base, plan: Plan) -> Concealed:
     """``V = V_max tanh(u/V_max)``; strength one is the largest voltage of all recordings."""
-    return Concealed("amplifier_saturation", 0.1, 2.0, lambda z: {"V_max": PEAK / z, "n_V": 0.0})
+    return Concealed("amplifier_saturation", 0.1, 2.0, lambda z: {"V_max": PEAK / z, "s_V": math.inf})
 
 
-def algebraic_saturation(rng: Rng, base: Base, plan: Plan) -> Concealed:
-    """``V = u/(1 + |u/V_max|ⁿ)^{1/n}``; strength one is the largest voltage of all recordings."""
-    exponent = float(rng.uniform(4.0, 20.0))
-    return Concealed("amplifier_saturation", 0.7, 1.5, lambda z: {"V_max": PEAK / z, "n_V": exponent})
+def rounded_saturation(rng: Rng, base: Base, plan: Plan) -> Concealed:
+    """Straight, flat, and between ``(1 ± s) V_max`` a parabola; strength one is the largest of all voltages."""
+    softness = float(rng.uniform(0.05, 0.4))
+    return Concealed("amplifier_saturation", 1.05, 2.0, lambda z: {"V_max": PEAK / z, "s_V": softness})
 
 
 def second_order_lowpass(rng: Rng, base: Base, plan: Plan) -> Concealed:
@@ -139,7 +139,7 @@ FORMS = {
     "stribeck_friction": ("coulomb_friction", stribeck_friction),
     "hertz_contact": ("contact_stop", hertz_contact),
     "tanh_saturation": ("amplifier_saturation", tanh_saturation),
-    "algebraic_saturation": ("amplifier_saturation", algebraic_saturation),
+    "rounded_saturation": ("amplifier_saturation", rounded_saturation),
     "second_order_lowpass": ("amplifier_lowpass", second_order_lowpass),
     "quintic_stiffness": ("cubic_stiffness", quintic_stiffness),
     "power_drag": ("quadratic_drag", power_drag),

@@ -83,7 +83,7 @@ NEUTRAL = {
     "tau_V": 0.0,
     "zeta_V": 0.0,
     "V_max": math.inf,
-    "n_V": math.inf,
+    "s_V": 0.0,
     # sensor
     "tau_y": 0.0,
     "a_2": 0.0,

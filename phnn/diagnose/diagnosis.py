@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from phnn.diagnose.judge import Judgement, judge
 from phnn.diagnose.propose import NextExperiment, propose
 from phnn.diagnose.scored import scored
-from phnn.effects import Effect, catalogue, effect
+from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.ensemble import executor
 from phnn.identify.base import Options, Progress, identify_base, quiet, refined
 from phnn.identify.evaluate import Evaluation, evaluate
@@ -48,13 +48,14 @@ class Diagnosis:
 
 
 def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) -> list[Effect]:
-    """Effects that can exist in a setup: with the voltage measured at the terminals the amplifier is no culprit.
+    """Effects that can exist in a setup, in all forms: with the voltage measured at the terminals the amplifier is no
+    culprit.
 
     Args:
         without: effects that are left out.
     """
     found = [e for e in catalogue().values() if e not in without and e.applies(setup)]
-    return [e for e in found if not (e.needs_command and campaign.voltage == "terminals")]
+    return [e for e in in_all_forms(found) if not (e.needs_command and campaign.voltage == "terminals")]
 
 
 def diagnose(

@@ -60,6 +60,14 @@ class Naming:
     generic: float
     numerical: float
 
+    @property
+    def by_name(self) -> dict[str, Candidate]:
+        """The best form of every effect, best first."""
+        found: dict[str, Candidate] = {}
+        for candidate in self.candidates:
+            found.setdefault(candidate.effect.name, candidate)
+        return found
+
 
 def score(
     ground: Ground, effects: Sequence[Effect], generic: Responses | None, seed: int, error: Array | None = None

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnose.name import Candidate
+from phnn.diagnose.starts import bold_starts
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
 from phnn.errors import PhnnError, SolverFailed
@@ -24,7 +25,7 @@ Array = NDArray[np.float64]
 
 # Evaluations of the three rounds, and how many candidates enter the second and the third.
 _FIRST, _SECOND, _THIRD = 5, 8, 40
-_ENTER_SECOND, _ENTER_THIRD = 6, 4
+_ENTER_SECOND, _ENTER_BOLD, _ENTER_THIRD = 6, 4, 4
 # What saves less than this share of the best saving in the first round, or costs this many times as much after the
 # second, cannot win.
 _SAVES = 0.35
@@ -75,8 +76,18 @@ def refit(base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIA
     # What ends above the base model, which it contains, had a bad start: nothing is known of it yet.
     rivals = [t for t in trials if not least < t.cost <= base.cost and _may_tie(t, trials[0], base)]
     trials = _again(_from_several_starts, base, trials, rivals[:_ENTER_SECOND], executor)
+    if not _settled(trials[0], base):
+        trials = _again(_from_bold_starts, base, trials, trials[:_ENTER_BOLD], executor)
     rivals = [t for t in trials if t.cost <= _NEAR * trials[0].cost and _may_tie(t, trials[0], base)]
-    return _again(_finished, base, trials, rivals[:_ENTER_THIRD], executor)
+    return _one_of_each(_again(_finished, base, trials, rivals[:_ENTER_THIRD], executor))
+
+
+def _one_of_each(trials: Sequence[Trial]) -> list[Trial]:
+    """The best form of every effect."""
+    found: dict[str, Trial] = {}
+    for trial in trials:
+        found.setdefault(trial.candidate.effect.name, trial)
+    return list(found.values())
 
 
 def _again(
@@ -110,8 +121,12 @@ def _cost(trial: Trial) -> float:
 
 def _may_tie(trial: Trial, best: Trial, base: Fit) -> bool:
     """Whether a candidate can still end where the best one is."""
-    settled = best.cost - base.residual.size < _SETTLED * (base.cost - base.residual.size)
-    return not settled or trial.candidate.score >= _RIVAL * best.candidate.score
+    return not _settled(best, base) or trial.candidate.score >= _RIVAL * best.candidate.score
+
+
+def _settled(best: Trial, base: Fit) -> bool:
+    """Whether the best candidate explains nearly everything."""
+    return best.cost - base.residual.size < _SETTLED * (base.cost - base.residual.size)
 
 
 def _fits(
@@ -195,6 +210,16 @@ def _from_several_starts(base: Fit, trial: Trial) -> Fit | None:
     tried.append(fit(trial.fit.setup, trial.fit.plan, trial.fit.variables.names, base.held, _SECOND, origin=trial.fit))
     best, alternatives = distinct_optima([f for f in tried if f is not None])
     return replace(best, alternatives=alternatives)
+
+
+def _from_bold_starts(base: Fit, trial: Trial) -> Fit | None:
+    """The best so far, or a better one from starts at finite strengths."""
+    if trial.fit is None:
+        return None
+    effect = trial.candidate.effect
+    tried = [_few_steps(base, effect, base.setup, values, _SECOND) for values in bold_starts(base, effect)]
+    better = min((f for f in tried if f is not None), key=lambda f: f.cost, default=trial.fit)
+    return replace(better, alternatives=trial.fit.alternatives) if better.cost < trial.fit.cost else trial.fit
 
 
 def _finished(base: Fit, trial: Trial) -> Fit | None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+from collections.abc import Iterable
 from functools import cache
 
 from phnn.effects.effect import Effect, Scales
 from phnn.errors import InputRefused
 
-__all__ = ["Effect", "Scales", "catalogue", "effect"]
+__all__ = ["Effect", "Scales", "catalogue", "effect", "in_all_forms"]
 
 
 @cache
@@ -32,3 +33,8 @@ def effect(name: str) -> Effect:
     if name not in catalogue():
         raise InputRefused(f"no effect called {name!r}: the catalogue has {', '.join(catalogue())}")
     return catalogue()[name]
+
+
+def in_all_forms(effects: Iterable[Effect]) -> list[Effect]:
+    """Effects and their other forms."""
+    return [form for e in effects for form in (e, *e.forms)]

@@ -1,8 +1,9 @@
-"""An amplifier that clips."""
+"""An amplifier that clips, at once or softly."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from phnn.effects.effect import Effect, Scales
 from phnn.parameters import Parameter
@@ -11,9 +12,11 @@ from phnn.setup import Block, Setup
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``V = clip(u, ±V_max)`` before the port."""
-    limit = values["V_max"]
-    parameter = Parameter("V_max", limit, "V", 1e-3 * limit, 1e3 * limit, positive=True, description="amplifier limit")
-    return setup.with_block("amplifier", Block("saturation", ("V_max",)), (parameter,))
+    return setup.with_block("amplifier", Block("saturation", ("V_max",)), (_limit(values["V_max"]),))
+
+
+def _limit(volts: float) -> Parameter:
+    return Parameter("V_max", volts, "V", 1e-3 * volts, 1e3 * volts, positive=True, description="amplifier limit")
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -21,7 +24,20 @@ def grid(scales: Scales) -> list[dict[str, float]]:
     return [{"V_max": share * scales.voltage} for share in (0.995, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5)]
 
 
-EFFECT = Effect(
+def build_soft(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """``V = u/(1 + |u/V_max|ⁿ)^{1/n}`` before the port: the limit is approached, the sooner the larger ``n``."""
+    sharpness = Parameter("n_V", values["n_V"], "1", 1.0, 200.0, positive=True, description="sharpness of the limit")
+    block = Block("soft_saturation", ("V_max", "n_V"))
+    return setup.with_block("amplifier", block, (_limit(values["V_max"]), sharpness))
+
+
+def grid_soft(scales: Scales) -> list[dict[str, float]]:
+    """Limits below and above the largest command, from the gentlest to a nearly sharp knee."""
+    shares = (0.5, 0.7, 0.85, 1.0, 1.2, 1.6, 2.5, 5.0)
+    return [{"V_max": share * scales.voltage, "n_V": n} for share in shares for n in (2.0, 4.0, 12.0)]
+
+
+_HARD = Effect(
     name="amplifier_saturation",
     location="amplifier",
     kind="limit",
@@ -39,4 +55,19 @@ EFFECT = Effect(
     parameters=("V_max",),
     needs_command=True,
     neighbours=("contact_stop", "cubic_stiffness"),
+)
+EFFECT = replace(
+    _HARD,
+    forms=(
+        replace(
+            _HARD,
+            equation=r"V = u\,(1 + |u/V_{max}|^{n})^{-1/n}",
+            statement="The amplifier saturates: towards {V_max} the voltage follows the command less and less, at any "
+            "frequency, with a knee of sharpness {n_V}.",
+            references=("Rapp 1991, Effects of HPA-nonlinearity on a 4-DPSK/OFDM signal, 2nd ECSC", *_HARD.references),
+            grid=grid_soft,
+            build=build_soft,
+            parameters=("V_max", "n_V"),
+        ),
+    ),
 )

@@ -107,6 +107,7 @@ class Effect:
         contains: effects that are special cases of it, so that it can never fit worse than they do.
         searched: its parameter that is a frequency to be found in the spectrum of what the model leaves.
         rescale: how to multiply the strength where that is more than multiplying one parameter.
+        forms: the same physics by other laws, under the same name, at the same place and of the same kind.
     """
 
     name: str
@@ -129,6 +130,7 @@ class Effect:
     rescale: Callable[[Mapping[str, float], float], dict[str, float]] | None = None
     contains: tuple[str, ...] = ()
     searched: str | None = None
+    forms: tuple[Effect, ...] = ()
 
     def scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
         """Parameter values with the strength multiplied, kept within a physical range.

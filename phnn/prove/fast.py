@@ -33,7 +33,7 @@ def score_folder(folder: Path, seed: int) -> dict[str, Any]:
     naming = score(ground, available(campaign, base.setup), responses(ground), seed, error.error)
     best = naming.candidates[0]
     # Squared scores are sums of squares that a refit would save.
-    members = [c.effect.name for c in naming.candidates if best.score**2 - c.score**2 < TIE and c.score > 0.0]
+    members = [n for n, c in naming.by_name.items() if best.score**2 - c.score**2 < TIE and c.score > 0.0]
     found = naming.p_value < SIGNIFICANT
     return {
         "verdict": "named" if found else "none",

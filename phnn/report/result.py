@@ -258,7 +258,7 @@ def _candidates(j: Judgement) -> list[CandidateRow]:
             refits[c.effect.name].cost / samples if c.effect.name in refits else None,
             outcome(c),
         )
-        for c in j.naming.candidates
+        for c in j.naming.by_name.values()
     ]
 
 

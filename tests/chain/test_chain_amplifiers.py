@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from phnn.chain.amplifiers import AMPLIFIERS, bouc_wen, delay, lowpass, offset, saturation, slew_limit
+from phnn.chain.amplifiers import AMPLIFIERS, bouc_wen, delay, lowpass, offset, saturation, slew_limit, soft_saturation
 from phnn.laws.namespace import TINY
 from phnn.models.bouc_wen import TABLE_2
 from phnn.signals.reconstruct import mean_input
@@ -76,6 +76,15 @@ def test_bouc_wen_does_not_depend_on_the_rate() -> None:
     many = np.column_stack([rise[:-2:2], rise[1:-1:2], rise[2::2]])
     once = np.array([[0.0, 30.0, 60.0]])
     assert bouc_wen(once, H[:1], 0.0, *args)[0, 2] == pytest.approx(bouc_wen(many, H, 0.0, *args)[-1, 2], rel=1e-12)
+
+
+def test_a_soft_limit_is_reached_as_rapp_says_and_a_very_sharp_one_clips() -> None:
+    fine = command(FINE_T)
+    got = soft_saturation(fine, H, 3.0, 12.5, 3.0)
+    np.testing.assert_allclose(got, fine / (1.0 + np.abs(fine / 12.5) ** 3) ** (1.0 / 3.0), rtol=1e-13)
+    sharp = soft_saturation(fine, H, 3.0, 12.5, 1e5)
+    np.testing.assert_allclose(sharp, saturation(fine, H, 3.0, 12.5), rtol=1e-5)
+    np.testing.assert_array_equal(soft_saturation(np.zeros((2, 3)), H[:2], 0.0, 12.5, 3.0), 0.0)
 
 
 def test_saturation_clips_both_ways() -> None:
@@ -165,6 +174,7 @@ def test_an_offset_is_added() -> None:
 VALUES = {
     "lowpass": (2e-3,),
     "saturation": (12.5,),
+    "soft_saturation": (30.0, 3.0),
     "bouc_wen": (0.0087, 0.006, 0.014, 40.0),
     "delay": (7.3e-3,),
     "slew_limit": (700.0,),

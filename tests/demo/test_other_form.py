@@ -38,9 +38,9 @@ def test_it_changes_the_output_and_vanishes_with_its_strength(form: str) -> None
         ({"F_c": 0.02, "r_s": 2.0, "v_st": 1e6}, {"F_c": 0.04}),
         # A stop of any power that is not reached does nothing.
         ({"k_c": 1e9, "q_c": 1e-3, "n_c": 1.5}, {}),
-        # A very high exponent is a hard limit.
-        ({"V_max": 70.0, "n_V": 3000.0}, {"V_max": 70.0}),
-        ({"V_max": 75e4, "n_V": 0.0}, {}),
+        # A very short parabola is a hard limit.
+        ({"V_max": 70.0, "s_V": 1e-4}, {"V_max": 70.0}),
+        ({"V_max": 75e4, "s_V": math.inf}, {}),
         # Strongly damped, a second-order filter has one slow pole: 2 ζ τ.
         ({"tau_V": 1e-7, "zeta_V": 500.0}, {"tau_V": 1e-4}),
         # Without its second slope a third hysteron is that of the catalogue.
@@ -85,10 +85,10 @@ def test_saturations_bend_the_voltage_as_they_should() -> None:
     hold = step(amplitude=60.0, before=0.01, hold=0.1, after=0.01)
     at = round(0.1 / hold.dt)
     per_volt = simulate(UNSLIPPED, hold)[at] / 60.0
-    rounded = simulate({**UNSLIPPED, "V_max": 80.0, "n_V": 0.0}, hold)[at]
+    rounded = simulate({**UNSLIPPED, "V_max": 80.0, "s_V": math.inf}, hold)[at]
     assert rounded / per_volt == pytest.approx(80.0 * math.tanh(0.75), rel=1e-6)
-    algebraic = simulate({**UNSLIPPED, "V_max": 80.0, "n_V": 6.0}, hold)[at]
-    assert algebraic / per_volt == pytest.approx(60.0 / (1.0 + 0.75**6) ** (1.0 / 6.0), rel=1e-6)
+    parabola = simulate({**UNSLIPPED, "V_max": 55.0, "s_V": 0.2}, hold)[at]
+    assert parabola / per_volt == pytest.approx(60.0 - (60.0 - 44.0) ** 2 / (4.0 * 0.2 * 55.0), rel=1e-6)
 
 
 def test_stiffening_and_contact_balance_the_force() -> None:

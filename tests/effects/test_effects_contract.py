@@ -30,7 +30,7 @@ from effect_homes import (
 from matplotlib.mathtext import MathTextParser
 
 import phnn.effects
-from phnn.effects import Effect, catalogue, effect
+from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.effect import LOCATIONS, has_spring
 from phnn.errors import InputRefused
 from phnn.laws import STORAGE_LAWS
@@ -39,7 +39,8 @@ from phnn.units import quantity
 
 torch.set_num_threads(1)
 
-every = pytest.mark.parametrize("effect_", EFFECTS, ids=[e.name for e in EFFECTS])
+FORMS = in_all_forms(EFFECTS)
+every = pytest.mark.parametrize("effect_", FORMS, ids=["-".join((e.name, *e.parameters)) for e in FORMS])
 
 
 def test_what_needs_a_part_does_not_apply_without_it() -> None:
@@ -59,7 +60,10 @@ def test_what_needs_a_part_does_not_apply_without_it() -> None:
 class TestEveryEffect:
     def test_it_is_filed_under_its_name(self, effect_: Effect) -> None:
         module = importlib.import_module(f"phnn.effects.{effect_.name}")
-        assert module.EFFECT is effect_ is effect(effect_.name)
+        assert module.EFFECT is effect(effect_.name)
+        assert effect_ in (module.EFFECT, *module.EFFECT.forms)
+        assert (effect_.location, effect_.kind) == (module.EFFECT.location, module.EFFECT.kind)
+        assert not effect_.forms or effect_ is module.EFFECT
         assert effect_.location in LOCATIONS
         assert effect_.references
         assert effect_.name not in effect_.neighbours
@@ -125,7 +129,7 @@ class TestEveryEffect:
         for share in (1e-2, 1e-4):
             if effect_.strength is None:
                 # A limit beyond every command is no limit.
-                weak = {name: value * (1.0 + 1.0 / share) for name, value in values.items()}
+                weak = values | {effect_.parameters[0]: values[effect_.parameters[0]] * (1.0 + 1.0 / share)}
             else:
                 weak = effect_.scaled(values, 1e-2)
                 weak = weak if share == 1e-2 else effect_.scaled(weak, 1e-2)
@@ -224,6 +228,13 @@ def test_a_softening_spring_stays_bounded_below() -> None:
     values = [setup.parameters[n].value for n in spring.parameters]
     x = np.linspace(-1e-2, 1e-2, 1001)
     assert (STORAGE_LAWS[spring.law].energy(x, *values) >= 0.0).all()
+
+
+def test_two_forms_of_an_effect_exclude_each_other() -> None:
+    for member in EFFECTS:
+        setups = [form.add_to(home(member).setup, point(form)) for form in in_all_forms([member])]
+        for form in in_all_forms([member]):
+            assert not any(form.can_be_added_to(setup) for setup in setups)
 
 
 def test_neighbours_are_in_the_catalogue() -> None:

@@ -1,0 +1,41 @@
+"""Where to begin a refit of a strong effect: strengths far from those that the score extrapolates to.
+
+A base model that has taken over much of a strong effect is so far off that the score, a first derivative at strength
+zero, knows neither its strength nor its shape. Finite strengths are asked instead, at every point of the grid.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from phnn.diagnose.ground import direction, prepare
+from phnn.effects import Effect
+from phnn.identify.fit import Fit
+
+# Multiples of the grid's strengths, which are small ones; how many starts are proposed.
+_STRENGTHS = (30.0, 100.0)
+_BOLD = 8
+
+
+def bold_starts(base: Fit, effect: Effect) -> list[dict[str, float]]:
+    """Values of the effect's parameters, the most promising shape first, each at the strength that suits it best.
+
+    Promising is what leaves the least ``‖r − P δy‖²``: the change ``δy`` of the output by the effect at that strength,
+    base sensitivities projected out. Effects without a strength or with a single shape get none.
+
+    Args:
+        base: the fit without the effect.
+    """
+    ground = prepare(base)
+    grid = effect.grid(ground.scales)
+    if effect.strength is None or len(grid) == 1:
+        return []
+
+    def left(values: dict[str, float]) -> float:
+        change = ground.project(direction(ground, effect, values))
+        return float(np.sum((ground.residual - change) ** 2)) if change.any() else float("inf")
+
+    tried = [[effect.scaled(point, s) for s in _STRENGTHS] for point in grid]
+    costs = [[left(values) for values in points] for points in tried]
+    order = sorted(range(len(grid)), key=lambda i: min(costs[i]))
+    return [tried[i][int(np.argmin(costs[i]))] for i in order[:_BOLD] if np.isfinite(min(costs[i]))]
