@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 from phnn.chain import AMPLIFIERS, SENSORS, SOURCES
 from phnn.errors import StructureViolated
 from phnn.network.elements import Network
 from phnn.parameters import Parameter, as_table, with_values
 
-__all__ = ["AMPLIFIERS", "SENSORS", "SOURCES", "Block", "Setup", "Source"]
+__all__ = ["AMPLIFIERS", "SENSORS", "SOURCES", "Block", "Own", "Setup", "Source"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,23 @@ class Source:
     parameters: tuple[str, ...] = ()
 
 
+class Own(NamedTuple):
+    """What every recording adds to its output in a measure of its own, so that no model predicts it.
+
+    Such parts are projected out like the zero of the output.
+
+    Attributes:
+        lines: frequencies [Hz] of lines, whose amplitude and phase differ from recording to recording.
+        courses: how many half-cosines over the recording make up a sensor's slow course.
+    """
+
+    lines: tuple[float, ...] = ()
+    courses: int = 0
+
+
+_NOTHING = Own()
+
+
 @dataclass(frozen=True)
 class Setup:
     """What is between the recorded input and the recorded output.
@@ -50,8 +68,7 @@ class Setup:
         block_parameters: parameters of the blocks and sources, by name.
         name: for tables and reports.
         sources: inputs of further ports, each a function of the recording's time.
-        lines: frequencies [Hz] of lines in the output that have nothing to do with the actuator. Amplitude and phase
-            are every recording's own, so that no model predicts them: they are projected out like its zero.
+        own: parts of the output that have nothing to do with the actuator.
     """
 
     network: Network
@@ -60,7 +77,7 @@ class Setup:
     block_parameters: Mapping[str, Parameter] | None = None
     name: str = "model"
     sources: tuple[Source, ...] = ()
-    lines: tuple[float, ...] = ()
+    own: Own = _NOTHING
 
     @cached_property
     def parameters(self) -> dict[str, Parameter]:

@@ -17,11 +17,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from phnn.identify.staged import dominant_frequency
 from phnn.learn.starts import unfitted
 from phnn.models.fully_neural import FullyNeural
 from phnn.models.neural_ode import NeuralODE
-from phnn.recordings.recording import Campaign, Recording
+from phnn.recordings.recording import Campaign, Recording, dominant_frequency
 
 # Of a neural ODE: rate of the fast lag over that of the highest frequency, and what each slow lag adds to the gain.
 _FAST, _SLOW = 1.5, 0.1

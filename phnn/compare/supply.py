@@ -20,11 +20,10 @@ import torch
 from numpy.typing import NDArray
 
 from phnn.errors import SolverFailed
-from phnn.identify.staged import dominant_frequency
 from phnn.learn.plant import Plant
 from phnn.learn.solvers import Solver
 from phnn.learn.windows import windows_of
-from phnn.recordings.recording import Recording, Start
+from phnn.recordings.recording import Recording, Start, dominant_frequency
 from phnn.setup import Setup
 from phnn.simulate import simulate
 

@@ -113,6 +113,13 @@ def _leakage(trajectory: Trajectory, scales: Scales) -> Array:
     return np.column_stack(columns) if columns else np.zeros((trajectory.velocity.size, 0))
 
 
+def _by_charge(trajectory: Trajectory, scales: Scales) -> Array:
+    return np.column_stack(
+        [(trajectory.efforts[:, i] / scales.voltage) ** 2 for i in _electrical_leaves(trajectory)]
+        or [np.zeros((trajectory.velocity.size, 0))]
+    )
+
+
 def _electrical_leaves(trajectory: Trajectory) -> list[int]:
     return list(trajectory.program.dissipative)
 
@@ -177,6 +184,10 @@ def _sensor_memory(trajectory: Trajectory, scales: Scales) -> Array:
     return np.column_stack([lag, *plays])
 
 
+def _sensor_gain(trajectory: Trajectory, scales: Scales) -> Array:
+    return _drifts(trajectory.t, scales) * (trajectory.y / scales.displacement)[:, None]
+
+
 def _drifts(t: Array, scales: Scales) -> Array:
     x = t / scales.duration
     return np.column_stack([x, x**2])
@@ -229,6 +240,7 @@ GROUPS = (
         _by_displacement, ("d_",),
     ),
     Group("hysteron", "threshold that follows the rate", PARAMETER, _of_velocity(_by_speed), _V, _by_speed, ("d_",)),
+    Group("hysteron", "capacitance that follows the charge", PARAMETER, _by_charge, "", None, ("C_",)),
     Group("electrical", "leakage", FORCE, _leakage),
     Group("coupling", "force against voltage", FORCE, _of_voltage(_coupling), _U, _coupling),
     Group(
@@ -242,6 +254,7 @@ GROUPS = (
     Group("thermal", "ratio that follows the warmth", PARAMETER, _warmth, "", None, ("alpha",)),
     Group("sensor", "nonlinear", OUTPUT, _of_output(_sensor_static), _Q, _sensor_static),
     Group("sensor", "lag or play", OUTPUT, _sensor_memory),
+    Group("sensor", "gain that drifts", OUTPUT, _sensor_gain),
     Group("sensor", "drift", OUTPUT, _drift, "time [s]", _drifts),
     Group("environment", "lines", OUTPUT, _lines),
 )  # fmt: skip

@@ -15,8 +15,7 @@ from phnn.errors import SolverFailed
 from phnn.identify.fit import Fit, carried
 from phnn.identify.nuisances import without_nuisances
 from phnn.identify.problem import Plan
-from phnn.identify.staged import dominant_frequency
-from phnn.recordings.recording import Recording
+from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.simulate import Trajectory, simulate
 
 Array = NDArray[np.float64]
@@ -61,9 +60,9 @@ class Ground:
 
     def stack(self, outputs: Sequence[Array]) -> Array:
         """Changes of the outputs, one array a recording, as weighted columns without nuisances."""
-        lines = self.fit.setup.lines
+        own = self.fit.setup.own
         rows = [
-            without_nuisances(o, r.mask("identification"), r, lines) / r.noise
+            without_nuisances(o, r.mask("identification"), r, own) / r.noise
             for o, r in zip(outputs, self.plan.recordings, strict=True)
         ]
         return np.concatenate(rows)

@@ -11,7 +11,7 @@ from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Naming
 from phnn.diagnose.refit import Trial
 from phnn.diagnose.scored import Scored, excess, scored
-from phnn.diagnose.select import EXPLAINS_MORE, LOCATED, WELL, Finding, elsewhere, select, share_of
+from phnn.diagnose.select import EXPLAINS_MORE, WELL, Finding, elsewhere, located, select, share_of
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
 from phnn.identify.fit import Fit
@@ -76,7 +76,7 @@ def judge(
     if location.name == "mechanical" and left is not None and share < WELL:
         learned = learn(ground, location.detail)
     if findings and left is not None and elsewhere(findings, location, left):
-        if share > EXPLAINS_MORE and left.scores[left.name] > LOCATED:
+        if share > EXPLAINS_MORE and located(left):
             location = _also(location, left.name)
         return _unknown(ground, naming, location, tried, seed, learned)
     if not findings or (learned is not None and excess(learned) < _CLEARLY * excess(final)):

@@ -19,9 +19,9 @@ from scipy.stats import chi2
 from phnn.diagnose.colour import Colour, doubt, first_order_of
 from phnn.diagnose.ground import Ground, direction
 from phnn.effects import Effect
-from phnn.identify.nuisances import line_columns
-from phnn.identify.staged import dominant_frequency
-from phnn.recordings.recording import Recording
+from phnn.identify.nuisances import course_columns, line_columns, own_columns
+from phnn.recordings.recording import Recording, dominant_frequency
+from phnn.setup import Own
 from phnn.signals.first_order import density_of, first_order_density
 
 Array = NDArray[np.float64]
@@ -32,6 +32,8 @@ _RANK = 1e-9
 _PADDING, _PERIODS, _FINER, _HIGHEST = 8, 2.0, 0.25, 0.45
 # Multiples of a line's frequency that come with it.
 _HARMONICS = (1, 2, 3)
+# Half-cosines of a recording's slow course.
+_COURSES = 8
 
 
 @dataclass(frozen=True)
@@ -57,14 +59,14 @@ def line_candidates(ground: Ground, effects: Sequence[Effect], colour: Colour) -
         points = effect.grid(ground.scales)
         if effect.searched is not None:
             found.append(_searched(ground, effect, effect.searched, points))
-        elif effect.add_to(ground.fit.setup, points[0]).lines != ground.fit.setup.lines:
+        elif effect.add_to(ground.fit.setup, points[0]).own != ground.fit.setup.own:
             found.append(_known(ground, effect, points, colour))
     return found
 
 
 def _known(ground: Ground, effect: Effect, points: Sequence[dict[str, float]], colour: Colour) -> LineCandidate:
     """The best of a few given frequencies."""
-    found = [line_score(ground, effect.add_to(ground.fit.setup, v).lines, colour) for v in points]
+    found = [own_score(ground, effect.add_to(ground.fit.setup, v).own, colour) for v in points]
     best = max(range(len(points)), key=lambda i: found[i])
     return LineCandidate(effect, dict(points[best]), *found[best])
 
@@ -79,15 +81,10 @@ def _searched(ground: Ground, effect: Effect, name: str, points: Sequence[dict[s
     return LineCandidate(effect, values | {name: frequency}, deviate, judged)
 
 
-def line_score(ground: Ground, frequencies: Sequence[float], colour: Colour) -> tuple[float, float]:
-    """Normal deviates of the residual's power at some lines, out of the noise as stated and as the residual has it.
-
-    Both are zero where no recording can show the lines.
-
-    Args:
-        frequencies: of the lines [Hz].
-    """
-    blocks = [line_columns(r, frequencies) for r in ground.plan.recordings]
+def own_score(ground: Ground, own: Own, colour: Colour) -> tuple[float, float]:
+    """Normal deviates of the residual's power along the recordings' own parts, out of the noise as stated and as the
+    residual has it; zero where no recording can show them."""
+    blocks = [own_columns(r, own) for r in ground.plan.recordings]
     ends = np.cumsum([b.shape[0] for b in blocks])[:-1]
     columns = ground.project(ground.stack(np.split(block_diag(*blocks), ends)))
     if not columns.size:
@@ -118,6 +115,22 @@ def line_share(ground: Ground) -> float:
         if columns.shape[1] and freedom.max() > 0.5:
             left = np.linalg.qr(columns)[0].T @ ground.residual[rows]
             saved += float(left @ left) - left.size
+    return max(saved, 0.0)
+
+
+def course_share(ground: Ground) -> float:
+    """Sum of squares that a slow course of its own takes away from every recording, in units of the noise.
+
+    The course is fitted to every other stretch of a recording and predicts the stretches between.
+    """
+    saved = 0.0
+    for recording, rows in zip(ground.plan.recordings, ground.slices, strict=True):
+        columns = course_columns(recording, _COURSES)[recording.mask("identification")]
+        columns, left = np.column_stack([np.ones(columns.shape[0]), columns]), ground.residual[rows]
+        odd = (np.arange(left.size) * 4 * columns.shape[1] // left.size) % 2 == 1
+        for fitted in (odd, ~odd):
+            weights = np.linalg.lstsq(columns[fitted], left[fitted], rcond=_RANK)[0]
+            saved += float(left[~fitted] @ left[~fitted] - np.sum((left[~fitted] - columns[~fitted] @ weights) ** 2))
     return max(saved, 0.0)
 
 

@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 
 from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
 from phnn.diagnose.ground import Ground
-from phnn.diagnose.lines import line_share
+from phnn.diagnose.lines import course_share, line_share
 from phnn.effects.effect import has_dead_zones, has_transducer
 from phnn.simulate import Trajectory, input_force, output_derivatives
 
 Array = NDArray[np.float64]
 
 _RIDGES = (1e-6, 1e-4, 1e-2, 1e-1, 1.0)
-_TIE = 0.03
+# Locations that explain less by this share or a smaller one are tied.
+TIED = 0.03
 _FOLDS = 6
 
 
@@ -117,9 +118,12 @@ def locate(ground: Ground, given: Responses | None = None) -> Location:
         f"{g.location}/{g.detail}": _generalise(ground, found.columns[:, found.owner == i], folds)
         for i, g in enumerate(GROUPS)
     }
-    # Lines have a phase of their own in every recording: only their frequency can be known from others.
+    # Lines have a phase of their own in every recording: only their frequency can be known from others. Nothing can of
+    # a slow course: what others tell comes first where it explains as much.
     lines = min(line_share(ground) / _explainable(ground), 1.0)
     details["environment/lines"] = max(details["environment/lines"], lines)
+    course = min(course_share(ground) / _explainable(ground), 1.0) - TIED
+    details["sensor/drift"] = max(details["sensor/drift"], course)
     names = list(dict.fromkeys(g.location for g in GROUPS))
     scores = {}
     for name in names:
@@ -132,7 +136,7 @@ def locate(ground: Ground, given: Responses | None = None) -> Location:
     detail = max(inside, key=lambda d: inside[d])
     group = next(i for i, g in enumerate(GROUPS) if (g.location, g.detail) == (best, detail))
     weights, covariance = _weights(ground, found, group)
-    tied = tuple(n for n in names if n != best and scores[n] >= scores[best] - _TIE)
+    tied = tuple(n for n in names if n != best and scores[n] >= scores[best] - TIED)
     return Location(best, detail, tied, scores, details, group, weights, covariance)
 
 

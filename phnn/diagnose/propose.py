@@ -28,6 +28,7 @@ from phnn.identify.fit import Fit, variables_from
 from phnn.identify.nuisances import without_nuisances
 from phnn.identify.problem import Problem, Variables
 from phnn.identify.staged import stated_only
+from phnn.setup import Own
 from phnn.simulate import output_derivatives, simulate
 
 Array = NDArray[np.float64]
@@ -154,10 +155,11 @@ def separations(rivals: Sequence[Rival], experiment: Experiment, noise: float) -
     """
     recording = experiment.recording(noise)
     everything = recording.mask("identification")
-    lines = tuple(dict.fromkeys(f for r in rivals for f in r.fit.setup.lines))
+    owns = [r.fit.setup.own for r in rivals]
+    own = Own(tuple(dict.fromkeys(f for o in owns for f in o.lines)), max(o.courses for o in owns))
 
     def weighted(values: Array) -> Array:
-        return without_nuisances(values, everything, recording, lines) / noise
+        return without_nuisances(values, everything, recording, own) / noise
 
     outputs, moved = [], []
     for r in rivals:

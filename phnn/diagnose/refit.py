@@ -17,6 +17,7 @@ from phnn.ensemble import SERIAL, Executor
 from phnn.errors import PhnnError, SolverFailed
 from phnn.identify.base import released
 from phnn.identify.fit import Fit, distinct_optima, fit, variables_from
+from phnn.identify.nuisances import own_columns
 from phnn.identify.problem import Problem
 from phnn.identify.staged import fit_identified, stated_only
 from phnn.setup import Setup
@@ -140,11 +141,12 @@ def _fits(
 
 
 def _criterion(trial: Trial) -> float:
-    """Sum of squares with a penalty of ``ln N`` a parameter (Schwarz 1978)."""
+    """Sum of squares with a penalty of ``ln N`` for every parameter and every recording's own part (Schwarz 1978)."""
     if trial.fit is None:
         return float("inf")
     free = [n for n in trial.candidate.effect.parameters if not trial.fit.setup.parameters[n].fixed]
-    return trial.cost + len(free) * max(1.0, trial.fit.chi2) * float(np.log(trial.fit.residual.size))
+    own = sum(own_columns(r, trial.fit.setup.own).shape[1] for r in trial.fit.plan.recordings)
+    return trial.cost + (len(free) + own) * max(1.0, trial.fit.chi2) * float(np.log(trial.fit.residual.size))
 
 
 def _first_steps(base: Fit, candidate: Candidate) -> Fit | None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from phnn.diagnose.ground import Ground
-from phnn.diagnose.locate import Location
+from phnn.diagnose.locate import TIED, Location
 from phnn.diagnose.name import Naming
 from phnn.diagnose.refit import Trial, class_of, refit, simplest_first, tie
 from phnn.diagnose.scored import SIGNIFICANT, Scored, excess, scored
@@ -27,9 +27,9 @@ _EXPLAINS, EXPLAINS_MORE = 0.5, 0.7
 _EXPLAINS_SOME = 0.25
 # From this share on an effect explains well: no learned element is held against it.
 WELL = 0.9
-# Share that a location must explain to be believed, and how much less one must explain to be called another one; one
-# that explains less than a small share of what the best one does is none where an effect is looked for.
-LOCATED, _ELSEWHERE, _NOWHERE = 0.3, 0.01, 0.05
+# Share that a location must explain to be believed; one that explains less than a small share of what the best one does
+# is none where an effect is looked for.
+LOCATED, _NOWHERE = 0.3, 0.05
 # A second effect must matter: it is looked for only where the residual exceeds the noise by this much.
 _MATERIAL = 1.1
 
@@ -79,6 +79,8 @@ def select(
         if not trials or trials[0].fit is None:
             break
         step = _with(found.ground, last, trials, location, effects, seed, executor)
+        if not last.findings:
+            step = _at_home(found.ground, last, trials, step, location, effects, seed, executor)
         if step.model.significant and step.share < _EXPLAINS_SOME:
             break
         steps.append(step)
@@ -90,6 +92,28 @@ def select(
     return steps[-1], tried
 
 
+def _at_home(
+    ground: Ground,
+    last: Selected,
+    trials: Sequence[Trial],
+    step: Selected,
+    location: Location,
+    effects: Sequence[Effect],
+    seed: int,
+    executor: Executor,
+) -> Selected:
+    """The step, or that with another effect which explains well and, unlike the best one, leaves nothing elsewhere."""
+    for place, rival in enumerate(trials[1:], start=1):
+        if step.model.remaining is None or not elsewhere(step.findings, location, step.model.remaining):
+            return step
+        if rival.fit is not None and share_of(last.model.ground.fit, rival.fit, last.model.naming) > WELL:
+            tried = _with(ground, last, trials[place:], location, effects, seed, executor)
+            left = tried.model.remaining
+            if left is not None and located(left) and not elsewhere(tried.findings, location, left):
+                return tried
+    return step
+
+
 def _in_another_form(step: Selected, location: Location, left: Location) -> bool:
     """Whether what is left may be another form of what was found, so that no further effect need be looked for.
 
@@ -97,7 +121,7 @@ def _in_another_form(step: Selected, location: Location, left: Location) -> bool
     """
     effects = [f.trial.candidate.effect for f in step.findings]
     has_forms = any(f"{e.location}/{e.kind}" in left.details for e in effects)
-    well = step.share > WELL and left.scores[left.name] > LOCATED
+    well = step.share > WELL and located(left)
     return has_forms and well and not elsewhere(step.findings, location, left)
 
 
@@ -105,11 +129,16 @@ def elsewhere(findings: Sequence[Finding], location: Location, left: Location) -
     """Whether what is left lies elsewhere than everything that was named.
 
     The right element in another form leaves something at its own place; one that imitates leaves it where the truth
-    is. Where what is left is too little to be located, the whole mismatch is asked.
+    is. Where what is left is too little to be located, the whole mismatch is asked, if that can be.
     """
-    asked = left if left.scores[left.name] > LOCATED else location
+    asked = left if located(left) else location
     named = max(_explained(asked, f.trial.candidate.effect) for f in findings)
-    return named < max(asked.details.values()) - _ELSEWHERE
+    return located(asked) and named < max(asked.details.values()) - TIED
+
+
+def located(location: Location) -> bool:
+    """Whether a location explains enough to be believed."""
+    return location.scores[location.name] > LOCATED
 
 
 def _explained(location: Location, effect: Effect) -> float:
@@ -127,9 +156,11 @@ def _kept(steps: Sequence[Selected]) -> bool:
     if left is None:
         return True
     if len(steps) == 2:
-        return last.share >= _EXPLAINS
+        whole = steps[0].model.remaining
+        placed = located(left) or (whole is not None and located(whole))
+        return last.share >= (_EXPLAINS if placed else EXPLAINS_MORE)
     own = not elsewhere(last.findings[-1:], left, left)
-    return last.share >= EXPLAINS_MORE and (own or left.scores[left.name] <= LOCATED)
+    return last.share >= EXPLAINS_MORE and (own or not located(left))
 
 
 def _explains(effect: Effect, location: Location) -> bool:

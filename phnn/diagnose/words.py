@@ -36,6 +36,8 @@ _HISTORY = {
     "ratio that follows the warmth": "on how much energy was dissipated before",
     "lag or play": "on the rate of the displacement and on its turning points",
     "lines": "on time alone, in lines",
+    "capacitance that follows the charge": "on the voltages that the hysterons hold",
+    "gain that drifts": "on the displacement, the more or the less of it the later it is",
 }
 # Share of the work done either way that must be left over for a force to be called dissipative, or active.
 _LOSSY = 0.2

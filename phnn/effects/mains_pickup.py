@@ -17,7 +17,7 @@ def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     mains = constant("f_m", values["f_m"], "Hz", "frequency of the mains")
     table = as_table((*(setup.block_parameters or {}).values(), mains))
     lines = tuple(n * values["f_m"] for n in _HARMONICS)
-    return replace(setup, lines=(*setup.lines, *lines), block_parameters=table)
+    return replace(setup, own=setup.own._replace(lines=(*setup.own.lines, *lines)), block_parameters=table)
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:

@@ -1,12 +1,16 @@
-"""A sensor that drifts."""
+"""A sensor that drifts, straight on or to and fro."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from phnn.effects.effect import Effect, Scales
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
+
+# Half-cosines of a wandering sensor: all but a fourteenth of the variance of a random walk.
+_COURSES = 8
 
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
@@ -21,7 +25,22 @@ def grid(scales: Scales) -> list[dict[str, float]]:
     return [{"drift_rate": scales.noise / scales.duration}]
 
 
-EFFECT = Effect(
+def steady(setup: Setup) -> bool:
+    """The sensor has no course of its own in every recording yet."""
+    return not setup.own.courses
+
+
+def build_wandering(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """``y = q + Σ_m c_m cos(πmt/T)``, every recording with coefficients of its own."""
+    return replace(setup, own=setup.own._replace(courses=_COURSES))
+
+
+def wandering(setup: Setup) -> bool:
+    """The sensor neither drifts straight on nor has a course of its own in every recording yet."""
+    return steady(setup) and "drift_rate" not in setup.parameters
+
+
+_STRAIGHT = Effect(
     name="sensor_drift",
     location="sensor",
     kind="drift",
@@ -37,5 +56,21 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("drift_rate",),
+    applies=steady,
     neighbours=("creep",),
+)
+EFFECT = replace(
+    _STRAIGHT,
+    forms=(
+        replace(
+            _STRAIGHT,
+            equation=r"y = q + \sum_{m=1}^{8} c_m \cos(\pi m t/T)",
+            statement="The sensor wanders slowly, otherwise in every recording and whatever the actuator does.",
+            grid=lambda scales: [{}],
+            build=build_wandering,
+            strength=None,
+            parameters=(),
+            applies=wandering,
+        ),
+    ),
 )

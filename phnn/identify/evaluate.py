@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.identify.fit import fit
-from phnn.identify.nuisances import lines_of
+from phnn.identify.nuisances import own_parts
 from phnn.identify.problem import Plan, aperiodic
 from phnn.recordings.recording import Recording
-from phnn.setup import Setup
+from phnn.setup import Own, Setup
 from phnn.simulate import simulate
 
 Array = NDArray[np.float64]
@@ -71,9 +71,9 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
         y = simulate(setup, recording, plan.steps_of(recording), initial=own).y
         masks = (recording.mask("identification"), nuisance, np.ones(recording.t.size, dtype=bool))
         mask = next(m for m in masks if m.any())
-        if setup.lines:
+        if setup.own != Own():
             # From all samples: a stretch shorter than a period could not tell them from the zero.
-            y = y + lines_of(recording.y - y, slice(None), recording, setup.lines)
+            y = y + own_parts(recording.y - y, slice(None), recording, setup.own)
         y = y + np.mean((recording.y - y)[mask])
         return np.asarray(y)
 

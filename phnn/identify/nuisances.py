@@ -1,19 +1,22 @@
-"""What belongs to a recording and to no model: its zero, and the lines of the mains in it."""
+"""What belongs to a recording and to no model: its zero, the lines of the mains in it, its sensor's slow course."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.recordings.recording import Recording
+from phnn.recordings.recording import Recording, dominant_frequency
+from phnn.setup import Own
 
 Array = NDArray[np.float64]
 
 # Directions weaker than this share of the strongest are rounding: two lines that one part cannot tell apart.
 _RANK = 1e-9
+_NOTHING = Own()
 
 
 def line_columns(recording: Recording, frequencies: Sequence[float]) -> Array:
@@ -31,28 +34,41 @@ def line_columns(recording: Recording, frequencies: Sequence[float]) -> Array:
     return np.stack([np.cos(phase), np.sin(phase)], axis=-1).reshape(recording.t.size, 2 * len(kept))
 
 
-def without_nuisances(values: Array, mask: Array, recording: Recording, lines: tuple[float, ...] = ()) -> Array:
-    """The masked rows of (N, …) without their mean and lines: what the recording's nuisances cannot explain."""
+def course_columns(recording: Recording, count: int) -> Array:
+    """(N, C) half-cosines ``cos(πmt/T)`` over a recording, ``m = 1, …``: at most a number, and all slower than what
+    drives it, for a course as fast as that is not told from an answer."""
+    duration = recording.t.size * recording.dt
+    slow = min(count, max(math.ceil(2.0 * dominant_frequency(recording) * duration - 1e-6) - 1, 1)) if count else 0
+    return np.asarray(np.cos(np.pi / duration * np.outer(recording.t - recording.t[0], np.arange(1, slow + 1))))
+
+
+def own_columns(recording: Recording, own: Own) -> Array:
+    """(N, K) everything that a recording adds in a measure of its own."""
+    return np.hstack([line_columns(recording, own.lines), course_columns(recording, own.courses)])
+
+
+def without_nuisances(values: Array, mask: Array, recording: Recording, own: Own = _NOTHING) -> Array:
+    """The masked rows of (N, …) without their mean and own parts: what the recording's nuisances cannot explain."""
     inside = values[mask]
     inside = inside - inside.mean(axis=0) if inside.size else inside
-    if not lines or not inside.size:
+    if own == _NOTHING or not inside.size:
         return inside
-    basis = _line_basis(recording, lines, mask.tobytes())
+    basis = _own_basis(recording, own, mask.tobytes())
     return np.asarray(inside - basis @ (basis.T @ inside))
 
 
 @lru_cache(maxsize=32)
-def _line_basis(recording: Recording, lines: tuple[float, ...], mask: bytes) -> Array:
-    """Orthonormal basis of the lines on the masked rows, without their means; kept, because every model asks for it."""
-    columns = line_columns(recording, lines)[np.frombuffer(mask, dtype=bool)]
+def _own_basis(recording: Recording, own: Own, mask: bytes) -> Array:
+    """Orthonormal basis of own parts on the masked rows, without their means; kept, because every model asks for it."""
+    columns = own_columns(recording, own)[np.frombuffer(mask, dtype=bool)]
     if not columns.size:
         return np.zeros((columns.shape[0], 0))
     left, size, _ = np.linalg.svd(columns - columns.mean(axis=0), full_matrices=False)
     return np.asarray(left[:, size > _RANK * np.sqrt(columns.shape[0])])
 
 
-def lines_of(error: Array, rows: slice, recording: Recording, lines: tuple[float, ...]) -> Array:
-    """(M,) the lines in some rows of an error (N,), fitted to these very rows beside a constant."""
-    columns = np.column_stack([np.ones(recording.t.size), line_columns(recording, lines)])[rows]
+def own_parts(error: Array, rows: slice, recording: Recording, own: Own) -> Array:
+    """(M,) the own parts in some rows of an error (N,), fitted to these very rows beside a constant."""
+    columns = np.column_stack([np.ones(recording.t.size), own_columns(recording, own)])[rows]
     found = np.linalg.lstsq(columns, error[rows], rcond=_RANK)[0]
     return np.asarray(columns[:, 1:] @ found[1:])

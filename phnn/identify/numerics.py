@@ -55,7 +55,7 @@ def substeps_for(setup: Setup, plan: Plan, bound: float, initial: Mapping[str, A
         coarse = run(recording, steps)
         while steps < MAX_SUBSTEPS:
             fine = run(recording, 2 * steps)
-            change = without_nuisances(coarse - fine, recording.mask("identification"), recording, setup.lines)
+            change = without_nuisances(coarse - fine, recording.mask("identification"), recording, setup.own)
             if 4.0 / 3.0 * np.linalg.norm(change) / recording.noise <= share:
                 break
             steps, coarse = 2 * steps, fine
@@ -78,7 +78,7 @@ def numerical_error(fit: Fit) -> NumericalError:
         if recording.interpolation == "cubic":
             reconstruction = simulate(fit.setup, recording, steps, method="quintic", initial=initial).y - base
         mask = recording.mask("identification")
-        return without_nuisances(solver + reconstruction, mask, recording, fit.setup.lines) / recording.noise
+        return without_nuisances(solver + reconstruction, mask, recording, fit.setup.own) / recording.noise
 
     parts = plan.each(one)
     error = np.concatenate(parts)

@@ -211,7 +211,7 @@ class Problem:
             initial = range(self.variables.scales.size) if recording.name in self.variables.unknown else ()
             raw = output_derivatives(trajectory, self.variables.names, tuple(initial))
             columns = self.variables.columns(setup, recording, raw)
-            return -without_nuisances(columns, mask, recording, setup.lines) / recording.noise
+            return -without_nuisances(columns, mask, recording, setup.own) / recording.noise
 
         return one
 
@@ -220,4 +220,4 @@ def weighted_residual(trajectory: Trajectory, mask: Array) -> Array:
     """``(y − ŷ)/σ`` on the masked samples without what zero and lines explain."""
     recording = trajectory.recording
     error = recording.y - trajectory.y
-    return without_nuisances(error, mask, recording, trajectory.setup.lines) / recording.noise
+    return without_nuisances(error, mask, recording, trajectory.setup.own) / recording.noise

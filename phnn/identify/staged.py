@@ -15,7 +15,7 @@ from phnn.errors import InputRefused, PhnnError
 from phnn.identify.fit import Fit, distinct_optima, fit, unidentified
 from phnn.identify.problem import Plan, Problem, variables_of
 from phnn.models.actuator import hrc
-from phnn.recordings.recording import Anchor, Recording
+from phnn.recordings.recording import Anchor, Recording, dominant_frequency
 from phnn.setup import Setup
 from phnn.simulate import input_before
 
@@ -244,16 +244,6 @@ def middle_frequency(recordings: Sequence[Recording]) -> float:
     """Geometric mean of the excited frequencies [Hz]."""
     found = [f for r in recordings if (f := dominant_frequency(r)) > 0.0]
     return float(np.exp(np.mean(np.log(found)))) if found else 10.0
-
-
-def dominant_frequency(recording: Recording) -> float:
-    """Frequency of the strongest input line [Hz]."""
-    if recording.period:
-        return 1.0 / recording.period
-    u = recording.u - recording.u.mean()
-    spectrum = np.abs(np.fft.rfft(u * np.hanning(u.size)))
-    peak = int(np.argmax(spectrum[1:])) + 1
-    return peak / (u.size * recording.dt)
 
 
 def _rebound(setup: Setup, values: Mapping[str, float]) -> Setup:

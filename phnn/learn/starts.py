@@ -15,7 +15,6 @@ from phnn.errors import InputRefused
 from phnn.identify.base import Options, identification_plan, identify_base
 from phnn.identify.problem import Plan
 from phnn.identify.staged import (
-    dominant_frequency,
     drive_amplitude,
     held_by_statement,
     mechanical_points,
@@ -29,7 +28,7 @@ from phnn.models.neural_ode import NeuralODE
 from phnn.models.scales import Scales
 from phnn.models.store import load
 from phnn.network.elements import Network
-from phnn.recordings.recording import Campaign, Recording
+from phnn.recordings.recording import Campaign, Recording, dominant_frequency
 from phnn.setup import Setup
 from phnn.simulate import simulate
 

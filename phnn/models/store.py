@@ -15,7 +15,7 @@ from phnn.integrate.program import compile_network
 from phnn.models.learned import as_json, from_json
 from phnn.network.elements import Coupling, Memory, Modulation, Network, Port, Resistor, Storage
 from phnn.parameters import Parameter
-from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Setup, Source
+from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Own, Setup, Source
 
 SCHEMA = "phnn.model/1"
 FILE = "model.json"
@@ -45,7 +45,8 @@ def save(setup: Setup, folder: Path, substeps: int = 1) -> None:
         "amplifier": [asdict(b) for b in setup.amplifier],
         "sensor": [asdict(b) for b in setup.sensor],
         "sources": [asdict(s) for s in setup.sources],
-        "lines": list(setup.lines),
+        "lines": list(setup.own.lines),
+        "courses": setup.own.courses,
         "parameters": {n: _plain(p) for n, p in network.parameters.items()},
         "block_parameters": {n: _plain(p) for n, p in (setup.block_parameters or {}).items()},
     }
@@ -107,7 +108,7 @@ def _setup(content: Mapping[str, Any]) -> Setup:
         block_parameters={n: _parameter(p) for n, p in content["block_parameters"].items()},
         name=content["name"],
         sources=tuple(Source(**_tupled(s)) for s in content.get("sources", ())),
-        lines=tuple(float(f) for f in content.get("lines", ())),
+        own=Own(tuple(float(f) for f in content.get("lines", ())), int(content.get("courses", 0))),
     )
 
 

@@ -115,3 +115,13 @@ class Campaign:
     notes: tuple[str, ...]
     held_out_is_new: bool
     folder: str
+
+
+def dominant_frequency(recording: Recording) -> float:
+    """Frequency of the strongest input line [Hz]."""
+    if recording.period:
+        return 1.0 / recording.period
+    u = recording.u - recording.u.mean()
+    spectrum = np.abs(np.fft.rfft(u * np.hanning(u.size)))
+    peak = int(np.argmax(spectrum[1:])) + 1
+    return peak / (u.size * recording.dt)

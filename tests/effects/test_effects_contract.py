@@ -114,14 +114,14 @@ class TestEveryEffect:
         is_sound(setup, where)
         # What is not passive stands outside the passive core, or is a source; what is stands inside it.
         inside = setup.network != where.setup.network
-        assert bool(setup.amplifier or setup.sensor or setup.lines) != inside
+        assert bool(setup.amplifier or setup.sensor or setup.own != where.setup.own) != inside
         assert effect_.passive == (inside and not any(sources(setup.network)))
 
     def test_it_moves_the_output_and_vanishes_with_its_strength(self, effect_: Effect) -> None:
         values = point(effect_)
         moved = [difference(effect_, values)]
-        if effect_.add_to(home(effect_).setup, values).lines:
-            assert moved[0] == 0.0  # Amplitude and phase of a line are every recording's own.
+        if effect_.add_to(home(effect_).setup, values).own != home(effect_).setup.own:
+            assert moved[0] == 0.0  # Amplitude and phase of a line, the course of a sensor are every recording's own.
             return
         assert moved[0] > 1e-4
         if not effect_.parameters:

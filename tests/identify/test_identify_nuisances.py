@@ -12,11 +12,11 @@ from junctions import recording
 from phnn.effects import effect
 from phnn.identify.evaluate import evaluate
 from phnn.identify.fit import fit
-from phnn.identify.nuisances import line_columns, lines_of, without_nuisances
+from phnn.identify.nuisances import course_columns, line_columns, own_parts, without_nuisances
 from phnn.identify.problem import Plan, Problem, variables_of
 from phnn.models.actuator import from_paper
 from phnn.recordings.recording import Part, Recording
-from phnn.setup import Setup
+from phnn.setup import Own, Setup
 from phnn.simulate import simulate
 
 BASE = Setup(from_paper())
@@ -53,7 +53,7 @@ def test_nuisances_leave_nothing_of_themselves_and_the_rest_alone() -> None:
     mask = (T > 0.033) & (T < 0.2)
     lines = (50.0, 100.0, 150.0)
     columns = np.column_stack([pickup(T, 0.7) + 3e-6, T**2])
-    left = without_nuisances(columns, mask, some, lines)
+    left = without_nuisances(columns, mask, some, Own(lines))
     assert left.shape == (mask.sum(), 2)
     np.testing.assert_allclose(left[:, 0], 0.0, atol=1e-19)
     span = np.column_stack([np.ones(T.size), line_columns(some, lines)])[mask]
@@ -61,22 +61,36 @@ def test_nuisances_leave_nothing_of_themselves_and_the_rest_alone() -> None:
     best = span @ np.linalg.lstsq(span, T[mask] ** 2, rcond=None)[0]
     np.testing.assert_allclose(left[:, 1], T[mask] ** 2 - best, atol=1e-12)
     np.testing.assert_array_equal(without_nuisances(columns, mask, some), columns[mask] - columns[mask].mean(axis=0))
-    assert without_nuisances(columns, np.zeros(T.size, dtype=bool), some, lines).shape == (0, 2)
+    assert without_nuisances(columns, np.zeros(T.size, dtype=bool), some, Own(lines)).shape == (0, 2)
 
 
 def test_lines_that_a_part_cannot_tell_apart_take_no_further_direction() -> None:
     # At the lowest sampling that shows it, 100 Hz is 50 Hz twice over: ten samples hold ten directions at most.
     some = recording(np.arange(40) * 1e-3, np.zeros(40))
     mask = np.arange(40) < 3
-    left = without_nuisances(np.array([1.0, 2.0, 4.0, *np.zeros(37)]), mask, some, (50.0, 100.0, 150.0))
+    left = without_nuisances(np.array([1.0, 2.0, 4.0, *np.zeros(37)]), mask, some, Own((50.0, 100.0, 150.0)))
     np.testing.assert_allclose(left, 0.0, atol=1e-9)
+
+
+def test_a_slow_course_has_nothing_as_fast_as_the_drive() -> None:
+    # Almost eleven periods of the drive: no half-cosine with as many as 22 half-periods.
+    some = recorded("slow", 36.6, 0.0)
+    assert course_columns(some, 8).shape == (T.size, 8)
+    assert course_columns(some, 30).shape == (T.size, 21)
+    np.testing.assert_allclose(course_columns(some, 3)[:, 2], np.cos(3.0 * np.pi * T / (T.size * 2e-4)), atol=1e-12)
+    assert course_columns(some, 0).shape == (T.size, 0)
+    mask = np.ones(T.size, dtype=bool)
+    walk = np.cumsum(np.random.default_rng(4).standard_normal(T.size))
+    left = without_nuisances(walk, mask, some, Own(courses=8))
+    # Of a Wiener process all but Σ_{m>8} 1/m² of Σ 1/m² lies in the first eight half-cosines, on average.
+    assert np.sum(left**2) < 0.2 * np.sum((walk - walk.mean()) ** 2)
 
 
 def test_lines_are_estimated_beside_the_zero() -> None:
     some = recording(T, np.zeros(T.size))
     error = pickup(T, 0.7) + 3e-6
     rows = slice(200, 900)
-    np.testing.assert_allclose(lines_of(error, rows, some, (50.0, 150.0)), pickup(T, 0.7)[rows], atol=1e-15)
+    np.testing.assert_allclose(own_parts(error, rows, some, Own((50.0, 150.0))), pickup(T, 0.7)[rows], atol=1e-15)
 
 
 def test_a_held_out_zero_from_less_than_a_period_is_not_that_of_the_lines() -> None:
@@ -109,7 +123,7 @@ def test_jacobian_and_residual_lose_the_same_lines(recordings: tuple[Recording, 
         e = 1e-4 * np.eye(2)[i]
         difference = (found.residual(z + e) - found.residual(z - e)) / 2e-4
         assert np.linalg.norm(jacobian[:, i] - difference) < 2e-2 * np.linalg.norm(difference)
-    columns = line_columns(recordings[0], noisy.lines)
+    columns = line_columns(recordings[0], noisy.own.lines)
     size = np.linalg.norm(jacobian[: T.size], axis=0)
     np.testing.assert_allclose(columns.T @ jacobian[: T.size] / size, 0.0, atol=1e-9)
     np.testing.assert_allclose(columns.T @ found.residual(z)[: T.size], 0.0, atol=1e-7)
