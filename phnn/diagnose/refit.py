@@ -31,6 +31,8 @@ _ENTER_SECOND, _ENTER_BOLD, _ENTER_THIRD = 6, 4, 4
 # second, cannot win.
 _SAVES = 0.35
 _NEAR = 2.0
+# The same for one whose steps have come to rest: finer sub-steps and parameters that are set free move it little.
+_NEAR_AT_REST = 1.3
 # Scores are costs saved to first order; what scores below this share of the best cannot overtake it.
 _WITHIN = 0.25
 # Once a candidate leaves less than this share of the excess, only those that score nearly as high can still tie.
@@ -79,7 +81,7 @@ def refit(base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIA
     trials = _again(_from_several_starts, base, trials, rivals[:_ENTER_SECOND], executor)
     if not _settled(trials[0], base):
         trials = _again(_from_bold_starts, base, trials, trials[:_ENTER_BOLD], executor)
-    rivals = [t for t in trials if t.cost <= _NEAR * trials[0].cost and _may_tie(t, trials[0], base)]
+    rivals = [t for t in trials if _comes_near(t, trials[0]) and _may_tie(t, trials[0], base)]
     return _one_of_each(_again(_finished, base, trials, rivals[:_ENTER_THIRD], executor))
 
 
@@ -128,6 +130,12 @@ def _may_tie(trial: Trial, best: Trial, base: Fit) -> bool:
 def _settled(best: Trial, base: Fit) -> bool:
     """Whether the best candidate explains nearly everything."""
     return best.cost - base.residual.size < _SETTLED * (base.cost - base.residual.size)
+
+
+def _comes_near(trial: Trial, best: Trial) -> bool:
+    """Whether a candidate after the second round can still end where the best one is."""
+    at_rest = trial.fit is not None and trial.fit.evaluations < _SECOND
+    return trial.cost <= (_NEAR_AT_REST if at_rest else _NEAR) * best.cost
 
 
 def _fits(
@@ -209,8 +217,10 @@ def _from_several_starts(base: Fit, trial: Trial) -> Fit | None:
     starts = [(base.setup, v) for v in candidate.others[:_OTHER_STARTS]]
     starts += [(setup, candidate.values) for setup in base.alternatives]
     tried = [_few_steps(base, effect, setup, values, _SECOND) for setup, values in starts]
-    tried.append(fit(trial.fit.setup, trial.fit.plan, trial.fit.variables.names, base.held, _SECOND, origin=trial.fit))
-    best, alternatives = distinct_optima([f for f in tried if f is not None])
+    found = trial.fit
+    if found.evaluations >= _FIRST:
+        found = fit(found.setup, found.plan, found.variables.names, base.held, _SECOND, origin=found)
+    best, alternatives = distinct_optima([f for f in (*tried, found) if f is not None])
     return replace(best, alternatives=alternatives)
 
 

@@ -215,8 +215,9 @@ def unidentified(jacobian: Array, names: Sequence[str]) -> list[str]:
     """
     left = list(range(len(names)))
     dropped: list[str] = []
+    square = np.asarray(np.linalg.qr(jacobian, mode="r"))
     while left:
-        _, singular, rows = np.linalg.svd(jacobian[:, left], full_matrices=False)
+        _, singular, rows = np.linalg.svd(square[:, left], full_matrices=False)
         spread = np.sqrt(np.sum((rows / np.maximum(singular, 1e-100)[:, None]) ** 2, axis=0))
         if spread.max() <= _UNIDENTIFIED and singular[-1] > 1e-10 * singular[0]:
             break

@@ -146,7 +146,11 @@ def aperiodic(recording: Recording) -> bool:
 
 
 class Problem:
-    """Residual and Jacobian for `scipy.optimize.least_squares`; the last trajectories are kept for the Jacobian."""
+    """Residual and Jacobian for `scipy.optimize.least_squares`.
+
+    The last trajectories and their derivatives are kept: an optimiser ends where it has just been, and what it found is
+    asked for once more there.
+    """
 
     def __init__(self, template: Setup, plan: Plan, variables: Variables, use: str = "identification") -> None:
         self.template = template
@@ -155,6 +159,7 @@ class Problem:
         self.masks = [r.mask(use) for r in plan.recordings]
         self._z: Array | None = None
         self._trajectories: list[Trajectory] = []
+        self._columns: list[Array] = []
 
     def trajectories(self, z: Array) -> list[Trajectory]:
         """Simulations at ``z``."""
@@ -165,7 +170,7 @@ class Problem:
                 initial = self.variables.initial(recording, z)
                 return simulate(setup, recording, self.plan.steps_of(recording), initial=initial)
 
-            self._trajectories = self.plan.each(run)
+            self._trajectories, self._columns = self.plan.each(run), []
             self._z = z.copy()
         return self._trajectories
 
@@ -176,7 +181,7 @@ class Problem:
 
     def jacobian(self, z: Array) -> Array:
         """(N, K) derivatives of the residual by ``z``."""
-        return np.concatenate(self.plan.each(self._derivatives(z), self.trajectories(z), self.masks))
+        return np.concatenate(self._derivatives(z))
 
     def reduced(self, z: Array) -> Array:
         """(K+1, K+1) triangular factor of ``[J r]``: the same cost, gradient and normal matrix in a small square.
@@ -190,13 +195,13 @@ class Problem:
             failed = np.zeros((columns, columns))
             failed[-1, -1] = _FAILED * np.sqrt(self.samples)
             return failed
-        derivatives = self._derivatives(z)
 
-        def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
-            residual = weighted_residual(trajectory, mask)[:, None]
-            return np.asarray(np.linalg.qr(np.hstack([derivatives(recording, trajectory, mask), residual]), mode="r"))
+        def one(_: Recording, trajectory: Trajectory, mask: Array, derivatives: Array) -> Array:
+            residual = weighted_residual(trajectory, mask)
+            return np.asarray(np.linalg.qr(np.column_stack([derivatives, residual]), mode="r"))
 
-        stacked = np.concatenate([*self.plan.each(one, found, self.masks), np.zeros((columns, columns))])
+        squares = self.plan.each(one, found, self.masks, self._derivatives(z))
+        stacked = np.concatenate([*squares, np.zeros((columns, columns))])
         return np.asarray(np.linalg.qr(stacked, mode="r"))
 
     @property
@@ -204,8 +209,9 @@ class Problem:
         """How many samples are scored."""
         return sum(int(m.sum()) for m in self.masks)
 
-    def _derivatives(self, z: Array) -> Callable[[Recording, Trajectory, Array], Array]:
-        setup = self.variables.setup(self.template, z)
+    def _derivatives(self, z: Array) -> list[Array]:
+        """(N_r, K) derivatives of the residual of every recording."""
+        found, setup = self.trajectories(z), self.variables.setup(self.template, z)
 
         def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
             initial = range(self.variables.scales.size) if recording.name in self.variables.unknown else ()
@@ -213,7 +219,9 @@ class Problem:
             columns = self.variables.columns(setup, recording, raw)
             return -without_nuisances(columns, mask, recording, setup.own) / recording.noise
 
-        return one
+        if not self._columns:
+            self._columns = self.plan.each(one, found, self.masks)
+        return self._columns
 
 
 def weighted_residual(trajectory: Trajectory, mask: Array) -> Array:
