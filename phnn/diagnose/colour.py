@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from phnn.diagnose.ground import Ground
+from phnn.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 
@@ -30,25 +31,32 @@ class Colour:
     ground: Ground
 
     def stated(self, columns: Array) -> Array:
-        """Columns (N, C) times the correlation of the noise that the recordings state."""
-        out = np.array(columns, copy=True)
-        for recording, rows in zip(self.ground.plan.recordings, self.ground.slices, strict=True):
+        """(C,) variances along columns (N, C) of the noise that the recordings state."""
+
+        def one(recording: Recording, rows: slice) -> Array:
             rho, block = recording.noise_correlation, columns[rows]
+            total = np.einsum("ij,ij->j", block, block)
             for lag in range(1, min(rho.size, block.shape[0])):
-                out[rows][lag:] += rho[lag] * block[:-lag]
-                out[rows][:-lag] += rho[lag] * block[lag:]
-        return out
+                if rho[lag] != 0.0:
+                    total += 2.0 * rho[lag] * np.einsum("ij,ij->j", block[lag:], block[:-lag])
+            return np.asarray(total)
+
+        return np.sum(self.ground.plan.each(one, self.ground.slices), axis=0)
 
     def left(self, columns: Array) -> Array:
-        """Columns (N, C) times the covariance of first-order noise of the residual's power and lag-one correlation."""
-        out = np.empty_like(columns)
-        for rows in self.ground.slices:
+        """(C, C) covariance along columns (N, C) of first-order noise of the residual's power and lag-one correlation.
+
+        The sum over all earlier samples, with half of the present one, is one half of the whole; the other mirrors it.
+        """
+
+        def one(_: Recording, rows: slice) -> Array:
             power, a = first_order_of(self.ground.residual[rows])
             block = columns[rows]
-            earlier = lfilter([1.0], [1.0, -a], block, axis=0)
-            later = lfilter([1.0], [1.0, -a], block[::-1], axis=0)[::-1]
-            out[rows] = power * (earlier + later - block)
-        return out
+            half = 0.5 * block if a == 0.0 else lfilter([0.5, 0.5 * a], [1.0, -a], block, axis=0)
+            return np.asarray(power * (block.T @ half))
+
+        half = np.sum(self.ground.plan.each(one, self.ground.slices), axis=0)
+        return half + half.T
 
 
 def first_order_of(residual: Array) -> tuple[float, float]:

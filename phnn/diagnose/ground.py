@@ -56,7 +56,12 @@ class Ground:
 
     def project(self, columns: Array) -> Array:
         """Columns without their part in the span of the base sensitivities."""
-        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+        basis = self.basis
+        share, out = basis.T @ columns, np.empty_like(columns)
+        # Recording by recording: a copy of everything at once costs more than the arithmetic.
+        for rows in self.slices:
+            np.subtract(columns[rows], basis[rows] @ share, out=out[rows])
+        return out
 
     def stack(self, outputs: Sequence[Array]) -> Array:
         """Changes of the outputs, one array a recording, as weighted columns without nuisances."""

@@ -89,9 +89,10 @@ def own_score(ground: Ground, own: Own, colour: Colour) -> tuple[float, float]:
     columns = ground.project(ground.stack(np.split(block_diag(*blocks), ends)))
     if not columns.size:
         return 0.0, 0.0
-    basis, size, _ = np.linalg.svd(columns, full_matrices=False)
-    q = basis[:, size > _RANK * size[0]]
-    stated, left = (np.einsum("ij,ij->", q, times(q)) / q.shape[1] for times in (colour.stated, colour.left))
+    q, square = np.linalg.qr(columns)
+    basis, size, _ = np.linalg.svd(square)
+    q = q @ basis[:, size > _RANK * size[0]]
+    stated, left = np.mean(colour.stated(q)), np.trace(colour.left(q)) / q.shape[1]
     saved = float(np.sum((q.T @ ground.residual) ** 2) / stated)
     return _deviate(saved, q.shape[1], 1.0), _deviate(saved / float(doubt(left, stated)) ** 2, q.shape[1], 1.0)
 

@@ -84,22 +84,22 @@ def score(
     lines = line_candidates(ground, able, colour)
     points = [(e, v) for e in able if all(e is not c.effect for c in lines) for v in e.grid(ground.scales)]
     directions = [direction(ground, e, v) for e, v in points]
-    raw = np.column_stack([*directions, *([generic.columns] if generic is not None else [])])
-    d = ground.project(raw)
-    rd = colour.stated(d)
-    power = np.einsum("ij,ij->j", d, rd)
+    d = ground.project(np.column_stack([*directions, *([generic.columns] if generic is not None else [])]))
+    power = colour.stated(d)
     alive = power > 1e-16 * max(float(power.max(initial=0.0)), 1e-300)
     scale = np.where(alive, 1.0 / np.sqrt(np.maximum(power, 1e-300)), 0.0)
-    scores = scale * (d.T @ ground.residual)
-    sided = np.array([e.one_sided for e, _ in points] + [False] * (raw.shape[1] - len(points)))
+    along = d.T @ ground.residual
+    scores = scale * along
+    sided = np.array([e.one_sided for e, _ in points] + [False] * (d.shape[1] - len(points)))
     value = np.where(sided, np.maximum(scores, 0.0), np.abs(scores))
     # Scores are in units of the stated noise; how improbable they are is asked with the noise as the residual has it.
-    covariance = (d.T @ colour.left(d)) * np.outer(scale, scale)
+    covariance = colour.left(d) * np.outer(scale, scale)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     null = _null_of_supremum(covariance / np.outer(spread, spread), sided, len(lines), seed)
     judged = value / doubt(np.diag(covariance), np.ones_like(value))
-    strengths = (d.T @ ground.residual) / np.maximum(np.einsum("ij,ij->j", d, d), 1e-300)
-    saved = np.einsum("ij,ij->j", d, d) * (2.0 * strengths - 1.0)
+    squares = np.einsum("ij,ij->j", d, d)
+    strengths = along / np.maximum(squares, 1e-300)
+    saved = squares * (2.0 * strengths - 1.0)
     candidates = _best_of_each(points, value, judged, strengths, saved, null)
     candidates += [Candidate(c.effect, c.values, (), c.deviate, tail(null, c.judged)) for c in lines]
     statistic = float(max([value.max(initial=0.0), *(c.deviate for c in lines)]))
