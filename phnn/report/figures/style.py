@@ -9,6 +9,7 @@ from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.mathtext import MathTextParser
 
@@ -77,7 +78,9 @@ def png(figure: Figure) -> bytes:
     with rc_context(RC), warnings.catch_warnings():
         # a recording may be named in a script that the font lacks: the page spells it, the figure may show a box
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+        # `savefig` would draw everything twice to get the same bytes.
+        figure.set_dpi(DPI)
+        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
     return buffer.getvalue()
 
 
