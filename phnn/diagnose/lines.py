@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from phnn.diagnose.colour import Colour, doubt, first_order_of
 from phnn.diagnose.ground import Ground, direction
 from phnn.effects import Effect
-from phnn.identify.nuisances import course_columns, line_columns, own_columns
+from phnn.identify.nuisances import course_columns, line_columns, own_columns, without_nuisances
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.setup import Own
 from phnn.signals.first_order import density_of, first_order_density
@@ -27,6 +27,8 @@ from phnn.signals.first_order import density_of, first_order_density
 Array = NDArray[np.float64]
 
 _RANK = 1e-9
+# A direction of which the base leaves no more than this share is explained by it.
+_FREE = 1e-10
 # Zero padding of the spectra that are searched; how many periods a recording must have to show a line; the spacing of
 # the frequencies in units of what the longest recording resolves, and the highest one in cycles a sample.
 _PADDING, _PERIODS, _FINER, _HIGHEST = 8, 2.0, 0.25, 0.45
@@ -84,15 +86,19 @@ def _searched(ground: Ground, effect: Effect, name: str, points: Sequence[dict[s
 def own_score(ground: Ground, own: Own, colour: Colour) -> tuple[float, float]:
     """Normal deviates of the residual's power along the recordings' own parts, out of the noise as stated and as the
     residual has it; zero where no recording can show them."""
-    blocks = [own_columns(r, own) for r in ground.plan.recordings]
-    ends = np.cumsum([b.shape[0] for b in blocks])[:-1]
-    columns = ground.project(ground.stack(np.split(block_diag(*blocks), ends)))
-    if not columns.size:
+    setup, recordings = ground.fit.setup, ground.plan.recordings
+    columns = [without_nuisances(own_columns(r, own), r.mask("identification"), r, setup.own) for r in recordings]
+    parts = [np.linalg.svd(c, full_matrices=False)[:2] for c in columns]
+    largest = max(size.max(initial=0.0) for _, size in parts)
+    alone = block_diag(*(basis[:, size > _RANK * largest] for basis, size in parts))
+    # Recording by recording the basis is orthonormal: what the base explains of it decides about all of it together.
+    explained = ground.basis.T @ alone
+    left_over, vectors = np.linalg.eigh(np.eye(alone.shape[1]) - explained.T @ explained)
+    free = left_over > _FREE
+    if not free.any():
         return 0.0, 0.0
-    q, square = np.linalg.qr(columns)
-    basis, size, _ = np.linalg.svd(square)
-    q = q @ basis[:, size > _RANK * size[0]]
-    stated, left = np.mean(colour.stated(q)), np.trace(colour.left(q)) / q.shape[1]
+    q = ground.project(alone) @ (vectors[:, free] / np.sqrt(left_over[free]))
+    stated, left = np.array([np.mean(colour.stated(q)), np.mean(np.diag(colour.left(q)))])
     saved = float(np.sum((q.T @ ground.residual) ** 2) / stated)
     return _deviate(saved, q.shape[1], 1.0), _deviate(saved / float(doubt(left, stated)) ** 2, q.shape[1], 1.0)
 
