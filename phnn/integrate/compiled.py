@@ -27,6 +27,7 @@ _SOURCES = (
     "integrate/step.py",
     "integrate/memories.py",
     "integrate/stages.py",
+    "integrate/elimination.py",
     "integrate/solve.py",
     "integrate/quick.py",
     "integrate/linearise.py",

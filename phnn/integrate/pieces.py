@@ -5,7 +5,8 @@ While a leaf rests in its dead zone, or slides beyond one threshold, the end of 
     x⁺ = A₀ x + A₁ v̄ + A₂,     a ē = B₀ x + B₁ v̄ + B₂.
 
 The coefficients and their derivatives by every parameter hold for all steps of one size. They come from complex steps
-through the functions that march; steps that meet a threshold are differentiated one by one in the same way.
+through the functions that march; steps that meet a threshold, and those of leaves whose law is curved, are
+differentiated one by one in the same way.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ from phnn.integrate.constants import (
     fill_gains,
 )
 from phnn.integrate.linearise import Pattern, Run
-from phnn.integrate.lookups import junction_storage
-from phnn.integrate.quick import GAIN, resolve
+from phnn.integrate.lookups import junction_storage, mean_effort
+from phnn.integrate.quick import CURVED, GAIN, resolve
 from phnn.integrate.tables import JUNCTION_INLETS, LEAVES, LOSSLESS, Integers, rows_of
 from phnn.laws.leaf import rc_flow, resting, sliding
 from phnn.laws.namespace import TINY
@@ -164,6 +165,8 @@ def _piece_of(d: Any, leaf: Any, x: Any, v: Any) -> Any:
     """Where a leaf spends a step, by the rules of `rc_flow`."""
     if d.kinds[leaf, 0] == LOSSLESS:
         return _RESTING
+    if d.kinds[leaf, 0] == CURVED:
+        return _CROSSING
     stiffness, low, high = d.c[-1, leaf, STIFFNESS].real, d.c[-1, leaf, LOW].real, d.c[-1, leaf, HIGH].real
     effort = stiffness * x
     piece = _ABOVE if effort > high else _BELOW if effort < low else _RESTING
@@ -177,18 +180,33 @@ def _piece_of(d: Any, leaf: Any, x: Any, v: Any) -> Any:
     return piece if stays else _CROSSING
 
 
+@inline
+def _curved(t: Any, p: Any, d: Any, leaf: Any, k: Any, h: Any, x: Any, current: Any) -> Any:
+    """A step of a leaf whose law is curved, with parameter ``k`` perturbed where that is one."""
+    end = x + h * current
+    if k >= 0:
+        d.theta[p.active[k]] += TINY * 1j
+    mean = mean_effort(t, d.kinds[leaf, 1], x, end, d.theta)
+    if k >= 0:
+        d.theta[p.active[k]] = complex(d.theta[p.active[k]].real, 0.0)
+    return end, mean
+
+
 @plain
-def _crossed(p: Any, d: Any, leaf: Any, states: Any, h: Any, x: Any, v: Any) -> None:
-    """Derivatives of a step of a leaf that meets a threshold."""
+def _crossed(t: Any, p: Any, d: Any, leaf: Any, states: Any, h: Any, x: Any, v: Any) -> None:
+    """Derivatives of a step of a leaf that meets a threshold, or whose law is curved."""
     stay_outside()
     for pair in range(p.first[leaf], p.first[leaf + 1]):
         k = p.input[pair] - states - 1
         c = d.c[max(k, -1), leaf]
         x_c, v_c = complex(x, TINY if k < -1 else 0.0), complex(v, TINY if k == -1 else 0.0)
-        end, mean = rc_flow(
-            x_c, c[GAIN] * v_c, h, c[STIFFNESS], c[RHO], c[LOW], c[HIGH], c[LEAK], c[ONE], c[TWO], c[LEAK_ONE],
-            c[LEAK_TWO],
-        )  # fmt: skip
+        if d.kinds[leaf, 0] == CURVED:
+            end, mean = _curved(t, p, d, leaf, k, h, x_c, c[GAIN] * v_c)
+        else:
+            end, mean = rc_flow(
+                x_c, c[GAIN] * v_c, h, c[STIFFNESS], c[RHO], c[LOW], c[HIGH], c[LEAK], c[ONE], c[TWO], c[LEAK_ONE],
+                c[LEAK_TWO],
+            )  # fmt: skip
         d.by_leaf[pair] = end.imag / TINY
         d.by_force[0, p.input[pair]] += (c[GAIN] * mean).imag / TINY
 
@@ -223,7 +241,7 @@ def derivatives_at(t: Any, p: Any, d: Any, n: Any, run: Any, fresh: Any) -> None
         x = run.states[n, d.kinds[leaf, 1]]
         piece = _piece_of(d, leaf, x, v)
         if piece == _CROSSING:
-            _crossed(p, d, leaf, states, h, x, v)
+            _crossed(t, p, d, leaf, states, h, x, v)
             continue
         for pair in range(p.first[leaf], p.first[leaf + 1]):
             q = d.affine[pair, piece]

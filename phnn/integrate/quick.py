@@ -1,7 +1,7 @@
 """The march of the commonest networks with everything resolved beforehand: the same steps at a fraction of the price.
 
-One linear junction; leaves that hang on it through one ratio each and are lossless and linear, or have an exact flow
-whose thresholds follow no state; linear resistors on the junction. Then a step is
+One linear junction; leaves that hang on it through one ratio each and are lossless, or have an exact flow whose
+thresholds follow no state; linear resistors on the junction. Then a step is
 
     F(v̄) = (2/h)(v̄/s − p) + d v̄ + Σ_l a_l ē_l(a_l v̄) − Σ_p g_p ψ_p(ū_p)
 
@@ -32,7 +32,7 @@ from phnn.integrate.constants import (
     fill_constants,
     fill_gains,
 )
-from phnn.integrate.lookups import count, junction_storage, resistor_flow
+from phnn.integrate.lookups import count, junction_storage, mean_effort, resistor_flow
 from phnn.integrate.program import Program
 from phnn.integrate.roots import extrapolated, make_root
 from phnn.integrate.tables import (
@@ -55,6 +55,8 @@ from phnn.laws.namespace import TINY
 Array = NDArray[np.float64]
 
 GAIN = CONSTANTS
+# The rule of a lossless leaf whose law is not linear, beside those of the table.
+CURVED = -1
 # Linear resistors, whose conductance is their flow at one.
 _LINEAR = [code for code, name in enumerate(RESISTOR_LAWS) if name == "linear"]
 # What a network of this form has none of.
@@ -71,15 +73,14 @@ def serves(program: Program) -> bool:
     if not np.isin(rows_of(t, JUNCTION_RESISTORS)[:, 0], _LINEAR).all():
         return False
     single = (leaves[:, 6] - leaves[:, 5] == 1) & (leaves[:, 8] == leaves[:, 7])
-    lossless = (leaves[:, 1] == LOSSLESS) & (leaves[:, 2] > 0)
-    exact = leaves[:, 1] == EXACT
-    return bool((single & (lossless | exact)).all()) and bool((rows_of(t, LEAF_RESISTORS)[:, 5] < 0).all())
+    closed = np.isin(leaves[:, 1], (LOSSLESS, EXACT))
+    return bool((single & closed).all()) and bool((rows_of(t, LEAF_RESISTORS)[:, 5] < 0).all())
 
 
 @inline
 def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
     """``F``, the size of its terms, and what the step leads to."""
-    kinds, c, capacity, damping, drive, h, p = context
+    t, theta, kinds, c, capacity, damping, drive, h, p = context
     change = 2.0 * (y * capacity - p)
     rate = 1.0 / h
     force = change * rate + damping * y - drive
@@ -90,6 +91,10 @@ def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
             moved = h * gain * y
             end = x[kinds[leaf, 1]] + moved
             mean = c[leaf, STIFFNESS] * (x[kinds[leaf, 1]] + 0.5 * moved)
+        elif kinds[leaf, 0] == CURVED:
+            start = x[kinds[leaf, 1]] + 0.0 * y
+            end = start + h * gain * y
+            mean = mean_effort(t, kinds[leaf, 1], start, end, theta)
         else:
             end, mean = rc_flow(
                 x[kinds[leaf, 1]], gain * y, h, c[leaf, STIFFNESS], c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH],
@@ -104,15 +109,15 @@ def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
 
 @inline
 def _value_at(y: Any, context: Any) -> Any:
-    step, x, ends, means, _, _ = context
-    return _total(y, step, x, ends, means)
+    (t, theta, _), step, x, ends, means, _, _ = context
+    return _total(y, (t, theta, *step), x, ends, means)
 
 
 @plain
 def _slope_at(y: Any, context: Any) -> Any:
     stay_outside()
-    step, x, _, _, ends, means = context
-    return _total(complex(y, TINY), step, x, ends, means)[0].imag / TINY
+    (t, _, theta), step, x, _, _, ends, means = context
+    return _total(complex(y, TINY), (t, theta, *step), x, ends, means)[0].imag / TINY
 
 
 _root = inline(make_root(_value_at, _slope_at))
@@ -132,7 +137,8 @@ def resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: A
     fill_constants(t, theta, h, constants)
     for leaf in range(leaves):
         row = t[0, LEAVES] + leaf
-        kinds[leaf, 0], kinds[leaf, 1] = t[row, 1], t[row, 0]
+        curved = t[row, 1] == LOSSLESS and t[row, 2] <= 0
+        kinds[leaf, 0], kinds[leaf, 1] = CURVED if curved else t[row, 1], t[row, 0]
         for i in range(CONSTANTS):
             c[leaf, i] = constants[leaf, i]
         c[leaf, GAIN] = g[t[row, 5]]
@@ -148,9 +154,9 @@ def resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: A
 
 def _steps(
     t: Any, theta: Any, actions: Any, h: Any, states: Any, efforts: Any, g: Any, constants: Any, kinds: Any, c: Any,
-    ends: Any, means: Any,
+    perturbed: Any, ends: Any, means: Any,
 ) -> Any:  # fmt: skip
-    """March; the last arguments are memory."""
+    """March; the last arguments are memory: ``perturbed`` is theta in complex numbers."""
     fill_gains(t, theta, g)
     k = junction_storage(t, 0)
     slope, capacity, damping = 0.0, 0.0, 0.0
@@ -164,7 +170,8 @@ def _steps(
         p = states[n, k]
         y = extrapolated(efforts, n, k) if n > 0 else p / capacity
         step = (kinds, c, capacity, damping, drive, h[n], p)
-        y, slope = _root(y, 2.0 * capacity / h[n], slope, (step, states[n], states[n + 1], efforts[n], ends, means))
+        around = ((t, theta, perturbed), step, states[n], states[n + 1], efforts[n], ends, means)
+        y, slope = _root(y, 2.0 * capacity / h[n], slope, around)
         efforts[n, k] = y
         states[n + 1, k] = p + 2.0 * (y * capacity - p)
         if not np.isfinite(y):
@@ -180,5 +187,5 @@ def march(program: Program, theta: Array, actions: Array, h: Array, states: Arra
     t = program.table
     leaves, ends = len(rows_of(t, LEAVES)), np.zeros(states.shape[1], np.complex128)
     memory = (np.zeros(len(t)), np.zeros((leaves + 1, CONSTANTS)), np.zeros((leaves, 2), np.int64))
-    own = (*memory, np.zeros((leaves, CONSTANTS + 1)), ends, np.zeros_like(ends))
+    own = (*memory, np.zeros((leaves, CONSTANTS + 1)), theta.astype(np.complex128), ends, np.zeros_like(ends))
     return int(_compiled(t, theta, actions, h, states, efforts, *own))

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from typing import Any
 
 from phnn.integrate.compiled import inline, loop
+from phnn.integrate.elimination import eliminate
 from phnn.integrate.lookups import junction_storage
-from phnn.integrate.solve import eliminate
 from phnn.integrate.tables import LEAVES
 
 Compiled = Callable[..., Any]

@@ -8,6 +8,7 @@ import numpy as np
 
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import CAPACITY, fill_constants
+from phnn.integrate.elimination import eliminate
 from phnn.integrate.lookups import count, is_linear, junction_storage, mean_effort
 from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, make_root
 from phnn.integrate.step import FORCE, SIZE, balance, inlined_balance
@@ -24,9 +25,9 @@ _WHOLE = 30
 _FIRST_PART = 0.25
 _LEAST_PART = 2.0**-30
 
-# Rows of the solver's own memory (7, m): the Newton step, where it begins, a point that separates and the normal there,
-# scales, what rounding leaves, and the solution of the part before.
-_STEP, _BEGIN, _POINT, _NORMAL, _SCALE, ROUNDING, _KEPT = range(7)
+# Rows of the solver's own memory (7+m, m): the Newton step, where it begins, a point that separates and the normal
+# there, scales, what rounding leaves, the solution of the part before, and last the rows of the latest Jacobian.
+_STEP, _BEGIN, _POINT, _NORMAL, _SCALE, _ROUNDING, _KEPT, _LATEST = range(8)
 
 
 @inline
@@ -99,43 +100,13 @@ def fill_jacobian(t: Any, h: Any, y: Any, perturbed: Any, jacobian: Any) -> None
 
 
 @plain
-def eliminate(matrix: Any, right: Any) -> None:
-    """Solve a small linear system in place by elimination with row pivoting; ``right`` (m, k) becomes the solution."""
-    stay_outside()
-    m, columns = right.shape
-    for k in range(m):
-        pivot = k
-        for i in range(k + 1, m):
-            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
-                pivot = i
-        if pivot != k:
-            for j in range(m):
-                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
-            for c in range(columns):
-                right[k, c], right[pivot, c] = right[pivot, c], right[k, c]
-        for i in range(k + 1, m):
-            share = matrix[i, k] / matrix[k, k]
-            for j in range(k + 1, m):
-                matrix[i, j] -= share * matrix[k, j]
-            for c in range(columns):
-                right[i, c] -= share * right[k, c]
-    for k in range(m - 1, -1, -1):
-        inverse = 1.0 / matrix[k, k]
-        for j in range(k + 1, m):
-            for c in range(columns):
-                right[k, c] -= matrix[k, j] * right[j, c]
-        for c in range(columns):
-            right[k, c] *= inverse
-
-
-@plain
 def _converged(wj: Any, own: Any, relaxed: bool) -> bool:
     stay_outside()
     tolerance, rounding = (RELAXED, 1e-13) if relaxed else (TOLERANCE, 4e-16)
     good = True
     for j in range(own.shape[1]):
         # Not a number fails the comparison as well.
-        good = good and abs(wj[FORCE, j]) <= tolerance * wj[SIZE, j] + rounding * own[ROUNDING, j] + NOTHING
+        good = good and abs(wj[FORCE, j]) <= tolerance * wj[SIZE, j] + rounding * own[_ROUNDING, j] + NOTHING
     return good
 
 
@@ -198,6 +169,41 @@ def _magnitude(t: Any, j: Any, x: Any, y: Any) -> Any:
     return abs(y[j]) if is_linear(t, j) else max(abs(y[j]), abs(x[junction_storage(t, j)]))
 
 
+@inline
+def _ask(t: Any, x: Any, y: Any, wj: Any, jacobian: Any, step: Any, own: Any) -> None:
+    """What a Newton step is to take away, and what rounding leaves of it."""
+    for j in range(y.shape[0]):
+        step[j, 0] = -wj[FORCE, j]
+        own[_ROUNDING, j] = 0.0
+        for i in range(y.shape[0]):
+            own[_ROUNDING, j] += abs(jacobian[j, i]) * _magnitude(t, i, x, y)
+
+
+@plain
+def _once(t: Any, h: Any, values: Any, jacobian: Any, step: Any, own: Any) -> bool:
+    """One step with the latest Jacobian: where the equations are piecewise linear that mostly is all it takes.
+
+    Where it is not the unknowns are put back.
+    """
+    stay_outside()
+    theta, c, g, a, x, y, wj, wx = values
+    m = y.shape[0]
+    balance(t, theta, c, g, a, x, y, h, wj, wx)
+    for j in range(m):
+        for i in range(m):
+            jacobian[j, i] = own[_LATEST + j, i]
+    _ask(t, x, y, wj, jacobian, step, own)
+    eliminate(jacobian, step)
+    for j in range(m):
+        own[_BEGIN, j] = y[j]
+        y[j] += step[j, 0]
+    balance(t, theta, c, g, a, x, y, h, wj, wx)
+    found = _converged(wj, own, False)
+    for j in range(0 if found else m):
+        y[j] = own[_BEGIN, j]
+    return found
+
+
 @plain
 def _newton(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any, damped: bool) -> bool:
     """Newton's method from ``y``, damped by `_advance` or with whole steps."""
@@ -210,10 +216,9 @@ def _newton(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: An
     for iteration in range(_ITERATIONS if damped else _WHOLE):
         fill_jacobian(t, h, y, perturbed, jacobian)
         for j in range(m):
-            step[j, 0] = -wj[FORCE, j]
-            own[ROUNDING, j] = 0.0
             for i in range(m):
-                own[ROUNDING, j] += abs(jacobian[j, i]) * _magnitude(t, i, x, y)
+                own[_LATEST + j, i] = jacobian[j, i]
+        _ask(t, x, y, wj, jacobian, step, own)
         if _converged(wj, own, iteration >= _STRICT):
             return True
         eliminate(jacobian, step)
@@ -278,9 +283,11 @@ def solve_many(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step:
 
     Args:
         values, perturbed: as for `solve_one`.
-        jacobian: (m, m), step: (m, 1) and own: (7, m) memory.
+        jacobian: (m, m), step: (m, 1) and own: (7+m, m) memory, zero before the first step.
     """
     stay_outside()
+    if own[_LATEST, 0] != 0.0 and _once(t, h, values, jacobian, step, own):
+        return True
     if _newton(t, h, values, perturbed, jacobian, step, own, True):
         return True
     return _followed(t, h, values, perturbed, jacobian, step, own)
