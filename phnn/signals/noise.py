@@ -12,6 +12,7 @@ from math import comb, sqrt
 import numpy as np
 
 from phnn.signals.first_order import correlation_of, fit_first_order
+from phnn.signals.silent import silent_deviation
 
 WHITE = np.array([1.0])
 _FEWEST_PERIODS = 3  # after the first one, which holds the transient
@@ -192,7 +193,8 @@ def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
 
     Differences of order p pass white noise with the factor ``√C(2p, p)`` and a tone of angular frequency ω with
     ``(2 sin(ω dt/2))^p``, so with rising order what was excited vanishes and the estimate comes to rest at the noise.
-    Jumps and corners touch few samples and are clipped away.
+    Jumps and corners touch few samples and are clipped away. An excitation that reaches that high leaves but the
+    frequencies between or above its own.
     """
     coloured = from_spectrum(y, dt)
     if coloured is not None:
@@ -201,6 +203,9 @@ def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
     source = f"the spectrum above {0.25 / dt:.4g} Hz, noise taken as white"
     gain = float(np.ptp(y)) / max(float(np.ptp(u)), 1e-300)
     if gain * _spread(np.diff(u, order)) / sqrt(comb(2 * order, order)) > 0.5 * sigma:
+        silent = silent_deviation(u, y)
+        if silent is not None and silent < sigma:
+            return NoiseFloor(silent, "the spectrum where the excitation is silent, noise taken as white", WHITE, 0.0)
         source += "; an upper bound, for the excitation reaches that high"
     return NoiseFloor(sigma, source, WHITE, 0.0)
 
