@@ -129,6 +129,28 @@ def test_an_excitation_that_fills_the_band_is_named() -> None:
     assert "upper bound" in found.source
 
 
+@pytest.mark.parametrize("highest", [0.3, 0.35, 0.4])
+def test_above_an_excitation_that_reaches_high(highest: float) -> None:
+    from scipy.signal import firwin
+
+    rng = np.random.default_rng(0)
+    u = lfilter(firwin(201, 2.0 * highest), [1.0], rng.normal(size=20_300))[300:]
+    q = lfilter([1.0], [1.0, -1.5, 0.95], u)
+    found = from_high_band(u, q + 0.01 * rng.normal(size=u.size), 1e-3)
+    assert found.value == pytest.approx(0.01, rel=0.10)
+    assert "silent" in found.source
+
+
+def test_noise_that_an_anti_aliasing_filter_took_away_is_seen_beside_the_excitation() -> None:
+    from scipy.signal import firwin
+
+    rng = np.random.default_rng(1)
+    u = lfilter(firwin(201, 0.6), [1.0], rng.normal(size=20_300))[300:]
+    n = lfilter(firwin(201, 0.8), [1.0], rng.normal(size=20_300))[300:]
+    found = from_high_band(u, lfilter([1.0], [1.0, -1.5, 0.95], u) + 0.01 * n, 1e-3)
+    assert found.value == pytest.approx(0.01, rel=0.10)
+
+
 def test_noise_free_recordings_have_a_positive_floor() -> None:
     t, u = sine(5.0, 75.0, cycles=6)
     found = floor_of(t, u, 1e-6 * u)
