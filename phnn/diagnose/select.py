@@ -142,8 +142,10 @@ def located(location: Location) -> bool:
 
 
 def _explained(location: Location, effect: Effect) -> float:
-    """What functions of an effect's own kind explain; all of its place, where there are none of its kind."""
-    return location.details.get(f"{effect.location}/{effect.kind}", location.scores[effect.location])
+    """What functions of an effect's own kinds explain; all of its place, where there are none of its kinds."""
+    kinds = [f"{effect.location}/{kind}" for kind in (effect.kind, *effect.akin)]
+    found = [location.details[k] for k in kinds if k in location.details]
+    return max(found, default=location.scores[effect.location])
 
 
 def _kept(steps: Sequence[Selected]) -> bool:

@@ -91,6 +91,7 @@ class Effect:
         location: one of `LOCATIONS`.
         kind: what sort of thing it is there: elastic, dissipative, memory, lag, …; effects of one kind act through the
             same local variables.
+        akin: further kinds at its place as which another form of it may show.
         equation: LaTeX.
         statement: one or two sentences for a person; ``{parameter}`` is replaced by its value with unit.
         fingerprint: one sentence: what betrays it in recordings.
@@ -130,6 +131,7 @@ class Effect:
     rescale: Callable[[Mapping[str, float], float], dict[str, float]] | None = None
     contains: tuple[str, ...] = ()
     searched: str | None = None
+    akin: tuple[str, ...] = ()
     forms: tuple[Effect, ...] = ()
 
     def scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from phnn.setup import Own, Setup
 from phnn.simulate import simulate
 
 Array = NDArray[np.float64]
+
+# Samples beyond those that are fitted: an input between samples depends on the ones after it.
+_BEYOND = 200
 
 
 @dataclass(frozen=True)
@@ -89,8 +92,14 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
 
 def initial_from_nuisance(setup: Setup, recording: Recording, substeps: int) -> Array | None:
     """Initial state of one recording estimated from its nuisance part alone, the model held."""
-    plan = Plan((recording,), {recording.name: substeps}, workers=1)
+    beginning = _until(recording, int(np.flatnonzero(recording.mask("nuisance"))[-1]) + 1 + _BEYOND)
+    plan = Plan((beginning,), {recording.name: substeps}, workers=1)
     return fit(setup, plan, (), max_evaluations=15, use="nuisance").initial(recording.name)
+
+
+def _until(recording: Recording, last: int) -> Recording:
+    """The samples before ``last``: what comes later takes time to simulate and says nothing of the initial state."""
+    return replace(recording, t=recording.t[:last], u=recording.u[:last], y=recording.y[:last])
 
 
 def score_part(recording: Recording, y: Array, first: int, last: int, name: str, use: str) -> PartScore:
