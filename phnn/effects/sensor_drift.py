@@ -35,6 +35,11 @@ def build_wandering(setup: Setup, values: Mapping[str, float]) -> Setup:
     return replace(setup, own=setup.own._replace(courses=_COURSES))
 
 
+def grid_wandering(scales: Scales) -> list[dict[str, float]]:
+    """No parameters: the coefficients are the recordings' own."""
+    return [{}]
+
+
 def wandering(setup: Setup) -> bool:
     """The sensor neither drifts straight on nor has a course of its own in every recording yet."""
     return steady(setup) and "drift_rate" not in setup.parameters
@@ -66,7 +71,7 @@ EFFECT = replace(
             _STRAIGHT,
             equation=r"y = q + \sum_{m=1}^{8} c_m \cos(\pi m t/T)",
             statement="The sensor wanders slowly, otherwise in every recording and whatever the actuator does.",
-            grid=lambda scales: [{}],
+            grid=grid_wandering,
             build=build_wandering,
             strength=None,
             parameters=(),

@@ -11,7 +11,7 @@ import pytest
 from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
 from phnn.diagnose.learn import learn
 from phnn.diagnose.ledger import account
-from phnn.diagnose.lines import line_share
+from phnn.diagnose.lines import course_share, line_share
 from phnn.diagnose.locate import Location, locate, recording_scores, strongest_frequencies, strongest_times
 from phnn.diagnose.picture import missing_force, picture
 from phnn.effects import Effect, catalogue
@@ -161,6 +161,26 @@ def test_lines_of_a_frequency_that_recordings_share_lie_in_the_environment() -> 
     assert power[0.0] < 0.01
     # A sine of amplitude two holds twice the power of the noise.
     assert power[2.0] == pytest.approx(2.0, rel=0.1)
+
+
+def test_a_course_of_its_own_in_every_recording_lies_in_the_sensor() -> None:
+    ground = campaigns.ground()
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal(ground.residual.size)
+    walks = [np.cumsum(rng.standard_normal(s.stop - s.start)) for s in ground.slices]
+    walk = np.concatenate([w - w.mean() for w in walks])
+    walk *= 3.0 / walk.std()
+    power = {}
+    for size in (0.0, 1.0):
+        shown = replace(
+            ground, fit=replace(ground.fit, residual=noise + size * walk, jacobian=np.zeros((noise.size, 0)))
+        )
+        power[size] = course_share(shown) / noise.size
+        found = locate(shown, campaigns.generic())
+        assert ((found.name, found.detail) == ("sensor", "drift")) == bool(size)
+    assert power[0.0] < 0.01
+    # Nine times the power of the noise; recordings of few periods tell only a part of it.
+    assert 4.0 < power[1.0] < 9.0
 
 
 def at(index: int, count: int) -> Location:

@@ -16,9 +16,11 @@ import pytest
 from phnn.configuration import compose
 from phnn.diagnose import diagnosis as path
 from phnn.diagnose.diagnosis import Diagnosis, diagnose
+from phnn.diagnose.ground import prepare
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.refit import Trial, refit
-from phnn.effects import Scales, catalogue
+from phnn.diagnose.starts import bold_starts
+from phnn.effects import Scales, catalogue, effect
 from phnn.ensemble import SERIAL, Executor, executor
 from phnn.errors import InputRefused
 from phnn.identify.base import Options
@@ -27,8 +29,9 @@ from phnn.identify.numerics import numerical_error
 from phnn.identify.problem import Plan
 from phnn.identify.staged import fit_identified
 from phnn.models.actuator import hrc
-from phnn.recordings.recording import Start
+from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
+from phnn.simulate import simulate
 
 SCALES = Scales(90.0, 1e-4, 0.1, 2.5e4, 0.046, 50.0, 150.0, 0.06, 1e-8)
 HELD = {"m": "held at the stated value"}
@@ -111,7 +114,8 @@ class Seen(Executor):
 def test_refits_elsewhere_have_one_thread_and_come_back_to_the_plan_of_the_base() -> None:
     seen = Seen()
     trials = refit(base(), candidates(), seen)
-    assert seen.threads == [1, 1, 1]
+    assert len(seen.threads) >= len(candidates())
+    assert set(seen.threads) == {1}
     for trial in trials:
         assert trial.fit is not None
         assert trial.fit.plan.workers == 2
@@ -122,6 +126,33 @@ def test_refits_elsewhere_have_one_thread_and_come_back_to_the_plan_of_the_base(
 @pytest.mark.parametrize("choice", ["threads:2", pytest.param("processes:2", marks=pytest.mark.slow)])
 def test_refits_are_the_same_wherever_they_are_done(choice: str) -> None:
     assert_same(refit(base(), candidates(), executor(choice)), refit(base(), candidates()))
+
+
+def test_of_two_forms_of_an_effect_the_better_one_is_kept() -> None:
+    hard = effect("amplifier_saturation")
+    (soft,) = hard.forms
+    ends = {hard: {"V_max": 72.0}, soft: {"V_max": 72.0, "n_V": 8.0}}
+    plan, setup = base().plan, base().setup
+
+    def driven(with_limit: Setup, recording: Recording) -> Recording:
+        ends = [simulate(s, recording, plan.steps_of(recording)).y for s in (with_limit, setup)]
+        return replace(recording, y=recording.y + ends[0] - ends[1])
+
+    clipped = tuple(driven(soft.add_to(setup, ends[soft]), r) for r in plan.recordings)
+    made = fit_identified(setup, replace(plan, recordings=clipped), base().held)
+    trials = refit(made, [Candidate(e, v, (), 100.0, 1e-5) for e, v in ends.items()])
+    assert [t.candidate.effect for t in trials] == [soft]
+
+
+def test_bold_starts_are_strong_and_of_different_shapes() -> None:
+    starts = bold_starts(base(), effect("extra_hysteron"))
+    assert 2 <= len(starts) <= 8
+    assert len({(v["rho_x"] / v["C_x"], v["d_x"] * v["C_x"]) for v in starts}) == len(starts)
+    weak = effect("extra_hysteron").grid(prepare(base()).scales)[0]["C_x"]
+    assert all(v["C_x"] <= weak / 30.0 * (1.0 + 1e-12) for v in starts)
+    # What has one shape or no strength has no other start to offer.
+    assert bold_starts(base(), effect("electrostriction")) == []
+    assert bold_starts(base(), effect("amplifier_saturation")) == []
 
 
 def test_the_choice_is_a_setting() -> None:
