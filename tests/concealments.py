@@ -15,6 +15,8 @@ from phnn.demo.strength import concealing
 def moves_and_vanishes(effect: Concealed, plan: Sequence[Excitation], undisturbed: Sequence[np.ndarray]) -> None:
     """Its parameters are known, and the output's change is seen at its guess and gone with its strength."""
     assert set(effect.law(effect.guess)) <= set(NEUTRAL)
+    # A seal is JSON, which has no infinity.
+    assert all(np.isfinite(value) for value in described(effect, effect.guess).values())
     assert described(effect, effect.guess)
 
     def change(strength: float) -> float:

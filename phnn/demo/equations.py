@@ -44,8 +44,8 @@ def _commanded(t: float, drive: Array) -> tuple[float, float]:
 
 @njit(cache=True)
 def _clipped(voltage: float, most: float, softness: float) -> float:
-    """Hard limit (softness zero), ``tanh`` (infinite), or a parabola between ``(1 ± s) V_max`` that touches both."""
-    if softness == math.inf:
+    """Hard limit (softness ``s`` zero), a parabola between ``(1 ± s) V_max`` that touches both, or ``tanh`` (one)."""
+    if softness == 1.0:
         return most * math.tanh(voltage / most)
     beyond = abs(voltage) - (1.0 - softness) * most
     if beyond <= 0.0:

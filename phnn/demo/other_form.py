@@ -54,7 +54,7 @@ def hertz_contact(rng: Rng, base: Base, plan: Plan) -> Concealed:
 
 def tanh_saturation(rng: Rng, base: Base, plan: Plan) -> Concealed:
     """``V = V_max tanh(u/V_max)``; strength one is the largest voltage of all recordings."""
-    return Concealed("amplifier_saturation", 0.1, 2.0, lambda z: {"V_max": PEAK / z, "s_V": math.inf})
+    return Concealed("amplifier_saturation", 0.1, 2.0, lambda z: {"V_max": PEAK / z, "s_V": 1.0})
 
 
 def rounded_saturation(rng: Rng, base: Base, plan: Plan) -> Concealed:

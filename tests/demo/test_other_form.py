@@ -40,7 +40,7 @@ def test_it_changes_the_output_and_vanishes_with_its_strength(form: str) -> None
         ({"k_c": 1e9, "q_c": 1e-3, "n_c": 1.5}, {}),
         # A very short parabola is a hard limit.
         ({"V_max": 70.0, "s_V": 1e-4}, {"V_max": 70.0}),
-        ({"V_max": 75e4, "s_V": math.inf}, {}),
+        ({"V_max": 75e4, "s_V": 1.0}, {}),
         # Strongly damped, a second-order filter has one slow pole: 2 ζ τ.
         ({"tau_V": 1e-7, "zeta_V": 500.0}, {"tau_V": 1e-4}),
         # Without its second slope a third hysteron is that of the catalogue.
@@ -85,7 +85,7 @@ def test_saturations_bend_the_voltage_as_they_should() -> None:
     hold = step(amplitude=60.0, before=0.01, hold=0.1, after=0.01)
     at = round(0.1 / hold.dt)
     per_volt = simulate(UNSLIPPED, hold)[at] / 60.0
-    rounded = simulate({**UNSLIPPED, "V_max": 80.0, "s_V": math.inf}, hold)[at]
+    rounded = simulate({**UNSLIPPED, "V_max": 80.0, "s_V": 1.0}, hold)[at]
     assert rounded / per_volt == pytest.approx(80.0 * math.tanh(0.75), rel=1e-6)
     parabola = simulate({**UNSLIPPED, "V_max": 55.0, "s_V": 0.2}, hold)[at]
     assert parabola / per_volt == pytest.approx(60.0 - (60.0 - 44.0) ** 2 / (4.0 * 0.2 * 55.0), rel=1e-6)
