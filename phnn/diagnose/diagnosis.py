@@ -102,7 +102,12 @@ def diagnose(
     progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
     before = score_on_all(base, campaign)
     after = score_on_all(judgement.final, campaign) if judgement.final is not base else before
-    held = before.over_noise("confirmation"), after.over_noise("confirmation")
+    # Own parts are fitted to the very samples that are scored: the base model is granted the same ones.
+    own = judgement.final.setup.own
+    rival = (
+        before if own == base.setup.own else score_on_all(replace(base, setup=replace(base.setup, own=own)), campaign)
+    )
+    held = rival.over_noise("confirmation"), after.over_noise("confirmation")
     # The held-out recordings have the last word: what does not help them is not named, nor kept if it was learned. What
     # the numerical error could fake is not named either.
     if judgement.verdict == "named" and (held[1] >= held[0] or judgement.naming.numerical > _FAKE):

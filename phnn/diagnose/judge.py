@@ -9,9 +9,9 @@ from phnn.diagnose.ground import Ground
 from phnn.diagnose.learn import learn
 from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Naming
-from phnn.diagnose.refit import Trial
 from phnn.diagnose.scored import Scored, excess, scored
 from phnn.diagnose.select import EXPLAINS_MORE, WELL, Finding, elsewhere, located, select, share_of
+from phnn.diagnose.trial import Trial
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
 from phnn.identify.fit import Fit

@@ -1,8 +1,8 @@
-"""The score of lines: a subspace instead of a direction, because their phases are not known.
+"""The score of lines and slow courses: a subspace instead of a direction, for no other recording tells their measure.
 
-With an orthonormal basis ``Q`` of the lines of all recordings, base and nuisances projected out, ``‖Qᵀr‖²`` over the
-mean noise power along ``Q`` is χ² with as many degrees of freedom as columns, where nothing is missing. The standard
-normal deviate of the same tail probability makes it comparable to the score of a direction.
+With an orthonormal basis ``Q`` of the own parts of all recordings, base and nuisances projected out, ``‖Qᵀr‖²`` over
+the mean noise power along ``Q`` is χ² with as many degrees of freedom as columns, where nothing is missing. The
+standard normal deviate of the same tail probability makes it comparable to the score of a direction.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from phnn.diagnose.ground import Ground, direction
 from phnn.effects import Effect
 from phnn.identify.nuisances import course_columns, line_columns, own_columns, without_nuisances
 from phnn.recordings.recording import Recording, dominant_frequency
-from phnn.setup import Own
+from phnn.setup import COURSES, Own
 from phnn.signals.first_order import density_of, first_order_density
 
 Array = NDArray[np.float64]
@@ -34,17 +34,15 @@ _FREE = 1e-10
 _PADDING, _PERIODS, _FINER, _HIGHEST = 8, 2.0, 0.25, 0.45
 # Multiples of a line's frequency that come with it.
 _HARMONICS = (1, 2, 3)
-# Half-cosines of a recording's slow course.
-_COURSES = 8
 
 
 @dataclass(frozen=True)
 class LineCandidate:
-    """An effect that shows as lines.
+    """An effect that shows as parts of every recording's own, lines or a slow course.
 
     Attributes:
         effect: which; values: of its parameters.
-        deviate: how far the lines stand out of the stated noise, as a normal deviate.
+        deviate: how far they stand out of the stated noise, as a normal deviate.
         judged: the same out of the noise as the residual has it, where that is more.
     """
 
@@ -55,7 +53,7 @@ class LineCandidate:
 
 
 def line_candidates(ground: Ground, effects: Sequence[Effect], colour: Colour) -> list[LineCandidate]:
-    """Those of the effects that show as lines, with their scores."""
+    """Those of the effects that show as own parts of the recordings, with their scores."""
     found = []
     for effect in effects:
         points = effect.grid(ground.scales)
@@ -67,7 +65,7 @@ def line_candidates(ground: Ground, effects: Sequence[Effect], colour: Colour) -
 
 
 def _known(ground: Ground, effect: Effect, points: Sequence[dict[str, float]], colour: Colour) -> LineCandidate:
-    """The best of a few given frequencies."""
+    """The best of a few given points."""
     found = [own_score(ground, effect.add_to(ground.fit.setup, v).own, colour) for v in points]
     best = max(range(len(points)), key=lambda i: found[i])
     return LineCandidate(effect, dict(points[best]), *found[best])
@@ -132,7 +130,7 @@ def course_share(ground: Ground) -> float:
     """
     saved = 0.0
     for recording, rows in zip(ground.plan.recordings, ground.slices, strict=True):
-        columns = course_columns(recording, _COURSES)[recording.mask("identification")]
+        columns = course_columns(recording, COURSES)[recording.mask("identification")]
         columns, left = np.column_stack([np.ones(columns.shape[0]), columns]), ground.residual[rows]
         odd = (np.arange(left.size) * 4 * columns.shape[1] // left.size) % 2 == 1
         for fitted in (odd, ~odd):

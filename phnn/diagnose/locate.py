@@ -88,7 +88,8 @@ def _responses_of(trajectory: Trajectory, ground: Ground) -> tuple[Array, NDArra
             outputs.append(functions * scales.displacement)
             owners[OUTPUT] += [index] * functions.shape[1]
         elif group.enters == PARAMETER:
-            names = [n for n in parameters if n.startswith(group.varies)]
+            slow = {n for m in trajectory.setup.network.memories for n in m.parameters}
+            names = [n for n in parameters if n.startswith(group.varies) and n not in slow]
             varied += [(n, parameters[n].value * f) for n in names for f in functions.T]
             owners[PARAMETER] += [index] * (functions.shape[1] * len(names))
         else:

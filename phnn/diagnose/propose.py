@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.menu import Experiment, menu
-from phnn.diagnose.refit import Trial, tie
+from phnn.diagnose.trial import Trial, tie
 from phnn.errors import PhnnError
 from phnn.identify.fit import Fit, variables_from
 from phnn.identify.nuisances import without_nuisances

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnose.name import Candidate
-from phnn.diagnose.starts import bold_starts
+from phnn.diagnose.starts import bold_starts, has_bold_starts
+from phnn.diagnose.trial import Trial, cost_of, criterion
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
 from phnn.errors import PhnnError, SolverFailed
 from phnn.identify.base import released
 from phnn.identify.fit import Fit, distinct_optima, fit, variables_from
-from phnn.identify.nuisances import own_columns
 from phnn.identify.problem import Problem
 from phnn.identify.staged import fit_identified, stated_only
 from phnn.setup import Setup
@@ -41,21 +41,6 @@ _CHUNK = 3
 _OTHER_STARTS = 2
 # Shares of the step that makes room for an effect, and the largest such step of an estimation coordinate.
 _SHARES, _FARTHEST = (1.0, 0.3), 2.0
-TIE = 12.0
-_IMPERFECT = 0.2
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """A candidate with its refit; ``fit`` is None where no start could be simulated."""
-
-    candidate: Candidate
-    fit: Fit | None
-
-    @property
-    def cost(self) -> float:
-        """Weighted sum of squares, infinite where there is no fit."""
-        return self.fit.cost if self.fit is not None else float("inf")
 
 
 def refit(base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIAL) -> list[Trial]:
@@ -80,7 +65,8 @@ def refit(base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIA
     rivals = [t for t in trials if not least < t.cost <= base.cost and _may_tie(t, trials[0], base)]
     trials = _again(_from_several_starts, base, trials, rivals[:_ENTER_SECOND], executor)
     if not _settled(trials[0], base):
-        trials = _again(_from_bold_starts, base, trials, trials[:_ENTER_BOLD], executor)
+        hidden = [t for t in trials if has_bold_starts(t.candidate.effect)]
+        trials = _again(_from_bold_starts, base, trials, hidden[:_ENTER_BOLD], executor)
     rivals = [t for t in trials if _comes_near(t, trials[0]) and _may_tie(t, trials[0], base)]
     return _one_of_each(_again(_finished, base, trials, rivals[:_ENTER_THIRD], executor))
 
@@ -102,7 +88,7 @@ def _again(
 ) -> list[Trial]:
     """Further work on some of the trials; all of them, best first."""
     done = [Trial(t.candidate, f) for t, f in zip(some, _fits(work, base, some, executor), strict=True)]
-    return sorted([*done, *(t for t in trials if t not in some)], key=_criterion)
+    return sorted([*done, *(t for t in trials if t not in some)], key=criterion)
 
 
 def _first_round(base: Fit, candidates: Sequence[Candidate], executor: Executor) -> list[Trial]:
@@ -112,14 +98,10 @@ def _first_round(base: Fit, candidates: Sequence[Candidate], executor: Executor)
     for first in range(0, len(tried), _CHUNK):
         some = tried[first : first + _CHUNK]
         if trials:
-            best = min(trials, key=_cost)
+            best = min(trials, key=cost_of)
             some = [c for c in some if _may_tie(Trial(c, None), best, base)]
         trials += [Trial(c, f) for c, f in zip(some, _fits(_first_steps, base, some, executor), strict=True)]
-    return sorted(trials, key=_cost)
-
-
-def _cost(trial: Trial) -> float:
-    return trial.cost
+    return sorted(trials, key=cost_of)
 
 
 def _may_tie(trial: Trial, best: Trial, base: Fit) -> bool:
@@ -134,7 +116,7 @@ def _settled(best: Trial, base: Fit) -> bool:
 
 def _comes_near(trial: Trial, best: Trial) -> bool:
     """Whether a candidate after the second round can still end where the best one is."""
-    at_rest = trial.fit is not None and trial.fit.evaluations < _SECOND
+    at_rest = trial.fit is not None and trial.fit.evaluations not in (_FIRST, _SECOND)
     return trial.cost <= (_NEAR_AT_REST if at_rest else _NEAR) * best.cost
 
 
@@ -146,15 +128,6 @@ def _fits(
     sent = base if executor == SERIAL else replace(base, plan=replace(base.plan, workers=1))
     fits = executor.run(partial(work, sent), items)
     return [f if f is None else replace(f, plan=replace(base.plan, substeps=f.plan.substeps)) for f in fits]
-
-
-def _criterion(trial: Trial) -> float:
-    """Sum of squares with a penalty of ``ln N`` for every parameter and every recording's own part (Schwarz 1978)."""
-    if trial.fit is None:
-        return float("inf")
-    free = [n for n in trial.candidate.effect.parameters if not trial.fit.setup.parameters[n].fixed]
-    own = sum(own_columns(r, trial.fit.setup.own).shape[1] for r in trial.fit.plan.recordings)
-    return trial.cost + (len(free) + own) * max(1.0, trial.fit.chi2) * float(np.log(trial.fit.residual.size))
 
 
 def _first_steps(base: Fit, candidate: Candidate) -> Fit | None:
@@ -262,57 +235,3 @@ def effect_defaults(effect: Effect, values: Mapping[str, float]) -> dict[str, fl
     if effect.one_sided or effect.strength is None:
         return dict(values)
     return dict(values) | {effect.strength: 0.0}
-
-
-def class_of(trials: Sequence[Trial], unexplained: bool) -> list[Trial]:
-    """The trials that these recordings cannot tell from the best one.
-
-    Two refitted models count as told apart when their sums of squares differ by more than twelve times the residual
-    variance: some 3.5 standard deviations for one parameter. Where even the best leaves something real unexplained,
-    that remainder may favour either, and a difference of less than a fifth decides nothing.
-
-    An effect of which the best is a special case, and which did not come first, adds nothing: it is no member.
-
-    Args:
-        trials: best first.
-        unexplained: whether the best refit leaves a significant remainder.
-    """
-    best = trials[0]
-    if best.fit is None:
-        return list(trials[:1])
-    left = max(best.cost - best.fit.residual.size, 0.0)
-    reach = max(tie(best.fit), _IMPERFECT * left if unexplained else 0.0)
-    name = best.candidate.effect.name
-    return [t for t in trials if t.cost - best.cost <= reach and name not in t.candidate.effect.contains]
-
-
-def simplest_first(tied: Sequence[Trial]) -> list[Trial]:
-    """Trials that explain as much, ordered by the sum of squares with a penalty for every parameter and initial state.
-
-    The penalty is Schwarz's (1978), with as many samples as the residual is worth: where much is left it is no white
-    noise, and a tone, or a mode that rings on from an initial state of its own, takes more of it than parameters would
-    take of noise.
-    """
-    least = min(tied, key=_cost).fit
-    if least is None:
-        return list(tied)
-    samples = effective_samples(least.residual)
-    price = least.cost / samples * float(np.log(samples))
-    return sorted(tied, key=lambda t: t.cost + (price * t.fit.z.size if t.fit is not None else 0.0))
-
-
-def effective_samples(residual: Array) -> float:
-    """How many independent samples have a mean square as certain as that of a coloured residual.
-
-    ``(Σλ)²/Σλ²`` over the eigenvalues of its covariance (Bayley & Hammersley 1946), from the periodogram, whose
-    ordinates scatter as ``χ²₂``.
-    """
-    power = np.abs(np.fft.rfft(residual)[1:]) ** 2
-    return float(np.clip(4.0 * power.sum() ** 2 / max(float(power @ power), 1e-300), 4.0, residual.size))
-
-
-def tie(fitted: Fit) -> float:
-    """Difference of sums of squares below which two refits are not told apart."""
-    # Coloured noise inflates such differences by the sum of its correlation.
-    colour = max(max(1.0, 2.0 * float(np.sum(r.noise_correlation)) - 1.0) for r in fitted.plan.recordings)
-    return TIE * colour * max(1.0, fitted.chi2)

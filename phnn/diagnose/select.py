@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.locate import TIED, Location
 from phnn.diagnose.name import Naming
-from phnn.diagnose.refit import Trial, class_of, refit, simplest_first, tie
+from phnn.diagnose.refit import refit
 from phnn.diagnose.scored import SIGNIFICANT, Scored, excess, scored
+from phnn.diagnose.trial import Trial, class_of, fair_cost, simplest_first, tie
 from phnn.effects import Effect
 from phnn.ensemble import Executor
 from phnn.errors import PhnnError
@@ -64,8 +65,9 @@ def select(
     """Forward selection with backward deletion; and what was tried for the first effect.
 
     Of two effects of one size the first explains but half, so that one is tried upon another while each takes some of
-    what is left. What is kept in the end either leaves nothing significant, or its last effect took most of what there
-    was and left nothing that has a place: several that nibble at one another's leavings are no explanation.
+    what is left. Where the best one leaves something elsewhere, others that explain well come into question. What is
+    kept in the end either leaves nothing significant, or its last effect took most of what there was and left nothing
+    that has a place: several that nibble at one another's leavings are no explanation.
     """
     steps = [Selected((), found, 1.0)]
     tried: tuple[Trial, ...] = ()
@@ -102,14 +104,18 @@ def _at_home(
     seed: int,
     executor: Executor,
 ) -> Selected:
-    """The step, or that with another effect which explains well and, unlike the best one, leaves nothing elsewhere."""
-    for place, rival in enumerate(trials[1:], start=1):
+    """The step, or that with another effect which explains well and, unlike the best one, leaves nothing elsewhere.
+
+    What fits better than that one stays in its class.
+    """
+    for rival in trials[1:]:
         if step.model.remaining is None or not elsewhere(step.findings, location, step.model.remaining):
             return step
         if rival.fit is not None and share_of(last.model.ground.fit, rival.fit, last.model.naming) > WELL:
-            tried = _with(ground, last, trials[place:], location, effects, seed, executor)
+            others = [rival, *(t for t in trials if t is not rival)]
+            tried = _with(ground, last, others, location, effects, seed, executor)
             left = tried.model.remaining
-            if left is not None and located(left) and not elsewhere(tried.findings, location, left):
+            if left is None or (located(left) and not elsewhere(tried.findings, location, left)):
                 return tried
     return step
 
@@ -251,7 +257,7 @@ def _retested(
         if alone is None:
             place += 1
             continue
-        if alone.cost - fitted.cost < tie(fitted):
+        if fair_cost(alone) - fair_cost(fitted) < tie(fitted):
             findings, fitted = others, alone
             continue
         if place == len(findings) - 1:

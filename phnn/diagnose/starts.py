@@ -10,6 +10,7 @@ import numpy as np
 
 from phnn.diagnose.ground import direction, prepare
 from phnn.effects import Effect
+from phnn.errors import PhnnError
 from phnn.identify.fit import Fit
 
 # Multiples of the grid's strengths, which are small ones; how many starts are proposed.
@@ -17,25 +18,35 @@ _STRENGTHS = (30.0, 100.0)
 _BOLD = 8
 
 
+def has_bold_starts(effect: Effect) -> bool:
+    """Whether an effect has a strength to choose, and no frequency that is found elsewhere than in its grid."""
+    return effect.strength is not None and effect.searched is None
+
+
 def bold_starts(base: Fit, effect: Effect) -> list[dict[str, float]]:
     """Values of the effect's parameters, the most promising shape first, each at the strength that suits it best.
 
     Promising is what leaves the least ``‖r − P δy‖²``: the change ``δy`` of the output by the effect at that strength,
-    base sensitivities projected out. Effects without a strength or with a single shape get none.
+    base sensitivities projected out. An effect with a single shape gets none.
 
     Args:
         base: the fit without the effect.
     """
     ground = prepare(base)
     grid = effect.grid(ground.scales)
-    if effect.strength is None or len(grid) == 1:
+    if len(grid) == 1:
         return []
 
     def left(values: dict[str, float]) -> float:
-        change = ground.project(direction(ground, effect, values))
-        return float(np.sum((ground.residual - change) ** 2)) if change.any() else float("inf")
+        try:
+            change = ground.project(direction(ground, effect, values))
+        except PhnnError:
+            return float("inf")
+        squares = float(np.sum((ground.residual - change) ** 2))
+        return squares if change.any() and np.isfinite(squares) else float("inf")
 
-    tried = [[effect.scaled(point, s) for s in _STRENGTHS] for point in grid]
+    strengths = _STRENGTHS if effect.one_sided else (*_STRENGTHS, *(-s for s in _STRENGTHS))
+    tried = [[effect.scaled(point, s) for s in strengths] for point in grid]
     costs = [[left(values) for values in points] for points in tried]
     order = sorted(range(len(grid)), key=lambda i: min(costs[i]))
     return [tried[i][int(np.argmin(costs[i]))] for i in order[:_BOLD] if np.isfinite(min(costs[i]))]

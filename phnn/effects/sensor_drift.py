@@ -7,10 +7,7 @@ from dataclasses import replace
 
 from phnn.effects.effect import Effect, Scales
 from phnn.parameters import Parameter
-from phnn.setup import Block, Setup
-
-# Half-cosines of a wandering sensor: all but a fourteenth of the variance of a random walk.
-_COURSES = 8
+from phnn.setup import COURSES, Block, Setup
 
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
@@ -32,7 +29,7 @@ def steady(setup: Setup) -> bool:
 
 def build_wandering(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``y = q + Σ_m c_m cos(πmt/T)``, every recording with coefficients of its own."""
-    return replace(setup, own=setup.own._replace(courses=_COURSES))
+    return replace(setup, own=setup.own._replace(courses=COURSES))
 
 
 def grid_wandering(scales: Scales) -> list[dict[str, float]]:
@@ -69,7 +66,7 @@ EFFECT = replace(
     forms=(
         replace(
             _STRAIGHT,
-            equation=r"y = q + \sum_{m=1}^{8} c_m \cos(\pi m t/T)",
+            equation=rf"y = q + \sum_{{m=1}}^{{{COURSES}}} c_m \cos(\pi m t/T)",
             statement="The sensor wanders slowly, otherwise in every recording and whatever the actuator does.",
             grid=grid_wandering,
             build=build_wandering,

@@ -12,7 +12,7 @@ from phnn.identify.fit import fit
 from phnn.identify.nuisances import own_parts
 from phnn.identify.problem import Plan, aperiodic
 from phnn.recordings.recording import Recording
-from phnn.setup import Own, Setup
+from phnn.setup import NOTHING, Setup
 from phnn.simulate import simulate
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ class PartScore:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Model output, zero and lines included, by recording, and the scores of its parts."""
+    """Model output, zero and own parts included, by recording, and the scores of its parts."""
 
     outputs: Mapping[str, Array]
     parts: tuple[PartScore, ...]
@@ -58,9 +58,9 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
     """Simulate all recordings of a plan and score their parts.
 
     The zero of a recording comes from its identification part where it has one, else from its nuisance part; so does
-    the initial state of a recording whose start is unknown and that took no part in the fit. The lines of the setup are
-    fitted to the whole recording, scored or not: nothing predicts their phase, so what is left beside them is what a
-    model can be held to.
+    the initial state of a recording whose start is unknown and that took no part in the fit. The own parts of the setup
+    are fitted to the whole recording, scored or not: nothing predicts them, so what is left beside them is what a model
+    can be held to.
 
     Args:
         initial: initial states estimated by the fit, by recording name.
@@ -74,7 +74,7 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
         y = simulate(setup, recording, plan.steps_of(recording), initial=own).y
         masks = (recording.mask("identification"), nuisance, np.ones(recording.t.size, dtype=bool))
         mask = next(m for m in masks if m.any())
-        if setup.own != Own():
+        if setup.own != NOTHING:
             # From all samples: a stretch shorter than a period could not tell them from the zero.
             y = y + own_parts(recording.y - y, slice(None), recording, setup.own)
         y = y + np.mean((recording.y - y)[mask])
@@ -91,14 +91,19 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
 
 
 def initial_from_nuisance(setup: Setup, recording: Recording, substeps: int) -> Array | None:
-    """Initial state of one recording estimated from its nuisance part alone, the model held."""
-    beginning = _until(recording, int(np.flatnonzero(recording.mask("nuisance"))[-1]) + 1 + _BEYOND)
-    plan = Plan((beginning,), {recording.name: substeps}, workers=1)
+    """Initial state of one recording estimated from its nuisance part alone, the model held.
+
+    A slow course is left aside, for over so short a part it looks like a motion that dies away.
+    """
+    setup = replace(setup, own=setup.own._replace(courses=0))
+    last = int(np.flatnonzero(recording.mask("nuisance"))[-1]) + 1 + _BEYOND
+    # Which lines a recording can hold is asked of the whole of it.
+    plan = Plan((recording if setup.own.lines else _until(recording, last),), {recording.name: substeps}, workers=1)
     return fit(setup, plan, (), max_evaluations=15, use="nuisance").initial(recording.name)
 
 
 def _until(recording: Recording, last: int) -> Recording:
-    """The samples before ``last``: what comes later takes time to simulate and says nothing of the initial state."""
+    """The samples before ``last``: what comes later takes time to simulate and tells nothing of the initial state."""
     return replace(recording, t=recording.t[:last], u=recording.u[:last], y=recording.y[:last])
 
 

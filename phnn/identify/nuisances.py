@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.recordings.recording import Recording, dominant_frequency
-from phnn.setup import Own
+from phnn.setup import NOTHING, Own
 
 Array = NDArray[np.float64]
 
 # Directions weaker than this share of the strongest are rounding: two lines that one part cannot tell apart.
 _RANK = 1e-9
-_NOTHING = Own()
 
 
 def line_columns(recording: Recording, frequencies: Sequence[float]) -> Array:
@@ -36,10 +35,11 @@ def line_columns(recording: Recording, frequencies: Sequence[float]) -> Array:
 
 def course_columns(recording: Recording, count: int) -> Array:
     """(N, C) half-cosines ``cos(πmt/T)`` over a recording, ``m = 1, …``: at most a number, and all slower than what
-    drives it, for a course as fast as that is not told from an answer."""
+    drives it, if anything does, for a course as fast as that is not told from an answer."""
     duration = recording.t.size * recording.dt
-    slow = min(count, max(math.ceil(2.0 * dominant_frequency(recording) * duration - 1e-6) - 1, 1)) if count else 0
-    return np.asarray(np.cos(np.pi / duration * np.outer(recording.t - recording.t[0], np.arange(1, slow + 1))))
+    if count and np.ptp(recording.u) > 0.0:
+        count = min(count, max(math.ceil(2.0 * dominant_frequency(recording) * duration - 1e-6) - 1, 1))
+    return np.asarray(np.cos(np.pi / duration * np.outer(recording.t - recording.t[0], np.arange(1, count + 1))))
 
 
 def own_columns(recording: Recording, own: Own) -> Array:
@@ -47,11 +47,11 @@ def own_columns(recording: Recording, own: Own) -> Array:
     return np.hstack([line_columns(recording, own.lines), course_columns(recording, own.courses)])
 
 
-def without_nuisances(values: Array, mask: Array, recording: Recording, own: Own = _NOTHING) -> Array:
+def without_nuisances(values: Array, mask: Array, recording: Recording, own: Own = NOTHING) -> Array:
     """The masked rows of (N, …) without their mean and own parts: what the recording's nuisances cannot explain."""
     inside = values[mask]
     inside = inside - inside.mean(axis=0) if inside.size else inside
-    if own == _NOTHING or not inside.size:
+    if own == NOTHING or not inside.size:
         return inside
     basis = _own_basis(recording, own, mask.tobytes())
     return np.asarray(inside - basis @ (basis.T @ inside))

@@ -1,10 +1,10 @@
 """The weighted residual of a setup on a campaign, and its derivatives.
 
-    r = (y − ŷ(θ) − zero − lines) / σ     over the samples of one use, recording by recording
+    r = (y − ŷ(θ) − zero − own parts) / σ     over the samples of one use, recording by recording
 
-The displacement zero and the lines of the setup enter linearly; they are projected out of residual and derivatives
-(variable projection), so that no optimiser sees them. Initial states of recordings with an unknown start are variables
-beside ``θ``.
+The displacement zero and the own parts of the setup (lines, slow courses) enter linearly; they are projected out of
+residual and derivatives (variable projection), so that no optimiser sees them. Initial states of recordings with an
+unknown start are variables beside ``θ``.
 """
 
 from __future__ import annotations
@@ -225,7 +225,7 @@ class Problem:
 
 
 def weighted_residual(trajectory: Trajectory, mask: Array) -> Array:
-    """``(y − ŷ)/σ`` on the masked samples without what zero and lines explain."""
+    """``(y − ŷ)/σ`` on the masked samples without what zero and own parts explain."""
     recording = trajectory.recording
     error = recording.y - trajectory.y
     return without_nuisances(error, mask, recording, trajectory.setup.own) / recording.noise

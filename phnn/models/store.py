@@ -97,7 +97,7 @@ def _setup(content: Mapping[str, Any]) -> Setup:
         ports=tuple(Port(**_tupled(p)) for p in content["ports"]),
         parameters={n: _parameter(p) for n, p in content["parameters"].items()},
         output=content["output"],
-        # Files of earlier versions have none of these, nor sources and lines.
+        # Files of earlier versions have none of these, nor sources and own parts.
         modulations=tuple(Modulation(**_tupled(m)) for m in content.get("modulations", ())),
         memories=tuple(Memory(**_tupled(m)) for m in content.get("memories", ())),
     )

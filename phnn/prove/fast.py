@@ -10,8 +10,8 @@ from phnn.diagnose.diagnosis import available
 from phnn.diagnose.ground import prepare
 from phnn.diagnose.locate import responses
 from phnn.diagnose.name import score
-from phnn.diagnose.refit import TIE
 from phnn.diagnose.scored import SIGNIFICANT
+from phnn.diagnose.trial import TIE
 from phnn.identify.base import Options, identification_plan, settled
 from phnn.identify.staged import fit_identified, held_by_statement
 from phnn.models.actuator import from_paper

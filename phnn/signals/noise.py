@@ -205,7 +205,12 @@ def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
     if gain * _spread(np.diff(u, order)) / sqrt(comb(2 * order, order)) > 0.5 * sigma:
         silent = silent_deviation(u, y)
         if silent is not None and silent < sigma:
-            return NoiseFloor(silent, "the spectrum where the excitation is silent, noise taken as white", WHITE, 0.0)
+            return NoiseFloor(
+                silent,
+                "the spectrum where the excitation is silent, noise taken as white; more is possible where it is not",
+                WHITE,
+                0.0,
+            )
         source += "; an upper bound, for the excitation reaches that high"
     return NoiseFloor(sigma, source, WHITE, 0.0)
 

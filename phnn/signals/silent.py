@@ -7,6 +7,8 @@ from scipy.signal import coherence, welch
 
 # Longest stretch that a spectrum is averaged over, and how many of them there are at least, overlaps not counted.
 _LONGEST, _STRETCHES = 512, 8
+# Samples of a stretch that its window needs.
+_SHORTEST = 8
 # Coherence from which an output is the input's at a frequency, and the least share of frequencies where it is not.
 _HEARD, _LEAST = 0.5, 0.05
 # Part of the silent frequencies, from below, whose level is taken.
@@ -27,9 +29,11 @@ def silent_deviation(u: np.ndarray, y: np.ndarray) -> float | None:
         y: ``(N,)`` output.
 
     Returns:
-        In the unit of the output; ``None`` where the input leaves hardly a frequency out.
+        In the unit of the output; ``None`` where the input leaves hardly a frequency out, or too few samples tell.
     """
     length = min(_LONGEST, y.size // _STRETCHES)
+    if length < _SHORTEST:
+        return None
     # This window lets nothing through from far away, where a resonance may be a hundred decibels stronger.
     options = {"window": "blackmanharris", "nperseg": length, "detrend": "linear"}
     density = welch(y, **options)[1][1:-1]

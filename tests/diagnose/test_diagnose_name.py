@@ -10,17 +10,18 @@ from typing import Any
 import campaigns
 import numpy as np
 import pytest
+from junctions import recording
 from scipy.stats import kstest
 
 from phnn.diagnose import name as naming
 from phnn.diagnose.judge import judge
 from phnn.diagnose.name import Candidate, score, tail
-from phnn.diagnose.refit import Trial, class_of
 from phnn.diagnose.scored import scored as scored_base
+from phnn.diagnose.trial import Trial, class_of
 from phnn.effects import catalogue
 from phnn.identify.numerics import numerical_error
 from phnn.models.actuator import hrc
-from phnn.setup import Setup
+from phnn.setup import NOTHING, Own, Setup
 
 EVERY = tuple(e for e in catalogue().values() if e.can_be_added_to(Setup(hrc(1))))
 SLOW = ("cubic_stiffness", "coulomb_friction", "extra_hysteron", "hysteresis_asymmetry", "amplifier_lowpass")
@@ -127,10 +128,11 @@ def test_tail() -> None:
     assert tail(null, 50.0) == (49 + 1) / 100
 
 
-def trial(name: str, cost: float, chi2: float = 1.0) -> Trial:
+def trial(name: str, cost: float, chi2: float = 1.0, own: Own = NOTHING) -> Trial:
     candidate = Candidate(catalogue()[name], {}, (), 10.0, 1e-5)
-    white = SimpleNamespace(recordings=(SimpleNamespace(noise_correlation=np.array([1.0])),))
-    fitted = SimpleNamespace(cost=cost, chi2=chi2, plan=white, residual=np.zeros(500))
+    t = np.arange(500) * 1e-3
+    white = SimpleNamespace(recordings=(recording(t, np.sin(2.0 * np.pi * 40.0 * t)),))
+    fitted = SimpleNamespace(cost=cost, chi2=chi2, plan=white, residual=np.zeros(500), setup=SimpleNamespace(own=own))
     return Trial(candidate, fitted)  # type: ignore[arg-type]
 
 
@@ -143,6 +145,10 @@ def test_class_of() -> None:
     # With something left unexplained a fifth of what the best leaves above the noise decides nothing.
     assert class_of([best, near, far, trial("quadratic_drag", 1300.0)], True) == [best, near, far]
     assert class_of([best, trial("quadratic_drag", 1110.0)], True) == [best]
+    # Eight coefficients of every recording's own would take eight of noise.
+    wandering = trial("sensor_drift", 1005.0, own=Own(courses=8))
+    assert class_of([best, wandering], False) == [best]
+    assert class_of([best, trial("sensor_drift", 1003.0, own=Own(courses=8))], False)[0] is best
     failed = Trial(Candidate(catalogue()["extra_hysteron"], {}, (), 9.0, 1e-5), None)
     assert class_of([best, failed], True) == [best]
 

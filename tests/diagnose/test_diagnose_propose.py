@@ -20,7 +20,7 @@ from phnn.diagnose.ground import Ground, prepare
 from phnn.diagnose.menu import Experiment, Stretch, menu, resonance
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.propose import left, propose
-from phnn.diagnose.refit import Trial, class_of, tie
+from phnn.diagnose.trial import Trial, class_of, tie
 from phnn.effects import catalogue
 from phnn.identify.base import Options
 from phnn.identify.problem import Plan

@@ -141,7 +141,7 @@ def test_play_is_probed_from_below_the_noise_to_a_share_of_the_displacement() ->
 
 def test_pickup_adds_lines_and_nothing_to_the_simulation() -> None:
     noisy = with_effect("mains_pickup", {"f_m": 60.0})
-    assert noisy.lines == (60.0, 120.0, 180.0)
+    assert noisy.own.lines == (60.0, 120.0, 180.0)
     assert "f_m" not in noisy.free
-    assert noisy.with_values({"k": 2e4}).lines == noisy.lines
+    assert noisy.with_values({"k": 2e4}).own.lines == noisy.own.lines
     np.testing.assert_array_equal(simulate(noisy, sine()).y, simulate(BASE, sine()).y)

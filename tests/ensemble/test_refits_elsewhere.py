@@ -18,8 +18,9 @@ from phnn.diagnose import diagnosis as path
 from phnn.diagnose.diagnosis import Diagnosis, diagnose
 from phnn.diagnose.ground import prepare
 from phnn.diagnose.name import Candidate
-from phnn.diagnose.refit import Trial, refit
-from phnn.diagnose.starts import bold_starts
+from phnn.diagnose.refit import refit
+from phnn.diagnose.starts import bold_starts, has_bold_starts
+from phnn.diagnose.trial import Trial
 from phnn.effects import Scales, catalogue, effect
 from phnn.ensemble import SERIAL, Executor, executor
 from phnn.errors import InputRefused
@@ -150,9 +151,11 @@ def test_bold_starts_are_strong_and_of_different_shapes() -> None:
     assert len({(v["rho_x"] / v["C_x"], v["d_x"] * v["C_x"]) for v in starts}) == len(starts)
     weak = effect("extra_hysteron").grid(prepare(base()).scales)[0]["C_x"]
     assert all(v["C_x"] <= weak / 30.0 * (1.0 + 1e-12) for v in starts)
-    # What has one shape or no strength has no other start to offer.
+    # What has one shape has no other start to offer.
     assert bold_starts(base(), effect("electrostriction")) == []
-    assert bold_starts(base(), effect("amplifier_saturation")) == []
+    assert not has_bold_starts(effect("amplifier_saturation"))
+    # Its frequency is that of a line in the residual, not one of its grid.
+    assert not has_bold_starts(effect("base_motion"))
 
 
 def test_the_choice_is_a_setting() -> None:

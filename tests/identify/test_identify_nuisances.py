@@ -79,6 +79,9 @@ def test_a_slow_course_has_nothing_as_fast_as_the_drive() -> None:
     assert course_columns(some, 30).shape == (T.size, 21)
     np.testing.assert_allclose(course_columns(some, 3)[:, 2], np.cos(3.0 * np.pi * T / (T.size * 2e-4)), atol=1e-12)
     assert course_columns(some, 0).shape == (T.size, 0)
+    # Where nothing drives, any course is the sensor's; a step gives no time to tell one.
+    assert course_columns(recording(T, np.zeros(T.size)), 8).shape == (T.size, 8)
+    assert course_columns(recording(T, 50.0 * (T > 0.1)), 8).shape == (T.size, 1)
     mask = np.ones(T.size, dtype=bool)
     walk = np.cumsum(np.random.default_rng(4).standard_normal(T.size))
     left = without_nuisances(walk, mask, some, Own(courses=8))
