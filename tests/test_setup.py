@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from phnn.effects import effect
+from phnn.effects import Effect, effect, in_all_forms
 from phnn.errors import InputRefused, StructureViolated
 from phnn.models.actuator import from_paper
 from phnn.network.elements import Port
@@ -58,10 +58,10 @@ def test_a_source_has_a_port_of_its_own() -> None:
 
 
 def test_every_kind_has_an_effect_or_a_model() -> None:
-    used = {b.kind for name in CHAIN for b in built(name).amplifier}, {b.kind for n in CHAIN for b in built(n).sensor}
-    assert used[0] | {"bouc_wen"} == set(AMPLIFIERS)
-    assert used[1] == set(SENSORS)
-    assert {s.kind for name in CHAIN for s in built(name).sources} == set(SOURCES)
+    setups = [built(form) for name in CHAIN for form in in_all_forms([effect(name)])]
+    assert {b.kind for s in setups for b in s.amplifier} | {"bouc_wen"} == set(AMPLIFIERS)
+    assert {b.kind for s in setups for b in s.sensor} == set(SENSORS)
+    assert {b.kind for s in setups for b in s.sources} == set(SOURCES)
 
 
 CHAIN = {
@@ -79,5 +79,5 @@ CHAIN = {
 }
 
 
-def built(name: str) -> Setup:
-    return effect(name).add_to(Setup(from_paper()), CHAIN[name])
+def built(form: Effect) -> Setup:
+    return form.add_to(Setup(from_paper()), {"n_V": 4.0, **CHAIN[form.name]})
