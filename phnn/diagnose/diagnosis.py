@@ -100,21 +100,7 @@ def diagnose(
         found, catalogue_, chosen.seed, max(1, chosen.max_effects), campaign.held_out_is_new, refits
     )  # fmt: skip
     progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
-    before = score_on_all(base, campaign)
-    after = score_on_all(judgement.final, campaign) if judgement.final is not base else before
-    # Own parts are fitted to the very samples that are scored: the base model is granted the same ones.
-    own = judgement.final.setup.own
-    rival = (
-        before if own == base.setup.own else score_on_all(replace(base, setup=replace(base.setup, own=own)), campaign)
-    )
-    held = rival.over_noise("confirmation"), after.over_noise("confirmation")
-    # The held-out recordings have the last word: what does not help them is not named, nor kept if it was learned. What
-    # the numerical error could fake is not named either.
-    if judgement.verdict == "named" and (held[1] >= held[0] or judgement.naming.numerical > _FAKE):
-        judgement = replace(judgement, verdict="equivalent")
-    if judgement.learned and held[1] >= held[0]:
-        judgement = replace(judgement, final=base, final_ground=judgement.ground, learned=False)
-        after = before
+    judgement, before, after = _confirmed(judgement, base, campaign)
     grounds = {id(g): g for g in (judgement.ground, judgement.final_ground)}.values()
     residual = max(check(t) for g in grounds for t in g.trajectories)
     members = next((f.members for f in judgement.findings if len(f.members) > 1), ())
@@ -122,6 +108,26 @@ def diagnose(
     return Diagnosis(
         campaign, base, error, judgement, before, after, proposal, residual, chosen, time.monotonic() - began
     )  # fmt: skip
+
+
+def _confirmed(judgement: Judgement, base: Fit, campaign: Campaign) -> tuple[Judgement, Evaluation, Evaluation]:
+    """The judgement after the held-out recordings had the last word, and the scores of both models on all recordings.
+
+    What does not help them is not named, nor kept if it was learned. What the numerical error could fake is not named
+    either.
+    """
+    before = score_on_all(base, campaign)
+    after = score_on_all(judgement.final, campaign) if judgement.final is not base else before
+    # Own parts are fitted to the very samples that are scored: the base model is granted the same ones.
+    granted, own = before, judgement.final.setup.own
+    if own != base.setup.own:
+        granted = score_on_all(replace(base, setup=replace(base.setup, own=own)), campaign)
+    useless = after.over_noise("confirmation") >= granted.over_noise("confirmation")
+    if judgement.verdict == "named" and (useless or judgement.naming.numerical > _FAKE):
+        judgement = replace(judgement, verdict="equivalent")
+    if judgement.learned and useless:
+        return replace(judgement, final=base, final_ground=judgement.ground, learned=False), before, before
+    return judgement, before, after
 
 
 def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:

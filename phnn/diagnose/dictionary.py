@@ -114,10 +114,7 @@ def _leakage(trajectory: Trajectory, scales: Scales) -> Array:
 
 
 def _by_charge(trajectory: Trajectory, scales: Scales) -> Array:
-    return np.column_stack(
-        [(trajectory.efforts[:, i] / scales.voltage) ** 2 for i in _electrical_leaves(trajectory)]
-        or [np.zeros((trajectory.velocity.size, 0))]
-    )
+    return np.asarray((trajectory.efforts[:, _electrical_leaves(trajectory)] / scales.voltage) ** 2)
 
 
 def _electrical_leaves(trajectory: Trajectory) -> list[int]:

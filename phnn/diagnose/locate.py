@@ -121,10 +121,8 @@ def locate(ground: Ground, given: Responses | None = None) -> Location:
     }
     # Lines have a phase of their own in every recording: only their frequency can be known from others. Nothing can of
     # a slow course: what others tell comes first where it explains as much.
-    lines = min(line_share(ground) / _explainable(ground), 1.0)
-    details["environment/lines"] = max(details["environment/lines"], lines)
-    course = min(course_share(ground) / _explainable(ground), 1.0) - TIED
-    details["sensor/drift"] = max(details["sensor/drift"], course)
+    for detail, saved, less in (("environment/lines", line_share, 0.0), ("sensor/drift", course_share, TIED)):
+        details[detail] = max(details[detail], min(saved(ground) / _explainable(ground), 1.0) - less)
     names = list(dict.fromkeys(g.location for g in GROUPS))
     scores = {}
     for name in names:

@@ -8,8 +8,9 @@ drawn from Gaussian scores with the correlation of the directions, no simulation
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ Array = NDArray[np.float64]
 
 _DRAWS = 100_000
 _CHUNK = 10_000
+
+_Ranked = TypeVar("_Ranked")
 
 
 @dataclass(frozen=True)
@@ -63,10 +66,15 @@ class Naming:
     @property
     def by_name(self) -> dict[str, Candidate]:
         """The best form of every effect, best first."""
-        found: dict[str, Candidate] = {}
-        for candidate in self.candidates:
-            found.setdefault(candidate.effect.name, candidate)
-        return found
+        return first_by_name(self.candidates, lambda c: c.effect)
+
+
+def first_by_name(ranked: Iterable[_Ranked], effect_of: Callable[[_Ranked], Effect]) -> dict[str, _Ranked]:
+    """Of what has a rank and an effect, the first of every name, in order: two forms of an effect have one name."""
+    found: dict[str, _Ranked] = {}
+    for item in ranked:
+        found.setdefault(effect_of(item).name, item)
+    return found
 
 
 def score(

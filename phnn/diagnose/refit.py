@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnose.name import Candidate
+from phnn.diagnose.name import Candidate, first_by_name
 from phnn.diagnose.starts import bold_starts, has_bold_starts
-from phnn.diagnose.trial import Trial, cost_of, criterion
+from phnn.diagnose.trial import Trial, criterion
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
 from phnn.errors import PhnnError, SolverFailed
@@ -41,6 +42,7 @@ _CHUNK = 3
 _OTHER_STARTS = 2
 # Shares of the step that makes room for an effect, and the largest such step of an estimation coordinate.
 _SHARES, _FARTHEST = (1.0, 0.3), 2.0
+_COST = attrgetter("cost")
 
 
 def refit(base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIAL) -> list[Trial]:
@@ -68,15 +70,8 @@ def refit(base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIA
         hidden = [t for t in trials if has_bold_starts(t.candidate.effect)]
         trials = _again(_from_bold_starts, base, trials, hidden[:_ENTER_BOLD], executor)
     rivals = [t for t in trials if _comes_near(t, trials[0]) and _may_tie(t, trials[0], base)]
-    return _one_of_each(_again(_finished, base, trials, rivals[:_ENTER_THIRD], executor))
-
-
-def _one_of_each(trials: Sequence[Trial]) -> list[Trial]:
-    """The best form of every effect."""
-    found: dict[str, Trial] = {}
-    for trial in trials:
-        found.setdefault(trial.candidate.effect.name, trial)
-    return list(found.values())
+    trials = _again(_finished, base, trials, rivals[:_ENTER_THIRD], executor)
+    return list(first_by_name(trials, lambda t: t.candidate.effect).values())
 
 
 def _again(
@@ -98,10 +93,10 @@ def _first_round(base: Fit, candidates: Sequence[Candidate], executor: Executor)
     for first in range(0, len(tried), _CHUNK):
         some = tried[first : first + _CHUNK]
         if trials:
-            best = min(trials, key=cost_of)
+            best = min(trials, key=_COST)
             some = [c for c in some if _may_tie(Trial(c, None), best, base)]
         trials += [Trial(c, f) for c, f in zip(some, _fits(_first_steps, base, some, executor), strict=True)]
-    return sorted(trials, key=cost_of)
+    return sorted(trials, key=_COST)
 
 
 def _may_tie(trial: Trial, best: Trial, base: Fit) -> bool:

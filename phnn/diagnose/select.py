@@ -54,6 +54,26 @@ class Selected:
     share: float
 
 
+@dataclass(frozen=True)
+class _Search:
+    """What stays the same from step to step.
+
+    Attributes:
+        ground, location: of the base model; effects: the catalogue.
+        seed: of the null; executor: where candidates are refitted.
+    """
+
+    ground: Ground
+    location: Location
+    effects: Sequence[Effect]
+    seed: int
+    executor: Executor
+
+    def scored(self, fitted: Fit) -> Scored:
+        """A model of this search with its scores."""
+        return scored(fitted, self.effects, self.seed, terminals=self.ground.terminals)
+
+
 def select(
     found: Scored,
     location: Location,
@@ -69,6 +89,7 @@ def select(
     kept in the end either leaves nothing significant, or its last effect took most of what there was and left nothing
     that has a place: several that nibble at one another's leavings are no explanation.
     """
+    search = _Search(found.ground, location, effects, seed, executor)
     steps = [Selected((), found, 1.0)]
     tried: tuple[Trial, ...] = ()
     while len(steps) <= max_effects and steps[-1].model.significant:
@@ -80,9 +101,9 @@ def select(
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
-        step = _with(found.ground, last, trials, location, effects, seed, executor)
+        step = _with(search, last, trials)
         if not last.findings:
-            step = _at_home(found.ground, last, trials, step, location, effects, seed, executor)
+            step = _at_home(search, last, trials, step)
         if step.model.significant and step.share < _EXPLAINS_SOME:
             break
         steps.append(step)
@@ -94,28 +115,19 @@ def select(
     return steps[-1], tried
 
 
-def _at_home(
-    ground: Ground,
-    last: Selected,
-    trials: Sequence[Trial],
-    step: Selected,
-    location: Location,
-    effects: Sequence[Effect],
-    seed: int,
-    executor: Executor,
-) -> Selected:
+def _at_home(search: _Search, last: Selected, trials: Sequence[Trial], step: Selected) -> Selected:
     """The step, or that with another effect which explains well and, unlike the best one, leaves nothing elsewhere.
 
     What fits better than that one stays in its class.
     """
+    left = step.model.remaining
+    if left is None or not elsewhere(step.findings, search.location, left):
+        return step
     for rival in trials[1:]:
-        if step.model.remaining is None or not elsewhere(step.findings, location, step.model.remaining):
-            return step
         if rival.fit is not None and share_of(last.model.ground.fit, rival.fit, last.model.naming) > WELL:
-            others = [rival, *(t for t in trials if t is not rival)]
-            tried = _with(ground, last, others, location, effects, seed, executor)
+            tried = _with(search, last, [rival, *(t for t in trials if t is not rival)])
             left = tried.model.remaining
-            if left is None or (located(left) and not elsewhere(tried.findings, location, left)):
+            if left is None or (located(left) and not elsewhere(tried.findings, search.location, left)):
                 return tried
     return step
 
@@ -125,8 +137,7 @@ def _in_another_form(step: Selected, location: Location, left: Location) -> bool
 
     Functions of its own kind have to say so: a constant, of which there are none, has no other form.
     """
-    effects = [f.trial.candidate.effect for f in step.findings]
-    has_forms = any(f"{e.location}/{e.kind}" in left.details for e in effects)
+    has_forms = any(_of_its_kinds(left, f.trial.candidate.effect) for f in step.findings)
     well = step.share > WELL and located(left)
     return has_forms and well and not elsewhere(step.findings, location, left)
 
@@ -149,9 +160,13 @@ def located(location: Location) -> bool:
 
 def _explained(location: Location, effect: Effect) -> float:
     """What functions of an effect's own kinds explain; all of its place, where there are none of its kinds."""
+    return max(_of_its_kinds(location, effect), default=location.scores[effect.location])
+
+
+def _of_its_kinds(location: Location, effect: Effect) -> list[float]:
+    """What functions of each of an effect's own kinds explain, as far as there are any."""
     kinds = [f"{effect.location}/{kind}" for kind in (effect.kind, *effect.akin)]
-    found = [location.details[k] for k in kinds if k in location.details]
-    return max(found, default=location.scores[effect.location])
+    return [location.details[k] for k in kinds if k in location.details]
 
 
 def _kept(steps: Sequence[Selected]) -> bool:
@@ -192,19 +207,11 @@ def _in_place(trials: list[Trial], location: Location) -> list[Trial]:
     return [first, *(t for t in trials if t is not first)]
 
 
-def _with(
-    ground: Ground,
-    last: Selected,
-    trials: Sequence[Trial],
-    location: Location,
-    effects: Sequence[Effect],
-    seed: int,
-    executor: Executor,
-) -> Selected:
+def _with(search: _Search, last: Selected, trials: Sequence[Trial]) -> Selected:
     """The step with the best of some trials, what came before tested again."""
     best, fitted = trials[0], trials[0].fit
     assert fitted is not None
-    model = scored(fitted, effects, seed, terminals=ground.terminals)
+    model = search.scored(fitted)
     share = share_of(last.model.ground.fit, fitted, last.model.naming)
     members = class_of(trials, model.significant)
     if model.significant:
@@ -212,9 +219,9 @@ def _with(
         fitted = _exact(fitted, [*_own(last.findings), *best.candidate.effect.parameters])
         best = members[0] = Trial(best.candidate, fitted)
     findings = (*last.findings, Finding(best, tuple(members), tuple(trials), last.model.naming))
-    findings, fitted = _retested(ground.fit, findings, fitted, location, executor)
+    findings, fitted = _retested(search, findings, fitted)
     if fitted is not model.ground.fit:
-        model = scored(fitted, effects, seed, terminals=ground.terminals)
+        model = search.scored(fitted)
     return Selected(findings, model, share)
 
 
@@ -243,9 +250,7 @@ def _as_well(trial: Trial, best: Trial, last: Selected) -> bool:
     return share_of(last.model.ground.fit, trial.fit, last.model.naming) > WELL
 
 
-def _retested(
-    base: Fit, findings: tuple[Finding, ...], fitted: Fit, location: Location, executor: Executor
-) -> tuple[tuple[Finding, ...], Fit]:
+def _retested(search: _Search, findings: tuple[Finding, ...], fitted: Fit) -> tuple[tuple[Finding, ...], Fit]:
     """Every finding once more, now that the last one is there: superfluous, or better another one?
 
     The last one too: together they may have led an earlier one to where it needs no other.
@@ -253,7 +258,7 @@ def _retested(
     place = 0
     while place < len(findings) and len(findings) > 1:
         others = (*findings[:place], *findings[place + 1 :])
-        alone = _fit_with(base, others, fitted)
+        alone = _fit_with(search.ground.fit, others, fitted)
         if alone is None:
             place += 1
             continue
@@ -264,7 +269,7 @@ def _retested(
             break
         used = {f.trial.candidate.effect.name for f in others}
         rivals = [t.candidate for t in findings[place].trials[:_RETESTED] if t.candidate.effect.name not in used]
-        trials = _in_place(refit(alone, rivals, executor), location)
+        trials = _in_place(refit(alone, rivals, search.executor), search.location)
         best = trials[0]
         if best.fit is not None and best.cost <= fitted.cost + tie(fitted):
             again = Finding(best, tuple(class_of(trials, False)), tuple(trials), findings[place].naming)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from phnn.diagnose.name import Candidate
 from phnn.identify.fit import Fit
-from phnn.identify.nuisances import own_columns
-from phnn.setup import NOTHING
+from phnn.identify.nuisances import own_size
 
 Array = NDArray[np.float64]
 
@@ -37,16 +36,9 @@ class Trial:
         return fair_cost(self.fit) if self.fit is not None else float("inf")
 
 
-def cost_of(trial: Trial) -> float:
-    """Its weighted sum of squares."""
-    return trial.cost
-
-
 def own_count(fit: Fit) -> int:
     """How many coefficients the recordings' own parts have in all."""
-    if fit.setup.own == NOTHING:
-        return 0
-    return sum(own_columns(r, fit.setup.own).shape[1] for r in fit.plan.recordings)
+    return sum(own_size(r, fit.setup.own) for r in fit.plan.recordings)
 
 
 def fair_cost(fit: Fit) -> float:
@@ -82,8 +74,8 @@ def class_of(trials: Sequence[Trial], unexplained: bool) -> list[Trial]:
         return list(trials[:1])
     left = max(best.cost - best.fit.residual.size, 0.0)
     reach = max(tie(best.fit), _IMPERFECT * left if unexplained else 0.0)
-    name = best.candidate.effect.name
-    return [t for t in trials if t.fair_cost - best.fair_cost <= reach and name not in t.candidate.effect.contains]
+    name, most = best.candidate.effect.name, best.fair_cost + reach
+    return [t for t in trials if t.fair_cost <= most and name not in t.candidate.effect.contains]
 
 
 def simplest_first(tied: Sequence[Trial]) -> list[Trial]:
@@ -94,7 +86,7 @@ def simplest_first(tied: Sequence[Trial]) -> list[Trial]:
     noise, and a tone, or a mode that rings on from an initial state of its own, takes more of it than parameters would
     take of noise.
     """
-    least = min(tied, key=cost_of).fit
+    least = min(tied, key=lambda t: t.cost).fit
     if least is None:
         return list(tied)
     samples = effective_samples(least.residual)

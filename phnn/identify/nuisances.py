@@ -27,24 +27,40 @@ def line_columns(recording: Recording, frequencies: Sequence[float]) -> Array:
     Args:
         frequencies: of the lines [Hz].
     """
+    held = _held(recording, frequencies)
+    phase = 2.0 * np.pi * np.outer(recording.t, held)
+    return np.stack([np.cos(phase), np.sin(phase)], axis=-1).reshape(recording.t.size, 2 * len(held))
+
+
+def _held(recording: Recording, frequencies: Sequence[float]) -> list[float]:
+    """The lines that a recording can hold."""
     duration = recording.t.size * recording.dt
-    kept = [f for f in dict.fromkeys(frequencies) if 1.0 / duration <= f < 0.5 / recording.dt]
-    phase = 2.0 * np.pi * np.outer(recording.t, kept)
-    return np.stack([np.cos(phase), np.sin(phase)], axis=-1).reshape(recording.t.size, 2 * len(kept))
+    return [f for f in dict.fromkeys(frequencies) if 1.0 / duration <= f < 0.5 / recording.dt]
 
 
 def course_columns(recording: Recording, count: int) -> Array:
     """(N, C) half-cosines ``cos(πmt/T)`` over a recording, ``m = 1, …``: at most a number, and all slower than what
     drives it, if anything does, for a course as fast as that is not told from an answer."""
+    duration, orders = recording.t.size * recording.dt, np.arange(1, _slow(recording, count) + 1)
+    return np.asarray(np.cos(np.pi / duration * np.outer(recording.t - recording.t[0], orders)))
+
+
+def _slow(recording: Recording, count: int) -> int:
+    """How many half-cosines, at most a number, are slower than what drives a recording."""
+    if not count or not np.ptp(recording.u) > 0.0:
+        return count
     duration = recording.t.size * recording.dt
-    if count and np.ptp(recording.u) > 0.0:
-        count = min(count, max(math.ceil(2.0 * dominant_frequency(recording) * duration - 1e-6) - 1, 1))
-    return np.asarray(np.cos(np.pi / duration * np.outer(recording.t - recording.t[0], np.arange(1, count + 1))))
+    return min(count, max(math.ceil(2.0 * dominant_frequency(recording) * duration - 1e-6) - 1, 1))
 
 
 def own_columns(recording: Recording, own: Own) -> Array:
     """(N, K) everything that a recording adds in a measure of its own."""
     return np.hstack([line_columns(recording, own.lines), course_columns(recording, own.courses)])
+
+
+def own_size(recording: Recording, own: Own) -> int:
+    """How many columns that are."""
+    return 2 * len(_held(recording, own.lines)) + _slow(recording, own.courses)
 
 
 def without_nuisances(values: Array, mask: Array, recording: Recording, own: Own = NOTHING) -> Array:

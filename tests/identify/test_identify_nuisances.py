@@ -12,7 +12,7 @@ from junctions import recording
 from phnn.effects import effect
 from phnn.identify.evaluate import evaluate
 from phnn.identify.fit import fit
-from phnn.identify.nuisances import course_columns, line_columns, own_parts, without_nuisances
+from phnn.identify.nuisances import course_columns, line_columns, own_columns, own_parts, own_size, without_nuisances
 from phnn.identify.problem import Plan, Problem, variables_of
 from phnn.models.actuator import from_paper
 from phnn.recordings.recording import Part, Recording
@@ -79,6 +79,8 @@ def test_a_slow_course_has_nothing_as_fast_as_the_drive() -> None:
     assert course_columns(some, 30).shape == (T.size, 21)
     np.testing.assert_allclose(course_columns(some, 3)[:, 2], np.cos(3.0 * np.pi * T / (T.size * 2e-4)), atol=1e-12)
     assert course_columns(some, 0).shape == (T.size, 0)
+    for own in (Own(), Own((50.0, 1e9, 0.1)), Own((50.0,), 8), Own(courses=30)):
+        assert own_size(some, own) == own_columns(some, own).shape[1]
     # Where nothing drives, any course is the sensor's; a step gives no time to tell one.
     assert course_columns(recording(T, np.zeros(T.size)), 8).shape == (T.size, 8)
     assert course_columns(recording(T, 50.0 * (T > 0.1)), 8).shape == (T.size, 1)
