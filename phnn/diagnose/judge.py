@@ -10,7 +10,7 @@ from phnn.diagnose.learn import learn
 from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Naming
 from phnn.diagnose.scored import Scored, excess, scored
-from phnn.diagnose.select import EXPLAINS_MORE, WELL, Finding, elsewhere, located, select, share_of
+from phnn.diagnose.select import EXPLAINS_MORE, WELL, Finding, located, misplaced, select, share_of
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
@@ -75,8 +75,8 @@ def judge(
     learned = None
     if location.name == "mechanical" and left is not None and share < WELL:
         learned = learn(ground, location.detail)
-    if findings and left is not None and elsewhere(findings, location, left):
-        if share > EXPLAINS_MORE and located(left):
+    if findings and misplaced(selected, location):
+        if share > EXPLAINS_MORE and left is not None and located(left):
             location = _also(location, left.name)
         return _unknown(ground, naming, location, tried, seed, learned)
     if not findings or (learned is not None and excess(learned) < _CLEARLY * excess(final)):

@@ -38,6 +38,8 @@ _NEAR_AT_REST = 1.3
 _WITHIN = 0.25
 # Once a candidate leaves less than this share of the excess, only those that score nearly as high can still tie.
 _SETTLED, _RIVAL = 0.05, 0.75
+# Where the best one leaves more than this share, another may explain much more whose score does not show it.
+_UNEXPLAINED = 0.1
 _CHUNK = 3
 _OTHER_STARTS = 2
 # Shares of the step that makes room for an effect, and the largest such step of an estimation coordinate.
@@ -45,15 +47,19 @@ _SHARES, _FARTHEST = (1.0, 0.3), 2.0
 _COST = attrgetter("cost")
 
 
-def refit(base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIAL) -> list[Trial]:
+def refit(
+    base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIAL, hidden: Sequence[Candidate] = ()
+) -> list[Trial]:
     """Candidates refitted together with the base parameters, best first: a race in three rounds.
 
     All that score within reach of the best take a few steps from one start; those that save most go on from several
-    starts; those that come near the best are carried to convergence.
+    starts; those that come near the best are carried to convergence. Where nothing explains much, all of them and the
+    hidden ones start again at finite strengths before. Special cases of the best start from where it has led.
 
     Args:
         base: the fit without them.
         candidates: best score first.
+        hidden: others, whose score says too little to come into question by it.
         executor: where; away from this thread every refit keeps to one thread, and the results stay the same.
 
     Raises:
@@ -66,10 +72,11 @@ def refit(base: Fit, candidates: Sequence[Candidate], executor: Executor = SERIA
     # What ends above the base model, which it contains, had a bad start: nothing is known of it yet.
     rivals = [t for t in trials if not least < t.cost <= base.cost and _may_tie(t, trials[0], base)]
     trials = _again(_from_several_starts, base, trials, rivals[:_ENTER_SECOND], executor)
-    if not _settled(trials[0], base):
-        hidden = [t for t in trials if has_bold_starts(t.candidate.effect)]
-        trials = _again(_from_bold_starts, base, trials, hidden[:_ENTER_BOLD], executor)
-    rivals = [t for t in trials if _comes_near(t, trials[0]) and _may_tie(t, trials[0], base)]
+    unknown = [Trial(c, None) for c in hidden]
+    if not _settled(trials[0], base, _UNEXPLAINED):
+        trials = _boldly(base, trials, unknown, executor)
+    trials = _with_special(base, trials, unknown, executor)
+    rivals = [t for t in trials if _comes_near(t, trials[0], base)]
     trials = _again(_finished, base, trials, rivals[:_ENTER_THIRD], executor)
     return list(first_by_name(trials, lambda t: t.candidate.effect).values())
 
@@ -84,6 +91,27 @@ def _again(
     """Further work on some of the trials; all of them, best first."""
     done = [Trial(t.candidate, f) for t, f in zip(some, _fits(work, base, some, executor), strict=True)]
     return sorted([*done, *(t for t in trials if t not in some)], key=criterion)
+
+
+def _boldly(base: Fit, trials: list[Trial], hidden: list[Trial], executor: Executor) -> list[Trial]:
+    """A few steps of all from starts at finite strengths, further ones of the best."""
+    tried = {t.candidate.effect for t in trials}
+    todo = [*trials, *(h for h in hidden if h.candidate.effect not in tried)]
+    trials = _again(_from_bold_starts, base, trials, [t for t in todo if has_bold_starts(t.candidate.effect)], executor)
+    return _again(_further, base, trials, trials[:_ENTER_BOLD], executor)
+
+
+def _with_special(base: Fit, trials: list[Trial], hidden: list[Trial], executor: Executor) -> list[Trial]:
+    """Further steps of the special cases of the best one, from where it has led."""
+    best, known = trials[0], {t.candidate.effect.name: t for t in (*hidden, *trials)}
+    special = [s for s in best.candidate.effect.contains if s.name in known]
+    if best.fit is None or not special:
+        return trials
+    values = best.fit.setup.values()
+    there = base.setup.with_values({name: values[name] for name in base.setup.values()})
+    begun = [(known[s.name], s.values(values)) for s in special]
+    todo = [Trial(replace(t.candidate, values=v, others=()), t.fit) for t, v in begun]
+    return _again(_from_several_starts, replace(base, alternatives=(there,)), trials, todo, executor)
 
 
 def _first_round(base: Fit, candidates: Sequence[Candidate], executor: Executor) -> list[Trial]:
@@ -104,15 +132,15 @@ def _may_tie(trial: Trial, best: Trial, base: Fit) -> bool:
     return not _settled(best, base) or trial.candidate.score >= _RIVAL * best.candidate.score
 
 
-def _settled(best: Trial, base: Fit) -> bool:
-    """Whether the best candidate explains nearly everything."""
-    return best.cost - base.residual.size < _SETTLED * (base.cost - base.residual.size)
+def _settled(best: Trial, base: Fit, leaves: float = _SETTLED) -> bool:
+    """Whether the best candidate explains nearly everything: it leaves less than a share of the excess."""
+    return best.cost - base.residual.size < leaves * (base.cost - base.residual.size)
 
 
-def _comes_near(trial: Trial, best: Trial) -> bool:
-    """Whether a candidate after the second round can still end where the best one is."""
-    at_rest = trial.fit is not None and trial.fit.evaluations not in (_FIRST, _SECOND)
-    return trial.cost <= (_NEAR_AT_REST if at_rest else _NEAR) * best.cost
+def _comes_near(trial: Trial, best: Trial, base: Fit) -> bool:
+    """Whether a candidate before the last round can still end where the best one is: by its cost or by its score."""
+    moving = trial.fit is not None and trial.fit.evaluations in (_FIRST, _SECOND)
+    return trial.cost <= (_NEAR if moving and _may_tie(trial, best, base) else _NEAR_AT_REST) * best.cost
 
 
 def _fits(
@@ -179,27 +207,33 @@ def _adjusted(base: Fit, begun: Setup) -> tuple[Setup, Fit]:
 
 def _from_several_starts(base: Fit, trial: Trial) -> Fit | None:
     """Further steps from there and from other starts: shapes of the effect, and other optima of the base."""
-    if trial.fit is None:
-        return None
     candidate, effect = trial.candidate, trial.candidate.effect
     starts = [(base.setup, v) for v in candidate.others[:_OTHER_STARTS]]
     starts += [(setup, candidate.values) for setup in base.alternatives]
     tried = [_few_steps(base, effect, setup, values, _SECOND) for setup, values in starts]
-    found = trial.fit
-    if found.evaluations >= _FIRST:
-        found = fit(found.setup, found.plan, found.variables.names, base.held, _SECOND, origin=found)
-    best, alternatives = distinct_optima([f for f in (*tried, found) if f is not None])
+    ends = [f for f in (*tried, _further(base, trial)) if f is not None]
+    if not ends:
+        return None
+    best, alternatives = distinct_optima(ends)
     return replace(best, alternatives=alternatives)
 
 
 def _from_bold_starts(base: Fit, trial: Trial) -> Fit | None:
-    """The best so far, or a better one from starts at finite strengths."""
-    if trial.fit is None:
-        return None
-    effect = trial.candidate.effect
-    tried = [_few_steps(base, effect, base.setup, values, _SECOND) for values in bold_starts(base, effect)]
-    better = min((f for f in tried if f is not None), key=lambda f: f.cost, default=trial.fit)
-    return replace(better, alternatives=trial.fit.alternatives) if better.cost < trial.fit.cost else trial.fit
+    """The best so far, or a better one after a few steps from starts at finite strengths."""
+    effect, so_far = trial.candidate.effect, trial.fit
+    tried = [_few_steps(base, effect, base.setup, values, _FIRST) for values in bold_starts(base, effect)]
+    better = min((f for f in tried if f is not None), key=lambda f: f.cost, default=so_far)
+    if so_far is None or better is None:
+        return better
+    return replace(better, alternatives=so_far.alternatives) if better.cost < so_far.cost else so_far
+
+
+def _further(base: Fit, trial: Trial) -> Fit | None:
+    """Further steps from where it is, unless it has come to rest."""
+    found = trial.fit
+    if found is None or found.evaluations < _FIRST:
+        return found
+    return fit(found.setup, found.plan, found.variables.names, base.held, _SECOND, origin=found)
 
 
 def _finished(base: Fit, trial: Trial) -> Fit | None:

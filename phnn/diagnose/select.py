@@ -33,6 +33,8 @@ WELL = 0.9
 LOCATED, _NOWHERE = 0.3, 0.05
 # A second effect must matter: it is looked for only where the residual exceeds the noise by this much.
 _MATERIAL = 1.1
+# A floor estimated from a recording is no better known than this: less above it is not held against an effect.
+_NOISE = 1.02**2
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ def select(
         here = last.model.remaining or location
         able = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT and _explains(c.effect, here)]
         able = able[: _REFITS_MORE if last.findings else _REFITS]
-        trials = _in_place(refit(last.model.ground.fit, able, executor), here)
+        trials = _in_place(refit(last.model.ground.fit, able, executor, last.model.naming.candidates), here)
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
@@ -120,14 +122,13 @@ def _at_home(search: _Search, last: Selected, trials: Sequence[Trial], step: Sel
 
     What fits better than that one stays in its class.
     """
-    left = step.model.remaining
-    if left is None or not elsewhere(step.findings, search.location, left):
+    if not misplaced(step, search.location):
         return step
     for rival in trials[1:]:
         if rival.fit is not None and share_of(last.model.ground.fit, rival.fit, last.model.naming) > WELL:
             tried = _with(search, last, [rival, *(t for t in trials if t is not rival)])
             left = tried.model.remaining
-            if left is None or (located(left) and not elsewhere(tried.findings, search.location, left)):
+            if left is None or (located(left) and not misplaced(tried, search.location)):
                 return tried
     return step
 
@@ -151,6 +152,12 @@ def elsewhere(findings: Sequence[Finding], location: Location, left: Location) -
     asked = left if located(left) else location
     named = max(_explained(asked, f.trial.candidate.effect) for f in findings)
     return located(asked) and named < max(asked.details.values()) - TIED
+
+
+def misplaced(step: Selected, location: Location) -> bool:
+    """Whether a selection leaves more than the noise level is known to, and that elsewhere than what was named."""
+    left = step.model.remaining
+    return left is not None and step.model.ground.fit.chi2 > _NOISE and elsewhere(step.findings, location, left)
 
 
 def located(location: Location) -> bool:

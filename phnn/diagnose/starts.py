@@ -1,21 +1,27 @@
 """Where to begin a refit of a strong effect: strengths far from those that the score extrapolates to.
 
 A base model that has taken over much of a strong effect is so far off that the score, a first derivative at strength
-zero, knows neither its strength nor its shape. Finite strengths are asked instead, at every point of the grid.
+zero, knows neither its strength nor its shape, and may even have the wrong sign. Finite strengths are asked instead, at
+every point of the grid.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from phnn.diagnose.ground import direction, prepare
+from phnn.diagnose.ground import Ground, direction, prepare
 from phnn.effects import Effect
 from phnn.errors import PhnnError
 from phnn.identify.fit import Fit
 
 # Multiples of the grid's strengths, which are small ones; how many starts are proposed.
-_STRENGTHS = (30.0, 100.0)
-_BOLD = 8
+_STRENGTHS = tuple(10.0 ** (0.5 * k) for k in range(1, 10))
+_BOLD = 4
+# What an effect changes at its start, as a share of the squares that are left to be explained: about this, never as
+# much as that.
+_SHARE, _TOO_MUCH = 0.5, 3.0
 
 
 def has_bold_starts(effect: Effect) -> bool:
@@ -24,29 +30,41 @@ def has_bold_starts(effect: Effect) -> bool:
 
 
 def bold_starts(base: Fit, effect: Effect) -> list[dict[str, float]]:
-    """Values of the effect's parameters, the most promising shape first, each at the strength that suits it best.
+    """Values of the effect's parameters, the most promising shape and sign first.
 
-    Promising is what leaves the least ``‖r − P δy‖²``: the change ``δy`` of the output by the effect at that strength,
-    base sensitivities projected out. An effect with a single shape gets none.
+    Each has the strength at which the change ``P δy`` of the output by the effect, base sensitivities projected out, is
+    about as large as the residual ``r``. Promising is what leaves the least ``‖r − P δy‖²`` there.
 
     Args:
         base: the fit without the effect.
     """
     ground = prepare(base)
-    grid = effect.grid(ground.scales)
-    if len(grid) == 1:
-        return []
+    signs = (1.0,) if effect.one_sided else (1.0, -1.0)
+    found = [_strong(ground, effect, point, sign) for point in effect.grid(ground.scales) for sign in signs]
+    ranked = sorted((f for f in found if f is not None), key=lambda f: f[0])
+    return [values for _, values in ranked[:_BOLD]]
 
-    def left(values: dict[str, float]) -> float:
+
+def _strong(
+    ground: Ground, effect: Effect, point: Mapping[str, float], sign: float
+) -> tuple[float, dict[str, float]] | None:
+    """What is left beside an effect of a shape at the strength that suits the residual, and its values there.
+
+    None where it changes nothing that is not explained, or cannot be simulated.
+    """
+    size, best = float(np.sum(ground.residual**2)), None
+    for strength in _STRENGTHS:
+        values = effect.scaled(point, sign * strength)
         try:
             change = ground.project(direction(ground, effect, values))
         except PhnnError:
-            return float("inf")
-        squares = float(np.sum((ground.residual - change) ** 2))
-        return squares if change.any() and np.isfinite(squares) else float("inf")
-
-    strengths = _STRENGTHS if effect.one_sided else (*_STRENGTHS, *(-s for s in _STRENGTHS))
-    tried = [[effect.scaled(point, s) for s in strengths] for point in grid]
-    costs = [[left(values) for values in points] for points in tried]
-    order = sorted(range(len(grid)), key=lambda i: min(costs[i]))
-    return [tried[i][int(np.argmin(costs[i]))] for i in order[:_BOLD] if np.isfinite(min(costs[i]))]
+            break
+        share = float(np.sum(change**2)) / size
+        if not 0.0 < share < np.inf:
+            continue
+        off = abs(np.log(share / _SHARE))
+        if best is None or off < best[0]:
+            best = off, float(np.sum((ground.residual - change) ** 2)), values
+        if share > _TOO_MUCH:
+            break
+    return None if best is None else best[1:]

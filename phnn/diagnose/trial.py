@@ -75,7 +75,7 @@ def class_of(trials: Sequence[Trial], unexplained: bool) -> list[Trial]:
     left = max(best.cost - best.fit.residual.size, 0.0)
     reach = max(tie(best.fit), _IMPERFECT * left if unexplained else 0.0)
     name, most = best.candidate.effect.name, best.fair_cost + reach
-    return [t for t in trials if t.fair_cost <= most and name not in t.candidate.effect.contains]
+    return [t for t in trials if t.fair_cost <= most and name not in t.candidate.effect.special]
 
 
 def simplest_first(tied: Sequence[Trial]) -> list[Trial]:

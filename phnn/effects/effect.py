@@ -20,6 +20,19 @@ DEAD_ZONES = ("dead_zone", "following_dead_zone", "rate_dependent_dead_zone", "t
 
 
 @dataclass(frozen=True)
+class Special:
+    """An effect that is a special case of another one.
+
+    Attributes:
+        name: of the special case.
+        values: its parameter values [SI], from all parameter values of a model with the more general effect.
+    """
+
+    name: str
+    values: Callable[[Mapping[str, float]], dict[str, float]]
+
+
+@dataclass(frozen=True)
 class Scales:
     """Sizes met in a campaign and its base model, from which effects take their grids.
 
@@ -129,10 +142,15 @@ class Effect:
     needs_command: bool = False
     neighbours: tuple[str, ...] = ()
     rescale: Callable[[Mapping[str, float], float], dict[str, float]] | None = None
-    contains: tuple[str, ...] = ()
+    contains: tuple[Special, ...] = ()
     searched: str | None = None
     akin: tuple[str, ...] = ()
     forms: tuple[Effect, ...] = ()
+
+    @property
+    def special(self) -> tuple[str, ...]:
+        """Names of its special cases."""
+        return tuple(s.name for s in self.contains)
 
     def scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
         """Parameter values with the strength multiplied, kept within a physical range.

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales, has_transducer, with_network
+from phnn.effects.effect import Effect, Scales, Special, has_transducer, with_network
 from phnn.models.actuator import hysteron, hysteron_parameters
 from phnn.setup import Setup
 
@@ -46,6 +46,11 @@ def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
     return {"C_x": values["C_x"] / weight, "rho_x": values["rho_x"] / weight, "d_x": values["d_x"] * weight}
 
 
+def as_creep(values: Mapping[str, float]) -> dict[str, float]:
+    """Without its dead zone a hysteron is a spring ``α²/C`` that relaxes with ``C/ϱ⁻¹``."""
+    return {"k_s": values["alpha"] ** 2 / values["C_x"], "tau_s": values["C_x"] / values["rho_x"]}
+
+
 EFFECT = Effect(
     name="extra_hysteron",
     location="hysteron",
@@ -69,5 +74,5 @@ EFFECT = Effect(
     neighbours=("creep", "coulomb_friction"),
     rescale=rescale,
     # Without a dead zone a hysteron is a Maxwell cell with C = α²/k_s.
-    contains=("creep",),
+    contains=(Special("creep", as_creep),),
 )
