@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 _RIDGES = (1e-6, 1e-4, 1e-2, 1e-1, 1.0)
 # Locations that explain less by this share or a smaller one are tied.
 TIED = 0.03
+# What a part that no other recording can tell of counts.
+_UNKNOWABLE = 0.75
 _FOLDS = 6
 
 
@@ -120,9 +122,9 @@ def locate(ground: Ground, given: Responses | None = None) -> Location:
         for i, g in enumerate(GROUPS)
     }
     # Lines have a phase of their own in every recording: only their frequency can be known from others. Nothing can of
-    # a slow course: what others tell comes first where it explains as much.
-    for detail, saved, less in (("environment/lines", line_share, 0.0), ("sensor/drift", course_share, TIED)):
-        details[detail] = max(details[detail], min(saved(ground) / _explainable(ground), 1.0) - less)
+    # a slow course: what others tell comes first where it explains nearly as much.
+    for detail, saved, worth in (("environment/lines", line_share, 1.0), ("sensor/drift", course_share, _UNKNOWABLE)):
+        details[detail] = max(details[detail], worth * min(saved(ground) / _explainable(ground), 1.0))
     names = list(dict.fromkeys(g.location for g in GROUPS))
     scores = {}
     for name in names:

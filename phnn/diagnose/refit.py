@@ -107,11 +107,14 @@ def _with_special(base: Fit, trials: list[Trial], hidden: list[Trial], executor:
     special = [s for s in best.candidate.effect.contains if s.name in known]
     if best.fit is None or not special:
         return trials
-    values = best.fit.setup.values()
-    there = base.setup.with_values({name: values[name] for name in base.setup.values()})
-    begun = [(known[s.name], s.values(values)) for s in special]
-    todo = [Trial(replace(t.candidate, values=v, others=()), t.fit) for t, v in begun]
-    return _again(_from_several_starts, replace(base, alternatives=(there,)), trials, todo, executor)
+    for case in special:
+        values = best.fit.setup.values() | case.values(best.fit.setup.values())
+        there = base.setup.with_values({name: values[name] for name in base.setup.values()})
+        trial = known[case.name]
+        begun = replace(trial.candidate, values={n: values[n] for n in trial.candidate.effect.parameters}, others=())
+        moved = replace(base, alternatives=(there,))
+        trials = _again(_from_several_starts, moved, trials, [Trial(begun, trial.fit)], executor)
+    return trials
 
 
 def _first_round(base: Fit, candidates: Sequence[Candidate], executor: Executor) -> list[Trial]:

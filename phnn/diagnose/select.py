@@ -10,7 +10,7 @@ from phnn.diagnose.locate import TIED, Location
 from phnn.diagnose.name import Naming
 from phnn.diagnose.refit import refit
 from phnn.diagnose.scored import SIGNIFICANT, Scored, excess, scored
-from phnn.diagnose.trial import Trial, class_of, fair_cost, simplest_first, tie
+from phnn.diagnose.trial import MATERIAL, Trial, class_of, fair_cost, simplest_first, tie
 from phnn.effects import Effect
 from phnn.ensemble import Executor
 from phnn.errors import PhnnError
@@ -31,10 +31,10 @@ WELL = 0.9
 # Share that a location must explain to be believed; one that explains less than a small share of what the best one does
 # is none where an effect is looked for.
 LOCATED, _NOWHERE = 0.3, 0.05
-# A second effect must matter: it is looked for only where the residual exceeds the noise by this much.
-_MATERIAL = 1.1
 # A floor estimated from a recording is no better known than this: less above it is not held against an effect.
 _NOISE = 1.02**2
+# Numerical error allowed beside what is left, as a share of its norm.
+_OF_WHAT_IS_LEFT = 0.05
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def select(
             break
         steps.append(step)
         left = step.model.remaining
-        if left is None or step.model.ground.fit.chi2 < _MATERIAL**2 or _in_another_form(step, location, left):
+        if left is None or step.model.ground.fit.chi2 < MATERIAL or _in_another_form(step, location, left):
             break
     while len(steps) > 1 and not _kept(steps):
         steps.pop()
@@ -209,7 +209,7 @@ def _in_place(trials: list[Trial], location: Location) -> list[Trial]:
     """
     if not trials or trials[0].fit is None:
         return trials
-    members = simplest_first(class_of(trials, trials[0].fit.chi2 > _MATERIAL**2))
+    members = simplest_first(class_of(trials))
     first = max(members, key=lambda t: location.scores[t.candidate.effect.location])
     return [first, *(t for t in trials if t is not first)]
 
@@ -238,8 +238,11 @@ def _own(findings: Sequence[Finding]) -> list[str]:
 
 
 def _exact(fitted: Fit, keep: Sequence[str]) -> Fit:
-    """The fit with sub-steps that bound the numerical error, where it has outgrown those of the base model."""
-    bound = Options.error_bound_sigma
+    """The fit with sub-steps that bound the numerical error, where it has outgrown those of the base model.
+
+    While much is left to be found, a small share of that is bound enough.
+    """
+    bound = max(Options.error_bound_sigma, _OF_WHAT_IS_LEFT * max(excess(fitted), 0.0) ** 0.5)
     if numerical_error(fitted).sigma <= bound:
         return fitted
     try:
@@ -279,7 +282,7 @@ def _retested(search: _Search, findings: tuple[Finding, ...], fitted: Fit) -> tu
         trials = _in_place(refit(alone, rivals, search.executor), search.location)
         best = trials[0]
         if best.fit is not None and best.cost <= fitted.cost + tie(fitted):
-            again = Finding(best, tuple(class_of(trials, False)), tuple(trials), findings[place].naming)
+            again = Finding(best, tuple(class_of(trials)), tuple(trials), findings[place].naming)
             findings, fitted = (*findings[:place], again, *findings[place + 1 :]), best.fit
         place += 1
     return findings, fitted

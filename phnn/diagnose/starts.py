@@ -19,8 +19,8 @@ from phnn.identify.fit import Fit
 # Multiples of the grid's strengths, which are small ones; how many starts are proposed.
 _STRENGTHS = tuple(10.0 ** (0.5 * k) for k in range(1, 10))
 _BOLD = 4
-# What an effect changes at its start, as a share of the squares that are left to be explained: about this, never as
-# much as that.
+# What an effect changes at its start, as a share of the squares that are left to be explained: about this, at most
+# that.
 _SHARE, _TOO_MUCH = 0.5, 3.0
 
 
@@ -60,11 +60,11 @@ def _strong(
         except PhnnError:
             break
         share = float(np.sum(change**2)) / size
-        if not 0.0 < share < np.inf:
+        if not share <= _TOO_MUCH:
+            break
+        if share == 0.0:
             continue
         off = abs(np.log(share / _SHARE))
         if best is None or off < best[0]:
             best = off, float(np.sum((ground.residual - change) ** 2)), values
-        if share > _TOO_MUCH:
-            break
     return None if best is None else best[1:]

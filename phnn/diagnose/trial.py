@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 TIE = 12.0
 _IMPERFECT = 0.2
+# A residual that exceeds the noise by this much matters.
+MATERIAL = 1.1**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +57,7 @@ def criterion(trial: Trial) -> float:
     return trial.cost + count * max(1.0, trial.fit.chi2) * float(np.log(trial.fit.residual.size))
 
 
-def class_of(trials: Sequence[Trial], unexplained: bool) -> list[Trial]:
+def class_of(trials: Sequence[Trial], unexplained: bool = False) -> list[Trial]:
     """The trials that these recordings cannot tell from the best one.
 
     Two refitted models count as told apart when their sums of squares differ by more than twelve times the residual
@@ -67,13 +69,13 @@ def class_of(trials: Sequence[Trial], unexplained: bool) -> list[Trial]:
 
     Args:
         trials: best first.
-        unexplained: whether the best refit leaves a significant remainder.
+        unexplained: whether the best refit leaves a significant remainder; a large one counts in any case.
     """
     best = trials[0]
     if best.fit is None:
         return list(trials[:1])
     left = max(best.cost - best.fit.residual.size, 0.0)
-    reach = max(tie(best.fit), _IMPERFECT * left if unexplained else 0.0)
+    reach = max(tie(best.fit), _IMPERFECT * left if unexplained or best.fit.chi2 > MATERIAL else 0.0)
     name, most = best.candidate.effect.name, best.fair_cost + reach
     return [t for t in trials if t.fair_cost <= most and name not in t.candidate.effect.special]
 

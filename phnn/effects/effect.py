@@ -25,7 +25,8 @@ class Special:
 
     Attributes:
         name: of the special case.
-        values: its parameter values [SI], from all parameter values of a model with the more general effect.
+        values: of its parameters, and of those of the model that change with it, from all parameter values of a model
+            with the more general effect [SI].
     """
 
     name: str

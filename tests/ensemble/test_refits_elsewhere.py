@@ -16,7 +16,6 @@ import pytest
 from phnn.configuration import compose
 from phnn.diagnose import diagnosis as path
 from phnn.diagnose.diagnosis import Diagnosis, diagnose
-from phnn.diagnose.ground import prepare
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.refit import refit
 from phnn.diagnose.starts import bold_starts, has_bold_starts
@@ -145,14 +144,10 @@ def test_of_two_forms_of_an_effect_the_better_one_is_kept() -> None:
     assert [t.candidate.effect for t in trials] == [soft]
 
 
-def test_bold_starts_are_strong_and_of_different_shapes() -> None:
+def test_bold_starts_are_of_different_shapes() -> None:
     starts = bold_starts(base(), effect("extra_hysteron"))
-    assert 2 <= len(starts) <= 8
+    assert 2 <= len(starts) <= 4
     assert len({(v["rho_x"] / v["C_x"], v["d_x"] * v["C_x"]) for v in starts}) == len(starts)
-    weak = effect("extra_hysteron").grid(prepare(base()).scales)[0]["C_x"]
-    assert all(v["C_x"] <= weak / 30.0 * (1.0 + 1e-12) for v in starts)
-    # What has one shape has no other start to offer.
-    assert bold_starts(base(), effect("electrostriction")) == []
     assert not has_bold_starts(effect("amplifier_saturation"))
     # Its frequency is that of a line in the residual, not one of its grid.
     assert not has_bold_starts(effect("base_motion"))

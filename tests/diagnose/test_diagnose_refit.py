@@ -1,0 +1,122 @@
+"""Refits of strong effects, which the score says little of, and of special cases of what explains best."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import campaigns
+import numpy as np
+import pytest
+
+from phnn.diagnose.ground import direction, prepare
+from phnn.diagnose.name import Candidate
+from phnn.diagnose.refit import refit
+from phnn.diagnose.starts import bold_starts, has_bold_starts
+from phnn.diagnose.trial import Trial, class_of
+from phnn.effects import catalogue, effect
+from phnn.identify.fit import Fit
+from phnn.identify.problem import Plan
+from phnn.identify.staged import fit_identified
+from phnn.models.actuator import hrc
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+HELD = {"m": "held at the stated value"}
+T = np.arange(401) * 1e-4
+
+
+@cache
+def fitted(missing: str, **values: float) -> Fit:
+    """A base fit to recordings of an actuator with one effect more."""
+    true = effect(missing).add_to(Setup(hrc(2)), values)
+    drives = {f: 80.0 * np.sin(2.0 * np.pi * f * T) for f in (50, 100, 200)}
+    made = tuple(campaigns.recorded(true, f"sine {f}", T, u, 1e-7, seed=f) for f, u in drives.items())
+    return fit_identified(Setup(hrc(2)), Plan(made, {r.name: 4 for r in made}), HELD, max_evaluations=15)
+
+
+def candidate(base: Fit, name: str, score: float = 0.0) -> Candidate:
+    grid = effect(name).grid(prepare(base).scales)
+    return Candidate(effect(name), grid[len(grid) // 2], tuple(grid[:1]), score, 1.0)
+
+
+def strong() -> Fit:
+    return fitted("rate_dependent_threshold", kappa_v=6.0)
+
+
+def test_a_strong_effect_without_a_score_is_found_where_nothing_else_explains_much() -> None:
+    base = strong()
+    assert base.chi2 > 4.0
+    others = [candidate(base, "quadratic_drag", 10.0), candidate(base, "cubic_stiffness", 9.0)]
+    hidden = candidate(base, "rate_dependent_threshold")
+    without, found = refit(base, others)[0], refit(base, others, hidden=[hidden])[0]
+    assert without.fit is not None and without.fit.chi2 > 4.0
+    assert found.candidate is hidden
+    assert found.fit is not None and found.fit.chi2 < 1.1
+    assert found.fit.setup.values()["kappa_v"] == pytest.approx(6.0, rel=0.05)
+
+
+@pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if has_bold_starts(e)))
+def test_bold_starts_change_about_as_much_as_there_is_to_explain(name: str) -> None:
+    base, chosen = strong(), effect(name)
+    if not chosen.can_be_added_to(base.setup):
+        pytest.skip("not of an actuator")
+    ground = prepare(base)
+    total = float(np.sum(ground.residual**2))
+    starts = bold_starts(base, chosen)
+    assert len(starts) <= 4
+    assert len({tuple(v.values()) for v in starts}) == len(starts)
+    shares = [float(np.sum(ground.project(direction(ground, chosen, v)) ** 2)) / total for v in starts]
+    assert all(0.0 < s <= 3.0 for s in shares)
+
+
+def test_both_signs_of_a_strength_are_tried() -> None:
+    starts = bold_starts(strong(), effect("cubic_stiffness"))
+    assert {np.sign(v["kappa_3"]) for v in starts} == {1.0, -1.0}
+
+
+@pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if e.contains))
+def test_special_cases_are_that(name: str) -> None:
+    general, base = effect(name), Setup(hrc(2))
+    drive = campaigns.recorded(base, "sine", T, 80.0 * np.sin(2.0 * np.pi * 60.0 * T), 2e-8, seed=1)
+    for case in general.contains:
+        values = {"C_x": 7e-7, "rho_x": 3e-4, "d_x": 1e-6}
+        made = general.add_to(base, values)
+        known = made.values()
+        given = case.values(known)
+        special = effect(case.name).add_to(base, {n: given[n] for n in effect(case.name).parameters})
+        assert not set(given) - set(special.values())
+        special = special.with_values(given)
+        expected, found = (simulate(s, drive, 8).y for s in (made, special))
+        assert np.abs(found - expected).max() < 1e-3 * np.abs(expected - simulate(base, drive, 8).y).max()
+
+
+def test_an_extra_hysteron_may_have_changed_places_with_the_one_that_is_a_creep() -> None:
+    base = Setup(hrc(2))
+    known = effect("extra_hysteron").add_to(base, {"C_x": 7e-7, "rho_x": 3e-4, "d_x": 15.0}).values()
+    first = {k: known[k] for k in ("C_1", "rho_1", "d_1")}
+    (case,) = effect("extra_hysteron").contains
+    given = case.values(known | {"d_1": 1e-6})
+    assert given["k_s"] == pytest.approx(known["alpha"] ** 2 / first["C_1"])
+    assert given["tau_s"] == pytest.approx(first["C_1"] / first["rho_1"])
+    assert (given["C_1"], given["rho_1"], given["d_1"]) == (7e-7, 3e-4, 15.0)
+
+
+def test_a_special_case_wins_where_it_explains_as_much() -> None:
+    base = fitted("creep", k_s=4e3, tau_s=5e-3)
+    assert base.chi2 > 1.5
+    trials = refit(base, [candidate(base, "extra_hysteron", 10.0)], hidden=[candidate(base, "creep")])
+    by_name = {t.candidate.effect.name: t for t in trials}
+    assert by_name["creep"].cost < by_name["extra_hysteron"].cost + 12.0
+    creep = by_name["creep"].fit
+    assert creep is not None and creep.setup.values()["k_s"] == pytest.approx(4e3, rel=0.1)
+
+
+def test_a_large_remainder_leaves_others_in_the_class() -> None:
+    base = strong()
+    best = Trial(candidate(base, "creep"), base)
+    left = base.cost - base.residual.size
+    near = replace(base, residual=base.residual * np.sqrt((base.cost + 0.1 * left) / base.cost))
+    far = replace(base, residual=base.residual * np.sqrt((base.cost + 0.3 * left) / base.cost))
+    others = [Trial(candidate(base, n), f) for n, f in (("quadratic_drag", near), ("cubic_stiffness", far))]
+    assert class_of([best, *others]) == [best, others[0]]
