@@ -9,8 +9,9 @@ from phnn.diagnose.ground import Ground
 from phnn.diagnose.learn import learn
 from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Naming
+from phnn.diagnose.place import located
 from phnn.diagnose.scored import Scored, excess, scored
-from phnn.diagnose.select import EXPLAINS_MORE, WELL, Finding, located, misplaced, select, share_of
+from phnn.diagnose.select import EXPLAINS_MORE, WELL, Finding, misplaced, select, share_of
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor

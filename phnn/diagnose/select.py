@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from phnn.diagnose.ground import Ground
-from phnn.diagnose.locate import TIED, Location
+from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Naming
+from phnn.diagnose.place import elsewhere, in_place, located, may_lie, of_its_kinds
 from phnn.diagnose.refit import refit
 from phnn.diagnose.scored import SIGNIFICANT, Scored, excess, scored
-from phnn.diagnose.trial import MATERIAL, Trial, class_of, fair_cost, simplest_first, tie
+from phnn.diagnose.trial import MATERIAL, Trial, class_of, fair_cost, tie
 from phnn.effects import Effect
 from phnn.ensemble import Executor
 from phnn.errors import PhnnError
@@ -28,9 +29,6 @@ _EXPLAINS, EXPLAINS_MORE = 0.5, 0.7
 _EXPLAINS_SOME = 0.25
 # From this share on an effect explains well: no learned element is held against it.
 WELL = 0.9
-# Share that a location must explain to be believed; one that explains less than a small share of what the best one does
-# is none where an effect is looked for.
-LOCATED, _NOWHERE = 0.3, 0.05
 # A floor estimated from a recording is no better known than this: less above it is not held against an effect.
 _NOISE = 1.02**2
 # Numerical error allowed beside what is left, as a share of its norm.
@@ -97,9 +95,9 @@ def select(
     while len(steps) <= max_effects and steps[-1].model.significant:
         last = steps[-1]
         here = last.model.remaining or location
-        able = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT and _explains(c.effect, here)]
+        able = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT and may_lie(c.effect, here)]
         able = able[: _REFITS_MORE if last.findings else _REFITS]
-        trials = _in_place(refit(last.model.ground.fit, able, executor, last.model.naming.candidates), here)
+        trials = in_place(refit(last.model.ground.fit, able, executor, last.model.naming.candidates), here)
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
@@ -138,42 +136,17 @@ def _in_another_form(step: Selected, location: Location, left: Location) -> bool
 
     Functions of its own kind have to say so: a constant, of which there are none, has no other form.
     """
-    has_forms = any(_of_its_kinds(left, f.trial.candidate.effect) for f in step.findings)
+    has_forms = any(of_its_kinds(left, e) for e in _effects(step.findings))
     well = step.share > WELL and located(left)
-    return has_forms and well and not elsewhere(step.findings, location, left)
-
-
-def elsewhere(findings: Sequence[Finding], location: Location, left: Location) -> bool:
-    """Whether what is left lies elsewhere than everything that was named.
-
-    The right element in another form leaves something at its own place; one that imitates leaves it where the truth
-    is. Where what is left is too little to be located, the whole mismatch is asked, if that can be.
-    """
-    asked = left if located(left) else location
-    named = max(_explained(asked, f.trial.candidate.effect) for f in findings)
-    return located(asked) and named < max(asked.details.values()) - TIED
+    return has_forms and well and not elsewhere(_effects(step.findings), location, left)
 
 
 def misplaced(step: Selected, location: Location) -> bool:
     """Whether a selection leaves more than the noise level is known to, and that elsewhere than what was named."""
     left = step.model.remaining
-    return left is not None and step.model.ground.fit.chi2 > _NOISE and elsewhere(step.findings, location, left)
-
-
-def located(location: Location) -> bool:
-    """Whether a location explains enough to be believed."""
-    return location.scores[location.name] > LOCATED
-
-
-def _explained(location: Location, effect: Effect) -> float:
-    """What functions of an effect's own kinds explain; all of its place, where there are none of its kinds."""
-    return max(_of_its_kinds(location, effect), default=location.scores[effect.location])
-
-
-def _of_its_kinds(location: Location, effect: Effect) -> list[float]:
-    """What functions of each of an effect's own kinds explain, as far as there are any."""
-    kinds = [f"{effect.location}/{kind}" for kind in (effect.kind, *effect.akin)]
-    return [location.details[k] for k in kinds if k in location.details]
+    return (
+        left is not None and step.model.ground.fit.chi2 > _NOISE and elsewhere(_effects(step.findings), location, left)
+    )
 
 
 def _kept(steps: Sequence[Selected]) -> bool:
@@ -189,29 +162,8 @@ def _kept(steps: Sequence[Selected]) -> bool:
         whole = steps[0].model.remaining
         placed = located(left) or (whole is not None and located(whole))
         return last.share >= (_EXPLAINS if placed else EXPLAINS_MORE)
-    own = not elsewhere(last.findings[-1:], left, left)
+    own = not elsewhere(_effects(last.findings[-1:]), left, left)
     return last.share >= EXPLAINS_MORE and (own or not located(left))
-
-
-def _explains(effect: Effect, location: Location) -> bool:
-    """Whether an effect lies where some of what is left is explained, as far as that can be told.
-
-    A tone at a frequency of the drive is no tone of the surroundings, however well it fits.
-    """
-    best = location.scores[location.name]
-    return best < LOCATED or location.scores[effect.location] > _NOWHERE * best
-
-
-def _in_place(trials: list[Trial], location: Location) -> list[Trial]:
-    """The trials with the one first that, of those which fit as well as the best, lies where most is explained.
-
-    Of several there it is the simplest.
-    """
-    if not trials or trials[0].fit is None:
-        return trials
-    members = simplest_first(class_of(trials))
-    first = max(members, key=lambda t: location.scores[t.candidate.effect.location])
-    return [first, *(t for t in trials if t is not first)]
 
 
 def _with(search: _Search, last: Selected, trials: Sequence[Trial]) -> Selected:
@@ -230,6 +182,10 @@ def _with(search: _Search, last: Selected, trials: Sequence[Trial]) -> Selected:
     if fitted is not model.ground.fit:
         model = search.scored(fitted)
     return Selected(findings, model, share)
+
+
+def _effects(findings: Sequence[Finding]) -> list[Effect]:
+    return [f.trial.candidate.effect for f in findings]
 
 
 def _own(findings: Sequence[Finding]) -> list[str]:
@@ -279,7 +235,7 @@ def _retested(search: _Search, findings: tuple[Finding, ...], fitted: Fit) -> tu
             break
         used = {f.trial.candidate.effect.name for f in others}
         rivals = [t.candidate for t in findings[place].trials[:_RETESTED] if t.candidate.effect.name not in used]
-        trials = _in_place(refit(alone, rivals, search.executor), search.location)
+        trials = in_place(refit(alone, rivals, search.executor), search.location)
         best = trials[0]
         if best.fit is not None and best.cost <= fitted.cost + tie(fitted):
             again = Finding(best, tuple(class_of(trials)), tuple(trials), findings[place].naming)

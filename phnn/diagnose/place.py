@@ -1,0 +1,61 @@
+"""Whether effects lie where a mismatch lies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from phnn.diagnose.locate import TIED, Location
+from phnn.diagnose.trial import Trial, class_of, simplest_first
+from phnn.effects import Effect
+
+# Share that a location must explain to be believed; one that explains less than a small share of what the best one does
+# is none where an effect is looked for.
+_LOCATED, _NOWHERE = 0.3, 0.05
+
+
+def located(location: Location) -> bool:
+    """Whether a location explains enough to be believed."""
+    return location.scores[location.name] > _LOCATED
+
+
+def elsewhere(named: Sequence[Effect], location: Location, left: Location) -> bool:
+    """Whether what is left lies elsewhere than everything that was named.
+
+    The right element in another form leaves something at its own place; one that imitates leaves it where the truth
+    is. Where what is left is too little to be located, the whole mismatch is asked, if that can be.
+    """
+    asked = left if located(left) else location
+    explained = max(_explained(asked, effect) for effect in named)
+    return located(asked) and explained < max(asked.details.values()) - TIED
+
+
+def _explained(location: Location, effect: Effect) -> float:
+    """What functions of an effect's own kinds explain; all of its place, where there are none of its kinds."""
+    return max(of_its_kinds(location, effect), default=location.scores[effect.location])
+
+
+def of_its_kinds(location: Location, effect: Effect) -> list[float]:
+    """What functions of each of an effect's own kinds explain, as far as there are any."""
+    kinds = [f"{effect.location}/{kind}" for kind in (effect.kind, *effect.akin)]
+    return [location.details[k] for k in kinds if k in location.details]
+
+
+def may_lie(effect: Effect, location: Location) -> bool:
+    """Whether an effect lies where some of what is left is explained, as far as that can be told.
+
+    A tone at a frequency of the drive is no tone of the surroundings, however well it fits.
+    """
+    best = location.scores[location.name]
+    return best < _LOCATED or location.scores[effect.location] > _NOWHERE * best
+
+
+def in_place(trials: list[Trial], location: Location) -> list[Trial]:
+    """The trials with the one first that, of those which fit as well as the best, lies where most is explained.
+
+    Of several there it is the simplest.
+    """
+    if not trials or trials[0].fit is None:
+        return trials
+    members = simplest_first(class_of(trials))
+    first = max(members, key=lambda t: location.scores[t.candidate.effect.location])
+    return [first, *(t for t in trials if t is not first)]
