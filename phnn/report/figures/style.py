@@ -67,9 +67,15 @@ class Drawing:
     png: bytes
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """An empty figure in inches; call inside ``rc_context(RC)``."""
-    return Figure(figsize=(width, height), layout="constrained")
+def new_figure(width: float, height: float, constrained: bool = True) -> Figure:
+    """An empty figure in inches; call inside ``rc_context(RC)``.
+
+    Args:
+        constrained: whether the room for labels is measured; otherwise whoever draws the panels leaves it.
+    """
+    figure = Figure(figsize=(width, height))
+    figure.set_layout_engine("constrained" if constrained else "none")
+    return figure
 
 
 def png(figure: Figure) -> bytes:
