@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,12 +105,10 @@ def fit(
     start = np.clip(variables.start(setup), lower + 1e-12, upper - 1e-12)
     if start.size == 0:
         return _finish(problem, start, dict(held or {}), 1)
-    # Residual and Jacobian come from one factorisation, and the optimiser asks for them one after the other.
-    reduced = last_call_of(problem.reduced)
     result = least_squares(
-        lambda z: reduced(z)[:, -1],
+        problem.size,
         start,
-        jac=lambda z: reduced(z)[:, :-1],
+        jac=problem.slopes,
         bounds=(lower, upper),
         x_scale="jac",
         ftol=tolerance,
@@ -138,20 +136,6 @@ def _apart(a: Fit, b: Fit) -> bool:
     if set(a.variables.names) != set(b.variables.names):
         return True
     return any(abs(p[n].to_coordinate(p[n].value) - q[n].to_coordinate(q[n].value)) > _APART for n in common)
-
-
-def last_call_of(function: Callable[[Array], Array]) -> Callable[[Array], Array]:
-    """Remember the last call of a function of an array."""
-    last: dict[bytes, Array] = {}
-
-    def remembered(z: Array) -> Array:
-        key = z.tobytes()
-        if key not in last:
-            last.clear()
-            last[key] = function(z)
-        return last[key]
-
-    return remembered
 
 
 def carried(initial: Array, known: Setup, wanted: Setup, own: Array) -> Array:

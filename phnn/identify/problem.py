@@ -148,7 +148,7 @@ def aperiodic(recording: Recording) -> bool:
 class Problem:
     """Residual and Jacobian for `scipy.optimize.least_squares`.
 
-    The last trajectories and their derivatives are kept: an optimiser ends where it has just been, and what it found is
+    The last trajectories and the last derivatives are kept: an optimiser ends where it has been, and what it found is
     asked for once more there.
     """
 
@@ -157,71 +157,77 @@ class Problem:
         self.plan = plan
         self.variables = variables
         self.masks = [r.mask(use) for r in plan.recordings]
-        self._z: Array | None = None
-        self._trajectories: list[Trajectory] = []
-        self._columns: list[Array] = []
+        self._marched: tuple[bytes, list[Trajectory]] = (b"", [])
+        self._differentiated: tuple[bytes, list[Array]] = (b"", [])
 
     def trajectories(self, z: Array) -> list[Trajectory]:
         """Simulations at ``z``."""
-        if self._z is None or not np.array_equal(self._z, z):
+        if self._marched[0] != z.tobytes() or not self._marched[1]:
             setup = self.variables.setup(self.template, z)
 
             def run(recording: Recording) -> Trajectory:
                 initial = self.variables.initial(recording, z)
                 return simulate(setup, recording, self.plan.steps_of(recording), initial=initial)
 
-            self._trajectories, self._columns = self.plan.each(run), []
-            self._z = z.copy()
-        return self._trajectories
+            self._marched = z.tobytes(), self.plan.each(run)
+        return self._marched[1]
 
     def residual(self, z: Array) -> Array:
         """(N,) weighted residual."""
+        if self._differentiated[1] and self._differentiated[0] == z.tobytes():
+            return np.concatenate([both[:, -1] for both in self._differentiated[1]])
         found = self.trajectories(z)
         return np.concatenate([weighted_residual(t, m) for t, m in zip(found, self.masks, strict=True)])
 
     def jacobian(self, z: Array) -> Array:
         """(N, K) derivatives of the residual by ``z``."""
-        return np.concatenate(self._derivatives(z))
+        return np.concatenate([both[:, :-1] for both in self._with_derivatives(z)])
 
-    def reduced(self, z: Array) -> Array:
-        """(K+1, K+1) triangular factor of ``[J r]``: the same cost, gradient and normal matrix in a small square.
+    def size(self, z: Array) -> Array:
+        """(K+1,) the residual turned into the last of a few coordinates, where `slopes` are its derivatives.
+
+        An optimiser that asks for no more than products of the two learns what a step leads to from a march alone.
+        """
+        turned = np.zeros(z.size + 1)
+        try:
+            turned[-1] = np.linalg.norm(self.residual(z))
+        except SolverFailed:
+            turned[-1] = _FAILED * np.sqrt(self.samples)
+        return turned
+
+    def slopes(self, z: Array) -> Array:
+        """(K+1, K) the Jacobian in the coordinates of `size`: the same gradient and normal matrix in a small square.
 
         Factored recording by recording and then together, so that no tall matrix is ever assembled.
         """
-        columns = z.size + 1
-        try:
-            found = self.trajectories(z)
-        except SolverFailed:
-            failed = np.zeros((columns, columns))
-            failed[-1, -1] = _FAILED * np.sqrt(self.samples)
-            return failed
-
-        def one(_: Recording, trajectory: Trajectory, mask: Array, derivatives: Array) -> Array:
-            residual = weighted_residual(trajectory, mask)
-            return np.asarray(np.linalg.qr(np.column_stack([derivatives, residual]), mode="r"))
-
-        squares = self.plan.each(one, found, self.masks, self._derivatives(z))
-        stacked = np.concatenate([*squares, np.zeros((columns, columns))])
-        return np.asarray(np.linalg.qr(stacked, mode="r"))
+        squares = self.plan.each(lambda _, both: np.linalg.qr(both, mode="r"), self._with_derivatives(z))
+        stacked = np.concatenate([*squares, np.zeros((z.size + 1, z.size + 1))])
+        square = np.asarray(np.linalg.qr(stacked, mode="r"))
+        # A reflection takes the residual's column to the last axis; from its far side, or else digits would cancel.
+        square[-1, -1] = -abs(square[-1, -1])
+        normal, slopes = square[:, -1] - self.size(z), square[:, :-1]
+        length = float(normal @ normal)
+        return slopes - np.outer(normal, 2.0 / length * (normal @ slopes)) if length > 0.0 else slopes
 
     @property
     def samples(self) -> int:
         """How many samples are scored."""
         return sum(int(m.sum()) for m in self.masks)
 
-    def _derivatives(self, z: Array) -> list[Array]:
-        """(N_r, K) derivatives of the residual of every recording."""
-        found, setup = self.trajectories(z), self.variables.setup(self.template, z)
+    def _with_derivatives(self, z: Array) -> list[Array]:
+        """(N_r, K+1) derivatives of the residual of every recording, and the residual."""
+        if not self._differentiated[1] or self._differentiated[0] != z.tobytes():
+            found, setup = self.trajectories(z), self.variables.setup(self.template, z)
 
-        def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
-            initial = range(self.variables.scales.size) if recording.name in self.variables.unknown else ()
-            raw = output_derivatives(trajectory, self.variables.names, tuple(initial))
-            columns = self.variables.columns(setup, recording, raw)
-            return -without_nuisances(columns, mask, recording, setup.own) / recording.noise
+            def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
+                initial = range(self.variables.scales.size) if recording.name in self.variables.unknown else ()
+                raw = output_derivatives(trajectory, self.variables.names, tuple(initial))
+                columns = self.variables.columns(setup, recording, raw)
+                both = np.column_stack([columns, trajectory.y - recording.y])
+                return without_nuisances(both, mask, recording, setup.own) / -recording.noise
 
-        if not self._columns:
-            self._columns = self.plan.each(one, found, self.masks)
-        return self._columns
+            self._differentiated = z.tobytes(), self.plan.each(one, found, self.masks)
+        return self._differentiated[1]
 
 
 def weighted_residual(trajectory: Trajectory, mask: Array) -> Array:
