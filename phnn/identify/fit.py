@@ -87,6 +87,7 @@ def fit(
     tolerance: float = 3e-7,
     origin: Fit | None = None,
     use: str = "identification",
+    begun: Problem | None = None,
 ) -> Fit:
     """Estimate the named parameters from the identification samples of a plan.
 
@@ -98,9 +99,10 @@ def fit(
         tolerance: relative change of the cost and of ``z`` at which to stop.
         origin: an earlier fit whose estimated initial states to start from.
         use: which samples are fitted.
+        begun: the same problem, where it has been looked at already at its start.
     """
-    variables = variables_from(setup, plan, names, origin)
-    problem = Problem(setup, plan, variables, use)
+    problem = begun or Problem(setup, plan, variables_from(setup, plan, names, origin), use)
+    variables = problem.variables
     lower, upper = variables.bounds(setup)
     start = np.clip(variables.start(setup), lower + 1e-12, upper - 1e-12)
     if start.size == 0:

@@ -117,7 +117,8 @@ def fit_identified(
         if name not in keep:
             reasons[name] = _reason(setup, name)
     names = [n for n in free if n not in reasons]
-    found = fit(setup, plan, names, reasons, max_evaluations, origin=origin)
+    same = names == free and (origin is None or not problem.variables.unknown)
+    found = fit(setup, plan, names, reasons, max_evaluations, origin=origin, begun=problem if same else None)
     weak = [n for n in unidentified(found.jacobian[:, : len(names)], names) if n not in keep]
     if not weak:
         return found
