@@ -190,13 +190,15 @@ def output_derivatives(
         np.array([network_names.index(n) for n, _ in varied], dtype=np.int64), np.ascontiguousarray(signals),
         looks, {places.size + j: a.action for j, a in enumerate(acting)},
     )  # fmt: skip
-    head = np.zeros((out.shape[0], len(names)))
-    for k, name in enumerate(network_names[:asked]):
-        head[:, names.index(name)] = out[:, k]
-    for j, a in enumerate(acting):
-        head[:, names.index(a.name)] += out[:, places.size + j]
+    changes = out
+    if list(names) != network_names or acting:
+        head = np.zeros((out.shape[0], len(names)))
+        for k, name in enumerate(network_names[:asked]):
+            head[:, names.index(name)] = out[:, k]
+        for j, a in enumerate(acting):
+            head[:, names.index(a.name)] += out[:, places.size + j]
+        changes = np.hstack([head, out[:, active.size :]])
     q, times = trajectory.states[looks, program.output], times - trajectory.lead * trajectory.recording.dt
-    changes = np.hstack([head, out[:, active.size :]])
     return measured_changes(setup, q, times, changes, names)[samples_of][trajectory.lead :]
 
 

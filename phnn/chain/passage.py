@@ -49,7 +49,9 @@ def sounded(setup: Setup, source: Source, h: Array, lead: float, perturbed: str 
     return np.where(times[:, 1] > 0.0, found, 0.0)
 
 
-def sensed(setup: Setup, nodes: NDArray[np.int64], h: Array) -> tuple[NDArray[np.int64], Array, NDArray[np.int64]]:
+def sensed(
+    setup: Setup, nodes: NDArray[np.int64], h: Array
+) -> tuple[NDArray[np.int64], Array, NDArray[np.int64] | slice]:
     """Where the sensor looks: nodes of the steps, their times [s] from the first node on, and the samples among them.
 
     Those of all steps where a block remembers, for a fast motion between samples that lie far apart leaves its trace;
@@ -61,7 +63,7 @@ def sensed(setup: Setup, nodes: NDArray[np.int64], h: Array) -> tuple[NDArray[np
     times = np.concatenate([[0.0], np.cumsum(h)])
     if any(b.kind in REMEMBERING for b in setup.sensor):
         return np.arange(times.size), times, nodes
-    return nodes, times[nodes], np.arange(nodes.size)
+    return nodes, times[nodes], slice(None)
 
 
 def measured(setup: Setup, q: Array, times: Array) -> Array:

@@ -66,7 +66,8 @@ def own_size(recording: Recording, own: Own) -> int:
 def without_nuisances(values: Array, mask: Array, recording: Recording, own: Own = NOTHING) -> Array:
     """The masked rows of (N, …) without their mean and own parts: what the recording's nuisances cannot explain."""
     inside = values[mask]
-    inside = inside - inside.mean(axis=0) if inside.size else inside
+    if inside.size:
+        inside -= inside.mean(axis=0)
     if own == NOTHING or not inside.size:
         return inside
     basis = _own_basis(recording, own, mask.tobytes())

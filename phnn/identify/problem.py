@@ -112,8 +112,10 @@ class Variables:
 
     def columns(self, setup: Setup, recording: Recording, derivatives: Array) -> Array:
         """Derivatives by physical quantities put into their places in ``z``."""
-        out = np.zeros((derivatives.shape[0], len(self.names) + len(self.unknown) * self.scales.size))
         slopes = np.array([setup.parameters[n].slope(setup.parameters[n].value) for n in self.names])
+        if not self.unknown:
+            return np.asarray(derivatives * slopes)
+        out = np.zeros((derivatives.shape[0], len(self.names) + len(self.unknown) * self.scales.size))
         out[:, : len(self.names)] = derivatives[:, : len(self.names)] * slopes
         if recording.name in self.unknown:
             first = len(self.names) + self.unknown.index(recording.name) * self.scales.size
@@ -224,7 +226,9 @@ class Problem:
                 raw = output_derivatives(trajectory, self.variables.names, tuple(initial))
                 columns = self.variables.columns(setup, recording, raw)
                 both = np.column_stack([columns, trajectory.y - recording.y])
-                return without_nuisances(both, mask, recording, setup.own) / -recording.noise
+                inside = without_nuisances(both, mask, recording, setup.own)
+                inside /= -recording.noise
+                return inside
 
             self._differentiated = z.tobytes(), self.plan.each(one, found, self.masks)
         return self._differentiated[1]
