@@ -177,7 +177,7 @@ def _sensor_static(q: Array, scales: Scales) -> Array:
 def _sensor_memory(trajectory: Trajectory, scales: Scales) -> Array:
     q = trajectory.states[:, trajectory.program.output] / scales.displacement
     mid = trajectory.mid_displacement / scales.displacement
-    lags = [q - np.append(q[0], low_pass(mid, trajectory.h, t, float(q[0]))) for t in _lag_times(scales)]
+    lags = [q - np.append(q[0], low_pass(mid, trajectory.h, t, float(q[0]))) for t in _lag_times(scales)[[0, 2]]]
     samples = trajectory.nodes[trajectory.lead :]
     plays = [q[samples] - play_operator(q[samples], r) for r in (0.002, 0.01, 0.03)]
     return np.column_stack([*(lag[samples] for lag in lags), *plays])

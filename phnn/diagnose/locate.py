@@ -25,7 +25,7 @@ _RIDGES = (1e-6, 1e-4, 1e-2, 1e-1, 1.0)
 # Locations that explain less by this share or a smaller one are tied.
 TIED = 0.03
 # What a part that no other recording can tell of counts.
-_UNKNOWABLE = 0.75
+_UNKNOWABLE = 0.7
 _FOLDS = 6
 
 

@@ -18,15 +18,23 @@ def located(location: Location) -> bool:
     return location.scores[location.name] > _LOCATED
 
 
-def elsewhere(named: Sequence[Effect], location: Location, left: Location) -> bool:
+def elsewhere(named: Sequence[Effect], location: Location, left: Location, little: bool = False) -> bool:
     """Whether what is left lies elsewhere than everything that was named.
 
     The right element in another form leaves something at its own place; one that imitates leaves it where the truth
-    is. Where what is left is too little to be located, the whole mismatch is asked, if that can be.
+    is. Where what is left is too little to be located, the whole mismatch is asked, if that can be: for the kind of
+    element, or for the place alone.
+
+    Args:
+        location: of the whole mismatch; left: of what is left.
+        little: whether so little is left that the place alone decides.
     """
     asked = left if located(left) else location
-    explained = max(_explained(asked, effect) for effect in named)
-    return located(asked) and explained < max(asked.details.values()) - TIED
+    if asked is location and little:
+        explained, most = max(asked.scores[e.location] for e in named), asked.scores[asked.name]
+    else:
+        explained, most = max(_explained(asked, e) for e in named), max(asked.details.values())
+    return located(asked) and explained < most - TIED
 
 
 def _explained(location: Location, effect: Effect) -> float:

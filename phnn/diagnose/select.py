@@ -143,10 +143,8 @@ def _in_another_form(step: Selected, location: Location, left: Location) -> bool
 
 def misplaced(step: Selected, location: Location) -> bool:
     """Whether a selection leaves more than the noise level is known to, and that elsewhere than what was named."""
-    left = step.model.remaining
-    return (
-        left is not None and step.model.ground.fit.chi2 > _NOISE and elsewhere(_effects(step.findings), location, left)
-    )
+    left, chi2 = step.model.remaining, step.model.ground.fit.chi2
+    return left is not None and chi2 > _NOISE and elsewhere(_effects(step.findings), location, left, chi2 < MATERIAL)
 
 
 def _kept(steps: Sequence[Selected]) -> bool:

@@ -80,7 +80,11 @@ EFFECT = Effect(
     build=build,
     parameters=("C_x", "rho_x", "d_x"),
     applies=has_transducer,
-    akin=("capacitance that follows the charge",),
+    akin=(
+        "capacitance that follows the charge",
+        "threshold that follows the displacement",
+        "threshold that follows the rate",
+    ),
     neighbours=("creep", "coulomb_friction"),
     rescale=rescale,
     # Without a dead zone a hysteron is a Maxwell cell with C = α²/k_s.
