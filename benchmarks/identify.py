@@ -29,7 +29,7 @@ from benchmarks.forward import SUBSTEPS
 from benchmarks.ladder import Choice, Solver, choose
 from benchmarks.reference import reference
 from benchmarks.table import RESULTS, Contender, goal, machine, rows, show, timed, write_csv
-from phnn.identify.fit import fit, last_call_of
+from phnn.identify.fit import fit
 from phnn.identify.problem import Plan
 from phnn.identify.staged import identify_actuator
 from phnn.recordings.recording import Anchor, Recording
@@ -55,6 +55,20 @@ LIMIT = 60.0
 _DIFFERENCE = 3e-3
 _JUDGE = 1e-9
 CASE = "four sines, nine parameters"
+
+
+def last_call_of(function: Callable[[Array], Array]) -> Callable[[Array], Array]:
+    """Remember the last call of a function: optimisers ask for residual and Jacobian one after the other."""
+    last: dict[bytes, Array] = {}
+
+    def remembered(z: Array) -> Array:
+        key = z.tobytes()
+        if key not in last:
+            last.clear()
+            last[key] = function(z)
+        return last[key]
+
+    return remembered
 
 
 def recorded() -> tuple[Recording, ...]:

@@ -122,7 +122,7 @@ def locate(ground: Ground, given: Responses | None = None) -> Location:
         for i, g in enumerate(GROUPS)
     }
     # Lines have a phase of their own in every recording: only their frequency can be known from others. Nothing can of
-    # a slow course: what others tell comes first where it explains nearly as much.
+    # a slow course: what others tell comes first where it explains much of the same.
     for detail, saved, worth in (("environment/lines", line_share, 1.0), ("sensor/drift", course_share, _UNKNOWABLE)):
         details[detail] = max(details[detail], worth * min(saved(ground) / _explainable(ground), 1.0))
     names = list(dict.fromkeys(g.location for g in GROUPS))

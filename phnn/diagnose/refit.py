@@ -53,8 +53,9 @@ def refit(
     """Candidates refitted together with the base parameters, best first: a race in three rounds.
 
     All that score within reach of the best take a few steps from one start; those that save most go on from several
-    starts; those that come near the best are carried to convergence. Where nothing explains much, all of them and the
-    hidden ones start again at finite strengths before. Special cases of the best start from where it has led.
+    starts; those that come near the best are carried to convergence. Where nothing explains much, all that have a
+    strength, the hidden ones too, start again at finite strengths before. Special cases of the best one start from
+    where it has led.
 
     Args:
         base: the fit without them.
@@ -65,14 +66,10 @@ def refit(
     Raises:
         SolverFailed: a candidate kills every worker process that refits it.
     """
-    if not candidates:
-        return []
-    trials = _first_round(base, candidates, executor)
-    least = base.cost - _SAVES * (base.cost - trials[0].cost)
-    # What ends above the base model, which it contains, had a bad start: nothing is known of it yet.
-    rivals = [t for t in trials if not least < t.cost <= base.cost and _may_tie(t, trials[0], base)]
-    trials = _again(_from_several_starts, base, trials, rivals[:_ENTER_SECOND], executor)
     unknown = [Trial(c, None) for c in hidden]
+    trials = _as_scored(base, candidates, executor) if candidates else unknown
+    if not trials:
+        return []
     if not _settled(trials[0], base, _UNEXPLAINED):
         trials = _boldly(base, trials, unknown, executor)
     trials = _with_special(base, trials, unknown, executor)
@@ -102,19 +99,34 @@ def _boldly(base: Fit, trials: list[Trial], hidden: list[Trial], executor: Execu
 
 
 def _with_special(base: Fit, trials: list[Trial], hidden: list[Trial], executor: Executor) -> list[Trial]:
-    """Further steps of the special cases of the best one, from where it has led."""
-    best, known = trials[0], {t.candidate.effect.name: t for t in (*hidden, *trials)}
-    special = [s for s in best.candidate.effect.contains if s.name in known]
-    if best.fit is None or not special:
+    """Further steps of the special cases of the best one, from where it has led.
+
+    One that asks for another value of a stated parameter is none.
+    """
+    best, known = trials[0], first_by_name((*trials, *hidden), lambda t: t.candidate.effect)
+    if best.fit is None:
         return trials
-    for case in special:
-        values = best.fit.setup.values() | case.values(best.fit.setup.values())
+    found = best.fit.setup.values()
+    for case in best.candidate.effect.contains:
+        changed = case.values(found)
+        if case.name not in known or set(changed) & set(stated_only(base.held)):
+            continue
+        values, trial = found | changed, known[case.name]
         there = base.setup.with_values({name: values[name] for name in base.setup.values()})
-        trial = known[case.name]
         begun = replace(trial.candidate, values={n: values[n] for n in trial.candidate.effect.parameters}, others=())
+        rest = [t for t in trials if t is not trial]
         moved = replace(base, alternatives=(there,))
-        trials = _again(_from_several_starts, moved, trials, [Trial(begun, trial.fit)], executor)
+        trials = _again(_from_several_starts, moved, rest, [Trial(begun, trial.fit)], executor)
     return trials
+
+
+def _as_scored(base: Fit, candidates: Sequence[Candidate], executor: Executor) -> list[Trial]:
+    """The first round, and the other starts of those that save most there."""
+    trials = _first_round(base, candidates, executor)
+    least = base.cost - _SAVES * (base.cost - trials[0].cost)
+    # What ends above the base model, which it contains, had a bad start: nothing is known of it yet.
+    rivals = [t for t in trials if not least < t.cost <= base.cost and _may_tie(t, trials[0], base)]
+    return _again(_from_several_starts, base, trials, rivals[:_ENTER_SECOND], executor)
 
 
 def _first_round(base: Fit, candidates: Sequence[Candidate], executor: Executor) -> list[Trial]:
@@ -141,7 +153,7 @@ def _settled(best: Trial, base: Fit, leaves: float = _SETTLED) -> bool:
 
 
 def _comes_near(trial: Trial, best: Trial, base: Fit) -> bool:
-    """Whether a candidate before the last round can still end where the best one is: by its cost or by its score."""
+    """Whether a candidate before the last round can still end where the best one is."""
     moving = trial.fit is not None and trial.fit.evaluations in (_FIRST, _SECOND)
     return trial.cost <= (_NEAR if moving and _may_tie(trial, best, base) else _NEAR_AT_REST) * best.cost
 
@@ -236,7 +248,11 @@ def _further(base: Fit, trial: Trial) -> Fit | None:
     found = trial.fit
     if found is None or found.evaluations < _FIRST:
         return found
-    return fit(found.setup, found.plan, found.variables.names, base.held, _SECOND, origin=found)
+    try:
+        onwards = fit(found.setup, found.plan, found.variables.names, base.held, _SECOND, origin=found)
+    except PhnnError:
+        return found
+    return replace(onwards, alternatives=found.alternatives)
 
 
 def _finished(base: Fit, trial: Trial) -> Fit | None:

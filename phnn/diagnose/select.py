@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.locate import Location
@@ -43,6 +43,14 @@ class Finding:
     members: tuple[Trial, ...]
     trials: tuple[Trial, ...]
     naming: Naming
+
+    @property
+    def evidence(self) -> tuple[float, float]:
+        """Statistic and p-value: of its own score, or the supremum's where only a refit has shown it."""
+        own = self.trial.candidate
+        if own.p_value < SIGNIFICANT:
+            return own.score, own.p_value
+        return self.naming.statistic, self.naming.p_value
 
 
 @dataclass(frozen=True)
@@ -97,6 +105,8 @@ def select(
         here = last.model.remaining or location
         able = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT and may_lie(c.effect, here)]
         able = able[: _REFITS_MORE if last.findings else _REFITS]
+        # Where these explain little, the base model may have taken over so much that score and place deceive: then all
+        # of the catalogue is tried.
         trials = in_place(refit(last.model.ground.fit, able, executor, last.model.naming.candidates), here)
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
@@ -232,14 +242,22 @@ def _retested(search: _Search, findings: tuple[Finding, ...], fitted: Fit) -> tu
         if place == len(findings) - 1:
             break
         used = {f.trial.candidate.effect.name for f in others}
-        rivals = [t.candidate for t in findings[place].trials[:_RETESTED] if t.candidate.effect.name not in used]
-        trials = in_place(refit(alone, rivals, search.executor), search.location)
+        rivals = [t for t in findings[place].trials[:_RETESTED] if t.candidate.effect.name not in used]
+        trials = in_place(_refitted(alone, rivals, search.executor), search.location)
         best = trials[0]
         if best.fit is not None and best.cost <= fitted.cost + tie(fitted):
             again = Finding(best, tuple(class_of(trials)), tuple(trials), findings[place].naming)
             findings, fitted = (*findings[:place], again, *findings[place + 1 :]), best.fit
         place += 1
     return findings, fitted
+
+
+def _refitted(base: Fit, trials: Sequence[Trial], executor: Executor) -> list[Trial]:
+    """Effects refitted from where they ended beside others: what those refits say counts more than the scores did."""
+    known = {t.candidate.effect: t.candidate for t in trials}
+    ended = [(t.candidate, t.fit.setup.values()) for t in trials if t.fit is not None]
+    again = [replace(c, values={n: v[n] for n in c.effect.parameters}, score=1.0) for c, v in ended]
+    return [Trial(known[t.candidate.effect], t.fit) for t in refit(base, again, executor)]
 
 
 def _fit_with(base: Fit, findings: Sequence[Finding], fitted: Fit) -> Fit | None:

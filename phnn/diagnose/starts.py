@@ -52,9 +52,11 @@ def _strong(
 
     None where it changes nothing that is not explained, or cannot be simulated.
     """
-    size, best = float(np.sum(ground.residual**2)), None
+    size, best, values = float(np.sum(ground.residual**2)), None, dict(point)
     for strength in _STRENGTHS:
-        values = effect.scaled(point, sign * strength)
+        weaker, values = values, effect.scaled(point, sign * strength)
+        if values == weaker:
+            break
         try:
             change = ground.project(direction(ground, effect, values))
         except PhnnError:

@@ -49,14 +49,14 @@ def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
 def as_creep(values: Mapping[str, float]) -> dict[str, float]:
     """Without its dead zone a hysteron is a spring ``α²/C`` that relaxes with ``C/ϱ⁻¹``.
 
-    Hysterons of one model can change places: it is the one with the least dead zone, whose place the extra one takes.
+    Hysterons of one model can change places: it is the one that slips first, whose place the extra one takes.
     """
     names = [n[2:] for n in values if n.startswith("d_") and {f"C_{n[2:]}", f"rho_{n[2:]}"} <= set(values)]
-    least = min(names, key=lambda name: values[f"d_{name}"])
-    moved = {f"{kind}_{least}": values[f"{kind}_x"] for kind in ("C", "rho", "d") if least != "x"}
+    first = min(names, key=lambda name: values[f"d_{name}"] * values[f"C_{name}"])
+    moved = {f"{kind}_{first}": values[f"{kind}_x"] for kind in ("C", "rho", "d") if first != "x"}
     relaxing = {
-        "k_s": values["alpha"] ** 2 / values[f"C_{least}"],
-        "tau_s": values[f"C_{least}"] / values[f"rho_{least}"],
+        "k_s": values["alpha"] ** 2 / values[f"C_{first}"],
+        "tau_s": values[f"C_{first}"] / values[f"rho_{first}"],
     }
     return moved | relaxing
 

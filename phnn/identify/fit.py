@@ -101,6 +101,7 @@ def fit(
         use: which samples are fitted.
         begun: the same problem, where it has been looked at already at its start.
     """
+    assert begun is None or (begun.plan is plan and begun.variables.names == tuple(names))
     problem = begun or Problem(setup, plan, variables_from(setup, plan, names, origin), use)
     variables = problem.variables
     lower, upper = variables.bounds(setup)

@@ -205,6 +205,8 @@ class Problem:
         squares = self.plan.each(lambda _, both: np.linalg.qr(both, mode="r"), self._with_derivatives(z))
         stacked = np.concatenate([*squares, np.zeros((z.size + 1, z.size + 1))])
         square = np.asarray(np.linalg.qr(stacked, mode="r"))
+        if not np.isfinite(square).all():
+            raise SolverFailed("the derivatives of the output are not finite; narrow the bounds of the parameters")
         # A reflection takes the residual's column to the last axis; from its far side, or else digits would cancel.
         square[-1, -1] = -abs(square[-1, -1])
         normal, slopes = square[:, -1] - self.size(z), square[:, :-1]

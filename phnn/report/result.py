@@ -85,8 +85,8 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
 def _test(j: Judgement) -> dict[str, Any]:
     """The statistic of what was named, else the supremum; its candidate is null where a generic function holds it."""
     if j.findings:
-        c = j.findings[0].trial.candidate
-        return {"statistic": c.score, "p_value": c.p_value, "candidate": c.effect.name}
+        statistic, p_value = j.findings[0].evidence
+        return {"statistic": statistic, "p_value": p_value, "candidate": j.findings[0].trial.candidate.effect.name}
     best = j.naming.candidates[0] if j.naming.candidates else None
     name = best.effect.name if best is not None and best.score >= j.naming.generic else None
     return {"statistic": j.naming.statistic, "p_value": j.naming.p_value, "candidate": name}
@@ -109,7 +109,7 @@ def _entry(final: Fit, finding: Finding, anchored: bool) -> dict[str, Any]:
         "effect": effect.name,
         "location": effect.location,
         "equivalent_to": [t.candidate.effect.name for t in finding.members[1:]],
-        "p_value": finding.trial.candidate.p_value,
+        "p_value": finding.evidence[1],
         "statement": effect.statement.format(**shown)
         + ("" if anchored or not any(parameters[n].unit in _FORCE_UNITS for n in effect.parameters) else _UP_TO_FACTOR),
         "equation": effect.equation,
@@ -232,7 +232,7 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
 
 
 def _candidates(j: Judgement) -> list[CandidateRow]:
-    refits = {t.candidate.effect.name: t for t in j.tried}
+    refits = {t.candidate.effect.name: t for t in j.tried if t.fit is not None}
     added = {f.trial.candidate.effect.name for f in j.findings}
     members = {t.candidate.effect.name for f in j.findings for t in f.members} - added
     samples = j.ground.fit.residual.size

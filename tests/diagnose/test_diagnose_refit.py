@@ -102,7 +102,7 @@ def test_an_extra_hysteron_may_have_changed_places_with_the_one_that_is_a_creep(
     assert (given["C_1"], given["rho_1"], given["d_1"]) == (7e-7, 3e-4, 15.0)
 
 
-def test_a_special_case_wins_where_it_explains_as_much() -> None:
+def test_a_special_case_ends_where_the_general_one_does() -> None:
     base = fitted("creep", k_s=4e3, tau_s=5e-3)
     assert base.chi2 > 1.5
     trials = refit(base, [candidate(base, "extra_hysteron", 10.0)], hidden=[candidate(base, "creep")])
@@ -120,3 +120,29 @@ def test_a_large_remainder_leaves_others_in_the_class() -> None:
     far = replace(base, residual=base.residual * np.sqrt((base.cost + 0.3 * left) / base.cost))
     others = [Trial(candidate(base, n), f) for n, f in (("quadratic_drag", near), ("cubic_stiffness", far))]
     assert class_of([best, *others]) == [best, others[0]]
+
+
+def test_hidden_effects_are_tried_where_no_other_comes_into_question() -> None:
+    base = strong()
+    found = refit(base, [], hidden=[candidate(base, "rate_dependent_threshold")])[0]
+    assert found.fit is not None and found.fit.chi2 < 1.3
+    assert refit(base, []) == []
+
+
+def test_a_special_case_does_not_move_what_was_stated() -> None:
+    base = fitted("creep", k_s=4e3, tau_s=5e-3)
+    stated = {**base.held, "C_1": "held at the stated value", "C_2": "held at the stated value"}
+    names = [n for n in base.variables.names if n not in stated]
+    base = fit_identified(base.setup, base.plan, stated, max_evaluations=15)
+    assert set(base.variables.names) == set(names)
+    trials = refit(base, [candidate(base, "extra_hysteron", 10.0)], hidden=[candidate(base, "creep")])
+    for trial in trials:
+        if trial.fit is not None:
+            assert trial.fit.setup.values()["C_1"] == base.setup.values()["C_1"]
+
+
+def test_further_rounds_keep_one_trial_of_every_effect() -> None:
+    base = fitted("creep", k_s=4e3, tau_s=5e-3)
+    both = [candidate(base, "extra_hysteron", 10.0), candidate(base, "creep", 9.0)]
+    names = [t.candidate.effect.name for t in refit(base, both)]
+    assert sorted(names) == ["creep", "extra_hysteron"]

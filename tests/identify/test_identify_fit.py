@@ -21,7 +21,7 @@ def problem() -> tuple[Problem, np.ndarray]:
     return found, fitted.z + 0.01
 
 
-def test_reduced_square_has_the_normal_equations_of_the_tall_problem() -> None:
+def test_small_square_has_the_normal_equations_of_the_tall_problem() -> None:
     p, z = problem()
     tall = np.column_stack([p.jacobian(z), p.residual(z)])
     square = np.column_stack([p.slopes(z), p.size(z)])
