@@ -32,7 +32,8 @@ _ENTER_SECOND, _ENTER_BOLD, _ENTER_THIRD = 6, 4, 4
 # second, cannot win.
 _SAVES = 0.35
 _NEAR = 2.0
-# The same for one whose steps have come to rest: finer sub-steps and parameters that are set free move it little.
+# The same for one whose steps have come to rest, if it is no neighbour of the best: finer sub-steps and parameters that
+# are set free move it little.
 _NEAR_AT_REST = 1.3
 # Scores are costs saved to first order; what scores below this share of the best cannot overtake it.
 _WITHIN = 0.25
@@ -154,8 +155,9 @@ def _settled(best: Trial, base: Fit, leaves: float = _SETTLED) -> bool:
 
 def _comes_near(trial: Trial, best: Trial, base: Fit) -> bool:
     """Whether a candidate before the last round can still end where the best one is."""
-    moving = trial.fit is not None and trial.fit.evaluations in (_FIRST, _SECOND)
-    return trial.cost <= (_NEAR if moving and _may_tie(trial, best, base) else _NEAR_AT_REST) * best.cost
+    moving = trial.fit is not None and trial.fit.evaluations in (_FIRST, _SECOND) and _may_tie(trial, best, base)
+    neighbour = trial.candidate.effect.name in best.candidate.effect.neighbours
+    return trial.cost <= (_NEAR if moving or neighbour else _NEAR_AT_REST) * best.cost
 
 
 def _fits(
