@@ -87,6 +87,5 @@ EFFECT = Effect(
     ),
     neighbours=("creep", "coulomb_friction"),
     rescale=rescale,
-    # Without a dead zone a hysteron is a Maxwell cell with C = α²/k_s.
     contains=(Special("creep", as_creep),),
 )

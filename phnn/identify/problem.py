@@ -159,12 +159,12 @@ class Problem:
         self.plan = plan
         self.variables = variables
         self.masks = [r.mask(use) for r in plan.recordings]
-        self._marched: tuple[bytes, list[Trajectory]] = (b"", [])
-        self._differentiated: tuple[bytes, list[Array]] = (b"", [])
+        self._marched: tuple[bytes | None, list[Trajectory]] = (None, [])
+        self._differentiated: tuple[bytes | None, list[Array]] = (None, [])
 
     def trajectories(self, z: Array) -> list[Trajectory]:
         """Simulations at ``z``."""
-        if self._marched[0] != z.tobytes() or not self._marched[1]:
+        if self._marched[0] != z.tobytes():
             setup = self.variables.setup(self.template, z)
 
             def run(recording: Recording) -> Trajectory:
@@ -176,7 +176,7 @@ class Problem:
 
     def residual(self, z: Array) -> Array:
         """(N,) weighted residual."""
-        if self._differentiated[1] and self._differentiated[0] == z.tobytes():
+        if self._differentiated[0] == z.tobytes():
             return np.concatenate([both[:, -1] for both in self._differentiated[1]])
         found = self.trajectories(z)
         return np.concatenate([weighted_residual(t, m) for t, m in zip(found, self.masks, strict=True)])
@@ -220,7 +220,7 @@ class Problem:
 
     def _with_derivatives(self, z: Array) -> list[Array]:
         """(N_r, K+1) derivatives of the residual of every recording, and the residual."""
-        if not self._differentiated[1] or self._differentiated[0] != z.tobytes():
+        if self._differentiated[0] != z.tobytes():
             found, setup = self.trajectories(z), self.variables.setup(self.template, z)
 
             def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
