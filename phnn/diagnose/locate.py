@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 _RIDGES = (1e-6, 1e-4, 1e-2, 1e-1, 1.0)
 # Locations that explain less by this share or a smaller one are tied.
 TIED = 0.03
-# What a part that no other recording can tell of counts.
+# What a part that no other recording can tell of counts where locations are compared.
 _UNKNOWABLE = 0.7
 _FOLDS = 6
 
@@ -51,7 +51,9 @@ class Location:
     Attributes:
         name: best location; detail: its best kind of element.
         tied: locations that explain as much.
-        scores: by location; details: by ``location/detail``.
+        scores: share that each location explains; details: the same by ``location/detail``.
+        ranks: by either name, the share by which locations and kinds of elements are compared: what no other recording
+            can tell of counts less there, for nothing has tested it.
         group: index of the best group; weights: its fitted coefficients, with their covariance.
     """
 
@@ -60,6 +62,7 @@ class Location:
     tied: tuple[str, ...]
     scores: dict[str, float]
     details: dict[str, float]
+    ranks: dict[str, float]
     group: int
     weights: Array
     weight_covariance: Array
@@ -123,22 +126,24 @@ def locate(ground: Ground, given: Responses | None = None) -> Location:
     }
     # Lines have a phase of their own in every recording: only their frequency can be known from others. Nothing can of
     # a slow course: what others tell comes first where it explains much of the same.
+    ranks = dict(details)
     for detail, saved, worth in (("environment/lines", line_share, 1.0), ("sensor/drift", course_share, _UNKNOWABLE)):
-        details[detail] = max(details[detail], worth * min(saved(ground) / _explainable(ground), 1.0))
+        share = min(saved(ground) / _explainable(ground), 1.0)
+        details[detail], ranks[detail] = max(details[detail], share), max(ranks[detail], worth * share)
     names = list(dict.fromkeys(g.location for g in GROUPS))
     scores = {}
     for name in names:
         members = [i for i, g in enumerate(GROUPS) if g.location == name]
         joint = _generalise(ground, found.columns[:, np.isin(found.owner, members)], folds)
         # A location may be explained best by one kind of element or by several together.
-        scores[name] = max([joint] + [details[f"{GROUPS[i].location}/{GROUPS[i].detail}"] for i in members])
-    best = max(scores, key=lambda n: scores[n])
-    inside = {g.detail: details[f"{best}/{g.detail}"] for g in GROUPS if g.location == best}
-    detail = max(inside, key=lambda d: inside[d])
+        inside = [f"{name}/{GROUPS[i].detail}" for i in members]
+        scores[name], ranks[name] = (max([joint] + [of[d] for d in inside]) for of in (details, ranks))
+    best = max(names, key=lambda n: ranks[n])
+    detail = max((g.detail for g in GROUPS if g.location == best), key=lambda d: ranks[f"{best}/{d}"])
     group = next(i for i, g in enumerate(GROUPS) if (g.location, g.detail) == (best, detail))
     weights, covariance = _weights(ground, found, group)
-    tied = tuple(n for n in names if n != best and scores[n] >= scores[best] - TIED)
-    return Location(best, detail, tied, scores, details, group, weights, covariance)
+    tied = tuple(n for n in names if n != best and ranks[n] >= ranks[best] - TIED)
+    return Location(best, detail, tied, scores, details, ranks, group, weights, covariance)
 
 
 def _folds(ground: Ground) -> list[NDArray[np.int64]]:

@@ -31,21 +31,21 @@ def elsewhere(named: Sequence[Effect], location: Location, left: Location, littl
     """
     asked = left if located(left) else location
     if asked is location and little:
-        explained, most = max(asked.scores[e.location] for e in named), asked.scores[asked.name]
+        explained, most = max(asked.ranks[e.location] for e in named), asked.ranks[asked.name]
     else:
-        explained, most = max(_explained(asked, e) for e in named), max(asked.details.values())
+        explained, most = max(_explained(asked, e) for e in named), max(asked.ranks[d] for d in asked.details)
     return located(asked) and explained < most - TIED
 
 
 def _explained(location: Location, effect: Effect) -> float:
     """What functions of an effect's own kinds explain; all of its place, where there are none of its kinds."""
-    return max(of_its_kinds(location, effect), default=location.scores[effect.location])
+    return max(of_its_kinds(location, effect), default=location.ranks[effect.location])
 
 
 def of_its_kinds(location: Location, effect: Effect) -> list[float]:
     """What functions of each of an effect's own kinds explain, as far as there are any."""
     kinds = [f"{effect.location}/{kind}" for kind in (effect.kind, *effect.akin)]
-    return [location.details[k] for k in kinds if k in location.details]
+    return [location.ranks[k] for k in kinds if k in location.details]
 
 
 def may_lie(effect: Effect, location: Location) -> bool:
@@ -53,8 +53,7 @@ def may_lie(effect: Effect, location: Location) -> bool:
 
     A tone at a frequency of the drive is no tone of the surroundings, however well it fits.
     """
-    best = location.scores[location.name]
-    return best < _LOCATED or location.scores[effect.location] > _NOWHERE * best
+    return not located(location) or location.ranks[effect.location] > _NOWHERE * location.ranks[location.name]
 
 
 def in_place(trials: list[Trial], location: Location) -> list[Trial]:
@@ -65,5 +64,5 @@ def in_place(trials: list[Trial], location: Location) -> list[Trial]:
     if not trials or trials[0].fit is None:
         return trials
     members = simplest_first(class_of(trials))
-    first = max(members, key=lambda t: location.scores[t.candidate.effect.location])
+    first = max(members, key=lambda t: location.ranks[t.candidate.effect.location])
     return [first, *(t for t in trials if t is not first)]

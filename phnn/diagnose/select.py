@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from phnn.diagnose.ground import Ground
@@ -232,7 +232,7 @@ def _retested(search: _Search, findings: tuple[Finding, ...], fitted: Fit) -> tu
     place = 0
     while place < len(findings) and len(findings) > 1:
         others = (*findings[:place], *findings[place + 1 :])
-        alone = _fit_with(search.ground.fit, others, fitted)
+        alone = _without(search.ground.fit, others, findings[place], fitted)
         if alone is None:
             place += 1
             continue
@@ -260,9 +260,24 @@ def _refitted(base: Fit, trials: Sequence[Trial], executor: Executor) -> list[Tr
     return [Trial(known[t.candidate.effect], t.fit) for t in refit(base, again, executor)]
 
 
-def _fit_with(base: Fit, findings: Sequence[Finding], fitted: Fit) -> Fit | None:
-    """The base model with some of the effects of a fit, fitted from where that one ended."""
-    values = fitted.setup.values()
+def _without(base: Fit, others: Sequence[Finding], dropped: Finding, fitted: Fit) -> Fit | None:
+    """The base model with some of the effects of a fit, fitted from where that one ended.
+
+    Where that explains less, what was dropped may have taken the place of something of the model's own.
+    """
+    values, own = fitted.setup.values(), dropped.trial.candidate.effect.exchanged
+    best = _fit_with(base, others, values)
+    for moved in own(values) if own is not None else ():
+        if best is not None and fair_cost(best) - fair_cost(fitted) < tie(fitted):
+            break
+        if not set(moved) & set(stated_only(base.held)):
+            other = _fit_with(base, others, {**values, **moved})
+            best = min((f for f in (best, other) if f is not None), key=fair_cost, default=None)
+    return best
+
+
+def _fit_with(base: Fit, findings: Sequence[Finding], values: Mapping[str, float]) -> Fit | None:
+    """The base model with some effects, fitted from parameter values."""
     setup = base.setup.with_values({n: values[n] for n in base.setup.free})
     for f in findings:
         setup = f.trial.candidate.effect.add_to(setup, values)

@@ -120,6 +120,8 @@ class Effect:
         needs_command: makes sense only where the recorded voltage is the amplifier's command.
         neighbours: effects that ordinary recordings cannot always tell apart from it.
         contains: effects that are special cases of it, so that it can never fit worse than they do.
+        exchanged: values of the model's parameters that have what it adds in the place of something alike, from all
+            values of a model with it: where to begin when it is taken away again.
         searched: its parameter that is a frequency to be found in the spectrum of what the model leaves.
         rescale: how to multiply the strength where that is more than multiplying one parameter.
         forms: the same physics by other laws, under the same name, at the same place and of the same kind.
@@ -144,6 +146,7 @@ class Effect:
     neighbours: tuple[str, ...] = ()
     rescale: Callable[[Mapping[str, float], float], dict[str, float]] | None = None
     contains: tuple[Special, ...] = ()
+    exchanged: Callable[[Mapping[str, float]], list[dict[str, float]]] | None = None
     searched: str | None = None
     akin: tuple[str, ...] = ()
     forms: tuple[Effect, ...] = ()

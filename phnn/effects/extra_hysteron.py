@@ -51,14 +51,27 @@ def as_creep(values: Mapping[str, float]) -> dict[str, float]:
 
     Hysterons of one model can change places: it is the one that slips first, whose place the extra one takes.
     """
-    names = [n[2:] for n in values if n.startswith("d_") and {f"C_{n[2:]}", f"rho_{n[2:]}"} <= set(values)]
-    first = min(names, key=lambda name: values[f"d_{name}"] * values[f"C_{name}"])
-    moved = {f"{kind}_{first}": values[f"{kind}_x"] for kind in ("C", "rho", "d") if first != "x"}
+    first = min(_names(values), key=lambda name: values[f"d_{name}"] * values[f"C_{name}"])
     relaxing = {
         "k_s": values["alpha"] ** 2 / values[f"C_{first}"],
         "tau_s": values[f"C_{first}"] / values[f"rho_{first}"],
     }
-    return moved | relaxing
+    return _in_the_place_of(first, values) | relaxing
+
+
+def exchanged(values: Mapping[str, float]) -> list[dict[str, float]]:
+    """The extra hysteron in the place of each of the others, which may have been the superfluous one."""
+    return [_in_the_place_of(name, values) for name in _names(values) if name != "x"]
+
+
+def _names(values: Mapping[str, float]) -> list[str]:
+    """Names of the hysterons with a dead zone."""
+    return [n[2:] for n in values if n.startswith("d_") and {f"C_{n[2:]}", f"rho_{n[2:]}"} <= set(values)]
+
+
+def _in_the_place_of(name: str, values: Mapping[str, float]) -> dict[str, float]:
+    """Parameters of one hysteron that make it the extra one."""
+    return {f"{kind}_{name}": values[f"{kind}_x"] for kind in ("C", "rho", "d") if name != "x"}
 
 
 EFFECT = Effect(
@@ -88,4 +101,5 @@ EFFECT = Effect(
     neighbours=("creep", "coulomb_friction"),
     rescale=rescale,
     contains=(Special("creep", as_creep),),
+    exchanged=exchanged,
 )

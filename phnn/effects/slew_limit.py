@@ -19,9 +19,10 @@ def build(setup: Setup, values: Mapping[str, float]) -> Setup:
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Limits below the steepest command there may have been; there is no small strength to start from."""
+    """Limits below the steepest of the sines there may have been, and decades above it: a step of the command is
+    steeper than any. There is no small strength to start from."""
     steepest = 2.0 * np.pi * scales.fastest * scales.voltage
-    return [{"S": share * steepest} for share in (0.5, 0.75, 0.9, 0.98)]
+    return [{"S": share * steepest} for share in (0.5, 0.75, 0.9, 0.98, 4.0, 40.0, 400.0)]
 
 
 EFFECT = Effect(

@@ -15,6 +15,7 @@ from phnn.identify.fit import Fit
 from phnn.identify.numerics import NumericalError, numerical_error, substeps_for
 from phnn.identify.problem import Plan, Problem, Variables
 from phnn.identify.staged import fit_identified, held_by_statement, identify_actuator, mechanical_points, stated_only
+from phnn.identify.stalled import resumed
 from phnn.models.bouc_wen import bouc_wen
 from phnn.models.network_file import load_network
 from phnn.recordings.recording import Campaign
@@ -121,7 +122,7 @@ def settled(first: Fit, bound: float, keep: Sequence[str] = ()) -> tuple[Fit, Nu
         error = numerical_error(fitted)
         if error.sigma <= bound:
             break
-    free = released(fitted, keep)
+    free = released(resumed(fitted), keep)
     if free is not fitted:
         fitted, error = free, numerical_error(free)
     return replace(fitted, alternatives=first.alternatives), error

@@ -125,7 +125,8 @@ FAST = ("creep", "quadratic_drag", "electrostriction", "amplifier_saturation", "
 def test_true_location_comes_first_or_ties(effect: str) -> None:
     found = locate(campaigns.ground(effect), campaigns.generic(effect))
     assert TRUE[effect] in (found.name, *found.tied), found.scores
-    assert found.scores[found.name] == max(found.scores.values())
+    assert found.ranks[found.name] == max(found.ranks[n] for n in found.scores)
+    assert all(found.ranks[n] <= share for n, share in {**found.scores, **found.details}.items())
     assert found.scores[TRUE[effect]] > 0.5
     assert set(found.scores) <= set(LOCATIONS)
     assert all(0.0 <= s <= 1.0 for s in found.scores.values())
@@ -186,7 +187,7 @@ def test_a_course_of_its_own_in_every_recording_lies_in_the_sensor() -> None:
 def at(index: int, count: int) -> Location:
     group = GROUPS[index]
     weights = np.linspace(0.5, 1.0, count) * 1e-3
-    return Location(group.location, group.detail, (), {}, {}, index, weights, 1e-8 * np.eye(count))
+    return Location(group.location, group.detail, (), {}, {}, {}, index, weights, 1e-8 * np.eye(count))
 
 
 @pytest.mark.parametrize("index", range(len(GROUPS)), ids=lambda i: GROUPS[i].detail)

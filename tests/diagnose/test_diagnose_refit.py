@@ -102,6 +102,29 @@ def test_an_extra_hysteron_may_have_changed_places_with_the_one_that_is_a_creep(
     assert (given["C_1"], given["rho_1"], given["d_1"]) == (7e-7, 3e-4, 15.0)
 
 
+def test_an_extra_hysteron_takes_the_place_of_each_of_the_others() -> None:
+    extra = effect("extra_hysteron")
+    added = {"C_x": 7e-7, "rho_x": 3e-4, "d_x": 15.0}
+    known = extra.add_to(Setup(hrc(3)), added).values()
+    assert extra.exchanged is not None
+    places = extra.exchanged(known)
+    assert [set(p) for p in places] == [{f"C_{i}", f"rho_{i}", f"d_{i}"} for i in (1, 2, 3)]
+    assert all(sorted(p.values()) == sorted(added.values()) for p in places)
+
+
+def test_a_slew_limit_that_only_steps_of_the_command_meet_is_found() -> None:
+    # As steep as a step between two samples can be, far above what the excited frequencies would need.
+    true = effect("slew_limit").add_to(Setup(hrc(2)), {"S": 4e5})
+    drives = {"steps": 80.0 * np.sign(np.sin(2.0 * np.pi * 50.0 * T + 0.01)), "sine": 80.0 * np.sin(60.0 * np.pi * T)}
+    made = tuple(campaigns.recorded(true, n, T, u, 2e-8, 1, "zero_order") for n, u in drives.items())
+    base = fit_identified(Setup(hrc(2)), Plan(made, {r.name: 4 for r in made}), HELD, max_evaluations=15)
+    grid = effect("slew_limit").grid(prepare(base).scales)
+    near = min(grid, key=lambda v: abs(np.log(v["S"] / 4e5)))
+    found = refit(base, [Candidate(effect("slew_limit"), near, (), 10.0, 1e-3)])[0]
+    assert found.fit is not None and found.fit.chi2 < 1.1 < base.chi2
+    assert found.fit.setup.values()["S"] == pytest.approx(4e5, rel=0.02)
+
+
 def test_a_special_case_ends_where_the_general_one_does() -> None:
     base = fitted("creep", k_s=4e3, tau_s=5e-3)
     assert base.chi2 > 1.5
