@@ -15,7 +15,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from phnn.demo import EFFECTS, generate, open_seal, write_seal
 from phnn.diagnose.diagnosis import Diagnosis, score_on_all
 from phnn.diagnose.diagnosis import diagnose as run_diagnosis
 from phnn.errors import PhnnError
@@ -180,6 +179,8 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any]) -> None:
     Raises:
         PhnnError: the sealed effect was neither named nor in a stated class of at most three.
     """
+    from phnn.demo import EFFECTS, generate, open_seal, write_seal
+
     chosen = secrets.randbelow(10_000) if seed is None else seed
     print(f"seed {chosen} (repeat with SEED={chosen}); one of {', '.join(EFFECTS)} is concealed", flush=True)
     folder = out / "recordings"

@@ -29,6 +29,8 @@ RC: dict[Any, Any] = {
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
     "axes.titlepad": 7.0,
+    # Nothing stands between the panels and their titles; to make sure of it would measure every label of every axis.
+    "axes.titley": 1.0,
     "axes.labelsize": 9.0,
     "axes.labelcolor": INK,
     "axes.edgecolor": "#8f969c",
