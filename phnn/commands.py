@@ -26,7 +26,7 @@ from phnn.models.store import load, save
 from phnn.recordings import Campaign, describe, read
 from phnn.report import console_summary
 from phnn.report.files import finite, write_atomic, write_json
-from phnn.report.result import write
+from phnn.report.result import evidence, write
 
 _CLASS = 3
 _PIPE = 200
@@ -83,14 +83,13 @@ def diagnose(folder: Path, out: Path, manifest: Path | None, config: Mapping[str
 
 
 def _diagnose(campaign: Campaign, out: Path, options: Options) -> Diagnosis:
-    from phnn.report.result import evidence
-
     with _progress() as progress:
         diagnosis = run_diagnosis(campaign, options, progress, on_base=lambda fitted: _keep(fitted, out / "base"))
         progress("write the report")
-        document = write(diagnosis, out)
+        shown = evidence(diagnosis)
+        document = write(diagnosis, out, shown)
     console = Console()
-    console.print(console_summary(document, evidence(diagnosis)))
+    console.print(console_summary(document, shown))
     console.print(f"report: {out / 'report.html'}   seed: {options.seed}")
     return diagnosis
 

@@ -60,7 +60,8 @@ class Ground:
         share, out = basis.T @ columns, np.empty_like(columns)
         # Recording by recording: a copy of everything at once costs more than the arithmetic.
         for rows in self.slices:
-            np.subtract(columns[rows], basis[rows] @ share, out=out[rows])
+            np.matmul(basis[rows], share, out=out[rows])
+            np.subtract(columns[rows], out[rows], out=out[rows])
         return out
 
     def stack(self, outputs: Sequence[Array]) -> Array:

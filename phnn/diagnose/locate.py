@@ -68,6 +68,36 @@ class Location:
     weight_covariance: Array
 
 
+@dataclass(frozen=True)
+class _Products:
+    """Inner products of the base and of the columns beside it, over the rows of every fold.
+
+    Attributes:
+        grams: (K+F, K+F) of the base and the columns with themselves; rights: (K+F,) with the residual.
+        squares: of the residual with itself.
+        base: K, how many of them belong to the base; size: number of all rows.
+    """
+
+    grams: Sequence[Array]
+    rights: Sequence[Array]
+    squares: Sequence[float]
+    base: int
+    size: int
+
+    def error(self, use: NDArray[np.int64], ridge: float) -> float:
+        """Sum of squares on the left-out folds, each predicted from all others by a few of the columns."""
+        block = np.ix_(use, use)
+        grams, rights = [g[block] for g in self.grams], [b[use] for b in self.rights]
+        total_gram, total_right = np.sum(grams, axis=0), np.sum(rights, axis=0)
+        # The base was fitted to all recordings: what is left out may move it only weakly.
+        penalty = np.diag(np.where(use < self.base, 1.0, ridge) + 1e-12)
+        total = 0.0
+        for gram, right, square in zip(grams, rights, self.squares, strict=True):
+            w = np.linalg.solve(total_gram - gram + penalty, total_right - right)
+            total += square - float(2.0 * w @ right - w @ gram @ w)
+        return total
+
+
 def responses(ground: Ground) -> Responses:
     """One forward-sensitivity sweep a recording with all local functions as right-hand sides."""
     parts = ground.plan.each(lambda r, t: _responses_of(t, ground), ground.trajectories)
@@ -119,11 +149,8 @@ def _exists(group: Group, ground: Ground) -> bool:
 def locate(ground: Ground, given: Responses | None = None) -> Location:
     """Score every location by generalisation to left-out recordings."""
     found = given if given is not None else responses(ground)
-    folds = _folds(ground)
-    details = {
-        f"{g.location}/{g.detail}": _generalise(ground, found.columns[:, found.owner == i], folds)
-        for i, g in enumerate(GROUPS)
-    }
+    folds = _products(ground, found)
+    details = {f"{g.location}/{g.detail}": _generalise(folds, found.owner == i) for i, g in enumerate(GROUPS)}
     # Lines have a phase of their own in every recording: only their frequency can be known from others. Nothing can of
     # a slow course: what others tell comes first where it explains much of the same.
     ranks = dict(details)
@@ -134,7 +161,7 @@ def locate(ground: Ground, given: Responses | None = None) -> Location:
     scores = {}
     for name in names:
         members = [i for i, g in enumerate(GROUPS) if g.location == name]
-        joint = _generalise(ground, found.columns[:, np.isin(found.owner, members)], folds)
+        joint = _generalise(folds, np.isin(found.owner, members))
         # A location may be explained best by one kind of element or by several together.
         inside = [f"{name}/{GROUPS[i].detail}" for i in members]
         scores[name], ranks[name] = (max([joint] + [of[d] for d in inside]) for of in (details, ranks))
@@ -158,35 +185,33 @@ def _folds(ground: Ground) -> list[NDArray[np.int64]]:
     return [np.concatenate([np.arange(blocks[i].start, blocks[i].stop) for i in g]) for g in groups]
 
 
-def _generalise(ground: Ground, columns: Array, folds: Sequence[NDArray[np.int64]]) -> float:
-    """Share of the explainable residual predicted on what was left out, best over the ridge grid."""
-    if columns.shape[1] == 0:
-        return 0.0
-    r = ground.residual
-    base = ground.basis
-    k = base.shape[1]
+def _products(ground: Ground, found: Responses) -> _Products:
+    """Those of the base with all columns: every group of functions takes its own of them."""
+    r, base = ground.residual, ground.basis
     # Projected columns need no help from the base to fit all recordings, so that its prior shrinks nothing true.
-    design = np.hstack([base, ground.project(columns)])
-    grams = [design[f].T @ design[f] for f in folds]
-    rights = [design[f].T @ r[f] for f in folds]
-    squares = [float(r[f] @ r[f]) for f in folds]
-    total_gram, total_right = sum(grams), sum(rights)
-    # The base was fitted to all recordings: what is left out may move it only weakly.
-    prior = np.zeros_like(grams[0])
-    prior[:k, :k] = np.eye(k)
+    columns = ground.project(found.columns)
+    grams, rights, squares = [], [], []
+    for fold in _folds(ground):
+        design, left = np.hstack([base[fold], columns[fold]]), r[fold]
+        grams.append(design.T @ design)
+        rights.append(design.T @ left)
+        squares.append(float(left @ left))
+    return _Products(grams, rights, squares, base.shape[1], r.size)
 
-    def error(ridge: float, use: slice) -> float:
-        total = 0.0
-        penalty = prior + ridge * np.diag(np.r_[np.zeros(k), np.ones(columns.shape[1])])
-        for gram, right, square in zip(grams, rights, squares, strict=True):
-            a = (total_gram - gram + penalty)[use, use]
-            w = np.linalg.solve(a + 1e-12 * np.eye(a.shape[0]), (total_right - right)[use])
-            total += square - 2.0 * w @ right[use] + w @ gram[use, use] @ w
-        return total
 
-    alone = error(0.0, slice(0, k)) if k else sum(squares)
-    best = min(error(ridge, slice(0, None)) for ridge in _RIDGES)
-    return float(np.clip((alone - best) / _at_least(alone - r.size, r.size), 0.0, 1.0))
+def _generalise(folds: _Products, chosen: NDArray[np.bool_]) -> float:
+    """Share of the explainable residual predicted on what was left out, best over the ridge grid.
+
+    Args:
+        chosen: (F,) the columns that may explain it.
+    """
+    if not chosen.any():
+        return 0.0
+    k = folds.base
+    use = np.concatenate([np.arange(k), k + np.flatnonzero(chosen)])
+    alone = folds.error(np.arange(k), 0.0)
+    best = min(folds.error(use, ridge) for ridge in _RIDGES)
+    return float(np.clip((alone - best) / _at_least(alone - folds.size, folds.size), 0.0, 1.0))
 
 
 def _explainable(ground: Ground) -> float:

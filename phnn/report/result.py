@@ -41,8 +41,12 @@ _UP_TO_FACTOR = " Absolute values are known up to one common factor, because not
 _PACKAGES = ("phnn", "torch", "numpy", "scipy", "numba")
 
 
-def write(diagnosis: Diagnosis, out: Path) -> dict[str, Any]:
-    """Write models, ``diagnosis.json`` and ``report.html`` into a folder; returns the document."""
+def write(diagnosis: Diagnosis, out: Path, shown: Evidence | None = None) -> dict[str, Any]:
+    """Write models, ``diagnosis.json`` and ``report.html`` into a folder; returns the document.
+
+    Args:
+        shown: the evidence, where the caller has it already.
+    """
     out.mkdir(parents=True, exist_ok=True)
     plan = diagnosis.base.plan
     finest = max(plan.steps_of(r) for r in plan.recordings)
@@ -51,7 +55,7 @@ def write(diagnosis: Diagnosis, out: Path) -> dict[str, Any]:
     content = document(diagnosis)
     write_json(out / "diagnosis.json", content)
     write_waveform(diagnosis.proposal, diagnosis.base.setup, out / WAVEFORM)
-    write_report(content, evidence(diagnosis), out)
+    write_report(content, shown or evidence(diagnosis), out)
     return content
 
 
