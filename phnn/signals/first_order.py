@@ -53,8 +53,34 @@ def density_of(correlation: np.ndarray, cycles: np.ndarray) -> np.ndarray:
 
 def first_order_density(coefficient: float, omega: np.ndarray) -> np.ndarray:
     """``(F,)`` spectrum of first-order noise over that of white noise, at ``ω`` in radians a sample."""
-    a = coefficient
-    return np.asarray((1.0 - a * a) / (1.0 + a * a - 2.0 * a * np.cos(omega)))
+    return _density(coefficient, np.cos(omega))
+
+
+def _density(a: float, cosine: np.ndarray) -> np.ndarray:
+    return np.asarray((1.0 - a * a) / (1.0 + a * a - 2.0 * a * cosine))
+
+
+@dataclass(frozen=True)
+class _Band:
+    """Some frequencies of a spectrum, with what all shapes there are made of: ``cos ω`` and ``ω⁻⁴``, each ``(F,)``."""
+
+    power: np.ndarray
+    cosine: np.ndarray
+    tail: np.ndarray
+
+    def shape(self, z: np.ndarray) -> np.ndarray:
+        """Spectrum of noise of unit variance, and of the tail beside it."""
+        return np.asarray(_density(_coefficient(z[0]), self.cosine) + np.exp(min(z[1], 50.0)) * self.tail)
+
+    def best(self, starts: tuple[float, ...], white: bool = False) -> OptimizeResult:
+        """Best coefficient and strength of the tail; the coefficient stays zero for white noise."""
+
+        def negative(z: np.ndarray) -> float:
+            shape = self.shape(np.array([0.0, z[0]]) if white else z)
+            return float(np.log(np.mean(self.power / shape)) + np.mean(np.log(shape)))
+
+        points = [[t] if white else [np.arctanh(np.sqrt(a)), t] for a in starts for t in _TAILS]
+        return min((minimize(negative, z, method="Nelder-Mead") for z in points), key=lambda r: float(r.fun))
 
 
 def fit_first_order(y: np.ndarray) -> FirstOrder | None:
@@ -73,8 +99,9 @@ def fit_first_order(y: np.ndarray) -> FirstOrder | None:
         if band.sum() < _FEWEST:
             return None
         p, w = power[band], omega[band]
-        coloured, white = _best(p, w, (0.1, 0.5, 0.8)), _best(p, w, (0.0,), white=True)
-        shape = _shape(coloured.x, w)
+        seen = _Band(p, np.cos(w), w**-4.0)
+        coloured, white = seen.best((0.1, 0.5, 0.8)), seen.best((0.0,), white=True)
+        shape = seen.shape(coloured.x)
         if not _fits(p, shape):
             continue
         a = _coefficient(coloured.x[0])
@@ -84,26 +111,9 @@ def fit_first_order(y: np.ndarray) -> FirstOrder | None:
     return None
 
 
-def _best(power: np.ndarray, omega: np.ndarray, starts: tuple[float, ...], white: bool = False) -> OptimizeResult:
-    """Best coefficient and strength of the tail; the coefficient stays zero for white noise."""
-
-    def negative(z: np.ndarray) -> float:
-        shape = _shape(np.array([0.0, z[0]]) if white else z, omega)
-        return float(np.log(np.mean(power / shape)) + np.mean(np.log(shape)))
-
-    points = [[t] if white else [np.arctanh(np.sqrt(a)), t] for a in starts for t in _TAILS]
-    return min((minimize(negative, z, method="Nelder-Mead") for z in points), key=lambda r: float(r.fun))
-
-
 def _coefficient(z: float) -> float:
     """Between zero and the largest one: an amplifier or a filter makes neighbours alike, never opposite."""
     return float(_LARGEST * np.tanh(z) ** 2)
-
-
-def _shape(z: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """Spectrum of noise of unit variance, and of the tail beside it."""
-    noise = first_order_density(_coefficient(z[0]), omega)
-    return np.asarray(noise + np.exp(min(z[1], 50.0)) * omega**-4.0)
 
 
 def _fits(power: np.ndarray, shape: np.ndarray) -> bool:
