@@ -72,10 +72,11 @@ def _recordings(
     traces: Sequence[Trace], kind: str, document: Document, counter: _Counter
 ) -> tuple[tuple[Drawing, ...], int]:
     chosen = _worst_first(traces, document)[:_MOST_DRAWN]
-    drawings = []
+    drawings: list[Drawing] = []
+    figure = None
     for trace in chosen:
         fit = document.fit(trace.name)
-        figure = draw_recording(trace, fit, document.input_unit, document.output_unit)
+        figure = draw_recording(trace, fit, document.input_unit, document.output_unit, reused=figure)
         alt = f"{trace.name}: measured and modelled output in time and as a loop, error in time, spectrum of the error"
         drawings.append(counter.drawing(f"{kind}-{trace.name}", trace.name, alt, figure))
     return tuple(drawings), len(traces) - len(chosen)

@@ -12,7 +12,7 @@ from report_example import make_trace
 
 from phnn.report import LedgerRow
 from phnn.report.document import FitRow, Location, Score
-from phnn.report.figures import draw_locations, draw_overview, draw_recording
+from phnn.report.figures import draw_locations, draw_overview, draw_recording, png
 from phnn.report.formula import formula, symbol
 from phnn.report.reduction import cycles, envelope, telling_stretch
 from phnn.report.shares import ledger_shares
@@ -133,6 +133,20 @@ def test_a_lone_spike_is_named_and_does_not_flatten_the_error() -> None:
     assert axes.get_ylim()[1] < 5000.0  # nm
     assert "1 sample beyond, up to 100 µm" in axes.get_xlabel()
     assert "beyond" not in draw_recording(trace, None).axes[2].get_xlabel()
+
+
+def test_a_figure_that_is_drawn_anew_shows_nothing_of_what_it_showed() -> None:
+    trace = make_trace("sine_10Hz_75V")
+    few = np.zeros(len(trace.t), dtype=bool)
+    few[:20] = True
+    shorter = replace(trace, before=trace.measured + 3e-6, after=trace.measured + 3e-6, scored=few)
+    alone = [png(draw_recording(t, None)) for t in (shorter, trace)]
+    figure = draw_recording(trace, None)
+    again = []
+    for following in (shorter, trace):
+        figure = draw_recording(following, None, reused=figure)
+        again.append(png(figure))
+    assert again == alone
 
 
 def test_location_bars_mark_the_best_and_its_ties() -> None:

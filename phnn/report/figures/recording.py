@@ -190,15 +190,39 @@ def _spectrum_panel(axes: Axes, view: _View) -> None:
     axes.set_ylabel(f"error ({view.error.name}/√Hz)")
 
 
-def draw_recording(trace: Trace, fit: FitRow | None, input_unit: str = "V", output_unit: str = "m") -> Figure:
-    """Four panels. The time axes are drawn through an envelope; the spectrum uses every scored sample."""
-    view = _view(trace, input_unit, output_unit)
+def _panels() -> Figure:
     figure = new_figure(10.1, 5.5, constrained=False)
-    grid = figure.subplots(2, 2, width_ratios=[1.75, 1.0], gridspec_kw=_MARGINS)
-    _time_panel(grid[0, 0], view)
-    _loop_panel(grid[0, 1], view)
-    _error_panel(grid[1, 0], view, fit)
-    _spectrum_panel(grid[1, 1], view)
-    for axes in grid.flat:
+    figure.subplots(2, 2, width_ratios=[1.75, 1.0], gridspec_kw=_MARGINS)
+    return figure
+
+
+def _emptied(figure: Figure) -> Figure:
+    """The panels as they were before anything was drawn into them, but with their ticks, which take longest to make."""
+    for axes in figure.axes:
+        legend = axes.get_legend()
+        for artist in (*axes.lines, *axes.patches, *axes.texts, *([legend] if legend is not None else [])):
+            artist.remove()
+        axes.relim()
+        axes.set(xscale="linear", yscale="linear", xlabel="", ylabel="")
+        axes.autoscale(True)
+    return figure
+
+
+def draw_recording(
+    trace: Trace, fit: FitRow | None, input_unit: str = "V", output_unit: str = "m", reused: Figure | None = None
+) -> Figure:
+    """Four panels. The time axes are drawn through an envelope; the spectrum uses every scored sample.
+
+    Args:
+        reused: the figure of another recording, no longer needed: it is emptied and drawn anew.
+    """
+    view = _view(trace, input_unit, output_unit)
+    figure = _panels() if reused is None else _emptied(reused)
+    time, loop, error, spectrum = figure.axes
+    _time_panel(time, view)
+    _loop_panel(loop, view)
+    _error_panel(error, view, fit)
+    _spectrum_panel(spectrum, view)
+    for axes in figure.axes:
         quiet_grid(axes)
     return figure
