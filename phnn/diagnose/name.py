@@ -146,14 +146,15 @@ def _null_of_supremum(correlation: Array, sided: Array, lines: int, seed: int) -
     as there are effects with lines."""
     values, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    root = root[:, values > 1e-10 * max(values.max(initial=0.0), 1e-300)]
+    # Those that count on either side come last.
+    order, both = np.argsort(np.logical_not(sided), kind="stable"), int(sided.sum())
+    root = root[order][:, values > 1e-10 * max(values.max(initial=0.0), 1e-300)]
     rng = np.random.default_rng(seed)
     found = []
     for _ in range(_DRAWS // _CHUNK):
         z = root @ rng.standard_normal((root.shape[1], _CHUNK))
-        z = np.where(sided[:, None], z, np.abs(z))
-        own = rng.standard_normal((lines, _CHUNK))
-        found.append(np.vstack([z, own]).max(axis=0, initial=0.0))
+        own = rng.standard_normal((lines, _CHUNK)).max(axis=0, initial=0.0)
+        found.append(np.maximum(np.maximum(own, z.max(axis=0, initial=0.0)), -z[both:].min(axis=0, initial=0.0)))
     return np.sort(np.concatenate(found))
 
 

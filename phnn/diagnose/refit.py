@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.diagnose.ground import Ground, prepare
 from phnn.diagnose.name import Candidate, first_by_name
 from phnn.diagnose.starts import bold_starts, has_bold_starts
 from phnn.diagnose.trial import Trial, criterion
@@ -25,9 +26,10 @@ from phnn.setup import Setup
 
 Array = NDArray[np.float64]
 
-# Evaluations of the three rounds, and how many candidates enter the second and the third.
-_FIRST, _SECOND, _THIRD = 5, 8, 40
-_ENTER_SECOND, _ENTER_BOLD, _ENTER_THIRD = 6, 4, 4
+# Evaluations of a look from a bold start and of the three rounds, and how many candidates go on from such a look and
+# enter the second and the third round.
+_LOOK, _FIRST, _SECOND, _THIRD = 3, 5, 8, 40
+_ENTER_BOLD, _ENTER_SECOND, _ENTER_THIRD = 6, 6, 4
 # What saves less than this share of the best saving in the first round, or costs this many times as much after the
 # second, cannot win.
 _SAVES = 0.35
@@ -92,10 +94,14 @@ def _again(
 
 
 def _boldly(base: Fit, trials: list[Trial], hidden: list[Trial], executor: Executor) -> list[Trial]:
-    """A few steps of all from starts at finite strengths, further ones of the best."""
+    """Looks from starts at finite strengths, for all whose score has led nowhere; further steps of the best."""
     tried = {t.candidate.effect for t in trials}
-    todo = [*trials, *(h for h in hidden if h.candidate.effect not in tried)]
-    trials = _again(_from_bold_starts, base, trials, [t for t in todo if has_bold_starts(t.candidate.effect)], executor)
+    astray = [t for t in trials if not _settled(t, base, 1.0 - _UNEXPLAINED)]
+    todo = [*astray, *(h for h in hidden if h.candidate.effect not in tried)]
+    # Wherever the looks are done, they need no trajectories.
+    ground = replace(prepare(_as_sent(base, executor)), trajectories=())
+    look = partial(_from_bold_starts, ground)
+    trials = _again(look, base, trials, [t for t in todo if has_bold_starts(t.candidate.effect)], executor)
     return _again(_further, base, trials, trials[:_ENTER_BOLD], executor)
 
 
@@ -155,18 +161,26 @@ def _settled(best: Trial, base: Fit, leaves: float = _SETTLED) -> bool:
 
 def _comes_near(trial: Trial, best: Trial, base: Fit) -> bool:
     """Whether a candidate before the last round can still end where the best one is."""
-    moving = trial.fit is not None and trial.fit.evaluations in (_FIRST, _SECOND) and _may_tie(trial, best, base)
+    moving = trial.fit is not None and _moving(trial.fit) and _may_tie(trial, best, base)
     neighbour = trial.candidate.effect.name in best.candidate.effect.neighbours
     return trial.cost <= (_NEAR if moving or neighbour else _NEAR_AT_REST) * best.cost
+
+
+def _moving(fitted: Fit) -> bool:
+    """Whether a few steps have ended before they came to rest."""
+    return fitted.evaluations in (_LOOK, _FIRST, _SECOND)
+
+
+def _as_sent(base: Fit, executor: Executor) -> Fit:
+    """The base fit that refits get: threads of one that runs beside others would only get into each other's way."""
+    return base if executor == SERIAL else replace(base, plan=replace(base.plan, workers=1))
 
 
 def _fits(
     work: Callable[[Fit, Any], Fit | None], base: Fit, items: Sequence[Any], executor: Executor
 ) -> list[Fit | None]:
     """``work(base, item)`` of every item, on the very recordings of the base fit wherever it was done."""
-    # Threads of a refit that runs beside others would only get into each other's way.
-    sent = base if executor == SERIAL else replace(base, plan=replace(base.plan, workers=1))
-    fits = executor.run(partial(work, sent), items)
+    fits = executor.run(partial(work, _as_sent(base, executor)), items)
     return [f if f is None else replace(f, plan=replace(base.plan, substeps=f.plan.substeps)) for f in fits]
 
 
@@ -175,9 +189,7 @@ def _first_steps(base: Fit, candidate: Candidate) -> Fit | None:
     return _few_steps(base, candidate.effect, base.setup, candidate.values, _FIRST)
 
 
-def _few_steps(
-    base: Fit, effect: Effect, setup: Setup, values: Mapping[str, float], evaluations: int
-) -> Fit | None:  # fmt: skip
+def _few_steps(base: Fit, effect: Effect, setup: Setup, values: Mapping[str, float], evaluations: int) -> Fit | None:
     """Steps with coarse sub-steps; None where the start cannot be simulated."""
     try:
         begun = _clamped(effect, setup, values)
@@ -235,10 +247,10 @@ def _from_several_starts(base: Fit, trial: Trial) -> Fit | None:
     return replace(best, alternatives=alternatives)
 
 
-def _from_bold_starts(base: Fit, trial: Trial) -> Fit | None:
-    """The best so far, or a better one after a few steps from starts at finite strengths."""
+def _from_bold_starts(ground: Ground, base: Fit, trial: Trial) -> Fit | None:
+    """The best so far, or a better one after a look from starts at finite strengths."""
     effect, so_far = trial.candidate.effect, trial.fit
-    tried = [_few_steps(base, effect, base.setup, values, _FIRST) for values in bold_starts(base, effect)]
+    tried = [_few_steps(base, effect, base.setup, values, _LOOK) for values in bold_starts(ground, effect)]
     better = min((f for f in tried if f is not None), key=lambda f: f.cost, default=so_far)
     if so_far is None or better is None:
         return better
@@ -248,7 +260,7 @@ def _from_bold_starts(base: Fit, trial: Trial) -> Fit | None:
 def _further(base: Fit, trial: Trial) -> Fit | None:
     """Further steps from where it is, unless it has come to rest."""
     found = trial.fit
-    if found is None or found.evaluations < _FIRST:
+    if found is None or not _moving(found):
         return found
     try:
         onwards = fit(found.setup, found.plan, found.variables.names, base.held, _SECOND, origin=found)

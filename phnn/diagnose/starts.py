@@ -11,14 +11,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.diagnose.ground import Ground, direction, prepare
+from phnn.diagnose.ground import Ground, direction
 from phnn.effects import Effect
 from phnn.errors import PhnnError
-from phnn.identify.fit import Fit
 
 # Multiples of the grid's strengths, which are small ones; how many starts are proposed.
 _STRENGTHS = tuple(10.0 ** (0.5 * k) for k in range(1, 10))
-_BOLD = 4
+_BOLD = 3
 # What an effect changes at its start, as a share of the squares that are left to be explained: about this, at most
 # that.
 _SHARE, _TOO_MUCH = 0.5, 3.0
@@ -29,16 +28,15 @@ def has_bold_starts(effect: Effect) -> bool:
     return effect.strength is not None and effect.searched is None
 
 
-def bold_starts(base: Fit, effect: Effect) -> list[dict[str, float]]:
+def bold_starts(ground: Ground, effect: Effect) -> list[dict[str, float]]:
     """Values of the effect's parameters, the most promising shape and sign first.
 
     Each has the strength at which the change ``P δy`` of the output by the effect, base sensitivities projected out, is
     about as large as the residual ``r``. Promising is what leaves the least ``‖r − P δy‖²`` there.
 
     Args:
-        base: the fit without the effect.
+        ground: of the fit without the effect.
     """
-    ground = prepare(base)
     signs = (1.0,) if effect.one_sided else (1.0, -1.0)
     found = [_strong(ground, effect, point, sign) for point in effect.grid(ground.scales) for sign in signs]
     ranked = sorted((f for f in found if f is not None), key=lambda f: f[0])
