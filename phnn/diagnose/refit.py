@@ -19,7 +19,7 @@ from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
 from phnn.errors import PhnnError, SolverFailed
 from phnn.identify.base import released
-from phnn.identify.fit import Fit, distinct_optima, fit, variables_from
+from phnn.identify.fit import TOLERANCE, Fit, distinct_optima, fit, variables_from
 from phnn.identify.problem import Problem
 from phnn.identify.staged import fit_identified, stated_only
 from phnn.setup import Setup
@@ -43,6 +43,8 @@ _WITHIN = 0.25
 _SETTLED, _RIVAL = 0.05, 0.75
 # Where the best one leaves more than this share, another may explain much more whose score does not show it.
 _UNEXPLAINED = 0.1
+# Where a refit stops that leaves much: what remains tells no finer differences apart.
+_LOOSE = 1e-5
 _CHUNK = 3
 _OTHER_STARTS = 2
 # Shares of the step that makes room for an effect, and the largest such step of an estimation coordinate.
@@ -273,10 +275,10 @@ def _finished(base: Fit, trial: Trial) -> Fit | None:
     """Carried to convergence with the sub-steps of the base fit; None where it cannot be simulated there."""
     if trial.fit is None:
         return None
-    effect = trial.candidate.effect
+    own, held = trial.candidate.effect.parameters, stated_only(base.held)
+    tolerance = max(TOLERANCE, _LOOSE * (1.0 - 1.0 / max(trial.fit.chi2, 1.0)))
     try:
-        full = fit_identified(trial.fit.setup, base.plan, stated_only(base.held), _THIRD, trial.fit, effect.parameters)
-        full = released(full, effect.parameters)
+        full = released(fit_identified(trial.fit.setup, base.plan, held, _THIRD, trial.fit, own, tolerance), own)
     except PhnnError:
         return None
     return replace(full, alternatives=trial.fit.alternatives)

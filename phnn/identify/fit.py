@@ -14,6 +14,8 @@ from phnn.setup import Setup
 
 Array = NDArray[np.float64]
 
+# Relative change of the sum of squares and of the variables at which a fit stops.
+TOLERANCE = 3e-7
 # A parameter whose estimation coordinate is uncertain by more than this is not identified by the recordings.
 _UNIDENTIFIED = 1.5
 _BLOCKS = 20
@@ -84,7 +86,7 @@ def fit(
     names: Sequence[str],
     held: Mapping[str, str] | None = None,
     max_evaluations: int = 40,
-    tolerance: float = 3e-7,
+    tolerance: float = TOLERANCE,
     origin: Fit | None = None,
     use: str = "identification",
     begun: Problem | None = None,

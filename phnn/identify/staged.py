@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import InputRefused, PhnnError
-from phnn.identify.fit import Fit, distinct_optima, fit, unidentified
+from phnn.identify.fit import TOLERANCE, Fit, distinct_optima, fit, unidentified
 from phnn.identify.problem import Plan, Problem, variables_of
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Anchor, Recording, dominant_frequency
@@ -102,11 +102,13 @@ def fit_identified(
     max_evaluations: int = 60,
     origin: Fit | None = None,
     keep: Sequence[str] = (),
+    tolerance: float = TOLERANCE,
 ) -> Fit:
     """Fit what the recordings identify; the rest is held at its value and reported.
 
     Args:
         keep: parameters that are estimated in any case.
+        tolerance: where to stop, as of `phnn.identify.fit.fit`.
     """
     free = [n for n in setup.free if n not in held]
     reasons = dict(held)
@@ -118,12 +120,14 @@ def fit_identified(
             reasons[name] = _reason(setup, name)
     names = [n for n in free if n not in reasons]
     same = names == free and (origin is None or not problem.variables.unknown)
-    found = fit(setup, plan, names, reasons, max_evaluations, origin=origin, begun=problem if same else None)
+    begun = problem if same else None
+    found = fit(setup, plan, names, reasons, max_evaluations, tolerance, origin, begun=begun)
     weak = [n for n in unidentified(found.jacobian[:, : len(names)], names) if n not in keep]
     if not weak:
         return found
     reasons |= {n: _reason(found.setup, n) for n in weak}
-    return fit(found.setup, plan, [n for n in names if n not in weak], reasons, max_evaluations, origin=found)
+    left = [n for n in names if n not in weak]
+    return fit(found.setup, plan, left, reasons, max_evaluations, tolerance, found)
 
 
 def _reason(setup: Setup, name: str) -> str:
