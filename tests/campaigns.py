@@ -89,8 +89,8 @@ def recorded(
     """A setup's own output on an input, from rest, with white noise and a displacement zero."""
     part = Part(name, 0, t.size, "identification")
     blank = Recording(
-        name, t, u, np.zeros_like(t), Start("rest", 0.0), interpolation, (part,), noise, "stated", np.array([1.0]), None,
-        {}, name,
+        name, t, u, np.zeros_like(t), Start("rest", 0.0), interpolation, (part,), noise, "stated", np.array([1.0]),
+        None, {}, name,
     )  # fmt: skip
     y = simulate(setup, blank, 4).y + 3e-6 + noise * np.random.default_rng(seed).standard_normal(t.size)
     return Recording(
