@@ -10,8 +10,9 @@ unknown start are variables beside ``θ``.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -51,17 +52,22 @@ class Plan:
         tasks = list(zip(self.recordings, *sequences, strict=True))
         if self.workers < 2 or len(tasks) < 2:
             return [function(*task) for task in tasks]
-        with ThreadPoolExecutor(self.workers) as pool:
-            # The longest first: one that comes last would leave the other threads idle.
-            order = sorted(
-                range(len(tasks)), key=lambda i: -self.recordings[i].t.size * self.steps_of(self.recordings[i])
-            )
-            waiting = {i: pool.submit(function, *tasks[i]) for i in order}
-            return [waiting[i].result() for i in range(len(tasks))]
+        # The longest first: one that comes last would leave the other threads idle.
+        order = sorted(range(len(tasks)), key=lambda i: -self.recordings[i].t.size * self.steps_of(self.recordings[i]))
+        waiting = {i: _threads(self.workers).submit(function, *tasks[i]) for i in order}
+        # All are awaited before the first failure is passed on: none may work on behind the caller's back.
+        wait(waiting.values())
+        return [waiting[i].result() for i in range(len(tasks))]
 
     def coarse(self) -> Plan:
         """The same recordings with a quarter of the sub-steps, for first looks."""
         return replace(self, substeps={r.name: max(1, self.steps_of(r) // 4) for r in self.recordings})
+
+
+@cache
+def _threads(count: int) -> ThreadPoolExecutor:
+    """Threads that are kept: a fit asks for them a thousand times."""
+    return ThreadPoolExecutor(count)
 
 
 @dataclass(frozen=True)
