@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from phnn.errors import InputRefused, PhnnError
 from phnn.identify.fit import TOLERANCE, Fit, distinct_optima, fit, unidentified
+from phnn.identify.looks import first_look
 from phnn.identify.problem import Plan, Problem, variables_of
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Anchor, Recording, dominant_frequency
@@ -51,18 +52,18 @@ def identify_actuator(
     strangers = sorted(set(anchored) - set(hrc(hysterons).parameters))
     if strangers:
         raise InputRefused(f"known: no parameter {strangers[0]}; this model has {', '.join(hrc(hysterons).parameters)}")
-    points = mechanical_points(plan, anchored)
-    mechanical = _mechanical(points, plan, held)
+    points, look = mechanical_points(plan, anchored), first_look(plan)
+    mechanical = _mechanical(points, look, held)
     if hysterons == 0:
         return fit_identified(mechanical.setup, plan, held)
     candidates = [
-        *_linear_starts(mechanical.setup, plan, hysterons, anchored, held),
+        *_linear_starts(mechanical.setup, look, hysterons, anchored, held),
         *(s for p in points for s in _random_starts(p, plan, hysterons, anchored, starts, seed)),
     ]
     tried = []
     for candidate in candidates:
         try:
-            tried.append(fit_identified(candidate, plan, held, max_evaluations=_QUICK))
+            tried.append(fit_identified(candidate, look, held, max_evaluations=_QUICK))
         except PhnnError:
             continue
     if not tried:
