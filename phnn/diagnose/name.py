@@ -107,7 +107,8 @@ def score(
     judged = value / doubt(np.diag(covariance), np.ones_like(value))
     squares = np.einsum("ij,ij->j", d, d)
     strengths = along / np.maximum(squares, 1e-300)
-    saved = squares * (2.0 * strengths - 1.0)
+    # What changes nothing saves nothing either, but there is no way from there.
+    saved = np.where(alive, squares * (2.0 * strengths - 1.0), -np.inf)
     candidates = _best_of_each(points, value, judged, strengths, saved, null)
     candidates += [Candidate(c.effect, c.values, (), c.deviate, tail(null, c.judged)) for c in lines]
     statistic = float(max([value.max(initial=0.0), *(c.deviate for c in lines)]))
@@ -133,7 +134,8 @@ def _best_of_each(
     found = []
     for effect in dict.fromkeys(e for e, _ in points):
         mine = [i for i, (e, _) in enumerate(points) if e is effect]
-        order = sorted(mine, key=lambda i: -(value if effect.strength is not None else saved)[i])
+        rank = value if effect.strength is not None else saved
+        order = sorted(mine, key=lambda i: -rank[i])
         starts = [effect.scaled(points[i][1], float(strengths[i])) for i in order]
         best = float(max(value[i] for i in mine))
         p_value = tail(null, float(max(judged[i] for i in mine)))

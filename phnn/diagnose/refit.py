@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from phnn.diagnose.ground import Ground, prepare
 from phnn.diagnose.name import Candidate, first_by_name
-from phnn.diagnose.starts import bold_starts, has_bold_starts
+from phnn.diagnose.starts import bold_starts, clamped, has_bold_starts
 from phnn.diagnose.trial import Trial, criterion
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
@@ -43,7 +43,9 @@ _WITHIN = 0.25
 _SETTLED, _RIVAL = 0.05, 0.75
 # Where the best one leaves more than this share, another may explain much more whose score does not show it.
 _UNEXPLAINED = 0.1
-# Where a refit stops that leaves much: what remains tells no finer differences apart.
+# What leaves more than this share from where the score begins has been led nowhere by it.
+_ASTRAY = 0.5
+# Relative change at which a refit that leaves much stops.
 _LOOSE = 1e-5
 _CHUNK = 3
 _OTHER_STARTS = 2
@@ -98,7 +100,7 @@ def _again(
 def _boldly(base: Fit, trials: list[Trial], hidden: list[Trial], executor: Executor) -> list[Trial]:
     """Looks from starts at finite strengths, for all whose score has led nowhere; further steps of the best."""
     tried = {t.candidate.effect for t in trials}
-    astray = [t for t in trials if not _settled(t, base, 1.0 - _UNEXPLAINED)]
+    astray = [t for t in trials if not _settled(t, base, _ASTRAY)]
     todo = [*astray, *(h for h in hidden if h.candidate.effect not in tried)]
     # Wherever the looks are done, they need no trajectories.
     ground = replace(prepare(_as_sent(base, executor)), trajectories=())
@@ -194,7 +196,7 @@ def _first_steps(base: Fit, candidate: Candidate) -> Fit | None:
 def _few_steps(base: Fit, effect: Effect, setup: Setup, values: Mapping[str, float], evaluations: int) -> Fit | None:
     """Steps with coarse sub-steps; None where the start cannot be simulated."""
     try:
-        begun = _clamped(effect, setup, values)
+        begun = clamped(effect, setup, values)
         own = [n for n in effect.parameters if not begun.parameters[n].fixed]
         names = [*base.variables.names, *own]
         origin = None
@@ -275,27 +277,17 @@ def _finished(base: Fit, trial: Trial) -> Fit | None:
     """Carried to convergence with the sub-steps of the base fit; None where it cannot be simulated there."""
     if trial.fit is None:
         return None
-    own, held = trial.candidate.effect.parameters, stated_only(base.held)
-    tolerance = max(TOLERANCE, _LOOSE * (1.0 - 1.0 / max(trial.fit.chi2, 1.0)))
+    own, held, begun = trial.candidate.effect.parameters, stated_only(base.held), trial.fit
     try:
-        full = released(fit_identified(trial.fit.setup, base.plan, held, _THIRD, trial.fit, own, tolerance), own)
+        full = fit_identified(begun.setup, base.plan, held, _THIRD, begun, own, _tolerance(begun))
+        if _tolerance(full) < 0.5 * _tolerance(begun):
+            full = fit_identified(full.setup, base.plan, held, _THIRD, full, own, _tolerance(full))
+        full = released(full, own)
     except PhnnError:
         return None
-    return replace(full, alternatives=trial.fit.alternatives)
+    return replace(full, alternatives=begun.alternatives)
 
 
-def _clamped(effect: Effect, setup: Setup, values: Mapping[str, float]) -> Setup:
-    """The effect at starting values moved inside the bounds of its parameters."""
-    probe = effect.add_to(setup, effect_defaults(effect, values))
-    inside = {}
-    for name in effect.parameters:
-        p = probe.parameters[name]
-        inside[name] = p.value if p.fixed else min(max(values[name], p.lower), p.upper)
-    return effect.add_to(setup, inside)
-
-
-def effect_defaults(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
-    """Values with a two-sided strength at zero, which lies within every bound."""
-    if effect.one_sided or effect.strength is None:
-        return dict(values)
-    return dict(values) | {effect.strength: 0.0}
+def _tolerance(found: Fit) -> float:
+    """Where a refit stops: what leaves much is told apart from others by large differences only."""
+    return max(TOLERANCE, _LOOSE * (1.0 - 1.0 / max(found.chi2, 1.0)))

@@ -14,6 +14,7 @@ import numpy as np
 from phnn.diagnose.ground import Ground, direction
 from phnn.effects import Effect
 from phnn.errors import PhnnError
+from phnn.setup import Setup
 
 # Multiples of the grid's strengths, which are small ones; how many starts are proposed.
 _STRENGTHS = tuple(10.0 ** (0.5 * k) for k in range(1, 10))
@@ -68,3 +69,20 @@ def _strong(
         if best is None or off < best[0]:
             best = off, float(np.sum((ground.residual - change) ** 2)), values
     return None if best is None else best[1:]
+
+
+def clamped(effect: Effect, setup: Setup, values: Mapping[str, float]) -> Setup:
+    """The effect at starting values moved inside the bounds of its parameters."""
+    probe = effect.add_to(setup, _defaults(effect, values))
+    inside = {}
+    for name in effect.parameters:
+        p = probe.parameters[name]
+        inside[name] = p.value if p.fixed else min(max(values[name], p.lower), p.upper)
+    return effect.add_to(setup, inside)
+
+
+def _defaults(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+    """Values with a two-sided strength at zero, which lies within every bound."""
+    if effect.one_sided or effect.strength is None:
+        return dict(values)
+    return dict(values) | {effect.strength: 0.0}

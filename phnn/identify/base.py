@@ -119,10 +119,11 @@ def settled(first: Fit, bound: float, keep: Sequence[str] = ()) -> tuple[Fit, Nu
     for _ in range(3):
         plan = substeps_for(fitted.setup, fitted.plan, bound, fitted.initial_states)
         fitted = fit_identified(fitted.setup, plan, stated_only(fitted.held), origin=fitted, keep=keep)
+        fitted = resumed(fitted)
         error = numerical_error(fitted)
         if error.sigma <= bound:
             break
-    free = released(resumed(fitted), keep)
+    free = released(fitted, keep)
     if free is not fitted:
         fitted, error = free, numerical_error(free)
     return replace(fitted, alternatives=first.alternatives), error

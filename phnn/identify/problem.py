@@ -55,8 +55,13 @@ class Plan:
         # The longest first: one that comes last would leave the other threads idle.
         order = sorted(range(len(tasks)), key=lambda i: -self.recordings[i].t.size * self.steps_of(self.recordings[i]))
         waiting = {i: _threads(self.workers).submit(function, *tasks[i]) for i in order}
-        # All are awaited before the first failure is passed on: none may work on behind the caller's back.
-        wait(waiting.values())
+        try:
+            # All are awaited before the first failure is passed on: none may work on behind the caller's back.
+            wait(waiting.values())
+        except BaseException:
+            for task in waiting.values():
+                task.cancel()
+            raise
         return [waiting[i].result() for i in range(len(tasks))]
 
     def coarse(self) -> Plan:

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
 from phnn.errors import PhnnError
 from phnn.identify.fit import Fit, fit
@@ -21,6 +22,8 @@ _SHARE, _LEAST = 0.1, 12.0
 # Lengths of the step beyond the ripples, how often it is made, and the largest change of a coordinate.
 _LENGTHS, _TIMES, _FARTHEST = (1.0, 0.5), 3, 2.0
 _FULL = 40
+# A bound on a step may not be met by both ends.
+_NONE = 1e-12
 
 
 def resumed(fitted: Fit) -> Fit:
@@ -43,12 +46,15 @@ def resumed(fitted: Fit) -> Fit:
 
 
 def _step(fitted: Fit) -> tuple[Array, float]:
-    """The Gauss–Newton step inside the bounds, and the saving that it promises."""
+    """The step that promises most inside the bounds, and the saving that it promises."""
     if not fitted.z.size:
         return fitted.z, 0.0
-    step, *_ = np.linalg.lstsq(fitted.jacobian, -fitted.residual, rcond=None)
+    q, triangle = np.linalg.qr(fitted.jacobian)
     lower, upper = fitted.variables.bounds(fitted.setup)
-    step = np.clip(fitted.z + np.clip(step, -_FARTHEST, _FARTHEST), lower, upper) - fitted.z
+    # Rounding may have left an estimate a little beyond its bound.
+    low = np.minimum(np.maximum(lower - fitted.z, -_FARTHEST), -_NONE)
+    high = np.maximum(np.minimum(upper - fitted.z, _FARTHEST), _NONE)
+    step = lsq_linear(triangle, -q.T @ fitted.residual, (low, high)).x
     return step, fitted.cost - float(np.sum((fitted.residual + fitted.jacobian @ step) ** 2))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from phnn.diagnose.ground import direction, prepare
-from phnn.diagnose.name import Candidate
+from phnn.diagnose.name import Candidate, score
 from phnn.diagnose.refit import refit
 from phnn.diagnose.starts import bold_starts, has_bold_starts
 from phnn.diagnose.trial import Trial, class_of
@@ -123,6 +123,22 @@ def test_a_slew_limit_that_only_steps_of_the_command_meet_is_found() -> None:
     found = refit(base, [Candidate(effect("slew_limit"), near, (), 10.0, 1e-3)])[0]
     assert found.fit is not None and found.fit.chi2 < 1.1 < base.chi2
     assert found.fit.setup.values()["S"] == pytest.approx(1.4e6, rel=0.05)
+
+
+def test_limits_that_nothing_meets_are_no_starts() -> None:
+    limit = effect("slew_limit")
+    drive = campaigns.recorded(Setup(hrc(2)), "sine", T, 80.0 * np.sin(200.0 * np.pi * T), 1e-8)
+    plan = Plan((drive,), {"sine": 4})
+    steepest = max(v["S"] for v in limit.grid(prepare(fit_identified(Setup(hrc(2)), plan, HELD)).scales))
+    true = limit.add_to(Setup(hrc(2)), {"S": 0.99 * 2.0 * np.pi * 100.0 * 80.0})
+    made = campaigns.recorded(true, "sine", T, drive.u, 1e-8, 2)
+    base = fit_identified(Setup(hrc(2)), Plan((made,), {"sine": 4}), HELD)
+    named = score(prepare(base), [limit], None, 0).by_name["slew_limit"]
+    met = [v["S"] for v in (named.values, *named.others)]
+    assert named.p_value < 1e-3
+    assert max(met) < steepest / 100.0
+    found = refit(base, [named])[0]
+    assert found.fit is not None and found.fit.chi2 < 1.2 < base.chi2
 
 
 def test_a_special_case_ends_where_the_general_one_does() -> None:
