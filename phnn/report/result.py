@@ -167,6 +167,7 @@ def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "tied": named[1:] if named else list(j.location.tied),
         "dictionary": [j.location.name, *j.location.tied],
         "scores": {n: round(s, 4) for n, s in j.location.scores.items()},
+        "ranks": {n: round(j.location.ranks[n], 4) for n in j.location.scores},
         "recordings": {n: {"residual_over_noise": v} for n, v in recording_scores(j.ground).items()},
         "frequencies_Hz": strongest_frequencies(j.ground),
         "times_s": strongest_times(j.ground),

@@ -157,6 +157,9 @@ def test_location_bars_mark_the_best_and_its_ties() -> None:
     assert [bool(bar.get_hatch()) for bar in bars] == [False, True, False, False]
     assert bars[0].get_facecolor() != bars[2].get_facecolor()
     assert [text.get_text() for text in figure.axes[0].texts] == ["0.90", "0.89", "−0.10", "not tried"]
+    assert "longer" not in figure.axes[0].get_xlabel()
+    longer = (("sensor", 0.95), *scores)
+    assert "longer" in draw_locations(Location("mechanical", "", (), longer, (), (), ())).axes[0].get_xlabel()
 
 
 def test_overview_shows_before_and_after_of_every_recording() -> None:

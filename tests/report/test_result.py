@@ -77,7 +77,7 @@ def test_document_has_the_keys_that_others_read(case: str) -> None:
             assert set(parameter) == {"value", "unit", "std"}
     if content["location"] is not None:
         assert set(content["location"]) == {
-            "name", "detail", "dictionary", "tied", "scores", "recordings", "frequencies_Hz", "times_s"
+            "name", "detail", "dictionary", "tied", "scores", "ranks", "recordings", "frequencies_Hz", "times_s"
         }  # fmt: skip
         assert set(content["location"]["scores"]) <= set(LOCATIONS)
         for row in content["location"]["recordings"].values():

@@ -41,7 +41,12 @@ def draw_locations(location: Location) -> Figure:
     axes.spines["left"].set_visible(False)
     axes.axvline(0.0, color="#8f969c", linewidth=0.8)
     quiet_grid(axes, "x")
-    axes.set_xlabel("share of the explainable residual, predicted on recordings left out (1 = all of it)")
+    label = "share of the explainable residual, predicted on recordings left out (1 = all of it)"
+    best = dict(location.scores).get(location.name)
+    if best is not None and max(values) > best:
+        # The best one need not have the longest bar.
+        label += "\na longer bar counts less where no other recording can confirm it, or where a refit has decided"
+    axes.set_xlabel(label)
     if any(name in location.tied for name, _ in location.scores if name != location.name):
         handles = [
             Patch(facecolor=AFTER, label="best"),
