@@ -26,9 +26,8 @@ from phnn.setup import Setup
 
 Array = NDArray[np.float64]
 
-# Evaluations of a look from a bold start and of the three rounds, and how many candidates go on from such a look and
-# enter the second and the third round.
-_LOOK, _FIRST, _SECOND, _THIRD = 3, 5, 8, 40
+# Evaluations of the three rounds, and how many candidates go on from bold starts and enter the second and the third.
+_FIRST, _SECOND, _THIRD = 5, 8, 40
 _ENTER_BOLD, _ENTER_SECOND, _ENTER_THIRD = 6, 6, 4
 # What saves less than this share of the best saving in the first round, or costs this many times as much after the
 # second, cannot win.
@@ -98,14 +97,14 @@ def _again(
 
 
 def _boldly(base: Fit, trials: list[Trial], hidden: list[Trial], executor: Executor) -> list[Trial]:
-    """Looks from starts at finite strengths, for all whose score has led nowhere; further steps of the best."""
+    """A few steps from starts at finite strengths of all whose score has led nowhere; further ones of the best."""
     tried = {t.candidate.effect for t in trials}
     astray = [t for t in trials if not _settled(t, base, _ASTRAY)]
     todo = [*astray, *(h for h in hidden if h.candidate.effect not in tried)]
-    # Wherever the looks are done, they need no trajectories.
+    # Wherever the steps are made, they need no trajectories.
     ground = replace(prepare(_as_sent(base, executor)), trajectories=())
-    look = partial(_from_bold_starts, ground)
-    trials = _again(look, base, trials, [t for t in todo if has_bold_starts(t.candidate.effect)], executor)
+    begun = partial(_from_bold_starts, ground)
+    trials = _again(begun, base, trials, [t for t in todo if has_bold_starts(t.candidate.effect)], executor)
     return _again(_further, base, trials, trials[:_ENTER_BOLD], executor)
 
 
@@ -172,7 +171,7 @@ def _comes_near(trial: Trial, best: Trial, base: Fit) -> bool:
 
 def _moving(fitted: Fit) -> bool:
     """Whether a few steps have ended before they came to rest."""
-    return fitted.evaluations in (_LOOK, _FIRST, _SECOND)
+    return fitted.evaluations in (_FIRST, _SECOND)
 
 
 def _as_sent(base: Fit, executor: Executor) -> Fit:
@@ -252,9 +251,9 @@ def _from_several_starts(base: Fit, trial: Trial) -> Fit | None:
 
 
 def _from_bold_starts(ground: Ground, base: Fit, trial: Trial) -> Fit | None:
-    """The best so far, or a better one after a look from starts at finite strengths."""
+    """The best so far, or a better one after a few steps from starts at finite strengths."""
     effect, so_far = trial.candidate.effect, trial.fit
-    tried = [_few_steps(base, effect, base.setup, values, _LOOK) for values in bold_starts(ground, effect)]
+    tried = [_few_steps(base, effect, base.setup, values, _FIRST) for values in bold_starts(ground, effect)]
     better = min((f for f in tried if f is not None), key=lambda f: f.cost, default=so_far)
     if so_far is None or better is None:
         return better

@@ -18,7 +18,7 @@ from phnn.setup import Setup
 
 # Multiples of the grid's strengths, which are small ones; how many starts are proposed.
 _STRENGTHS = tuple(10.0 ** (0.5 * k) for k in range(1, 10))
-_BOLD = 3
+_BOLD = 4
 # What an effect changes at its start, as a share of the squares that are left to be explained: about this, at most
 # that.
 _SHARE, _TOO_MUCH = 0.5, 3.0
