@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 # What is promised must be worth this share of the excess over the noise, and as many residual variances.
 _SHARE, _LEAST = 0.1, 12.0
 # Lengths of the step beyond the ripples, how often it is made, and the largest change of a coordinate.
-_LENGTHS, _TIMES, _FARTHEST = (1.0, 0.5), 3, 2.0
-_FULL = 40
+_LENGTHS, _TIMES, _FARTHEST = (2.0, 1.0, 0.5), 5, 2.0
+_FEW = 8
 # A bound on a step may not be met by both ends.
 _NONE = 1e-12
 
@@ -34,12 +34,12 @@ def resumed(fitted: Fit) -> Fit:
     """
     for _ in range(_TIMES):
         step, promise = _step(fitted)
-        excess = max(fitted.cost - fitted.residual.size, 0.0)
-        if promise < max(_SHARE * excess, _LEAST * max(1.0, fitted.chi2)):
+        excess, least = max(fitted.cost - fitted.residual.size, 0.0), _LEAST * max(1.0, fitted.chi2)
+        if promise < max(_SHARE * excess, least):
             break
         tried = [f for length in _LENGTHS if (f := _from(fitted, length * step)) is not None]
         best = min(tried, key=lambda f: f.cost, default=fitted)
-        if best.cost >= fitted.cost - _SHARE * promise:
+        if best.cost > fitted.cost - least:
             break
         fitted = best
     return fitted
@@ -64,6 +64,6 @@ def _from(fitted: Fit, step: Array) -> Fit | None:
     there = fitted.variables.setup(fitted.setup, z)
     origin = replace(fitted, z=z, setup=there)
     try:
-        return fit(there, fitted.plan, fitted.variables.names, fitted.held, _FULL, origin=origin)
+        return fit(there, fitted.plan, fitted.variables.names, fitted.held, _FEW, origin=origin)
     except PhnnError:
         return None
