@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from phnn.diagnose.judge import Judgement, judge
 from phnn.diagnose.propose import NextExperiment, propose
 from phnn.diagnose.scored import scored
+from phnn.diagnose.select import WELL, share_of
+from phnn.diagnose.trial import MATERIAL
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.ensemble import executor
 from phnn.identify.base import Options, Progress, identify_base, quiet, refined
@@ -22,6 +24,8 @@ from phnn.setup import Setup
 
 # Above this score along a candidate's direction a numerical error could be named as physics.
 _FAKE = 0.3
+# Share of the excess in the held-out recordings that confirms an effect.
+_CONFIRMS = 0.5
 
 
 @dataclass(frozen=True)
@@ -114,7 +118,7 @@ def _confirmed(judgement: Judgement, base: Fit, campaign: Campaign) -> tuple[Jud
     """The judgement after the held-out recordings had the last word, and the scores of both models on all recordings.
 
     What does not help them is not named, nor kept if it was learned. What the numerical error could fake is not named
-    either.
+    either. What explained less than nine tenths of the others, and not half of these, explains nothing.
     """
     before = score_on_all(base, campaign)
     after = score_on_all(judgement.final, campaign) if judgement.final is not base else before
@@ -127,7 +131,25 @@ def _confirmed(judgement: Judgement, base: Fit, campaign: Campaign) -> tuple[Jud
         judgement = replace(judgement, verdict="equivalent")
     if judgement.learned and useless:
         return replace(judgement, final=base, final_ground=judgement.ground, learned=False), before, before
+    if judgement.findings and _refuted(judgement, granted, after):
+        refuted = replace(
+            judgement,
+            verdict="unknown",
+            findings=(),
+            final=base,
+            final_ground=judgement.ground,
+            remainder=judgement.naming,
+            remainder_location=judgement.location,
+        )
+        return refuted, before, before
     return judgement, before, after
+
+
+def _refuted(judgement: Judgement, before: Evaluation, after: Evaluation) -> bool:
+    """Whether effects that do not explain well leave more than half of what there is in the held-out recordings."""
+    explained = share_of(judgement.ground.fit, judgement.final, judgement.naming)
+    had, has = (e.over_noise("confirmation") ** 2 for e in (before, after))
+    return explained < WELL and has > MATERIAL and has - 1.0 > (1.0 - _CONFIRMS) * (had - 1.0)
 
 
 def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:

@@ -12,13 +12,15 @@ from phnn.diagnose.name import Naming
 from phnn.diagnose.place import located
 from phnn.diagnose.scored import Scored, excess, scored
 from phnn.diagnose.select import EXPLAINS_MORE, WELL, Finding, misplaced, select, share_of
-from phnn.diagnose.trial import Trial
+from phnn.diagnose.trial import MATERIAL, Trial
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
 from phnn.identify.fit import Fit
 
 # A learned element must leave less than this share of what a named one leaves.
 _CLEARLY = 0.5
+# What several effects explain together must be at least this share: two imitate much that neither is.
+_SEVERAL = 0.95
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,8 @@ def judge(
     if findings and misplaced(selected, location):
         if share > EXPLAINS_MORE and left is not None and located(left):
             location = _also(location, left.name)
+        return _unknown(ground, naming, location, tried, seed, learned)
+    if len(findings) > 1 and final.chi2 > MATERIAL and share < _SEVERAL:
         return _unknown(ground, naming, location, tried, seed, learned)
     if not findings or (learned is not None and excess(learned) < _CLEARLY * excess(final)):
         return _unknown(ground, naming, location, tried, seed, learned)
