@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from phnn.diagnose.finding import Finding
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.learn import learn
 from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Naming
 from phnn.diagnose.place import located
 from phnn.diagnose.scored import Scored, excess, scored
-from phnn.diagnose.select import EXPLAINS_MORE, WELL, Finding, misplaced, select, share_of
+from phnn.diagnose.select import EXPLAINS_MORE, WELL, misplaced, select, share_of
 from phnn.diagnose.trial import MATERIAL, Trial
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor

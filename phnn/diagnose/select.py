@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from phnn.diagnose.finding import Finding, effects_of, own_parameters
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Naming
 from phnn.diagnose.place import elsewhere, in_place, located, may_lie, of_its_kinds
 from phnn.diagnose.refit import refit
+from phnn.diagnose.retest import retested
 from phnn.diagnose.scored import SIGNIFICANT, Scored, excess, scored
-from phnn.diagnose.trial import MATERIAL, Trial, class_of, fair_cost, tie
+from phnn.diagnose.trial import MATERIAL, Trial, class_of, criterion, tie
 from phnn.effects import Effect
 from phnn.ensemble import Executor
 from phnn.errors import PhnnError
 from phnn.identify.base import Options, settled
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import numerical_error
-from phnn.identify.staged import fit_identified, stated_only
 
-# Candidates that are refitted: for a first effect, for a further one, and in the place of an earlier one.
-_REFITS, _REFITS_MORE, _RETESTED = 14, 6, 3
+# Candidates that are refitted: for a first effect and for a further one.
+_REFITS, _REFITS_MORE = 14, 6
 # Below this share of the excess residual explained, a catalogue entry is no explanation, not even in another form;
 # a further one is not below that share of what the ones before it left.
 _EXPLAINS, EXPLAINS_MORE = 0.5, 0.7
@@ -31,26 +32,12 @@ _EXPLAINS_SOME = 0.25
 WELL = 0.9
 # A floor estimated from a recording is no better known than this: less above it is not held against an effect.
 _NOISE = 1.02**2
+# Another form that leaves more than this may as well be two effects.
+_MUCH = 2.0**2
+# Refits that end within this many ties of the best one are compared with numerical error bounded.
+_NEARBY = 10.0
 # Numerical error allowed beside what is left, as a share of its norm.
 _OF_WHAT_IS_LEFT = 0.05
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One effect that was added, with everything that was tried for it."""
-
-    trial: Trial
-    members: tuple[Trial, ...]
-    trials: tuple[Trial, ...]
-    naming: Naming
-
-    @property
-    def evidence(self) -> tuple[float, float]:
-        """Statistic and p-value: of its own score, or the supremum's where only a refit has shown it."""
-        own = self.trial.candidate
-        if own.p_value < SIGNIFICANT:
-            return own.score, own.p_value
-        return self.naming.statistic, self.naming.p_value
 
 
 @dataclass(frozen=True)
@@ -100,6 +87,8 @@ def select(
     search = _Search(found.ground, location, effects, seed, executor)
     steps = [Selected((), found, 1.0)]
     tried: tuple[Trial, ...] = ()
+    # How many steps make up one that may be all there is in another form: more of them must leave nothing.
+    enough: int | None = None
     while len(steps) <= max_effects and steps[-1].model.significant:
         last = steps[-1]
         here = last.model.remaining or location
@@ -107,7 +96,8 @@ def select(
         able = able[: _REFITS_MORE if last.findings else _REFITS]
         # Where these explain little, the base model may have taken over so much that score and place deceive: then all
         # of the catalogue is tried.
-        trials = in_place(refit(last.model.ground.fit, able, executor, last.model.naming.candidates), here)
+        trials = refit(last.model.ground.fit, able, executor, last.model.naming.candidates)
+        trials = in_place(_compared(trials, own_parameters(last.findings)), here)
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
@@ -117,9 +107,15 @@ def select(
         if step.model.significant and step.share < _EXPLAINS_SOME:
             break
         steps.append(step)
-        left = step.model.remaining
-        if left is None or step.model.ground.fit.chi2 < MATERIAL or _in_another_form(step, location, left):
+        left, chi2 = step.model.remaining, step.model.ground.fit.chi2
+        if left is None or chi2 < MATERIAL:
             break
+        if enough is None and _in_another_form(step, location, left):
+            enough = len(steps)
+            if chi2 < _MUCH:
+                break
+    if enough is not None and steps[-1].model.remaining is not None:
+        del steps[enough:]
     while len(steps) > 1 and not _kept(steps):
         steps.pop()
     return steps[-1], tried
@@ -146,15 +142,15 @@ def _in_another_form(step: Selected, location: Location, left: Location) -> bool
 
     Functions of its own kind have to say so: a constant, of which there are none, has no other form.
     """
-    has_forms = any(of_its_kinds(left, e) for e in _effects(step.findings))
+    has_forms = any(of_its_kinds(left, e) for e in effects_of(step.findings))
     well = step.share > WELL and located(left)
-    return has_forms and well and not elsewhere(_effects(step.findings), location, left)
+    return has_forms and well and not elsewhere(effects_of(step.findings), location, left)
 
 
 def misplaced(step: Selected, location: Location) -> bool:
     """Whether a selection leaves more than the noise level is known to, and that elsewhere than what was named."""
     left, chi2 = step.model.remaining, step.model.ground.fit.chi2
-    return left is not None and chi2 > _NOISE and elsewhere(_effects(step.findings), location, left, chi2 < MATERIAL)
+    return left is not None and chi2 > _NOISE and elsewhere(effects_of(step.findings), location, left, chi2 < MATERIAL)
 
 
 def _kept(steps: Sequence[Selected]) -> bool:
@@ -164,13 +160,13 @@ def _kept(steps: Sequence[Selected]) -> bool:
     """
     last = steps[-1]
     left = last.model.remaining
-    if left is None:
+    if left is None or last.model.ground.fit.chi2 < _NOISE:
         return True
     if len(steps) == 2:
         whole = steps[0].model.remaining
         placed = located(left) or (whole is not None and located(whole))
         return last.share >= (_EXPLAINS if placed else EXPLAINS_MORE)
-    own = not elsewhere(_effects(last.findings[-1:]), left, left)
+    own = not elsewhere(effects_of(last.findings[-1:]), left, left)
     return last.share >= EXPLAINS_MORE and (own or not located(left))
 
 
@@ -183,22 +179,13 @@ def _with(search: _Search, last: Selected, trials: Sequence[Trial]) -> Selected:
     members = class_of(trials, model.significant)
     if model.significant:
         members += [t for t in trials if t not in members and _as_well(t, best, last)]
-        fitted = _exact(fitted, [*_own(last.findings), *best.candidate.effect.parameters])
+        fitted = _exact(fitted, [*own_parameters(last.findings), *best.candidate.effect.parameters])
         best = members[0] = Trial(best.candidate, fitted)
     findings = (*last.findings, Finding(best, tuple(members), tuple(trials), last.model.naming))
-    findings, fitted = _retested(search, findings, fitted)
+    findings, fitted = retested(search.ground.fit, search.location, findings, fitted, search.executor)
     if fitted is not model.ground.fit:
         model = search.scored(fitted)
     return Selected(findings, model, share)
-
-
-def _effects(findings: Sequence[Finding]) -> list[Effect]:
-    return [f.trial.candidate.effect for f in findings]
-
-
-def _own(findings: Sequence[Finding]) -> list[str]:
-    """Parameters of the effects that were found."""
-    return [n for f in findings for n in f.trial.candidate.effect.parameters]
 
 
 def _exact(fitted: Fit, keep: Sequence[str]) -> Fit:
@@ -215,6 +202,18 @@ def _exact(fitted: Fit, keep: Sequence[str]) -> Fit:
         return fitted
 
 
+def _compared(trials: list[Trial], keep: Sequence[str]) -> list[Trial]:
+    """The trials, best first, those that end near the best one compared without the numerical error of either."""
+    if trials[0].fit is None:
+        return trials
+    most = trials[0].fair_cost + _NEARBY * tie(trials[0].fit)
+    near = [t for t in trials if t.fit is not None and t.fair_cost <= most]
+    if len(near) < 2:
+        return trials
+    exact = [replace(t, fit=_exact(t.fit, [*keep, *t.candidate.effect.parameters])) for t in near if t.fit is not None]
+    return sorted([*exact, *(t for t in trials if t not in near)], key=criterion)
+
+
 def _as_well(trial: Trial, best: Trial, last: Selected) -> bool:
     """Whether an effect of the best one's kind explains well too: of the forms of one kind, none of them the true one,
     the one that comes nearest need not be its name."""
@@ -222,69 +221,6 @@ def _as_well(trial: Trial, best: Trial, last: Selected) -> bool:
     if trial.fit is None or (effect.location, effect.kind) != (other.location, other.kind):
         return False
     return share_of(last.model.ground.fit, trial.fit, last.model.naming) > WELL
-
-
-def _retested(search: _Search, findings: tuple[Finding, ...], fitted: Fit) -> tuple[tuple[Finding, ...], Fit]:
-    """Every finding once more, now that the last one is there: superfluous, or better another one?
-
-    The last one too: together they may have led an earlier one to where it needs no other.
-    """
-    place = 0
-    while place < len(findings) and len(findings) > 1:
-        others = (*findings[:place], *findings[place + 1 :])
-        alone = _without(search.ground.fit, others, findings[place], fitted)
-        if alone is None:
-            place += 1
-            continue
-        if fair_cost(alone) - fair_cost(fitted) < tie(fitted):
-            findings, fitted = others, alone
-            continue
-        if place == len(findings) - 1:
-            break
-        used = {f.trial.candidate.effect.name for f in others}
-        rivals = [t for t in findings[place].trials[:_RETESTED] if t.candidate.effect.name not in used]
-        trials = in_place(_refitted(alone, rivals, search.executor), search.location)
-        best = trials[0]
-        if best.fit is not None and best.cost <= fitted.cost + tie(fitted):
-            again = Finding(best, tuple(class_of(trials)), tuple(trials), findings[place].naming)
-            findings, fitted = (*findings[:place], again, *findings[place + 1 :]), best.fit
-        place += 1
-    return findings, fitted
-
-
-def _refitted(base: Fit, trials: Sequence[Trial], executor: Executor) -> list[Trial]:
-    """Effects refitted from where they ended beside others: what those refits say counts more than the scores did."""
-    known = {t.candidate.effect: t.candidate for t in trials}
-    ended = [(t.candidate, t.fit.setup.values()) for t in trials if t.fit is not None]
-    again = [replace(c, values={n: v[n] for n in c.effect.parameters}, score=1.0) for c, v in ended]
-    return [Trial(known[t.candidate.effect], t.fit) for t in refit(base, again, executor)]
-
-
-def _without(base: Fit, others: Sequence[Finding], dropped: Finding, fitted: Fit) -> Fit | None:
-    """The base model with some of the effects of a fit, fitted from where that one ended.
-
-    Where that explains less, what was dropped may have taken the place of something of the model's own.
-    """
-    values, own = fitted.setup.values(), dropped.trial.candidate.effect.exchanged
-    best = _fit_with(base, others, values)
-    for moved in own(values) if own is not None else ():
-        if best is not None and fair_cost(best) - fair_cost(fitted) < tie(fitted):
-            break
-        if not set(moved) & set(stated_only(base.held)):
-            other = _fit_with(base, others, {**values, **moved})
-            best = min((f for f in (best, other) if f is not None), key=fair_cost, default=None)
-    return best
-
-
-def _fit_with(base: Fit, findings: Sequence[Finding], values: Mapping[str, float]) -> Fit | None:
-    """The base model with some effects, fitted from parameter values."""
-    setup = base.setup.with_values({n: values[n] for n in base.setup.free})
-    for f in findings:
-        setup = f.trial.candidate.effect.add_to(setup, values)
-    try:
-        return fit_identified(setup, base.plan, stated_only(base.held), origin=base, keep=_own(findings))
-    except PhnnError:
-        return None
 
 
 def share_of(before: Fit, after: Fit, scores: Naming) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import Judgement
 from phnn.diagnose.ledger import account
 from phnn.diagnose.locate import (
@@ -21,7 +22,6 @@ from phnn.diagnose.locate import (
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.picture import Picture, learned_picture, missing_force, picture
 from phnn.diagnose.scored import SIGNIFICANT
-from phnn.diagnose.select import Finding
 from phnn.diagnose.symptoms import seen, symptoms
 from phnn.identify.fit import Fit
 from phnn.identify.staged import fixes_common_factor

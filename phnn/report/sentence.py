@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import Judgement
 from phnn.diagnose.scored import SIGNIFICANT
-from phnn.diagnose.select import Finding
 from phnn.diagnose.words import fitted_in_words, learned_in_words
 
 

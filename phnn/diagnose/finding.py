@@ -1,0 +1,39 @@
+"""An effect that a selection has added."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from phnn.diagnose.name import Naming
+from phnn.diagnose.scored import SIGNIFICANT
+from phnn.diagnose.trial import Trial
+from phnn.effects import Effect
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that was added, with everything that was tried for it."""
+
+    trial: Trial
+    members: tuple[Trial, ...]
+    trials: tuple[Trial, ...]
+    naming: Naming
+
+    @property
+    def evidence(self) -> tuple[float, float]:
+        """Statistic and p-value: of its own score, or the supremum's where only a refit has shown it."""
+        own = self.trial.candidate
+        if own.p_value < SIGNIFICANT:
+            return own.score, own.p_value
+        return self.naming.statistic, self.naming.p_value
+
+
+def effects_of(findings: Sequence[Finding]) -> list[Effect]:
+    """The effects themselves."""
+    return [f.trial.candidate.effect for f in findings]
+
+
+def own_parameters(findings: Sequence[Finding]) -> list[str]:
+    """Parameters of the effects that were found."""
+    return [n for f in findings for n in f.trial.candidate.effect.parameters]

@@ -1,0 +1,85 @@
+"""Backward deletion: whether effects that were found are still needed, or others in their place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from phnn.diagnose.finding import Finding, own_parameters
+from phnn.diagnose.locate import Location
+from phnn.diagnose.place import in_place
+from phnn.diagnose.refit import refit
+from phnn.diagnose.trial import Trial, class_of, fair_cost, tie
+from phnn.ensemble import Executor
+from phnn.errors import PhnnError
+from phnn.identify.fit import Fit
+from phnn.identify.staged import fit_identified, stated_only
+
+# Candidates that are refitted in the place of an earlier one.
+_RETESTED = 3
+
+
+def retested(
+    base: Fit, location: Location, findings: tuple[Finding, ...], fitted: Fit, executor: Executor
+) -> tuple[tuple[Finding, ...], Fit]:
+    """Every finding once more, now that the last one is there: superfluous, or better another one?
+
+    The last one too: together they may have led an earlier one to where it needs no other.
+    """
+    place = 0
+    while place < len(findings) and len(findings) > 1:
+        others = (*findings[:place], *findings[place + 1 :])
+        alone = _without(base, others, findings[place], fitted)
+        if alone is None:
+            place += 1
+            continue
+        if fair_cost(alone) - fair_cost(fitted) < tie(fitted):
+            findings, fitted = others, alone
+            continue
+        if place == len(findings) - 1:
+            break
+        used = {f.trial.candidate.effect.name for f in others}
+        rivals = [t for t in findings[place].trials[:_RETESTED] if t.candidate.effect.name not in used]
+        trials = in_place(_refitted(alone, rivals, executor), location)
+        best = trials[0]
+        if best.fit is not None and best.cost <= fitted.cost + tie(fitted):
+            again = Finding(best, tuple(class_of(trials)), tuple(trials), findings[place].naming)
+            findings, fitted = (*findings[:place], again, *findings[place + 1 :]), best.fit
+        place += 1
+    return findings, fitted
+
+
+def _refitted(base: Fit, trials: Sequence[Trial], executor: Executor) -> list[Trial]:
+    """Effects refitted from where they ended beside others: what those refits say counts more than the scores did."""
+    known = {t.candidate.effect: t.candidate for t in trials}
+    ended = [(t.candidate, t.fit.setup.values()) for t in trials if t.fit is not None]
+    again = [replace(c, values={n: v[n] for n in c.effect.parameters}, score=1.0) for c, v in ended]
+    return [Trial(known[t.candidate.effect], t.fit) for t in refit(base, again, executor)]
+
+
+def _without(base: Fit, others: Sequence[Finding], dropped: Finding, fitted: Fit) -> Fit | None:
+    """The base model with some of the effects of a fit, fitted from where that one ended.
+
+    Where that explains less, the model may have followed what was dropped, or that has taken the place of something of
+    the model's own.
+    """
+    values, own = fitted.setup.values(), dropped.trial.candidate.effect.exchanged
+    best = None
+    for moved in ({}, base.setup.values(), *(own(values) if own is not None else ())):
+        if best is not None and fair_cost(best) - fair_cost(fitted) < tie(fitted):
+            break
+        known = {n: v for n, v in moved.items() if n not in stated_only(base.held)}
+        other = _fit_with(base, others, {**values, **known})
+        best = min((f for f in (best, other) if f is not None), key=fair_cost, default=None)
+    return best
+
+
+def _fit_with(base: Fit, findings: Sequence[Finding], values: Mapping[str, float]) -> Fit | None:
+    """The base model with some effects, fitted from parameter values."""
+    setup = base.setup.with_values({n: values[n] for n in base.setup.free})
+    for f in findings:
+        setup = f.trial.candidate.effect.add_to(setup, values)
+    try:
+        return fit_identified(setup, base.plan, stated_only(base.held), origin=base, keep=own_parameters(findings))
+    except PhnnError:
+        return None
