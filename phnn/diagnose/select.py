@@ -82,7 +82,8 @@ def select(
     Of two effects of one size the first explains but half, so that one is tried upon another while each takes some of
     what is left. Where the best one leaves something elsewhere, others that explain well come into question. What is
     kept in the end either leaves nothing significant, or its last effect took most of what there was and left nothing
-    that has a place: several that nibble at one another's leavings are no explanation.
+    that has a place: several that nibble at one another's leavings are no explanation. One effect in another form gives
+    way to two only where these leave nothing.
     """
     search = _Search(found.ground, location, effects, seed, executor)
     steps = [Selected((), found, 1.0)]
@@ -204,7 +205,7 @@ def _exact(fitted: Fit, keep: Sequence[str]) -> Fit:
 
 def _compared(trials: list[Trial], keep: Sequence[str]) -> list[Trial]:
     """The trials, best first, those that end near the best one compared without the numerical error of either."""
-    if trials[0].fit is None:
+    if not trials or trials[0].fit is None:
         return trials
     most = trials[0].fair_cost + _NEARBY * tie(trials[0].fit)
     near = [t for t in trials if t.fit is not None and t.fair_cost <= most]

@@ -11,7 +11,9 @@ import pytest
 
 from phnn.diagnose import retest, select
 from phnn.diagnose.finding import Finding
+from phnn.diagnose.judge import judge
 from phnn.diagnose.name import Candidate
+from phnn.diagnose.scored import scored
 from phnn.diagnose.trial import Trial
 from phnn.effects import effect
 from phnn.identify.fit import Fit
@@ -43,6 +45,20 @@ def test_refits_that_end_close_together_are_compared_without_numerical_error() -
         assert next(t.cost for t in compared if t.candidate is near.candidate) == pytest.approx(best.cost)
         assert select._compared([best, far], []) == [best, far]
     assert len(asked) == 2
+
+
+def test_where_nothing_was_tried_there_is_nothing_to_compare() -> None:
+    assert select._compared([], ["k_s"]) == []
+    failed = replace(trial("creep", 0.0), fit=None)
+    assert select._compared([failed], []) == [failed]
+
+
+def test_a_mismatch_without_a_catalogue_is_unknown() -> None:
+    found = scored(campaigns.ground("creep").fit, (), 0)
+    assert found.significant
+    judgement = judge(found, (), 0, 2, True)
+    assert judgement.verdict == "unknown"
+    assert judgement.findings == () and judgement.tried == ()
 
 
 def test_what_is_dropped_leaves_the_model_at_its_own_values_too() -> None:
