@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from phnn.diagnose.judge import Judgement, judge
+from phnn.diagnose.judge import Judgement, judge, unexplained
 from phnn.diagnose.propose import NextExperiment, propose
 from phnn.diagnose.scored import scored
 from phnn.diagnose.select import WELL, share_of
@@ -131,17 +131,9 @@ def _confirmed(judgement: Judgement, base: Fit, campaign: Campaign) -> tuple[Jud
         judgement = replace(judgement, verdict="equivalent")
     if judgement.learned and useless:
         return replace(judgement, final=base, final_ground=judgement.ground, learned=False), before, before
-    if judgement.findings and _refuted(judgement, granted, after):
-        refuted = replace(
-            judgement,
-            verdict="unknown",
-            findings=(),
-            final=base,
-            final_ground=judgement.ground,
-            remainder=judgement.naming,
-            remainder_location=judgement.location,
-        )
-        return refuted, before, before
+    if judgement.location is not None and judgement.findings and _refuted(judgement, granted, after):
+        nameless = unexplained(judgement.ground, judgement.naming, judgement.location, judgement.tried)
+        return nameless, before, before
     return judgement, before, after
 
 

@@ -83,9 +83,9 @@ def judge(
         if share > EXPLAINS_MORE and left is not None and located(left):
             location = _also(location, left.name)
         return _unknown(ground, naming, location, tried, seed, learned)
-    if len(findings) > 1 and final.chi2 > MATERIAL and share < _SEVERAL:
-        return _unknown(ground, naming, location, tried, seed, learned)
-    if not findings or (learned is not None and excess(learned) < _CLEARLY * excess(final)):
+    imitated = len(findings) > 1 and final.chi2 > MATERIAL and share < _SEVERAL
+    outdone = learned is not None and excess(learned) < _CLEARLY * excess(final)
+    if not findings or imitated or outdone:
         return _unknown(ground, naming, location, tried, seed, learned)
     settled = new_in_held_out and all(len(f.members) == 1 for f in findings)
     verdict = "named" if settled else "equivalent"
@@ -97,13 +97,18 @@ def _also(location: Location, name: str) -> Location:
     return location if name == location.name else replace(location, tied=tuple(dict.fromkeys((*location.tied, name))))
 
 
+def unexplained(ground: Ground, naming: Naming, location: Location, tried: tuple[Trial, ...]) -> Judgement:
+    """Real, and nothing to add to the base model."""
+    return Judgement("unknown", ground, naming, location, ground.fit, ground, (), tried, naming, location)
+
+
 def _unknown(
     ground: Ground, naming: Naming, location: Location, tried: tuple[Trial, ...], seed: int, learned: Fit | None
 ) -> Judgement:
     """Real, and no element explains it: a learned passive one-port at the location where there is one."""
     # A dozen strengths lower any sum of squares: the drop must be of the size that the score promised.
     if learned is None or ground.fit.cost - learned.cost < 0.5 * naming.statistic**2:
-        return Judgement("unknown", ground, naming, location, ground.fit, ground, (), tried, naming, location)
+        return unexplained(ground, naming, location, tried)
     after = scored(learned, (), seed, terminals=ground.terminals)
     return Judgement(
         "unknown", ground, naming, location, learned, after.ground, (), tried, after.naming, after.remaining, True

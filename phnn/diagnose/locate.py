@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,18 +85,28 @@ class _Products:
     base: int
     size: int
 
-    def error(self, use: NDArray[np.int64], ridge: float) -> float:
-        """Sum of squares on the left-out folds, each predicted from all others by a few of the columns."""
+    @cached_property
+    def alone(self) -> float:
+        """Sum of squares on the left-out folds with the base alone."""
+        return self.error(np.arange(self.base))
+
+    def error(self, use: NDArray[np.int64], ridges: Sequence[float] = (0.0,)) -> float:
+        """Sum of squares on the left-out folds, each predicted from all others by a few of the columns, with the best
+        of some ridges on those beside the base."""
         block = np.ix_(use, use)
         grams, rights = [g[block] for g in self.grams], [b[use] for b in self.rights]
         total_gram, total_right = np.sum(grams, axis=0), np.sum(rights, axis=0)
-        # The base was fitted to all recordings: what is left out may move it only weakly.
-        penalty = np.diag(np.where(use < self.base, 1.0, ridge) + 1e-12)
-        total = 0.0
-        for gram, right, square in zip(grams, rights, self.squares, strict=True):
-            w = np.linalg.solve(total_gram - gram + penalty, total_right - right)
-            total += square - float(2.0 * w @ right - w @ gram @ w)
-        return total
+
+        def left(ridge: float) -> float:
+            # The base was fitted to all recordings: what is left out may move it only weakly.
+            penalty = np.diag(np.where(use < self.base, 1.0, ridge) + 1e-12)
+            total = 0.0
+            for gram, right, square in zip(grams, rights, self.squares, strict=True):
+                w = np.linalg.solve(total_gram - gram + penalty, total_right - right)
+                total += square - float(2.0 * w @ right - w @ gram @ w)
+            return total
+
+        return min(left(ridge) for ridge in ridges)
 
 
 def responses(ground: Ground) -> Responses:
@@ -207,11 +218,9 @@ def _generalise(folds: _Products, chosen: NDArray[np.bool_]) -> float:
     """
     if not chosen.any():
         return 0.0
-    k = folds.base
-    use = np.concatenate([np.arange(k), k + np.flatnonzero(chosen)])
-    alone = folds.error(np.arange(k), 0.0)
-    best = min(folds.error(use, ridge) for ridge in _RIDGES)
-    return float(np.clip((alone - best) / _at_least(alone - folds.size, folds.size), 0.0, 1.0))
+    use = np.concatenate([np.arange(folds.base), folds.base + np.flatnonzero(chosen)])
+    explained = folds.alone - folds.error(use, _RIDGES)
+    return float(np.clip(explained / _at_least(folds.alone - folds.size, folds.size), 0.0, 1.0))
 
 
 def _explainable(ground: Ground) -> float:

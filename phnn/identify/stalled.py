@@ -22,7 +22,7 @@ _SHARE, _LEAST = 0.1, 12.0
 # Lengths of the step beyond the ripples, how often it is made, and the largest change of a coordinate.
 _LENGTHS, _TIMES, _FARTHEST = (2.0, 1.0, 0.5), 5, 2.0
 _FEW = 8
-# A bound on a step may not be met by both ends.
+# Room that is left between the bounds of a step where there is none.
 _NONE = 1e-12
 
 
