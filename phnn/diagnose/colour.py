@@ -9,14 +9,10 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from phnn.diagnose.ground import Ground
+from phnn.diagnose.residual_noise import first_order_of
 from phnn.recordings.recording import Recording
 
 Array = NDArray[np.float64]
-
-# Lag-one correlations below so many standard deviations are none; no memory is taken to be longer than this one's.
-_SEEN, _LARGEST = 3.0, 0.95
-# By what factor noise may exceed what is stated: an effect that leaves more stands out from any such noise.
-_MOST = 2.0
 
 
 @dataclass(frozen=True)
@@ -57,15 +53,3 @@ class Colour:
 
         half = np.sum(self.ground.plan.each(one, self.ground.slices), axis=0)
         return half + half.T
-
-
-def first_order_of(residual: Array) -> tuple[float, float]:
-    """Mean square, and coefficient of first-order noise of the same lag-one correlation (zero where none is seen)."""
-    squares = float(residual @ residual)
-    a = float(residual[1:] @ residual[:-1]) / max(squares, 1e-300)
-    return squares / residual.size, min(a, _LARGEST) if a > _SEEN / np.sqrt(residual.size) else 0.0
-
-
-def doubt(left: Array, stated: Array) -> Array:
-    """Factor on standard deviations from the variances as left and as stated, between 1 and 2."""
-    return np.asarray(np.sqrt(np.clip(left / np.maximum(stated, 1e-300), 1.0, _MOST**2)))

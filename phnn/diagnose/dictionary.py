@@ -13,13 +13,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnose.filters import integral_while_within, low_pass, play_operator, rate, rate_limited, stop_operator
+from phnn.diagnose.filters import (
+    integral_while_within,
+    low_pass,
+    play_operator,
+    rate,
+    rate_limited,
+    resonator,
+    stop_operator,
+)
 from phnn.effects import Scales
 from phnn.effects.effect import DEAD_ZONES
 from phnn.simulate import Trajectory, input_before
 
 Array = NDArray[np.float64]
 
+# Damping ratio of modes that ring where the residual is loudest.
+_RATIO = 0.01
 FORCE, VOLTAGE, OUTPUT, PARAMETER = "force", "voltage", "output", "parameter"
 
 
@@ -76,7 +86,8 @@ def _modes(trajectory: Trajectory, scales: Scales) -> Array:
     a = rate(trajectory.velocity, trajectory.h) / (scales.velocity * scales.fastest)
     times = 1.0 / (2.0 * np.pi * scales.fastest * np.array([3.0, 10.0]))
     filtered = [low_pass(low_pass(a, trajectory.h, t, 0.0), trajectory.h, t, 0.0) for t in times]
-    return np.column_stack([a, *filtered])
+    ringing = [resonator(a, trajectory.h, f, _RATIO) for f in scales.ringing]
+    return np.column_stack([a, *filtered, *ringing])
 
 
 def _by_displacement(q: Array, scales: Scales) -> Array:

@@ -1,4 +1,4 @@
-"""Small causal operators on sampled signals: low-pass, play, rate limit, integrals, differences."""
+"""Small causal operators on sampled signals: low-pass, resonator, play, rate limit, integrals, differences."""
 
 from __future__ import annotations
 
@@ -55,6 +55,19 @@ _let_go = entry(_let_go_loop)
 def low_pass(x: Array, h: Array, tau: float, before: float) -> Array:
     """First-order low-pass with time constant ``tau`` and steps ``h``, settled at ``before`` when it begins."""
     return np.asarray(_low_pass(x, h, tau, before))
+
+
+def resonator(x: Array, h: Array, frequency: float, ratio: float) -> Array:
+    """(N, 2) the two states of an oscillator that a signal drives, in phase and in quadrature, from rest.
+
+    ``ż = λ (z − x)``, ``λ = ω (−ζ + i √(1 − ζ²))``: real and imaginary part of ``z``.
+
+    Args:
+        frequency: undamped, ``ω / 2π``; ratio: of damping, ``ζ``.
+    """
+    tau = (ratio + 1j * np.sqrt(1.0 - ratio**2)) / (2.0 * np.pi * frequency)
+    z = _low_pass(x.astype(np.complex128), h, tau, 0j)
+    return np.column_stack([z.real, z.imag])
 
 
 def rate_limited(x: Array, h: Array, limit: float, before: float) -> Array:

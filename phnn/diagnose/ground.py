@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.diagnose.spectra import Spectra, spectra_of
 from phnn.effects import Effect, Scales
 from phnn.errors import SolverFailed
 from phnn.identify.fit import Fit, carried
@@ -28,13 +29,13 @@ class Ground:
     Attributes:
         fit: residual and Jacobian are stacked over the identification samples of ``fit.plan``.
         trajectories: of the recordings in the plan, in order.
-        scales: sizes from which dictionaries and effects take their grids.
+        sizes: from which effects take their grids.
         terminals: the input was measured at the port, so that nothing before it can be the culprit.
     """
 
     fit: Fit
     trajectories: tuple[Trajectory, ...]
-    scales: Scales
+    sizes: Scales
     terminals: bool = False
 
     @property
@@ -83,6 +84,16 @@ class Ground:
             return simulate(self.fit.setup, recording, plan.steps_of(recording), initial=initial).y
 
         return plan.each(run)
+
+    @cached_property
+    def spectra(self) -> Spectra:
+        """Of the residual."""
+        return spectra_of([self.residual[rows] for rows in self.slices], self.plan.recordings)
+
+    @cached_property
+    def scales(self) -> Scales:
+        """The sizes, and where the residual is loudest, from which dictionaries take their grids."""
+        return replace(self.sizes, ringing=self.spectra.loudest)
 
     @cached_property
     def slices(self) -> list[slice]:

@@ -16,22 +16,19 @@ from scipy.linalg import block_diag
 from scipy.special import ndtri_exp
 from scipy.stats import chi2
 
-from phnn.diagnose.colour import Colour, doubt, first_order_of
+from phnn.diagnose.colour import Colour
 from phnn.diagnose.ground import Ground, direction
+from phnn.diagnose.residual_noise import doubt
+from phnn.diagnose.spectra import FINER, strongest
 from phnn.effects import Effect
 from phnn.identify.nuisances import course_columns, line_columns, own_columns, without_nuisances
-from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.setup import COURSES, Own
-from phnn.signals.first_order import density_of, first_order_density
 
 Array = NDArray[np.float64]
 
 _RANK = 1e-9
 # A direction of which the base leaves no more than this share is explained by it.
 _FREE = 1e-10
-# Zero padding of the spectra that are searched; how many periods a recording must have to show a line; the spacing of
-# the frequencies in units of what the longest recording resolves, and the highest one in cycles a sample.
-_PADDING, _PERIODS, _FINER, _HIGHEST = 8, 2.0, 0.25, 0.45
 # Multiples of a line's frequency that come with it.
 _HARMONICS = (1, 2, 3)
 
@@ -56,7 +53,7 @@ def line_candidates(ground: Ground, effects: Sequence[Effect], colour: Colour) -
     """Those of the effects that show as own parts of the recordings, with their scores."""
     found = []
     for effect in effects:
-        points = effect.grid(ground.scales)
+        points = effect.grid(ground.sizes)
         if effect.searched is not None:
             found.append(_searched(ground, effect, effect.searched, points))
         elif effect.add_to(ground.fit.setup, points[0]).own != ground.fit.setup.own:
@@ -106,16 +103,10 @@ def line_share(ground: Ground) -> float:
 
     What drives a recording repeats at its own frequency and tells of no line: it is asked beside harmonics of it.
     """
-    f, spectra = _spectra(ground)
-    pairs = list(zip(ground.plan.recordings, ground.slices, strict=True))
-    beside = [np.where(_driven(r, s, f), 0.0, 1.0) for r, s in pairs]
-    powers = [s.power * b for s, b in zip(spectra, beside, strict=True)]
-    freedoms = [s.freedom * b for s, b in zip(spectra, beside, strict=True)]
-    saved = 0.0
-    for i, (recording, rows) in enumerate(pairs):
-        others = [k for k in range(len(pairs)) if k != i] or [i]
-        power, freedom = np.sum([powers[k] for k in others], axis=0), np.sum([freedoms[k] for k in others], axis=0)
-        lines = [k * f[_strongest(power, freedom)] for k in _HARMONICS]
+    spectra, saved = ground.spectra, 0.0
+    for i, (recording, rows) in enumerate(zip(ground.plan.recordings, ground.slices, strict=True)):
+        power, freedom = spectra.of_others(i)
+        lines = [k * spectra.f[strongest(power, freedom)] for k in _HARMONICS]
         columns = line_columns(recording, lines)[recording.mask("identification")]
         if columns.shape[1] and freedom.max() > 0.5:
             left = np.linalg.qr(columns)[0].T @ ground.residual[rows]
@@ -139,14 +130,6 @@ def course_share(ground: Ground) -> float:
     return max(saved, 0.0)
 
 
-def _driven(recording: Recording, rows: slice, f: Array) -> Array:
-    """Which frequencies a recording cannot tell from harmonics of what drives it."""
-    duration, driven = (rows.stop - rows.start) * recording.dt, dominant_frequency(recording)
-    if driven * duration <= _PERIODS:
-        return np.zeros(f.shape, dtype=bool)
-    return np.asarray(np.abs(f - driven * np.round(f / driven)) * duration <= 1.0)
-
-
 def strongest_line(ground: Ground) -> tuple[float, float, float]:
     """The frequency [Hz] at which the recordings' residuals hold most power together, and its normal deviates.
 
@@ -154,56 +137,15 @@ def strongest_line(ground: Ground) -> tuple[float, float, float]:
     largest sum is multiplied by the number of frequencies. The deviates are those under noise as stated and as the
     residual has it; the frequency is that of the first.
     """
-    f, spectra = _spectra(ground)
-    freedom = np.sum([s.freedom for s in spectra], axis=0)
+    spectra = ground.spectra
 
-    def strongest(power: Array) -> tuple[float, float]:
-        best = _strongest(power, freedom)
-        return float(f[best]), _deviate(float(power[best]), int(freedom[best]), f.size * _FINER)
+    def found(power: Array) -> tuple[float, float]:
+        best = strongest(power, spectra.freedom)
+        deviate = _deviate(float(power[best]), int(spectra.freedom[best]), spectra.f.size * FINER)
+        return float(spectra.f[best]), deviate
 
-    frequency, deviate = strongest(np.sum([s.power for s in spectra], axis=0))
-    return frequency, deviate, strongest(np.sum([s.judged for s in spectra], axis=0))[1]
-
-
-def _strongest(power: Array, freedom: Array) -> int:
-    """Where χ² is least probable, by its normal deviate (Wilson & Hilferty 1931), which never underflows."""
-    known = np.maximum(freedom, 1.0)
-    spread = 2.0 / (9.0 * known)
-    deviate = (np.cbrt(np.maximum(power, 0.0) / known) - (1.0 - spread)) / np.sqrt(spread)
-    return int(np.argmax(np.where(freedom > 0.5, deviate, -np.inf)))
-
-
-@dataclass(frozen=True)
-class _Spectrum:
-    """Power of one recording in units of half its mean under noise as stated and as the residual has it, and its
-    degrees of freedom; zero where the recording shows no line."""
-
-    power: Array
-    judged: Array
-    freedom: Array
-
-
-def _spectra(ground: Ground) -> tuple[Array, list[_Spectrum]]:
-    """Common frequencies [Hz], as fine as the longest recording asks, and every recording's spectrum there."""
-    pairs = list(zip(ground.plan.recordings, ground.slices, strict=True))
-    longest = max((s.stop - s.start) * r.dt for r, s in pairs)
-    f = np.arange(_PERIODS / longest, max(_HIGHEST / r.dt for r, _ in pairs), _FINER / longest)
-    return f, [_spectrum(ground.residual[rows], recording, f) for recording, rows in pairs]
-
-
-def _spectrum(residual: Array, recording: Recording, f: Array) -> _Spectrum:
-    n, dt = residual.size, recording.dt
-    own = np.asarray(np.fft.rfftfreq(_PADDING * n, dt), dtype=np.float64)
-    power = 2.0 / n * np.abs(np.fft.rfft(residual, _PADDING * n)) ** 2
-    shown = (f >= _PERIODS / (n * dt)) & (f <= _HIGHEST / dt)
-    seen = f[shown]
-    stated = density_of(recording.noise_correlation, dt * seen)
-    squares, a = first_order_of(residual)
-    left = squares * first_order_density(a, 2.0 * np.pi * dt * seen)
-    full, judged = np.zeros_like(f), np.zeros_like(f)
-    full[shown] = np.interp(seen, own, power) / stated
-    judged[shown] = full[shown] / doubt(left, stated) ** 2
-    return _Spectrum(full, judged, np.where(shown, 2.0, 0.0))
+    frequency, deviate = found(spectra.added(lambda s: s.power))
+    return frequency, deviate, found(spectra.added(lambda s: s.judged))[1]
 
 
 def _deviate(saved: float, freedom: int, tries: float) -> float:

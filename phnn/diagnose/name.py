@@ -15,10 +15,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnose.colour import Colour, doubt
+from phnn.diagnose.colour import Colour
 from phnn.diagnose.ground import Ground, direction
 from phnn.diagnose.lines import line_candidates
 from phnn.diagnose.locate import Responses
+from phnn.diagnose.residual_noise import doubt
 from phnn.effects import Effect
 
 Array = NDArray[np.float64]
@@ -90,7 +91,7 @@ def score(
     able = [e for e in effects if e.can_be_added_to(ground.fit.setup)]
     colour = Colour(ground)
     lines = line_candidates(ground, able, colour)
-    points = [(e, v) for e in able if all(e is not c.effect for c in lines) for v in e.grid(ground.scales)]
+    points = [(e, v) for e in able if all(e is not c.effect for c in lines) for v in e.grid(ground.sizes)]
     directions = [direction(ground, e, v) for e, v in points]
     d = ground.project(np.column_stack([*directions, *([generic.columns] if generic is not None else [])]))
     power = colour.stated(d)

@@ -102,6 +102,10 @@ def select(
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
+        helps = share_of(last.model.ground.fit, trials[0].fit, last.model.naming) >= _EXPLAINS_SOME
+        # Of what leaves so much it need not be asked whether that is significant.
+        if not helps and trials[0].fit.chi2 > _MUCH:
+            break
         step = _with(search, last, trials)
         if not last.findings:
             step = _at_home(search, last, trials, step)

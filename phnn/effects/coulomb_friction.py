@@ -1,13 +1,23 @@
-"""Coulomb friction on the moving mass."""
+"""Coulomb friction on the moving mass, rounded over a velocity or over a displacement."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from phnn.effects.effect import Effect, Scales, has_motion, with_network
-from phnn.network.elements import Resistor
-from phnn.parameters import positive
+from phnn.network.elements import Coupling, Resistor, Storage
+from phnn.parameters import constant, positive
 from phnn.setup import Setup
+
+_NAME = "coulomb_friction"
+# Resistance at the largest velocity, as a share of the friction.
+_HARDLY = 0.01
+
+
+def slides(setup: Setup) -> bool:
+    """The output is a displacement ``q`` that a momentum ``p`` moves, and no friction holds it yet."""
+    return has_motion(setup) and all(r.name != _NAME for r in setup.network.resistors)
 
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
@@ -15,7 +25,7 @@ def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     return with_network(
         setup,
         setup.network.extend(
-            resistors=(Resistor("coulomb_friction", "coulomb", {"p": 1.0}, ("F_c", "v_s")),),
+            resistors=(Resistor(_NAME, "coulomb", {"p": 1.0}, ("F_c", "v_s")),),
             parameters=(
                 positive("F_c", values["F_c"], "N", "Coulomb friction force", 1e8),
                 positive("v_s", values["v_s"], "m/s", "velocity over which friction changes sign", 1e4),
@@ -32,8 +42,41 @@ def grid(scales: Scales) -> list[dict[str, float]]:
     return [{"F_c": force, "v_s": v} for v in sorted(speeds)]
 
 
-EFFECT = Effect(
-    name="coulomb_friction",
+def build_bristles(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """``F += −k_f z``, ``ż = v − φ(k_f z)``: storage ``z`` with ``J[z, p] = 1`` and a dead zone of width ``F_f``."""
+    return with_network(
+        setup,
+        setup.network.extend(
+            storages=(Storage("z", "spring", ("k_f",), "m"),),
+            resistors=(Resistor(_NAME, "dead_zone", {"z": 1.0}, ("slip_f", "F_f")),),
+            couplings=(Coupling("z", "p", 1.0),),
+            parameters=(
+                positive("k_f", values["k_f"], "N/m", "stiffness of the bristles before they slip", 1e8),
+                positive("F_f", values["F_f"], "N", "force from slipping one way to slipping the other", 1e8),
+                constant("slip_f", values["slip_f"], "m/(N s)", "speed of slipping over the force beyond friction"),
+            ),
+        ),
+    )
+
+
+def grid_bristles(scales: Scales) -> list[dict[str, float]]:
+    """Slipping after shares of the displacement, with a hardly noticeable resistance."""
+    force = 1e-4 * scales.stiffness * scales.displacement
+    slip = scales.velocity / (_HARDLY * force)
+    return [
+        {"k_f": force / (share * scales.displacement), "F_f": 2.0 * force, "slip_f": slip}
+        for share in (3e-4, 3e-3, 3e-2)
+    ]
+
+
+def rescale_bristles(values: Mapping[str, float], factor: float) -> dict[str, float]:
+    """Strength is the force; the displacement to slip and the share of the resistance stay."""
+    weight = max(factor, 1e-3)
+    return {"k_f": weight * values["k_f"], "F_f": weight * values["F_f"], "slip_f": values["slip_f"] / weight}
+
+
+_ROUNDED = Effect(
+    name=_NAME,
     location="mechanical",
     kind="dissipative",
     equation=r"F_f = F_c \tanh(v/v_s)",
@@ -50,6 +93,23 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("F_c", "v_s"),
-    applies=has_motion,
+    applies=slides,
     neighbours=("extra_hysteron",),
+)
+EFFECT = replace(
+    _ROUNDED,
+    forms=(
+        replace(
+            _ROUNDED,
+            equation=r"F_f = k_f\,z, \quad \dot{z} = v - \varphi(k_f z)",
+            statement="Dry friction acts on the moving part: bristles of {k_f} bend with it and slip as soon as they "
+            "pull with half of {F_f}.",
+            references=("Canudas de Wit, Olsson, Åström & Lischinsky 1995, IEEE Trans. Autom. Control 40",),
+            strength="F_f",
+            grid=grid_bristles,
+            build=build_bristles,
+            parameters=("k_f", "F_f", "slip_f"),
+            rescale=rescale_bristles,
+        ),
+    ),
 )

@@ -43,6 +43,7 @@ class Scales:
         slowest, fastest: lowest and highest excited frequency [Hz].
         duration: longest recording [s].
         noise: typical noise floor [m].
+        ringing: frequencies [Hz] at which the residual is loudest.
     """
 
     voltage: float
@@ -54,6 +55,7 @@ class Scales:
     fastest: float
     duration: float
     noise: float
+    ringing: tuple[float, ...] = ()
 
 
 def always(setup: Setup) -> bool:

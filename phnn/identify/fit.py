@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,12 +150,15 @@ def carried(initial: Array, known: Setup, wanted: Setup, own: Array) -> Array:
 
 
 def variables_from(setup: Setup, plan: Plan, names: Sequence[str], origin: Fit | None) -> Variables:
-    """The variables of a fit that begins at the initial states of an earlier one; states it had not begin anew."""
+    """The variables of a fit that begins at the initial states of an earlier one; what it had not begins anew."""
     variables = variables_of(setup, plan, names)
-    if origin is None or origin.variables.unknown != variables.unknown:
+    if origin is None:
         return variables
-    moved = {n: carried(origin.initial_states[n], origin.setup, setup, own) for n, own in variables.origin.items()}
-    return Variables(variables.names, variables.unknown, variables.scales, moved)
+    known = origin.initial_states
+    moved = {
+        n: carried(known[n], origin.setup, setup, own) if n in known else own for n, own in variables.origin.items()
+    }
+    return replace(variables, origin=moved)
 
 
 def _finish(problem: Problem, z: Array, held: dict[str, str], evaluations: int) -> Fit:

@@ -7,8 +7,9 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from phnn.diagnose.colour import Colour, doubt, first_order_of
+from phnn.diagnose.colour import Colour
 from phnn.diagnose.ground import Ground
+from phnn.diagnose.residual_noise import doubt, first_order_of
 from tests import campaigns
 
 

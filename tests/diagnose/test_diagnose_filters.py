@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, dlsim, lfilter
 
 from phnn.diagnose.filters import (
     integral_while_within,
@@ -14,6 +14,7 @@ from phnn.diagnose.filters import (
     play_operator,
     rate,
     rate_limited,
+    resonator,
     stop_operator,
 )
 
@@ -35,6 +36,28 @@ def test_low_pass_does_not_depend_on_how_a_held_input_is_cut() -> None:
     whole = low_pass(x, np.full(100, 2e-3), 7e-3, 0.3)
     halved = low_pass(np.repeat(x, 2), np.full(200, 1e-3), 7e-3, 0.3)[1::2]
     np.testing.assert_allclose(halved, whole, atol=1e-13)
+
+
+@settings(max_examples=20, deadline=None)
+@given(signals, st.floats(0.5, 40.0), st.floats(0.003, 0.7))
+def test_resonator_is_an_oscillator_driven_by_a_held_signal(x: np.ndarray, frequency: float, ratio: float) -> None:
+    # q'' + 2 ζ ω q' + ω² q = x has the two states of the resonator as linear combinations of q and q'.
+    h, omega = 1e-3, 2.0 * np.pi * frequency
+    free = np.array([[0.0, 1.0], [-(omega**2), -2.0 * ratio * omega]])
+    exact = cont2discrete((free, np.array([[0.0], [1.0]]), np.eye(2), np.zeros((2, 1))), h)
+    _, states, _ = dlsim((*exact[:4], h), np.append(x, 0.0))
+    found = resonator(x, np.full(x.size, h), frequency, ratio)
+    states = states[1:]
+    weights, *_ = np.linalg.lstsq(found, states / np.abs(states).max(axis=0), rcond=None)
+    np.testing.assert_allclose(found @ weights, states / np.abs(states).max(axis=0), atol=1e-8)
+
+
+def test_a_resonator_turns_by_a_quarter_where_it_resonates() -> None:
+    h, frequency, ratio = 1e-4, 50.0, 0.02
+    t = h * np.arange(40_000)
+    found = resonator(np.sin(2.0 * np.pi * frequency * t), np.full(t.size, h), frequency, ratio)[20_000:]
+    # A sine is half of what turns with the pole, where |λ / (iω − λ)| is 1/ζ.
+    np.testing.assert_allclose(np.abs(found).max(axis=0), 0.5 / ratio * np.ones(2), rtol=0.1)
 
 
 @settings(max_examples=30, deadline=None)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
+from phnn.diagnose.ground import direction
 from phnn.diagnose.learn import learn
 from phnn.diagnose.ledger import account
 from phnn.diagnose.lines import course_share, line_share
@@ -162,6 +163,21 @@ def test_lines_of_a_frequency_that_recordings_share_lie_in_the_environment() -> 
     assert power[0.0] < 0.01
     # A sine of amplitude two holds twice the power of the noise.
     assert power[2.0] == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.parametrize("ratio", [0.005, 0.03])
+def test_a_mode_that_rings_like_a_line_lies_in_the_mechanics(ratio: float) -> None:
+    ground = campaigns.ground()
+    omega = 2.0 * np.pi * 3.3 * ground.scales.fastest
+    mass = 1e-3 * ground.fit.setup.values()["m"]
+    values = {"m_2": mass, "k_2": mass * omega**2, "b_2": 2.0 * ratio * mass * omega}
+    change = direction(ground, catalogue()["second_mode"], values)
+    noise = np.random.default_rng(2).standard_normal(change.size)
+    residual = 3.0 * change / np.sqrt(np.mean(change**2)) + noise
+    shown = replace(ground, fit=replace(ground.fit, residual=residual, jacobian=np.zeros((change.size, 0))))
+    assert any(abs(2.0 * np.pi * f / omega - 1.0) < 0.03 for f in shown.scales.ringing)
+    found = locate(shown)
+    assert (found.name, found.detail) == ("mechanical", "mode"), found.ranks
 
 
 def test_a_course_of_its_own_in_every_recording_lies_in_the_sensor() -> None:

@@ -16,6 +16,7 @@ from phnn.diagnose.starts import bold_starts, has_bold_starts
 from phnn.diagnose.trial import Trial, class_of
 from phnn.effects import catalogue, effect
 from phnn.identify.fit import Fit
+from phnn.identify.looks import first_look
 from phnn.identify.problem import Plan
 from phnn.identify.staged import fit_identified
 from phnn.models.actuator import hrc
@@ -27,10 +28,10 @@ T = np.arange(401) * 1e-4
 
 
 @cache
-def fitted(missing: str, **values: float) -> Fit:
+def fitted(missing: str, frequencies: tuple[int, ...] = (50, 100, 200), **values: float) -> Fit:
     """A base fit to recordings of an actuator with one effect more."""
     true = effect(missing).add_to(Setup(hrc(2)), values)
-    drives = {f: 80.0 * np.sin(2.0 * np.pi * f * T) for f in (50, 100, 200)}
+    drives = {f: 80.0 * np.sin(2.0 * np.pi * f * T) for f in frequencies}
     made = tuple(campaigns.recorded(true, f"sine {f}", T, u, 1e-7, seed=f) for f, u in drives.items())
     return fit_identified(Setup(hrc(2)), Plan(made, {r.name: 4 for r in made}), HELD, max_evaluations=15)
 
@@ -54,6 +55,30 @@ def test_a_strong_effect_without_a_score_is_found_where_nothing_else_explains_mu
     assert found.candidate is hidden
     assert found.fit is not None and found.fit.chi2 < 1.1
     assert found.fit.setup.values()["kappa_v"] == pytest.approx(6.0, rel=0.05)
+
+
+def test_bold_starts_race_on_few_recordings_and_the_best_go_on_on_all() -> None:
+    base = fitted("rate_dependent_threshold", (50, 65, 80, 100, 130, 160, 200), kappa_v=6.0)
+    assert len(base.plan.recordings) > len(first_look(base.plan).recordings)
+    hidden = [candidate(base, n) for n in ("rate_dependent_threshold", "cubic_stiffness", "quadratic_drag")]
+    found = refit(base, [], hidden=hidden)[0]
+    assert found.candidate is hidden[0]
+    assert found.fit is not None and found.fit.plan == base.plan
+    assert found.fit.chi2 < 1.1
+    assert found.fit.setup.values()["kappa_v"] == pytest.approx(6.0, rel=0.05)
+
+
+def test_friction_may_be_bristles_that_slip() -> None:
+    rounded, (bristles,) = effect("coulomb_friction"), effect("coulomb_friction").forms
+    true = bristles.add_to(Setup(hrc(2)), {"k_f": 4e4, "F_f": 0.08, "slip_f": 5e3})
+    drives = {f: 80.0 * np.sin(2.0 * np.pi * f * T) for f in (50, 100, 200)}
+    made = tuple(campaigns.recorded(true, f"sine {f}", T, u, 1e-8, seed=f) for f, u in drives.items())
+    base = fit_identified(Setup(hrc(2)), Plan(made, {r.name: 4 for r in made}), HELD, max_evaluations=15)
+    naming = score(prepare(base), [rounded, bristles, effect("cubic_stiffness")], None, 0)
+    trials = refit(base, naming.candidates)
+    assert trials[0].candidate.effect is bristles
+    assert trials[0].fit is not None and trials[0].fit.chi2 < 1.1
+    assert trials[0].fit.setup.values()["F_f"] == pytest.approx(0.08, rel=0.02)
 
 
 @pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if has_bold_starts(e)))

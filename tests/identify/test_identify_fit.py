@@ -8,7 +8,7 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.identify.fit import fit, sandwich, unidentified
+from phnn.identify.fit import fit, sandwich, unidentified, variables_from
 from phnn.identify.nuisances import without_nuisances
 from phnn.identify.problem import Plan, Problem, variables_of
 from phnn.recordings.recording import Part, Recording, Start
@@ -154,6 +154,18 @@ def test_initial_state_is_estimated_where_the_start_is_unknown() -> None:
     y = simulate(fitted.setup, later, 2, initial=initial).y
     assert np.std(y - path.y[700:]) < 0.3 * whole.noise
     assert initial[-1] == pytest.approx(there[-1], abs=0.1 * np.abs(path.states[:, -1]).max())
+
+
+def test_a_fit_of_other_recordings_begins_at_the_initial_states_of_those_it_shares() -> None:
+    fitted = campaigns.base()
+    first, second = (cut(r, 300) for r in fitted.plan.recordings[:2])
+    found = fit(fitted.setup, Plan((first, second), fitted.plan.substeps, workers=1), ())
+    shared = variables_from(fitted.setup, Plan((second,), fitted.plan.substeps), (), found)
+    np.testing.assert_array_equal(shared.origin[second.name], found.initial_states[second.name])
+    alone = fit(fitted.setup, Plan((first,), fitted.plan.substeps, workers=1), ())
+    mixed = variables_from(fitted.setup, found.plan, (), alone)
+    np.testing.assert_array_equal(mixed.origin[first.name], alone.initial_states[first.name])
+    np.testing.assert_array_equal(mixed.origin[second.name], found.variables.origin[second.name])
 
 
 def test_a_start_at_rest_has_no_initial_state_to_estimate() -> None:

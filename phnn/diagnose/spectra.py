@@ -1,0 +1,123 @@
+"""Spectra of the residuals of all recordings at common frequencies, where lines stand out of the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.diagnose.residual_noise import doubt, first_order_of
+from phnn.recordings.recording import Recording, dominant_frequency
+from phnn.signals.first_order import density_of, first_order_density
+
+Array = NDArray[np.float64]
+
+# Zero padding of the spectra that are searched; how many periods a recording must have to show a line; the spacing of
+# the frequencies in units of what the longest recording resolves, and the highest one in cycles a sample.
+_PADDING, _PERIODS, _HIGHEST = 8, 2.0, 0.45
+FINER = 0.25
+# Of the power at one frequency: a sine and a cosine.
+_FREEDOM = 2.0
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Power of one recording at those of the common frequencies at which it can show a line.
+
+    Attributes:
+        rows: (B,) which of them.
+        power, judged: (B,) in units of half its mean under noise as stated and as the residual has it.
+        beside: (B,) whether the recording tells a line from harmonics of what drives it.
+    """
+
+    rows: slice
+    power: Array
+    judged: Array
+    beside: NDArray[np.bool_]
+
+    @property
+    def undriven(self) -> tuple[Array, Array]:
+        """(B,) power and degrees of freedom, zero where it is driven."""
+        return self.power * self.beside, np.where(self.beside, _FREEDOM, 0.0)
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """Attributes:
+    f: (F,) common frequencies [Hz], as fine as the longest recording asks; each: by recording.
+    """
+
+    f: Array
+    each: tuple[Spectrum, ...]
+
+    def added(self, values: Callable[[Spectrum], Array]) -> Array:
+        """(F,) the sum of what the recordings have."""
+        total = np.zeros_like(self.f)
+        for spectrum in self.each:
+            total[spectrum.rows] += values(spectrum)
+        return total
+
+    @cached_property
+    def freedom(self) -> Array:
+        """(F,) degrees of freedom of all recordings together."""
+        return self.added(lambda s: np.full(s.power.shape, _FREEDOM))
+
+    @cached_property
+    def undriven(self) -> tuple[Array, Array]:
+        """(F,) power and degrees of freedom together, of every recording beside harmonics of what drives it."""
+        return self.added(lambda s: s.undriven[0]), self.added(lambda s: s.undriven[1])
+
+    def of_others(self, index: int) -> tuple[Array, Array]:
+        """The same without one recording, unless that is the only one."""
+        power, freedom = (x.copy() for x in self.undriven)
+        if len(self.each) > 1:
+            own = self.each[index]
+            power[own.rows] -= own.undriven[0]
+            freedom[own.rows] -= own.undriven[1]
+        return power, freedom
+
+    @property
+    def loudest(self) -> tuple[float, ...]:
+        """Frequencies [Hz] that hold most power together, of all and of those that no recording is driven at."""
+        found = {strongest(self.added(lambda s: s.power), self.freedom), strongest(*self.undriven)}
+        return tuple(float(self.f[i]) for i in sorted(found))
+
+
+def spectra_of(residuals: Sequence[Array], recordings: Sequence[Recording]) -> Spectra:
+    """Spectra of one residual, weighted by the noise, a recording."""
+    pairs = list(zip(residuals, recordings, strict=True))
+    longest = max(r.size * recording.dt for r, recording in pairs)
+    f = np.arange(_PERIODS / longest, max(_HIGHEST / recording.dt for _, recording in pairs), FINER / longest)
+    return Spectra(f, tuple(_spectrum(r, recording, f) for r, recording in pairs))
+
+
+def strongest(power: Array, freedom: Array) -> int:
+    """Where χ² is least probable, by its normal deviate (Wilson & Hilferty 1931), which never underflows."""
+    known = np.maximum(freedom, 1.0)
+    spread = 2.0 / (9.0 * known)
+    deviate = (np.cbrt(np.maximum(power, 0.0) / known) - (1.0 - spread)) / np.sqrt(spread)
+    return int(np.argmax(np.where(freedom > 0.5, deviate, -np.inf)))
+
+
+def _spectrum(residual: Array, recording: Recording, f: Array) -> Spectrum:
+    n, dt = residual.size, recording.dt
+    own = np.asarray(np.fft.rfftfreq(_PADDING * n, dt), dtype=np.float64)
+    power = 2.0 / n * np.abs(np.fft.rfft(residual, _PADDING * n)) ** 2
+    rows = slice(*(int(i) for i in np.searchsorted(f, [_PERIODS / (n * dt) * (1.0 - 1e-12), _HIGHEST / dt])))
+    seen = f[rows]
+    stated = density_of(recording.noise_correlation, dt * seen)
+    squares, a = first_order_of(residual)
+    left = squares * first_order_density(a, 2.0 * np.pi * dt * seen)
+    shown = np.interp(seen, own, power) / stated
+    return Spectrum(rows, shown, shown / doubt(left, stated) ** 2, _beside(recording, n * dt, seen))
+
+
+def _beside(recording: Recording, duration: float, f: Array) -> NDArray[np.bool_]:
+    """Which frequencies a recording can tell from harmonics of what drives it."""
+    driven = dominant_frequency(recording)
+    if driven * duration <= _PERIODS:
+        return np.ones(f.shape, dtype=bool)
+    return np.asarray(np.abs(f - driven * np.round(f / driven)) * duration > 1.0)
