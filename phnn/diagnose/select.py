@@ -92,13 +92,7 @@ def select(
     enough: int | None = None
     while len(steps) <= max_effects and steps[-1].model.significant:
         last = steps[-1]
-        here = last.model.remaining or location
-        able = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT and may_lie(c.effect, here)]
-        able = able[: _REFITS_MORE if last.findings else _REFITS]
-        # Where these explain little, the base model may have taken over so much that score and place deceive: then all
-        # of the catalogue is tried.
-        trials = refit(last.model.ground.fit, able, executor, last.model.naming.candidates)
-        trials = in_place(_compared(trials, own_parameters(last.findings)), here)
+        trials = _refitted(search, last)
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
@@ -124,6 +118,17 @@ def select(
     while len(steps) > 1 and not _kept(steps):
         steps.pop()
     return steps[-1], tried
+
+
+def _refitted(search: _Search, last: Selected) -> list[Trial]:
+    """Refits of what may be added next, best first."""
+    here = last.model.remaining or search.location
+    able = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT and may_lie(c.effect, here)]
+    able = able[: _REFITS_MORE if last.findings else _REFITS]
+    # Where these explain little, the base model may have taken over so much that score and place deceive: then all of
+    # the catalogue is tried.
+    trials = refit(last.model.ground.fit, able, search.executor, last.model.naming.candidates)
+    return in_place(_compared(trials, own_parameters(last.findings)), here)
 
 
 def _at_home(search: _Search, last: Selected, trials: Sequence[Trial], step: Selected) -> Selected:

@@ -1,4 +1,4 @@
-"""Reading .mat (v5 and v7.3) and .npy files."""
+"""Reading arrays: .mat (v5 and v7.3), .h5, .npy and .npz files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,38 @@ def read_mat(path: Path) -> Table:
     Raises:
         InputRefused: not a .mat file, damaged, or without numbers.
     """
-    variables = dict(_vectors(_load_v73(path) if _is_hdf5(path) else _load_v5(path)))
+    if not _is_hdf5(path):
+        return _named(path, _load_v5(path))
+    return _named(path, _load_hdf5(path, "damaged .mat v7.3 file", "save it again from MATLAB", transposed=True))
+
+
+def read_hdf5(path: Path) -> Table:
+    """The numeric datasets of an HDF5 file, those of a group as ``group.dataset``, columns as in `read_mat`.
+
+    Raises:
+        InputRefused: not an HDF5 file, damaged, or without numbers.
+    """
+    return _named(path, _load_hdf5(path, "not a readable HDF5 file", "export it again"))
+
+
+def read_npz(path: Path) -> Table:
+    """The arrays of an archive by name, columns as in `read_mat`.
+
+    Raises:
+        InputRefused: not an archive of arrays, damaged, or without numbers.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            content = dict(archive)
+    except Exception as error:  # a damaged archive raises whatever zipfile and numpy stumble over
+        raise InputRefused(
+            f"{path.name}: not a readable .npz file ({error}): save it again with numpy.savez"
+        ) from error
+    return _named(path, content)
+
+
+def _named(path: Path, content: Mapping[str, Any]) -> Table:
+    variables = dict(_vectors(content))
     if not variables:
         raise InputRefused(f"{path.name}: no numeric variables in it: save the samples as vectors")
     return Table(Where(path.name), tuple(variables), tuple(variables.values()), by_name=True)
@@ -82,21 +113,24 @@ def _load_v5(path: Path) -> Mapping[str, Any]:
     return {name: value for name, value in content.items() if not name.startswith("__")}
 
 
-def _load_v73(path: Path) -> Mapping[str, Any]:
+def _load_hdf5(path: Path, cause: str, remedy: str, transposed: bool = False) -> Mapping[str, Any]:
+    """Datasets by name, groups as mappings; MATLAB stores every array transposed."""
     import h5py
 
     def content(group: Any) -> dict[str, Any]:
-        return {
-            name: content(item) if isinstance(item, h5py.Group) else np.asarray(item).T
-            for name, item in group.items()
-            if not name.startswith("#")
-        }
+        found: dict[str, Any] = {}
+        for name, item in group.items():
+            if isinstance(item, h5py.Group):
+                found[name] = {} if name.startswith("#") else content(item)
+            else:
+                found[name] = np.asarray(item).T if transposed else np.asarray(item)
+        return found
 
     try:
         with h5py.File(path, "r") as file:
             return content(file)
     except Exception as error:  # on damaged bytes h5py raises errors of many kinds
-        raise InputRefused(f"{path.name}: damaged .mat v7.3 file ({error}): save it again from MATLAB") from error
+        raise InputRefused(f"{path.name}: {cause} ({error}): {remedy}") from error
 
 
 def _vectors(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:

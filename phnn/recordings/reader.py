@@ -10,7 +10,7 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.recordings import checks
-from phnn.recordings.array_files import read_mat, read_npy
+from phnn.recordings.array_files import read_hdf5, read_mat, read_npy, read_npz
 from phnn.recordings.channels import Channel, select, unused
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.manifest import Entry, Manifest, load_manifest
@@ -18,17 +18,19 @@ from phnn.recordings.partition import Candidate, divide, whole_parts
 from phnn.recordings.recording import Campaign, Part, Recording, Start
 from phnn.recordings.sampling import on_grid
 from phnn.recordings.table import Table, Where
-from phnn.recordings.text_files import looks_like_numbers, read_csv, read_text
+from phnn.recordings.tdms_files import read_tdms
+from phnn.recordings.text_files import looks_like_numbers, read_text
 from phnn.recordings.units import UNITS, parse_name
 from phnn.signals.noise import WHITE, NoiseFloor, noise_floor
 from phnn.signals.pooling import pooled
 
 READERS: Mapping[str, Callable[[Path], Table]] = {
-    ".csv": read_csv,
-    ".dat": read_text,
-    ".txt": read_text,
+    **dict.fromkeys((".csv", ".tsv", ".dat", ".txt", ".asc", ".lvm"), read_text),
     ".mat": read_mat,
+    **dict.fromkeys((".h5", ".hdf5"), read_hdf5),
     ".npy": read_npy,
+    ".npz": read_npz,
+    ".tdms": read_tdms,
 }
 FURTHER = ("current", "charge", "force", "temperature")
 _NEAR_ZERO = 0.01  # of the input's range
@@ -110,10 +112,9 @@ def _no_recording(path: Path, said: Manifest) -> str | None:
     if not path.is_file() or path.suffix.lower() not in READERS:
         return ""
     kind = path.suffix.lower()
-    if kind == ".csv" or any(column.place is not None for column in said.common.columns.values()):
-        return "" if kind in (".dat", ".txt") and not looks_like_numbers(path) else None
-    if kind in (".dat", ".txt") and not looks_like_numbers(path):
-        return ""
+    prose = READERS[kind] is read_text and kind != ".csv" and not looks_like_numbers(path)
+    if kind == ".csv" or prose or any(column.place is not None for column in said.common.columns.values()):
+        return "" if prose else None
     names = READERS[kind](path).names
     described = {p[0] for name in names if name and (p := parse_name(name)) is not None}
     if described & {"voltage", "input", "force"}:

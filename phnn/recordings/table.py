@@ -47,8 +47,8 @@ class Table:
     Attributes:
         where: the file.
         names: header names; empty texts where there is no header.
-        columns: one array per column, numeric or of texts; lengths may differ in a ``.mat`` file.
-        by_name: the columns have no order (``.mat``), so an index does not find one.
+        columns: one array per column, numeric or of texts; lengths may differ where ``by_name``.
+        by_name: the columns have no order (``.mat``, ``.npz``, …), so an index does not find one.
     """
 
     where: Where
@@ -72,7 +72,7 @@ class Table:
             raise InputRefused(f"{self.where}: {cause} called {place!r}: {found}; correct recordings.yaml")
         if self.by_name:
             raise InputRefused(
-                f"{self.where}: column {place} is an index, but a .mat file has names only ({', '.join(named)}): "
+                f"{self.where}: column {place} is an index, but its variables have names only ({', '.join(named)}): "
                 f"use `variables: {{voltage: NAME, displacement: NAME}}` in recordings.yaml"
             )
         if place >= len(self.columns):

@@ -1,98 +1,98 @@
-"""Reading .csv files and white-space separated text."""
+"""Reading text: columns of numbers, below whatever an instrument writes above them.
+
+Separator and decimal sign are those under which most lines are nothing but numbers; the rows begin with the first such
+line. The names stand right above, with a row of units between them or none; what stands higher is left alone.
+"""
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.recordings.table import DECIMAL_COMMA, REMEDY_COMMA, Table, Where
-from phnn.recordings.units import parse_name
+from phnn.recordings.table import REMEDY_COMMA, Table, Where
+from phnn.recordings.units import UNITS, parse_name, spelled
 
-_LONGEST_HEADER = 100_000
+_LONGEST_LINE = 100_000
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
+_MARKS = "#%"
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+# Lines that are looked at to recognise the columns.
+_LOOKED_AT = 60
+_NUMBER = {
+    sign: re.compile(rf"[-+]?(\d+{re.escape(sign)}?\d*|{re.escape(sign)}\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.I)
+    for sign in ".,"
+}
+_WHOLE = re.compile(r"\s*[-+]?\d+([eE][-+]?\d+)?\s*")
+# A word, with a unit in brackets behind it.
+_WORD = re.compile(r"\S+(?:\s*[\[(][^\])]*[\])])?")
 
 
-def read_csv(path: Path) -> Table:
-    """A comma-separated file; its header row is optional where the manifest gives columns by index.
+@dataclass(frozen=True)
+class _Dialect:
+    """How columns are separated (a blank stands for any white space), and the decimal sign."""
 
-    Raises:
-        InputRefused: not text, empty, other separators, a comma as decimal sign, rows of unequal length.
-    """
-    lines = _lines(path)
-    start, _ = _skip_comments(lines)
-    head = lines[start]
-    if len(head) > _LONGEST_HEADER:
-        raise InputRefused(f"{path.name}: line {start + 1} has {len(head)} characters: write one row per sample")
-    sample = lines[start : start + 20]
-    if any(";" in line for line in sample):
-        raise InputRefused(
-            f"{path.name}: line {start + 1}: semicolons separate the columns ({head[:60]!r}): save it with commas "
-            f"as separator and a point as decimal sign"
-        )
-    if "," not in head:
-        raise InputRefused(
-            f"{path.name}: line {start + 1}: no comma in {head[:60]!r}: separate the columns by commas, "
-            f"or name the file .txt where white space separates them"
-        )
-    cells = next(csv.reader([head]))
-    header = not all(_is_number(cell) for cell in cells)
-    names = tuple(cell.strip() for cell in cells) if header else ("",) * len(cells)
-    first = start + 1 if header else start
-    if first >= len(lines):
-        raise InputRefused(f"{path.name}: a header but no rows: the recording is empty, record it again or remove it")
-    _check_width(path, lines[first], len(cells), first)
-    return _parse(path, lines, first, names, ",")
+    separator: str
+    decimal: str
+
+    def cells(self, line: str) -> list[str]:
+        """The cells of a line, quotes removed."""
+        if self.separator == " ":
+            return line.split()
+        try:
+            found = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
+        except csv.Error:
+            return []
+        return [cell.strip() for cell in found]
+
+    def width(self, line: str) -> int:
+        """How many columns of numbers a line has; 0 where a cell is none. Some may be empty."""
+        cells = self.cells(line)
+        filled = [cell for cell in cells if cell]
+        return len(cells) if filled and all(_NUMBER[self.decimal].fullmatch(cell) for cell in filled) else 0
+
+
+# Of several that fit as well, the first is meant. Commas may be both where the cells are quoted.
+_DIALECTS = tuple(
+    _Dialect(*pair)
+    for pair in ((",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", ","), (" ", "."), (" ", ","))
+)
 
 
 def read_text(path: Path) -> Table:
-    """White-space separated columns, with or without a header (a commented header counts).
+    """Columns separated by commas, semicolons, tabulators or blanks, numbers with a point or a comma as decimal sign.
 
     Raises:
-        InputRefused: not text, empty, commas or semicolons between or in the numbers, rows of unequal length.
+        InputRefused: not text, no columns of numbers, damaged rows, rows of unequal length, a header of another length.
     """
     lines = _lines(path)
-    start, comments = _skip_comments(lines)
-    cells = lines[start].split()
-    header = not all(_is_number(cell) for cell in cells) and not any(DECIMAL_COMMA.match(c) for c in cells)
-    first = start + 1 if header else start
-    if first >= len(lines):
-        raise InputRefused(f"{path.name}: a header but no rows: the recording is empty, record it again or remove it")
-    row = lines[first]
-    if ";" in row or "," in row:
-        sign = ";" if ";" in row else ","
+    dialect, width = _recognised(lines)
+    if not width:
+        head = next(line.strip() for line in lines if line.strip())
         raise InputRefused(
-            f"{path.name}: line {first + 1}: {sign!r} in {row[:60]!r}: {REMEDY_COMMA} and white space between columns, "
-            f"or name the file .csv where commas separate the columns"
+            f"{path.name}: no rows of numbers in it, it begins with {head[:60]!r}: the recording is empty or no table: "
+            f"record it again or remove it"
         )
-    width = len(row.split())
-    names = tuple(cells) if header else ("",) * width
-    if not header and comments:
-        said = comments[-1].lstrip("#% \t").split()
-        if len(said) == width and any(parse_name(word) for word in said):
-            names = tuple(said)
-    if len(names) != width:
-        raise InputRefused(
-            f"{path.name}: line {first + 1} has {width} columns, its header {len(names)}: write one word per column "
-            f"in the header, such as voltage_V"
-        )
-    return _parse(path, lines, first, names, r"\s+")
+    first = next(i for i, line in enumerate(lines) if dialect.width(line) == width)
+    names = _names(path, lines, first, dialect, width)
+    return _parse(path, lines, first, names, dialect)
 
 
 def looks_like_numbers(path: Path) -> bool:
-    """Whether a .dat or .txt file holds columns of numbers rather than prose."""
+    """Whether a text file holds columns of numbers rather than prose."""
     try:
         lines = _lines(path)
-        start, _ = _skip_comments(lines)
     except InputRefused:
         return False
-    rows = [line.replace(",", ".").replace(";", " ").split() for line in lines[start : start + 12]]
-    body = rows[1:]
-    return len(body) > 0 and all(len(r) >= 2 and all(_is_number(cell) for cell in r) for r in body)
+    return _recognised(lines)[1] >= 2
 
 
 def _lines(path: Path) -> list[str]:
@@ -100,7 +100,7 @@ def _lines(path: Path) -> list[str]:
     if not raw.strip():
         raise InputRefused(f"{path.name}: the file is empty: record it again or remove it")
     try:
-        content = raw.decode("utf-8-sig")
+        content = raw.decode("utf-16" if raw.startswith(_UTF16) else "utf-8-sig")
     except UnicodeDecodeError:
         content = raw.decode("latin-1")  # a micro sign written by older laboratory software
     control = _CONTROL.search(content)
@@ -109,52 +109,87 @@ def _lines(path: Path) -> list[str]:
             f"{path.name}: not a text file (byte 0x{ord(control[0]):02x} at position {control.start()}): "
             f"export it again as plain text, or remove it from the folder"
         )
-    return content.rstrip().splitlines()
-
-
-def _skip_comments(lines: list[str]) -> tuple[int, list[str]]:
-    """Index of the first line that is neither blank nor a comment, and the comments before it."""
-    comments: list[str] = []
+    lines = content.rstrip().splitlines()
     for i, line in enumerate(lines):
-        stripped = line.strip()
-        if stripped and stripped[0] not in "#%":
-            return i, comments
-        if stripped:
-            comments.append(stripped)
-    return len(lines) - 1, comments
+        if len(line) > _LONGEST_LINE:
+            raise InputRefused(f"{path.name}: line {i + 1} has {len(line)} characters: write one row per sample")
+    return lines
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+def _recognised(lines: Sequence[str]) -> tuple[_Dialect, int]:
+    """The dialect under which most lines are rows of numbers, and how many columns these have; 0 where none are."""
+    filled = [line for line in lines if line.strip() and line.strip()[0] not in _MARKS]
+    shown = [filled[i] for i in np.unique(np.linspace(0, len(filled) - 1, _LOOKED_AT).astype(int))] if filled else []
+    best, most, columns = _DIALECTS[0], 0, 0
+    for dialect in _DIALECTS:
+        widths = Counter(w for line in shown if (w := dialect.width(line)))
+        width, count = max(widths.items(), key=lambda item: item[1], default=(0, 0))
+        if count > most:
+            best, most, columns = dialect, count, width
+    return best, columns
 
 
-def _check_width(path: Path, row: str, width: int, line: int) -> None:
-    cells = next(csv.reader([row]))
-    if len(cells) == width:
-        return
-    whole = all(re.fullmatch(r"\s*[-+]?\d+([eE][-+]?\d+)?\s*", cell) for cell in cells)
-    if len(cells) > width and whole:
+def _names(path: Path, lines: Sequence[str], first: int, dialect: _Dialect, width: int) -> tuple[str, ...]:
+    """Names of the columns from what stands above them; empty ones where nothing does."""
+    above = [(i, lines[i].strip().lstrip(_MARKS).strip()) for i in range(first) if lines[i].strip().strip(_MARKS)]
+    rows = [(i, _words(line, dialect, width)) for i, line in above[-2:]]
+    if not rows:
+        return ("",) * width
+    line, nearest = rows[-1]
+    if len(nearest) == width:
+        if any(_NUMBER[dialect.decimal].fullmatch(cell) for cell in nearest):
+            bad = next(cell for cell in nearest if not _NUMBER[dialect.decimal].fullmatch(cell))
+            raise InputRefused(
+                f"{path.name}: line {line + 1}: {bad[:40]!r} is not a number: correct or delete that row; if it is a "
+                f"header, give every column a name in words"
+            )
+        if len(rows) == 2 and len(rows[0][1]) == width and all(_is_unit(cell) for cell in nearest):
+            return tuple(_with_unit(name, unit) for name, unit in zip(rows[0][1], nearest, strict=True))
+        return tuple(nearest)
+    if any(parse_name(word) for word in nearest):
+        _refuse_width(path, lines[first], first, dialect, len(nearest))
+    return ("",) * width
+
+
+def _words(line: str, dialect: _Dialect, width: int) -> list[str]:
+    """The cells of a header. Between blanks, units in brackets belong to the word before them."""
+    cells = dialect.cells(line)
+    return _WORD.findall(line) if dialect.separator == " " and len(cells) != width else cells
+
+
+def _is_unit(cell: str) -> bool:
+    """Whether a cell is a unit, with or without brackets, or empty."""
+    return not cell or (cell[0] in "([" and cell[-1] in ")]") or spelled(cell) in UNITS
+
+
+def _with_unit(name: str, unit: str) -> str:
+    """A column's name with the unit from the row below it, unless it has one."""
+    known, bare = parse_name(name), unit.strip("()[] ")
+    return name if not bare or (known is not None and known[1] is not None) else f"{name} [{bare}]"
+
+
+def _refuse_width(path: Path, row: str, line: int, dialect: _Dialect, header: int) -> None:
+    cells = dialect.cells(row)
+    if dialect.separator == "," and len(cells) > header and all(_WHOLE.fullmatch(cell) for cell in cells):
         raise InputRefused(
             f"{path.name}: line {line + 1}: {row[:60]!r} has a comma as decimal sign, which here also separates the "
-            f"columns: {REMEDY_COMMA}"
+            f"columns: separate them by semicolons, or {REMEDY_COMMA}"
         )
     raise InputRefused(
-        f"{path.name}: line {line + 1} has {len(cells)} cells, the header {width}: give every row the header's columns"
+        f"{path.name}: line {line + 1} has {len(cells)} cells, the header {header}: give every row the header's columns"
     )
 
 
-def _parse(path: Path, lines: list[str], first: int, names: tuple[str, ...], separator: str) -> Table:
+def _parse(path: Path, lines: Sequence[str], first: int, names: tuple[str, ...], dialect: _Dialect) -> Table:
     import pandas as pd
 
     try:
         frame = pd.read_csv(
             io.StringIO("\n".join(lines[first:])),
             header=None,
-            sep=separator,
+            sep=r"\s+" if dialect.separator == " " else dialect.separator,
+            decimal=dialect.decimal,
+            skipinitialspace=True,
             low_memory=False,
             skip_blank_lines=False,
         )
@@ -166,5 +201,12 @@ def _parse(path: Path, lines: list[str], first: int, names: tuple[str, ...], sep
             f"{path.name}: line {int(found[1]) + first} has {found[2]} cells, the rows before it {len(names)}: "
             f"delete the surplus cells; {REMEDY_COMMA}"
         ) from error
-    columns = tuple(np.asarray(frame[i]) for i in frame.columns)
-    return Table(Where(path.name, first + 1), names, columns)
+    return Table(Where(path.name, first + 1), names, tuple(_column(frame[i], dialect) for i in frame.columns))
+
+
+def _column(column: object, dialect: _Dialect) -> np.ndarray:
+    """One column; texts among the numbers leave these as they were written, with a point as decimal sign."""
+    values = np.asarray(column)
+    if values.dtype.kind != "O" or dialect.decimal == ".":
+        return values
+    return np.array([v.replace(",", ".") if isinstance(v, str) else v for v in values], dtype=object)

@@ -50,12 +50,16 @@ QUANTITIES: dict[str, str | None] = {
     "output": None,
 }
 
+# Units in words, as headers of instruments have them.
+_WORDS = {"second": "s", "seconds": "s", "sec": "s", "volt": "V", "volts": "V", "micron": "um", "microns": "um"}
+
 _NAME = re.compile(r"^\s*([A-Za-z]+)\s*(?:_(\S+)|[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
 
 
 def spelled(unit: str) -> str:
-    """The table's spelling of a unit: both Unicode micro signs become ``u``, ``°C`` becomes ``degC``."""
-    return unit.strip().replace("\u00b5", "u").replace("\u03bc", "u").replace("\u00b0C", "degC")
+    """The table's spelling of a unit: both Unicode micro signs become ``u``, ``°C`` becomes ``degC``, words symbols."""
+    bare = unit.strip().replace("\u00b5", "u").replace("\u03bc", "u").replace("\u00b0C", "degC")
+    return _WORDS.get(bare.lower(), bare)
 
 
 def parse_name(header: str) -> tuple[str, str | None] | None:

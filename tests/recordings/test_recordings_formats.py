@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,8 @@ from hypothesis import strategies as st
 from recordings_example import output, refused, sine, write
 
 from phnn.recordings import read
+from phnn.recordings.reader import READERS
+from phnn.recordings.text_files import read_text
 from phnn.recordings.units import QUANTITIES, UNITS, parse_name, to_si
 
 STATED = "columns: {time: {column: 0, unit: s}, voltage: {column: 1, unit: V}, displacement: {column: 2, unit: m}}\n"
@@ -97,16 +101,115 @@ def made() -> np.ndarray:
     return np.column_stack([t, u, output(u)])
 
 
+NAMES = ("time_s", "voltage_V", "displacement_m")
+
+
+def _text(separator: str) -> Callable[[Path], None]:
+    def save(path: Path) -> None:
+        np.savetxt(path, made(), delimiter=separator, header=separator.join(NAMES), comments="", fmt="%.17g")
+
+    return save
+
+
+def _mat(path: Path) -> None:
+    import scipy.io
+
+    scipy.io.savemat(path, dict(zip(NAMES, made().T, strict=True)))
+
+
+def _hdf5(path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for name, column in zip(NAMES, made().T, strict=True):
+            file[name] = column
+
+
+def _npy(path: Path) -> None:
+    fields = np.dtype([(name, float) for name in NAMES])
+    np.save(path, np.array([tuple(row) for row in made()], dtype=fields))
+
+
+def _npz(path: Path) -> None:
+    np.savez(path, **dict(zip(NAMES, made().T, strict=True)))
+
+
+def _tdms(path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([nptdms.ChannelObject("run", n, c) for n, c in zip(NAMES, made().T, strict=True)])
+
+
+WRITERS: dict[str, Callable[[Path], None]] = {
+    ".csv": _text(","),
+    ".tsv": _text("\t"),
+    ".dat": _text(" "),
+    ".txt": _text(" "),
+    ".asc": _text(";"),
+    ".lvm": _text("\t"),
+    ".mat": _mat,
+    ".h5": _hdf5,
+    ".hdf5": _hdf5,
+    ".npy": _npy,
+    ".npz": _npz,
+    ".tdms": _tdms,
+}
+
+
+@pytest.mark.parametrize("suffix", READERS)
+def test_every_format_gives_the_same_recording(tmp_path: Path, suffix: str) -> None:
+    WRITERS[suffix](tmp_path / f"a{suffix}")
+    recorded(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", [s for s, reader in READERS.items() if reader is not read_text])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.95])
+def test_a_truncated_file_is_refused(tmp_path: Path, suffix: str, share: float) -> None:
+    path = tmp_path / f"a{suffix}"
+    WRITERS[suffix](path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    refused(tmp_path, path.name)
+
+
+def test_tdms_waveforms_bring_time_and_units(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    t, u, y = made().T
+    waveform = {"wf_increment": float(t[1]), "wf_start_offset": 0.0, "wf_samples": t.size}
+    channels = [
+        nptdms.ChannelObject("run", "Voltage", u, {**waveform, "unit_string": "V"}),
+        nptdms.ChannelObject("run", "Displacement", 1e6 * y, {**waveform, "unit_string": "\u00b5m"}),
+    ]
+    with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
+        writer.write_segment(channels)
+    r = read(tmp_path).recordings[0]
+    assert r.dt == pytest.approx(t[1])
+    np.testing.assert_array_equal(r.u, u)
+    np.testing.assert_allclose(r.y, y, rtol=1e-14)
+
+
+def test_tdms_without_its_package_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.tdms").write_bytes(b"TDSm")
+    monkeypatch.setitem(sys.modules, "nptdms", None)
+    refused(tmp_path, "a.tdms", "npTDMS", "pip install 'phnn[tdms]'")
+
+
+def test_datasets_of_a_group_by_name(tmp_path: Path) -> None:
+    import h5py
+
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, column in zip(("T", "V1", "V2"), made().T, strict=True):
+            file[f"scope/{name}"] = column
+    (tmp_path / "recordings.yaml").write_text(
+        STATED + "recordings: [{file: a.h5, variables: {time: scope.T, voltage: scope.V1, displacement: scope.V2}}]"
+    )
+    recorded(tmp_path)
+
+
 @pytest.mark.parametrize("transposed", [False, True])
 def test_npy(tmp_path: Path, transposed: bool) -> None:
     np.save(tmp_path / "a.npy", made().T if transposed else made())
     (tmp_path / "recordings.yaml").write_text(STATED)
-    recorded(tmp_path)
-
-
-def test_structured_npy_describes_itself(tmp_path: Path) -> None:
-    fields = np.dtype([("time_s", float), ("voltage_V", float), ("displacement_m", float)])
-    np.save(tmp_path / "a.npy", np.array([tuple(row) for row in made()], dtype=fields))
     recorded(tmp_path)
 
 
@@ -164,6 +267,54 @@ def test_csv_with_mark_comment_and_latin_micro(tmp_path: Path) -> None:
     path = write(tmp_path / "a.csv", t, u, 1e6 * y, header="# bench 3\ntime_s,voltage_V,displacement_\u00b5m")
     path.write_bytes(path.read_text().encode("latin-1"))
     np.testing.assert_allclose(read(tmp_path).recordings[0].y, y, rtol=1e-14)
+
+
+HEADERS = {
+    "names with units": ("{s}".join(["time_s", "voltage_V", "displacement_um"]),),
+    "units in brackets": ("{s}".join(["Time (s)", "Voltage (V)", "Displacement [\u00b5m]"]),),
+    "a row of units": ("{s}".join(["Time", "Voltage", "Displacement"]), "{s}".join(["(s)", "(V)", "(um)"])),
+    "units in words": ("{s}".join(["time", "voltage", "displacement"]), "{s}".join(["second", "Volt", "um"]), ""),
+    "a block above": (
+        "Instrument{s}Scope 7", "Sample interval{s}0{d}000125", "Comment{s}", "",
+        "{s}".join(["time_s", "voltage_V", "displacement_um"]),
+    ),
+    "marked": ("# bench 3, second floor", "% " + "{s}".join(["time_s", "voltage_V", "displacement_um"])),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("header", HEADERS)
+@pytest.mark.parametrize("decimal", [".", ","])
+@pytest.mark.parametrize("separator", [",", ";", "\t", "  "])
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1", "utf-16"])
+def test_text_as_instruments_write_it(tmp_path: Path, header: str, separator: str, decimal: str, encoding: str) -> None:
+    t, u, y = made().T
+    quote = '"' if separator == decimal else ""
+    cells = [
+        [quote + f"{v:.17g}".replace(".", decimal) + quote for v in row] for row in zip(t, u, 1e6 * y, strict=True)
+    ]
+    above = [line.format(s=separator, d=decimal) for line in HEADERS[header]]
+    text = "\r\n".join([*above, *(separator.join(row) for row in cells)]) + "\r\n"
+    (tmp_path / "a.csv").write_bytes(text.encode(encoding))
+    r = read(tmp_path).recordings[0]
+    np.testing.assert_allclose(r.t, t, atol=1e-12)
+    np.testing.assert_array_equal(r.u, u)
+    np.testing.assert_allclose(r.y, y, rtol=1e-14)
+
+
+def test_whole_numbers_between_semicolons(tmp_path: Path) -> None:
+    rows = "\n".join(f"{i};{i % 70};{i * i % 90}" for i in range(200))
+    (tmp_path / "a.csv").write_text("time_ms;voltage_mV;displacement_nm\n" + rows)
+    r = read(tmp_path).recordings[0]
+    assert r.dt == pytest.approx(1e-3)
+    np.testing.assert_allclose(r.u, 1e-3 * (np.arange(200) % 70))
+
+
+def test_empty_cells_are_missing_samples(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", *made().T)
+    lines = path.read_text().splitlines()
+    lines[9] = lines[9].rsplit(",", 1)[0] + ","
+    path.write_text("\n".join(lines))
+    refused(tmp_path, "a.csv", "row 9 (line 10)", "NaN")
 
 
 def test_unequal_variables(tmp_path: Path) -> None:

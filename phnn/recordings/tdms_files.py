@@ -1,0 +1,51 @@
+"""Reading .tdms files, as LabVIEW writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from phnn.errors import InputRefused
+from phnn.recordings.table import Table, Where
+
+_INTERVAL, _UNIT = "wf_increment", "unit_string"
+
+
+def read_tdms(path: Path) -> Table:
+    """The numeric channels as ``group.channel``, with their units; waveforms of one interval bring their time.
+
+    Raises:
+        InputRefused: the package npTDMS is missing, the file is damaged, or it has no numeric channels.
+    """
+    try:
+        from nptdms import TdmsFile
+    except ModuleNotFoundError as error:
+        raise InputRefused(f"{path.name}: .tdms files need the package npTDMS: pip install 'phnn[tdms]'") from error
+    try:
+        channels = {
+            (group.name, channel.name): (np.asarray(channel[:]), dict(channel.properties))
+            for group in TdmsFile.read(path).groups()
+            for channel in group.channels()
+        }
+    except Exception as error:  # on damaged bytes npTDMS raises errors of many kinds
+        raise InputRefused(f"{path.name}: not a readable .tdms file ({error}): export it again") from error
+    numeric = {names: c for names, c in channels.items() if c[0].dtype.kind in "iuf" and c[0].ndim == 1 and c[0].size}
+    if not numeric:
+        raise InputRefused(f"{path.name}: no numeric channels in it: record it again or remove it")
+    several = len({group for group, _ in numeric}) > 1
+    columns = {_name(group, name, of, several): values for (group, name), (values, of) in numeric.items()}
+    intervals = {float(of.get(_INTERVAL, 0.0)) for _, of in numeric.values()}
+    if len(intervals) == 1 and (interval := intervals.pop()) > 0.0:
+        longest = max(values.size for values in columns.values())
+        columns.setdefault("time_s", interval * np.arange(longest))
+    return Table(Where(path.name), tuple(columns), tuple(columns.values()), by_name=True)
+
+
+def _name(group: str, channel: str, properties: Mapping[str, Any], several: bool) -> str:
+    """A channel's name with its unit, and with its group where there are several of them."""
+    unit = str(properties.get(_UNIT, "")).strip()
+    name = f"{channel} [{unit}]" if unit and not channel.endswith(("]", ")")) else channel
+    return f"{group}.{name}" if several else name
