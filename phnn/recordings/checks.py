@@ -128,7 +128,11 @@ def time_advances(t: np.ndarray, where: Where) -> None:
     """Refuse time that goes back or stands still."""
     steps = np.diff(t)
     for bad, cause, remedy in (
-        (steps < 0.0, "time goes back", "sort the rows, or split the file where a new recording begins"),
+        (
+            steps < 0.0,
+            "time goes back",
+            "sort the rows, or say `segments: true` in recordings.yaml where new recordings begin",
+        ),
         (steps == 0.0, "two rows with one time", "delete the repeated row, or write time with more digits"),
     ):
         if bad.any():
@@ -154,7 +158,7 @@ def no_gaps(t: np.ndarray, where: Where) -> None:
         i = int(np.argmax(gap)) + 1
         raise InputRefused(
             f"{where}: time, {where.row(i)}: a gap of {steps[i - 1]:.6g} s where samples are {typical:.6g} s apart: "
-            f"split the file there, or take one side of it with `slice` in recordings.yaml"
+            f"split the file there, or in recordings.yaml say `segments: true`, or take one side of it with `slice`"
         )
 
 

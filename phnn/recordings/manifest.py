@@ -18,7 +18,7 @@ INPUTS = ("cubic", "band_limited", "linear", "zero_order")
 USES = ("identification", "confirmation")
 VOLTAGES = ("command", "terminals")
 
-_SHARED = ("columns", "variables", "sample_rate_hz", "start", "periodic", "input")
+_SHARED = ("columns", "variables", "sample_rate_hz", "start", "periodic", "input", "segments")
 _TOP = ("setup", "known", "voltage", *_SHARED, "recordings")
 _EACH = ("file", "name", *_SHARED, "slice", "use")
 
@@ -34,7 +34,12 @@ class Column:
 
 @dataclass(frozen=True)
 class Entry:
-    """What the manifest says about one recording; ``None`` means it says nothing."""
+    """What the manifest says about one recording; ``None`` means it says nothing.
+
+    Attributes:
+        segments: the file holds several recordings one after another, separated by jumps of time or, where a number
+            is given, so many samples each.
+    """
 
     file: str = ""
     name: str | None = None
@@ -45,6 +50,7 @@ class Entry:
     start: Start | None = None
     periodic: bool | None = None
     input: str | None = None
+    segments: bool | int = False
 
 
 @dataclass(frozen=True)
@@ -138,6 +144,8 @@ def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
         entry = replace(entry, periodic=flag(item["periodic"], f"{where}: periodic"))
     if "input" in item:
         entry = replace(entry, input=choice(item["input"], INPUTS, f"{where}: input"))
+    if "segments" in item:
+        entry = replace(entry, segments=_segments(item["segments"], f"{where}: segments"))
     if "slice" in item:
         entry = replace(entry, slice=_slice(item["slice"], f"{where}: slice"))
     if "use" in item:
@@ -202,6 +210,14 @@ def _slice(value: Any, where: str) -> tuple[int, int]:
     if not whole or not 0 <= value[0] < value[1]:
         raise InputRefused(f"{where}: {value!r} is no range of samples: write [first, last], first included, last not")
     return value[0], value[1]
+
+
+def _segments(value: Any, where: str) -> bool | int:
+    if isinstance(value, bool) or (isinstance(value, int) and value > 0):
+        return value
+    raise InputRefused(
+        f"{where}: {value!r} is neither true (jumps of time separate the segments) nor a number of samples of each"
+    )
 
 
 def _known(value: Any, name: str) -> dict[str, Anchor]:

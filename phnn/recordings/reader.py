@@ -17,6 +17,7 @@ from phnn.recordings.manifest import Entry, Manifest, load_manifest
 from phnn.recordings.partition import Candidate, divide, whole_parts
 from phnn.recordings.recording import Campaign, Part, Recording, Start
 from phnn.recordings.sampling import on_grid
+from phnn.recordings.segments import segmented
 from phnn.recordings.table import Table, Where
 from phnn.recordings.tdms_files import read_tdms
 from phnn.recordings.text_files import looks_like_numbers, read_text
@@ -52,7 +53,7 @@ def read(folder: str | Path, manifest: str | Path | None = None, *, need_output:
     checks.folder_exists(home)
     said = load_manifest(home, Path(manifest) if manifest is not None else None)
     entries, left = _files(home, said)
-    drafts = [_draft(home, entry, said, need_output) for entry in entries]
+    drafts = [draft for entry in entries for draft in _drafts(home, entry, said, need_output)]
     checks.unique_names((d.recording.name, d.recording.source) for d in drafts)
     parts, new, notes = _divided(drafts, need_output)
     recordings = tuple(
@@ -129,10 +130,15 @@ def _reader(path: Path) -> Callable[[Path], Table]:
     return READERS[kind]
 
 
-def _draft(home: Path, entry: Entry, said: Manifest, need_output: bool) -> _Draft:
+def _drafts(home: Path, entry: Entry, said: Manifest, need_output: bool) -> list[_Draft]:
+    """The recordings of a file."""
     path = home / entry.file
     table = _reader(path)(path)
     channels = select(table, entry.columns)
+    return [_draft(piece, table, channels, said, need_output) for piece in segmented(entry, channels, table.where)]
+
+
+def _draft(entry: Entry, table: Table, channels: Mapping[str, Channel], said: Manifest, need_output: bool) -> _Draft:
     u_name, y_name = _roles(channels, said, table, need_output)
     dt, values, where, notes = _sampled(entry, table, channels)
     u = values[u_name]
@@ -145,8 +151,8 @@ def _draft(home: Path, entry: Entry, said: Manifest, need_output: bool) -> _Draf
         checks.output_moves(y, label, where)
         checks.not_clipped(u, y, label, channels[y_name].factor, where)
     excitation = _excitation(u, dt, entry, where)
-    name = entry.name or path.stem
-    floor, recording = _recording(name, path.name, dt, u, y, start, entry, excitation)
+    name = entry.name or Path(entry.file).stem
+    floor, recording = _recording(name, entry.file, dt, u, y, start, entry, excitation)
     further = {q: values[q] for q in FURTHER if q in values and q != u_name}
     recording = replace(recording, channels=further)
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
@@ -196,9 +202,8 @@ def _sampled(
     entry: Entry, table: Table, channels: Mapping[str, Channel]
 ) -> tuple[float, dict[str, np.ndarray], Where, list[str]]:
     """The interval and the channels on a uniform grid, cut to the slice."""
-    size = next(iter(channels.values())).values.size
-    first, last = entry.slice or (0, size)
-    checks.slice_inside((first, last), size, table.where)
+    assert entry.slice is not None
+    first, last = entry.slice
     where = table.where.after(first)
     values = {q: c.values[first:last] for q, c in channels.items() if q != "time"}
     checks.enough_samples(last - first, where)
