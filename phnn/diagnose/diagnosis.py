@@ -129,9 +129,8 @@ def _confirmed(judgement: Judgement, base: Fit, campaign: Campaign) -> tuple[Jud
     useless = after.over_noise("confirmation") >= granted.over_noise("confirmation")
     if judgement.verdict == "named" and (useless or judgement.naming.numerical > _FAKE):
         judgement = replace(judgement, verdict="equivalent")
-    if judgement.learned and useless:
-        return replace(judgement, final=base, final_ground=judgement.ground, learned=False), before, before
-    if judgement.location is not None and judgement.findings and _refuted(judgement, granted, after):
+    vain = useless if judgement.learned else bool(judgement.findings) and _refuted(judgement, granted, after)
+    if judgement.location is not None and vain:
         nameless = unexplained(judgement.ground, judgement.naming, judgement.location, judgement.tried)
         return nameless, before, before
     return judgement, before, after

@@ -28,7 +28,7 @@ from phnn.simulate import Trajectory, input_before
 
 Array = NDArray[np.float64]
 
-# Damping ratio of modes that ring where the residual is loudest.
+# Damping ratio of modes at the peaks of the residual's spectrum.
 _RATIO = 0.01
 FORCE, VOLTAGE, OUTPUT, PARAMETER = "force", "voltage", "output", "parameter"
 
@@ -86,7 +86,7 @@ def _modes(trajectory: Trajectory, scales: Scales) -> Array:
     a = rate(trajectory.velocity, trajectory.h) / (scales.velocity * scales.fastest)
     times = 1.0 / (2.0 * np.pi * scales.fastest * np.array([3.0, 10.0]))
     filtered = [low_pass(low_pass(a, trajectory.h, t, 0.0), trajectory.h, t, 0.0) for t in times]
-    ringing = [resonator(a, trajectory.h, f, _RATIO) for f in scales.ringing]
+    ringing = [resonator(a, trajectory.h, f, _RATIO) for f in scales.peaks]
     return np.column_stack([a, *filtered, *ringing])
 
 
@@ -129,7 +129,8 @@ def _by_charge(trajectory: Trajectory, scales: Scales) -> Array:
 
 
 def _electrical_leaves(trajectory: Trajectory) -> list[int]:
-    return list(trajectory.program.dissipative)
+    storages = trajectory.setup.network.storages
+    return [i for i in trajectory.program.dissipative if storages[i].unit == "C"]
 
 
 def _coupling(u: Array, scales: Scales) -> Array:

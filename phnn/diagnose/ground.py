@@ -29,13 +29,13 @@ class Ground:
     Attributes:
         fit: residual and Jacobian are stacked over the identification samples of ``fit.plan``.
         trajectories: of the recordings in the plan, in order.
-        sizes: from which effects take their grids.
+        scales: sizes from which dictionaries and effects take their grids.
         terminals: the input was measured at the port, so that nothing before it can be the culprit.
     """
 
     fit: Fit
     trajectories: tuple[Trajectory, ...]
-    sizes: Scales
+    scales: Scales
     terminals: bool = False
 
     @property
@@ -85,15 +85,10 @@ class Ground:
 
         return plan.each(run)
 
-    @cached_property
+    @property
     def spectra(self) -> Spectra:
-        """Of the residual."""
+        """Of the residual; not kept, for the frequencies may be many."""
         return spectra_of([self.residual[rows] for rows in self.slices], self.plan.recordings)
-
-    @cached_property
-    def scales(self) -> Scales:
-        """The sizes, and where the residual is loudest, from which dictionaries take their grids."""
-        return replace(self.sizes, ringing=self.spectra.loudest)
 
     @cached_property
     def slices(self) -> list[slice]:
@@ -110,7 +105,8 @@ def prepare(fit: Fit, terminals: bool = False) -> Ground:
         return simulate(fit.setup, recording, fit.plan.steps_of(recording), initial=fit.initial(recording.name))
 
     trajectories = tuple(fit.plan.each(run))
-    return Ground(fit, trajectories, scales_of(fit, trajectories), terminals)
+    ground = Ground(fit, trajectories, scales_of(fit, trajectories), terminals)
+    return replace(ground, scales=replace(ground.scales, peaks=ground.spectra.peaks))
 
 
 def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:

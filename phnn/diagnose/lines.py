@@ -53,7 +53,7 @@ def line_candidates(ground: Ground, effects: Sequence[Effect], colour: Colour) -
     """Those of the effects that show as own parts of the recordings, with their scores."""
     found = []
     for effect in effects:
-        points = effect.grid(ground.sizes)
+        points = effect.grid(ground.scales)
         if effect.searched is not None:
             found.append(_searched(ground, effect, effect.searched, points))
         elif effect.add_to(ground.fit.setup, points[0]).own != ground.fit.setup.own:

@@ -91,7 +91,7 @@ def score(
     able = [e for e in effects if e.can_be_added_to(ground.fit.setup)]
     colour = Colour(ground)
     lines = line_candidates(ground, able, colour)
-    points = [(e, v) for e in able if all(e is not c.effect for c in lines) for v in e.grid(ground.sizes)]
+    points = [(e, v) for e in able if all(e is not c.effect for c in lines) for v in e.grid(ground.scales)]
     directions = [direction(ground, e, v) for e, v in points]
     d = ground.project(np.column_stack([*directions, *([generic.columns] if generic is not None else [])]))
     power = colour.stated(d)

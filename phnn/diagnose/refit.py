@@ -11,7 +11,15 @@ from typing import Any
 from phnn.diagnose.ground import prepare
 from phnn.diagnose.name import Candidate, first_by_name
 from phnn.diagnose.starts import has_bold_starts
-from phnn.diagnose.steps import finished, first_steps, from_bold_starts, from_several_starts, moving, on_all_recordings
+from phnn.diagnose.steps import (
+    finished,
+    first_steps,
+    from_bold_starts,
+    from_several_starts,
+    further_steps,
+    moving,
+    on_all_recordings,
+)
 from phnn.diagnose.trial import Trial, criterion
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
@@ -36,8 +44,8 @@ _SETTLED, _RIVAL = 0.05, 0.75
 _UNEXPLAINED = 0.1
 # What leaves more than this share from where the score begins has been led nowhere by it.
 _ASTRAY = 0.5
-# Where all leave more than this share, it is vain to compare them.
-_VAIN = 0.85
+# Where all leave more than this share of a residual this many times the noise, it is vain to compare them.
+_VAIN, _LOUD = 0.85, 3.0**2
 _CHUNK = 3
 _COST = attrgetter("cost")
 
@@ -48,9 +56,9 @@ def refit(
     """Candidates refitted together with the base parameters, best first: a race in three rounds.
 
     All that score within reach of the best take a few steps from one start; those that save most go on from several
-    starts; those that come near the best are carried to convergence. Where nothing explains much, all that have a
-    strength, the hidden ones too, start again at finite strengths before. Special cases of the best one start from
-    where it has led.
+    starts; those that come near the best are carried to convergence, or one where nothing explains a thing. Where
+    nothing explains much, all that have a strength, the hidden ones too, start again at finite strengths before, on few
+    recordings. Special cases of the best one start from where it has led.
 
     Args:
         base: the fit without them.
@@ -69,8 +77,8 @@ def refit(
         trials = _boldly(base, trials, unknown, executor)
     trials = _with_special(base, trials, unknown, executor)
     rivals = [t for t in trials if _comes_near(t, trials[0], base)]
-    entering = _ENTER_THIRD if _settled(trials[0], base, _VAIN) else 1
-    trials = _again(finished, base, trials, rivals[:entering], executor)
+    vain = base.chi2 > _LOUD and not _settled(trials[0], base, _VAIN)
+    trials = _again(finished, base, trials, rivals[: 1 if vain else _ENTER_THIRD], executor)
     return list(first_by_name(trials, lambda t: t.candidate.effect).values())
 
 
@@ -93,11 +101,13 @@ def _boldly(base: Fit, trials: list[Trial], hidden: list[Trial], executor: Execu
     astray = [t for t in trials if not _settled(t, base, _ASTRAY)]
     todo = [*astray, *(h for h in hidden if h.candidate.effect not in tried)]
     todo = [Trial(t.candidate, None) for t in todo if has_bold_starts(t.candidate.effect)]
+    if not todo:
+        return trials
     few = _on_few_recordings(base)
     # Wherever the steps are made, they need no trajectories.
     ground = replace(prepare(_as_sent(few, executor)), trajectories=())
     begun = _again(partial(from_bold_starts, ground), few, todo, todo, executor)[:_ENTER_BOLD]
-    further = _again(on_all_recordings, base, begun, begun, executor)
+    further = _again(further_steps if few is base else on_all_recordings, base, begun, begun, executor)
     return _best_of_each([*trials, *further])
 
 

@@ -34,6 +34,8 @@ WELL = 0.9
 _NOISE = 1.02**2
 # Another form that leaves more than this may as well be two effects.
 _MUCH = 2.0**2
+# A residual this many times the noise is none, whatever the doubt about the level.
+_LOUD = 3.0**2
 # Refits that end within this many ties of the best one are compared with numerical error bounded.
 _NEARBY = 10.0
 # Numerical error allowed beside what is left, as a share of its norm.
@@ -97,8 +99,8 @@ def select(
         if not trials or trials[0].fit is None:
             break
         helps = share_of(last.model.ground.fit, trials[0].fit, last.model.naming) >= _EXPLAINS_SOME
-        # Of what leaves so much it need not be asked whether that is significant.
-        if not helps and trials[0].fit.chi2 > _MUCH:
+        # What leaves more than any doubt about the noise forgives is significant, and need not be scored to say so.
+        if not helps and trials[0].fit.chi2 > _LOUD:
             break
         step = _with(search, last, trials)
         if not last.findings:

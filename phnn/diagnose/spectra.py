@@ -71,7 +71,7 @@ class Spectra:
         return self.added(lambda s: s.undriven[0]), self.added(lambda s: s.undriven[1])
 
     def of_others(self, index: int) -> tuple[Array, Array]:
-        """The same without one recording, unless that is the only one."""
+        """`undriven` without one recording, unless that is the only one."""
         power, freedom = (x.copy() for x in self.undriven)
         if len(self.each) > 1:
             own = self.each[index]
@@ -80,8 +80,8 @@ class Spectra:
         return power, freedom
 
     @property
-    def loudest(self) -> tuple[float, ...]:
-        """Frequencies [Hz] that hold most power together, of all and of those that no recording is driven at."""
+    def peaks(self) -> tuple[float, ...]:
+        """Frequencies [Hz] that hold most power together, of all and off the harmonics of what drives a recording."""
         found = {strongest(self.added(lambda s: s.power), self.freedom), strongest(*self.undriven)}
         return tuple(float(self.f[i]) for i in sorted(found))
 

@@ -39,7 +39,7 @@ def bold_starts(ground: Ground, effect: Effect) -> list[dict[str, float]]:
         ground: of the fit without the effect.
     """
     signs = (1.0,) if effect.one_sided else (1.0, -1.0)
-    found = [_strong(ground, effect, point, sign) for point in effect.grid(ground.sizes) for sign in signs]
+    found = [_strong(ground, effect, point, sign) for point in effect.grid(ground.scales) for sign in signs]
     ranked = sorted((f for f in found if f is not None), key=lambda f: f[0])
     return [values for _, values in ranked[:_BOLD]]
 

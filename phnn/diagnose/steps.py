@@ -87,7 +87,7 @@ def from_several_starts(base: Fit, trial: Trial) -> Fit | None:
     starts = [(base.setup, v) for v in candidate.others[:_OTHER_STARTS]]
     starts += [(setup, candidate.values) for setup in base.alternatives]
     tried = [_few_steps(base, effect, setup, values, _SECOND) for setup, values in starts]
-    ends = [f for f in (*tried, _further(base, trial)) if f is not None]
+    ends = [f for f in (*tried, further_steps(base, trial)) if f is not None]
     if not ends:
         return None
     best, alternatives = distinct_optima(ends)
@@ -116,7 +116,7 @@ def moving(fitted: Fit) -> bool:
     return fitted.evaluations in (_FIRST, _SECOND)
 
 
-def _further(base: Fit, trial: Trial) -> Fit | None:
+def further_steps(base: Fit, trial: Trial) -> Fit | None:
     """Further steps from where it is, unless it has come to rest."""
     found = trial.fit
     if found is None or not moving(found):

@@ -16,7 +16,7 @@ _HARDLY = 0.01
 
 
 def slides(setup: Setup) -> bool:
-    """The output is a displacement ``q`` that a momentum ``p`` moves, and no friction holds it yet."""
+    """The output is a displacement ``q`` that a momentum ``p`` moves, without a coulomb_friction yet."""
     return has_motion(setup) and all(r.name != _NAME for r in setup.network.resistors)
 
 
@@ -43,16 +43,16 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 
 def build_bristles(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """``F += −k_f z``, ``ż = v − φ(k_f z)``: storage ``z`` with ``J[z, p] = 1`` and a dead zone of width ``F_f``."""
+    """``F += −k_f z``, ``ż = v − φ(k_f z)``: storage ``z`` with ``J[z, p] = 1``; ``φ`` is zero within ``±F_c``."""
     return with_network(
         setup,
         setup.network.extend(
             storages=(Storage("z", "spring", ("k_f",), "m"),),
-            resistors=(Resistor(_NAME, "dead_zone", {"z": 1.0}, ("slip_f", "F_f")),),
+            resistors=(Resistor(_NAME, "bristles", {"z": 1.0}, ("slip_f", "F_c")),),
             couplings=(Coupling("z", "p", 1.0),),
             parameters=(
                 positive("k_f", values["k_f"], "N/m", "stiffness of the bristles before they slip", 1e8),
-                positive("F_f", values["F_f"], "N", "force from slipping one way to slipping the other", 1e8),
+                positive("F_c", values["F_c"], "N", "Coulomb friction force", 1e8),
                 constant("slip_f", values["slip_f"], "m/(N s)", "speed of slipping over the force beyond friction"),
             ),
         ),
@@ -64,15 +64,14 @@ def grid_bristles(scales: Scales) -> list[dict[str, float]]:
     force = 1e-4 * scales.stiffness * scales.displacement
     slip = scales.velocity / (_HARDLY * force)
     return [
-        {"k_f": force / (share * scales.displacement), "F_f": 2.0 * force, "slip_f": slip}
-        for share in (3e-4, 3e-3, 3e-2)
+        {"k_f": force / (share * scales.displacement), "F_c": force, "slip_f": slip} for share in (3e-4, 3e-3, 3e-2)
     ]
 
 
 def rescale_bristles(values: Mapping[str, float], factor: float) -> dict[str, float]:
     """Strength is the force; the displacement to slip and the share of the resistance stay."""
     weight = max(factor, 1e-3)
-    return {"k_f": weight * values["k_f"], "F_f": weight * values["F_f"], "slip_f": values["slip_f"] / weight}
+    return {"k_f": weight * values["k_f"], "F_c": weight * values["F_c"], "slip_f": values["slip_f"] / weight}
 
 
 _ROUNDED = Effect(
@@ -103,12 +102,12 @@ EFFECT = replace(
             _ROUNDED,
             equation=r"F_f = k_f\,z, \quad \dot{z} = v - \varphi(k_f z)",
             statement="Dry friction acts on the moving part: bristles of {k_f} bend with it and slip as soon as they "
-            "pull with half of {F_f}.",
+            "pull with {F_c}.",
             references=("Canudas de Wit, Olsson, Åström & Lischinsky 1995, IEEE Trans. Autom. Control 40",),
-            strength="F_f",
+            strength="F_c",
             grid=grid_bristles,
             build=build_bristles,
-            parameters=("k_f", "F_f", "slip_f"),
+            parameters=("k_f", "F_c", "slip_f"),
             rescale=rescale_bristles,
         ),
     ),

@@ -43,7 +43,7 @@ class Scales:
         slowest, fastest: lowest and highest excited frequency [Hz].
         duration: longest recording [s].
         noise: typical noise floor [m].
-        ringing: frequencies [Hz] at which the residual is loudest.
+        peaks: frequencies [Hz] at which the residual has most power.
     """
 
     voltage: float
@@ -55,7 +55,7 @@ class Scales:
     fastest: float
     duration: float
     noise: float
-    ringing: tuple[float, ...] = ()
+    peaks: tuple[float, ...] = ()
 
 
 def always(setup: Setup) -> bool:

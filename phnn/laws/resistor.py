@@ -47,6 +47,16 @@ def dead_zone(effort: Any, q: Any, rho: Any, width: Any) -> Any:
     return piecewise_linear(effort, rho, -0.5 * width, 0.5 * width)
 
 
+def bristles_thresholds(q: Any, rho: Any, force: Any) -> Any:
+    """Symmetric thresholds ``±F``."""
+    return rho, -force, force
+
+
+def bristles(effort: Any, q: Any, rho: Any, force: Any) -> Any:
+    """Bristles under the force ``ε``: zero for ``|ε| ≤ F``, slope ``ρ`` outside."""
+    return piecewise_linear(effort, rho, -force, force)
+
+
 @shared
 def following_width(q: Any, width: Any, kappa: Any, q0: Any) -> Any:
     """``d max(0, 1 + κ q/q₀)``: never negative, hence a sector law at every displacement."""
@@ -128,6 +138,7 @@ register(ResistorLaw("linear", linear, (0.7,), linear_thresholds))
 register(ResistorLaw("maxwell", maxwell, (0.7, 0.4), maxwell_thresholds))
 register(ResistorLaw("dead_zone", dead_zone, (0.7, 0.6), dead_zone_thresholds))
 register(ResistorLaw("following_dead_zone", following_dead_zone, (0.7, 0.6, 0.5, 0.9), following_dead_zone_thresholds))
+register(ResistorLaw("bristles", bristles, (0.7, 0.3), bristles_thresholds))
 register(ResistorLaw("coulomb", coulomb, (0.4, 0.3)))
 register(ResistorLaw("quadratic_drag", quadratic_drag, (0.8,)))
 register(ResistorLaw("thermal_dead_zone", thermal_dead_zone, (0.7, 0.6, 0.2, -0.1), thermal_dead_zone_thresholds))

@@ -50,3 +50,13 @@ def test_what_held_out_recordings_refute_is_unknown(leaves: float, had: float, h
         assert found.remainder_location is judgement.location
     else:
         assert found.findings and found.final is judgement.final
+
+
+def test_a_learned_element_that_helps_no_held_out_recording_is_dropped_with_all_that_was_said_of_it() -> None:
+    named = judged(0.3)
+    learned = replace(named, verdict="unknown", findings=(), learned=True, remainder_location=mock.sentinel.elsewhere)
+    with mock.patch.object(path, "score_on_all", side_effect=[held_out(3.0), held_out(3.1)]):
+        found, *_ = path._confirmed(learned, learned.ground.fit, mock.sentinel.campaign)
+    assert found.verdict == "unknown" and not found.learned
+    assert found.final is learned.ground.fit and found.final_ground is learned.ground
+    assert found.remainder is learned.naming and found.remainder_location is learned.location
