@@ -88,6 +88,7 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--manifest", type=Path, metavar="FILE", help="recordings.yaml that lies elsewhere")
     for command in (identify, diagnose, predict, compare, prove):
         command.add_argument("--out", type=Path, metavar="DIR", required=True, help="where the results go")
+    check.add_argument("--out", type=Path, metavar="DIR", help="write check.json there, too")
     demo.add_argument(
         "--seed", type=_seed, metavar="N", help="which effect, how strong, what noise (drawn if left out)"
     )
@@ -120,7 +121,7 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
     import phnn.commands as commands
 
     if name == "check":
-        commands.check(arguments.folder, arguments.manifest)
+        commands.check(arguments.folder, arguments.manifest, arguments.out)
     elif name == "identify":
         commands.identify(arguments.folder, arguments.out, arguments.manifest, config)
     elif name == "diagnose":

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from phnn.check import check as check_recordings
 from phnn.diagnose.diagnosis import Diagnosis, score_on_all
 from phnn.diagnose.diagnosis import diagnose as run_diagnosis
 from phnn.errors import PhnnError
@@ -23,7 +24,7 @@ from phnn.identify.evaluate import Evaluation, evaluate
 from phnn.identify.fit import Fit
 from phnn.identify.problem import Plan
 from phnn.models.store import load, save
-from phnn.recordings import Campaign, describe, read
+from phnn.recordings import Campaign, read
 from phnn.report import console_summary
 from phnn.report.files import finite, write_atomic, write_json
 from phnn.report.result import evidence, write
@@ -43,9 +44,12 @@ def _progress() -> Iterator[Progress]:
         yield status.update
 
 
-def check(folder: Path, manifest: Path | None) -> None:
-    """Print what was understood of a folder of recordings."""
-    print(describe(read(folder, manifest)))
+def check(folder: Path, manifest: Path | None, out: Path | None = None) -> None:
+    """Print what was understood of a folder of recordings, what was noticed, and what they can show."""
+    checked = check_recordings(read(folder, manifest))
+    print(checked.text())
+    if out is not None:
+        write_json(out / "check.json", checked.document())
 
 
 def identify(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any]) -> None:

@@ -39,7 +39,7 @@ def _install(monkeypatch: pytest.MonkeyPatch, stub: types.ModuleType) -> None:
 
 
 def _failing(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
-    def check(folder: Path, manifest: Path | None) -> None:
+    def check(folder: Path, manifest: Path | None, out: Path | None) -> None:
         raise error
 
     stub = types.ModuleType("phnn.commands")
@@ -51,7 +51,7 @@ def test_arguments_reach_the_commands(calls: list[tuple[str, tuple[Any, ...]]]) 
     assert cli.main(["check", "data", "--manifest", "m.yaml"]) == 0
     assert cli.main(["predict", "model", "data", "--out", "o"]) == 0
     assert cli.main(["demo", "--seed", "3"]) == 0
-    assert calls[0] == ("check", (Path("data"), Path("m.yaml")))
+    assert calls[0] == ("check", (Path("data"), Path("m.yaml"), None))
     assert calls[1] == ("predict", (Path("model"), Path("data"), Path("o"), None))
     name, (seed, out, config) = calls[2]
     assert (name, seed, out, config["max_effects"]) == ("demo", 3, Path("out/demo"), 3)

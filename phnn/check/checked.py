@@ -1,0 +1,66 @@
+"""Everything that is to be said about a campaign's recordings, in words and as data."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from phnn.check.abilities import Ability, abilities
+from phnn.check.finding import Finding
+from phnn.check.mains import mains
+from phnn.check.quality import drift, limits, quantisation
+from phnn.check.timing import lead
+from phnn.recordings.describe import describe
+from phnn.recordings.recording import Campaign
+
+_CHECKS = (quantisation, limits, drift, mains, lead)
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Attributes:
+    campaign: what was read.
+    findings: by recording, in the order of the campaign; abilities: of all together.
+    """
+
+    campaign: Campaign
+    findings: dict[str, list[Finding]]
+    abilities: list[Ability]
+
+    def text(self) -> str:
+        """What `phnn check` prints."""
+        lines = [describe(self.campaign), ""]
+        found = [(name, f) for name, some in self.findings.items() for f in some]
+        lines += ["Noticed:", *(f"  {f.severity:8}{name}: {f.text}" for name, f in found), ""] if found else []
+        for head, able in (("These recordings can show:", True), ("They cannot show, for which to record:", False)):
+            some = [a for a in self.abilities if a.able is able]
+            if some:
+                lines += [head, *(f"  {a.shows}" + ("" if able else f"\n      {a.record}") for a in some), ""]
+        return "\n".join(lines).rstrip()
+
+    def document(self) -> dict[str, Any]:
+        """The same as plain data, SI."""
+        return {
+            "schema": "phnn.check/1",
+            "recordings": {
+                r.name: {
+                    "source": r.source, "sample_rate_hz": 1.0 / r.dt, "samples": int(r.t.size),
+                    "noise_floor": r.noise if np.isfinite(r.noise) else None,
+                    "start": r.start.state, "period_s": r.period,
+                    "findings": [asdict(f) for f in self.findings[r.name]],
+                }
+                for r in self.campaign.recordings
+            },
+            "abilities": [asdict(a) for a in self.abilities],
+            "notes": list(self.campaign.notes),
+        }  # fmt: skip
+
+
+def check(campaign: Campaign) -> Checked:
+    """All checks on all recordings that have an output."""
+    findings = {
+        r.name: [f for one in _CHECKS for f in one(r)] if np.isfinite(r.y).all() else [] for r in campaign.recordings
+    }
+    return Checked(campaign, findings, abilities(campaign))

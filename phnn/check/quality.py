@@ -1,0 +1,90 @@
+"""How an output was recorded: its steps, its limits, and whether it comes back to where it was."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from phnn.check.finding import NOTE, WARNING, Finding
+from phnn.recordings.excitation import excitation_of
+from phnn.recordings.recording import Recording
+from phnn.signals.noise import quantisation_step
+from phnn.units import quantity
+
+# Steps of a share of the noise are not worth a word; steps of several times the noise hide it, whose own deviation
+# would be step/√12.
+_FINE, _COARSE = 0.1, 2.0
+# Samples at an extreme value, as a share of all, that a smooth signal does not have.
+_SHARE = 2e-3
+# Drift over standard error, and over the noise, from which it is worth a word and a warning.
+_SURE, _MUCH = 5.0, 2.0
+_LEVEL = 0.01
+
+
+def quantisation(recording: Recording) -> list[Finding]:
+    """The step of which the output's values are multiples, beside the noise."""
+    step = quantisation_step(recording.y)
+    if step == 0.0 or not recording.noise > 0.0:
+        return []
+    share = step / recording.noise
+    if share < _FINE:
+        return []
+    text = f"output in steps of {quantity(step, 'm')}, {share:.2g} times the noise"
+    values = {"step": step, "step_over_noise": share}
+    if share < _COARSE:
+        return [Finding("quantisation", NOTE, text, values)]
+    return [
+        Finding("quantisation", WARNING, f"{text}: steps hide the noise; use a smaller range of the converter", values)
+    ]
+
+
+def limits(recording: Recording) -> list[Finding]:
+    """Samples that stand at the output's extremes, as where a converter ends; many more of them reading refuses."""
+    y = recording.y
+    at = max(int(np.sum(y == y.max())), int(np.sum(y == y.min())))
+    holds = float(np.mean(np.diff(recording.u) == 0.0))
+    if at <= max(3, _SHARE * y.size) or quantisation_step(y) > 0.0 or holds > 0.5:
+        return []
+    text = f"{at} samples stand at the output's extreme value: if the sensor's range ends there, choose a larger one"
+    return [Finding("limits", WARNING, text, {"samples": float(at)})]
+
+
+def drift(recording: Recording) -> list[Finding]:
+    """Change of the output's mean from period to period, or between rests at one input, with its standard error.
+
+    The first period is left out, for what the start left dies away in it.
+    """
+    means, spread = _levels(recording)
+    if means.size < 2:
+        return []
+    change, error = float(means[-1] - means[0]), spread * float(np.sqrt(2.0))
+    if abs(change) < _SURE * error:
+        return []
+    seconds = recording.t.size * recording.dt
+    text = f"the output's mean moves by {quantity(change, 'm')} within {seconds:.3g} s at equal input"
+    values = {"change": change, "standard_error": error}
+    if abs(change) < _MUCH * recording.noise:
+        return [Finding("drift", NOTE, text, values)]
+    remedy = "creep, heating or a drifting sensor; a long rest at zero voltage tells them apart"
+    return [Finding("drift", WARNING, f"{text}: {remedy}", values)]
+
+
+def _levels(recording: Recording) -> tuple[np.ndarray, float]:
+    """Means of the output over stretches of equal input, in order, and the standard error of each."""
+    excitation = excitation_of(recording.u, recording.dt)
+    correlated = float(np.sqrt(max(2.0 * recording.noise_correlation.sum() - 1.0, 1.0)))
+    if excitation.period is not None and excitation.cycles >= 3.0:
+        first, last = excitation.span
+        size = excitation.period / recording.dt
+        # Periods need not be whole numbers of samples: their means come from the integral, interpolated.
+        integral = np.concatenate([[0.0], np.cumsum(recording.y)])
+        edges = first + size * np.arange(1, int((last - first) / size + 1e-6) + 1)
+        means = np.diff(np.interp(edges, np.arange(integral.size), integral)) / size
+        return means, recording.noise * correlated / float(np.sqrt(size))
+    first, last = excitation.span
+    before, after = recording.y[:first], recording.y[last:]
+    same = abs(recording.u[-1] - recording.u[0]) <= _LEVEL * float(np.ptp(recording.u))
+    if not same or min(before.size, after.size) < 10:
+        return np.zeros(0), 0.0
+    # What follows the last change of the input is still on its way: its second half counts.
+    after = after[after.size // 2 :]
+    return np.array([before.mean(), after.mean()]), recording.noise * correlated / np.sqrt(min(before.size, after.size))

@@ -1,0 +1,133 @@
+"""What is noticed about recordings before any model is fitted: each fault made, and found again where it was put."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from phnn.check import check
+from phnn.check.finding import Finding
+from phnn.cli import main
+from phnn.recordings.excitation import excitation_of
+from phnn.recordings.recording import Campaign, Part, Recording, Start
+
+DT, NOISE, GAIN = 1e-4, 2e-8, 5e-7
+
+
+def recording(u: np.ndarray, y: np.ndarray, name: str = "a", dt: float = DT) -> Recording:
+    period = excitation_of(u, dt).period
+    return Recording(
+        name, dt * np.arange(u.size), u, y, Start("rest"), "cubic", (Part(name, 0, u.size, "identification"),), NOISE,
+        "made", np.ones(1), period, {}, "a.csv",
+    )  # fmt: skip
+
+
+def sine(frequency: float = 8.0, amplitude: float = 70.0, cycles: int = 6, lag: float = 2e-4) -> Recording:
+    t = DT * np.arange(round(cycles / (frequency * DT)))
+    u, y = (amplitude * np.sin(2.0 * np.pi * frequency * (t - shift)) for shift in (0.0, lag))
+    return recording(u, GAIN * y + NOISE * np.random.default_rng(round(frequency)).standard_normal(t.size))
+
+
+def with_output(r: Recording, added: np.ndarray) -> Recording:
+    return recording(r.u, r.y + added)
+
+
+def campaign(*recordings: Recording, voltage: str = "command") -> Campaign:
+    return Campaign(recordings, {"model": "piezo_actuator"}, {}, voltage, (), False, "made")
+
+
+def found(r: Recording) -> dict[str, Finding]:
+    return {f.kind: f for f in check(campaign(r)).findings["a"]}
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(3.0, 40.0), st.integers(3, 12), st.floats(0.0, 2e-3))
+def test_nothing_is_noticed_in_a_clean_recording(frequency: float, cycles: int, lag: float) -> None:
+    assert found(sine(float(f"{frequency:.2g}"), cycles=cycles, lag=lag)) == {}
+
+
+@pytest.mark.parametrize("frequency", [50.0, 60.0, 100.0, 150.0])
+def test_mains_are_found_with_their_amplitude(frequency: float) -> None:
+    clean = sine(7.0, cycles=28)
+    noticed = found(with_output(clean, 2e-8 * np.sin(2.0 * np.pi * frequency * clean.t + 0.3)))["mains"]
+    assert set(noticed.values) == {f"amplitude_{frequency:g}Hz"}
+    assert noticed.values[f"amplitude_{frequency:g}Hz"] == pytest.approx(2e-8, rel=0.15)
+    assert f"{frequency:g} Hz" in noticed.text
+
+
+def test_a_tone_that_the_drive_may_cause_is_no_mains() -> None:
+    clean = sine(10.0, cycles=12)
+    assert "mains" not in found(with_output(clean, 2e-8 * np.sin(2.0 * np.pi * 50.0 * clean.t)))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(2, 40))
+def test_an_output_that_leads_is_found_with_its_lead(samples: int) -> None:
+    noticed = found(sine(8.0, lag=-samples * DT))["lead"]
+    assert noticed.values["lead_s"] == pytest.approx(samples * DT, rel=0.05)
+
+
+def test_drift_from_period_to_period_and_between_rests() -> None:
+    clean = sine(8.0, cycles=10)
+    ramp = 4e-7 * clean.t / clean.t[-1]
+    noticed = found(with_output(clean, ramp))["drift"]
+    assert noticed.severity == "warning"
+    # The first period does not count: of the ten there are eight steps between the others.
+    assert noticed.values["change"] == pytest.approx(0.8 * 4e-7, rel=0.05)
+    quiet = np.zeros(2000)
+    u = np.concatenate([quiet, clean.u[: clean.u.size // 10], quiet])
+    noise = NOISE * np.random.default_rng(3).standard_normal(u.size)
+    still = recording(u, GAIN * u + noise)
+    assert "drift" not in found(still)
+    moved = with_output(still, 1e-7 * (np.arange(u.size) > 2600))
+    assert found(moved)["drift"].values["change"] == pytest.approx(1e-7, rel=0.05)
+
+
+@pytest.mark.parametrize(("step", "severity"), [(1e-8, "note"), (1e-7, "warning")])
+def test_steps_of_the_converter(step: float, severity: str) -> None:
+    clean = sine()
+    noticed = found(recording(clean.u, step * np.round(clean.y / step)))["quantisation"]
+    assert noticed.severity == severity
+    assert noticed.values["step"] == pytest.approx(step, rel=1e-6)
+
+
+def test_samples_at_the_end_of_the_range() -> None:
+    clean = sine(cycles=6)
+    noticed = found(recording(clean.u, np.minimum(clean.y, np.quantile(clean.y, 0.99))))["limits"]
+    assert noticed.values["samples"] == pytest.approx(0.01 * clean.y.size, rel=0.1)
+
+
+def test_what_recordings_can_show() -> None:
+    def shown(*recordings: Recording, voltage: str = "command") -> list[bool]:
+        return [a.able for a in check(campaign(*recordings, voltage=voltage)).abilities]
+
+    step = np.where((DT * np.arange(12000) > 0.1) & (DT * np.arange(12000) < 0.6), 50.0, 0.0)
+    held = recording(step, GAIN * step + NOISE * np.random.default_rng(0).standard_normal(step.size), "step")
+    assert shown(sine()) == [False, False, False, False, False, False, True]
+    assert shown(sine(), sine(amplitude=30.0)) == [True, False, False, False, False, False, True]
+    assert shown(sine(), sine(90.0)) == [False, True, False, False, False, False, True]
+    assert shown(sine(), held) == [False, False, True, True, True, False, True]
+    assert shown(sine(), voltage="terminals")[5]
+
+
+def test_text_and_document_say_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clean = sine(7.0, cycles=28)
+    y = clean.y + 3e-8 * np.sin(2.0 * np.pi * 50.0 * clean.t)
+    table = np.column_stack([clean.t, clean.u, y])
+    folder = tmp_path / "made"
+    folder.mkdir()
+    np.savetxt(folder / "a.csv", table, delimiter=",", header="time_s,voltage_V,displacement_m", comments="")
+    assert main(["check", str(folder), "--out", str(tmp_path / "out")]) == 0
+    text = capsys.readouterr().out
+    document = json.loads((tmp_path / "out" / "check.json").read_text())
+    (noticed,) = document["recordings"]["a"]["findings"]
+    assert noticed["kind"] == "mains" and noticed["text"] in text
+    for ability in document["abilities"]:
+        assert ability["shows"] in text
+        assert (ability["record"] in text) is not ability["able"]
+    assert document["recordings"]["a"]["noise_floor"] > 0.0
