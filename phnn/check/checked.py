@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from phnn.check.abilities import Ability, abilities
+from phnn.check.consistency import contaminated
 from phnn.check.finding import Finding
 from phnn.check.mains import mains
 from phnn.check.quality import drift, limits, quantisation
@@ -60,7 +61,9 @@ class Checked:
 
 def check(campaign: Campaign) -> Checked:
     """All checks on all recordings that have an output."""
-    findings = {
-        r.name: [f for one in _CHECKS for f in one(r)] if np.isfinite(r.y).all() else [] for r in campaign.recordings
-    }
+    recorded = [r for r in campaign.recordings if np.isfinite(r.y).all()]
+    among = contaminated(recorded)
+    findings: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
+    for r in recorded:
+        findings[r.name] = [*(f for one in _CHECKS for f in one(r)), *among[r.name]]
     return Checked(campaign, findings, abilities(campaign))

@@ -115,6 +115,33 @@ def test_what_recordings_can_show() -> None:
     assert shown(sine(), voltage="terminals")[5]
 
 
+def multisine(seed: int, noise: float = NOISE, tones: tuple[float, ...] = ()) -> Recording:
+    """Two periods of a random-phase multisine below 250 Hz."""
+    rng, size = np.random.default_rng(seed), 4096
+    lines = np.zeros(size // 2 + 1, dtype=complex)
+    lines[1:103] = np.exp(2j * np.pi * rng.random(102))
+    u = np.tile(5.0 * size / 60.0 * np.fft.irfft(lines, size), 2)
+    t = DT * np.arange(2 * size)
+    y = GAIN * u + noise * rng.standard_normal(u.size)
+    y += sum(1e-7 * np.sin(2.0 * np.pi * f * t + rng.uniform(0.0, 6.0)) for f in tones)
+    return recording(u, y, f"run_{seed}")
+
+
+def test_a_contaminated_realisation_is_found_among_the_others() -> None:
+    tones = (411.3, 777.7)
+    runs = [multisine(seed, tones=tones if seed == 3 else ()) for seed in range(5)]
+    findings = check(campaign(*runs, multisine(9, 10.0 * NOISE))).findings
+    kinds = {name: [f.kind for f in some if f.kind == "contaminated"] for name, some in findings.items()}
+    assert kinds == {f"run_{i}": ["contaminated"] if i in (3, 9) else [] for i in (0, 1, 2, 3, 4, 9)}
+    noticed = next(f for f in findings["run_3"] if f.kind == "contaminated")
+    assert [noticed.values[f"tone_{i}_Hz"] for i in (1, 2)] == pytest.approx(tones, abs=2.0)
+    assert "tones at" in noticed.text
+    assert "tones" not in next(f for f in findings["run_9"] if f.kind == "contaminated").text
+    # Two of a kind are too few to tell which of them is wrong.
+    few = check(campaign(runs[0], runs[3])).findings
+    assert not [f for some in few.values() for f in some if f.kind == "contaminated"]
+
+
 def test_text_and_document_say_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     clean = sine(7.0, cycles=28)
     y = clean.y + 3e-8 * np.sin(2.0 * np.pi * 50.0 * clean.t)
