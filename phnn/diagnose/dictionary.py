@@ -45,6 +45,7 @@ class Group:
         axis: name of the variable against which the learned function is drawn, with its unit; empty where the
             functions have memory and no static picture.
         static: ``x -> (len(x), F)`` the same functions of the axis variable alone.
+        searched: the functions take frequencies from the residual itself: they tell where something is, not whether.
     """
 
     location: str
@@ -54,6 +55,7 @@ class Group:
     axis: str = ""
     static: Callable[[Array, Scales], Array] | None = None
     varies: tuple[str, ...] = ()
+    searched: bool = False
 
 
 def _elastic(q: Array, scales: Scales) -> Array:
@@ -83,11 +85,20 @@ def _after_a_step(t: Array, scales: Scales) -> Array:
 
 
 def _modes(trajectory: Trajectory, scales: Scales) -> Array:
-    a = rate(trajectory.velocity, trajectory.h) / (scales.velocity * scales.fastest)
+    a = _acceleration(trajectory, scales)
     times = 1.0 / (2.0 * np.pi * scales.fastest * np.array([3.0, 10.0]))
     filtered = [low_pass(low_pass(a, trajectory.h, t, 0.0), trajectory.h, t, 0.0) for t in times]
-    ringing = [resonator(a, trajectory.h, f, _RATIO) for f in scales.peaks]
-    return np.column_stack([a, *filtered, *ringing])
+    return np.column_stack([a, *filtered])
+
+
+def _ringing(trajectory: Trajectory, scales: Scales) -> Array:
+    a = _acceleration(trajectory, scales)
+    found = [resonator(a, trajectory.h, f, _RATIO) for f in scales.peaks]
+    return np.column_stack(found) if found else np.zeros((a.size, 0))
+
+
+def _acceleration(trajectory: Trajectory, scales: Scales) -> Array:
+    return rate(trajectory.velocity, trajectory.h) / (scales.velocity * scales.fastest)
 
 
 def _by_displacement(q: Array, scales: Scales) -> Array:
@@ -245,6 +256,7 @@ GROUPS = (
     ),
     Group("mechanical", "memory", FORCE, _memory, _T, _after_a_step),
     Group("mechanical", "mode", FORCE, _modes),
+    Group("mechanical", "ringing mode", FORCE, _ringing, searched=True),
     Group("hysteron", "shape", FORCE, _hysteron),
     Group(
         "hysteron", "threshold that follows the displacement", PARAMETER, _of_displacement(_by_displacement), _Q,

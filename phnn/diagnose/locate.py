@@ -44,6 +44,11 @@ class Responses:
     norms: Array
     owner: NDArray[np.int64]
 
+    @property
+    def tests(self) -> Array:
+        """(N, F') those columns that do not depend on the residual they are held against."""
+        return self.columns[:, [not GROUPS[i].searched for i in self.owner]]
+
 
 @dataclass(frozen=True)
 class Location:

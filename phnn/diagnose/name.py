@@ -93,7 +93,7 @@ def score(
     lines = line_candidates(ground, able, colour)
     points = [(e, v) for e in able if all(e is not c.effect for c in lines) for v in e.grid(ground.scales)]
     directions = [direction(ground, e, v) for e, v in points]
-    d = ground.project(np.column_stack([*directions, *([generic.columns] if generic is not None else [])]))
+    d = ground.project(np.column_stack([*directions, *([generic.tests] if generic is not None else [])]))
     power = colour.stated(d)
     alive = power > 1e-16 * max(float(power.max(initial=0.0)), 1e-300)
     scale = np.where(alive, 1.0 / np.sqrt(np.maximum(power, 1e-300)), 0.0)

@@ -29,6 +29,7 @@ _ACTS = {
 # What functions without a static picture depend on, by the detail of their group.
 _HISTORY = {
     "mode": "on the acceleration and its past",
+    "ringing mode": "on the acceleration long before, at the frequency where the error is largest",
     "shape": "on the history of the displacement, as a hysteron does",
     "leakage": "on the past of the voltages that the hysterons hold",
     "slew": "on the rate of the voltage",

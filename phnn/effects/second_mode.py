@@ -50,6 +50,7 @@ EFFECT = Effect(
     name="second_mode",
     location="mechanical",
     kind="mode",
+    akin=("ringing mode",),
     equation=r"m_2 \dot{v}_2 = k_2 x_2 + b_2 (v - v_2), \quad \dot{x}_2 = v - v_2",
     statement="A second mass of {m_2} moves with the first, held by a stiffness of {k_2} and a damping of {b_2}: there "
     "is one more resonance.",

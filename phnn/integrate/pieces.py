@@ -169,7 +169,9 @@ def _piece_of(d: Any, leaf: Any, x: Any, v: Any) -> Any:
         return _CROSSING
     stiffness, low, high = d.c[-1, leaf, STIFFNESS].real, d.c[-1, leaf, LOW].real, d.c[-1, leaf, HIGH].real
     effort = stiffness * x
-    piece = _ABOVE if effort > high else _BELOW if effort < low else _RESTING
+    # Without a dead zone nothing rests in it.
+    above = effort > high or (effort == high and low == high)
+    piece = _ABOVE if above else _BELOW if effort < low else _RESTING
     q = d.whole[-1, leaf, piece]
     end = stiffness * (q[0] * x + q[1] * v + q[2])
     stays = low <= end <= high

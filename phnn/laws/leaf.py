@@ -141,8 +141,8 @@ def rc_flow(
     e0 = x * stiffness
     excess = e0 - high
     deficit = e0 - low
-    # Most steps meet no threshold: one closed form, recognised by its end.
-    if certain((real(excess) <= 0.0) & (real(deficit) >= 0.0)):
+    # Most steps meet no threshold: one closed form, recognised by its end. Without a dead zone nothing rests in it.
+    if certain((real(excess) <= 0.0) & (real(deficit) >= 0.0) & (real(high) > real(low))):
         end, mean = resting(x, current, h, stiffness, leak, leak_one, leak_two)
         last = real(end) * real(stiffness)
         if certain((last <= real(high)) & (last >= real(low))):

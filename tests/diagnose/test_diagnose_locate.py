@@ -14,6 +14,7 @@ from phnn.diagnose.learn import learn
 from phnn.diagnose.ledger import account
 from phnn.diagnose.lines import course_share, line_share
 from phnn.diagnose.locate import Location, locate, recording_scores, strongest_frequencies, strongest_times
+from phnn.diagnose.name import score
 from phnn.diagnose.picture import missing_force, picture
 from phnn.effects import Effect, catalogue
 from phnn.effects.effect import LOCATIONS
@@ -178,9 +179,21 @@ def test_a_mode_that_rings_like_a_line_lies_in_the_mechanics(ratio: float, share
     peaks = shown.spectra.peaks
     assert any(abs(2.0 * np.pi * f / omega - 1.0) < 0.03 for f in peaks)
     without, found = (locate(replace(shown, scales=replace(shown.scales, peaks=p))) for p in ((), peaks))
-    assert (found.name, found.detail) == ("mechanical", "mode"), found.ranks
+    assert (found.name, found.detail) == ("mechanical", "ringing mode"), found.ranks
     # A bank of slow filters does not turn its phase as quickly.
-    assert found.details["mechanical/mode"] > max(share, 2.0 * without.details["mechanical/mode"])
+    assert found.details["mechanical/ringing mode"] > max(share, 2.0 * without.details["mechanical/mode"])
+    assert without.details["mechanical/ringing mode"] == 0.0
+
+
+def test_what_takes_its_frequency_from_the_residual_is_no_test_of_it() -> None:
+    responses = campaigns.generic()
+    searched = [GROUPS[i].searched for i in responses.owner]
+    assert any(searched)
+    np.testing.assert_array_equal(responses.tests, responses.columns[:, np.logical_not(searched)])
+    ground = campaigns.ground()
+    scored = score(ground, [], responses, 0)
+    alone = replace(responses, columns=responses.tests, owner=responses.owner[np.logical_not(searched)])
+    assert scored.statistic == score(ground, [], alone, 0).statistic
 
 
 def test_a_course_of_its_own_in_every_recording_lies_in_the_sensor() -> None:
