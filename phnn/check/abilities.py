@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from phnn.recordings.excitation import Excitation, excitation_of
+from phnn.check.quality import comes_back
+from phnn.recordings.excitation import Excitation
 from phnn.recordings.recording import Campaign, Recording
 from phnn.signals.noise import longest_hold
 
-# Amplitudes and frequencies that count as different; a hold that counts as long, in slowest periods.
+# Amplitudes and frequencies that count as different; a hold that counts as long, in shortest periods.
 _AMPLITUDES, _FREQUENCIES, _HOLD = 1.4, 8.0, 3.0
 
 
@@ -34,6 +33,11 @@ class _Set:
     excitations: Sequence[Excitation]
     voltage: str
 
+    @property
+    def lows(self) -> list[float]:
+        """Lowest frequency [Hz] of every excitation that has one."""
+        return [e.low_Hz for e in self.excitations if e.low_Hz > 0.0]
+
     def amplitudes(self) -> bool:
         """Several amplitudes at about one frequency, or noise, which has them all."""
         moving = [e for e in self.excitations if e.amplitude > 0.0]
@@ -44,20 +48,18 @@ class _Set:
 
     def frequencies(self) -> bool:
         """Frequencies over almost a decade."""
-        lows = [e.low_Hz for e in self.excitations if e.low_Hz > 0.0]
         highs = [e.high_Hz for e in self.excitations if e.high_Hz > 0.0]
-        return bool(lows) and max(highs) > _FREQUENCIES * min(lows)
+        return bool(self.lows) and max(highs) > _FREQUENCIES * min(self.lows)
 
     def hold(self) -> bool:
-        """A hold or rest that is long against the slowest period."""
-        lows = [e.low_Hz for e in self.excitations if e.low_Hz > 0.0]
+        """A hold or rest that is long against the shortest period."""
         longest = max((_hold(r) for r in self.recordings), default=0.0)
-        return longest > _HOLD / max(lows) if lows else longest > 0.0
+        return longest > (_HOLD / max(self.lows) if self.lows else 0.0)
 
     def returns(self) -> bool:
         """A rest at the end, at the input of the beginning."""
         return any(
-            e.span[1] < 0.9 * r.t.size and abs(r.u[-1] - r.u[0]) <= 0.01 * np.ptp(r.u)
+            e.span[1] < 0.9 * r.t.size and comes_back(r.u)
             for r, e in zip(self.recordings, self.excitations, strict=True)
         )
 
@@ -106,10 +108,10 @@ _ABILITIES: tuple[tuple[str, Callable[[_Set], bool], str], ...] = (
 )  # fmt: skip
 
 
-def abilities(campaign: Campaign) -> list[Ability]:
+def abilities(campaign: Campaign, excitations: Mapping[Recording, Excitation]) -> list[Ability]:
     """Every question that recordings may answer, in the order in which they are worth asking."""
     chosen = [r for r in campaign.recordings if r.mask("identification").any()]
-    offered = _Set(chosen, [excitation_of(r.u, r.dt) for r in chosen], campaign.voltage)
+    offered = _Set(chosen, [excitations[r] for r in chosen], campaign.voltage)
     return [Ability(shows, test(offered), record) for shows, test, record in _ABILITIES]
 
 

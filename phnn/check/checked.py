@@ -14,6 +14,7 @@ from phnn.check.mains import mains
 from phnn.check.quality import drift, limits, quantisation
 from phnn.check.timing import lead
 from phnn.recordings.describe import describe
+from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Campaign
 
 _CHECKS = (quantisation, limits, drift, mains, lead)
@@ -62,8 +63,9 @@ class Checked:
 def check(campaign: Campaign) -> Checked:
     """All checks on all recordings that have an output."""
     recorded = [r for r in campaign.recordings if np.isfinite(r.y).all()]
-    among = contaminated(recorded)
+    excitations = {r: excitation_of(r.u, r.dt) for r in campaign.recordings}
+    among = contaminated(recorded, excitations)
     findings: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
     for r in recorded:
-        findings[r.name] = [*(f for one in _CHECKS for f in one(r)), *among[r.name]]
-    return Checked(campaign, findings, abilities(campaign))
+        findings[r.name] = [*(f for one in _CHECKS for f in one(r, excitations[r])), *among[r.name]]
+    return Checked(campaign, findings, abilities(campaign, excitations))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from phnn.check.finding import WARNING, Finding
-from phnn.recordings.excitation import excitation_of
+from phnn.recordings.excitation import Excitation
 from phnn.recordings.recording import Recording
 
 # Recordings are of one kind within these relative differences of period and amplitude; how many make a kind.
@@ -18,13 +18,15 @@ _NOISIER = 3.0
 _STANDS_OUT, _NAMED = 30.0, 3
 
 
-def contaminated(recordings: Sequence[Recording]) -> dict[str, list[Finding]]:
+def contaminated(
+    recordings: Sequence[Recording], excitations: Mapping[Recording, Excitation]
+) -> dict[str, list[Finding]]:
     """By recording: whether its last two periods differ far more than those of the others with such an excitation.
 
     The spectra of random-phase multisines differ from realisation to realisation, but not the noise between their
     periods (Pintelon & Schoukens 2012, System Identification, ch. 4).
     """
-    between = {r.name: d for r in recordings if (d := _between_periods(r)) is not None}
+    between = {r.name: d for r in recordings if (d := _between_periods(r, excitations[r])) is not None}
     sizes = {name: float(np.std(d)) for name, d in between.items()}
     found: dict[str, list[Finding]] = {r.name: [] for r in recordings}
     for r in recordings:
@@ -49,12 +51,12 @@ def _finding(difference: np.ndarray, dt: float, times: float, others: int) -> Fi
     return Finding("contaminated", WARNING, text, values)
 
 
-def _between_periods(recording: Recording) -> np.ndarray | None:
+def _between_periods(recording: Recording, excitation: Excitation) -> np.ndarray | None:
     """Difference of the last two periods over √2; None where there are no two of a whole number of samples."""
     if recording.period is None:
         return None
     size, y = recording.period / recording.dt, recording.y
-    whole, (first, last) = round(size), excitation_of(recording.u, recording.dt).span
+    whole, (first, last) = round(size), excitation.span
     if abs(size - whole) > 1e-3 or last - first < 2 * whole or not np.isfinite(y).all():
         return None
     return np.asarray((y[last - whole : last] - y[last - 2 * whole : last - whole]) / np.sqrt(2.0))

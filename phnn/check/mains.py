@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.check.finding import WARNING, Finding
-from phnn.recordings.excitation import excitation_of
+from phnn.recordings.excitation import Excitation
 from phnn.recordings.recording import Recording
 from phnn.units import quantity
 
@@ -19,13 +19,18 @@ _STANDS_OUT = 20.0
 _AROUND, _ITSELF, _PERIODS = 25, 3, 8.0
 
 
-def mains(recording: Recording) -> list[Finding]:
+def mains(recording: Recording, excitation: Excitation) -> list[Finding]:
     """The multiples of a mains frequency that stand out of an output's spectrum, but not out of its input's.
 
     Hann window; the amplitude of a tone is that of a sine of the same power.
     """
     duration = recording.t.size * recording.dt
-    found = {f: a for base in _MAINS for n in _MULTIPLES if (a := _amplitude(recording, f := base * n, duration)) > 0.0}
+    lines = [base * n for base in _MAINS for n in _MULTIPLES]
+    asked = [f for f in lines if _shown(recording, f, duration) and not _driven(excitation, f, duration)]
+    if not asked:
+        return []
+    output, drive = _spectrum(recording.y), _spectrum(recording.u)
+    found = {f: a for f in asked if (a := _amplitude(output, drive, f * duration, recording.t.size)) > 0.0}
     if not found:
         return []
     said = ", ".join(f"{f:g} Hz ({quantity(a, 'm')})" for f, a in found.items())
@@ -33,30 +38,34 @@ def mains(recording: Recording) -> list[Finding]:
     return [Finding("mains", WARNING, text, {f"amplitude_{f:g}Hz": a for f, a in found.items()})]
 
 
-def _amplitude(recording: Recording, frequency: float, duration: float) -> float:
-    """Amplitude of a tone in the output; 0 where there is none, or where the input could have caused it."""
-    if frequency * duration < _PERIODS or frequency > 0.45 / recording.dt or _driven(recording, frequency, duration):
-        return 0.0
-    output, power = _over_neighbours(recording.y, frequency * duration)
-    drive, _ = _over_neighbours(recording.u, frequency * duration)
-    if output < _STANDS_OUT or drive > 0.1 * output:
-        return 0.0
-    # A sine of amplitude a has the power (a n/4)² in the middle bin of a Hann window, a quarter of it on either side.
-    return float(np.sqrt(power / 1.5)) * 4.0 / recording.t.size
+def _shown(recording: Recording, frequency: float, duration: float) -> bool:
+    """Whether a recording is long enough, and sampled fast enough, to show a tone."""
+    return frequency * duration >= _PERIODS and frequency <= 0.45 / recording.dt
 
 
-def _driven(recording: Recording, frequency: float, duration: float) -> bool:
+def _driven(excitation: Excitation, frequency: float, duration: float) -> bool:
     """Whether a harmonic of what drives the recording lies within its resolution of the frequency."""
-    excitation = excitation_of(recording.u, recording.dt)
     if excitation.kind not in ("sine", "periodic"):
         return False
     return abs(frequency - excitation.low_Hz * round(frequency / excitation.low_Hz)) * duration < _ITSELF
 
 
-def _over_neighbours(x: Array, place: float) -> tuple[float, float]:
-    """Power at a frequency in bins over the median around it, and the power in its three bins together."""
-    spectrum = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size))) ** 2
-    middle = round(place)
+def _spectrum(x: Array) -> Array:
+    """Power by bins, through a Hann window."""
+    return np.asarray(np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size))) ** 2)
+
+
+def _amplitude(output: Array, drive: Array, place: float, samples: int) -> float:
+    """Amplitude of a tone in the output's spectrum; 0 where there is none, or where the input could have caused it."""
+    stands_out, power = _over_neighbours(output, round(place))
+    if stands_out < _STANDS_OUT or _over_neighbours(drive, round(place))[0] > 0.1 * stands_out:
+        return 0.0
+    # A sine of amplitude a has the power (a n/4)² in the middle bin of a Hann window, a quarter of it on either side.
+    return float(np.sqrt(power / 1.5)) * 4.0 / samples
+
+
+def _over_neighbours(spectrum: Array, middle: int) -> tuple[float, float]:
+    """Power at a bin over the median around it, and the power in its three bins together."""
     own = slice(max(middle - 1, 0), middle + 2)
     below = spectrum[max(middle - _AROUND, 1) : max(middle - _ITSELF, 1)]
     around = np.concatenate([below, spectrum[middle + _ITSELF + 1 : middle + _AROUND + 1]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from phnn.check.finding import NOTE, WARNING, Finding
-from phnn.recordings.excitation import excitation_of
+from phnn.recordings.excitation import Excitation
 from phnn.recordings.recording import Recording
 from phnn.signals.noise import quantisation_step
 from phnn.units import quantity
@@ -17,10 +17,11 @@ _FINE, _COARSE = 0.1, 2.0
 _SHARE = 2e-3
 # Drift over standard error, and over the noise, from which it is worth a word and a warning.
 _SURE, _MUCH = 5.0, 2.0
+# Inputs that differ by less than this share of their range are equal.
 _LEVEL = 0.01
 
 
-def quantisation(recording: Recording) -> list[Finding]:
+def quantisation(recording: Recording, excitation: Excitation) -> list[Finding]:
     """The step of which the output's values are multiples, beside the noise."""
     step = quantisation_step(recording.y)
     if step == 0.0 or not recording.noise > 0.0:
@@ -37,7 +38,7 @@ def quantisation(recording: Recording) -> list[Finding]:
     ]
 
 
-def limits(recording: Recording) -> list[Finding]:
+def limits(recording: Recording, excitation: Excitation) -> list[Finding]:
     """Samples that stand at the output's extremes, as where a converter ends; many more of them reading refuses."""
     y = recording.y
     at = max(int(np.sum(y == y.max())), int(np.sum(y == y.min())))
@@ -48,12 +49,12 @@ def limits(recording: Recording) -> list[Finding]:
     return [Finding("limits", WARNING, text, {"samples": float(at)})]
 
 
-def drift(recording: Recording) -> list[Finding]:
+def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
     """Change of the output's mean from period to period, or between rests at one input, with its standard error.
 
     The first period is left out, for what the start left dies away in it.
     """
-    means, spread = _levels(recording)
+    means, spread = _levels(recording, excitation)
     if means.size < 2:
         return []
     change, error = float(means[-1] - means[0]), spread * float(np.sqrt(2.0))
@@ -68,22 +69,24 @@ def drift(recording: Recording) -> list[Finding]:
     return [Finding("drift", WARNING, f"{text}: {remedy}", values)]
 
 
-def _levels(recording: Recording) -> tuple[np.ndarray, float]:
+def comes_back(u: np.ndarray) -> bool:
+    """Whether an input ends where it began."""
+    return bool(abs(u[-1] - u[0]) <= _LEVEL * np.ptp(u))
+
+
+def _levels(recording: Recording, excitation: Excitation) -> tuple[np.ndarray, float]:
     """Means of the output over stretches of equal input, in order, and the standard error of each."""
-    excitation = excitation_of(recording.u, recording.dt)
+    first, last = excitation.span
     correlated = float(np.sqrt(max(2.0 * recording.noise_correlation.sum() - 1.0, 1.0)))
     if excitation.period is not None and excitation.cycles >= 3.0:
-        first, last = excitation.span
         size = excitation.period / recording.dt
         # Periods need not be whole numbers of samples: their means come from the integral, interpolated.
         integral = np.concatenate([[0.0], np.cumsum(recording.y)])
         edges = first + size * np.arange(1, int((last - first) / size + 1e-6) + 1)
         means = np.diff(np.interp(edges, np.arange(integral.size), integral)) / size
         return means, recording.noise * correlated / float(np.sqrt(size))
-    first, last = excitation.span
     before, after = recording.y[:first], recording.y[last:]
-    same = abs(recording.u[-1] - recording.u[0]) <= _LEVEL * float(np.ptp(recording.u))
-    if not same or min(before.size, after.size) < 10:
+    if not comes_back(recording.u) or min(before.size, after.size) < 10:
         return np.zeros(0), 0.0
     # What follows the last change of the input is still on its way: its second half counts.
     after = after[after.size // 2 :]

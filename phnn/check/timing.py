@@ -5,20 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from phnn.check.finding import WARNING, Finding
-from phnn.recordings.excitation import excitation_of
+from phnn.recordings.excitation import Excitation
 from phnn.recordings.recording import Recording
 
 # Samples by which an output must lead before a channel is called shifted, and times the uncertainty of the phase.
 _SAMPLES, _SURE = 0.5, 4.0
 
 
-def lead(recording: Recording) -> list[Finding]:
+def lead(recording: Recording, excitation: Excitation) -> list[Finding]:
     """Whether the output leads the input at the fundamental: no causal actuator of positive static gain does.
 
     With the complex amplitudes ``U`` and ``Y`` at ``f`` the lead is ``arg(Y/U) / 2πf``. Hysteresis, damping and every
     lag of amplifier or sensor make it negative; above a resonance it is negative still.
     """
-    excitation = excitation_of(recording.u, recording.dt)
     if excitation.kind not in ("sine", "periodic") or excitation.cycles < 1.0:
         return []
     first, last = excitation.span

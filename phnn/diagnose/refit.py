@@ -20,7 +20,7 @@ from phnn.diagnose.steps import (
     moving,
     on_all_recordings,
 )
-from phnn.diagnose.trial import Trial, criterion
+from phnn.diagnose.trial import LOUD, Trial, criterion
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
 from phnn.identify.fit import Fit, fit
@@ -44,8 +44,8 @@ _SETTLED, _RIVAL = 0.05, 0.75
 _UNEXPLAINED = 0.1
 # What leaves more than this share from where the score begins has been led nowhere by it.
 _ASTRAY = 0.5
-# Where all leave more than this share of a residual this many times the noise, it is vain to compare them.
-_VAIN, _LOUD = 0.85, 3.0**2
+# Where all leave more than this share of a loud residual, it is vain to compare them.
+_VAIN = 0.85
 _CHUNK = 3
 _COST = attrgetter("cost")
 
@@ -77,7 +77,7 @@ def refit(
         trials = _boldly(base, trials, unknown, executor)
     trials = _with_special(base, trials, unknown, executor)
     rivals = [t for t in trials if _comes_near(t, trials[0], base)]
-    vain = base.chi2 > _LOUD and not _settled(trials[0], base, _VAIN)
+    vain = base.chi2 > LOUD and not _settled(trials[0], base, _VAIN)
     trials = _again(finished, base, trials, rivals[: 1 if vain else _ENTER_THIRD], executor)
     return list(first_by_name(trials, lambda t: t.candidate.effect).values())
 

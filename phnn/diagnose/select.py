@@ -13,7 +13,7 @@ from phnn.diagnose.place import elsewhere, in_place, located, may_lie, of_its_ki
 from phnn.diagnose.refit import refit
 from phnn.diagnose.retest import retested
 from phnn.diagnose.scored import SIGNIFICANT, Scored, excess, scored
-from phnn.diagnose.trial import MATERIAL, Trial, class_of, criterion, tie
+from phnn.diagnose.trial import LOUD, MATERIAL, Trial, class_of, criterion, tie
 from phnn.effects import Effect
 from phnn.ensemble import Executor
 from phnn.errors import PhnnError
@@ -34,8 +34,6 @@ WELL = 0.9
 _NOISE = 1.02**2
 # Another form that leaves more than this may as well be two effects.
 _MUCH = 2.0**2
-# A residual this many times the noise is none, whatever the doubt about the level.
-_LOUD = 3.0**2
 # Refits that end within this many ties of the best one are compared with numerical error bounded.
 _NEARBY = 10.0
 # Numerical error allowed beside what is left, as a share of its norm.
@@ -100,7 +98,7 @@ def select(
             break
         helps = share_of(last.model.ground.fit, trials[0].fit, last.model.naming) >= _EXPLAINS_SOME
         # What leaves more than any doubt about the noise forgives is significant, and need not be scored to say so.
-        if not helps and trials[0].fit.chi2 > _LOUD:
+        if not helps and trials[0].fit.chi2 > LOUD:
             break
         step = _with(search, last, trials)
         if not last.findings:

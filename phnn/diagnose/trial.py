@@ -18,6 +18,8 @@ TIE = 12.0
 _IMPERFECT = 0.2
 # A residual that exceeds the noise by this much matters.
 MATERIAL = 1.1**2
+# A residual this many times the noise is none, whatever the doubt about the level.
+LOUD = 3.0**2
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,11 +33,8 @@ def on_grid(
     if _in_pairs(t):
         means = {name: 0.5 * (values[::2] + values[1::2]) for name, values in channels.items()}
         dt, means, note = on_grid(t[::2], unit_factor, means, where)
-        return (
-            dt,
-            means,
-            "two rows with every time, least and largest value: their means are taken" + (f"; {note}" if note else ""),
-        )
+        pairs = "two rows with every time, least and largest value: their means are taken"
+        return dt, means, f"{pairs}; {note}" if note else pairs
     checks.time_advances(t, where)
     checks.no_gaps(t, where)
     k = np.arange(t.size)
