@@ -34,7 +34,7 @@ from phnn.integrate.linearise import Pattern, Run
 from phnn.integrate.lookups import junction_storage, mean_effort
 from phnn.integrate.quick import CURVED, GAIN, resolve
 from phnn.integrate.tables import JUNCTION_INLETS, LEAVES, LOSSLESS, Integers, rows_of
-from phnn.laws.leaf import rc_flow, resting, sliding
+from phnn.laws.leaf import rc_flow, resting, sliding, slides_on
 from phnn.laws.namespace import TINY
 
 Array = NDArray[np.float64]
@@ -174,11 +174,11 @@ def _piece_of(d: Any, leaf: Any, x: Any, v: Any) -> Any:
     piece = _ABOVE if above else _BELOW if effort < low else _RESTING
     q = d.whole[-1, leaf, piece]
     end = stiffness * (q[0] * x + q[1] * v + q[2])
-    stays = low <= end <= high
-    if piece == _ABOVE:
-        stays = end >= high
-    elif piece == _BELOW:
-        stays = end <= low
+    if piece == _RESTING:
+        stays = low <= end <= high
+    else:
+        current, leak = d.c[-1, leaf, GAIN].real * v, d.c[-1, leaf, LEAK].real
+        stays = slides_on(effort, end, above, high if above else low, current, leak)
     return piece if stays else _CROSSING
 
 

@@ -20,6 +20,8 @@ _SERIES = 0.05
 _NO_CURRENT = 1e-100
 _SATURATED = 40.0
 _NEVER = 1e300
+# An end this close to a threshold, relative to the effort it came from, may lie on either side of it.
+_ROUNDING = 1e-12
 
 
 @shared
@@ -119,6 +121,22 @@ def sliding(
 
 
 @shared
+def slides_on(effort: Any, end: Any, above: Any, threshold: Any, current: Any, leak: Any) -> Any:
+    """Whether a leaf that starts beyond a threshold stays there for a whole step.
+
+    Under an outward current it relaxes towards an effort beyond the threshold. Under an inward one its end tells,
+    unless rounding decides on which side that lies: a steep leaf falls to the threshold at once, and moves on inside.
+    """
+    outward = real(current) - real(leak) * real(threshold)
+    margin = _ROUNDING * real(effort)
+    return where(
+        above,
+        (outward >= 0.0) | (real(end) >= real(threshold) + margin),
+        (outward <= 0.0) | (real(end) <= real(threshold) + margin),
+    )
+
+
+@shared
 def rc_flow(
     x: Any, current: Any, h: Any, stiffness: Any, rho: Any, low: Any, high: Any, leak: Any, one: Any, two: Any,
     leak_one: Any, leak_two: Any,
@@ -149,9 +167,9 @@ def rc_flow(
             return end, mean
     elif certain(real(rho) > 0.0):
         above = real(excess) > 0.0
-        end, mean = sliding(x, current, h, stiffness, rho, where(above, high, low), leak, one, two)
-        last = real(end) * real(stiffness)
-        if certain(where(above, last >= real(high), last <= real(low))):
+        threshold = where(above, high, low)
+        end, mean = sliding(x, current, h, stiffness, rho, threshold, leak, one, two)
+        if certain(slides_on(e0, real(end) * real(stiffness), above, threshold, current, leak)):
             return end, mean
     drive = current - leak * e0 - rho * (maximum(excess, 0.0 * excess) + minimum(deficit, 0.0 * deficit))
     return _across(x, current, h, stiffness, rho, low, high, leak, e0, drive)

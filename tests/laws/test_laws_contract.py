@@ -319,6 +319,16 @@ class TestExactLeaf:
         # h i ē − ΔH is the energy that the resistor takes: the exchanged power is exact.
         assert abs(got - lost) < 1e-7 * size**2 / leaf["capacitance"]
 
+    @pytest.mark.parametrize("side", [1.0, -1.0])
+    @pytest.mark.parametrize("leak", [0.0, 1e-10])
+    def test_a_steep_one_that_turns_at_its_threshold_moves_on_inside(self, side: float, leak: float) -> None:
+        # Beyond the threshold by rounding; what it would slide to lies 1e-17 inside, which rounding makes the threshold.
+        x, current = side * (1.0 + 1e-15), -side * 1e-9
+        end, mean = advanced(x, current, 1.0, 1.0, 1e8, -1.0, 1.0, leak)
+        moved = current - side * leak
+        assert abs(end - side - moved) < 1e-5 * abs(moved)
+        assert abs(mean - side - 0.5 * moved) < 1e-5 * abs(moved)
+
     @settings(max_examples=600, deadline=None)
     @given(leaves, st.sampled_from([1e-9, 1.0, 1e9]))
     def test_is_passive_to_rounding_at_any_stiffness(self, leaf: Leaf, units: float) -> None:
