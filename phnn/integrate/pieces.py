@@ -34,7 +34,7 @@ from phnn.integrate.linearise import Pattern, Run
 from phnn.integrate.lookups import junction_storage, mean_effort
 from phnn.integrate.quick import CURVED, GAIN, resolve
 from phnn.integrate.tables import JUNCTION_INLETS, LEAVES, LOSSLESS, Integers, rows_of
-from phnn.laws.leaf import rc_flow, resting, sliding, slides_on
+from phnn.laws.leaf import rc_flow, resting, slides_on, sliding
 from phnn.laws.namespace import TINY
 
 Array = NDArray[np.float64]

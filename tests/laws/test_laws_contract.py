@@ -322,7 +322,7 @@ class TestExactLeaf:
     @pytest.mark.parametrize("side", [1.0, -1.0])
     @pytest.mark.parametrize("leak", [0.0, 1e-10])
     def test_a_steep_one_that_turns_at_its_threshold_moves_on_inside(self, side: float, leak: float) -> None:
-        # Beyond the threshold by rounding; what it would slide to lies 1e-17 inside, which rounding makes the threshold.
+        # Just beyond; what it would slide to lies 1e-17 inside, which rounding makes the threshold.
         x, current = side * (1.0 + 1e-15), -side * 1e-9
         end, mean = advanced(x, current, 1.0, 1.0, 1e8, -1.0, 1.0, leak)
         moved = current - side * leak
