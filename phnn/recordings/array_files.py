@@ -14,6 +14,8 @@ from phnn.recordings.mat_layout import check_layout, is_v5
 from phnn.recordings.table import Table, Where
 
 _MOST_COLUMNS = 64
+# Bytes of an HDF5 superblock up to the length of the file, whatever its version.
+_SUPERBLOCK = 52
 
 
 def read_mat(path: Path) -> Table:
@@ -128,9 +130,26 @@ def _load_hdf5(path: Path, cause: str, remedy: str, transposed: bool = False) ->
 
     try:
         with h5py.File(path, "r") as file:
+            _check_length(path, file.userblock_size)
             return content(file)
     except Exception as error:  # on damaged bytes h5py raises errors of many kinds
         raise InputRefused(f"{path.name}: {cause} ({error}): {remedy}") from error
+
+
+def _check_length(path: Path, superblock: int) -> None:
+    """An HDF5 file states its length in its superblock; bytes too many have moved what lies behind them.
+
+    Raises:
+        ValueError: it has another length.
+    """
+    with path.open("rb") as file:
+        file.seek(superblock)
+        head = file.read(_SUPERBLOCK)
+    version = head[8]
+    end = 28 if version > 1 else 40 + 4 * version
+    stated, size = int.from_bytes(head[end : end + 8], "little"), path.stat().st_size
+    if stated != size:
+        raise ValueError(f"{size} bytes long, and says that it has {stated}")
 
 
 def _vectors(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:

@@ -16,6 +16,8 @@ LARGEST_JITTER = 0.01  # of the sampling interval
 LARGEST_CLIPPED_SHARE = 0.02
 SHORTEST_CLIPPED_RUN = 5
 LARGEST_VALUE = 1e30
+# Largest voltages and strokes of piezo actuators, SI: a decade beyond what is sold, from sensor to transducer.
+ACTUATORS = {"voltage": (1e-5, 1e5, "V"), "displacement": (1e-10, 1e-2, "m")}
 
 
 def folder_exists(folder: Path) -> None:
@@ -187,6 +189,17 @@ def input_moves(u: np.ndarray, before: float | None, label: str, where: Where) -
         raise InputRefused(
             f"{where}: {label}: constant at {u[0]:.6g} in all {u.size} rows, nothing drives the system: check "
             f"the column, or state the step at the start in recordings.yaml, start: {{state: rest, input_before: ...}}"
+        )
+
+
+def like_an_actuator(size: float, quantity: str, label: str, where: Where) -> None:
+    """Refuse what no piezo actuator does: its numbers are in another unit than is said."""
+    least, most, unit = ACTUATORS[quantity]
+    if not least <= size <= most:
+        raise InputRefused(
+            f"{where}: {quantity} ({label}): a {quantity} of {size:.3g} {unit}, a piezo actuator's lies between "
+            f"{least:g} and {most:g} {unit}: correct the unit, or describe another system as a network, "
+            f"setup: {{network: FILE.yaml}} in recordings.yaml"
         )
 
 

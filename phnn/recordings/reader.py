@@ -135,11 +135,14 @@ def _drafts(home: Path, entry: Entry, said: Manifest, need_output: bool) -> list
     path = home / entry.file
     table = _reader(path)(path)
     channels = select(table, entry.columns)
-    return [_draft(piece, table, channels, said, need_output) for piece in segmented(entry, channels, table.where)]
+    roles = _roles(channels, said, table, need_output)
+    return [_draft(piece, table, channels, roles, said) for piece in segmented(entry, channels, table.where)]
 
 
-def _draft(entry: Entry, table: Table, channels: Mapping[str, Channel], said: Manifest, need_output: bool) -> _Draft:
-    u_name, y_name = _roles(channels, said, table, need_output)
+def _draft(
+    entry: Entry, table: Table, channels: Mapping[str, Channel], roles: tuple[str, str | None], said: Manifest
+) -> _Draft:
+    u_name, y_name = roles
     dt, values, where, notes = _sampled(entry, table, channels)
     u = values[u_name]
     y = values[y_name] if y_name is not None else np.full(u.size, np.nan)
@@ -150,6 +153,9 @@ def _draft(entry: Entry, table: Table, channels: Mapping[str, Channel], said: Ma
         label = f"{y_name} ({channels[y_name].label})"
         checks.output_moves(y, label, where)
         checks.not_clipped(u, y, label, channels[y_name].factor, where)
+        if _is_actuator(said):
+            checks.like_an_actuator(float(np.abs(u).max()), "voltage", channels["voltage"].label, where)
+            checks.like_an_actuator(float(np.ptp(y)), "displacement", channels["displacement"].label, where)
     excitation = _excitation(u, dt, entry, where)
     name = entry.name or Path(entry.file).stem
     floor, recording = _recording(name, entry.file, dt, u, y, start, entry, excitation)
@@ -159,6 +165,7 @@ def _draft(entry: Entry, table: Table, channels: Mapping[str, Channel], said: Ma
     spare = unused(table, channels)
     if spare and not table.by_name:
         notes.append(f"{name}: columns not used: {', '.join(spare)}.")
+    notes.extend(f"{name}: {note}." for note in table.notes)
     return _Draft(recording, floor, excitation, entry.use, what, tuple(notes))
 
 
@@ -185,9 +192,13 @@ def _recording(
     )
 
 
+def _is_actuator(said: Manifest) -> bool:
+    return said.setup.get("model") in ("piezo_actuator", "hrc")
+
+
 def _roles(channels: Mapping[str, Channel], said: Manifest, table: Table, need_output: bool) -> tuple[str, str | None]:
     """Which channels are input and output. A force drives only what is no piezo actuator."""
-    actuator = said.setup.get("model") in ("piezo_actuator", "hrc")
+    actuator = _is_actuator(said)
     inputs = ["voltage"] if actuator else ["input", "voltage", "force"]
     outputs = ["displacement"] if actuator else ["output", "displacement"]
     found_inputs = [q for q in inputs if q in channels]

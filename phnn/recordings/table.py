@@ -49,12 +49,14 @@ class Table:
         names: header names; empty texts where there is no header.
         columns: one array per column, numeric or of texts; lengths may differ where ``by_name``.
         by_name: the columns have no order (``.mat``, ``.npz``, …), so an index does not find one.
+        notes: what was left out of the file, and why.
     """
 
     where: Where
     names: tuple[str, ...]
     columns: tuple[np.ndarray, ...]
     by_name: bool = False
+    notes: tuple[str, ...] = ()
 
     def find(self, place: int | str) -> int:
         """Index of the column at an index or of a name.

@@ -11,6 +11,8 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.recordings.table import Table, Where
 
+# Bytes before the content of a segment, and the flag of its first byte order.
+_LEAD_IN, _BIG_ENDIAN = 28, 1 << 6
 _INTERVAL, _UNIT = "wf_increment", "unit_string"
 
 
@@ -25,6 +27,7 @@ def read_tdms(path: Path) -> Table:
     except ModuleNotFoundError as error:
         raise InputRefused(f"{path.name}: .tdms files need the package npTDMS: pip install 'phnn[tdms]'") from error
     try:
+        _check_segments(path)
         channels = {
             (group.name, channel.name): (np.asarray(channel[:]), dict(channel.properties))
             for group in TdmsFile.read(path).groups()
@@ -42,6 +45,24 @@ def read_tdms(path: Path) -> Table:
         longest = max(values.size for values in columns.values())
         columns.setdefault("time_s", interval * np.arange(longest))
     return Table(Where(path.name), tuple(columns), tuple(columns.values()), by_name=True)
+
+
+def _check_segments(path: Path) -> None:
+    """Every segment states where the next begins; the last ends with the file, unless bytes were lost or slipped in.
+
+    Raises:
+        ValueError: it does not.
+    """
+    size, first = path.stat().st_size, 0
+    with path.open("rb") as file:
+        while first < size:
+            file.seek(first)
+            head = file.read(_LEAD_IN)
+            if not head.startswith(b"TDSm") or len(head) < _LEAD_IN:
+                raise ValueError(f"no segment begins at byte {first}")
+            first += _LEAD_IN + int.from_bytes(head[12:20], "big" if head[4] & _BIG_ENDIAN else "little")
+    if first > size:
+        raise ValueError(f"{size} bytes long, its last segment ends at {first}")
 
 
 def _name(group: str, channel: str, properties: Mapping[str, Any], several: bool) -> str:

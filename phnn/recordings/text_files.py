@@ -12,7 +12,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +73,7 @@ def read_text(path: Path) -> Table:
     Raises:
         InputRefused: not text, no columns of numbers, damaged rows, rows of unequal length, a header of another length.
     """
-    lines = _lines(path)
+    lines, ended = _lines(path)
     dialect, width = _recognised(lines)
     if not width:
         head = next(line.strip() for line in lines if line.strip())
@@ -83,19 +83,29 @@ def read_text(path: Path) -> Table:
         )
     first = next(i for i, line in enumerate(lines) if dialect.width(line) == width)
     names = _names(path, lines, first, dialect, width)
-    return _parse(path, lines, first, names, dialect)
+    if ended or not _cut_off(lines[first:], dialect):
+        return _parse(path, lines, first, names, dialect)
+    note = f"its last line, {lines[-1].strip()[:40]!r}, was left out: the file ends within it"
+    return replace(_parse(path, lines[:-1], first, names, dialect), notes=(note,))
 
 
 def looks_like_numbers(path: Path) -> bool:
     """Whether a text file holds columns of numbers rather than prose."""
     try:
-        lines = _lines(path)
+        lines, _ = _lines(path)
     except InputRefused:
         return False
     return _recognised(lines)[1] >= 2
 
 
-def _lines(path: Path) -> list[str]:
+def _cut_off(rows: Sequence[str], dialect: _Dialect) -> bool:
+    """Whether the last row, behind which no line ends, breaks off: its last number has fewer digits than all others."""
+    *others, last = (len((dialect.cells(row) or [""])[-1].lstrip("+-")) for row in rows)
+    return bool(others) and last < min(others)
+
+
+def _lines(path: Path) -> tuple[list[str], bool]:
+    """The lines of a text, and whether the last of them ends as the others do."""
     raw = path.read_bytes()
     if not raw.strip():
         raise InputRefused(f"{path.name}: the file is empty: record it again or remove it")
@@ -113,7 +123,7 @@ def _lines(path: Path) -> list[str]:
     for i, line in enumerate(lines):
         if len(line) > _LONGEST_LINE:
             raise InputRefused(f"{path.name}: line {i + 1} has {len(line)} characters: write one row per sample")
-    return lines
+    return lines, content.endswith(("\n", "\r"))
 
 
 def _recognised(lines: Sequence[str]) -> tuple[_Dialect, int]:

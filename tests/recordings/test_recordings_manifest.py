@@ -65,12 +65,12 @@ def test_entries_override_common_keys(tmp_path: Path) -> None:
     manifest(
         tmp_path,
         COLUMNS + "start: unknown\nrecordings:\n"
-        "  - {file: loops.dat, sample_rate_hz: 2000, start: rest, columns: {displacement: {unit: mm}}}\n  - b.dat\n",
+        "  - {file: loops.dat, sample_rate_hz: 2000, start: rest, columns: {displacement: {unit: nm}}}\n  - b.dat\n",
     )
     a, b = read(tmp_path).recordings
     assert (a.dt, b.dt) == (pytest.approx(1 / 2000), pytest.approx(1 / 4000))
     assert (a.start.state, b.start.state) == ("rest", "unknown")
-    assert np.allclose(a.y, 1e3 * y)
+    assert np.allclose(a.y, 1e-3 * y, atol=1e-15)
     assert np.allclose(b.y, y)
     assert np.allclose(a.u, u)
 

@@ -1,0 +1,233 @@
+"""Damaged files are refused with one message, or read as they stand: no traceback, no other numbers, no other unit."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+from recordings_example import output, refused, sine
+
+from phnn.errors import InputRefused
+from phnn.recordings import read
+
+T, U = sine(10.0, 75.0, samples=120)
+# As numbers of a file: s, V and um.
+COLUMNS = {"time_s": T, "voltage_V": U, "displacement_um": output(U) * 1e6}
+NAMES = list(COLUMNS)
+# Bytes that a value takes at least, whatever the format.
+SHORTEST = 4
+# What one damaged place may change beside the rows that it covers: those it begins and ends in.
+BESIDE = 2
+DISPLACEMENT = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "micron": 1e-6, "\u00b5m": 1e-6}
+NO_DISPLACEMENT = ("V", "kg", "xm", "Um", "umm", "s", "mN", "in", "u", "?", "µ", "10um")
+LARGEST_DISPLACEMENT = 1e-2
+
+
+def table(separator: str, decimal: str, head: str, form: str = "%r") -> bytes:
+    """Rows of text under a head."""
+    rows = [separator.join(form % float(v) for v in row).replace(".", decimal) for row in zip(*COLUMNS.values())]  # noqa: B905
+    return f"{head}\n{chr(10).join(rows)}\n".encode()
+
+
+def binary(save: Callable[[io.BytesIO], object]) -> bytes:
+    """What a library writes."""
+    file = io.BytesIO()
+    save(file)
+    return file.getvalue()
+
+
+def _hdf5(file: io.BytesIO) -> None:
+    with h5py.File(file, "w") as f:
+        for name, values in COLUMNS.items():
+            f[name] = values
+
+
+def _tdms(file: io.BytesIO) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(file) as writer:
+        writer.write_segment([ChannelObject("g", name, values) for name, values in COLUMNS.items()])
+
+
+def _structured() -> np.ndarray:
+    return np.array(list(zip(*COLUMNS.values())), dtype=[(n, "f8") for n in NAMES])  # noqa: B905
+
+
+INSTRUMENT = "Oscilloscope 7\nDate: 1 May\n\n" + "\t".join(n.split("_")[0] for n in NAMES) + "\ns\tV\tum"
+FILES: dict[str, bytes] = {
+    ".csv": table(",", ".", ",".join(NAMES)),
+    "fixed.csv": table(",", ".", ",".join(NAMES), "%.9e"),
+    "comma.csv": table(";", ",", ";".join(NAMES)),
+    ".txt": table("\t", ".", INSTRUMENT),
+    ".npy": binary(lambda f: np.save(f, _structured())),
+    ".npz": binary(lambda f: np.savez(f, **COLUMNS)),
+    ".mat": binary(lambda f: scipy.io.savemat(f, COLUMNS)),
+    "small.mat": binary(lambda f: scipy.io.savemat(f, COLUMNS, do_compression=True)),
+    ".h5": binary(_hdf5),
+}
+if importlib.util.find_spec("nptdms") is not None:
+    FILES[".tdms"] = binary(_tdms)
+TEXT = [name for name in FILES if name.endswith((".csv", ".txt"))]
+
+
+@dataclass(frozen=True)
+class Damaged:
+    """A file that something happened to.
+
+    Attributes:
+        raw: its bytes; what: that, for messages; rows: how many rows may read otherwise at most.
+        shorter: rows may be absent at its end.
+    """
+
+    raw: bytes
+    what: str
+    rows: int = 0
+    shorter: bool = False
+
+
+def cut(raw: bytes, rng: np.random.Generator) -> Damaged:
+    keep = int(rng.integers(len(raw)))
+    return Damaged(raw[:keep], f"cut after {keep} bytes", shorter=True)
+
+
+def overwritten(raw: bytes, rng: np.random.Generator) -> Damaged:
+    size, first = int(rng.integers(1, 65)), int(rng.integers(len(raw)))
+    noise = rng.bytes(size) if rng.random() < 0.7 else bytes(size)
+    return Damaged((raw[:first] + noise + raw[first + size :])[: len(raw)], f"{size} bytes at {first}", _covered(size))
+
+
+def inserted(raw: bytes, rng: np.random.Generator) -> Damaged:
+    size, first = 8 * int(rng.integers(1, 9)), int(rng.integers(len(raw)))
+    return Damaged(raw[:first] + rng.bytes(size) + raw[first:], f"{size} bytes inserted at {first}", _covered(size))
+
+
+def removed(raw: bytes, rng: np.random.Generator) -> Damaged:
+    size, first = 8 * int(rng.integers(1, 9)), int(rng.integers(len(raw)))
+    return Damaged(raw[:first] + raw[first + size :], f"{size} bytes removed at {first}", _covered(size))
+
+
+def repeated(raw: bytes, rng: np.random.Generator) -> Damaged:
+    size, first = 8 * int(rng.integers(1, 65)), int(rng.integers(len(raw)))
+    piece = raw[first : first + size]
+    return Damaged(raw[:first] + piece + raw[first:], f"{size} bytes twice at {first}", _covered(size))
+
+
+def _covered(size: int) -> int:
+    return size // SHORTEST + BESIDE
+
+
+DAMAGES = (cut, overwritten, inserted, removed, repeated)
+
+
+def outcome(folder: Path, name: str, raw: bytes) -> tuple[np.ndarray, np.ndarray] | str:
+    """Input and output as read, or why they were refused."""
+    for old in folder.iterdir():
+        old.unlink()
+    (folder / f"a{name}").write_bytes(raw)
+    try:
+        recording = read(folder).recordings[0]
+    except InputRefused as error:
+        message = str(error)
+        assert len(message) > 20
+        assert "Traceback" not in message
+        return message
+    return recording.u, recording.y
+
+
+def agrees(found: tuple[np.ndarray, np.ndarray], damaged: Damaged) -> bool:
+    """Whether all rows but those that were touched read as they were written."""
+    u, y = found
+    size = u.size
+    if not (size == T.size or (size < T.size and (damaged.shorter or T.size - size <= damaged.rows))):
+        return False
+    others = (np.abs(u - U[:size]) > 1e-9 * 75.0) | (np.abs(y - 1e-6 * COLUMNS["displacement_um"][:size]) > 1e-14)
+    return int(others.sum()) <= damaged.rows
+
+
+def run(folder: Path, seeds: range) -> None:
+    """Damage a file in a way that the seed says, and read it."""
+    names, wrong, right = list(FILES), [], 0
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        name, damage = names[seed % len(names)], DAMAGES[int(rng.integers(len(DAMAGES)))]
+        damaged = damage(FILES[name], rng)
+        found = outcome(folder, name, damaged.raw)
+        if not isinstance(found, str):
+            right += 1
+            if not agrees(found, damaged):
+                wrong.append(f"seed {seed}: {name}, {damaged.what}")
+    assert not wrong, wrong
+    # Some were read, so that the comparison has compared something.
+    assert right > len(seeds) // 100
+
+
+def test_every_format_is_read_undamaged(tmp_path: Path) -> None:
+    for name, raw in FILES.items():
+        found = outcome(tmp_path, name, raw)
+        assert not isinstance(found, str), (name, found)
+        assert agrees(found, Damaged(raw, "nothing"))
+
+
+def test_damaged_files(tmp_path: Path) -> None:
+    run(tmp_path, range(200))
+
+
+@pytest.mark.slow
+def test_many_damaged_files(tmp_path: Path) -> None:
+    run(tmp_path, range(200, 2200))
+
+
+@pytest.mark.parametrize("name", TEXT)
+def test_columns_in_any_order_are_told_by_their_names(name: str, tmp_path: Path) -> None:
+    text = FILES[name].decode()
+    separator = {"comma.csv": ";", ".txt": "\t"}.get(name, ",")
+    rng = np.random.default_rng(5)
+    for _ in range(5):
+        order = rng.permutation(3)
+        lines = [line.split(separator) for line in text.splitlines()]
+        mixed = [
+            separator.join(cells[i] for i in order) if len(cells) == 3 else separator.join(cells) for cells in lines
+        ]
+        found = outcome(tmp_path, name, "\n".join(mixed).encode())
+        assert not isinstance(found, str), found
+        assert agrees(found, Damaged(b"", "columns in another order"))
+
+
+@pytest.mark.parametrize("name", TEXT)
+def test_a_unit_is_the_one_that_is_written_or_refused(name: str, tmp_path: Path) -> None:
+    text = FILES[name].decode()
+    for unit in (*DISPLACEMENT, *NO_DISPLACEMENT):
+        changed = text.replace("\tum", f"\t{unit}") if name == ".txt" else text.replace("ment_um", f"ment_{unit}", 1)
+        assert (changed == text) == (unit == "um")
+        found, factor = outcome(tmp_path, name, changed.encode()), DISPLACEMENT.get(unit)
+        largest = np.ptp(COLUMNS["displacement_um"]) * (factor or 0.0)
+        if factor is None or largest > LARGEST_DISPLACEMENT:
+            assert isinstance(found, str), (unit, "was read")
+            assert "unit" in found or "displacement" in found
+        else:
+            assert not isinstance(found, str), (unit, found)
+            np.testing.assert_allclose(found[1], factor * COLUMNS["displacement_um"], rtol=1e-9)
+
+
+def test_a_row_that_breaks_off_is_left_out_and_told_of(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(FILES["fixed.csv"][:-10])
+    campaign = read(tmp_path)
+    assert campaign.recordings[0].u.size == T.size - 1
+    assert any("was left out: the file ends within it" in note for note in campaign.notes)
+    # A whole row without a line end behind it is kept.
+    path.write_bytes(FILES["fixed.csv"][:-1])
+    assert read(tmp_path).recordings[0].u.size == T.size
+
+
+def test_columns_that_nothing_names_are_refused(tmp_path: Path) -> None:
+    text = FILES[".csv"].decode().replace(",", " ", 3)
+    (tmp_path / "a.csv").write_text(text)
+    refused(tmp_path, "a.csv", "no voltage column")
