@@ -13,13 +13,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from phnn.derivatives import output_derivatives, output_gradient
 from phnn.integrate import kernel
 from phnn.integrate.differentiable import simulate_torch
 from phnn.models.actuator import TABLE_1, from_paper
 from phnn.network import PortHamiltonianSystem
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
-from phnn.simulate import Trajectory, output_derivatives, output_gradient, simulate
+from phnn.simulate import Trajectory, simulate
 
 Array = NDArray[np.float64]
 Solve = Callable[[], Array]

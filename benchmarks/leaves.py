@@ -34,12 +34,13 @@ import pandas as pd
 from benchmarks.case import CAMPAIGN, NAMES, SAMPLES, TRUTH, Array, setup_with
 from benchmarks.reference import reference
 from benchmarks.table import RESULTS, Contender, machine, save, show, timed, write_csv
+from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed
 from phnn.integrate import kernel, quick
 from phnn.integrate.program import compile_network
 from phnn.laws.leaf import loss
 from phnn.recordings.recording import Recording
-from phnn.simulate import Trajectory, output_derivatives, simulate
+from phnn.simulate import Trajectory, simulate
 
 SUBSTEPS = (1, 2, 4, 8, 16)
 FINEST = 256

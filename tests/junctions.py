@@ -55,7 +55,7 @@ def trajectory_of(
     fine = np.repeat(u[:, :1], 3, axis=1)
     nodes = np.arange(n + 1)
     return Trajectory(
-        Setup(network), recording(t, np.zeros(n + 1)), program, theta, h, nodes, 0, None, t, q, fine, u, states,
+        Setup(network), recording(t, np.zeros(n + 1)), program, theta, h, nodes, 0, 0, None, t, q, fine, u, states,
         efforts,
     )  # fmt: skip
 

@@ -6,13 +6,14 @@ import campaigns
 import numpy as np
 import pytest
 
+from phnn.derivatives import output_derivatives, output_gradient
 from phnn.integrate import kernel, quick, sweep
 from phnn.models.actuator import hrc
 from phnn.models.neural import neural_hrc
 from phnn.models.variants import hrcl
 from phnn.network.elements import Network
 from phnn.setup import Setup
-from phnn.simulate import output_derivatives, output_gradient, simulate
+from phnn.simulate import simulate
 from phnn.warm import warm_up
 
 KERNELS = {

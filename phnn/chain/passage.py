@@ -40,7 +40,7 @@ def sounded(setup: Setup, source: Source, h: Array, lead: float, perturbed: str 
     """(n,) means of a source over the steps ``h`` (n,).
 
     Args:
-        lead: duration [s] of a spin-up, during which sources are silent.
+        lead: duration [s] of a run-in, during which sources are silent.
         perturbed: a parameter that takes a complex step; the result is complex then.
     """
     starts = np.concatenate([[0.0], np.cumsum(h)[:-1]]) - lead

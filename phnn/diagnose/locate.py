@@ -14,11 +14,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.derivatives import input_force, output_derivatives
 from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.lines import course_share, line_share
 from phnn.effects.effect import has_dead_zones, has_transducer
-from phnn.simulate import Trajectory, input_force, output_derivatives
+from phnn.simulate import Trajectory
 
 Array = NDArray[np.float64]
 

@@ -20,6 +20,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.derivatives import output_derivatives
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.menu import Experiment, menu
 from phnn.diagnose.trial import Trial, tie
@@ -29,7 +30,7 @@ from phnn.identify.nuisances import without_nuisances
 from phnn.identify.problem import Problem, Variables
 from phnn.identify.staged import stated_only
 from phnn.setup import Own
-from phnn.simulate import output_derivatives, simulate
+from phnn.simulate import simulate
 
 Array = NDArray[np.float64]
 

@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed
 from phnn.identify.nuisances import without_nuisances
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
-from phnn.simulate import Trajectory, output_derivatives, simulate
+from phnn.simulate import Trajectory, simulate
 
 Array = NDArray[np.float64]
 

@@ -87,7 +87,7 @@ def _prepared(
 def sensitivities(
     program: Program, theta: Array, active: NDArray[np.int64], states: Array, efforts: Array, u: Array, h: Array,
     start: Array, initial: NDArray[np.int64], forces: Array, varied: NDArray[np.int64], weights: Array,
-    nodes: NDArray[np.int64], pushed: Mapping[int, Array] | None = None,
+    nodes: NDArray[np.int64], pushed: Mapping[int, Array] | None = None, end: Array | None = None,
 ) -> Array:  # fmt: skip
     """Forward sweep of the linearised recursion with many right-hand sides.
 
@@ -97,12 +97,13 @@ def sensitivities(
     Args:
         active: (K,) places in theta.
         states, efforts, u, h: of the march.
-        start: (N, K) derivative of the initial state by the active parameters.
+        start: (N, C) derivative of the initial state by the first C columns, the active parameters at least.
         initial: (S,) state whose initial value column ``K + s`` perturbs.
         forces: (n, F) perturbations of the junction's force, one column each.
         varied: (W,) which active parameter is perturbed; weights: (n, W) by which signal.
         nodes: (M,) increasing step indices at which the output is wanted, the first 0.
         pushed: for active places that are a `carrier`, by their number among the active: (n, P) change of the actions.
+        end: (N, K + S + F + W) filled with the derivatives of the last state.
 
     Returns:
         (M, K + S + F + W) the output's derivatives.
@@ -112,13 +113,16 @@ def sensitivities(
     first_varied = first_force + forces.shape[1]
     out = np.empty((nodes.size, first_varied + varied.size))
     known = np.zeros((states.shape[1] + m, out.shape[1]))
-    known[: states.shape[1], : active.size] = start
+    known[: states.shape[1], : start.shape[1]] = start
     known[initial, active.size + np.arange(initial.size)] = 1.0
-    junction = program.junctions.index(program.states[program.flow]) if m else 0
+    junction, following = program.junctions.index(program.states[program.flow]) if m else 0, np.zeros_like(known)
     sweeps.sensitivities(
         program.table, pattern, memory, run, forces, (junction, first_force, first_varied, varied), weights, nodes,
-        program.output, known, np.zeros_like(known), np.zeros((m, m)), out,
+        program.output, known, following, np.zeros((m, m)), out,
     )  # fmt: skip
+    if end is not None:
+        # The sweep goes back and forth between the two.
+        end[:] = (following if h.size % 2 else known)[: states.shape[1]]
     return out
 
 

@@ -7,13 +7,14 @@ import pytest
 from junctions import recording
 
 from phnn.configuration import config_folder
+from phnn.derivatives import output_derivatives
 from phnn.effects import Scales, effect
 from phnn.errors import InputRefused, SolverFailed
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.network_file import load_network
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
-from phnn.simulate import output_derivatives, simulate
+from phnn.simulate import simulate
 
 BASE = Setup(from_paper())
 SCALES = Scales(

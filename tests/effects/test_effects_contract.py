@@ -30,11 +30,11 @@ from effect_homes import (
 from matplotlib.mathtext import MathTextParser
 
 import phnn.effects
+from phnn.derivatives import output_derivatives
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.effect import LOCATIONS, has_spring
 from phnn.errors import InputRefused
 from phnn.laws import STORAGE_LAWS
-from phnn.simulate import output_derivatives
 from phnn.units import quantity
 
 torch.set_num_threads(1)

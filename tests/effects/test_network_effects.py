@@ -7,13 +7,14 @@ import pytest
 import torch
 from effect_homes import ACTUATOR, BASE, OF_ACTUATOR, OTHERS, added, base, is_sound, point, run
 
+from phnn.derivatives import output_derivatives
 from phnn.effects import effect
 from phnn.errors import SolverFailed
 from phnn.integrate.program import compile_network
 from phnn.integrate.quick import serves
 from phnn.integrate.tables import EXACT, LOSSLESS
 from phnn.laws import STORAGE_LAWS
-from phnn.simulate import output_derivatives, simulate
+from phnn.simulate import simulate
 
 torch.set_num_threads(1)
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from torch import Tensor
 
+from phnn.derivatives import output_derivatives, output_gradient
 from phnn.errors import StructureViolated
 from phnn.integrate import quick
 from phnn.integrate.dense import solve_dense
@@ -26,7 +27,7 @@ from phnn.network.memory import between, drives
 from phnn.network.thermal import ThermalBalance, thermal_balance, thermal_energy, total_energy
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
-from phnn.simulate import Trajectory, output_derivatives, output_gradient, simulate
+from phnn.simulate import Trajectory, simulate
 
 torch.set_num_threads(1)
 Array = NDArray[np.float64]

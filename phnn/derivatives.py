@@ -1,0 +1,211 @@
+"""Exact derivatives of a simulated output by parameters, constant or along a signal, initial states and forces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.chain.passage import amplified, measured_changes, place_of, sensed, sounded
+from phnn.integrate import sweep
+from phnn.integrate.cycle import cycle_derivative
+from phnn.integrate.rest import equilibrium_derivative, equilibrium_slope
+from phnn.laws import FACTOR_LAWS, PORT_LAWS
+from phnn.laws.namespace import TINY
+from phnn.setup import Block
+from phnn.signals.reconstruct import mean_input, substep_input
+from phnn.simulate import Trajectory, constant, input_before, led_in, settled
+
+Array = NDArray[np.float64]
+
+
+def output_derivatives(
+    trajectory: Trajectory,
+    names: Sequence[str],
+    initial: Sequence[int] = (),
+    forces: Array | None = None,
+    varied: Sequence[tuple[str, Array]] = (),
+) -> Array:
+    """(N, K + S + F + W) derivatives of the output.
+
+    Args:
+        names: K parameters of the setup.
+        initial: S states whose initial value is perturbed.
+        forces: (n, F) perturbations of the junction force, constant within each step.
+        varied: W pairs of a network parameter and the (n,) signal by which it is perturbed.
+    """
+    setup, program = trajectory.setup, trajectory.program
+    network_names = [n for n in names if n in program.names]
+    asked = len(network_names)
+    network_names += [n for n in dict.fromkeys(n for n, _ in varied) if n not in network_names]
+    places = np.array([program.names.index(n) for n in network_names], dtype=np.int64)
+    acting = _acting(trajectory, names)
+    active = np.concatenate([places, [sweep.carrier(program, a.port) for a in acting]]).astype(np.int64)
+    looks, times, samples_of = sensed(setup, trajectory.nodes, trajectory.h)
+    none = np.zeros((trajectory.h.size, 0))
+    moved = _Moved(
+        active,
+        {places.size + j: a.action for j, a in enumerate(acting)},
+        none if forces is None else np.ascontiguousarray(forces),
+        np.array([network_names.index(n) for n, _ in varied], dtype=np.int64),
+        np.column_stack([none, *(w for _, w in varied)]),
+    )
+    start = _start_derivative(trajectory, moved, places)
+    start[:, places.size : active.size] += np.column_stack([np.zeros((start.shape[0], 0)), *(a.rest for a in acting)])
+    out = moved.swept(trajectory, start, np.array(initial, dtype=np.int64), looks)
+    changes = out
+    if list(names) != network_names or acting:
+        head = np.zeros((out.shape[0], len(names)))
+        for k, name in enumerate(network_names[:asked]):
+            head[:, names.index(name)] = out[:, k]
+        for j, a in enumerate(acting):
+            head[:, names.index(a.name)] += out[:, places.size + j]
+        changes = np.hstack([head, out[:, active.size :]])
+    q, times = trajectory.states[looks, program.output], times - trajectory.lead * trajectory.recording.dt
+    return measured_changes(setup, q, times, changes, names)[samples_of][trajectory.lead :]
+
+
+def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Array) -> Array:
+    """(K,) derivative of ``Σ_n c_n q_n`` by network parameters, by one backward sweep whatever their number.
+
+    Args:
+        names: K parameters of the network.
+        cotangent: (N,) ``c``, of the samples of the measured state.
+    """
+    program = trajectory.program
+    places = np.array([program.names.index(n) for n in names], dtype=np.int64)
+    along = np.zeros_like(trajectory.states)
+    along[trajectory.nodes[trajectory.lead :], program.output] = cotangent
+    gradient, back = sweep.adjoint(
+        program, trajectory.theta, places, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h, along
+    )
+    none = np.zeros((trajectory.h.size, 0))
+    moved = _Moved(places, {}, none, np.zeros(0, dtype=np.int64), none)
+    return np.asarray(gradient + (back + along[0]) @ _start_derivative(trajectory, moved, places))
+
+
+class _Moved(NamedTuple):
+    """What is perturbed all along a simulation.
+
+    Attributes:
+        active, pushed, forces, varied, signals: as of `phnn.integrate.sweep.sensitivities`, there called weights.
+    """
+
+    active: NDArray[np.int64]
+    pushed: Mapping[int, Array]
+    forces: Array
+    varied: NDArray[np.int64]
+    signals: Array
+
+    @property
+    def columns(self) -> int:
+        """How many perturbations there are."""
+        return self.active.size + self.forces.shape[1] + self.varied.size
+
+    def swept(
+        self,
+        run: Trajectory,
+        start: Array,
+        initial: NDArray[np.int64],
+        nodes: NDArray[np.int64],
+        steps: int | None = None,
+        end: Array | None = None,
+    ) -> Array:
+        """(M, C + S) derivatives of the output in the first steps of a simulation, those by initial states behind those
+        of the active parameters."""
+        return sweep.sensitivities(
+            run.program, run.theta, self.active, run.states[: None if steps is None else steps + 1],
+            run.efforts[:steps], run.u[:steps], run.h[:steps], start, initial, self.forces[:steps], self.varied,
+            self.signals[:steps], nodes, {k: action[:steps] for k, action in self.pushed.items()}, end,
+        )  # fmt: skip
+
+
+def _start_derivative(trajectory: Trajectory, moved: _Moved, places: NDArray[np.int64]) -> Array:
+    """(N, C) derivatives of the state in which a simulation begins; at rest those by the network's parameters alone."""
+    n, cycle = trajectory.states.shape[1], trajectory.cycle
+    start = np.zeros((n, moved.columns))
+    if cycle:
+        end = np.empty((n, moved.columns + n))
+        moved.swept(trajectory, start[:, :0], np.arange(n), np.zeros(1, dtype=np.int64), cycle, end)
+        return cycle_derivative(end, moved.active.size, trajectory.states[: cycle + 1])
+    if trajectory.rest is not None:
+        setup = trajectory.setup
+        voltage = constant(setup, trajectory.rest)
+        start[:, : places.size] = equilibrium_derivative(trajectory.program, setup.network, voltage, places)
+    return start
+
+
+def input_force(trajectory: Trajectory, change: Array) -> Array:
+    """(n, …) change of the junction force by a change of the port's input, ``g ψ'(V) δV``."""
+    port = trajectory.setup.network.ports[0]
+    ((_, ratio),) = port.on.items()
+    values = {n: p.value for n, p in trajectory.setup.network.parameters.items()}
+    slope = PORT_LAWS[port.law].slope(trajectory.u[:, 0], *(values[n] for n in port.parameters))
+    force = (values[ratio] * _factor(trajectory, ratio) if isinstance(ratio, str) else ratio) * np.asarray(slope)
+    return force * change if change.ndim == 1 else force[:, None] * change
+
+
+def _factor(trajectory: Trajectory, ratio: str) -> Array | float:
+    """(n,) what a ratio is multiplied by during the steps; one where it follows no state."""
+    network, states = trajectory.setup.network, trajectory.states
+    total: Array | float = 1.0
+    for m in network.modulations:
+        if m.ratio == ratio:
+            k = trajectory.program.states.index(m.by)
+            read = 0.5 * (states[:-1, k] + states[1:, k]) if m.by in network.storage_names else states[:-1, k]
+            values = (network.parameters[n].value for n in m.parameters)
+            total = total * np.asarray(FACTOR_LAWS[m.law].factor(read, *values))
+    return total
+
+
+class _Acting(NamedTuple):
+    """What a parameter of an amplifier block or a source changes.
+
+    Attributes:
+        name: of the parameter.
+        port: which port it acts through.
+        action: (n, P) change of what the ports make of their inputs.
+        rest: (N,) change of the state at rest.
+    """
+
+    name: str
+    port: int
+    action: Array
+    rest: Array
+
+
+def _acting(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]:
+    """By every named parameter of an amplifier block or a source."""
+    setup, unmoved = trajectory.setup, np.zeros(trajectory.states.shape[1])
+    found = [_by_amplifier(trajectory, b, n) for b in setup.amplifier for n in b.parameters if n in names]
+    lead = trajectory.lead * trajectory.recording.dt
+    for source in setup.sources:
+        place = place_of(setup, source)
+        for name in (n for n in source.parameters if n in names):
+            change = np.imag(sounded(setup, source, trajectory.h, lead, name)) / TINY
+            found.append(_Acting(name, place, _action(trajectory, place, change), unmoved))
+    return found
+
+
+def _by_amplifier(trajectory: Trajectory, block: Block, name: str) -> _Acting:
+    setup, recording = trajectory.setup, trajectory.recording
+    _, samples = led_in(recording)
+    command = substep_input(samples, np.diff(trajectory.nodes), recording.interpolation)
+    fine, before = amplified(setup, command, trajectory.h, input_before(recording, samples), (block, name))
+    fine = settled(fine, trajectory.nodes[trajectory.lead])
+    rest = np.zeros(trajectory.states.shape[1])
+    if trajectory.rest is not None and np.imag(before) != 0.0:
+        voltage = constant(setup, trajectory.rest)
+        rest = equilibrium_slope(trajectory.program, setup.network, voltage, 0) * (np.imag(before) / TINY)
+    return _Acting(name, 0, _action(trajectory, 0, mean_input(np.imag(fine)) / TINY), rest)
+
+
+def _action(trajectory: Trajectory, place: int, change: Array) -> Array:
+    """(n, P) ``ψ'(u) δu`` of a change (n,) of one port's input."""
+    network = trajectory.setup.network
+    port, out = network.ports[place], np.zeros(trajectory.u.shape)
+    slope = PORT_LAWS[port.law].slope(trajectory.u[:, place], *(network.parameters[n].value for n in port.parameters))
+    out[:, place] = slope * change
+    return out

@@ -1,0 +1,109 @@
+"""The steady cycle: what a very long march ends in, found at once, with its derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from junctions import recording
+
+from phnn.configuration import config_folder
+from phnn.derivatives import input_force, output_derivatives, output_gradient
+from phnn.effects import effect
+from phnn.errors import SolverFailed
+from phnn.models.actuator import from_paper, hrc
+from phnn.models.network_file import load_network
+from phnn.recordings.recording import Recording, Start
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+BASE = Setup(from_paper())
+PERIOD = 100
+
+
+def wave(cycles: int = 3, amplitude: float = 90.0, start: str = "periodic") -> Recording:
+    """Two tones and a bias that repeat every 10 ms."""
+    t = np.arange(PERIOD * cycles + 1) * 1e-4
+    phase = 2.0 * np.pi * 100.0 * t
+    u = amplitude * (np.sin(phase) + 0.4 * np.cos(3.0 * phase) + 0.2)
+    return recording(t, u, Start(start), period=0.01)
+
+
+def slow() -> Setup:
+    """A memory of the voltage that takes 200 periods, and a creep of 30."""
+    start = effect("depolarisation").add_to(BASE, {"delta_z": 0.2, "tau_z": 2.0, "V_c": 30.0})
+    return effect("creep").add_to(start, {"k_s": 2500.0, "tau_s": 0.3})
+
+
+def assert_repeats(y: np.ndarray) -> None:
+    """The first period is the second, but that a spline ends a little differently in the last one."""
+    np.testing.assert_allclose(y[:PERIOD], y[PERIOD : 2 * PERIOD], atol=1e-10 * np.ptp(y))
+
+
+@pytest.mark.parametrize(("setup", "cycles"), [(BASE, 60), (slow(), 3000)], ids=["actuator", "slow memories"])
+def test_a_long_march_ends_there(setup: Setup, cycles: int) -> None:
+    found = simulate(setup, wave()).y
+    marched = simulate(setup, wave(cycles, start="unknown")).y[-2 * PERIOD - 1 : -PERIOD - 1]
+    np.testing.assert_allclose(found[:PERIOD], marched, atol=2e-6 * np.ptp(marched))
+    assert_repeats(found)
+
+
+def test_a_sharp_resonance_is_at_its_steady_amplitude() -> None:
+    # Its motion takes some 10,000 periods to build up.
+    linear = hrc(0)
+    m = linear.parameters["m"].value
+    setup = Setup(linear.with_values({"k": m * (2.0 * np.pi * 101.0) ** 2, "b": 2e-4 * m * 2.0 * np.pi * 101.0}))
+    values = setup.values()
+    t = np.arange(2 * PERIOD + 1) * 1e-4
+    run = simulate(setup, recording(t, np.cos(2.0 * np.pi * 100.0 * t), Start("periodic"), period=0.01), substeps=16)
+    s = 2.0j * np.pi * 100.0
+    answer = values["alpha"] / (values["m"] * s**2 + values["b"] * s + values["k"])
+    # The step errs in the frequency by less than a thousandth of its distance from the resonance.
+    np.testing.assert_allclose(run.y, np.real(answer * np.exp(s * t)), atol=3e-3 * abs(answer))
+
+
+def test_a_charge_that_nothing_moves_has_no_say() -> None:
+    # Within both dead zones a charge follows the motion from wherever it began.
+    run = simulate(BASE, wave(amplitude=0.5))
+    assert_repeats(run.y)
+    changes = output_derivatives(run, list(BASE.free))
+    assert np.isfinite(changes).all()
+
+
+def test_what_drifts_has_no_steady_cycle() -> None:
+    drive = Setup(load_network(config_folder() / "network" / "mass_damper.yaml"))
+    simulate(drive, recording(*_biased(0.0), Start("periodic"), period=1.0))
+    with pytest.raises(SolverFailed, match=r"made: no steady cycle: q still changes by .* of its range in a period"):
+        simulate(drive, recording(*_biased(30.0), Start("periodic"), period=1.0))
+
+
+def _biased(force: float) -> tuple[np.ndarray, np.ndarray]:
+    t = np.arange(201) * 1e-2
+    return t, force + 100.0 * np.sin(2.0 * np.pi * t)
+
+
+@pytest.mark.parametrize("setup", [BASE, slow()], ids=["actuator", "slow memories"])
+def test_derivatives_by_parameters_follow_the_cycle(setup: Setup) -> None:
+    names = list(setup.free)
+    got = output_derivatives(simulate(setup, wave()), names)
+    for k, name in enumerate(names):
+        step = 1e-6 * abs(setup.parameters[name].value)
+        ends = [simulate(setup.with_values({name: setup.parameters[name].value + s}), wave()).y for s in (step, -step)]
+        wanted = (ends[0] - ends[1]) / (2.0 * step)
+        wrong = np.abs(got[:, k] - wanted) > 1e-4 * np.abs(wanted).max()
+        assert wrong.mean() < 0.05, name
+
+
+def test_perturbations_along_signals_and_the_adjoint_follow_it_too() -> None:
+    run = simulate(BASE, wave())
+    ones = np.ones(run.h.size)
+    got = output_derivatives(run, ["k", "C_1"], varied=[("k", ones), ("C_1", ones)])
+    np.testing.assert_allclose(got[:, 2:], got[:, :2], rtol=1e-9, atol=1e-12 * np.abs(got).max())
+    whole = output_derivatives(run, [], forces=input_force(run, run.u[:, 0])[:, None])[:, 0]
+    step = 1e-6
+    ends = [simulate(BASE, wave(amplitude=90.0 * (1.0 + s))).y for s in (step, -step)]
+    wanted = (ends[0] - ends[1]) / (2.0 * step)
+    np.testing.assert_allclose(whole, wanted, atol=1e-4 * np.abs(wanted).max())
+    weights = np.random.default_rng(3).standard_normal(run.y.size)
+    columns = output_derivatives(run, ["k", "b", "alpha", "C_1", "rho_2", "d_1"])
+    back = output_gradient(run, ["k", "b", "alpha", "C_1", "rho_2", "d_1"], weights)
+    np.testing.assert_allclose(back, weights @ columns, rtol=1e-7)
