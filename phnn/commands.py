@@ -26,8 +26,10 @@ from phnn.identify.problem import Plan
 from phnn.models.store import load, save
 from phnn.recordings import Campaign, read
 from phnn.report import console_summary
+from phnn.report.checked import write_check
 from phnn.report.files import finite, write_atomic, write_json
 from phnn.report.result import evidence, write
+from phnn.setup import Setup
 
 _CLASS = 3
 _PIPE = 200
@@ -49,7 +51,7 @@ def check(folder: Path, manifest: Path | None, out: Path | None = None) -> None:
     checked = check_recordings(read(folder, manifest))
     print(checked.text())
     if out is not None:
-        write_json(out / "check.json", checked.document())
+        write_check(checked, out)
 
 
 def identify(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any]) -> None:
@@ -121,9 +123,15 @@ def predict(model: Path, folder: Path, out: Path, manifest: Path | None) -> None
             from phnn.simulate import simulate
 
             y = simulate(setup, recording, substeps).y
-        table = pd.DataFrame({"time_s": recording.t, "displacement_m": y})
+        table = pd.DataFrame({"time_s": recording.t, _column(setup): y})
         write_atomic(out / f"{recording.name}.csv", table.to_csv(index=False).encode())
         print(out / f"{recording.name}.csv")
+
+
+def _column(setup: Setup) -> str:
+    """Name of the output's column, with its unit."""
+    unit = next(s.unit for s in setup.network.storages if s.name == setup.network.output)
+    return "displacement_m" if unit == "m" else f"output_{unit.replace(' ', '')}"
 
 
 def compare(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any]) -> None:

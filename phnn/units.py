@@ -7,9 +7,9 @@ import math
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
 
-def quantity(value: float, unit: str) -> str:
+def quantity(value: float, unit: str, digits: int = 3) -> str:
     """``3.2e-7`` and ``s`` become ``0.32 µs``; compound units take no prefix."""
     if value == 0.0 or not math.isfinite(value) or unit == "1" or len(unit) > 2 or unit == "kg" or unit[-1] in "²³":
-        return f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
+        return f"{value:.{digits}g}" if unit == "1" else f"{value:.{digits}g} {unit}"
     power = min(max(3 * math.floor(math.log10(abs(value)) / 3), -15), 9)
-    return f"{value / 10.0**power:.3g} {_PREFIXES[power]}{unit}"
+    return f"{value / 10.0**power:.{digits}g} {_PREFIXES[power]}{unit}"

@@ -33,7 +33,7 @@ def mains(recording: Recording, excitation: Excitation) -> list[Finding]:
     found = {f: a for f in asked if (a := _amplitude(output, drive, f * duration, recording.t.size)) > 0.0}
     if not found:
         return []
-    said = ", ".join(f"{f:g} Hz ({quantity(a, 'm')})" for f, a in found.items())
+    said = ", ".join(f"{f:g} Hz ({quantity(a, recording.units.output)})" for f, a in found.items())
     text = f"tones of the mains in the output at {said}: look for a ground loop, or shield the sensor"
     return [Finding("mains", WARNING, text, {f"amplitude_{f:g}Hz": a for f, a in found.items()})]
 

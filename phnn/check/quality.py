@@ -29,7 +29,7 @@ def quantisation(recording: Recording, excitation: Excitation) -> list[Finding]:
     share = step / recording.noise
     if share < _FINE:
         return []
-    text = f"output in steps of {quantity(step, 'm')}, {share:.2g} times the noise"
+    text = f"output in steps of {quantity(step, recording.units.output)}, {share:.2g} times the noise"
     values = {"step": step, "step_over_noise": share}
     if share < _COARSE:
         return [Finding("quantisation", NOTE, text, values)]
@@ -61,7 +61,9 @@ def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
     if abs(change) < _SURE * error:
         return []
     seconds = recording.t.size * recording.dt
-    text = f"the output's mean moves by {quantity(change, 'm')} within {seconds:.3g} s at equal input"
+    text = (
+        f"the output's mean moves by {quantity(change, recording.units.output)} within {seconds:.3g} s at equal input"
+    )
     values = {"change": change, "standard_error": error}
     if abs(change) < _MUCH * recording.noise:
         return [Finding("drift", NOTE, text, values)]

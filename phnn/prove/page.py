@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from jinja2 import Environment, StrictUndefined
 
 from phnn.prove.figures import draw_all
 from phnn.prove.outcome import WRONG, Outcome
 from phnn.prove.settings import FULL, Settings
 from phnn.prove.tally import Rate, detection, quantiles, rates, strong
 from phnn.report.files import write_atomic
-from phnn.report.formatting import DASH, number, ratio
-from phnn.report.page import image
+from phnn.report.formatting import DASH, number
+from phnn.report.plain import plain_page
 
 
 def write_proof(outcomes: Sequence[Outcome], settings: Settings, digest: str, out: Path) -> list[Rate]:
@@ -29,9 +27,9 @@ def write_proof(outcomes: Sequence[Outcome], settings: Settings, digest: str, ou
     write_atomic(out / "rates.csv", pd.DataFrame(table, columns=columns).to_csv(index=False).encode())
     for drawing in drawings:
         write_atomic(out / "figures" / drawing.file, drawing.png)
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(image=image, ratio=ratio)
-    page = environment.from_string(files("phnn.prove").joinpath("page.html").read_text("utf-8")).render(
+    page = plain_page(
+        "phnn.prove",
+        "page.html",
         outcomes=outcomes,
         settings=settings,
         digest=digest,
@@ -41,7 +39,7 @@ def write_proof(outcomes: Sequence[Outcome], settings: Settings, digest: str, ou
         drawings=drawings,
         wrong=[o for o in outcomes if o.grade == WRONG and o.group != "fast_weak"],
     )
-    write_atomic(out / "report.html", page.encode())
+    write_atomic(out / "report.html", page)
     return found
 
 

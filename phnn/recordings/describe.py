@@ -6,8 +6,7 @@ import numpy as np
 
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.recording import Campaign, Recording
-
-_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
+from phnn.units import quantity
 
 
 def describe(campaign: Campaign) -> str:
@@ -30,22 +29,29 @@ def describe(campaign: Campaign) -> str:
 
 
 def _recording(r: Recording) -> list[str]:
+    return [f"{r.name} ({r.source})", *(f"  {label:12}{value}" for label, value in facts(r))]
+
+
+def facts(r: Recording) -> list[tuple[str, str]]:
+    """What was understood of a recording: label and words."""
     excitation = excitation_of(r.u, r.dt)
-    start = f"rest, input {r.start.input_before:g} before" if r.start.state == "rest" else r.start.state
-    lines = [
-        f"{r.name} ({r.source})",
-        f"  sampled     {1 / r.dt:.6g} Hz, {r.t.size} samples, {r.t.size * r.dt:.4g} s",
-        f"  input       {r.u.min():.4g} to {r.u.max():.4g}; {_words(excitation)}; {r.interpolation} between samples",
+    span = " to ".join(quantity(v, r.units.input, 4) for v in (r.u.min(), r.u.max()))
+    found = [
+        ("sampled", f"{1 / r.dt:.6g} Hz, {r.t.size} samples, {r.t.size * r.dt:.4g} s"),
+        ("input", f"{span}; {_words(excitation)}; {r.interpolation} between samples"),
     ]
     if np.isfinite(r.y).all():
-        lines.append(f"  output      {_span(r.y)}")
+        unit = r.units.output
         colour = "" if r.noise_correlation.size == 1 else f", correlated over {r.noise_correlation.size} samples"
-        lines.append(f"  noise floor {_scaled(r.noise)} from {r.noise_source}{colour}")
-    lines.append(f"  start       {start}")
+        found += [
+            ("output", " to ".join(quantity(v, unit, 4) for v in (r.y.min(), r.y.max()))),
+            ("noise floor", f"{quantity(r.noise, unit)} from {r.noise_source}{colour}"),
+        ]
+    at_rest = f"rest, input {r.start.input_before:g} before"
+    found.append(("start", at_rest if r.start.state == "rest" else r.start.state))
     if r.channels:
-        lines.append(f"  also        {', '.join(r.channels)}")
-    lines.append(f"  use         {_uses(r)}")
-    return lines
+        found.append(("also", ", ".join(r.channels)))
+    return [*found, ("use", _uses(r))]
 
 
 def _words(e: Excitation) -> str:
@@ -58,20 +64,6 @@ def _words(e: Excitation) -> str:
     if e.kind == "broadband":
         return f"broadband, {e.low_Hz:.3g} to {e.high_Hz:.3g} Hz"
     return {"steps": "steps and holds", "constant": "constant"}[e.kind]
-
-
-def _prefix(size: float) -> tuple[float, str]:
-    return next(((factor, name) for factor, name in _PREFIXES if size >= factor), _PREFIXES[-1])
-
-
-def _scaled(value: float) -> str:
-    factor, name = _prefix(abs(value))
-    return f"{value / factor:.3g} {name}m"
-
-
-def _span(y: np.ndarray) -> str:
-    factor, name = _prefix(float(np.ptp(y)))
-    return f"{y.min() / factor:.4g} to {y.max() / factor:.4g} {name}m"
 
 
 def _uses(r: Recording) -> str:

@@ -15,7 +15,7 @@ from phnn.recordings.channels import Channel, select, unused
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.manifest import Entry, Manifest, load_manifest
 from phnn.recordings.partition import Candidate, divide, whole_parts
-from phnn.recordings.recording import Campaign, Part, Recording, Start
+from phnn.recordings.recording import ACTUATOR, Campaign, Part, Recording, Start, Units
 from phnn.recordings.sampling import on_grid
 from phnn.recordings.segments import segmented
 from phnn.recordings.table import Table, Where
@@ -160,13 +160,18 @@ def _draft(
     name = entry.name or Path(entry.file).stem
     floor, recording = _recording(name, entry.file, dt, u, y, start, entry, excitation)
     further = {q: values[q] for q in FURTHER if q in values and q != u_name}
-    recording = replace(recording, channels=further)
+    units = Units(_si(channels[u_name]), _si(channels[y_name]) if y_name is not None else ACTUATOR.output)
+    recording = replace(recording, channels=further, units=units)
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
     spare = unused(table, channels)
     if spare and not table.by_name:
         notes.append(f"{name}: columns not used: {', '.join(spare)}.")
     notes.extend(f"{name}: {note}." for note in table.notes)
     return _Draft(recording, floor, excitation, entry.use, what, tuple(notes))
+
+
+def _si(channel: Channel) -> str:
+    return UNITS[channel.unit][0]
 
 
 def _recording(

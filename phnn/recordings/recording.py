@@ -4,9 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+
+
+class Units(NamedTuple):
+    """SI units of what a recording has as input and as output."""
+
+    input: str
+    output: str
+
+
+ACTUATOR = Units("V", "m")
 
 
 @dataclass(frozen=True)
@@ -45,8 +55,8 @@ class Recording:
     Attributes:
         name: unique in its campaign.
         t: ``(N,)`` time in s, uniform, starts at 0.
-        u: ``(N,)`` input, V (or N for a force).
-        y: ``(N,)`` output, m; all NaN where none was recorded and none was asked for.
+        u: ``(N,)`` input, for an actuator in V.
+        y: ``(N,)`` output, for an actuator in m; all NaN where none was recorded and none was asked for.
         start: how the recording begins.
         interpolation: the input between samples: ``"cubic"``, ``"band_limited"``, ``"linear"`` or ``"zero_order"``.
         parts: which samples serve as what; samples in no part are never used for scoring.
@@ -56,6 +66,7 @@ class Recording:
         period: s, where the excitation repeats at least twice.
         channels: further channels in SI: current (A), charge (C), force (N), temperature (K).
         source: the file's name.
+        units: of input and output.
     """
 
     name: str
@@ -71,6 +82,7 @@ class Recording:
     period: float | None
     channels: Mapping[str, np.ndarray]
     source: str
+    units: Units = ACTUATOR
 
     @property
     def dt(self) -> float:

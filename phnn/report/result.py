@@ -73,6 +73,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "noise_floor": {r.name: r.noise for r in diagnosis.campaign.recordings},
         "numerical_error_sigma": diagnosis.error.sigma,
         "kernel_residual": diagnosis.kernel_residual,
+        "units": diagnosis.campaign.recordings[0].units._asdict(),
         "fit": {
             "before": diagnosis.before.table(),
             "after": diagnosis.after.table() if j.final is not diagnosis.base else {},
@@ -192,8 +193,15 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
         ledger=tuple(_ledger(j)),
         notes=(*diagnosis.campaign.notes, *(f"{r.name}: noise from {r.noise_source}." for r in _few(diagnosis))),
         verdict_sentence=sentence(diagnosis),
-        symptoms=symptom_sentences(symptoms(seen(j.ground))) if j.location is not None else (),
+        symptoms=_symptoms(diagnosis),
     )
+
+
+def _symptoms(diagnosis: Diagnosis) -> tuple[str, ...]:
+    if diagnosis.judgement.location is None:
+        return ()
+    unit = diagnosis.campaign.recordings[0].units.output
+    return symptom_sentences(symptoms(seen(diagnosis.judgement.ground)), unit)
 
 
 def _few(diagnosis: Diagnosis) -> list[Any]:

@@ -16,9 +16,13 @@ _PURE = 0.9
 _MINOR, _LEAST = 0.1, 1e-12
 
 
-def symptom_sentences(found: Symptoms) -> tuple[str, ...]:
-    """What the residual of the base model looks like; nothing is said of what the recordings cannot show."""
-    sentences = [_growth(found), _harmonics(found), _phase(found), _repetition(found), _drift(found)]
+def symptom_sentences(found: Symptoms, unit: str = "m") -> tuple[str, ...]:
+    """What the residual of the base model looks like; nothing is said of what the recordings cannot show.
+
+    Args:
+        unit: of the output.
+    """
+    sentences = [_growth(found), _harmonics(found), _phase(found), _repetition(found), _drift(found, unit)]
     return tuple(s for s in sentences if s)
 
 
@@ -87,13 +91,13 @@ def _repetition(found: Symptoms) -> str:
     )
 
 
-def _drift(found: Symptoms) -> str:
+def _drift(found: Symptoms, unit: str) -> str:
     d = found.drift
     if d is None:
         return ""
     if d.p_value >= SIGNIFICANT:
         return f"There is no drift beneath the drive ({_odds(d)})."
     return (
-        f"It drifts beneath the drive, by {quantity(d.value, 'm')}/s ± {quantity(d.std, 'm')}/s on average "
+        f"It drifts beneath the drive, by {quantity(d.value, unit)}/s ± {quantity(d.std, unit)}/s on average "
         f"({_odds(d)})."
     )

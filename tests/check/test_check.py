@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +15,12 @@ from hypothesis import strategies as st
 from phnn.check import check
 from phnn.check.finding import Finding
 from phnn.cli import main
+from phnn.models.network_file import load_network
+from phnn.models.store import save
+from phnn.recordings import read
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Campaign, Part, Recording, Start
+from phnn.setup import Setup
 
 DT, NOISE, GAIN = 1e-4, 2e-8, 5e-7
 
@@ -158,3 +164,45 @@ def test_text_and_document_say_the_same(tmp_path: Path, capsys: pytest.CaptureFi
         assert ability["shows"] in text
         assert (ability["record"] in text) is not ability["able"]
     assert document["recordings"]["a"]["noise_floor"] > 0.0
+    page = (tmp_path / "out" / "check.html").read_text()
+    assert html.escape(noticed["text"], quote=False) in html.unescape(page)
+    assert page.count('<img src="data:image/png;base64,') == 1
+    assert "<script" not in page
+
+
+OSCILLATOR = """
+about: an electronic oscillator
+junctions: {mass: 1}
+elements:
+  q: {type: C, junction: mass, law: spring, parameters: [k], unit: V}
+  p: {type: I, junction: mass, law: capacitor, parameters: [m], unit: V s}
+  damper: {type: R, junction: mass, law: linear, parameters: [d], direction: resistance}
+  input: {type: Se, junction: mass, unit: V}
+parameters:
+  k: {value: 1.0, unit: "1", positive: true}
+  m: {value: 5.0e-6, unit: s2, positive: true}
+  d: {value: 2.0e-4, unit: s, positive: true}
+output: q
+"""
+
+
+def test_another_system_keeps_its_units_to_the_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "made"
+    folder.mkdir()
+    t = np.arange(1200) / 600.0
+    u = 0.05 * np.sin(2.0 * np.pi * 5.0 * t)
+    y = 2.0 * u + 1e-3 * np.round(np.random.default_rng(2).standard_normal(t.size) * 0.4)
+    rows = np.column_stack([t, u, y])
+    np.savetxt(folder / "a.csv", rows, delimiter=",", header="time_s,input_V,output_V", comments="", fmt="%.9g")
+    (folder / "network.yaml").write_text(OSCILLATOR)
+    (folder / "recordings.yaml").write_text("setup: {network: network.yaml}\nvoltage: terminals\n")
+    recording = read(folder).recordings[0]
+    assert recording.units == ("V", "V")
+    assert main(["check", str(folder)]) == 0
+    text = capsys.readouterr().out
+    assert "mV" in text
+    assert not re.search(r"\d [nµm]?m\b", text)
+    setup = Setup(load_network(folder / "network.yaml"))
+    save(setup, tmp_path / "model", 2)
+    assert main(["predict", str(tmp_path / "model"), str(folder), "--out", str(tmp_path / "y")]) == 0
+    assert (tmp_path / "y" / "a.csv").read_text().startswith("time_s,output_V\n")

@@ -25,7 +25,7 @@ KEYS = {
     "next_experiment", "versions", "seed", "seconds",
 }  # fmt: skip
 # Beyond what others rely on.
-FURTHER = {"kernel_residual"}
+FURTHER = {"units", "kernel_residual"}
 MISSING = {"effect", "location", "equivalent_to", "p_value", "statement", "equation", "passive", "parameters"}
 
 CASES = {
