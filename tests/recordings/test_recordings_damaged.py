@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import io
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import h5py
@@ -173,6 +173,23 @@ def test_every_format_is_read_undamaged(tmp_path: Path) -> None:
         found = outcome(tmp_path, name, raw)
         assert not isinstance(found, str), (name, found)
         assert agrees(found, Damaged(raw, "nothing"))
+
+
+def test_every_format_makes_the_campaign_that_its_csv_twin_makes(tmp_path: Path) -> None:
+    # A diagnosis follows from the campaign and a seed alone.
+    twins = {}
+    for name in (n for n in FILES if n != "fixed.csv"):
+        (tmp_path / f"a{name}").write_bytes(FILES[name])
+        twins[name] = read(tmp_path)
+        (tmp_path / f"a{name}").unlink()
+    one = twins.pop(".csv")
+    for name, twin in twins.items():
+        assert (twin.setup, twin.known, twin.voltage) == (one.setup, one.known, one.voltage)
+        (a,), (b,) = one.recordings, twin.recordings
+        for field in fields(a):
+            if field.name not in ("name", "source", "parts"):
+                np.testing.assert_equal(getattr(b, field.name), getattr(a, field.name), f"{name}: {field.name}")
+        assert [(p.first, p.last, p.use) for p in b.parts] == [(p.first, p.last, p.use) for p in a.parts]
 
 
 def test_damaged_files(tmp_path: Path) -> None:
