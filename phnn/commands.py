@@ -24,12 +24,13 @@ from phnn.identify.evaluate import Evaluation, evaluate
 from phnn.identify.fit import Fit
 from phnn.identify.problem import Plan
 from phnn.models.store import load, save
+from phnn.network.elements import Network
 from phnn.recordings import Campaign, read
 from phnn.report import console_summary
 from phnn.report.checked import write_check
 from phnn.report.files import finite, write_atomic, write_json
 from phnn.report.result import evidence, write
-from phnn.setup import Setup
+from phnn.simulate import check_names, measured_network, simulate
 
 _CLASS = 3
 _PIPE = 200
@@ -113,6 +114,7 @@ def predict(model: Path, folder: Path, out: Path, manifest: Path | None) -> None
     """Simulate the recordings of a folder with a stored model; writes one ``NAME.csv`` per recording."""
     setup, substeps = load(model)
     campaign = read(folder, manifest, need_output=False)
+    check_names(setup.network, campaign.recordings)
     out.mkdir(parents=True, exist_ok=True)
     for recording in campaign.recordings:
         plan = Plan((recording,), {recording.name: substeps}, workers=1)
@@ -120,17 +122,15 @@ def predict(model: Path, folder: Path, out: Path, manifest: Path | None) -> None
         if measured:
             y = evaluate(setup, plan, {}).outputs[recording.name]
         else:
-            from phnn.simulate import simulate
-
             y = simulate(setup, recording, substeps).y
-        table = pd.DataFrame({"time_s": recording.t, _column(setup): y})
+        table = pd.DataFrame({"time_s": recording.t, _column(measured_network(setup.network, recording)): y})
         write_atomic(out / f"{recording.name}.csv", table.to_csv(index=False).encode())
         print(out / f"{recording.name}.csv")
 
 
-def _column(setup: Setup) -> str:
+def _column(network: Network) -> str:
     """Name of the output's column, with its unit."""
-    unit = next(s.unit for s in setup.network.storages if s.name == setup.network.output)
+    unit = next(s.unit for s in network.storages if s.name == network.output)
     return "displacement_m" if unit == "m" else f"output_{unit.replace(' ', '')}"
 
 

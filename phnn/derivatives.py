@@ -16,7 +16,7 @@ from phnn.laws import FACTOR_LAWS, PORT_LAWS
 from phnn.laws.namespace import TINY
 from phnn.setup import Block
 from phnn.signals.reconstruct import mean_input, substep_input
-from phnn.simulate import Trajectory, constant, input_before, led_in, settled
+from phnn.simulate import Trajectory, input_before, led_in, settled
 
 Array = NDArray[np.float64]
 
@@ -131,9 +131,8 @@ def _start_derivative(trajectory: Trajectory, moved: _Moved, places: NDArray[np.
         moved.swept(trajectory, start[:, :0], np.arange(n), np.zeros(1, dtype=np.int64), cycle, end)
         return cycle_derivative(end, moved.active.size, trajectory.states[: cycle + 1])
     if trajectory.rest is not None:
-        setup = trajectory.setup
-        voltage = constant(setup, trajectory.rest)
-        start[:, : places.size] = equilibrium_derivative(trajectory.program, setup.network, voltage, places)
+        network = trajectory.setup.network
+        start[:, : places.size] = equilibrium_derivative(trajectory.program, network, trajectory.rest, places)
     return start
 
 
@@ -197,8 +196,8 @@ def _by_amplifier(trajectory: Trajectory, block: Block, name: str) -> _Acting:
     fine = settled(fine, trajectory.nodes[trajectory.lead])
     rest = np.zeros(trajectory.states.shape[1])
     if trajectory.rest is not None and np.imag(before) != 0.0:
-        voltage = constant(setup, trajectory.rest)
-        rest = equilibrium_slope(trajectory.program, setup.network, voltage, 0) * (np.imag(before) / TINY)
+        slope = equilibrium_slope(trajectory.program, setup.network, trajectory.rest, 0)
+        rest = slope * (np.imag(before) / TINY)
     return _Acting(name, 0, _action(trajectory, 0, mean_input(np.imag(fine)) / TINY), rest)
 
 

@@ -5,7 +5,8 @@ recorded input → reconstruction → amplifier → network (compiled march) →
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -13,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.chain.passage import amplified, measured, place_of, sensed, sounded
-from phnn.errors import SolverFailed
+from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel
 from phnn.integrate.cycle import steady_cycle
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.rest import equilibrium
+from phnn.network.elements import Network
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from phnn.signals.reconstruct import mean_input, substep_counts, substep_input
@@ -35,7 +37,7 @@ class Trajectory:
         nodes: (N + lead,) step index of every sample.
         lead: samples before the first recorded one, a period where the recording starts in a steady cycle.
         cycle: steps of that period, in whose steady state the simulation starts; 0 where it starts otherwise.
-        rest: port voltage whose equilibrium the simulation starts from; None where it starts from a given state.
+        rest: (P,) inputs whose equilibrium the simulation starts from; None where it starts otherwise.
         t: (N,) time of the samples [s].
         y: (N,) sensor output without the displacement zero.
         fine: (n, 3) port input within the steps; u: (n, P) mean inputs.
@@ -51,7 +53,7 @@ class Trajectory:
     nodes: NDArray[np.int64]
     lead: int
     cycle: int
-    rest: float | None
+    rest: Array | None
     t: Array
     y: Array
     fine: Array
@@ -94,23 +96,28 @@ def simulate(
     Raises:
         SolverFailed: no root of the step equation was found, with the time; no steady cycle, with what moves on.
     """
-    program = compile_network(setup.network)
-    theta = program.theta(setup.network)
+    network = measured_network(setup.network, recording)
+    program = compile_network(network)
+    theta = program.theta(network)
     lead, samples = led_in(recording)
     before = input_before(recording, samples)
-    counts, fine = _reconstructed(recording, substeps, method or recording.interpolation)
+    counts, fine, further = _reconstructed(recording, substeps, method or recording.interpolation)
     nodes = np.concatenate([[0], np.cumsum(counts)])
     h, cycle = np.repeat(recording.dt / counts, counts), int(nodes[lead])
     fine, before = amplified(setup, fine, h, before)
     fine = settled(fine, cycle)
-    u = np.zeros((fine.shape[0], len(setup.network.ports)))
+    u = np.zeros((fine.shape[0], len(network.ports)))
     u[:, 0] = mean_input(fine)
+    u[:, further_ports(network, recording)] = settled(further, cycle)
     for source in setup.sources:
         u[:, place_of(setup, source)] += sounded(setup, source, h, lead * recording.dt)
-    rest = None if cycle or initial is not None else float(before)
+    held = np.zeros(len(network.ports))
+    held[0] = before
+    held[further_ports(network, recording)] = [x[0] for x in recording.further.values()]
+    rest = None if cycle or initial is not None else held
     x0 = initial
     if x0 is None:
-        x0 = _begun(program, setup, u[:cycle], h[:cycle], before, recording.name)
+        x0 = _begun(program, network, u[:cycle], h[:cycle], held, recording.name)
     n = u.shape[0]
     states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
     done = kernel.march(program, theta, x0, u, h, states, efforts)
@@ -127,36 +134,67 @@ def simulate(
     )  # fmt: skip
 
 
-def _begun(program: Program, setup: Setup, u: Array, h: Array, before: float, name: str) -> Array:
-    """(N,) the state in which a simulation begins: at rest, or in the steady cycle of a period (n, P), (n,)."""
+def _begun(program: Program, network: Network, u: Array, h: Array, held: Array, name: str) -> Array:
+    """(N,) the state in which a simulation begins: at rest under inputs, or in the steady cycle of a period."""
     if not h.size:
-        return equilibrium(program, setup.network, constant(setup, before))
+        return equilibrium(program, network, held)
     try:
-        x = equilibrium(program, setup.network, constant(setup, before))
+        x = equilibrium(program, network, held)
     except SolverFailed:
         x = np.zeros(len(program.states))
     try:
-        return steady_cycle(program, program.theta(setup.network), x, u, h)
+        return steady_cycle(program, program.theta(network), x, u, h)
     except SolverFailed as error:
         raise SolverFailed(f"{name}: {error}") from error
 
 
-def constant(setup: Setup, value: float) -> Array:
-    """(P,) a constant input at the first port."""
-    values = np.zeros(len(setup.network.ports))
-    values[0] = value
-    return values
+def measured_network(network: Network, recording: Recording) -> Network:
+    """The network with what a recording measures as its output."""
+    return replace(network, output=recording.measures) if recording.measures else network
+
+
+def further_ports(network: Network, recording: Recording) -> list[int]:
+    """Places of the ports that a recording drives beside the first."""
+    names = [p.name for p in network.ports]
+    return [names.index(name) for name in recording.further]
+
+
+def check_names(network: Network, recordings: Sequence[Recording]) -> None:
+    """Refuse recordings of ports or storages that a network does not have.
+
+    Raises:
+        InputRefused: names it, and those that there are.
+    """
+    ports = [p.name for p in network.ports][1:]
+    for recording in recordings:
+        for key, names, known in (
+            ("ports", list(recording.further), ports),
+            ("outputs", [recording.measures] if recording.measures else [], network.storage_names),
+        ):
+            strange = [n for n in names if n not in known]
+            if strange:
+                raise InputRefused(
+                    f"{recording.source}: {key}: the network has no {strange[0]!r}; it has "
+                    f"{', '.join(known) or 'none beside its first port'}: correct recordings.yaml"
+                )
 
 
 @lru_cache(maxsize=64)
-def _reconstructed(recording: Recording, substeps: int, method: str) -> tuple[NDArray[np.int64], Array]:
-    """Sub-steps of the intervals and the input on them; kept, because every candidate model sees the same input."""
+def _reconstructed(recording: Recording, substeps: int, method: str) -> tuple[NDArray[np.int64], Array, Array]:
+    """Sub-steps of the intervals, the input (n, 3) on them, and the means (n, F) of further ones; kept, because every
+    candidate model sees the same input."""
     lead, samples = led_in(recording)
+    others = [np.concatenate([x[:lead], x]) for x in recording.further.values()]
     counts = substep_counts(samples, input_before(recording, samples), substeps)
+    for x in others:
+        counts = np.maximum(counts, substep_counts(x, float(x[0]), substeps))
     counts[:lead] = counts[lead : 2 * lead]
     fine = substep_input(samples, counts, method)
-    fine.flags.writeable = False
-    return counts, fine
+    further = np.zeros((fine.shape[0], len(others)))
+    for k, x in enumerate(others):
+        further[:, k] = mean_input(substep_input(x, counts, method))
+    fine.flags.writeable = further.flags.writeable = False
+    return counts, fine, further
 
 
 def led_in(recording: Recording) -> tuple[int, Array]:
@@ -168,7 +206,7 @@ def led_in(recording: Recording) -> tuple[int, Array]:
 
 
 def settled(fine: Any, cycle: int) -> Any:
-    """(n, 3) what comes out of an amplifier, its transient in the first period replaced by the second."""
+    """(n, …) what comes out of an amplifier, its transient in the first period replaced by the second."""
     return np.concatenate([fine[cycle : 2 * cycle], fine[cycle:]]) if cycle else fine
 
 

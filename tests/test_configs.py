@@ -137,19 +137,20 @@ def launcher(name: str) -> None:
 
 
 def study(group: str, name: str) -> None:
-    """A manifest names the network beside it, a network builds."""
+    """A manifest names the network beside it, if any, and its recordings; a network builds."""
     path = HOME / group / f"{name}.yaml"
     if name in ("recordings", "whole"):
         manifest = load_manifest(path.parent, path)
-        assert Path(manifest.setup["network"]).parent == path.parent
+        assert Path(manifest.setup.get("network", path)).parent == path.parent
         assert manifest.entries
     else:
         assert load_network(path).output == "q"
 
 
+STUDIES = ("emps", "piezo-stack", "silverbox", "steering-mirror")
 USES: dict[str, Callable[[str], None]] = {
     "": command, "model": model, "solver": solver, "network": network, "experiment": experiment, "launcher": launcher,
-    **{group: partial(study, group) for group in ("recordings/emps", "recordings/silverbox")},
+    **{f"recordings/{name}": partial(study, f"recordings/{name}") for name in STUDIES},
 }  # fmt: skip
 
 

@@ -12,6 +12,8 @@ from phnn.signals.noise import longest_hold
 
 # Amplitudes and frequencies that count as different; a hold that counts as long, in shortest periods.
 _AMPLITUDES, _FREQUENCIES, _HOLD = 1.4, 8.0, 3.0
+# Content of a periodic input, in multiples of its fundamental, above which it is a multisine.
+_LINES = 30.0
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,9 @@ class _Set:
         )
 
     def broad(self) -> bool:
-        """A step, a sweep or noise: content above the sines."""
-        return any(e.kind in ("steps", "chirp", "broadband") for e in self.excitations)
+        """A step, a sweep, noise or a multisine: content above the sines."""
+        wide = [e for e in self.excitations if e.kind == "periodic" and e.high_Hz > _LINES * e.low_Hz]
+        return bool(wide) or any(e.kind in ("steps", "chirp", "broadband") for e in self.excitations)
 
     def port(self) -> bool:
         """What goes into the actuator was measured: its voltage at the terminals, its current or its charge."""

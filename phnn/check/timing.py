@@ -16,9 +16,10 @@ def lead(recording: Recording, excitation: Excitation) -> list[Finding]:
     """Whether the output leads the input at the fundamental: no causal actuator of positive static gain does.
 
     With the complex amplitudes ``U`` and ``Y`` at ``f`` the lead is ``arg(Y/U) / 2πf``. Hysteresis, damping and every
-    lag of amplifier or sensor make it negative; above a resonance it is negative still.
+    lag of amplifier or sensor make it negative; above a resonance it is negative still. Nothing is said where further
+    inputs have their part in the output.
     """
-    if excitation.kind not in ("sine", "periodic") or excitation.cycles < 1.0:
+    if excitation.kind not in ("sine", "periodic") or excitation.cycles < 1.0 or recording.further:
         return []
     first, last = excitation.span
     # Whole periods only, without the first one where there are more: it carries what the start left.

@@ -13,7 +13,7 @@ from phnn.compare.figures import draw_all
 from phnn.compare.models import Bench
 from phnn.compare.settings import Settings
 from phnn.experiment.recordings import Conditions, Made, comparison_plan, write_recordings
-from phnn.identify.base import Progress, quiet
+from phnn.identify.base import Progress, quiet, single
 from phnn.recordings import Campaign, read
 from phnn.report.figures import Drawing
 from phnn.report.files import write_atomic, write_json
@@ -36,6 +36,7 @@ def compare(campaign: Campaign, out: Path, settings: Settings, progress: Progres
     Raises:
         InputRefused: recordings that cannot be used, or results of other settings lie in ``out``.
     """
+    single(campaign.recordings, "a comparison follows one input to one output")
     bench = Bench(campaign, settings, out, progress)
     results = []
     for model in settings.models:

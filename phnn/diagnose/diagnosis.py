@@ -13,7 +13,7 @@ from phnn.diagnose.select import WELL, share_of
 from phnn.diagnose.trial import MATERIAL
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.ensemble import executor
-from phnn.identify.base import Options, Progress, identify_base, quiet, refined
+from phnn.identify.base import Options, Progress, identify_base, quiet, refined, single
 from phnn.identify.evaluate import Evaluation, evaluate
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import NumericalError
@@ -79,11 +79,12 @@ def diagnose(
         on_base: called with the base fit as soon as there is one, so that it can be kept whatever comes.
 
     Raises:
-        InputRefused: the executor is not understood or does not answer, or an effect to do without is not in the
-            catalogue; nothing has been fitted yet then.
+        InputRefused: the executor is not understood or does not answer, an effect to do without is not in the
+            catalogue, or recordings have several inputs or outputs; nothing has been fitted yet then.
     """
     began = time.monotonic()
     chosen = options or Options()
+    single(campaign.recordings, "a diagnosis follows one input to one output")
     refits, without = executor(chosen.executor), [effect(name) for name in chosen.without]
     base, error = identify_base(campaign, chosen, progress)
     catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, without)

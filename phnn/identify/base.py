@@ -18,8 +18,9 @@ from phnn.identify.staged import fit_identified, held_by_statement, identify_act
 from phnn.identify.stalled import resumed
 from phnn.models.bouc_wen import bouc_wen
 from phnn.models.network_file import load_network
-from phnn.recordings.recording import Campaign
+from phnn.recordings.recording import Campaign, Recording
 from phnn.setup import Setup
+from phnn.simulate import check_names
 
 Progress = Callable[[str], None]
 
@@ -77,9 +78,11 @@ def identify_base(campaign: Campaign, options: Options, progress: Progress = qui
         path = Path(str(campaign.setup["network"]))
         progress(f"identify the network of {path.name}")
         setup = Setup(load_network(path), name=path.stem)
+        check_names(setup.network, campaign.recordings)
         return settled(
             identify_network(setup, plan, campaign.known, options.starts, options.seed), options.error_bound_sigma
         )
+    single(campaign.recordings, "this model has one input and one output")
     model = str(campaign.setup.get("model", "piezo_actuator"))
     hysterons = int(campaign.setup.get("hysterons", 2)) if model in ("piezo_actuator", "hrc") else 0
     if model == "bouc_wen":
@@ -88,6 +91,20 @@ def identify_base(campaign: Campaign, options: Options, progress: Progress = qui
     return settled(
         identify_actuator(plan, campaign.known, hysterons, options.starts, options.seed), options.error_bound_sigma
     )
+
+
+def single(recordings: Sequence[Recording], why: str) -> None:
+    """Refuse recordings of several inputs or outputs.
+
+    Raises:
+        InputRefused: names one.
+    """
+    several = [r.source for r in recordings if r.further or r.measures]
+    if several:
+        raise InputRefused(
+            f"{several[0]}: several inputs or outputs (`ports`, `outputs` in recordings.yaml), but {why}: describe the "
+            f"system as a network and use phnn check, identify and predict, or give one input and one output"
+        )
 
 
 def identify_bouc_wen(plan: Plan, campaign: Campaign, options: Options, progress: Progress = quiet) -> Fit:

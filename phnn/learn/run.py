@@ -14,6 +14,7 @@ import torch
 from omegaconf import OmegaConf
 
 from phnn.errors import InputRefused
+from phnn.identify.base import single
 from phnn.identify.evaluate import Evaluation
 from phnn.learn.methods import with_gradients
 from phnn.learn.objective import Objective
@@ -52,6 +53,7 @@ def train(settings: Settings, say: Callable[[str], None] = lambda line: None) ->
     """
     torch.manual_seed(settings.seed)
     campaign = read(settings.folder, settings.manifest)
+    single(campaign.recordings, "training follows one input to one output")
     ended = _ended(settings, campaign)
     if ended is not None:
         return ended

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -69,25 +69,59 @@ def read_npy(path: Path) -> Table:
     Raises:
         InputRefused: not a .npy file, damaged, or of another shape.
     """
-    try:
-        array = np.load(path, allow_pickle=False)
-    except Exception as error:  # a damaged header raises whatever numpy's parser stumbles over
-        raise InputRefused(f"{path.name}: not a readable .npy file ({error}): save it again with numpy.save") from error
-    if not isinstance(array, np.ndarray):
-        raise InputRefused(f"{path.name}: an archive of arrays, not one array: save one array with numpy.save")
+    array = _load_npy(path)
     if array.dtype.names:
         fields = array.reshape(-1)
         return Table(Where(path.name), array.dtype.names, tuple(fields[name] for name in array.dtype.names))
     if array.ndim != 2:
         raise InputRefused(
             f"{path.name}: an array of shape {array.shape}: save it as (samples, columns) with voltage and "
-            f"displacement among the columns"
+            f"displacement among the columns, or say in recordings.yaml what its axes are, such as "
+            f"axes: [time, channel, realisation, period]"
         )
     if array.shape[0] < array.shape[1] and array.shape[0] <= _MOST_COLUMNS:
         array = array.T  # channels along the first axis: never more channels than samples
     if array.shape[1] > _MOST_COLUMNS:
         raise InputRefused(f"{path.name}: shape {array.shape} is no table of samples: save it as (samples, columns)")
     return Table(Where(path.name), ("",) * array.shape[1], tuple(array.T))
+
+
+def read_axes(path: Path, axes: Sequence[str]) -> Table:
+    """An array whose axes are time and any of channel, realisation and period, as of a periodic experiment.
+
+    The periods of a realisation follow one another, and so do the realisations, each a segment.
+
+    Raises:
+        InputRefused: not a .npy file, damaged, or with another number of axes.
+    """
+    if path.suffix.lower() != ".npy":
+        raise InputRefused(f"{path.name}: `axes` describe a .npy array: leave them out, or save it with numpy.save")
+    array = _load_npy(path)
+    if array.ndim != len(axes) or array.dtype.kind not in "iuf":
+        raise InputRefused(
+            f"{path.name}: an array of shape {array.shape} and type {array.dtype}, said to have the axes "
+            f"{', '.join(axes)}: name as many, of real numbers"
+        )
+    whole = np.expand_dims(array, tuple(range(array.ndim, 4)))
+    absent = [name for name in ("realisation", "period", "time", "channel") if name not in axes]
+    order = [[*axes, *absent].index(name) for name in ("realisation", "period", "time", "channel")]
+    ordered = whole.transpose(order)
+    realisations, periods, samples, channels = ordered.shape
+    if channels > _MOST_COLUMNS:
+        raise InputRefused(f"{path.name}: {channels} channels: correct the order of `axes`")
+    columns = ordered.reshape(-1, channels)
+    segment = periods * samples if realisations > 1 else 0
+    return Table(Where(path.name), ("",) * channels, tuple(columns.T), segment=segment)
+
+
+def _load_npy(path: Path) -> np.ndarray:
+    try:
+        array = np.load(path, allow_pickle=False)
+    except Exception as error:  # a damaged header raises whatever numpy's parser stumbles over
+        raise InputRefused(f"{path.name}: not a readable .npy file ({error}): save it again with numpy.save") from error
+    if not isinstance(array, np.ndarray):
+        raise InputRefused(f"{path.name}: an archive of arrays, not one array: save one array with numpy.save")
+    return array
 
 
 def _is_hdf5(path: Path) -> bool:

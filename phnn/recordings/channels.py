@@ -9,7 +9,7 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.recordings import checks
-from phnn.recordings.manifest import Column
+from phnn.recordings.columns import Column
 from phnn.recordings.table import Table
 from phnn.recordings.units import QUANTITIES, UNITS, check_unit, parse_name, spelled, to_si
 
@@ -24,29 +24,36 @@ class Channel:
     factor: float
 
 
-def select(table: Table, columns: Mapping[str, Column]) -> dict[str, Channel]:
-    """Every quantity that the manifest's columns or the table's own names give.
+def select(table: Table, columns: Mapping[str, Column], named: Mapping[str, tuple[str, Column]]) -> dict[str, Channel]:
+    """Every quantity that the manifest's columns or the table's own names give, and further channels by name.
+
+    Args:
+        columns: by quantity; named: quantity and column of what has a name of its own.
 
     Raises:
         InputRefused: a column that is absent, ambiguous, without a unit or with an impossible one, of unequal
             length, or with cells that are no finite numbers.
     """
-    channels = {}
-    for quantity in QUANTITIES:
-        said = columns.get(quantity, Column())
-        index = table.find(said.place) if said.place is not None else _by_name(table, quantity, said.unit)
-        if index is None:
-            continue
-        label = table.label(index)
-        if said.place is not None and table.names[index] == "":
-            label = f"column {said.place}"
-        unit = _unit(table, index, quantity, said.unit)
-        values = table.numbers(index)
-        checks.finite(values, f"{quantity} ({label})", table.where)
-        channels[quantity] = Channel(to_si(said.scale * values, unit), label, unit, said.scale * UNITS[unit][1])
+    asked = {quantity: (quantity, columns.get(quantity, Column())) for quantity in QUANTITIES}
+    found = {name: _channel(table, *said, name) for name, said in {**asked, **named}.items()}
+    channels = {name: channel for name, channel in found.items() if channel is not None}
     lengths = {f"{q} ({c.label})": c.values.size for q, c in channels.items()}
     checks.equal_lengths(lengths, table.where)
     return channels
+
+
+def _channel(table: Table, quantity: str, said: Column, name: str) -> Channel | None:
+    """The channel of a quantity; None where the table has none."""
+    index = table.find(said.place) if said.place is not None else _by_name(table, quantity, said.unit)
+    if index is None:
+        return None
+    label = table.label(index)
+    if said.place is not None and table.names[index] == "":
+        label = f"column {said.place}"
+    unit = _unit(table, index, quantity, said.unit)
+    values = table.numbers(index)
+    checks.finite(values, f"{name} ({label})", table.where)
+    return Channel(to_si(said.scale * values, unit), label, unit, said.scale * UNITS[unit][1])
 
 
 def _by_name(table: Table, quantity: str, unit: str | None) -> int | None:

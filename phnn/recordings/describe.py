@@ -29,7 +29,7 @@ def describe(campaign: Campaign) -> str:
 
 
 def _recording(r: Recording) -> list[str]:
-    return [f"{r.name} ({r.source})", *(f"  {label:12}{value}" for label, value in facts(r))]
+    return [f"{r.name} ({r.source})", *(f"  {label:14}{value}" for label, value in facts(r))]
 
 
 def facts(r: Recording) -> list[tuple[str, str]]:
@@ -40,6 +40,8 @@ def facts(r: Recording) -> list[tuple[str, str]]:
         ("sampled", f"{1 / r.dt:.6g} Hz, {r.t.size} samples, {r.t.size * r.dt:.4g} s"),
         ("input", f"{span}; {_words(excitation)}; {r.interpolation} between samples"),
     ]
+    if r.further:
+        found.append(("driven too at", ", ".join(r.further)))
     if np.isfinite(r.y).all():
         unit = r.units.output
         colour = "" if r.noise_correlation.size == 1 else f", correlated over {r.noise_correlation.size} samples"

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused
+from phnn.recordings.columns import Column, axes_of, columns_of, named_of, variables_of
 from phnn.recordings.recording import Anchor, Start
-from phnn.recordings.units import QUANTITIES, check_unit
 from phnn.recordings.values import choice, flag, keys_of, mapping, number, text
 
 MODELS = ("piezo_actuator", "hrc", "linear", "bouc_wen")
@@ -18,18 +18,11 @@ INPUTS = ("cubic", "band_limited", "linear", "zero_order")
 USES = ("identification", "confirmation")
 VOLTAGES = ("command", "terminals")
 
-_SHARED = ("columns", "variables", "sample_rate_hz", "start", "periodic", "input", "segments")
+_SHARED = (
+    "columns", "variables", "sample_rate_hz", "start", "periodic", "input", "segments", "ports", "outputs", "axes"
+)  # fmt: skip
 _TOP = ("setup", "known", "voltage", *_SHARED, "recordings")
 _EACH = ("file", "name", *_SHARED, "slice", "use")
-
-
-@dataclass(frozen=True)
-class Column:
-    """Where a quantity is found and how it is read: SI value = unit(scale × number)."""
-
-    place: int | str | None = None
-    unit: str | None = None
-    scale: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +32,9 @@ class Entry:
     Attributes:
         segments: the file holds several recordings one after another, separated by jumps of time or, where a number
             is given, so many samples each.
+        beside: further files whose columns stand beside those of the first.
+        ports: inputs at further ports of the network; outputs: several outputs, by the storage that is measured.
+        axes: what the axes of an array are, of `phnn.recordings.columns.AXES`.
     """
 
     file: str = ""
@@ -51,6 +47,15 @@ class Entry:
     periodic: bool | None = None
     input: str | None = None
     segments: bool | int = False
+    beside: tuple[str, ...] = ()
+    ports: Mapping[str, Column] = field(default_factory=dict)
+    outputs: Mapping[str, Column] = field(default_factory=dict)
+    axes: tuple[str, ...] = ()
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """All its files."""
+        return (self.file, *self.beside)
 
 
 @dataclass(frozen=True)
@@ -132,9 +137,9 @@ def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
     keys_of(item, _EACH, where)
     entry = common
     if "columns" in item:
-        entry = replace(entry, columns=_columns(item["columns"], entry.columns, f"{where}: columns"))
+        entry = replace(entry, columns=columns_of(item["columns"], entry.columns, f"{where}: columns"))
     if "variables" in item:
-        entry = replace(entry, columns=_variables(item["variables"], entry.columns, f"{where}: variables"))
+        entry = replace(entry, columns=variables_of(item["variables"], entry.columns, f"{where}: variables"))
     if "sample_rate_hz" in item:
         rate = number(item["sample_rate_hz"], f"{where}: sample_rate_hz", above=0.0)
         entry = replace(entry, sample_rate_hz=rate)
@@ -146,52 +151,23 @@ def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
         entry = replace(entry, input=choice(item["input"], INPUTS, f"{where}: input"))
     if "segments" in item:
         entry = replace(entry, segments=_segments(item["segments"], f"{where}: segments"))
+    if "ports" in item:
+        entry = replace(entry, ports=named_of(item["ports"], "input", f"{where}: ports"))
+    if "outputs" in item:
+        entry = replace(entry, outputs=named_of(item["outputs"], "output", f"{where}: outputs"))
+    if "axes" in item:
+        entry = replace(entry, axes=axes_of(item["axes"], f"{where}: axes"))
     if "slice" in item:
         entry = replace(entry, slice=_slice(item["slice"], f"{where}: slice"))
     if "use" in item:
         entry = replace(entry, use=choice(item["use"], USES, f"{where}: use"))
     if "file" in item:
-        entry = replace(entry, file=text(item["file"], f"{where}: file"))
+        files = item["file"] if isinstance(item["file"], list) and item["file"] else [item["file"]]
+        first, *beside = (text(file, f"{where}: file") for file in files)
+        entry = replace(entry, file=first, beside=tuple(beside))
     if "name" in item:
         entry = replace(entry, name=text(item["name"], f"{where}: name"))
     return entry
-
-
-def _columns(value: Any, inherited: Mapping[str, Column], where: str) -> dict[str, Column]:
-    content = mapping(value, where)
-    keys_of(content, QUANTITIES, where)
-    columns = dict(inherited)
-    for quantity, said in content.items():
-        columns[quantity] = _column(said, columns.get(quantity, Column()), quantity, f"{where}: {quantity}")
-    return columns
-
-
-def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
-    if isinstance(said, (int, str)) and not isinstance(said, bool):
-        said = {"column": said}
-    content = mapping(said, where)
-    keys_of(content, ("column", "unit", "scale"), where)
-    column = inherited
-    if "column" in content:
-        place = content["column"]
-        if isinstance(place, bool) or not isinstance(place, (int, str)) or (isinstance(place, int) and place < 0):
-            raise InputRefused(f"{where}: column {place!r} is neither an index from 0 on nor a name: give one of them")
-        column = replace(column, place=place)
-    if "unit" in content:
-        column = replace(column, unit=check_unit(quantity, str(content["unit"]), where))
-    if "scale" in content:
-        scale = number(content["scale"], f"{where}: scale")
-        if scale == 0.0:
-            raise InputRefused(f"{where}: scale 0 would erase the column: give the factor from number to {quantity}")
-        column = replace(column, scale=scale)
-    return column
-
-
-def _variables(value: Any, inherited: Mapping[str, Column], where: str) -> dict[str, Column]:
-    """Names of variables. Places given elsewhere no longer count (they describe other files), units still do."""
-    content = mapping(value, where)
-    columns = {quantity: replace(column, place=None) for quantity, column in inherited.items()}
-    return _columns(content, columns, where)
 
 
 def _start(value: Any, where: str) -> Start:

@@ -10,7 +10,7 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.recordings import checks
-from phnn.recordings.array_files import read_hdf5, read_mat, read_npy, read_npz
+from phnn.recordings.array_files import read_axes, read_hdf5, read_mat, read_npy, read_npz
 from phnn.recordings.channels import Channel, select, unused
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.manifest import Entry, Manifest, load_manifest
@@ -18,7 +18,7 @@ from phnn.recordings.partition import Candidate, divide, whole_parts
 from phnn.recordings.recording import ACTUATOR, Campaign, Part, Recording, Start, Units
 from phnn.recordings.sampling import on_grid
 from phnn.recordings.segments import segmented
-from phnn.recordings.table import Table, Where
+from phnn.recordings.table import Table, Where, beside
 from phnn.recordings.tdms_files import read_tdms
 from phnn.recordings.text_files import looks_like_numbers, read_text
 from phnn.recordings.units import UNITS, parse_name
@@ -88,10 +88,11 @@ def _files(home: Path, said: Manifest) -> tuple[list[Entry], list[str]]:
         present = [p for p in present if p.resolve() != said.path.resolve()]
     if said.entries is not None:
         where = said.path.name if said.path is not None else "recordings.yaml"
-        for i, entry in enumerate(said.entries):
-            checks.file_exists(home / entry.file, f"{where}: recordings[{i}]")
-            _reader(home / entry.file)
-        listed = {(home / entry.file).resolve() for entry in said.entries}
+        paths = [(i, home / file) for i, entry in enumerate(said.entries) for file in entry.files]
+        for i, path in paths:
+            checks.file_exists(path, f"{where}: recordings[{i}]")
+            _reader(path)
+        listed = {path.resolve() for _, path in paths}
         return list(said.entries), [_shown(p) for p in present if p.resolve() not in listed]
     chosen, left = [], []
     for path in present:
@@ -131,12 +132,16 @@ def _reader(path: Path) -> Callable[[Path], Table]:
 
 
 def _drafts(home: Path, entry: Entry, said: Manifest, need_output: bool) -> list[_Draft]:
-    """The recordings of a file."""
-    path = home / entry.file
-    table = _reader(path)(path)
-    channels = select(table, entry.columns)
-    roles = _roles(channels, said, table, need_output)
-    return [_draft(piece, table, channels, roles, said) for piece in segmented(entry, channels, table.where)]
+    """The recordings of a file, one for each of several outputs."""
+    paths = [home / file for file in entry.files]
+    table = beside([read_axes(p, entry.axes) if entry.axes else _reader(p)(p) for p in paths])
+    if table.segment and entry.segments is False:
+        entry = replace(entry, segments=table.segment)
+    named = {n: ("input", c) for n, c in entry.ports.items()} | {n: ("output", c) for n, c in entry.outputs.items()}
+    channels = select(table, entry.columns, named)
+    u_name, y_names = _roles(entry, channels, said, table, need_output)
+    pieces = segmented(entry, channels, table.where)
+    return [_draft(piece, table, channels, (u_name, y_name), said) for piece in pieces for y_name in y_names]
 
 
 def _draft(
@@ -149,19 +154,23 @@ def _draft(
     start = entry.start or _default_start(u)
     before = start.input_before if start.state == "rest" else None
     if y_name is not None:
-        checks.input_moves(u, before, f"{u_name} ({channels[u_name].label})", where)
+        if not any(np.ptp(values[port]) > 0.0 for port in entry.ports):
+            checks.input_moves(u, before, f"{u_name} ({channels[u_name].label})", where)
         label = f"{y_name} ({channels[y_name].label})"
         checks.output_moves(y, label, where)
         checks.not_clipped(u, y, label, channels[y_name].factor, where)
         if _is_actuator(said):
-            checks.like_an_actuator(float(np.abs(u).max()), "voltage", channels["voltage"].label, where)
-            checks.like_an_actuator(float(np.ptp(y)), "displacement", channels["displacement"].label, where)
+            checks.like_an_actuator(float(np.abs(u).max()), "voltage", channels[u_name].label, where)
+            checks.like_an_actuator(float(np.ptp(y)), "displacement", channels[y_name].label, where)
     excitation = _excitation(u, dt, entry, where)
-    name = entry.name or Path(entry.file).stem
-    floor, recording = _recording(name, entry.file, dt, u, y, start, entry, excitation)
+    name, measures = entry.name or Path(entry.file).stem, y_name if y_name in entry.outputs else None
+    if measures is not None:
+        name = f"{name}.{measures}"
+    floor, recording = _recording(name, ", ".join(entry.files), dt, u, y, start, entry, excitation)
     further = {q: values[q] for q in FURTHER if q in values and q != u_name}
     units = Units(_si(channels[u_name]), _si(channels[y_name]) if y_name is not None else ACTUATOR.output)
-    recording = replace(recording, channels=further, units=units)
+    ports = {port: values[port] for port in entry.ports}
+    recording = replace(recording, channels=further, units=units, further=ports, measures=measures or "")
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
     spare = unused(table, channels)
     if spare and not table.by_name:
@@ -201,17 +210,19 @@ def _is_actuator(said: Manifest) -> bool:
     return said.setup.get("model") in ("piezo_actuator", "hrc")
 
 
-def _roles(channels: Mapping[str, Channel], said: Manifest, table: Table, need_output: bool) -> tuple[str, str | None]:
-    """Which channels are input and output. A force drives only what is no piezo actuator."""
+def _roles(
+    entry: Entry, channels: Mapping[str, Channel], said: Manifest, table: Table, need_output: bool
+) -> tuple[str, list[str | None]]:
+    """Which channels are the first input and the outputs. A force drives only what is no piezo actuator."""
     actuator = _is_actuator(said)
     inputs = ["voltage"] if actuator else ["input", "voltage", "force"]
-    outputs = ["displacement"] if actuator else ["output", "displacement"]
+    outputs = list(entry.outputs) or (["displacement"] if actuator else ["output", "displacement"])
     found_inputs = [q for q in inputs if q in channels]
-    found_outputs = [q for q in outputs if q in channels]
+    found_outputs: list[str | None] = [q for q in outputs if q in channels]
     checks.input_present(bool(found_inputs), table.names, table.where)
     if need_output:
         checks.output_present(bool(found_outputs), table.names, table.where)
-    return found_inputs[0], found_outputs[0] if found_outputs else None
+    return found_inputs[0], (found_outputs if entry.outputs else found_outputs[:1]) or [None]
 
 
 def _sampled(

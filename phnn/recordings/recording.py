@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,6 +67,8 @@ class Recording:
         channels: further channels in SI: current (A), charge (C), force (N), temperature (K).
         source: the file's name.
         units: of input and output.
+        further: ``(N,)`` inputs at further ports of the network, by the port's name.
+        measures: the storage of the network that is measured; its ``output`` where empty.
     """
 
     name: str
@@ -83,6 +85,8 @@ class Recording:
     channels: Mapping[str, np.ndarray]
     source: str
     units: Units = ACTUATOR
+    further: Mapping[str, np.ndarray] = field(default_factory=dict)
+    measures: str = ""
 
     @property
     def dt(self) -> float:

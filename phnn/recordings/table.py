@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,6 +51,7 @@ class Table:
         columns: one array per column, numeric or of texts; lengths may differ where ``by_name``.
         by_name: the columns have no order (``.mat``, ``.npz``, …), so an index does not find one.
         notes: what was left out of the file, and why.
+        segment: samples of each of several recordings that stand one after another; 0 where that is not known.
     """
 
     where: Where
@@ -57,6 +59,7 @@ class Table:
     columns: tuple[np.ndarray, ...]
     by_name: bool = False
     notes: tuple[str, ...] = ()
+    segment: int = 0
 
     def find(self, place: int | str) -> int:
         """Index of the column at an index or of a name.
@@ -114,3 +117,25 @@ class Table:
                 f"{self.where}: {self.label(index)}, {self.where.row(row)}: {cell[:40]!r} is {cause}: {remedy}"
             )
         return values
+
+
+def beside(tables: Sequence[Table]) -> Table:
+    """The columns of several files of one recording, side by side, counted through.
+
+    Raises:
+        InputRefused: their segments differ.
+    """
+    first = tables[0]
+    if len(tables) == 1:
+        return first
+    where = replace(first.where, file=", ".join(t.where.file for t in tables))
+    if len({t.segment for t in tables}) > 1:
+        raise InputRefused(f"{where}: arrays of different shapes: give input and output of one experiment")
+    return Table(
+        where,
+        tuple(n for t in tables for n in t.names),
+        tuple(c for t in tables for c in t.columns),
+        any(t.by_name for t in tables),
+        tuple(n for t in tables for n in t.notes),
+        first.segment,
+    )

@@ -1,0 +1,80 @@
+"""Where the manifest says that quantities stand in a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from phnn.errors import InputRefused
+from phnn.recordings.units import QUANTITIES, check_unit
+from phnn.recordings.values import choice, keys_of, mapping, number
+
+AXES = ("time", "channel", "realisation", "period")
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a quantity is found and how it is read: SI value = unit(scale × number)."""
+
+    place: int | str | None = None
+    unit: str | None = None
+    scale: float = 1.0
+
+
+def columns_of(value: Any, inherited: Mapping[str, Column], where: str) -> dict[str, Column]:
+    """Columns by quantity, laid over inherited ones."""
+    content = mapping(value, where)
+    keys_of(content, QUANTITIES, where)
+    columns = dict(inherited)
+    for quantity, said in content.items():
+        columns[quantity] = _column(said, columns.get(quantity, Column()), quantity, f"{where}: {quantity}")
+    return columns
+
+
+def variables_of(value: Any, inherited: Mapping[str, Column], where: str) -> dict[str, Column]:
+    """Names of variables. Places given elsewhere no longer count (they describe other files), units still do."""
+    content = mapping(value, where)
+    columns = {quantity: replace(column, place=None) for quantity, column in inherited.items()}
+    return columns_of(content, columns, where)
+
+
+def named_of(value: Any, quantity: str, where: str) -> dict[str, Column]:
+    """Columns by the name of a port or a storage."""
+    columns = {str(n): _column(said, Column(), quantity, f"{where}: {n}") for n, said in mapping(value, where).items()}
+    for name, column in columns.items():
+        if name in QUANTITIES or column.place is None:
+            cause = "is the name of a quantity" if name in QUANTITIES else "has no column"
+            raise InputRefused(
+                f"{where}: {name!r} {cause}: write NAME: {{column: ..., unit: ...}}, NAME of the network's"
+            )
+    return columns
+
+
+def axes_of(value: Any, where: str) -> tuple[str, ...]:
+    """What the axes of an array are."""
+    axes = tuple(choice(v, AXES, where) for v in value) if isinstance(value, list) else ()
+    if "time" not in axes or len(set(axes)) < len(axes):
+        raise InputRefused(f"{where}: {value!r}: list the axes of the array in order, each once: {', '.join(AXES)}")
+    return axes
+
+
+def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
+    if isinstance(said, (int, str)) and not isinstance(said, bool):
+        said = {"column": said}
+    content = mapping(said, where)
+    keys_of(content, ("column", "unit", "scale"), where)
+    column = inherited
+    if "column" in content:
+        place = content["column"]
+        if isinstance(place, bool) or not isinstance(place, (int, str)) or (isinstance(place, int) and place < 0):
+            raise InputRefused(f"{where}: column {place!r} is neither an index from 0 on nor a name: give one of them")
+        column = replace(column, place=place)
+    if "unit" in content:
+        column = replace(column, unit=check_unit(quantity, str(content["unit"]), where))
+    if "scale" in content:
+        scale = number(content["scale"], f"{where}: scale")
+        if scale == 0.0:
+            raise InputRefused(f"{where}: scale 0 would erase the column: give the factor from number to {quantity}")
+        column = replace(column, scale=scale)
+    return column
