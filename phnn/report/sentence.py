@@ -8,7 +8,11 @@ from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import Judgement
 from phnn.diagnose.scored import SIGNIFICANT
+from phnn.diagnose.select import share_of
 from phnn.diagnose.words import fitted_in_words, learned_in_words
+
+# Share of the excess that is worth a word about what is not the answer.
+_NEAR = 0.5
 
 
 def sentence(diagnosis: Diagnosis) -> str:
@@ -24,7 +28,7 @@ def sentence(diagnosis: Diagnosis) -> str:
             f"{diagnosis.base.chi2**0.5:.3g} × noise."
         )
     if j.verdict == "unknown":
-        return f"{unknown_statement(j)} {change}"
+        return f"{unknown_statement(j)} {_nearest(j)}{change}"
     names = " and ".join(_with_members(f) for f in j.findings)
     others = any(len(f.members) > 1 for f in j.findings)
     if j.verdict == "named":
@@ -42,6 +46,21 @@ def sentence(diagnosis: Diagnosis) -> str:
         start = f"Of the catalogue {names} explains most, but the held-out samples {why}."
     rest = " More remains." if j.remainder is not None and j.remainder.p_value < SIGNIFICANT else ""
     return f"{start} {change}{rest}"
+
+
+def _nearest(judgement: Judgement) -> str:
+    """What of the catalogue explains more than half, though not what there is, or nothing."""
+    best = min(judgement.tried, key=lambda t: t.cost, default=None)
+    if best is None or best.fit is None:
+        return ""
+    share = share_of(judgement.ground.fit, best.fit, judgement.naming)
+    if share < _NEAR:
+        return ""
+    name = best.candidate.effect.name.replace("_", " ")
+    return (
+        f"Nearest comes {name}, which would explain {100.0 * min(share, 1.0):.0f} % of what is not noise and leave "
+        f"{best.fit.chi2**0.5:.3g} × noise. "
+    )
 
 
 def _with_members(finding: Finding) -> str:

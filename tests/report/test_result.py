@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from phnn.identify.evaluate import evaluate
 from phnn.identify.problem import Plan
 from phnn.models.store import load
 from phnn.report.result import document, evidence, write
+from phnn.report.sentence import sentence
 
 KEYS = {
     "schema", "verdict", "test", "missing", "remainder", "location", "noise_floor", "numerical_error_sigma", "fit",
@@ -128,6 +130,18 @@ def test_what_no_element_explains(case: str, learned: bool) -> None:
     assert bool(entry["parameters"]) is learned
     assert entry["passive"] is learned
     assert bool(content["fit"]["after"]) is learned
+
+
+def test_an_unknown_is_told_what_comes_nearest_if_anything_does() -> None:
+    found = made("found")
+    nameless = replace(found, judgement=replace(found.judgement, verdict="unknown", findings=()))
+    told = re.search(
+        r"Nearest comes quadratic drag, which would explain (\d+) %.*leave ([\d.]+) × noise", sentence(nameless)
+    )
+    assert told is not None
+    assert 90 <= int(told[1]) <= 100
+    assert float(told[2]) == pytest.approx(found.judgement.final.chi2**0.5, rel=0.05)
+    assert "Nearest" not in sentence(made("unknown"))
 
 
 @pytest.mark.parametrize("case", CASES)
