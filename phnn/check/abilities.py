@@ -61,7 +61,7 @@ class _Set:
     def returns(self) -> bool:
         """A rest at the end, at the input of the beginning."""
         return any(
-            e.span[1] < 0.9 * r.t.size and comes_back(r.u)
+            e.span[1] < 0.9 * r.t.size and comes_back(r.drive)
             for r, e in zip(self.recordings, self.excitations, strict=True)
         )
 
@@ -127,5 +127,5 @@ def _near(a: Excitation, b: Excitation) -> bool:
 
 def _hold(recording: Recording) -> float:
     """Duration [s] of the longest stretch of constant input."""
-    first, last = longest_hold(recording.u)
+    first, last = longest_hold(recording.drive)
     return (last - first) * recording.dt if last - first > 0.02 * recording.u.size else 0.0

@@ -63,7 +63,7 @@ class Checked:
 def check(campaign: Campaign) -> Checked:
     """All checks on all recordings that have an output."""
     recorded = [r for r in campaign.recordings if np.isfinite(r.y).all()]
-    excitations = {r: excitation_of(r.u, r.dt) for r in campaign.recordings}
+    excitations = {r: excitation_of(r.drive, r.dt) for r in campaign.recordings}
     among = contaminated(recorded, excitations)
     findings: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
     for r in recorded:

@@ -29,7 +29,7 @@ def mains(recording: Recording, excitation: Excitation) -> list[Finding]:
     asked = [f for f in lines if _shown(recording, f, duration) and not _driven(excitation, f, duration)]
     if not asked:
         return []
-    output, drive = _spectrum(recording.y), _spectrum(recording.u)
+    output, drive = _spectrum(recording.y), _spectrum(recording.drive)
     found = {f: a for f in asked if (a := _amplitude(output, drive, f * duration, recording.t.size)) > 0.0}
     if not found:
         return []

@@ -42,7 +42,7 @@ def limits(recording: Recording, excitation: Excitation) -> list[Finding]:
     """Samples that stand at the output's extremes, as where a converter ends; many more of them reading refuses."""
     y = recording.y
     at = max(int(np.sum(y == y.max())), int(np.sum(y == y.min())))
-    holds = float(np.mean(np.diff(recording.u) == 0.0))
+    holds = float(np.mean(np.diff(recording.drive) == 0.0))
     if at <= max(3, _SHARE * y.size) or quantisation_step(y) > 0.0 or holds > 0.5:
         return []
     text = f"{at} samples stand at the output's extreme value: if the sensor's range ends there, choose a larger one"
@@ -88,7 +88,7 @@ def _levels(recording: Recording, excitation: Excitation) -> tuple[np.ndarray, f
         means = np.diff(np.interp(edges, np.arange(integral.size), integral)) / size
         return means, recording.noise * correlated / float(np.sqrt(size))
     before, after = recording.y[:first], recording.y[last:]
-    if not comes_back(recording.u) or min(before.size, after.size) < 10:
+    if not comes_back(recording.drive) or min(before.size, after.size) < 10:
         return np.zeros(0), 0.0
     # What follows the last change of the input is still on its way: its second half counts.
     after = after[after.size // 2 :]

@@ -104,7 +104,7 @@ def initial_from_nuisance(setup: Setup, recording: Recording, substeps: int) -> 
 
 def _until(recording: Recording, last: int) -> Recording:
     """The samples before ``last``: what comes later takes time to simulate and tells nothing of the initial state."""
-    return replace(recording, t=recording.t[:last], u=recording.u[:last], y=recording.y[:last])
+    return recording.only(slice(last))
 
 
 def score_part(recording: Recording, y: Array, first: int, last: int, name: str, use: str) -> PartScore:

@@ -155,8 +155,8 @@ def _first_guess(setup: Setup, recording: Recording, substeps: int) -> Trajector
 
 
 def aperiodic(recording: Recording) -> bool:
-    """Whether a recording is said to start in a steady cycle, but no period was found: its start is unknown then."""
-    return recording.start.state == "periodic" and recording.period is None
+    """Whether a recording is said to start in a steady cycle of which it holds no whole one: its start is unknown."""
+    return recording.start.state == "periodic" and not recording.cycle
 
 
 class Problem:

@@ -171,4 +171,4 @@ def settled(plant: Plant, solver: Solver, recording: Recording, substeps: int) -
 def _head(recording: Recording, last: int) -> Recording:
     rows = slice(0, min(last, recording.t.size))
     part = Part("head", 0, rows.stop, "head")
-    return replace(recording, t=recording.t[rows], u=recording.u[rows], y=recording.y[rows], parts=(part,), channels={})
+    return replace(recording.only(rows), parts=(part,))

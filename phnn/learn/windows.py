@@ -62,12 +62,8 @@ def thinned(recording: Recording, stride: int) -> Recording:
         )
     parts = tuple(replace(p, first=-(-p.first // stride), last=-(-p.last // stride)) for p in recording.parts)
     return replace(
-        recording,
-        t=recording.t[::stride],
-        u=recording.u[::stride],
-        y=recording.y[::stride],
+        recording.only(slice(None, None, stride)),
         parts=tuple(Part(p.name, p.first, p.last, p.use) for p in parts),
-        channels={},
     )
 
 

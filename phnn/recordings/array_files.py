@@ -110,8 +110,7 @@ def read_axes(path: Path, axes: Sequence[str]) -> Table:
     if channels > _MOST_COLUMNS:
         raise InputRefused(f"{path.name}: {channels} channels: correct the order of `axes`")
     columns = ordered.reshape(-1, channels)
-    segment = periods * samples if realisations > 1 else 0
-    return Table(Where(path.name), ("",) * channels, tuple(columns.T), segment=segment)
+    return Table(Where(path.name), ("",) * channels, tuple(columns.T), shape=(realisations, periods, samples))
 
 
 def _load_npy(path: Path) -> np.ndarray:
@@ -171,7 +170,9 @@ def _load_hdf5(path: Path, cause: str, remedy: str, transposed: bool = False) ->
 
 
 def _check_length(path: Path, superblock: int) -> None:
-    """An HDF5 file states its length in its superblock; bytes too many have moved what lies behind them.
+    """An HDF5 file states its length in its superblock; bytes that slipped in have moved what lies behind them.
+
+    Zeros at the end, which fill a block, have not.
 
     Raises:
         ValueError: it has another length.
@@ -179,11 +180,11 @@ def _check_length(path: Path, superblock: int) -> None:
     with path.open("rb") as file:
         file.seek(superblock)
         head = file.read(_SUPERBLOCK)
-    version = head[8]
-    end = 28 if version > 1 else 40 + 4 * version
-    stated, size = int.from_bytes(head[end : end + 8], "little"), path.stat().st_size
-    if stated != size:
-        raise ValueError(f"{size} bytes long, and says that it has {stated}")
+        end = 28 if head[8] > 1 else 40 + 4 * head[8]
+        stated, size = int.from_bytes(head[end : end + 8], "little"), path.stat().st_size
+        file.seek(min(stated, size))
+        if stated > size or any(file.read()):
+            raise ValueError(f"{size} bytes long, and says that it has {stated}")
 
 
 def _vectors(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:

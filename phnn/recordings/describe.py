@@ -34,7 +34,7 @@ def _recording(r: Recording) -> list[str]:
 
 def facts(r: Recording) -> list[tuple[str, str]]:
     """What was understood of a recording: label and words."""
-    excitation = excitation_of(r.u, r.dt)
+    excitation = excitation_of(r.drive, r.dt)
     span = " to ".join(quantity(v, r.units.input, 4) for v in (r.u.min(), r.u.max()))
     found = [
         ("sampled", f"{1 / r.dt:.6g} Hz, {r.t.size} samples, {r.t.size * r.dt:.4g} s"),

@@ -15,7 +15,7 @@ from phnn.recordings.channels import Channel, select, unused
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.manifest import Entry, Manifest, load_manifest
 from phnn.recordings.partition import Candidate, divide, whole_parts
-from phnn.recordings.recording import ACTUATOR, Campaign, Part, Recording, Start, Units
+from phnn.recordings.recording import ACTUATOR, Campaign, Part, Recording, Start, Units, drive_of
 from phnn.recordings.sampling import on_grid
 from phnn.recordings.segments import segmented
 from phnn.recordings.table import Table, Where, beside
@@ -135,12 +135,10 @@ def _drafts(home: Path, entry: Entry, said: Manifest, need_output: bool) -> list
     """The recordings of a file, one for each of several outputs."""
     paths = [home / file for file in entry.files]
     table = beside([read_axes(p, entry.axes) if entry.axes else _reader(p)(p) for p in paths])
-    if table.segment and entry.segments is False:
-        entry = replace(entry, segments=table.segment)
     named = {n: ("input", c) for n, c in entry.ports.items()} | {n: ("output", c) for n, c in entry.outputs.items()}
     channels = select(table, entry.columns, named)
     u_name, y_names = _roles(entry, channels, said, table, need_output)
-    pieces = segmented(entry, channels, table.where)
+    pieces = segmented(entry, channels, table)
     return [_draft(piece, table, channels, (u_name, y_name), said) for piece in pieces for y_name in y_names]
 
 
@@ -151,25 +149,28 @@ def _draft(
     dt, values, where, notes = _sampled(entry, table, channels)
     u = values[u_name]
     y = values[y_name] if y_name is not None else np.full(u.size, np.nan)
-    start = entry.start or _default_start(u)
+    ports = {port: values[port] for port in entry.ports}
+    drive = drive_of(u, ports)
+    start = entry.start or _default_start(u, *ports.values())
     before = start.input_before if start.state == "rest" else None
     if y_name is not None:
-        if not any(np.ptp(values[port]) > 0.0 for port in entry.ports):
-            checks.input_moves(u, before, f"{u_name} ({channels[u_name].label})", where)
+        checks.input_moves(drive, before, f"{u_name} ({channels[u_name].label})", where)
         label = f"{y_name} ({channels[y_name].label})"
         checks.output_moves(y, label, where)
-        checks.not_clipped(u, y, label, channels[y_name].factor, where)
+        checks.not_clipped(drive, y, label, channels[y_name].factor, where)
         if _is_actuator(said):
-            checks.like_an_actuator(float(np.abs(u).max()), "voltage", channels[u_name].label, where)
             checks.like_an_actuator(float(np.ptp(y)), "displacement", channels[y_name].label, where)
-    excitation = _excitation(u, dt, entry, where)
+    if _is_actuator(said):
+        checks.like_an_actuator(
+            max(float(np.abs(u).max()), abs(before or 0.0)), "voltage", channels[u_name].label, where
+        )
+    excitation = _excitation(drive, dt, entry, table, where)
     name, measures = entry.name or Path(entry.file).stem, y_name if y_name in entry.outputs else None
     if measures is not None:
         name = f"{name}.{measures}"
-    floor, recording = _recording(name, ", ".join(entry.files), dt, u, y, start, entry, excitation)
+    floor, recording = _recording(name, ", ".join(entry.files), dt, u, y, start, entry, excitation, drive)
     further = {q: values[q] for q in FURTHER if q in values and q != u_name}
     units = Units(_si(channels[u_name]), _si(channels[y_name]) if y_name is not None else ACTUATOR.output)
-    ports = {port: values[port] for port in entry.ports}
     recording = replace(recording, channels=further, units=units, further=ports, measures=measures or "")
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
     spare = unused(table, channels)
@@ -184,11 +185,19 @@ def _si(channel: Channel) -> str:
 
 
 def _recording(
-    name: str, file: str, dt: float, u: np.ndarray, y: np.ndarray, start: Start, entry: Entry, excitation: Excitation
+    name: str,
+    file: str,
+    dt: float,
+    u: np.ndarray,
+    y: np.ndarray,
+    start: Start,
+    entry: Entry,
+    excitation: Excitation,
+    drive: np.ndarray,
 ) -> tuple[NoiseFloor, Recording]:
     floor = NoiseFloor(float("nan"), "no output recorded", WHITE)
     if np.isfinite(y).all():
-        floor = noise_floor(u, y, dt, excitation.period, excitation.span, start.state == "periodic")
+        floor = noise_floor(drive, y, dt, excitation.period, excitation.span, start.state == "periodic")
     return floor, Recording(
         name=name,
         t=dt * np.arange(u.size),
@@ -241,15 +250,17 @@ def _sampled(
     return dt, values, where, [f"{entry.name or Path(entry.file).stem}: {note}."] if note else []
 
 
-def _default_start(u: np.ndarray) -> Start:
-    near = abs(float(u[0])) <= _NEAR_ZERO * float(np.ptp(u))
+def _default_start(*inputs: np.ndarray) -> Start:
+    near = all(abs(float(u[0])) <= _NEAR_ZERO * float(np.ptp(u)) for u in inputs)
     return Start("rest", 0.0) if near else Start("unknown")
 
 
-def _excitation(u: np.ndarray, dt: float, entry: Entry, where: Where) -> Excitation:
-    found = excitation_of(u, dt)
+def _excitation(drive: np.ndarray, dt: float, entry: Entry, table: Table, where: Where) -> Excitation:
+    found = excitation_of(drive, dt)
     if entry.periodic is False and found.period is not None:
         return replace(found, period=None)
+    if found.period is None and table.shape and drive.size >= table.shape[-1]:
+        return replace(found, period=table.shape[-1] * dt, cycles=drive.size / table.shape[-1])
     if entry.periodic and found.period is None:
         raise InputRefused(
             f"{where}: recordings.yaml says periodic: true, but the input does not repeat (two whole periods are "

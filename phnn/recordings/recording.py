@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +17,9 @@ class Units(NamedTuple):
 
 
 ACTUATOR = Units("V", "m")
+# Weights of further inputs, which no simple relation makes cancel; and by how much of a sample a whole number of
+# periods may miss a whole number of samples.
+_GOLDEN, _WHOLE = 0.618, 0.02
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,33 @@ class Recording:
     measures: str = ""
 
     @property
+    def drive(self) -> np.ndarray:
+        """``(N,)`` what moves when any input does, see `drive_of`."""
+        return drive_of(self.u, self.further)
+
+    @property
+    def cycle(self) -> int:
+        """Samples of the fewest whole periods that are a whole number of samples; 0 where the recording has none."""
+        if self.start.state != "periodic" or self.period is None:
+            return 0
+        size = self.period / self.dt
+        for count in range(1, int(self.t.size / size + 1e-6) + 1):
+            if abs(count * size - round(count * size)) <= _WHOLE:
+                return round(count * size)
+        return 0
+
+    def only(self, rows: slice) -> Recording:
+        """Some of the samples of every channel; the parts stay as they are."""
+        return replace(
+            self,
+            t=self.t[rows],
+            u=self.u[rows],
+            y=self.y[rows],
+            channels={n: x[rows] for n, x in self.channels.items()},
+            further={n: x[rows] for n, x in self.further.items()},
+        )
+
+    @property
     def dt(self) -> float:
         """Sampling interval in s."""
         return float(self.t[-1] - self.t[0]) / (self.t.size - 1)
@@ -100,6 +130,18 @@ class Recording:
             if part.use == use:
                 chosen[part.first : part.last] = True
         return chosen
+
+
+def drive_of(u: np.ndarray, further: Mapping[str, np.ndarray]) -> np.ndarray:
+    """``(N,)`` what moves when any input does and repeats when all do: the inputs' sum, weighted unevenly.
+
+    With a single input it is that input. Further ones come in over their range, times that of the first.
+    """
+    reach, total = float(np.ptp(u)) or 1.0, u
+    for k, x in enumerate(further.values(), start=1):
+        span = float(np.ptp(x))
+        total = total + (_GOLDEN**k * reach / span) * x if span > 0.0 else total
+    return total
 
 
 @dataclass(frozen=True)

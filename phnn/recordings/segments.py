@@ -13,29 +13,32 @@ from phnn.errors import InputRefused
 from phnn.recordings import checks
 from phnn.recordings.channels import Channel
 from phnn.recordings.manifest import Entry
-from phnn.recordings.table import Where
+from phnn.recordings.table import Table, Where
 
 # A step of time longer than this many usual ones begins a new recording.
 _JUMP = 1.5
 
 
-def segmented(entry: Entry, channels: Mapping[str, Channel], where: Where) -> list[Entry]:
+def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> list[Entry]:
     """An entry for every recording in its file, each with its slice and, where there are several, a number.
+
+    The slice of an array with axes is taken of every realisation.
 
     Raises:
         InputRefused: a slice that leaves the file, samples that do not make whole segments, or no time to tell them by.
     """
-    size = next(iter(channels.values())).values.size
-    first, last = entry.slice or (0, size)
-    checks.slice_inside((first, last), size, where)
-    if entry.segments is False:
-        return [replace(entry, slice=(first, last))]
-    edges = [first, *(first + e for e in _edges(entry, channels, last - first, first, where)), last]
-    stem, digits = entry.name or Path(entry.file).stem, len(str(len(edges) - 1))
-    return [
-        replace(entry, slice=(a, b), name=f"{stem}_{i:0{digits}d}")
-        for i, (a, b) in enumerate(itertools.pairwise(edges), start=1)
-    ]
+    size, where = next(iter(channels.values())).values.size, table.where
+    one = size // table.shape[0] if table.shape else size
+    first, last = entry.slice or (0, one)
+    checks.slice_inside((first, last), one, where)
+    pieces = [(i + first, i + last) for i in range(0, max(size, 1), max(one, 1))]
+    if entry.segments is not False and not table.shape:
+        edges = [first, *(first + e for e in _edges(entry, channels, last - first, first, where)), last]
+        pieces = list(itertools.pairwise(edges))
+    elif len(pieces) == 1:
+        return [replace(entry, slice=pieces[0])]
+    stem, digits = entry.name or Path(entry.file).stem, len(str(len(pieces)))
+    return [replace(entry, slice=piece, name=f"{stem}_{i:0{digits}d}") for i, piece in enumerate(pieces, start=1)]
 
 
 def _edges(entry: Entry, channels: Mapping[str, Channel], size: int, first: int, where: Where) -> list[int]:

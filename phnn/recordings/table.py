@@ -51,7 +51,7 @@ class Table:
         columns: one array per column, numeric or of texts; lengths may differ where ``by_name``.
         by_name: the columns have no order (``.mat``, ``.npz``, …), so an index does not find one.
         notes: what was left out of the file, and why.
-        segment: samples of each of several recordings that stand one after another; 0 where that is not known.
+        shape: realisations, periods and samples of an array of a periodic experiment, which stand one after another.
     """
 
     where: Where
@@ -59,7 +59,7 @@ class Table:
     columns: tuple[np.ndarray, ...]
     by_name: bool = False
     notes: tuple[str, ...] = ()
-    segment: int = 0
+    shape: tuple[int, ...] = ()
 
     def find(self, place: int | str) -> int:
         """Index of the column at an index or of a name.
@@ -98,6 +98,11 @@ class Table:
             InputRefused: a cell that is no number.
         """
         column = self.columns[index]
+        if column.dtype.kind in "mM" or column.ndim != 1:
+            raise InputRefused(
+                f"{self.where}: {self.label(index)} holds {column.dtype} of shape {column.shape}, not one number for "
+                f"every sample: export seconds and numbers"
+            )
         if np.iscomplexobj(column):
             raise InputRefused(f"{self.where}: {self.label(index)} holds complex numbers: export real samples")
         if column.dtype.kind in "iufb":
@@ -129,13 +134,17 @@ def beside(tables: Sequence[Table]) -> Table:
     if len(tables) == 1:
         return first
     where = replace(first.where, file=", ".join(t.where.file for t in tables))
-    if len({t.segment for t in tables}) > 1:
-        raise InputRefused(f"{where}: arrays of different shapes: give input and output of one experiment")
+    shapes = [" × ".join(map(str, t.shape)) for t in tables]
+    if len(set(shapes)) > 1:
+        raise InputRefused(
+            f"{where}: arrays of different shapes ({', '.join(shapes)} realisations, periods and samples): give input "
+            f"and output of one experiment"
+        )
     return Table(
         where,
         tuple(n for t in tables for n in t.names),
         tuple(c for t in tables for c in t.columns),
         any(t.by_name for t in tables),
         tuple(n for t in tables for n in t.notes),
-        first.segment,
+        first.shape,
     )

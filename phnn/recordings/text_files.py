@@ -83,10 +83,13 @@ def read_text(path: Path) -> Table:
         )
     first = next(i for i, line in enumerate(lines) if dialect.width(line) == width)
     names = _names(path, lines, first, dialect, width)
-    if ended or not _cut_off(lines[first:], dialect):
+    if ended or not lines[first + 1 :]:
         return _parse(path, lines, first, names, dialect)
-    note = f"its last line, {lines[-1].strip()[:40]!r}, was left out: the file ends within it"
-    return replace(_parse(path, lines[:-1], first, names, dialect), notes=(note,))
+    if _breaks_off(lines[first:], dialect):
+        note = f"its last line, {lines[-1].strip()[:40]!r}, was left out: the file ends within it"
+        return replace(_parse(path, lines[:-1], first, names, dialect), notes=(note,))
+    note = f"its last line, {lines[-1].strip()[:40]!r}, has no end: if the file was cut there, its last number is wrong"
+    return replace(_parse(path, lines, first, names, dialect), notes=(note,))
 
 
 def looks_like_numbers(path: Path) -> bool:
@@ -98,10 +101,22 @@ def looks_like_numbers(path: Path) -> bool:
     return _recognised(lines)[1] >= 2
 
 
-def _cut_off(rows: Sequence[str], dialect: _Dialect) -> bool:
-    """Whether the last row, behind which no line ends, breaks off: its last number has fewer digits than all others."""
-    *others, last = (len((dialect.cells(row) or [""])[-1].lstrip("+-")) for row in rows)
-    return bool(others) and last < min(others)
+def _breaks_off(rows: Sequence[str], dialect: _Dialect) -> bool:
+    """Whether the last row lacks cells, or its last number digits that all other rows have in one number.
+
+    What an instrument writes with a fixed number of digits shows it; of others nothing can be said.
+    """
+    last, *others = [dialect.cells(row) or [""] for row in reversed(rows)]
+    if len(last) < min(len(cells) for cells in others) or not _NUMBER[dialect.decimal].fullmatch(last[-1]):
+        return True
+    formats = {_format(cells[-1], dialect.decimal) for cells in others}
+    return len(formats) == 1 and formats != {_format(last[-1], dialect.decimal)}
+
+
+def _format(number: str, decimal: str) -> tuple[int, int]:
+    """Digits behind the decimal sign and in the exponent."""
+    mantissa, _, exponent = number.lower().partition("e")
+    return len(mantissa.partition(decimal)[2]), len(exponent.lstrip("+-"))
 
 
 def _lines(path: Path) -> tuple[list[str], bool]:
