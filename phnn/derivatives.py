@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.chain.passage import amplified, measured_changes, place_of, sensed, sounded
+from phnn.chain.passage import measured_changes, place_of, sensed, sounded
 from phnn.integrate import sweep
 from phnn.integrate.cycle import cycle_derivative
 from phnn.integrate.rest import equilibrium_derivative, equilibrium_slope
@@ -16,7 +16,7 @@ from phnn.laws import FACTOR_LAWS, PORT_LAWS
 from phnn.laws.namespace import TINY
 from phnn.setup import Block
 from phnn.signals.reconstruct import mean_input, substep_input
-from phnn.simulate import Trajectory, input_before, led_in, settled
+from phnn.simulate import Trajectory, driven, input_before, led_in, long_settled, settled
 
 Array = NDArray[np.float64]
 
@@ -48,11 +48,11 @@ def output_derivatives(
     moved = _Moved(
         active,
         {places.size + j: a.action for j, a in enumerate(acting)},
-        none if forces is None else np.ascontiguousarray(forces),
+        none if forces is None else np.ascontiguousarray(settled(forces, trajectory.cycle)),
         np.array([network_names.index(n) for n, _ in varied], dtype=np.int64),
-        np.column_stack([none, *(w for _, w in varied)]),
+        settled(np.column_stack([none, *(w for _, w in varied)]), trajectory.cycle),
     )
-    start = _start_derivative(trajectory, moved, places)
+    start = np.insert(_start_derivative(trajectory, moved, places), [active.size] * len(initial), 0.0, axis=1)
     start[:, places.size : active.size] += np.column_stack([np.zeros((start.shape[0], 0)), *(a.rest for a in acting)])
     out = moved.swept(trajectory, start, np.array(initial, dtype=np.int64), looks)
     changes = out
@@ -63,8 +63,11 @@ def output_derivatives(
         for j, a in enumerate(acting):
             head[:, names.index(a.name)] += out[:, places.size + j]
         changes = np.hstack([head, out[:, active.size :]])
-    q, times = trajectory.states[looks, program.output], times - trajectory.lead * trajectory.recording.dt
-    return measured_changes(setup, q, times, changes, names)[samples_of][trajectory.lead :]
+    both = np.column_stack([trajectory.states[looks, program.output], changes])
+    times = times - trajectory.lead * trajectory.recording.dt
+    both, times, copied = long_settled(setup, both, times, int(trajectory.nodes[trajectory.lead]), looks)
+    seen = measured_changes(setup, both[:, 0], times, both[:, 1:], names)
+    return seen[copied:][samples_of][trajectory.lead :]
 
 
 def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Array) -> Array:
@@ -192,8 +195,8 @@ def _by_amplifier(trajectory: Trajectory, block: Block, name: str) -> _Acting:
     setup, recording = trajectory.setup, trajectory.recording
     _, samples = led_in(recording)
     command = substep_input(samples, np.diff(trajectory.nodes), recording.interpolation)
-    fine, before = amplified(setup, command, trajectory.h, input_before(recording, samples), (block, name))
-    fine = settled(fine, trajectory.nodes[trajectory.lead])
+    lead = int(trajectory.nodes[trajectory.lead])
+    fine, before = driven(setup, command, trajectory.h, input_before(recording, samples), lead, (block, name))
     rest = np.zeros(trajectory.states.shape[1])
     if trajectory.rest is not None and np.imag(before) != 0.0:
         slope = equilibrium_slope(trajectory.program, setup.network, trajectory.rest, 0)

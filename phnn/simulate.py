@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.chain import REMEMBERING
 from phnn.chain.passage import amplified, measured, place_of, sensed, sounded
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel
@@ -21,10 +22,13 @@ from phnn.integrate.program import Program, compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.network.elements import Network
 from phnn.recordings.recording import Recording
-from phnn.setup import Setup
+from phnn.setup import Block, Setup
 from phnn.signals.reconstruct import mean_input, substep_counts, substep_input
 
 Array = NDArray[np.float64]
+
+# Further cycles in which amplifier and sensor blocks settle: those of the sensor carry all derivatives.
+_AMPLIFIED, _SENSED = 16, 4
 
 
 @dataclass(frozen=True)
@@ -35,8 +39,8 @@ class Trajectory:
         setup, recording, program, theta: what was simulated.
         h: (n,) steps [s].
         nodes: (N + lead,) step index of every sample.
-        lead: samples before the first recorded one, a period where the recording starts in a steady cycle.
-        cycle: steps of that period, in whose steady state the simulation starts; 0 where it starts otherwise.
+        lead: samples before the first recorded one, a cycle where the recording starts in a steady one.
+        cycle: steps of that cycle, in whose steady state the simulation starts; 0 where it starts otherwise.
         rest: (P,) inputs whose equilibrium the simulation starts from; None where it starts otherwise.
         t: (N,) time of the samples [s].
         y: (N,) sensor output without the displacement zero.
@@ -82,9 +86,10 @@ def simulate(
 ) -> Trajectory:
     """Simulate a setup on the input of a recording.
 
-    A recording that starts in a steady cycle is led in by one period, in which amplifier and sensor blocks settle; the
-    network starts it in the steady state that a settled amplifier brings about (`phnn.integrate.cycle`). Sources are
-    silent before the first recorded sample, so that rest and cycle know the recorded input alone.
+    A recording that starts in a steady cycle is led in by one cycle, the fewest periods that are whole samples. The
+    network starts it in the steady state (`phnn.integrate.cycle`) that an amplifier brings about which has settled in
+    further cycles, and so does the sensor. Sources are silent before the first recorded sample, so that rest and cycle
+    know the recorded input alone.
 
     Args:
         setup: the model.
@@ -104,8 +109,7 @@ def simulate(
     counts, fine, further = _reconstructed(recording, substeps, method or recording.interpolation)
     nodes = np.concatenate([[0], np.cumsum(counts)])
     h, cycle = np.repeat(recording.dt / counts, counts), int(nodes[lead])
-    fine, before = amplified(setup, fine, h, before)
-    fine = settled(fine, cycle)
+    fine, before = driven(setup, fine, h, before, cycle)
     u = np.zeros((fine.shape[0], len(network.ports)))
     u[:, 0] = mean_input(fine)
     u[:, further_ports(network, recording)] = settled(further, cycle)
@@ -127,7 +131,8 @@ def simulate(
             "a parameter is probably far from physical: narrow its bounds or use more sub-steps"
         )
     looks, times, samples_of = sensed(setup, nodes, h)
-    y = measured(setup, states[looks, program.output], times - lead * recording.dt)[samples_of]
+    q, times, copied = long_settled(setup, states[looks, program.output], times - lead * recording.dt, cycle, looks)
+    y = measured(setup, q, times)[copied:][samples_of]
     return Trajectory(
         setup, recording, program, theta, h, nodes, lead, cycle if initial is None else 0, rest, recording.t, y[lead:],
         fine, u, states, efforts,
@@ -188,7 +193,7 @@ def _reconstructed(recording: Recording, substeps: int, method: str) -> tuple[ND
     counts = substep_counts(samples, input_before(recording, samples), substeps)
     for x in others:
         counts = np.maximum(counts, substep_counts(x, float(x[0]), substeps))
-    counts[:lead] = counts[lead : 2 * lead]
+    counts = settled(counts, lead)
     fine = substep_input(samples, counts, method)
     further = np.zeros((fine.shape[0], len(others)))
     for k, x in enumerate(others):
@@ -198,16 +203,38 @@ def _reconstructed(recording: Recording, substeps: int, method: str) -> tuple[ND
 
 
 def led_in(recording: Recording) -> tuple[int, Array]:
-    """The input with a period before it where the recording starts in a steady cycle, and how many samples that is."""
-    if recording.start.state != "periodic" or recording.period is None:
-        return 0, recording.u
-    lead = round(recording.period / recording.dt)
-    return lead, np.concatenate([recording.u[:lead], recording.u])
+    """The input with a cycle before it where the recording starts in a steady one, and how many samples that is."""
+    lead = recording.cycle
+    return lead, np.concatenate([recording.u[:lead], recording.u]) if lead else recording.u
 
 
-def settled(fine: Any, cycle: int) -> Any:
-    """(n, …) what comes out of an amplifier, its transient in the first period replaced by the second."""
-    return np.concatenate([fine[cycle : 2 * cycle], fine[cycle:]]) if cycle else fine
+def settled(x: Any, cycle: int) -> Any:
+    """(n, …) what happens in the steps of a simulation, the first cycle of it replaced by the second, which has
+    settled. A recording of one cycle lacks the last interval of its second one; there the first has settled too."""
+    return np.concatenate([x[cycle : 2 * cycle], x[min(cycle, x.shape[0] - cycle) :]]) if cycle else x
+
+
+def driven(
+    setup: Setup, fine: Any, h: Array, before: Any, cycle: int, perturbed: tuple[Block, str] | None = None
+) -> tuple[Any, Any]:
+    """The voltage at the port (n, 3), settled where there is a cycle, and what it was before; see `amplified`."""
+    copies = _AMPLIFIED if cycle and setup.amplifier else 0
+    longer = np.concatenate([*[settled(fine, cycle)[:cycle]] * copies, fine])
+    found, before = amplified(setup, longer, np.concatenate([*[h[:cycle]] * copies, h]), before, perturbed)
+    return settled(found[copies * cycle :], cycle), before
+
+
+def long_settled(
+    setup: Setup, q: Array, times: Array, cycle: int, looks: NDArray[np.int64]
+) -> tuple[Array, Array, int]:
+    """(M, …) what a sensor looks at and when, with further cycles before it where a block remembers, and how many
+    looks these are."""
+    first = int(np.searchsorted(looks, cycle)) if cycle and any(b.kind in REMEMBERING for b in setup.sensor) else 0
+    if not first:
+        return q, times, 0
+    duration = times[first] - times[0]
+    before = [times[:first] - k * duration for k in range(_SENSED, 0, -1)]
+    return np.concatenate([*[q[:first]] * _SENSED, q]), np.concatenate([*before, times]), _SENSED * first
 
 
 def input_before(recording: Recording, samples: Array) -> float:

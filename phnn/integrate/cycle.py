@@ -21,12 +21,13 @@ Array = NDArray[np.float64]
 # Periods marched before the first Newton step, so that hysterons have been around their loops.
 _RUN_IN = 2
 _ITERATIONS = 40
-# Changes within a period, over the range of each state: what is aimed at, and what rounding may leave of it.
-_STEADY, _NEARLY = 1e-12, 1e-9
-# A singular value of the scaled ``I − M`` below this is none.
+# Changes within a period, over the range of each state: what is aimed at, what rounding may leave of it, and what is
+# good enough where a hysteron that only just slides lets every step gain little.
+_STEADY, _NEARLY, _TOLERABLE = 1e-12, 1e-9, 1e-5
+# A singular value of the scaled ``I − M`` below this is none; a range below this share of a state is rounding.
 _NEUTRAL = 1e-9
-# Of a change, that a Newton step may leave: otherwise one more period is marched instead.
-_PROGRESS = 0.5
+# Of a change, that a Newton step may leave, and shares of the step that are tried; then a period is marched instead.
+_PROGRESS, _DAMPED = 0.5, (1.0, 0.25)
 
 
 def steady_cycle(program: Program, theta: Array, x: Array, u: Array, h: Array) -> Array:
@@ -41,34 +42,41 @@ def steady_cycle(program: Program, theta: Array, x: Array, u: Array, h: Array) -
     states, efforts = np.empty((h.size + 1, x.size)), np.empty((h.size, x.size))
 
     def period(start: Array) -> tuple[Array, Array]:
-        """The end of a period, and the range of each state in it."""
+        """What a period changes, and the range of each state in it."""
         done = kernel.march(program, theta, start, u, h, states, efforts)
         if done < h.size:
             raise SolverFailed(f"no solution of the step at t = {h[:done].sum():.6g} s of a period")
-        spread = np.ptp(states, axis=0)
-        return states[-1].copy(), np.where(spread > 0.0, spread, 1.0)
+        return states[-1] - start, _reach(states)
 
     for _ in range(_RUN_IN):
-        x, _ = period(x)
-    end, spread = period(x)
+        x = x + period(x)[0]
+    change, reach = period(x)
     before = np.inf
     for _ in range(_ITERATIONS):
-        change = float(np.abs((end - x) / spread).max())
-        if change <= _STEADY or _NEARLY >= change >= _PROGRESS * before:
+        size = float(np.abs(change / reach).max())
+        if size <= _STEADY or _NEARLY >= size >= _PROGRESS * before:
             return x
-        monodromy = _swept(program, theta, states, efforts, u, h)
-        target = x + _settled(monodromy, (end - x)[:, None], spread)[:, 0]
-        further, reach = period(target)
-        if np.abs((further - target) / reach).max() > _PROGRESS * change:
-            # Newton's step has left the region in which the map is what its derivative says.
-            target = end
-            further, reach = period(target)
-        x, end, spread, before = target, further, reach, change
-    worst = program.states[int(np.abs((end - x) / spread).argmax())]
+        step = _settled(_swept(program, theta, states, efforts, u, h), change[:, None], reach)[:, 0]
+        marched, before = x + change, size
+        for target in (*(x + share * step for share in _DAMPED), marched):
+            change, reach = period(target)
+            # Newton's step may leave the region in which the map is what its derivative says.
+            if np.abs(change / reach).max() <= _PROGRESS * size:
+                break
+        x = target
+    left = np.abs(change / reach)
+    if left.max() <= _TOLERABLE:
+        return x
     raise SolverFailed(
-        f"no steady cycle: {worst} still changes by {change:.2g} of its range in a period; say `start: unknown`, or "
-        f"correct what makes it drift"
+        f"no steady cycle: {program.states[int(left.argmax())]} still changes by {left.max():.2g} of its range in a "
+        f"period; say `start: unknown`, or correct what makes it drift"
     )
+
+
+def _reach(states: Array) -> Array:
+    """(N,) range of each state within a period; what has none has one."""
+    reach = np.maximum(np.ptp(states, axis=0), _NEUTRAL * np.abs(states).max(axis=0))
+    return np.where(reach > 0.0, reach, 1.0)
 
 
 def cycle_derivative(end: Array, first: int, states: Array) -> Array:
@@ -80,14 +88,13 @@ def cycle_derivative(end: Array, first: int, states: Array) -> Array:
         states: (n+1, N) of the period.
     """
     inside = np.arange(first, first + states.shape[1])
-    spread = np.ptp(states, axis=0)
-    return _settled(end[:, inside], np.delete(end, inside, axis=1), np.where(spread > 0.0, spread, 1.0))
+    return _settled(end[:, inside], np.delete(end, inside, axis=1), _reach(states))
 
 
-def _settled(monodromy: Array, change: Array, spread: Array) -> Array:
+def _settled(monodromy: Array, change: Array, reach: Array) -> Array:
     """(N, C) ``(I − M)⁻¹ δ`` of changes (N, C) within a period, and nothing along what is neutral."""
-    matrix = np.eye(spread.size) - monodromy * spread / spread[:, None]
-    return np.asarray(spread[:, None] * np.linalg.lstsq(matrix, change / spread[:, None], rcond=_NEUTRAL)[0])
+    matrix = np.eye(reach.size) - monodromy * reach / reach[:, None]
+    return np.asarray(reach[:, None] * np.linalg.lstsq(matrix, change / reach[:, None], rcond=_NEUTRAL)[0])
 
 
 def _swept(program: Program, theta: Array, states: Array, efforts: Array, u: Array, h: Array) -> Array:

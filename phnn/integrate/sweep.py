@@ -97,7 +97,7 @@ def sensitivities(
     Args:
         active: (K,) places in theta.
         states, efforts, u, h: of the march.
-        start: (N, C) derivative of the initial state by the first C columns, the active parameters at least.
+        start: (N, C) derivative of the initial state by the first C columns; those of initial states are given below.
         initial: (S,) state whose initial value column ``K + s`` perturbs.
         forces: (n, F) perturbations of the junction's force, one column each.
         varied: (W,) which active parameter is perturbed; weights: (n, W) by which signal.

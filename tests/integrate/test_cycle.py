@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from junctions import recording
 
 from phnn.configuration import config_folder
@@ -81,6 +83,61 @@ def _biased(force: float) -> tuple[np.ndarray, np.ndarray]:
     return t, force + 100.0 * np.sin(2.0 * np.pi * t)
 
 
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6))
+def test_every_actuator_has_one(seed: int) -> None:
+    # Also where a hysteron only just slides.
+    rng = np.random.default_rng(seed)
+    values = {n: p.value * np.exp(rng.normal(0.0, 0.7)) for n, p in BASE.parameters.items() if not p.fixed}
+    y = simulate(BASE.with_values(values), wave()).y
+    np.testing.assert_allclose(y[:PERIOD], y[PERIOD : 2 * PERIOD], atol=3e-5 * np.ptp(y))
+
+
+@pytest.mark.parametrize("size", [100.3, 37.4])
+def test_a_period_need_not_be_a_whole_number_of_samples(size: float) -> None:
+    linear = hrc(0)
+    m, w = linear.parameters["m"].value, 2.0 * np.pi * 100.0
+    setup = Setup(linear.with_values({"k": m * (1.05 * w) ** 2, "b": 0.002 * m * w}))
+    values, dt = setup.values(), 0.01 / size
+    t = np.arange(int(12 * size)) * dt
+    made = recording(t, np.cos(w * t), Start("periodic"), period=0.01)
+    assert made.cycle == (1003 if size > 50.0 else 187)
+    s = 1.0j * w
+    answer = values["alpha"] / (values["m"] * s**2 + values["b"] * s + values["k"])
+    run = simulate(setup, made, substeps=8)
+    np.testing.assert_allclose(run.y, np.real(answer * np.exp(s * t)), atol=0.01 * abs(answer))
+    # Where no number of periods comes near a whole one of samples, the recording says nothing of its start.
+    short = recording(t[: int(2.5 * size)], np.cos(w * t)[: int(2.5 * size)], Start("periodic"), period=0.01)
+    assert short.cycle == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("sensor_lag", {"tau_y": 0.01}),
+        ("amplifier_lowpass", {"tau_a": 0.01}),
+        ("slew_limit", {"S": 3e4}),
+        ("output_backlash", {"delta_b": 4e-6}),
+    ],
+)
+def test_slow_blocks_of_the_chain_have_settled(name: str, values: dict[str, float]) -> None:
+    setup = effect(name).add_to(BASE, values)
+    y = simulate(setup, wave()).y
+    np.testing.assert_allclose(y[:PERIOD], y[PERIOD : 2 * PERIOD], atol=1e-2 * np.ptp(y))
+
+
+def test_one_period_is_enough() -> None:
+    whole, one = wave(), wave(cycles=1)
+    single = recording(one.t[:-1], one.u[:-1], Start("periodic"), period=0.01)
+    assert single.cycle == single.t.size == PERIOD
+    y, wanted = simulate(BASE, single).y, simulate(BASE, whole).y
+    # A spline knows less of its ends.
+    np.testing.assert_allclose(y, wanted[PERIOD : 2 * PERIOD], atol=2e-3 * np.ptp(wanted))
+    got = output_derivatives(simulate(BASE, single), ["k", "alpha", "d_1"])
+    both = output_derivatives(simulate(BASE, whole), ["k", "alpha", "d_1"])[PERIOD : 2 * PERIOD]
+    np.testing.assert_allclose(got, both, atol=2e-2 * np.abs(both).max())
+
+
 @pytest.mark.parametrize("setup", [BASE, slow()], ids=["actuator", "slow memories"])
 def test_derivatives_by_parameters_follow_the_cycle(setup: Setup) -> None:
     names = list(setup.free)
@@ -103,6 +160,10 @@ def test_perturbations_along_signals_and_the_adjoint_follow_it_too() -> None:
     ends = [simulate(BASE, wave(amplitude=90.0 * (1.0 + s))).y for s in (step, -step)]
     wanted = (ends[0] - ends[1]) / (2.0 * step)
     np.testing.assert_allclose(whole, wanted, atol=1e-4 * np.abs(wanted).max())
+    # Initial states stand between the parameters and what is perturbed along signals.
+    force = input_force(run, run.u[:, 0])[:, None]
+    with_state = output_derivatives(run, ["k"], initial=[0], forces=force)
+    np.testing.assert_allclose(with_state[:, [0, 2]], np.column_stack([got[:, 0], whole]), rtol=1e-9, atol=1e-16)
     weights = np.random.default_rng(3).standard_normal(run.y.size)
     columns = output_derivatives(run, ["k", "b", "alpha", "C_1", "rho_2", "d_1"])
     back = output_gradient(run, ["k", "b", "alpha", "C_1", "rho_2", "d_1"], weights)
