@@ -142,3 +142,65 @@ def test_a_check_knows_of_further_inputs(folder: Path, capsys: pytest.CaptureFix
     # What another input does is no lead of an output over this one.
     assert "leads the input" not in text
     assert "resonances, and a second mode" in text.split("They cannot show")[0]
+
+
+def rewritten(folder: Path, target: Path, *changes: tuple[str, str]) -> Path:
+    """The folder's manifest with changes."""
+    text = MANIFEST.replace("two_masses.yaml", str(folder / "two_masses.yaml"))
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (target / "recordings.yaml").write_text(text)
+    return target / "recordings.yaml"
+
+
+def test_a_start_may_be_unknown(folder: Path, tmp_path: Path) -> None:
+    manifest = rewritten(folder, tmp_path, ("start: periodic", "start: unknown"))
+    said = ["--manifest", str(manifest), "--out", str(tmp_path / "out"), "starts=1"]
+    assert main(["identify", str(folder), *said]) == 0
+    content = json.loads((tmp_path / "out" / "identify.json").read_text())
+    for name, true in TRUE.items():
+        assert content["parameters"][name]["value"] == pytest.approx(true, rel=0.02), name
+
+
+def test_the_axes_say_what_a_period_is(folder: Path, tmp_path: Path) -> None:
+    for name in ("u", "y", "u_test", "y_test"):
+        np.save(tmp_path / f"{name}.npy", np.load(folder / f"{name}.npy")[..., 0])
+    manifest = rewritten(folder, tmp_path, ("realisation, period]", "realisation]"))
+    recordings = read(tmp_path, manifest).recordings
+    assert [r.t.size for r in recordings] == [SAMPLES] * 6
+    assert {r.cycle for r in recordings} == {SAMPLES}
+    said = ["--manifest", str(manifest), "--out", str(tmp_path / "out"), "starts=1"]
+    assert main(["identify", str(tmp_path), *said]) == 0
+    content = json.loads((tmp_path / "out" / "identify.json").read_text())
+    for name, true in TRUE.items():
+        assert content["parameters"][name]["value"] == pytest.approx(true, rel=0.02), name
+
+
+def test_a_slice_is_taken_of_every_realisation(folder: Path, tmp_path: Path) -> None:
+    manifest = rewritten(folder, tmp_path, ("name: train, use", f"name: train, slice: [{SAMPLES}, {2 * SAMPLES}], use"))
+    u = np.load(folder / "u.npy")
+    campaign = read(folder, manifest)
+    for r, index in ((campaign.recordings[0], 0), (campaign.recordings[3], 1)):
+        np.testing.assert_array_equal(r.u, u[:, 0, index, 1])
+    (tmp_path / "recordings.yaml").write_text(manifest.read_text().replace(f"{2 * SAMPLES}]", f"{2 * SAMPLES + 1}]"))
+    assert main(["check", str(folder), "--manifest", str(manifest)]) == 2
+
+
+def test_every_input_counts_for_period_and_noise(folder: Path, tmp_path: Path) -> None:
+    """Forces of 4 and of 3 Hz repeat together every second; with one of 4 and of e Hz nothing repeats."""
+    t = np.arange(4000) / RATE
+    for name, other in (("both", 3.0), ("never", float(np.e))):
+        u = np.column_stack([np.sin(2.0 * np.pi * f * t) for f in (4.0, other)])
+        y = 1e-3 * u + NOISE * np.random.default_rng(4).standard_normal(u.shape)
+        np.savetxt(tmp_path / f"{name}.txt", np.column_stack([u, y]))
+    (tmp_path / "two_masses.yaml").write_text((folder / "two_masses.yaml").read_text())
+    rows = "recordings: [{file: both.txt}, {file: never.txt}]\n"
+    head = MANIFEST.split("axes:")[0].replace("start: periodic", "start: unknown")
+    columns = MANIFEST.split("period]")[1].split("recordings:")[0].replace("unit: mm", "unit: m")
+    (tmp_path / "recordings.yaml").write_text(head + columns + rows)
+    both, never = read(tmp_path).recordings[::2]
+    assert both.period == pytest.approx(1.0)
+    assert never.period is None
+    assert both.noise == pytest.approx(NOISE, rel=0.1)
+    assert never.noise < 3.0 * NOISE
