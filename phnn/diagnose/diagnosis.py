@@ -84,8 +84,8 @@ def diagnose(
     """
     began = time.monotonic()
     chosen = options or Options()
-    single(campaign.recordings, "a diagnosis follows one input to one output")
     refits, without = executor(chosen.executor), [effect(name) for name in chosen.without]
+    single(campaign.recordings, "a diagnosis follows one input to one output")
     base, error = identify_base(campaign, chosen, progress)
     catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, without)
     progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from phnn.prove.outcome import WRONG, Outcome
 from phnn.prove.settings import FULL
@@ -98,5 +99,8 @@ def _improvement(outcomes: Sequence[Outcome]) -> Drawing:
             y = np.array([getattr(o, after) for o in chosen])
             axes.plot(x, y, mark, color=colour, ms=4.0, label="right" if chosen is right_ones else "all")
         axes.set(xscale="log", yscale="log", xlabel="before", ylabel="after", title=label)
+        # Between the decades they would run into one another.
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_minor_formatter(NullFormatter())
     left.legend(loc="upper left")
     return drawing("improvement", "Before and after the diagnosis", figure)
