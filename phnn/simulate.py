@@ -110,18 +110,14 @@ def simulate(
     nodes = np.concatenate([[0], np.cumsum(counts)])
     h, cycle = np.repeat(recording.dt / counts, counts), int(nodes[lead])
     fine, before = driven(setup, fine, h, before, cycle)
-    u = np.zeros((fine.shape[0], len(network.ports)))
-    u[:, 0] = mean_input(fine)
-    u[:, further_ports(network, recording)] = settled(further, cycle)
+    u, held = np.zeros((fine.shape[0], len(network.ports))), np.zeros(len(network.ports))
+    driving = [0, *further_ports(network, recording)]
+    u[:, driving] = np.column_stack([mean_input(fine), settled(further, cycle)])
+    held[driving] = [before, *(x[0] for x in recording.further.values())]
     for source in setup.sources:
         u[:, place_of(setup, source)] += sounded(setup, source, h, lead * recording.dt)
-    held = np.zeros(len(network.ports))
-    held[0] = before
-    held[further_ports(network, recording)] = [x[0] for x in recording.further.values()]
     rest = None if cycle or initial is not None else held
-    x0 = initial
-    if x0 is None:
-        x0 = _begun(program, network, u[:cycle], h[:cycle], held, recording.name)
+    x0 = _begun(program, network, u[:cycle], h[:cycle], held, recording.name) if initial is None else initial
     n = u.shape[0]
     states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
     done = kernel.march(program, theta, x0, u, h, states, efforts)
