@@ -15,7 +15,7 @@ from phnn.configuration import compose, compose_groups, config_folder
 from phnn.errors import PhnnError
 
 # Commands with settings, and the file under configs/ that holds them.
-_SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "prove")} | {"demo": "diagnose"}
+_SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "modes", "prove")} | {"demo": "diagnose"}
 # The command whose settings are composed from groups of files.
 _TRAIN = "train"
 _DEBUG = "PHNN_DEBUG"
@@ -78,15 +78,16 @@ def _parser() -> argparse.ArgumentParser:
     diagnose = _add_command(commands, "diagnose", "find out what the base model leaves out")
     predict = _add_command(commands, "predict", "simulate recordings with a model that was written earlier")
     compare = _add_command(commands, "compare", "fit several kinds of model and compare them")
+    modes = _add_command(commands, "modes", "find the modes of a structure, and what moves them with amplitude")
     train = _add_command(commands, "train", "train a neural or parametric model: phnn train folder=DIR out=DIR ...")
     train.epilog, train.formatter_class = _training_settings(), argparse.RawDescriptionHelpFormatter
     demo = _add_command(commands, "demo", "conceal an effect in simulated recordings, seal it, diagnose it")
     prove = _add_command(commands, "prove", "conceal many effects, seal them, diagnose them all, and count")
     predict.add_argument("model", type=Path, metavar="MODEL", help="model/ or base/ of an earlier result")
-    for command in (check, identify, diagnose, predict, compare):
+    for command in (check, identify, diagnose, predict, compare, modes):
         command.add_argument("folder", type=Path, metavar="FOLDER", help="folder of recordings")
         command.add_argument("--manifest", type=Path, metavar="FILE", help="recordings.yaml that lies elsewhere")
-    for command in (identify, diagnose, predict, compare, prove):
+    for command in (identify, diagnose, predict, compare, modes, prove):
         command.add_argument("--out", type=Path, metavar="DIR", required=True, help="where the results go")
     check.add_argument("--out", type=Path, metavar="DIR", help="write check.json there, too")
     demo.add_argument(
@@ -132,6 +133,8 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
         commands.predict(arguments.model, arguments.folder, arguments.out, arguments.manifest)
     elif name == "compare":
         commands.compare(arguments.folder, arguments.out, arguments.manifest, config)
+    elif name == "modes":
+        commands.modes(arguments.folder, arguments.out, arguments.manifest, config)
     elif name == "prove":
         commands.prove(arguments.out, config)
     else:

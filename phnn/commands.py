@@ -149,6 +149,30 @@ def compare(folder: Path, out: Path, manifest: Path | None, config: Mapping[str,
     print(f"results: {out / 'compare.md'}   seed: {settings.options.seed}")
 
 
+def modes(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any]) -> None:
+    """Find the modes of a structure and what moves with amplitude; see `phnn.report.modes` for what it writes."""
+    from phnn.modal.experiment import study_of
+    from phnn.modal.settings import Settings
+    from phnn.modal.store import model_document
+    from phnn.modal.study import study_modes
+    from phnn.report.modes import show, write_modes
+
+    settings = Settings.from_config(config)
+    study = study_of(read(folder, manifest))
+    with _progress() as progress:
+        result = study_modes(
+            study,
+            settings,
+            progress,
+            lambda name, fit: write_json(out / "models" / f"{name}.json", model_document(fit)),
+        )
+        progress("write the report")
+        write_modes(result, str(folder), out)
+    console = Console()
+    show(result, console if console.is_terminal else Console(width=_PIPE))
+    print(f"report: {out / 'report.html'}")
+
+
 def train(config: Mapping[str, Any]) -> None:
     """Train a model on a folder; see `phnn.learn.run.train` for what it writes."""
     from phnn.learn import Settings

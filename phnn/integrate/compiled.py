@@ -35,6 +35,8 @@ _SOURCES = (
     "integrate/recursion.py",
     "integrate/kernel.py",
     "integrate/sweep.py",
+    "modal/elements.py",
+    "modal/march.py",
 )
 
 # Stands in the caller. numba hands the wish to be inlined on to whatever is compiled inside, unless it is refused.

@@ -1,0 +1,174 @@
+"""Periodic experiments: one mean period of every input and every output, grouped by how strongly they were driven."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.check.consistency import contaminated
+from phnn.errors import InputRefused
+from phnn.recordings.excitation import excitation_of
+from phnn.recordings.recording import Campaign, Recording
+
+Array = NDArray[np.float64]
+
+# Power of an excited line over the strongest; amplitudes of one level differ by less than this factor.
+_EXCITED, _ALIKE = 1e-4, 1.25
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """One mean period in the steady state.
+
+    Attributes:
+        name: the recording's, without its output's.
+        held_out: never used to fit or to choose.
+        u: (N, P) inputs; y: (N, O) outputs without their means, SI.
+        spread: (O,) effective difference of a period from the mean period.
+        zero_order: whether the input is held between samples; otherwise it is band-limited.
+    """
+
+    name: str
+    held_out: bool
+    u: Array
+    y: Array
+    spread: Array
+    zero_order: bool
+
+    @property
+    def amplitude(self) -> float:
+        """Effective value of all inputs together."""
+        return float(np.sqrt((self.u - self.u.mean(axis=0)).var(axis=0).sum()))
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """All experiments.
+
+    Attributes:
+        dt: s; inputs, outputs: their names; units: of input and output.
+        levels: experiments by amplitude, in ascending order.
+        left_out: experiments of identification that were not used, with the reason.
+    """
+
+    dt: float
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    units: tuple[str, str]
+    levels: tuple[tuple[Experiment, ...], ...]
+    left_out: Mapping[str, str]
+
+    @property
+    def frequencies(self) -> Array:
+        """(N//2 + 1,) Hz."""
+        return np.asarray(np.fft.rfftfreq(len(self.levels[0][0].u), self.dt), dtype=np.float64)
+
+    @property
+    def lines(self) -> NDArray[np.int64]:
+        """Excited lines, the mean not among them."""
+        power = sum(np.abs(np.fft.rfft(e.u, axis=0)) ** 2 for level in self.levels for e in level)
+        total = np.asarray(power).sum(axis=1)
+        total[0] = 0.0
+        # The line at half the sampling rate has no phase.
+        last = len(self.levels[0][0].u) // 2 + len(self.levels[0][0].u) % 2
+        return np.flatnonzero(total[:last] > _EXCITED * total.max())
+
+    def identification(self, level: int) -> tuple[Experiment, ...]:
+        """What a level has to be fitted to."""
+        return tuple(e for e in self.levels[level] if not e.held_out)
+
+    def held_out(self, level: int) -> tuple[Experiment, ...]:
+        """What a level has for confirmation."""
+        return tuple(e for e in self.levels[level] if e.held_out)
+
+
+def study_of(campaign: Campaign) -> Study:
+    """The experiments of a campaign.
+
+    Raises:
+        InputRefused: a recording is not periodic or has no output, or recordings differ in rate, period, inputs or
+            outputs; there are too few at some amplitude to tell the inputs apart.
+    """
+    grouped: dict[str, list[Recording]] = {}
+    for r in campaign.recordings:
+        _check(r)
+        grouped.setdefault(r.name.removesuffix(f".{r.measures}") if r.measures else r.name, []).append(r)
+    first = next(iter(grouped.values()))
+    _check_alike(grouped, first)
+    noticed = contaminated(campaign.recordings, {r: excitation_of(r.drive, r.dt) for r in campaign.recordings})
+    experiments, left_out = [], {}
+    for name, views in grouped.items():
+        found = _experiment(name, views)
+        reasons = [f.text for r in views for f in noticed[r.name]]
+        if reasons and not found.held_out:
+            left_out[name] = reasons[0]
+        else:
+            experiments.append(found)
+    study = Study(
+        dt=first[0].dt,
+        inputs=("input", *first[0].further),
+        outputs=tuple(r.measures or "output" for r in first),
+        units=(first[0].units.input, first[0].units.output),
+        levels=_levels(experiments),
+        left_out=left_out,
+    )
+    for level in range(len(study.levels)):
+        if len(study.identification(level)) < len(study.inputs):
+            raise InputRefused(
+                f"{campaign.folder}: {len(study.identification(level))} experiments at "
+                f"{study.levels[level][0].amplitude:.3g} {study.units[0]} to tell {len(study.inputs)} inputs apart: "
+                f"record at least {len(study.inputs)} realisations at each amplitude"
+            )
+    return study
+
+
+def _check(r: Recording) -> None:
+    if not r.cycle:
+        raise InputRefused(
+            f"{r.source}: recording {r.name!r} is not said to be in a periodic steady state: modes are read off "
+            f"periodic recordings; record one and say `start: periodic` in recordings.yaml"
+        )
+    if not np.isfinite(r.y).all():
+        raise InputRefused(f"{r.source}: recording {r.name!r} has no output: leave it out")
+
+
+def _check_alike(grouped: Mapping[str, Sequence[Recording]], first: Sequence[Recording]) -> None:
+    def kind(views: Sequence[Recording]) -> tuple[object, ...]:
+        r = views[0]
+        return r.cycle, float(f"{r.dt:.9g}"), tuple(r.further), tuple(v.measures for v in views)
+
+    for name, views in grouped.items():
+        if kind(views) != kind(first):
+            raise InputRefused(
+                f"{views[0].source}: experiment {name!r} differs from {first[0].source} in sampling rate, period, "
+                f"inputs or outputs: put what differs into a folder of its own"
+            )
+
+
+def _experiment(name: str, views: Sequence[Recording]) -> Experiment:
+    size = views[0].cycle
+    periods = [r.y[: r.y.size // size * size].reshape(-1, size) for r in views]
+    u = np.column_stack([x[:size] for x in (views[0].u, *views[0].further.values())])
+    y = np.column_stack([p.mean(axis=0) for p in periods])
+    spread = [float(np.sqrt(p.var(axis=0).mean())) for p in periods]
+    return Experiment(
+        name=name,
+        held_out=not any(part.use == "identification" for r in views for part in r.parts),
+        u=np.ascontiguousarray(u),
+        y=y - y.mean(axis=0),
+        spread=np.array(spread),
+        zero_order=views[0].interpolation == "zero_order",
+    )
+
+
+def _levels(experiments: Sequence[Experiment]) -> tuple[tuple[Experiment, ...], ...]:
+    levels: list[list[Experiment]] = []
+    for e in sorted(experiments, key=lambda e: e.amplitude):
+        if levels and e.amplitude <= _ALIKE * levels[-1][0].amplitude:
+            levels[-1].append(e)
+        else:
+            levels.append([e])
+    return tuple(tuple(sorted(level, key=lambda e: (e.held_out, e.name))) for level in levels)

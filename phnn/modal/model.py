@@ -1,0 +1,122 @@
+"""The modal model: its parameters, and what its modes and forces do under the inputs of an experiment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.errors import SolverFailed
+from phnn.modal.elements import PortElement
+from phnn.modal.experiment import Experiment
+from phnn.modal.march import march
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+# Steps in a period of the fastest mode, at least.
+_STEPS = 8
+# Unit of rates in the shapes of outputs [rad/s].
+RATE = 2e3 * np.pi
+
+
+class Seen(NamedTuple):
+    """Spectra of one period, on all lines or on some: s (F,) rad/s, q (F, M), forces f (F, P), s̄ (F, P, count)."""
+
+    s: Complex
+    q: Complex
+    force: Complex
+    parts: Complex
+
+    @property
+    def columns(self) -> Complex:
+        """(F, 2 M + P) what outputs are made of: q, q̇ over the reference rate, and forces."""
+        return np.concatenate([self.q, self.q * self.rate[:, None], self.force], axis=1)
+
+    @property
+    def rate(self) -> Complex:
+        """(F,) by which q̇ is q in those columns."""
+        return np.asarray(self.s / RATE)
+
+    def at(self, lines: NDArray[np.int64], scale: float) -> Seen:
+        """On some lines only, in other units."""
+        return Seen(self.s[lines], *(scale * x[lines] for x in (self.q, self.force, self.parts)))
+
+
+@dataclass(frozen=True, eq=False)
+class ModalModel:
+    """Modes with one kind of element at every port; what the outputs see of them is found beside it.
+
+    Attributes:
+        omega, zeta: (M,) natural frequencies [rad/s] and damping ratios.
+        b: (M, P) ratios between modes and ports, over the square root of a mode's static compliance.
+        delay: (O,) of the outputs [s].
+        element: at the ports; k: (P, count) weights of its parts; thresholds: (P, count) theirs.
+    """
+
+    omega: Array
+    zeta: Array
+    b: Array
+    delay: Array
+    element: PortElement
+    k: Array
+    thresholds: Array
+
+    def energy(self, q: Array, v: Array) -> Array:
+        """(...,) energy of the modes, ``½ Σ (q² + q̇²/ω²)``, from (..., M)."""
+        return np.asarray(0.5 * (q**2 + (v / self.omega) ** 2).sum(axis=-1))
+
+    def substeps(self, dt: float) -> int:
+        """Steps in a sampling interval."""
+        return max(2, int(np.ceil(_STEPS * dt * self.omega.max() / (2.0 * np.pi))))
+
+    def transfer(self, s: Complex) -> Complex:
+        """(F, M) ``q_i`` by the force on its mode."""
+        return np.asarray(self.omega**2 / (s[:, None] ** 2 + 2.0 * self.zeta * self.omega * s[:, None] + self.omega**2))
+
+    def seen(self, experiment: Experiment, dt: float) -> Seen:
+        """What the modes and the elements do under the inputs of an experiment.
+
+        Raises:
+            SolverFailed: a step has no solution, because an element is too stiff for the step.
+        """
+        f = np.asarray(np.fft.rfftfreq(len(experiment.u), dt), dtype=np.float64)
+        s = np.asarray(2j * np.pi * f, dtype=np.complex128)
+        drive = np.asarray(np.fft.rfft(experiment.u, axis=0), dtype=np.complex128)
+        if experiment.zero_order:
+            drive = drive * _held(f, dt)[:, None]
+        q = self.transfer(s) * (drive @ self.b.T)
+        if not self.k.size:
+            return Seen(s, q, drive, np.zeros((f.size, *self.k.shape), dtype=complex))
+        return self._marched(experiment, drive, q, f, dt)
+
+    def _marched(self, experiment: Experiment, drive: Complex, q: Complex, f: Array, dt: float) -> Seen:
+        """The same by the march."""
+        size, count = len(experiment.u), self.substeps(dt)
+        h, n = dt / count, len(experiment.u) * count
+        hold = _held(f, h)[:, None]
+        if experiment.zero_order:
+            steps = np.repeat(experiment.u, count, axis=0)
+        else:
+            fine = np.zeros((n // 2 + 1, drive.shape[1]), dtype=complex)
+            # Steps whose spectrum, held over each, is that of the input.
+            fine[: f.size] = drive / hold
+            steps = np.fft.irfft(fine, n, axis=0) * count
+        s = np.asarray(2j * np.pi * f, dtype=np.complex128)
+        begin = np.stack([np.fft.irfft(x, size, axis=0)[0] for x in (q, s[:, None] * q)])
+        before = 2.0 * (np.abs(q @ self.b)[1:] ** 2).sum(axis=0) / size**2
+        done = march(
+            steps, self.omega, self.zeta, self.b, self.element.kinds, self.k, self.thresholds, h, begin, before
+        )
+        if not done.solved:
+            raise SolverFailed(f"{experiment.name}: {self.element.name} is too stiff for steps of {h:.3g} s")
+        parts = np.fft.rfft(done.s, axis=0)[: f.size] / count * hold[:, :, None]
+        marched = np.asarray(np.fft.rfft(done.q[::count], axis=0), dtype=np.complex128)
+        return Seen(s, marched, drive - (self.k * parts).sum(axis=2), parts)
+
+
+def _held(f: Array, h: float) -> Complex:
+    """Spectrum of a value held for a time h."""
+    return np.asarray(np.sinc(f * h) * np.exp(-1j * np.pi * f * h))

@@ -1,0 +1,151 @@
+"""What `phnn modes` writes: ``modes.json``, ``report.html``, the figures and the models."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib import rc_context
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from phnn.modal.elements import STATEMENTS
+from phnn.modal.store import rmse, study_document
+from phnn.modal.study import CLASS, NAMED, NONE, ONE_LEVEL, UNKNOWN, Result
+from phnn.report.figures.modes import draw_left, draw_resonance, resonance_title
+from phnn.report.figures.style import RC, Drawing, png
+from phnn.report.files import write_atomic, write_json
+from phnn.report.formatting import DASH, display_unit, plain, short, words
+from phnn.report.plain import plain_page
+
+# Frequencies at two amplitudes belong to one mode if they differ by less than this.
+_SAME = 0.03
+
+
+@dataclass(frozen=True)
+class Row:
+    """A model in the table: errors at each amplitude, to choose by and held out."""
+
+    name: str
+    cells: list[str]
+
+
+def write_modes(result: Result, folder: str, out: Path) -> None:
+    """Write document, figures and page into a folder."""
+    write_json(out / "modes.json", study_document(result))
+    with rc_context(RC):
+        drawings = [
+            Drawing("resonance.png", resonance_title(result), "the highest resonance", png(draw_resonance(result))),
+            Drawing(
+                "left.png", "What models leave of recordings that are held out, by frequency, all outputs together.",
+                "spectra of what models leave", png(draw_left(result)),
+            ),
+        ]  # fmt: skip
+    for drawing in drawings:
+        write_atomic(out / "figures" / drawing.file, drawing.png)
+    headline, explanation = sentences(result)
+    levels = level_names(result)
+    unit = display_unit(_largest(result), result.study.units[1])
+    page = plain_page(
+        "phnn.report",
+        "modes.html",
+        headline=headline,
+        explanation=explanation,
+        folder=folder,
+        levels=levels,
+        unit=unit.name,
+        models=rows(result, unit.scale),
+        modes=_modes(result),
+        drawings=drawings,
+        left_out=list(result.study.left_out.items()),
+    )
+    write_atomic(out / "report.html", page)
+
+
+def show(result: Result, console: Console) -> None:
+    """The headline and the table of models on a terminal."""
+    headline, explanation = sentences(result)
+    unit = display_unit(_largest(result), result.study.units[1])
+    columns = [c for level in level_names(result) for c in (f"left, {level} (%)", f"held out, {level} ({unit.name})")]
+    table = Table("at the ports", *columns)
+    for row in rows(result, unit.scale):
+        table.add_row(row.name, *row.cells)
+    console.print(table)
+    for name, reason in result.study.left_out.items():
+        console.print(escape(f"left out: {name}: {reason}"))
+    console.print(escape(f"{headline}. {explanation}".strip()))
+
+
+def level_names(result: Result) -> list[str]:
+    """Amplitudes with their unit."""
+    return [f"{short(level[0].amplitude)} {result.study.units[0]}" for level in result.study.levels]
+
+
+def sentences(result: Result) -> tuple[str, str]:
+    """The headline and its explanation."""
+    names = " or ".join(_names(m.element.names) for m in result.members)
+    modes = f"{result.final.fit.model.omega.size} modes"
+    told = {
+        NONE: (f"{modes}, and one linear model serves at every amplitude", "Nothing moves with amplitude."),
+        NAMED: (f"{modes}; what moves with amplitude is explained by {names} at the ports", ""),
+        CLASS: (f"{modes}; what moves with amplitude is {names} at the ports", "The recordings cannot tell which."),
+        UNKNOWN: (
+            f"{modes}; something moves with amplitude that no element here explains",
+            "One linear model for all amplitudes leaves more than one for each, and no element at the ports takes "
+            "half of that away.",
+        ),
+        ONE_LEVEL: (f"{modes} at one amplitude", "Record at a second amplitude to see what moves with it."),
+    }
+    headline, explanation = told[result.verdict]
+    if result.verdict in (NAMED, CLASS):
+        told_by = [f"{words(n).capitalize()}: {STATEMENTS[n]}." for n in result.final.element.names]
+        explanation = " ".join([*told_by, explanation]).strip()
+    return headline, explanation
+
+
+def _names(names: Sequence[str]) -> str:
+    return " and ".join(words(n) for n in names) or "linear"
+
+
+def _largest(result: Result) -> float:
+    known = [
+        max(e) for c in result.candidates for i in range(len(result.study.levels)) if (e := rmse(c.fit, result, i))
+    ]
+    return max(known, default=1.0)
+
+
+def rows(result: Result, scale: float) -> list[Row]:
+    """The table of models."""
+    found = []
+    for c in result.candidates:
+        cells = []
+        for i, left in enumerate(c.by_level):
+            held = rmse(c.fit, result, i)
+            cells += [plain(100.0 * float(left)), plain(float(np.mean(held)) / scale) if held else DASH]
+        found.append(Row(_names(c.element.names), cells))
+    cells = []
+    for i, fit in enumerate(result.alone):
+        held = rmse(fit, result, i)
+        cells += [plain(100.0 * float(result.alone_by[i])), plain(float(np.mean(held)) / scale) if held else DASH]
+    return [Row("linear, a model for each amplitude", cells), *found]
+
+
+def _modes(result: Result) -> list[list[str]]:
+    """Frequency and damping at each amplitude alone, beside the nearest at the lowest, and how far it has moved."""
+    models = [fit.model for fit in result.alone]
+    table = []
+    for i in np.argsort(models[0].omega):
+        row, moved = [], DASH
+        for m in models:
+            j = int(np.abs(m.omega - models[0].omega[i]).argmin())
+            away = float(m.omega[j] / models[0].omega[i] - 1.0)
+            if abs(away) > _SAME:
+                row += [DASH, DASH]
+                continue
+            row += [plain(float(m.omega[j]) / (2.0 * np.pi), 4), plain(100.0 * float(m.zeta[j]))]
+            moved = plain(100.0 * away, 2)
+        table.append([*row, moved if len(models) > 1 else DASH])
+    return table

@@ -1,0 +1,105 @@
+"""Whole studies of structures in which something is concealed, or nothing."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from structure import OMEGA, ZETA, write_folder
+
+from phnn.cli import main
+from phnn.modal.store import model_document, model_from, rmse
+from phnn.modal.study import CLASS, NAMED, NONE, Result
+
+
+def test_modes_are_exact_and_nothing_is_named_where_all_is_linear(studied: Callable[[str, int], Result]) -> None:
+    result = studied("none", 7)
+    model = result.final.fit.model
+    assert result.verdict == NONE and len(result.candidates) == 1
+    order = np.argsort(model.omega)
+    assert np.allclose(model.omega[order], OMEGA, rtol=1e-4)
+    assert np.allclose(model.zeta[order], ZETA, rtol=1e-2)
+
+
+SLOW_ONES = [
+    pytest.param(kind, seed, marks=pytest.mark.slow)
+    for kind in ("extra_hysteron", "cubic_stiffness", "quadratic_drag")
+    for seed in (7, 11, 23)
+    if (kind, seed) != ("extra_hysteron", 7)
+]
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("extra_hysteron", 7), *SLOW_ONES])
+def test_a_concealed_element_is_named_and_one_model_serves(
+    studied: Callable[[str, int], Result], kind: str, seed: int
+) -> None:
+    result = studied(kind, seed)
+    assert result.verdict in (NAMED, CLASS)
+    assert kind in result.final.element.names
+    assert all(kind in m.element.names for m in result.members)
+    for level in range(2):
+        held = np.array([rmse(fit, result, level) for fit in (result.candidates[0].fit, result.final.fit)])
+        assert (held[1] < 0.2 * held[0]).all()
+
+
+def test_a_model_survives_its_document(studied: Callable[[str, int], Result]) -> None:
+    result = studied("extra_hysteron", 7)
+    again = model_from(json.loads(json.dumps(model_document(result.final.fit))))
+    experiment = result.study.held_out(0)[0]
+    assert np.array_equal(again.predict(experiment), result.final.fit.predict(experiment))
+
+
+def test_the_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, out = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    write_folder(folder, "none", 3)
+    assert main(["modes", str(folder), "--out", str(out)]) == 0
+    document = json.loads((out / "modes.json").read_text())
+    assert document["verdict"] == "none" and len(document["levels"]) == 2
+    assert document["outputs"] == ["y_1", "y_2"] and document["units"] == {"input": "V", "output": "m"}
+    assert (out / "report.html").stat().st_size > 10_000
+    assert {p.name for p in (out / "models").iterdir()} == {
+        "linear.json", "linear_at_level_1.json", "linear_at_level_2.json",
+    }  # fmt: skip
+    assert "one linear model serves" in capsys.readouterr().out
+
+
+def test_one_amplitude_is_not_judged(tmp_path: Path) -> None:
+    write_folder(tmp_path, "none", 3, levels=(0.7,))
+    assert main(["modes", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+    assert json.loads((tmp_path / "out" / "modes.json").read_text())["verdict"] == "one_level"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right", "words"),
+    [
+        ("start: periodic", "start: unknown", "start: periodic"),
+        ("name: train_0, use: identification", "name: train_0, use: confirmation", "realisations"),
+    ],
+)
+def test_recordings_that_show_no_modes_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], wrong: str, right: str, words: str
+) -> None:
+    write_folder(tmp_path, "none", 3)
+    manifest = tmp_path / "recordings.yaml"
+    manifest.write_text(manifest.read_text().replace(wrong, right))
+    assert main(["modes", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_settings_below_one_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_folder(tmp_path, "none", 3, levels=(0.7,))
+    assert main(["modes", str(tmp_path), "--out", str(tmp_path / "out"), "stops=0"]) == 2
+    assert "stops=0" in capsys.readouterr().err
+
+
+def test_what_is_no_model_is_refused() -> None:
+    from phnn.errors import InputRefused
+
+    with pytest.raises(InputRefused, match="schema"):
+        model_from({"schema": "something"})
+    with pytest.raises(InputRefused, match="incomplete"):
+        model_from({"schema": "phnn.modal-model/1"})
