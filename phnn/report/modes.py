@@ -11,6 +11,7 @@ from matplotlib import rc_context
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+from scipy.optimize import linear_sum_assignment
 
 from phnn.modal.elements import STATEMENTS
 from phnn.modal.store import rmse, study_document
@@ -38,7 +39,9 @@ def write_modes(result: Result, folder: str, out: Path) -> None:
     write_json(out / "modes.json", study_document(result))
     with rc_context(RC):
         drawings = [
-            Drawing("resonance.png", resonance_title(result), "the highest resonance", png(draw_resonance(result))),
+            Drawing(
+                "resonance.png", resonance_title(result), "the resonance that moves most", png(draw_resonance(result))
+            ),
             Drawing(
                 "left.png", "What models leave of recordings that are held out, by frequency, all outputs together.",
                 "spectra of what models leave", png(draw_left(result)),
@@ -134,18 +137,23 @@ def rows(result: Result, scale: float) -> list[Row]:
 
 
 def _modes(result: Result) -> list[list[str]]:
-    """Frequency and damping at each amplitude alone, beside the nearest at the lowest, and how far it has moved."""
+    """Frequency and damping at each amplitude alone, mode beside mode, and how far each has moved at the highest."""
     models = [fit.model for fit in result.alone]
+    first = models[0].omega
+    pairs = []
+    for m in models:
+        away = np.abs(np.log(m.omega[None, :] / first[:, None]))
+        # Pairs that are too far apart are worth nothing, so that they do not push others aside.
+        mine, theirs = linear_sum_assignment(np.minimum(away, _SAME))
+        pairs.append({int(i): int(j) for i, j in zip(mine, theirs, strict=True) if away[i, j] < _SAME})
     table = []
-    for i in np.argsort(models[0].omega):
-        row, moved = [], DASH
-        for m in models:
-            j = int(np.abs(m.omega - models[0].omega[i]).argmin())
-            away = float(m.omega[j] / models[0].omega[i] - 1.0)
-            if abs(away) > _SAME:
-                row += [DASH, DASH]
-                continue
-            row += [plain(float(m.omega[j]) / (2.0 * np.pi), 4), plain(100.0 * float(m.zeta[j]))]
-            moved = plain(100.0 * away, 2)
-        table.append([*row, moved if len(models) > 1 else DASH])
+    for i in np.argsort(first):
+        row = []
+        for m, pair in zip(models, pairs, strict=True):
+            j = pair.get(int(i))
+            hz, ratio = (m.omega[j] / (2.0 * np.pi), 100.0 * m.zeta[j]) if j is not None else (None, None)
+            row += [plain(hz, 4), plain(ratio)]
+        last = pairs[-1].get(int(i)) if len(models) > 1 else None
+        row.append(plain(100.0 * float(models[-1].omega[last] / first[i] - 1.0), 2) if last is not None else DASH)
+        table.append(row)
     return table

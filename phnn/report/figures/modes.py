@@ -23,13 +23,14 @@ _WIDE, _BANDS = 8.0, 12
 
 
 def draw_resonance(result: Result) -> Figure:
-    """Responses of the pair of input and output with the highest peak, one panel for each model."""
+    """Responses where they move most with amplitude, one panel for each model."""
     study = result.study
     levels = range(len(study.levels))
     measured = [response(study.identification(i)) for i in levels]
     f, lines = study.frequencies, study.lines
     peak = np.abs(measured[0][lines])
-    line, out, into = np.unravel_index(int(peak.argmax()), peak.shape)
+    moved = np.abs(measured[-1][lines] - measured[0][lines]) if len(study.levels) > 1 else peak
+    line, out, into = np.unravel_index(int(moved.argmax()), moved.shape)
     centre = f[lines[line]]
     near = result.alone[0].model
     zeta = near.zeta[np.abs(near.omega / (2.0 * np.pi) - centre).argmin()]
@@ -42,11 +43,11 @@ def draw_resonance(result: Result) -> Figure:
         for i in levels:
             experiments = study.identification(i)
             modelled = response([replace(e, y=fit.predict(e)) for e in experiments])
-            colour = CATEGORIES[i % len(CATEGORIES)]
+            colour, last = CATEGORIES[i % len(CATEGORIES)], axes is panels[-1]
             label = f"{study.levels[i][0].amplitude:.3g} {study.units[0]}"
-            axes.plot(f[shown], np.abs(measured[i][shown, out, into]) / unit.scale, ".", color=colour, markersize=3,
-                      label=f"measured, {label}")  # fmt: skip
-            axes.plot(f[shown], np.abs(modelled[shown, out, into]) / unit.scale, color=colour, linewidth=1.2)
+            sizes = [np.abs(g[shown, out, into]) / unit.scale for g in (measured[i], modelled)]
+            axes.plot(f[shown], sizes[0], "o", color=colour, markersize=4.5, alpha=0.3, markeredgewidth=0.0)
+            axes.plot(f[shown], sizes[1], color=colour, linewidth=1.3, label=label if last else None)
         axes.set_title(f"one model: {literal(_words(fit))}")
         axes.set_xlabel("frequency (Hz)")
         quiet_grid(axes)
@@ -110,6 +111,6 @@ def _draw(axes: Axes, power: tuple[Array, Array], unit: Unit, colour: str, label
 
 
 def resonance_title(result: Result) -> str:
-    """What the first figure shows, in a sentence."""
+    """What that figure shows, in a sentence."""
     levels = ", ".join(f"{short(level[0].amplitude)} {result.study.units[0]}" for level in result.study.levels)
-    return f"The highest resonance at {levels}: measured (dots) and by one model (lines)."
+    return f"The resonance that moves most, at {levels}: measured (dots) and by one model (lines)."
