@@ -10,7 +10,9 @@ from typing import Any
 from phnn.errors import InputRefused
 
 # What a value must satisfy beyond having the type of its default: a test, and the words for a refusal.
-_LEAST = {"inputs": 1, "seed": 0, "starts": 1, "max_effects": 0, "workers": 1}
+_LEAST = {"seed": 0, "max_effects": 0} | dict.fromkeys(
+    ("inputs", "starts", "workers", "experiments", "iterations", "stops"), 1
+)
 
 
 def config_folder() -> Path:

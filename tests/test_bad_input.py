@@ -141,7 +141,7 @@ def test_identify_refuses(case: str, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("command", ["check", "diagnose", "compare", "predict"])
+@pytest.mark.parametrize("command", ["check", "diagnose", "compare", "predict", "modes"])
 @pytest.mark.parametrize("case", ["missing folder", "NaN", "decimal commas", "absent file"])
 def test_every_command_refuses_in_the_same_words(
     command: str, case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

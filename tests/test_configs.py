@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import cache, partial
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from hydra.core.plugins import Plugins
 from hydra.types import HydraContext, RunMode
 from junctions import march
 
+from phnn import commands
 from phnn.compare import settings as comparison
 from phnn.configuration import compose, compose_groups, config_folder
 from phnn.experiment.recordings import Conditions
@@ -24,6 +26,7 @@ from phnn.learn import Settings
 from phnn.learn.objective import Objective
 from phnn.learn.solvers import solver_for
 from phnn.learn.starts import plant_for
+from phnn.modal.settings import Settings as ModalSettings
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_network
 from phnn.network import PortHamiltonianSystem
@@ -73,6 +76,9 @@ def command(name: str) -> None:
         proof = ProofSettings.from_config(given)
         assert len(tasks(proof)) == sum(given[n] for n in (*STRATA, "fast_none", "fast_weak", "few"))
         return
+    if name == "modes":
+        assert asdict(ModalSettings.from_config(given)) == given
+        return
     assert set(given) <= set(Options.__dataclass_fields__)
     assert {n: getattr(Options.from_config(given), n) for n in given} == given | {
         n: tuple(v) for n, v in given.items() if isinstance(v, list)
@@ -107,6 +113,12 @@ def experiment(name: str) -> None:
         with hydra.initialize_config_dir(str(HOME), version_base=None):
             config = hydra.compose(f"experiment/{name}")
         assert tasks(ProofSettings.from_config(config.prove))
+        return
+    if name == "studies":
+        with hydra.initialize_config_dir(str(HOME), version_base=None):
+            config = hydra.compose(f"experiment/{name}", ["folder=recordings"])
+        assert set(config.studies) == set(STUDIES)
+        assert all(callable(getattr(commands, c)) for some in config.studies.values() for c in some)
         return
     with hydra.initialize_config_dir(str(HOME), version_base=None):
         config = hydra.compose(f"experiment/{name}", ["folder=recordings", "out=out"])

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from phnn.errors import InputRefused
-
 
 @dataclass(frozen=True)
 class Settings:
@@ -25,13 +23,5 @@ class Settings:
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> Settings:
-        """From the composed configuration.
-
-        Raises:
-            InputRefused: a number is less than one.
-        """
-        found = cls(**{n: config[n] for n in cls.__dataclass_fields__})
-        for name in cls.__dataclass_fields__:
-            if getattr(found, name) < 1:
-                raise InputRefused(f"setting {name}={getattr(found, name)} must be a whole number, 1 or more")
-        return found
+        """From the composed configuration."""
+        return cls(**{n: config[n] for n in cls.__dataclass_fields__})
