@@ -56,7 +56,7 @@ class PortElement:
         """(P, count) weights that give a few per cent of a port's own force.
 
         Args:
-            stiffness: (P,) of the ports; x, v: (P,) effective extension and its rate at the lowest level.
+            stiffness: (P,) of the ports; x, v: (P,) effective extension and its rate at the highest level.
         """
         size = np.ones((x.size, self.kinds.size))
         size[:, self.kinds == HARDENING] = (1.0 / x**2)[:, None]

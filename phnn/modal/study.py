@@ -170,23 +170,25 @@ def _normalised(model: ModalModel) -> ModalModel:
 
 
 def _with(model: ModalModel, element: PortElement, study: Study) -> ModalModel:
-    """A model with an element more at every port, too weak yet to matter much."""
-    experiment = study.identification(0)[0]
-    seen = model.seen(experiment, study.dt)
-    extension = seen.q @ model.b
-    x, v = (
-        np.fft.irfft(spectrum, len(experiment.u), axis=0).std(axis=0)
-        for spectrum in (extension, seen.s[:, None] * extension)
-    )
-    k = element.start(1.0 / (model.b**2).sum(axis=0), x, v)
+    """A model with an element more at every port, too weak yet to matter much at any amplitude."""
+    (low, _), (x, v) = (_extension(model, study.identification(i)[0], study.dt) for i in (0, -1))
+    k, thresholds = element.start(1.0 / (model.b**2).sum(axis=0), x, v), element.thresholds(low)
     if not model.element.names:
-        return replace(model, element=element, k=k, thresholds=element.thresholds(x))
+        return replace(model, element=element, k=k, thresholds=thresholds)
     return replace(
         model,
         element=model.element + element,
         k=np.hstack([model.k, _GENTLY * k]),
-        thresholds=np.hstack([model.thresholds, element.thresholds(x)]),
+        thresholds=np.hstack([model.thresholds, thresholds]),
     )
+
+
+def _extension(model: ModalModel, experiment: Experiment, dt: float) -> tuple[Array, Array]:
+    """(P,) effective extension of the ports and its rate."""
+    seen = model.seen(experiment, dt)
+    x = seen.q @ model.b
+    found = [np.fft.irfft(y, len(experiment.u), axis=0).std(axis=0) for y in (x, seen.s[:, None] * x)]
+    return found[0], found[1]
 
 
 def _candidate(study: Study, model: ModalModel, settings: Settings) -> Candidate:
