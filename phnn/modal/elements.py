@@ -1,13 +1,15 @@
 """What may push back at a port, by the names of the catalogue.
 
-An element is a sum of parts on the same extension x, each with a weight k ≥ 0, and each passive whatever its weight:
+An element is a sum of parts on the same extension x, each with a weight k ≥ 0. All are passive whatever their weights,
+the slow one in a steady cycle only:
 
     stop         ṡ = ẋ while |s| < r, energy ½ k s²            softens and loses energy, the same at every rate
     softening    s = x / √(1 + (x/r)²), energy k r² (√(1 + (x/r)²) − 1)
     hardening    s = x³, energy ¼ k x⁴
     drag         s = |ẋ| ẋ, no energy
     slow         s = x / (1 + ⟨x²⟩/r²), ⟨x²⟩ of the period before: a spring that is linear within a period and softens
-                 with what has gone before, as one does that warms; at constant ⟨x²⟩ its energy is ½ k s x
+                 with what has gone before, as one does that warms; its energy is ½ k s x while ⟨x²⟩ stays the same,
+                 and what that changes when it does not belongs to a store that the model leaves out
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ _STIFFNESS = 0.03
 
 @dataclass(frozen=True, eq=False)
 class PortElement:
-    """A passive element on the extension of every port.
+    """An element on the extension of every port.
 
     Attributes:
         names: effects of the catalogue; none for the linear model.
@@ -52,6 +54,15 @@ class PortElement:
             np.concatenate([self.reach, other.reach]),
         )
 
+    def parts_of(self, name: str) -> NDArray[np.bool_]:
+        """(count,) which parts belong to an effect."""
+        return np.isin(self.kinds, _KINDS[name])
+
+    def without(self, name: str) -> PortElement:
+        """The element less one effect."""
+        kept = ~self.parts_of(name)
+        return PortElement(tuple(n for n in self.names if n != name), self.kinds[kept], self.reach[kept])
+
     def start(self, stiffness: Array, x: Array, v: Array) -> Array:
         """(P, count) weights that give a few per cent of a port's own force.
 
@@ -67,6 +78,14 @@ class PortElement:
         """(P, count) of the parts that have one."""
         return np.asarray(x[:, None] * self.reach)
 
+
+# Parts by the name of their effect.
+_KINDS = {
+    "extra_hysteron": (STOP,),
+    "cubic_stiffness": (SOFTENING, HARDENING),
+    "quadratic_drag": (DRAG,),
+    "self_heating": (SLOW,),
+}
 
 LINEAR = PortElement((), np.zeros(0, dtype=np.int64), np.zeros(0))
 

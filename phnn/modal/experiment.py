@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 # Power of an excited line over the strongest; amplitudes of one level differ by less than this factor.
 _EXCITED, _ALIKE = 1e-4, 1.25
+# Share of the strongest input below which one is not driven; of the strongest combination, below which none is apart.
+_DRIVEN, _APART = 1e-6, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +42,7 @@ class Experiment:
 
     @property
     def amplitude(self) -> float:
-        """Effective value of all inputs together."""
+        """Effective value of all inputs together, the root of their summed squares."""
         return float(np.sqrt((self.u - self.u.mean(axis=0)).var(axis=0).sum()))
 
 
@@ -89,8 +91,8 @@ def study_of(campaign: Campaign) -> Study:
     """The experiments of a campaign.
 
     Raises:
-        InputRefused: a recording is not periodic or has no output, or recordings differ in rate, period, inputs or
-            outputs; there are too few at some amplitude to tell the inputs apart.
+        InputRefused: a recording is not periodic or has no output, recordings differ in rate, period, inputs, outputs
+            or units, one is partly held out, or those at some amplitude cannot tell the inputs apart.
     """
     grouped: dict[str, list[Recording]] = {}
     for r in campaign.recordings:
@@ -116,52 +118,89 @@ def study_of(campaign: Campaign) -> Study:
         left_out=left_out,
     )
     for level in range(len(study.levels)):
-        if len(study.identification(level)) < len(study.inputs):
-            raise InputRefused(
-                f"{campaign.folder}: {len(study.identification(level))} experiments at "
-                f"{study.levels[level][0].amplitude:.3g} {study.units[0]} to tell {len(study.inputs)} inputs apart: "
-                f"record at least {len(study.inputs)} realisations at each amplitude"
-            )
+        _check_level(study, level, campaign.folder)
     return study
 
 
 def _check(r: Recording) -> None:
-    if not r.cycle:
+    if r.start.state != "periodic":
         raise InputRefused(
             f"{r.source}: recording {r.name!r} is not said to be in a periodic steady state: modes are read off "
             f"periodic recordings; record one and say `start: periodic` in recordings.yaml"
+        )
+    if not r.cycle:
+        raise InputRefused(
+            f"{r.source}: recording {r.name!r} shows no period of a whole number of samples: record two whole periods "
+            f"or more, or describe arrays of single ones by `axes` in recordings.yaml"
         )
     if not np.isfinite(r.y).all():
         raise InputRefused(f"{r.source}: recording {r.name!r} has no output: leave it out")
 
 
+def _check_level(study: Study, level: int, folder: str) -> None:
+    """That a level has enough experiments that differ enough to tell all inputs apart."""
+    found, inputs = study.identification(level), len(study.inputs)
+    where = f"{folder}: at {study.levels[level][0].amplitude:.3g} {study.units[0]} (all inputs together)"
+    if len(found) < inputs:
+        raise InputRefused(
+            f"{where} there are {len(found)} experiments for identification, {len(study.held_out(level))} held out, to "
+            f"tell {inputs} inputs apart: use or record at least {inputs} realisations at each amplitude"
+        )
+    u = np.stack([np.fft.rfft(e.u, axis=0)[study.lines] for e in found], axis=2)
+    size = np.sqrt((np.abs(u) ** 2).mean(axis=(0, 2)))
+    for name, driven in zip(study.inputs, size, strict=True):
+        if driven < _DRIVEN * size.max():
+            raise InputRefused(f"{where} input {name!r} is not driven: leave it out, or drive it like the others")
+    strengths = np.linalg.svd(u / size[:, None], compute_uv=False)
+    if np.median(strengths[:, -1] / strengths[:, 0]) < _APART:
+        raise InputRefused(
+            f"{where} the inputs {', '.join(study.inputs)} move together in all experiments: give each another "
+            f"realisation, or other signs, in every experiment"
+        )
+
+
 def _check_alike(grouped: Mapping[str, Sequence[Recording]], first: Sequence[Recording]) -> None:
     def kind(views: Sequence[Recording]) -> tuple[object, ...]:
         r = views[0]
-        return r.cycle, float(f"{r.dt:.9g}"), tuple(r.further), tuple(v.measures for v in views)
+        units = {v.units for v in views}
+        return r.cycle, float(f"{r.dt:.9g}"), tuple(r.further), tuple(v.measures for v in views), *units
 
     for name, views in grouped.items():
         if kind(views) != kind(first):
             raise InputRefused(
                 f"{views[0].source}: experiment {name!r} differs from {first[0].source} in sampling rate, period, "
-                f"inputs or outputs: put what differs into a folder of its own"
+                f"inputs, outputs or units: put what differs into a folder of its own"
+            )
+        if len({v.units for v in views}) > 1:
+            raise InputRefused(
+                f"{views[0].source}: outputs in {', '.join(sorted({v.units.output for v in views}))} cannot be added "
+                f"up to one error: put those of each unit into a folder of its own"
             )
 
 
 def _experiment(name: str, views: Sequence[Recording]) -> Experiment:
     size = views[0].cycle
-    periods = [r.y[: r.y.size // size * size].reshape(-1, size) for r in views]
-    u = np.column_stack([x[:size] for x in (views[0].u, *views[0].further.values())])
-    y = np.column_stack([p.mean(axis=0) for p in periods])
-    spread = [float(np.sqrt(p.var(axis=0).mean())) for p in periods]
+    y = np.stack([_periods(r.y, size) for r in views], axis=-1)
+    u = np.stack([_periods(x, size).mean(axis=0) for x in (views[0].u, *views[0].further.values())], axis=-1)
+    uses = {part.use for r in views for part in r.parts} - {"nuisance"}
+    if len(uses) != 1:
+        raise InputRefused(
+            f"{views[0].source}: experiment {name!r} is partly for identification and partly held out: say `use: "
+            f"identification` or `use: confirmation` for each recording in recordings.yaml"
+        )
     return Experiment(
         name=name,
-        held_out=not any(part.use == "identification" for r in views for part in r.parts),
+        held_out=uses == {"confirmation"},
         u=np.ascontiguousarray(u),
-        y=y - y.mean(axis=0),
-        spread=np.array(spread),
+        y=y.mean(axis=0) - y.mean(axis=(0, 1)),
+        spread=np.sqrt(y.var(axis=0).mean(axis=0)),
         zero_order=views[0].interpolation == "zero_order",
     )
+
+
+def _periods(x: Array, size: int) -> Array:
+    """(periods, size)."""
+    return x[: x.size // size * size].reshape(-1, size)
 
 
 def _levels(experiments: Sequence[Experiment]) -> tuple[tuple[Experiment, ...], ...]:

@@ -3,7 +3,7 @@
 While the forces at the ports are constant over a step, modes move as in closed form, and the work done on them is
 ``Σ_j f_j Δx_j``: what they store more and what their dampers lose. An element gives the step's mean force ``ē_j`` as a
 discrete gradient (Gonzalez 1996), so that ``ē_j Δx_j`` is what it stores more plus what it loses. Both balances are
-exact, and therefore every step is passive, whatever its length. ``Δx`` follows from
+exact, and therefore every step is passive, whatever its length, within a period of slow springs. ``Δx`` follows from
 
     Δx = Δx⁰ + C (u − ē(Δx)),     C_jl = Σ_i b_ij (1 − a_i) b_il,
 
@@ -165,7 +165,7 @@ def march(
     u: Array, omega: Array, zeta: Array, b: Array, kinds: NDArray[np.int64], k: Array, r: Array, h: float,
     begin: Array | None = None, before: Array | None = None, periods: int | None = None,
 ) -> Marched:  # fmt: skip
-    """March a periodic input until modes have forgotten how they began; the last period.
+    """March a periodic input until modes have forgotten how they began, or for forty periods; the last of them.
 
     Args:
         u: (n, P) force of each step, constant over it; omega, zeta: (M,); b: (M, P).

@@ -59,7 +59,7 @@ class Problem:
         self._last: tuple[Array, Point | None] = (np.full(0, np.nan), None)
 
     def unpack(self, moved: Array) -> ModalModel:
-        """The model that a move from the first one leads to; every one is passive."""
+        """The model that a move from the first one leads to; every one has positive energies, losses and weights."""
         z = self.origin + moved
         m, shape = self.template.omega.size, self.template.b.shape
         omega, zeta, b, delay, k = np.split(z, np.cumsum([m, m, shape[0] * shape[1], self.template.delay.size]))

@@ -51,17 +51,19 @@ def response(experiments: Sequence[Experiment]) -> Complex:
     return g
 
 
-def first_modes(study: Study, g: Complex) -> Modes:
-    """Modes of a response on the excited lines, the fewest that describe it well.
+def first_modes(study: Study, experiments: Sequence[Experiment]) -> Modes:
+    """Modes of some experiments on the excited lines, the fewest that describe them well.
 
     Raises:
         InputRefused: there is no oscillation within the excited lines.
     """
     lines, dt = study.lines, study.dt
+    g = response(experiments)
     scale = np.abs(g[lines]).max(axis=(0, 2))[:, None]
-    impulses = _impulses(g / scale, lines)
+    impulses = _impulses(g / scale, lines, len(experiments[0].u))
     s = np.asarray(2j * np.pi * study.frequencies[lines], dtype=np.complex128)
-    wanted = (g / scale)[lines]
+    u, y = (np.stack([np.fft.rfft(getattr(e, n), axis=0)[lines] for e in experiments], axis=1) for n in ("u", "y"))
+    y = y / scale[:, 0]
     best: list[tuple[float, Array, Complex, float]] = []
     blocks = min(_BLOCKS, impulses.shape[2] // 4)
     for order in _ORDERS:
@@ -72,7 +74,7 @@ def first_modes(study: Study, g: Complex) -> Modes:
         if not poles.size:
             continue
         delays = _DELAYS if not best else np.array([min(best, key=lambda fit: fit[0])[3]])
-        fits = [(*_residues(poles, float(delay) * dt, s, wanted), poles, float(delay)) for delay in delays]
+        fits = [(*_residues(poles, float(delay) * dt, s, u, y), poles, float(delay)) for delay in delays]
         best.append(min(fits, key=lambda fit: fit[0]))
     if not best:
         raise InputRefused(
@@ -88,7 +90,7 @@ def first_modes(study: Study, g: Complex) -> Modes:
     return Modes(omega, -poles.real[kept] / omega, b, delay)
 
 
-def _impulses(g: Complex, lines: NDArray[np.int64]) -> Array:
+def _impulses(g: Complex, lines: NDArray[np.int64], size: int) -> Array:
     """(O, P, N) impulse response in the excited band, whose upper edge is rounded off so that it does not ring."""
     edge, top = max(3, lines.size // 40), lines[-1]
     weight = np.zeros(len(g))
@@ -96,7 +98,7 @@ def _impulses(g: Complex, lines: NDArray[np.int64]) -> Array:
     weight[top - edge + 1 : top + 1] = 0.5 * (1.0 + np.cos(np.pi * np.arange(1, edge + 1) / (edge + 1)))
     filled = g.copy()
     filled[: lines[0]] = g[lines[0]].real
-    return np.fft.irfft(filled * weight[:, None, None], axis=0).transpose(1, 2, 0)
+    return np.fft.irfft(filled * weight[:, None, None], size, axis=0).transpose(1, 2, 0)
 
 
 def _oscillations(poles: Complex, dt: float, s: Complex) -> Complex:
@@ -108,13 +110,17 @@ def _oscillations(poles: Complex, dt: float, s: Complex) -> Complex:
     return found[np.argsort(found.imag)]
 
 
-def _residues(poles: Complex, delay: float, s: Complex, g: Complex) -> tuple[float, Array]:
-    """Real residues (M, O, P) of given poles behind a delay, with a rest that is at once; and what they leave."""
+def _residues(poles: Complex, delay: float, s: Complex, u: Complex, y: Complex) -> tuple[float, Array]:
+    """Real residues (M, O, P) of given poles behind a delay, with a rest that is at once; what they leave comes first.
+
+    Args:
+        u: (F, R, P) and y: (F, R, O) spectra of R experiments: lines on which inputs are hard to tell apart count less.
+    """
     h = np.abs(poles) ** 2 / ((s[:, None] - poles) * (s[:, None] - poles.conj()))
     basis = np.concatenate([h, np.ones((s.size, 1))], axis=1) * np.exp(-s * delay)[:, None]
-    real = np.concatenate([basis.real, basis.imag])
-    wanted = g.reshape(s.size, -1)
-    target = np.concatenate([wanted.real, wanted.imag])
-    found = np.linalg.lstsq(real, target, rcond=None)[0]
-    cost = float(((real @ found - target) ** 2).sum())
-    return cost, found[:-1].reshape(-1, *g.shape[1:])
+    columns = (basis[:, None, :, None] * u[:, :, None, :]).reshape(s.size * u.shape[1], -1)
+    target = y.reshape(columns.shape[0], -1)
+    normal, right = (columns.conj().T @ columns).real, (columns.conj().T @ target).real
+    found = np.linalg.lstsq(normal, right, rcond=1e-13)[0]
+    cost = float((np.abs(columns @ found - target) ** 2).sum())
+    return cost, np.asarray(found.reshape(poles.size + 1, u.shape[2], -1)[:-1].transpose(0, 2, 1), dtype=np.float64)

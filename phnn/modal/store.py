@@ -80,6 +80,8 @@ def study_document(result: Result) -> dict[str, Any]:
         "units": {"input": study.units[0], "output": study.units[1]},
         "sampling_interval_s": study.dt,
         "left_out": dict(study.left_out),
+        "could_not_be_marched": list(result.failed),
+        "chosen_by_what_was_fitted": result.fitted_choose,
         "levels": [
             {
                 "amplitude": level[0].amplitude,

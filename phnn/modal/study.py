@@ -13,7 +13,7 @@ from phnn.modal.elements import LINEAR, PortElement, elements
 from phnn.modal.experiment import Experiment, Study
 from phnn.modal.fit import ModalFit, fit_modes
 from phnn.modal.model import ModalModel
-from phnn.modal.response import first_modes, response
+from phnn.modal.response import first_modes
 from phnn.modal.settings import Settings
 
 Array = NDArray[np.float64]
@@ -63,6 +63,8 @@ class Result:
         candidates: one model for all amplitudes each, the linear one first.
         verdict: ``none``, ``named``, ``class``, ``unknown`` or ``one_level``.
         members: models that the verdict cannot tell from each other, the best first.
+        failed: models that could not be marched.
+        fitted_choose: whether, at some amplitude, there was nothing to choose by but what was fitted.
     """
 
     study: Study
@@ -71,6 +73,8 @@ class Result:
     candidates: tuple[Candidate, ...]
     verdict: str
     members: tuple[Candidate, ...]
+    failed: tuple[str, ...]
+    fitted_choose: bool
 
     @property
     def final(self) -> Candidate:
@@ -81,7 +85,7 @@ class Result:
 def study_modes(
     study: Study, settings: Settings, progress: Callable[[str], None], keep: Callable[[str, ModalFit], None]
 ) -> Result:
-    """Find the modes, fit one model to all amplitudes with each element in turn, add further ones, and judge.
+    """Find the modes, fit one model to all amplitudes with each element in turn, add and take away, and judge.
 
     Args:
         keep: called with every fit as soon as it is finished.
@@ -92,26 +96,65 @@ def study_modes(
         alone.append(_alone(study, number - 1, settings))
         keep(f"linear_at_level_{number}", alone[-1])
     alone_by = np.array([np.sqrt((_left(f, study, i, settings) ** 2).mean()) for i, f in enumerate(alone)])
-    candidates: list[Candidate] = []
-
-    def tried(model: ModalModel) -> Candidate:
-        progress(f"one model for all amplitudes: {model.element.name}")
-        candidates.append(_candidate(study, model, settings))
-        keep(model.element.name, candidates[-1].fit)
-        return candidates[-1]
-
-    first = tried(_normalised(alone[0].model))
+    search = _Search(study, settings, progress, keep)
+    start = _normalised(alone[0].model)
+    first = search.tried(start)
+    if first is None:
+        raise SolverFailed("the linear model of the lowest amplitude cannot be marched: look at its recordings")
     if len(alone) > 1 and not _serves(first, alone_by):
-        available = elements(settings.stops)
-        start = _normalised(alone[0].model)
-        best = min((tried(_with(start, e, study)) for e in available), key=lambda c: c.error)
+        search.grow(start, first)
+    verdict, members = judged(list(search.found.values()), alone_by)
+    few = any(set(_choosing(study, i, settings)) == set(study.identification(i)) for i in range(len(alone)))
+    return Result(
+        study, tuple(alone), alone_by, tuple(search.found.values()), verdict, members, tuple(search.failed), few
+    )  # fmt: skip
+
+
+class _Search:
+    """Forward selection with backward deletion; of models with the same elements the best is kept.
+
+    Attributes:
+        found: by the elements' names; failed: models that could not be marched.
+    """
+
+    def __init__(
+        self, study: Study, settings: Settings, progress: Callable[[str], None], keep: Callable[[str, ModalFit], None]
+    ) -> None:
+        self.study, self.settings, self.progress, self.keep = study, settings, progress, keep
+        self.found: dict[frozenset[str], Candidate] = {}
+        self.failed: list[str] = []
+
+    def tried(self, model: ModalModel) -> Candidate | None:
+        """The best model with these elements so far, after a fit that begins here; None where none can be marched."""
+        self.progress(f"one model for all amplitudes: {model.element.name}")
+        names = frozenset(model.element.names)
+        try:
+            new = _candidate(self.study, model, self.settings)
+        except SolverFailed:
+            self.failed.append(model.element.name)
+            return self.found.get(names)
+        if names not in self.found or new.error < self.found[names].error:
+            self.found[names] = new
+            self.keep(model.element.name, new.fit)
+        return self.found[names]
+
+    def grow(self, start: ModalModel, linear: Candidate) -> None:
+        """Add what helps most as long as something does, and take away what no longer helps beside it."""
+        available = elements(self.settings.stops)
+        best = linear
         while rest := [e for e in available if e.names[0] not in best.element.names]:
-            further = min((tried(_with(best.fit.model, e, study)) for e in rest), key=lambda c: c.error)
-            if not _worth(further, best, first):
-                break
+            begin = best.fit.model if best.element.names else start
+            tried = [t for t in (self.tried(_with(begin, e, self.study)) for e in rest) if t is not None]
+            further = min(tried, key=lambda c: c.error, default=best)
+            if further is best or (best.element.names and not _worth(further, best, linear)):
+                return
+            for name in best.element.names:
+                fewer = self.tried(_without(further.fit.model, name))
+                if fewer is not None and not _worth(further, fewer, linear):
+                    further = fewer
+            if further.element.names == best.element.names:
+                return
             best = further
-    verdict, members = judged(candidates, alone_by)
-    return Result(study, tuple(alone), alone_by, tuple(candidates), verdict, members)
 
 
 def judged(candidates: Sequence[Candidate], alone_by: Array) -> tuple[str, tuple[Candidate, ...]]:
@@ -128,14 +171,14 @@ def judged(candidates: Sequence[Candidate], alone_by: Array) -> tuple[str, tuple
     linear = candidates[0]
     if _serves(linear, alone_by):
         return NONE, ()
-    best = min((c for c in candidates if len(c.element.names) == 1), key=lambda c: c.error)
-    for size in range(2, 1 + max(len(c.element.names) for c in candidates)):
-        further = min((c for c in candidates if len(c.element.names) == size), key=lambda c: c.error)
-        if not _worth(further, best, linear):
-            break
-        best = further
-    apart = float((alone_by**2).mean())
-    if linear.error**2 - best.error**2 < _EXPLAINS * (linear.error**2 - apart):
+    best = linear
+    for size in range(1, 1 + max(len(c.element.names) for c in candidates)):
+        further = min((c for c in candidates if len(c.element.names) == size), key=lambda c: c.error, default=best)
+        if _worth(further, best, linear):
+            best = further
+    # What the linear model leaves more than one for each amplitude does is what there is to explain.
+    wanted = linear.error**2 - float((alone_by**2).mean())
+    if best is linear or linear.error**2 - best.error**2 < _EXPLAINS * wanted:
         return UNKNOWN, ()
     kin = [c for c in candidates if len(c.element.names) == len(best.element.names)]
     lowest = np.concatenate(best.left)
@@ -151,12 +194,12 @@ def _worth(further: Candidate, best: Candidate, linear: Candidate) -> bool:
 
 
 def _serves(linear: Candidate, alone_by: Array) -> bool:
-    return linear.error <= _AS_GOOD * float(np.sqrt((alone_by**2).mean()))
+    return bool((linear.by_level <= _AS_GOOD * alone_by).all())
 
 
 def _alone(study: Study, level: int, settings: Settings) -> ModalFit:
     fitted = study.identification(level)
-    found = first_modes(study, response(fitted))
+    found = first_modes(study, fitted)
     none = np.zeros((len(study.inputs), 0))
     delay = np.full(len(study.outputs), found.delay * study.dt)
     model = ModalModel(found.omega, found.zeta, found.b, delay, LINEAR, none, none)
@@ -183,6 +226,12 @@ def _with(model: ModalModel, element: PortElement, study: Study) -> ModalModel:
     )
 
 
+def _without(model: ModalModel, name: str) -> ModalModel:
+    """A model less one effect at its ports."""
+    kept = ~model.element.parts_of(name)
+    return replace(model, element=model.element.without(name), k=model.k[:, kept], thresholds=model.thresholds[:, kept])
+
+
 def _extension(model: ModalModel, experiment: Experiment, dt: float) -> tuple[Array, Array]:
     """(P,) effective extension of the ports and its rate."""
     seen = model.seen(experiment, dt)
@@ -199,9 +248,9 @@ def _candidate(study: Study, model: ModalModel, settings: Settings) -> Candidate
 
 
 def _choosing(study: Study, level: int, settings: Settings) -> tuple[Experiment, ...]:
-    """Experiments of identification that no model for all amplitudes was fitted to; the fitted ones where none are."""
+    """Experiments of identification that no model was fitted to; the fitted ones where there are no others."""
     found = study.identification(level)
-    return found[settings.experiments :] or found
+    return found[max(settings.experiments, len(study.inputs)) :] or found
 
 
 def _left(fit: ModalFit, study: Study, level: int, settings: Settings) -> Array:

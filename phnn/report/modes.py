@@ -63,7 +63,8 @@ def write_modes(result: Result, folder: str, out: Path) -> None:
         models=rows(result, unit.scale),
         modes=_modes(result),
         drawings=drawings,
-        left_out=list(result.study.left_out.items()),
+        left_out=[*result.study.left_out.items(), *((n, "a step had no solution") for n in result.failed)],
+        fitted_choose=result.fitted_choose,
     )
     write_atomic(out / "report.html", page)
 
@@ -90,9 +91,13 @@ def level_names(result: Result) -> list[str]:
 def sentences(result: Result) -> tuple[str, str]:
     """The headline and its explanation."""
     names = " or ".join(_names(m.element.names) for m in result.members)
-    modes = f"{result.final.fit.model.omega.size} modes"
+    count = result.final.fit.model.omega.size
+    modes = f"{count} mode{'s' if count > 1 else ''}"
     told = {
-        NONE: (f"{modes}, and one linear model serves at every amplitude", "Nothing moves with amplitude."),
+        NONE: (
+            f"{modes}, and one linear model serves at every amplitude",
+            "Nothing moves with amplitude that these recordings can show.",
+        ),
         NAMED: (f"{modes}; what moves with amplitude is explained by {names} at the ports", ""),
         CLASS: (f"{modes}; what moves with amplitude is {names} at the ports", "The recordings cannot tell which."),
         UNKNOWN: (
@@ -117,7 +122,7 @@ def _largest(result: Result) -> float:
     known = [
         max(e) for c in result.candidates for i in range(len(result.study.levels)) if (e := rmse(c.fit, result, i))
     ]
-    return max(known, default=1.0)
+    return max(known, default=1e-6)
 
 
 def rows(result: Result, scale: float) -> list[Row]:

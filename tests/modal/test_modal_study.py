@@ -90,6 +90,55 @@ def test_recordings_that_show_no_modes_are_refused(
     assert words in capsys.readouterr().err
 
 
+def changed(folder: Path, change: Callable[[dict[str, np.ndarray]], None]) -> None:
+    """Rewrite the inputs of a folder."""
+    inputs = {path.name: np.load(path) for path in sorted(folder.glob("u_*.npy"))}
+    change(inputs)
+    for name, u in inputs.items():
+        np.save(folder / name, u)
+
+
+@pytest.mark.parametrize("fault", ["never driven", "together", "same realisation"])
+def test_inputs_that_cannot_be_told_apart_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], fault: str
+) -> None:
+    write_folder(tmp_path, "none", 3, levels=(0.7,))
+
+    def change(inputs: dict[str, np.ndarray]) -> None:
+        for u in inputs.values():
+            if fault == "never driven":
+                u[:, 1] = 0.0
+            elif fault == "together":
+                u[:, 1] = u[:, 0]
+            else:
+                u[:] = u[:, :, :1]
+
+    changed(tmp_path, change)
+    assert main(["modes", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert ("is not driven" if fault == "never driven" else "move together") in capsys.readouterr().err
+
+
+def test_what_is_partly_held_out_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_folder(tmp_path, "none", 3, levels=(0.7,))
+    manifest = tmp_path / "recordings.yaml"
+    lines = manifest.read_text().replace(", use: identification", "").replace(", use: confirmation", "")
+    manifest.write_text(lines)
+    status = main(["modes", str(tmp_path), "--out", str(tmp_path / "out")])
+    told = capsys.readouterr().err
+    if status:
+        assert "partly held out" in told
+    else:
+        document = json.loads((tmp_path / "out" / "modes.json").read_text())
+        assert all(level["held_out"] for level in document["levels"])
+
+
+@pytest.mark.slow
+def test_a_pure_element_is_not_mixed_with_others_where_amplitudes_are_far_apart(tmp_path: Path) -> None:
+    write_folder(tmp_path, "cubic_stiffness", 5, levels=(0.2, 2.1))
+    assert main(["modes", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+    assert json.loads((tmp_path / "out" / "modes.json").read_text())["elements"] == ["cubic_stiffness"]
+
+
 def test_settings_below_one_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_folder(tmp_path, "none", 3, levels=(0.7,))
     assert main(["modes", str(tmp_path), "--out", str(tmp_path / "out"), "stops=0"]) == 2

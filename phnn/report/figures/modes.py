@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from phnn.errors import SolverFailed
 from phnn.modal.experiment import Experiment, Study
 from phnn.modal.fit import ModalFit
 from phnn.modal.response import response
@@ -89,7 +90,11 @@ def _words(fit: ModalFit) -> str:
 
 
 def _left(study: Study, fit: ModalFit, experiments: tuple[Experiment, ...]) -> tuple[Array, Array]:
-    return _power(study, [e.y - fit.predict(e) for e in experiments])
+    """Spectrum of what a model leaves; nothing where it cannot be marched."""
+    try:
+        return _power(study, [e.y - fit.predict(e) for e in experiments])
+    except SolverFailed:
+        return np.ones(1), np.zeros(1)
 
 
 def _edges(study: Study) -> Array:
