@@ -30,7 +30,7 @@ class Experiment:
         held_out: never used to fit or to choose.
         u: (N, P) inputs; y: (N, O) outputs without their means, SI.
         spread: (O,) effective difference of a period from the mean period.
-        zero_order: whether the input is held between samples; otherwise it is band-limited.
+        zero_order: whether the input is held between samples; otherwise it is taken as band-limited.
     """
 
     name: str
@@ -132,6 +132,11 @@ def _check(r: Recording) -> None:
         raise InputRefused(
             f"{r.source}: recording {r.name!r} shows no period of a whole number of samples: record two whole periods "
             f"or more, or describe arrays of single ones by `axes` in recordings.yaml"
+        )
+    if r.interpolation == "linear":
+        raise InputRefused(
+            f"{r.source}: recording {r.name!r} has an input that is linear between samples, which modes are not read "
+            f"off: say `input: band_limited` or `input: zero_order`, whichever is nearer"
         )
     if not np.isfinite(r.y).all():
         raise InputRefused(f"{r.source}: recording {r.name!r} has no output: leave it out")

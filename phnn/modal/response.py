@@ -23,7 +23,7 @@ Complex = NDArray[np.complex128]
 # Blocks of the Hankel matrix; orders that are tried; damping ratio above which a pole is no mode.
 _BLOCKS, _ORDERS, _DAMPED = 150, range(2, 61, 2), 0.2
 # An order is good enough when it leaves this much more than the best one; a mode matters from this share on.
-_ENOUGH, _MATTERS = 1.6, 2e-3
+_ENOUGH, _MATTERS = 1.3, 2e-3
 # Delays that are tried, in sampling intervals.
 _DELAYS = np.arange(0.0, 3.01, 0.1)
 

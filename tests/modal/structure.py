@@ -73,9 +73,7 @@ def outputs(u: Array, kind: str) -> Array:
     return out
 
 
-def write_folder(
-    folder: Path, kind: str, seed: int, levels: tuple[float, ...] = (0.7, 2.1), noise: float = 2e-4
-) -> None:
+def write_folder(folder: Path, kind: str, seed: int, levels: tuple[float, ...] = (0.7, 2.1)) -> None:
     """Four experiments of identification and one of confirmation at each amplitude, two periods each, as arrays."""
     rng = np.random.default_rng(seed)
     entries = []

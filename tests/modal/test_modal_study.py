@@ -77,6 +77,7 @@ def test_one_amplitude_is_not_judged(tmp_path: Path) -> None:
     ("wrong", "right", "words"),
     [
         ("start: periodic", "start: unknown", "start: periodic"),
+        ("input: band_limited", "input: linear", "input: zero_order"),
         ("name: train_0, use: identification", "name: train_0, use: confirmation", "realisations"),
     ],
 )
