@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 # Iterations of a step, those with whole Newton steps, and the change of Δx, over the largest so far, that ends them.
 _MOST, _WHOLE, _SETTLED = 60, 20, 1e-11
 # Harmonic oscillators have decayed to this before the period that counts; periods at most.
-_DECAYED, _PERIODS = 1e-4, 40
+_DECAYED, _PERIODS = 1e-4, 11
 
 
 class Marched(NamedTuple):
@@ -165,7 +165,7 @@ def march(
     u: Array, omega: Array, zeta: Array, b: Array, kinds: NDArray[np.int64], k: Array, r: Array, h: float,
     begin: Array | None = None, before: Array | None = None, periods: int | None = None,
 ) -> Marched:  # fmt: skip
-    """March a periodic input until modes have forgotten how they began, or for forty periods; the last of them.
+    """March a periodic input until modes have forgotten how they began, or for a dozen periods; the last of them.
 
     Args:
         u: (n, P) force of each step, constant over it; omega, zeta: (M,); b: (M, P).
