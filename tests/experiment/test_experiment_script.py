@@ -38,6 +38,11 @@ def test_every_experiment_composes(name: str) -> None:
         assert config.prove.seed == 2026
         return
     assert config.folder == "recordings"
+    if name == "studies":
+        assert all(
+            command in ("check", "compare", "diagnose", "modes") for some in config.studies.values() for command in some
+        )
+        return
     group = {"paper": "fit", "folder": "diagnose", "compare": "compare"}[name]
     assert Options.from_config(config[group]).starts >= 1
     if name in ("paper", "compare"):
