@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +69,7 @@ class Study:
         """(N//2 + 1,) Hz."""
         return np.asarray(np.fft.rfftfreq(len(self.levels[0][0].u), self.dt), dtype=np.float64)
 
-    @property
+    @cached_property
     def lines(self) -> NDArray[np.int64]:
         """Excited lines, the mean not among them."""
         power = sum(np.abs(np.fft.rfft(e.u, axis=0)) ** 2 for level in self.levels for e in level)

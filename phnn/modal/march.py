@@ -70,6 +70,40 @@ def _slope(kind: Any, x: Any, dx: Any, h: Any, r: Any, s: Any, before: Any) -> A
     return 2.0 * abs(dx) / (h * h)
 
 
+@inline
+def _extend(
+    u: Any, free: Any, c: Any, kinds: Any, k: Any, r: Any, h: Any, x: Any, s: Any, before: Any, largest: Any, dx: Any,
+    ebar: Any, parts: Any, room: Any,
+) -> Any:  # fmt: skip
+    """Solve a step for dx, with ē and its parts; the largest Δx so far, or -1 where no solution was found."""
+    stiff, off, jacobian = room
+    for iteration in range(_MOST):
+        change = 0.0
+        for j in range(dx.size):
+            off[j, 0] = free[j] - dx[j]
+            for m in range(dx.size):
+                off[j, 0] += c[j, m] * (u[m] - ebar[m])
+                jacobian[j, m] = c[j, m] * stiff[m]
+            jacobian[j, j] += 1.0
+        eliminate(jacobian, off)
+        # Stops have kinks, between which whole steps may go back and forth.
+        share = 1.0 if iteration < _WHOLE else 0.5
+        for j in range(dx.size):
+            change = max(change, abs(off[j, 0]))
+            dx[j] += share * off[j, 0]
+            largest = max(largest, abs(dx[j]))
+        for j in range(dx.size):
+            ebar[j] = 0.0
+            stiff[j] = 0.0
+            for a in range(kinds.size):
+                stiff[j] += k[j, a] * _slope(kinds[a], x[j], dx[j], h, r[j, a], s[j, a], before[j])
+                parts[j, a] = _mean_part(kinds[a], x[j], dx[j], h, r[j, a], s[j, a], before[j])
+                ebar[j] += k[j, a] * parts[j, a]
+        if change <= _SETTLED * largest:
+            return largest
+    return -1.0
+
+
 @entry
 def _march(
     u: Array, propagator: Array, b: Array, kinds: NDArray[np.int64], k: Array, r: Array, h: float, periods: int,
@@ -80,7 +114,7 @@ def _march(
     modes, parts = b.shape[0], kinds.size
     q, v, x = begin[0].copy(), begin[1].copy(), np.zeros(ports)
     s, ebar, free, dx = np.zeros((ports, parts)), np.zeros(ports), np.zeros(ports), np.zeros(ports)
-    stiff, off, jacobian = np.zeros(ports), np.zeros((ports, 1)), np.zeros((ports, ports))
+    room = (np.zeros(ports), np.zeros((ports, 1)), np.zeros((ports, ports)))
     c, square, largest = np.zeros((ports, ports)), np.zeros(ports), 1e-300
     for i in range(modes):
         for j in range(ports):
@@ -100,33 +134,8 @@ def _march(
             q_out[now, i] = q[i]
             for j in range(ports):
                 free[j] += b[i, j] * moved
-        settled = False
-        for iteration in range(_MOST):
-            change = 0.0
-            for j in range(ports):
-                off[j, 0] = free[j] - dx[j]
-                for m in range(ports):
-                    off[j, 0] += c[j, m] * (u[now, m] - ebar[m])
-                    jacobian[j, m] = c[j, m] * stiff[m]
-                jacobian[j, j] += 1.0
-            eliminate(jacobian, off)
-            # Stops have kinks, between which whole steps may go back and forth.
-            share = 1.0 if iteration < _WHOLE else 0.5
-            for j in range(ports):
-                change = max(change, abs(off[j, 0]))
-                dx[j] += share * off[j, 0]
-                largest = max(largest, abs(dx[j]))
-            for j in range(ports):
-                ebar[j] = 0.0
-                stiff[j] = 0.0
-                for a in range(parts):
-                    stiff[j] += k[j, a] * _slope(kinds[a], x[j], dx[j], h, r[j, a], s[j, a], before[j])
-                    s_out[now, j, a] = _mean_part(kinds[a], x[j], dx[j], h, r[j, a], s[j, a], before[j])
-                    ebar[j] += k[j, a] * s_out[now, j, a]
-            if change <= _SETTLED * largest:
-                settled = True
-                break
-        if not settled or not largest < 1e200:
+        largest = _extend(u[now], free, c, kinds, k, r, h, x, s, before, largest, dx, ebar, s_out[now], room)
+        if not 0.0 < largest < 1e200:
             return False
         for j in range(ports):
             for a in range(parts):

@@ -64,10 +64,6 @@ class ModalModel:
     k: Array
     thresholds: Array
 
-    def energy(self, q: Array, v: Array) -> Array:
-        """(...,) energy of the modes, ``½ Σ (q² + q̇²/ω²)``, from (..., M)."""
-        return np.asarray(0.5 * (q**2 + (v / self.omega) ** 2).sum(axis=-1))
-
     def substeps(self, dt: float) -> int:
         """Steps in a sampling interval."""
         return max(2, int(np.ceil(_STEPS * dt * self.omega.max() / (2.0 * np.pi))))

@@ -30,10 +30,16 @@ _HALF = float(np.sqrt(2.0))
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A model, what it does in every experiment, and the shapes that leave least."""
+    """A model, what it does in every experiment, and the shapes that leave least.
+
+    Attributes:
+        seen, columns: by experiment; later: (L, O) delays of the outputs; factor: inverse of the normal matrix.
+    """
 
     model: ModalModel
     seen: tuple[Seen, ...]
+    columns: tuple[Complex, ...]
+    later: Complex
     shapes: Array
     factor: Array
 
@@ -85,15 +91,14 @@ class Problem:
             return None
         size = model.b.shape[1] + 2 * model.omega.size
         normal, right = np.zeros((size, size)), np.zeros((size, model.delay.size))
-        # The delay is taken from the measured side, where it changes no normal matrix.
-        back = np.exp(seen[0].s[:, None] * model.delay)
-        for one, y, w in zip(seen, self.wanted, self.weights, strict=True):
-            a = one.columns
+        columns, later = tuple(one.columns for one in seen), np.exp(-seen[0].s[:, None] * model.delay)
+        for a, y, w in zip(columns, self.wanted, self.weights, strict=True):
             normal = normal + w * w * (a.conj().T @ a).real
-            right = right + w * w * (a.conj().T @ (y * back)).real
+            # The delay is taken from the measured side, where it changes no normal matrix.
+            right = right + w * w * (a.conj().T @ (y * later.conj())).real
         scale = np.sqrt(np.diag(normal)) + 1e-300
         factor = np.linalg.inv(normal / np.outer(scale, scale) + _RIDGE * np.eye(scale.size)) / np.outer(scale, scale)
-        return Point(model, seen, (factor @ right).T, factor)
+        return Point(model, seen, columns, later, (factor @ right).T, factor)
 
     def _seen(self, model: ModalModel, experiment: Experiment) -> Seen:
         return model.seen(experiment, self.study.dt).at(self.study.lines, _HALF / len(experiment.u))
@@ -103,10 +108,9 @@ class Problem:
         point = self.point(moved)
         if point is None:
             return np.full(2 * sum(y.size for y in self.wanted), _FAILED / np.sqrt(self.wanted[0].size))
-        later = np.exp(-point.seen[0].s[:, None] * point.model.delay)
         left = [
-            w * ((one.columns @ point.shapes.T) * later - y)
-            for one, y, w in zip(point.seen, self.wanted, self.weights, strict=True)
+            w * ((a @ point.shapes.T) * point.later - y)
+            for a, y, w in zip(point.columns, self.wanted, self.weights, strict=True)
         ]
         return np.concatenate([np.stack([x.real, x.imag], axis=2).ravel() for x in left])
 
@@ -114,17 +118,15 @@ class Problem:
         """(R, K) derivatives of the residual."""
         point = self.point(moved)
         assert point is not None
-        delayed = np.exp(-point.seen[0].s[:, None] * point.model.delay)
         slope = [output_slopes(point.model, one, point.shapes, self.study.dt) for one in point.seen]
-        columns = [one.columns for one in point.seen]
         for o in range(len(point.shapes)):
+            delayed = [a * point.later[:, o : o + 1] for a in point.columns]
             # What the shapes can do as well.
             pull = sum(
-                w * w * ((a * delayed[:, o : o + 1]).conj().T @ d[:, o]).real
-                for a, d, w in zip(columns, slope, self.weights, strict=True)
+                w * w * (a.conj().T @ d[:, o]).real for a, d, w in zip(delayed, slope, self.weights, strict=True)
             )
             follow = point.factor @ pull
-            for a, d in zip(columns, slope, strict=True):
-                d[:, o] -= (a * delayed[:, o : o + 1]) @ follow
+            for a, d in zip(delayed, slope, strict=True):
+                d[:, o] -= a @ follow
         rows = [w * np.stack([d.real, d.imag], axis=2) for d, w in zip(slope, self.weights, strict=True)]
         return np.concatenate([r.reshape(-1, moved.size) for r in rows])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.errors import InputRefused, SolverFailed
+from phnn.errors import InputRefused
 from phnn.modal.elements import PortElement
 from phnn.modal.fit import ModalFit
 from phnn.modal.model import ModalModel
@@ -90,7 +90,7 @@ def study_document(result: Result) -> dict[str, Any]:
                 "linear_alone": {
                     "frequency_Hz": sorted((result.alone[i].model.omega / (2.0 * np.pi)).tolist()),
                     "choosing_error": float(result.alone_by[i]),
-                    "held_out_rmse": rmse(result.alone[i], result, i),
+                    "held_out_rmse": result.held_out[result.alone[i]][i],
                 },
             }
             for i, level in enumerate(study.levels)
@@ -102,16 +102,5 @@ def study_document(result: Result) -> dict[str, Any]:
 def _candidate(candidate: Candidate, result: Result) -> dict[str, Any]:
     return {
         "choosing_error": candidate.by_level.tolist(),
-        "held_out_rmse": [rmse(candidate.fit, result, i) for i in range(len(result.study.levels))],
+        "held_out_rmse": list(result.held_out[candidate.fit]),
     }
-
-
-def rmse(fit: ModalFit, result: Result, level: int) -> list[float] | None:
-    """(O,) root mean square error on the held-out experiments of a level; None without any, or where one defeats it."""
-    held = result.study.held_out(level)
-    if not held:
-        return None
-    try:
-        return np.sqrt(np.mean([fit.errors(e) ** 2 for e in held], axis=0)).tolist()
-    except SolverFailed:
-        return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,6 +64,8 @@ class Result:
         verdict: ``none``, ``named``, ``class``, ``unknown`` or ``one_level``.
         members: models that the verdict cannot tell from each other, the best first.
         failed: models that could not be marched.
+        held_out: by fit and amplitude, (O,) root mean square errors on what is held out; None where nothing is, or
+            where a model cannot be marched.
         fitted_choose: whether, at some amplitude, there was nothing to choose by but what was fitted.
     """
 
@@ -74,6 +76,7 @@ class Result:
     verdict: str
     members: tuple[Candidate, ...]
     failed: tuple[str, ...]
+    held_out: Mapping[ModalFit, tuple[list[float] | None, ...]]
     fitted_choose: bool
 
     @property
@@ -105,9 +108,9 @@ def study_modes(
         search.grow(start, first)
     verdict, members = judged(list(search.found.values()), alone_by)
     few = any(set(_choosing(study, i, settings)) == set(study.identification(i)) for i in range(len(alone)))
-    return Result(
-        study, tuple(alone), alone_by, tuple(search.found.values()), verdict, members, tuple(search.failed), few
-    )  # fmt: skip
+    candidates = tuple(search.found.values())
+    held = {fit: _held_out(fit, study) for fit in (*alone, *(c.fit for c in candidates))}
+    return Result(study, tuple(alone), alone_by, candidates, verdict, members, tuple(search.failed), held, few)
 
 
 class _Search:
@@ -251,6 +254,19 @@ def _choosing(study: Study, level: int, settings: Settings) -> tuple[Experiment,
     """Experiments of identification that no model was fitted to; the fitted ones where there are no others."""
     found = study.identification(level)
     return found[max(settings.experiments, len(study.inputs)) :] or found
+
+
+def _held_out(fit: ModalFit, study: Study) -> tuple[list[float] | None, ...]:
+    """By amplitude, (O,) root mean square errors on what is held out."""
+
+    def errors(level: int) -> list[float] | None:
+        held = study.held_out(level)
+        try:
+            return np.sqrt(np.mean([fit.errors(e) ** 2 for e in held], axis=0)).tolist() if held else None
+        except SolverFailed:
+            return None
+
+    return tuple(errors(i) for i in range(len(study.levels)))
 
 
 def _left(fit: ModalFit, study: Study, level: int, settings: Settings) -> Array:

@@ -14,7 +14,7 @@ from rich.table import Table
 from scipy.optimize import linear_sum_assignment
 
 from phnn.modal.elements import STATEMENTS
-from phnn.modal.store import rmse, study_document
+from phnn.modal.store import study_document
 from phnn.modal.study import CLASS, NAMED, NONE, ONE_LEVEL, UNKNOWN, Result
 from phnn.report.figures.modes import draw_left, draw_resonance, resonance_title
 from phnn.report.figures.style import RC, Drawing, png
@@ -119,26 +119,23 @@ def _names(names: Sequence[str]) -> str:
 
 
 def _largest(result: Result) -> float:
-    known = [
-        max(e) for c in result.candidates for i in range(len(result.study.levels)) if (e := rmse(c.fit, result, i))
-    ]
+    known = [max(errors) for c in result.candidates for errors in result.held_out[c.fit] if errors]
     return max(known, default=1e-6)
 
 
 def rows(result: Result, scale: float) -> list[Row]:
     """The table of models."""
-    found = []
+
+    def cells(left: float, held: list[float] | None) -> list[str]:
+        return [plain(100.0 * left), plain(float(np.mean(held)) / scale) if held else DASH]
+
+    levels = range(len(result.study.levels))
+    alone = [cells(float(result.alone_by[i]), result.held_out[result.alone[i]][i]) for i in levels]
+    found = [Row("linear, a model for each amplitude", [cell for pair in alone for cell in pair])]
     for c in result.candidates:
-        cells = []
-        for i, left in enumerate(c.by_level):
-            held = rmse(c.fit, result, i)
-            cells += [plain(100.0 * float(left)), plain(float(np.mean(held)) / scale) if held else DASH]
-        found.append(Row(_names(c.element.names), cells))
-    cells = []
-    for i, fit in enumerate(result.alone):
-        held = rmse(fit, result, i)
-        cells += [plain(100.0 * float(result.alone_by[i])), plain(float(np.mean(held)) / scale) if held else DASH]
-    return [Row("linear, a model for each amplitude", cells), *found]
+        pairs = [cells(float(c.by_level[i]), result.held_out[c.fit][i]) for i in levels]
+        found.append(Row(_names(c.element.names), [cell for pair in pairs for cell in pair]))
+    return found
 
 
 def _modes(result: Result) -> list[list[str]]:

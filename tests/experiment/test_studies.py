@@ -19,6 +19,7 @@ def run(tmp_path: Path, *settings: str) -> subprocess.CompletedProcess[str]:
 def test_a_folder_without_studies_is_refused(tmp_path: Path) -> None:
     done = run(tmp_path)
     assert done.returncode == 2 and "no folder of any study" in done.stderr and "Traceback" not in done.stderr
+    assert not any(tmp_path.iterdir())
 
 
 def test_what_a_command_takes_is_written_down_even_where_it_refuses(tmp_path: Path) -> None:

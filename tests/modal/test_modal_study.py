@@ -11,7 +11,7 @@ import pytest
 from structure import OMEGA, ZETA, write_folder
 
 from phnn.cli import main
-from phnn.modal.store import model_document, model_from, rmse
+from phnn.modal.store import model_document, model_from
 from phnn.modal.study import CLASS, NAMED, NONE, Result
 
 
@@ -41,7 +41,7 @@ def test_a_concealed_element_is_named_and_one_model_serves(
     assert kind in result.final.element.names
     assert all(kind in m.element.names for m in result.members)
     for level in range(2):
-        held = np.array([rmse(fit, result, level) for fit in (result.candidates[0].fit, result.final.fit)])
+        held = np.array([result.held_out[fit][level] for fit in (result.candidates[0].fit, result.final.fit)])
         assert (held[1] < 0.2 * held[0]).all()
 
 

@@ -10,7 +10,6 @@ from phnn.check import check
 from phnn.configuration import compose, config_folder
 from phnn.modal.experiment import study_of
 from phnn.modal.settings import Settings
-from phnn.modal.store import rmse
 from phnn.modal.study import CLASS, NAMED, study_modes
 from phnn.recordings import read
 
@@ -37,5 +36,5 @@ def test_one_passive_model_serves_at_both_amplitudes() -> None:
     assert result.verdict in (NAMED, CLASS)
     # Linear models of one amplitude each, as published: 0.114 and 0.228 µm.
     for level, published in enumerate((0.114e-6, 0.228e-6)):
-        found = rmse(result.final.fit, result, level)
+        found = result.held_out[result.final.fit][level]
         assert found is not None and np.mean(found) < published
