@@ -14,9 +14,10 @@ from phnn.integrate.cycle import cycle_derivative
 from phnn.integrate.rest import equilibrium_derivative, equilibrium_slope
 from phnn.laws import FACTOR_LAWS, PORT_LAWS
 from phnn.laws.namespace import TINY
+from phnn.recordings.driving import input_before, settled
 from phnn.setup import Block
-from phnn.signals.reconstruct import mean_input, substep_input
-from phnn.simulate import Trajectory, driven, input_before, led_in, long_settled, settled
+from phnn.signals.reconstruct import mean_input
+from phnn.simulate import Trajectory, driven, long_settled
 
 Array = NDArray[np.float64]
 
@@ -27,11 +28,13 @@ def output_derivatives(
     initial: Sequence[int] = (),
     forces: Array | None = None,
     varied: Sequence[tuple[str, Array]] = (),
+    instants: bool = False,
 ) -> Array:
-    """(N, K + S + F + W) derivatives of the output.
+    """(N, K + G + S + F + W) derivatives of the output.
 
     Args:
         names: K parameters of the setup.
+        instants: whether the G instants of the input's jumps are perturbed; G is 0 otherwise.
         initial: S states whose initial value is perturbed.
         forces: (n, F) perturbations of the junction force, constant within each step.
         varied: W pairs of a network parameter and the (n,) signal by which it is perturbed.
@@ -42,6 +45,10 @@ def output_derivatives(
     network_names += [n for n in dict.fromkeys(n for n, _ in varied) if n not in network_names]
     places = np.array([program.names.index(n) for n in network_names], dtype=np.int64)
     acting = _acting(trajectory, names)
+    if instants:
+        moved_jumps = _by_instants(trajectory)
+        names = [*names, *(a.name for a in moved_jumps)]
+        acting += moved_jumps
     active = np.concatenate([places, [sweep.carrier(program, a.port) for a in acting]]).astype(np.int64)
     looks, times, samples_of = sensed(setup, trajectory.nodes, trajectory.h)
     none = np.zeros((trajectory.h.size, 0))
@@ -193,15 +200,27 @@ def _acting(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]:
 
 def _by_amplifier(trajectory: Trajectory, block: Block, name: str) -> _Acting:
     setup, recording = trajectory.setup, trajectory.recording
-    _, samples = led_in(recording)
-    command = substep_input(samples, np.diff(trajectory.nodes), recording.interpolation)
+    command, before = trajectory.driving.fine(recording), input_before(recording, recording.u)
     lead = int(trajectory.nodes[trajectory.lead])
-    fine, before = driven(setup, command, trajectory.h, input_before(recording, samples), lead, (block, name))
+    fine, before = driven(setup, command, trajectory.h, before, lead, (block, name))
     rest = np.zeros(trajectory.states.shape[1])
     if trajectory.rest is not None and np.imag(before) != 0.0:
         slope = equilibrium_slope(trajectory.program, setup.network, trajectory.rest, 0)
         rest = slope * (np.imag(before) / TINY)
     return _Acting(name, 0, _action(trajectory, 0, mean_input(np.imag(fine)) / TINY), rest)
+
+
+def _by_instants(trajectory: Trajectory) -> list[_Acting]:
+    """By every instant of the input's jumps: a jump that comes later takes an impulse away."""
+    setup, recording = trajectory.setup, trajectory.recording
+    command, before = trajectory.driving.fine(recording), input_before(recording, recording.u)
+    lead, unmoved = int(trajectory.nodes[trajectory.lead]), np.zeros(trajectory.states.shape[1])
+    found = []
+    for number, slope in enumerate(trajectory.driving.slopes(recording).T):
+        fine, _ = driven(setup, command + 1j * TINY * slope[:, None], trajectory.h, before, lead)
+        change = _action(trajectory, 0, mean_input(np.imag(fine)) / TINY)
+        found.append(_Acting(f"instant {number}", 0, change, unmoved))
+    return found
 
 
 def _action(trajectory: Trajectory, place: int, change: Array) -> Array:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,9 +20,10 @@ from phnn.integrate.cycle import steady_cycle
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.network.elements import Network
+from phnn.recordings.driving import Driving, driving_of, input_before, settled
 from phnn.recordings.recording import Recording
 from phnn.setup import Block, Setup
-from phnn.signals.reconstruct import mean_input, substep_counts, substep_input
+from phnn.signals.reconstruct import mean_input
 
 Array = NDArray[np.float64]
 
@@ -37,6 +37,7 @@ class Trajectory:
 
     Attributes:
         setup, recording, program, theta: what was simulated.
+        driving: the recorded input on the steps.
         h: (n,) steps [s].
         nodes: (N + lead,) step index of every sample.
         lead: samples before the first recorded one, a cycle where the recording starts in a steady one.
@@ -53,6 +54,7 @@ class Trajectory:
     recording: Recording
     program: Program
     theta: Array
+    driving: Driving
     h: Array
     nodes: NDArray[np.int64]
     lead: int
@@ -104,16 +106,14 @@ def simulate(
     network = measured_network(setup.network, recording)
     program = compile_network(network)
     theta = program.theta(network)
-    lead, samples = led_in(recording)
-    before = input_before(recording, samples)
-    counts, fine, further = _reconstructed(recording, substeps, method or recording.interpolation)
-    nodes = np.concatenate([[0], np.cumsum(counts)])
-    h, cycle = np.repeat(recording.dt / counts, counts), int(nodes[lead])
-    fine, before = driven(setup, fine, h, before, cycle)
+    lead, driving = recording.cycle, driving_of(recording, substeps, method)
+    nodes = np.concatenate([[0], np.cumsum(driving.counts)])
+    h, cycle = np.repeat(recording.dt / driving.counts, driving.counts), int(nodes[lead])
+    fine, before = driven(setup, driving.fine(recording), h, input_before(recording, recording.u), cycle)
     u, held = np.zeros((fine.shape[0], len(network.ports))), np.zeros(len(network.ports))
-    driving = [0, *further_ports(network, recording)]
-    u[:, driving] = np.column_stack([mean_input(fine), settled(further, cycle)])
-    held[driving] = [before, *(x[0] for x in recording.further.values())]
+    places = [0, *further_ports(network, recording)]
+    u[:, places] = np.column_stack([mean_input(fine), settled(driving.further, cycle)])
+    held[places] = [before, *(x[0] for x in recording.further.values())]
     for source in setup.sources:
         u[:, place_of(setup, source)] += sounded(setup, source, h, lead * recording.dt)
     rest = None if cycle or initial is not None else held
@@ -130,8 +130,8 @@ def simulate(
     q, times, copied = long_settled(setup, states[looks, program.output], times - lead * recording.dt, cycle, looks)
     y = measured(setup, q, times)[copied:][samples_of]
     return Trajectory(
-        setup, recording, program, theta, h, nodes, lead, cycle if initial is None else 0, rest, recording.t, y[lead:],
-        fine, u, states, efforts,
+        setup, recording, program, theta, driving, h, nodes, lead, cycle if initial is None else 0, rest, recording.t,
+        y[lead:], fine, u, states, efforts,
     )  # fmt: skip
 
 
@@ -180,36 +180,6 @@ def check_names(network: Network, recordings: Sequence[Recording]) -> None:
                 )
 
 
-@lru_cache(maxsize=64)
-def _reconstructed(recording: Recording, substeps: int, method: str) -> tuple[NDArray[np.int64], Array, Array]:
-    """Sub-steps of the intervals, the input (n, 3) on them, and the means (n, F) of further ones; kept, because every
-    candidate model sees the same input."""
-    lead, samples = led_in(recording)
-    others = [np.concatenate([x[:lead], x]) for x in recording.further.values()]
-    counts = substep_counts(samples, input_before(recording, samples), substeps)
-    for x in others:
-        counts = np.maximum(counts, substep_counts(x, float(x[0]), substeps))
-    counts = settled(counts, lead)
-    fine = substep_input(samples, counts, method)
-    further = np.zeros((fine.shape[0], len(others)))
-    for k, x in enumerate(others):
-        further[:, k] = mean_input(substep_input(x, counts, method))
-    fine.flags.writeable = further.flags.writeable = False
-    return counts, fine, further
-
-
-def led_in(recording: Recording) -> tuple[int, Array]:
-    """The input with a cycle before it where the recording starts in a steady one, and how many samples that is."""
-    lead = recording.cycle
-    return lead, np.concatenate([recording.u[:lead], recording.u]) if lead else recording.u
-
-
-def settled(x: Any, cycle: int) -> Any:
-    """(n, …) what happens in the steps of a simulation, the first cycle of it replaced by the second, which has
-    settled. A recording of one cycle lacks the last interval of its second one; there the first has settled too."""
-    return np.concatenate([x[cycle : 2 * cycle], x[min(cycle, x.shape[0] - cycle) :]]) if cycle else x
-
-
 def driven(
     setup: Setup, fine: Any, h: Array, before: Any, cycle: int, perturbed: tuple[Block, str] | None = None
 ) -> tuple[Any, Any]:
@@ -231,8 +201,3 @@ def long_settled(
     duration = times[first] - times[0]
     before = [times[:first] - k * duration for k in range(_SENSED, 0, -1)]
     return np.concatenate([*[q[:first]] * _SENSED, q]), np.concatenate([*before, times]), _SENSED * first
-
-
-def input_before(recording: Recording, samples: Array) -> float:
-    """The input before the first sample; the first sample itself where the start does not say."""
-    return recording.start.input_before if recording.start.state == "rest" else float(samples[0])

@@ -147,5 +147,7 @@ def _refuted(judgement: Judgement, before: Evaluation, after: Evaluation) -> boo
 def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
     """A fit's scores on every recording of a campaign; held-out ones get the finest sub-steps of the fit's plan."""
     finest = max((fitted.plan.steps_of(r) for r in fitted.plan.recordings), default=1)
-    steps = {r.name: fitted.plan.substeps.get(r.name, finest) for r in campaign.recordings}
-    return evaluate(fitted.setup, Plan(campaign.recordings, steps, fitted.plan.workers), fitted.initial_states)
+    known = {r.name: r for r in fitted.plan.recordings}
+    recordings = tuple(known.get(r.name, r) for r in campaign.recordings)
+    steps = {r.name: fitted.plan.substeps.get(r.name, finest) for r in recordings}
+    return evaluate(fitted.setup, Plan(recordings, steps, fitted.plan.workers), fitted.initial_states)

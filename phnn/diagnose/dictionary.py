@@ -24,7 +24,8 @@ from phnn.diagnose.filters import (
 )
 from phnn.effects import Scales
 from phnn.effects.effect import DEAD_ZONES
-from phnn.simulate import Trajectory, input_before
+from phnn.recordings.driving import input_before
+from phnn.simulate import Trajectory
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from phnn.identify.fit import fit
 from phnn.identify.nuisances import own_parts
-from phnn.identify.problem import Plan, aperiodic
-from phnn.recordings.recording import Recording
+from phnn.identify.problem import Plan, Problem, Variables, aperiodic
+from phnn.recordings.driving import unknown_instants
+from phnn.recordings.recording import Part, Recording
 from phnn.setup import NOTHING, Setup
 from phnn.simulate import simulate
 
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 
 # Samples beyond those that are fitted: an input between samples depends on the ones after it.
 _BEYOND = 200
+# Evaluations for the instants of jumps: few, for the output is nearly linear in them.
+_INSTANTS = 15
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
     The zero of a recording comes from its identification part where it has one, else from its nuisance part; so does
     the initial state of a recording whose start is unknown and that took no part in the fit. The own parts of the setup
     are fitted to the whole recording, scored or not: nothing predicts them, so what is left beside them is what a model
-    can be held to.
+    can be held to. The same holds for the instants at which the input jumps, unless the fit has estimated them.
 
     Args:
         initial: initial states estimated by the fit, by recording name.
@@ -68,10 +71,12 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
 
     def one(recording: Recording) -> Array:
         own = initial.get(recording.name)
-        nuisance = recording.mask("nuisance")
+        nuisance, steps = recording.mask("nuisance"), plan.steps_of(recording)
         if own is None and (recording.start.state == "unknown" or aperiodic(recording)) and nuisance.any():
-            own = initial_from_nuisance(setup, recording, plan.steps_of(recording))
-        y = simulate(setup, recording, plan.steps_of(recording), initial=own).y
+            own = initial_from_nuisance(setup, recording, steps)
+        if recording.instants is None or recording.mask("confirmation").any():
+            recording = with_instants(setup, recording, steps, own)
+        y = simulate(setup, recording, steps, initial=own).y
         masks = (recording.mask("identification"), nuisance, np.ones(recording.t.size, dtype=bool))
         mask = next(m for m in masks if m.any())
         if setup.own != NOTHING:
@@ -88,6 +93,23 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
         if use != "nuisance"
     ]
     return Evaluation({r.name: y for r, y in zip(plan.recordings, outputs, strict=True)}, tuple(parts))
+
+
+def with_instants(setup: Setup, recording: Recording, substeps: int, initial: Array | None) -> Recording:
+    """The recording with the instants of its input's jumps estimated from its whole output, the model held.
+
+    Args:
+        initial: initial state; None where the recording's start says it.
+    """
+    unknown = unknown_instants(recording)
+    if not unknown.size or not np.isfinite(recording.y).all():
+        return recording
+    whole = replace(recording, parts=(Part(recording.name, 0, recording.t.size, "identification"),))
+    plan = Plan((whole,), {recording.name: substeps}, workers=1)
+    held = {} if initial is None else {recording.name: initial}
+    problem = Problem(setup, plan, Variables((), (), np.zeros(0), held, {recording.name: unknown}))
+    found = fit(setup, plan, (), max_evaluations=_INSTANTS, begun=problem)
+    return replace(recording, instants=found.plan.recordings[0].instants)
 
 
 def initial_from_nuisance(setup: Setup, recording: Recording, substeps: int) -> Array | None:

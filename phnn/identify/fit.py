@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from phnn.identify.problem import Plan, Problem, Variables, variables_of
+from phnn.recordings.driving import unknown_instants
 from phnn.setup import Setup
 
 Array = NDArray[np.float64]
@@ -28,7 +29,7 @@ class Fit:
 
     Attributes:
         setup: with the estimates.
-        plan: recordings and sub-steps of the fit.
+        plan: recordings, with the estimated instants of their jumps, and sub-steps of the fit.
         variables, z: what was moved and where it ended.
         covariance: (K, K) of ``z``, sandwich over blocks of samples.
         held: parameters that were not estimated, with the reason.
@@ -154,6 +155,8 @@ def variables_from(setup: Setup, plan: Plan, names: Sequence[str], origin: Fit |
     variables = variables_of(setup, plan, names)
     if origin is None:
         return variables
+    timed = [origin.variables.timed(r, origin.z) for r in plan.recordings]
+    variables = replace(variables, instants={r.name: x for r in timed if (x := unknown_instants(r)).size})
     known = origin.initial_states
     moved = {
         n: carried(known[n], origin.setup, setup, own) if n in known else own for n, own in variables.origin.items()
@@ -164,9 +167,10 @@ def variables_from(setup: Setup, plan: Plan, names: Sequence[str], origin: Fit |
 def _finish(problem: Problem, z: Array, held: dict[str, str], evaluations: int) -> Fit:
     residual = problem.residual(z)
     jacobian = problem.jacobian(z) if z.size else np.zeros((residual.size, 0))
+    timed = tuple(problem.variables.timed(r, z) for r in problem.plan.recordings)
     return Fit(
         setup=problem.variables.setup(problem.template, z),
-        plan=problem.plan,
+        plan=replace(problem.plan, recordings=timed),
         variables=problem.variables,
         z=z,
         covariance=sandwich(residual, jacobian, [int(m.sum()) for m in problem.masks]),

@@ -4,7 +4,7 @@
 
 The displacement zero and the own parts of the setup (lines, slow courses) enter linearly; they are projected out of
 residual and derivatives (variable projection), so that no optimiser sees them. Initial states of recordings with an
-unknown start are variables beside ``θ``.
+unknown start are variables beside ``θ``, and so are the instants at which an input jumps between two samples.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed
 from phnn.identify.nuisances import without_nuisances
+from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from phnn.simulate import Trajectory, simulate
@@ -78,33 +79,36 @@ def _threads(count: int) -> ThreadPoolExecutor:
 
 @dataclass(frozen=True)
 class Variables:
-    """The vector an optimiser moves: estimation coordinates ``z`` of parameters, then scaled initial states.
+    """The vector an optimiser moves: estimation coordinates ``z`` of parameters, scaled initial states, instants.
 
     Attributes:
         names: parameters.
         unknown: names of the recordings whose initial state is estimated.
         scales: (L+1,) typical size of each state.
-        origin: initial states to which the scaled changes are added, by recording.
+        origin: initial states to which the scaled changes are added, by recording; those of other recordings are held.
+        instants: (G,) starting values of the instants of jumps, in sample intervals, by recording.
     """
 
     names: tuple[str, ...]
     unknown: tuple[str, ...]
     scales: Array
     origin: Mapping[str, Array]
+    instants: Mapping[str, Array] = field(default_factory=dict)
 
     def start(self, setup: Setup) -> Array:
         """``z`` of a setup, initial states at their origin."""
         parameters = setup.parameters
         z = [parameters[n].to_coordinate(parameters[n].value) for n in self.names]
-        return np.array(z + [0.0] * (len(self.unknown) * self.scales.size))
+        states = np.zeros(len(self.unknown) * self.scales.size)
+        return np.concatenate([z, states, *self.instants.values()])
 
     def bounds(self, setup: Setup) -> tuple[Array, Array]:
-        """Bounds declared on the parameters; initial states are free."""
+        """Bounds declared on the parameters; initial states are free; a jump stays within its sample interval."""
         pairs = [setup.parameters[n].coordinate_bounds for n in self.names]
-        extra = len(self.unknown) * self.scales.size
-        lower = [p[0] for p in pairs] + [-np.inf] * extra
-        upper = [p[1] for p in pairs] + [np.inf] * extra
-        return np.array(lower), np.array(upper)
+        free = np.full(len(self.unknown) * self.scales.size, np.inf)
+        within = np.ones(sum(x.size for x in self.instants.values()))
+        lower = np.concatenate([[p[0] for p in pairs], -free, 0.0 * within])
+        return lower, np.concatenate([[p[1] for p in pairs], free, within])
 
     def setup(self, template: Setup, z: Array) -> Setup:
         """The setup at ``z``."""
@@ -118,32 +122,53 @@ class Variables:
     def initial(self, recording: Recording, z: Array) -> Array | None:
         """Initial state of a recording at ``z``; None where its start says it."""
         if recording.name not in self.unknown:
-            return None
-        first = len(self.names) + self.unknown.index(recording.name) * self.scales.size
-        return self.origin[recording.name] + z[first : first + self.scales.size] * self.scales
+            return self.origin.get(recording.name)
+        return self.origin[recording.name] + z[self._states_of(recording)] * self.scales
+
+    def timed(self, recording: Recording, z: Array) -> Recording:
+        """The recording with the instants of its jumps at ``z``."""
+        if recording.name not in self.instants:
+            return recording
+        return replace(recording, instants=np.clip(z[self._instants_of(recording)], 0.0, 1.0))
 
     def columns(self, setup: Setup, recording: Recording, derivatives: Array) -> Array:
-        """Derivatives by physical quantities put into their places in ``z``."""
+        """Derivatives by parameters, instants and initial states of a recording put into their places in ``z``."""
+        count = len(self.names)
         slopes = np.array([setup.parameters[n].slope(setup.parameters[n].value) for n in self.names])
-        if not self.unknown:
+        if not self.unknown and not self.instants:
             return np.asarray(derivatives * slopes)
-        out = np.zeros((derivatives.shape[0], len(self.names) + len(self.unknown) * self.scales.size))
-        out[:, : len(self.names)] = derivatives[:, : len(self.names)] * slopes
+        out = np.zeros((derivatives.shape[0], self.start(setup).size))
+        out[:, :count] = derivatives[:, :count] * slopes
+        if recording.name in self.instants:
+            own = self.instants[recording.name].size
+            out[:, self._instants_of(recording)] = derivatives[:, count : count + own]
         if recording.name in self.unknown:
-            first = len(self.names) + self.unknown.index(recording.name) * self.scales.size
-            out[:, first : first + self.scales.size] = derivatives[:, len(self.names) :] * self.scales
+            out[:, self._states_of(recording)] = derivatives[:, derivatives.shape[1] - self.scales.size :] * self.scales
         return out
+
+    def _states_of(self, recording: Recording) -> slice:
+        first = len(self.names) + self.unknown.index(recording.name) * self.scales.size
+        return slice(first, first + self.scales.size)
+
+    def _instants_of(self, recording: Recording) -> slice:
+        first = len(self.names) + len(self.unknown) * self.scales.size
+        for name, values in self.instants.items():
+            if name == recording.name:
+                return slice(first, first + values.size)
+            first += values.size
+        raise KeyError(recording.name)
 
 
 def variables_of(setup: Setup, plan: Plan, names: Sequence[str]) -> Variables:
-    """The variables of a fit: the named parameters, and initial states where a start is unknown."""
+    """The variables of a fit: the named parameters, initial states where a start is unknown, instants of jumps."""
+    instants = {r.name: x for r in plan.recordings if (x := unknown_instants(r)).size}
     unknown = [r for r in plan.recordings if r.start.state == "unknown" or aperiodic(r)]
     if not unknown:
-        return Variables(tuple(names), (), np.zeros(0), {})
+        return Variables(tuple(names), (), np.zeros(0), {}, instants)
     trajectories = {r.name: _first_guess(setup, r, plan.steps_of(r)) for r in unknown}
     spread = np.max([np.ptp(t.states, axis=0) for t in trajectories.values()], axis=0)
     origin = {n: t.states[0].copy() for n, t in trajectories.items()}
-    return Variables(tuple(names), tuple(trajectories), np.where(spread > 0.0, spread, 1.0), origin)
+    return Variables(tuple(names), tuple(trajectories), np.where(spread > 0.0, spread, 1.0), origin, instants)
 
 
 def _first_guess(setup: Setup, recording: Recording, substeps: int) -> Trajectory:
@@ -180,8 +205,8 @@ class Problem:
             setup = self.variables.setup(self.template, z)
 
             def run(recording: Recording) -> Trajectory:
-                initial = self.variables.initial(recording, z)
-                return simulate(setup, recording, self.plan.steps_of(recording), initial=initial)
+                initial, timed = self.variables.initial(recording, z), self.variables.timed(recording, z)
+                return simulate(setup, timed, self.plan.steps_of(recording), initial=initial)
 
             self._marched = z.tobytes(), self.plan.each(run)
         return self._marched[1]
@@ -237,7 +262,8 @@ class Problem:
 
             def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
                 initial = range(self.variables.scales.size) if recording.name in self.variables.unknown else ()
-                raw = output_derivatives(trajectory, self.variables.names, tuple(initial))
+                instants = recording.name in self.variables.instants
+                raw = output_derivatives(trajectory, self.variables.names, tuple(initial), instants=instants)
                 columns = self.variables.columns(setup, recording, raw)
                 both = np.column_stack([columns, trajectory.y - recording.y])
                 inside = without_nuisances(both, mask, recording, setup.own)

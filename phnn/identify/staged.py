@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import InputRefused, PhnnError
-from phnn.identify.fit import TOLERANCE, Fit, distinct_optima, fit, unidentified
+from phnn.identify.fit import TOLERANCE, Fit, distinct_optima, fit, unidentified, variables_from
 from phnn.identify.looks import first_look
-from phnn.identify.problem import Plan, Problem, variables_of
+from phnn.identify.problem import Plan, Problem
 from phnn.models.actuator import hrc
+from phnn.recordings.driving import input_before
 from phnn.recordings.recording import Anchor, Recording, dominant_frequency
 from phnn.setup import Setup
-from phnn.simulate import input_before
 
 Array = NDArray[np.float64]
 
@@ -113,15 +113,14 @@ def fit_identified(
     """
     free = [n for n in setup.free if n not in held]
     reasons = dict(held)
-    problem = Problem(setup, plan, variables_of(setup, plan, free))
+    problem = Problem(setup, plan, variables_from(setup, plan, free, origin))
     start = problem.variables.start(setup)
     jacobian = problem.jacobian(start)[:, : len(free)]
     for name in unidentified(jacobian, free):
         if name not in keep:
             reasons[name] = _reason(setup, name)
     names = [n for n in free if n not in reasons]
-    same = names == free and (origin is None or not problem.variables.unknown)
-    begun = problem if same else None
+    begun = problem if names == free else None
     found = fit(setup, plan, names, reasons, max_evaluations, tolerance, origin, begun=begun)
     weak = [n for n in unidentified(found.jacobian[:, : len(names)], names) if n not in keep]
     if not weak:

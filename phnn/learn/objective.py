@@ -22,8 +22,8 @@ from phnn.integrate.rest import equilibrium
 from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.solvers import Solver
 from phnn.learn.windows import Window, starts_at_zero, windows_of
+from phnn.recordings.driving import input_before
 from phnn.recordings.recording import Part, Recording
-from phnn.simulate import input_before
 
 _HEAD_SHARE, _HEAD_LEAST = 0.02, 50
 _SETTLING = 20

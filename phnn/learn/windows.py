@@ -15,9 +15,9 @@ import torch
 from torch import Tensor
 
 from phnn.errors import InputRefused
+from phnn.recordings.driving import input_before
 from phnn.recordings.recording import Part, Recording
 from phnn.signals.reconstruct import substep_counts, substep_input
-from phnn.simulate import input_before
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,6 +72,10 @@ class Recording:
         units: of input and output.
         further: ``(N,)`` inputs at further ports of the network, by the port's name.
         measures: the storage of the network that is measured; its ``output`` where empty.
+        instants: ``(G,)`` when the input jumps, in sample intervals (0 to 1) behind the sample before the jump; jumps
+            may share one (`phnn.recordings.driving`). None where nothing is known: the samples do not tell.
+        instants_declared: they are stated, not to be estimated.
+        rise: how long a jump of the input takes, s.
     """
 
     name: str
@@ -90,6 +94,9 @@ class Recording:
     units: Units = ACTUATOR
     further: Mapping[str, np.ndarray] = field(default_factory=dict)
     measures: str = ""
+    instants: np.ndarray | None = None
+    instants_declared: bool = False
+    rise: float = 0.0
 
     @property
     def drive(self) -> np.ndarray:

@@ -1,47 +1,37 @@
-"""What lies between the samples of an input: its reconstruction on the sub-steps of a simulation.
+"""Reconstruct a sampled input on the sub-steps of a simulation.
 
 A linear hold of a 150 Hz sine at 10 kHz is wrong by more than the noise of a good sensor, so smooth inputs are
-reconstructed by splines or band-limited. A jump is not smooth: the earlier sample is held until the
-instant of the later one, as a digital source does.
+reconstructed by splines or band-limited. Where the input is not smooth (`phnn.signals.breaks`) the smooth stretches on
+both sides are continued into the interval and exchanged at the instant of the break. The instant of a jump is not known
+from the samples: half a microsecond of a step of 60 V moves a stage by more than its sensor's noise.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
-from scipy.interpolate import make_interp_spline
 
 from phnn.errors import InputRefused
+from phnn.signals.breaks import Breaks, find_breaks, find_jumps
+from phnn.signals.stretch import Stretch
 
 Array = NDArray[np.float64]
 
 METHODS = ("cubic", "quintic", "band_limited", "linear", "zero_order")
+# What is declared to be linear or held between samples has no breaks to look for. What is band-limited has none either:
+# it rings where it sets in, and a stretch cut off there is wrong at its ends.
+_WITH_BREAKS = ("cubic", "quintic")
 _JUMP_SHARE = 0.05
-_JUMP_RATIO = 20.0
 _JUMP_INTERVALS = 32
 _JUMP_FACTOR = 16
-_DENSE = 8
-_ORDER = {"linear": 1, "cubic": 3, "quintic": 5}
-
-
-def find_jumps(u: Array) -> NDArray[np.int64]:
-    """Indices ``n`` where the input jumps between samples ``n − 1`` and ``n``.
-
-    A jump is a difference above 5 % of the range and above twenty times the typical difference next to it.
-    """
-    span = float(np.ptp(u))
-    if span == 0.0 or u.size < 4:
-        return np.zeros(0, np.int64)
-    steps = np.abs(np.diff(u))
-    # Mirrored at the ends: padding with zeros would make every difference of a short record a jump.
-    padded = np.pad(steps, 3, mode="reflect")
-    around = np.lib.stride_tricks.sliding_window_view(padded, 7)
-    neighbours = np.delete(around, 3, axis=1)
-    typical = np.median(neighbours, axis=1)
-    return np.flatnonzero((steps > _JUMP_SHARE * span) & (steps > _JUMP_RATIO * typical)) + 1
+# Instants of jumps that nobody knows: at the later sample, as of a source that holds each value; in the middle of the
+# interval where the transition takes longer than that.
+HELD, _MIDDLE = 1.0, 0.5
+_SHARP = 1e-15
 
 
 def substep_counts(u: Array, before: float, substeps: int) -> NDArray[np.int64]:
@@ -51,65 +41,204 @@ def substep_counts(u: Array, before: float, substeps: int) -> NDArray[np.int64]:
         before: input before the first sample.
     """
     counts = np.full(u.size - 1, substeps, dtype=np.int64)
-    jumps = find_jumps(u).tolist()
+    jumps = (find_jumps(u) - 1).tolist()
     if abs(u[0] - before) > _JUMP_SHARE * float(np.ptp(u)):
         jumps.append(0)
-    for jump in jumps:
-        counts[jump : jump + _JUMP_INTERVALS] = substeps * _JUMP_FACTOR
+    for interval in jumps:
+        counts[interval : interval + _JUMP_INTERVALS] = substeps * _JUMP_FACTOR
     return counts
-
-
-def substep_input(u: Array, counts: NDArray[np.int64], method: str) -> Array:
-    """The input at the start, middle and end of every sub-step.
-
-    Args:
-        u: (N,) samples.
-        counts: (N−1,) sub-steps of the sample intervals.
-        method: one of ``cubic``, ``quintic``, ``band_limited``, ``linear``, ``zero_order``.
-
-    Returns:
-        (Σ counts, 3) values; the end of one row and the start of the next differ at a jump.
-
-    Raises:
-        InputRefused: an unknown method.
-    """
-    if method not in METHODS:
-        raise InputRefused(f"input: {method!r} is not a reconstruction; choose {', '.join(METHODS)}")
-    if method == "zero_order":
-        return np.repeat(np.repeat(u[:-1], counts)[:, None], 3, axis=1)
-    nodes = np.concatenate([[0], np.cumsum(counts)])
-    interval = np.repeat(np.arange(counts.size), counts)
-    # Position of each sub-step's start in units of the sample interval.
-    first = interval + (np.arange(nodes[-1]) - nodes[interval]) / counts[interval]
-    size = 1.0 / counts[interval]
-    positions = np.column_stack([first, first + 0.5 * size, first + size])
-    fine = np.empty((int(nodes[-1]), 3))
-    # What is band-limited has no jumps: it rings where it sets in, and a piece cut off there is wrong at its ends.
-    jumps = [] if method == "band_limited" else find_jumps(u).tolist()
-    edges = [0, *jumps, u.size]
-    for start, stop in pairwise(edges):
-        rows = slice(nodes[start], nodes[stop - 1])
-        fine[rows] = _smooth(u[start:stop], positions[rows] - start, method)
-        if stop < u.size:
-            fine[nodes[stop - 1] : nodes[stop]] = u[stop - 1]
-    return fine
-
-
-def _smooth(u: Array, positions: Array, method: str) -> Array:
-    """One smooth stretch at positions counted in samples."""
-    if method == "band_limited" and u.size > 32:
-        # A straight line is taken out, because the filter assumes zero outside the record.
-        line = np.linspace(u[0], u[-1], u.size)
-        dense = np.asarray(signal.resample_poly(u - line, _DENSE, 1, window=("kaiser", 14.0)))
-        dense = dense[: (u.size - 1) * _DENSE + 1]
-        spline = make_interp_spline(np.arange(dense.size) / _DENSE, dense, k=3)
-        return np.asarray(spline(positions) + np.interp(positions, np.arange(u.size), line))
-    order = min(_ORDER.get(method, 3), u.size - 1)
-    if order < 1:
-        return np.full(positions.shape, u[0])
-    return np.asarray(make_interp_spline(np.arange(u.size), u, k=order if order % 2 else order - 1)(positions))
 
 
 def mean_input(fine: Array) -> Array:
     """(n,) means over the sub-steps by Simpson's rule."""
     return np.asarray((fine[..., 0] + 4.0 * fine[..., 1] + fine[..., 2]) / 6.0)
+
+
+def substep_input(u: Array, counts: NDArray[np.int64], method: str, instants: Array | None = None) -> Array:
+    """The input at the start, middle and end of every sub-step; see `Reconstruction`."""
+    return Reconstruction(u, counts, method).fine(instants)
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """An input between its samples.
+
+    Attributes:
+        u: (N,) samples.
+        counts: (N−1,) sub-steps of the sample intervals.
+        method: one of ``cubic``, ``quintic``, ``band_limited``, ``linear``, ``zero_order``.
+        rise: how long jumps take, in sample intervals, 0 to 1.
+
+    Raises:
+        InputRefused: an unknown method.
+    """
+
+    u: Array
+    counts: NDArray[np.int64]
+    method: str
+    rise: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputRefused(f"input: {self.method!r} is not a reconstruction; choose {', '.join(METHODS)}")
+
+    @cached_property
+    def breaks(self) -> Breaks:
+        """Where the input is not smooth."""
+        if self.method in _WITH_BREAKS:
+            return find_breaks(self.u)
+        return Breaks(np.zeros(0, np.int64), np.zeros(0))
+
+    @cached_property
+    def nominal(self) -> Array:
+        """(J,) instants that are assumed of jumps, in sample intervals behind the sample before the jump."""
+        return np.array([HELD if j.law == _FAST else _MIDDLE for j in self._jumps])
+
+    def fine(self, instants: Array | None = None) -> Array:
+        """(n, 3) input at the start, middle and end of the sub-steps; its Simpson mean is exact in the sub-step of a
+        break, where the end of one row and the start of the next differ.
+
+        Args:
+            instants: (J,) of the jumps, each between 0 and 1 sample interval behind the sample before it.
+        """
+        if not self._jumps:
+            return self._known
+        fine = self._known.copy()
+        for jump, instant in zip(self._jumps, self.nominal if instants is None else instants, strict=True):
+            fine[jump.rows] = jump.values(instant)
+        return fine
+
+    def slopes(self, instants: Array | None, group: NDArray[np.int64]) -> Array:
+        """(n, G) derivatives of the mean input by instants that several jumps may share.
+
+        Args:
+            group: (J,) which instant each jump has, 0 … G − 1.
+        """
+        out = np.zeros((self._known.shape[0], int(group.max(initial=-1)) + 1))
+        at = self.nominal if instants is None else instants
+        for jump, instant, g in zip(self._jumps, at, group, strict=True):
+            out[jump.rows, g] += jump.slope(instant)
+        return out
+
+    @cached_property
+    def _nodes(self) -> NDArray[np.int64]:
+        return np.concatenate([[0], np.cumsum(self.counts)])
+
+    @cached_property
+    def _positions(self) -> Array:
+        """(n, 3) start, middle and end of the sub-steps, counted in samples."""
+        nodes, interval = self._nodes, np.repeat(np.arange(self.counts.size), self.counts)
+        first = interval + (np.arange(nodes[-1]) - nodes[interval]) / self.counts[interval]
+        size = 1.0 / self.counts[interval]
+        return np.column_stack([first, first + 0.5 * size, first + size])
+
+    @cached_property
+    def _stretches(self) -> list[Stretch]:
+        return self.breaks.stretches(self.u, self.method)
+
+    @cached_property
+    def _known(self) -> Array:
+        """(n, 3) the input, zero in the intervals of jumps."""
+        if self.method == "zero_order":
+            return np.repeat(np.repeat(self.u[:-1], self.counts)[:, None], 3, axis=1)
+        fine = np.zeros(self._positions.shape)
+        for stretch in self._stretches:
+            rows = slice(self._nodes[stretch.first], self._nodes[stretch.first + stretch.u.size - 1])
+            fine[rows] = stretch(self._positions[rows])
+        for n, instant, (left, right) in self._broken:
+            if not np.isnan(instant):
+                rows = slice(self._nodes[n - 1], self._nodes[n])
+                fine[rows] = _kinked(self._positions[rows], n - 1 + instant, left, right)
+        fine.flags.writeable = False
+        return fine
+
+    @property
+    def _broken(self) -> list[tuple[int, float, tuple[Stretch, Stretch]]]:
+        """Sample, instant and sides of every break."""
+        return list(zip(self.breaks.at.tolist(), self.breaks.instant, pairwise(self._stretches), strict=True))
+
+    @cached_property
+    def _jumps(self) -> list[_Jump]:
+        found = []
+        for n, instant, (left, right) in self._broken:
+            if np.isnan(instant):
+                rows = slice(int(self._nodes[n - 1]), int(self._nodes[n]))
+                at = self._positions[rows]
+                law = _law_of(left, right, self.u.size, self.rise)
+                found.append(_Jump(rows, at - (n - 1), left(at), right(at) - left(at), law))
+        return found
+
+
+@dataclass(frozen=True)
+class _Law:
+    """Centre and duration of a transition, in sample intervals: linear functions of the one unknown."""
+
+    centre: tuple[float, float]
+    duration: tuple[float, float]
+
+
+_FAST = _Law((0.0, 1.0), (0.0, 0.0))
+# A transition by way of a single sample begins somewhere before and ends at it, or the other way round.
+_INTO, _OUT_OF = _Law((0.5, 0.5), (1.0, -1.0)), _Law((0.0, 0.5), (0.0, 1.0))
+
+
+def _law_of(left: Stretch, right: Stretch, samples: int, rise: float) -> _Law:
+    """How the transition between two stretches goes."""
+    if right.u.size == 1 and right.first + 1 < samples and left.u.size > 1:
+        return _INTO
+    if left.u.size == 1 and left.first > 0 and right.u.size > 1:
+        return _OUT_OF
+    return _Law((0.5 * rise, 1.0 - rise), (rise, 0.0)) if rise else _FAST
+
+
+@dataclass(frozen=True, eq=False)
+class _Jump:
+    """A transition from the left to the right stretch, linear in time, within one sample interval.
+
+    Attributes:
+        rows: its sub-steps.
+        at: (r, 3) their positions in the interval, 0 to 1.
+        left: (r, 3) the left stretch; gap: (r, 3) the right one minus the left one.
+        law: of centre and duration.
+    """
+
+    rows: slice
+    at: Array
+    left: Array
+    gap: Array
+    law: _Law
+
+    def _shares(self, instant: float) -> tuple[Array, Array, Array, Array]:
+        """Edges of the sub-steps (r+1,), the share of the transition that is done at them, its integral, and the
+        derivative of the integral by the duration."""
+        edges = np.append(self.at[:, 0], 1.0)
+        centre = self.law.centre[0] + self.law.centre[1] * instant
+        duration = max(self.law.duration[0] + self.law.duration[1] * instant, _SHARP)
+        share = np.clip((edges - centre) / duration + 0.5, 0.0, 1.0)
+        # The transition ends within its interval, also where rounding says otherwise.
+        share[0], share[-1] = 0.0, 1.0
+        integral = 0.5 * duration * share**2 + np.maximum(edges - centre - 0.5 * duration, 0.0)
+        return edges, share, integral, 0.5 * share * (1.0 - share)
+
+    def values(self, instant: float) -> Array:
+        """(r, 3) the input; means over the sub-steps are exact where the gap is constant."""
+        edges, _, integral, _ = self._shares(instant)
+        return self.left + self.gap * (np.diff(integral) / np.diff(edges))[:, None]
+
+    def slope(self, instant: float) -> Array:
+        """(r,) derivative of the mean input by the instant."""
+        edges, share, _, by_duration = self._shares(instant)
+        change = -self.law.centre[1] * np.diff(share) + self.law.duration[1] * np.diff(by_duration)
+        return np.asarray(mean_input(self.gap) * change / np.diff(edges))
+
+
+def _kinked(at: Array, instant: float, left: Stretch, right: Stretch) -> Array:
+    """(r, 3) the input on the sub-steps of the interval of a kink: left of the instant one stretch, then the other."""
+    before, gap = left(at), right(at) - left(at)
+    values = np.where(at[:, :1] >= instant, before + gap, before)
+    inside = np.flatnonzero((at[:, 0] < instant) & (instant < at[:, 2]))
+    for i in inside:
+        share = (at[i, 2] - instant) / (at[i, 2] - at[i, 0])
+        meeting = gap[i, 2] + (gap[i, 0] - gap[i, 2]) * share
+        values[i] = before[i] + 0.5 * (meeting + gap[i, 2]) * share
+    return np.asarray(values)

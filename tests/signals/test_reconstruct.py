@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from phnn.errors import InputRefused
-from phnn.signals.reconstruct import METHODS, find_jumps, mean_input, substep_counts, substep_input
+from phnn.signals.breaks import find_breaks, find_jumps
+from phnn.signals.reconstruct import METHODS, Reconstruction, mean_input, substep_counts, substep_input
 
 
 def positions(counts: np.ndarray) -> np.ndarray:
@@ -64,18 +67,93 @@ def test_orders_of_a_sine_at_67_samples_a_period() -> None:
     assert 5e-4 < errors["linear"] < 2e-3 < errors["zero_order"]
 
 
-def test_a_jump_is_found_and_held_until_its_instant() -> None:
+def test_a_jump_is_found_and_the_stretch_before_it_continued_until_its_instant() -> None:
     u = np.sin(0.02 * SAMPLES)
     u[25:] += 3.0
     assert find_jumps(u).tolist() == [25]
-    fine = substep_input(u, COUNTS, "cubic")
-    nodes = np.concatenate([[0], np.cumsum(COUNTS)])
-    assert (fine[nodes[24] : nodes[25]] == u[24]).all()
-    assert fine[nodes[25], 0] == u[25]
-    # The smooth stretches on both sides know nothing of it.
     at = positions(COUNTS)
-    np.testing.assert_allclose(fine[: nodes[24]], np.sin(0.02 * at[: nodes[24]]), atol=1e-7)
-    np.testing.assert_allclose(fine[nodes[25] :], 3.0 + np.sin(0.02 * at[nodes[25] :]), atol=1e-7)
+    for instants, instant in ((None, 25.0), (np.array([0.4]), 24.4)):
+        fine = substep_input(u, COUNTS, "cubic", instants)
+        whole = (at[:, 2] <= instant) | (at[:, 0] >= instant)
+        np.testing.assert_allclose(
+            fine[whole], (np.sin(0.02 * at) + 3.0 * (at[:, :1] >= instant))[whole], rtol=0.0, atol=1e-7
+        )
+        # In the sub-step of the jump the mean is that of the true input.
+        sizes = at[:, 2] - at[:, 0]
+        missing = np.sum((mean_input(fine) - mean_input(np.sin(0.02 * at))) * sizes)
+        np.testing.assert_allclose(missing, 3.0 * (SAMPLES[-1] - instant), atol=1e-6)
+
+
+def test_kinks_are_placed_between_the_samples() -> None:
+    counts = np.full(199, 3)
+    at, sizes = positions(counts), np.diff(positions(counts)[:, [0, 2]], axis=1)[:, 0]
+
+    def trapezoid(t: np.ndarray) -> np.ndarray:
+        return np.clip((t - 60.3) / 10.0, 0.0, 1.0) - np.clip((t - 120.9) / 7.0, 0.0, 1.0)
+
+    u = 60.0 * trapezoid(np.arange(200.0))
+    breaks = find_breaks(u)
+    np.testing.assert_allclose(breaks.at - 1 + breaks.instant, [60.3, 70.3, 120.9, 127.9], atol=1e-9)
+    fine = substep_input(u, counts, "cubic")
+    smooth = np.all([(at[:, 2] <= kink) | (at[:, 0] >= kink) for kink in (60.3, 70.3, 120.9, 127.9)], axis=0)
+    np.testing.assert_allclose(fine[smooth], 60.0 * trapezoid(at)[smooth], atol=1e-9)
+    # The integral of every sub-step, by a grid that contains the kinks.
+    dense = np.linspace(0.0, 199.0, 199 * 90 + 1)
+    area = np.concatenate([[0.0], np.cumsum(np.diff(dense) * 0.5 * (trapezoid(dense)[1:] + trapezoid(dense)[:-1]))])
+    exact = np.interp(at[:, 2], dense, area) - np.interp(at[:, 0], dense, area)
+    np.testing.assert_allclose(mean_input(fine) * sizes, 60.0 * exact, atol=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e-6, 0.25, 0.5, 0.999])
+def test_a_triangle_is_reconstructed_whatever_the_phase_of_its_samples(offset: float) -> None:
+    def triangle(t: np.ndarray) -> np.ndarray:
+        return 40.0 * (2.0 * np.abs(2.0 * (((t + offset) / 83.37) % 1.0) - 1.0) - 1.0)
+
+    counts = np.full(999, 2)
+    kinks = np.arange(1, 24) * 83.37 / 2.0 - offset
+    grid = np.unique(np.concatenate([positions(counts)[:, 0], [999.0], kinks]))
+    area = np.concatenate([[0.0], np.cumsum(np.diff(grid) * triangle(0.5 * (grid[1:] + grid[:-1])))])
+    exact = np.interp(positions(counts)[:, 2], grid, area) - np.interp(positions(counts)[:, 0], grid, area)
+    found = mean_input(substep_input(triangle(np.arange(1000.0)), counts, "cubic")) / 2.0
+    # The integral over an interval with a kink, were it splined, would be wrong by 0.1.
+    np.testing.assert_allclose(found, exact, atol=1e-4)
+
+
+def test_smooth_inputs_have_no_breaks() -> None:
+    t, rng = np.arange(6000.0), np.random.default_rng(3)
+    tones = rng.uniform(0.0, 0.1, 300)
+    for u in (
+        np.sin(0.1 * t), np.round(75.0 * np.sin(0.001 * t), 2), np.sin(1e-5 * t**2), rng.standard_normal(6000),
+        np.sin(0.01 * t) + 1e-3 * rng.standard_normal(6000), np.tanh((t - 3000.0) / 20.0),
+        np.cos(2.0 * np.pi * np.outer(t, tones) + rng.uniform(0.0, 6.28, 300)).sum(axis=1),
+    ):  # fmt: skip
+        assert find_breaks(u).at.size == 0
+
+
+@given(
+    instants=st.lists(st.floats(0.01, 0.99), min_size=3, max_size=3), seed=st.integers(0, 10**6),
+    rise=st.sampled_from([0.0, 0.3, 1.0]),
+)  # fmt: skip
+@settings(deadline=None, max_examples=30)
+def test_slopes_are_the_derivatives_of_the_mean_input(instants: list[float], seed: int, rise: float) -> None:
+    # A plain jump, and a transition by way of a single sample.
+    u = np.repeat([0.0, 5.0, 7.0, 12.0], [40, 30, 1, 29]) + 0.3 * np.sin(0.1 * np.arange(100.0) + seed)
+    found = Reconstruction(u, np.random.default_rng(seed).integers(1, 9, 99), "cubic", rise)
+    assert found.breaks.jumps.tolist() == [40, 70, 71]
+    at, group = np.array(instants), np.array([0, 1, 1])
+    slopes = found.slopes(at, group)
+    for g in (0, 1):
+        step = 1e-7 * (group == g)
+        change = (mean_input(found.fine(at + step)) - mean_input(found.fine(at - step))) / 2e-7
+        np.testing.assert_allclose(slopes[:, g], change, atol=1e-5)
+
+
+def test_the_slopes_at_either_bound_are_one_sided() -> None:
+    found = Reconstruction(np.repeat([0.0, 5.0], 20), np.full(39, 4), "cubic")
+    for instant in (0.0, 1.0):
+        slope = found.slopes(np.array([instant]), np.zeros(1, dtype=np.int64))
+        # A jump of 5 that comes earlier by an instant adds 5 times that to the integral, sub-steps a quarter long.
+        np.testing.assert_allclose(slope.sum() / 4.0, -5.0, rtol=1e-9)
 
 
 def test_several_jumps_a_staircase_and_none() -> None:
@@ -95,8 +173,9 @@ def test_more_substeps_follow_a_jump_and_a_start_that_is_one() -> None:
     u[100:] += 3.0
     counts = substep_counts(u, 0.0, 2)
     assert counts.size == 199
-    assert (counts[:100] == 2).all()
-    assert (counts[100:110] > 2).all()
+    # The jump lies in the interval before sample 100.
+    assert (counts[:99] == 2).all()
+    assert (counts[99:110] > 2).all()
     assert (counts[150:] == 2).all()
     assert (substep_counts(u + 5.0, 0.0, 2)[:10] > 2).all()
 

@@ -1,0 +1,122 @@
+"""The input of a recording on the sub-steps of a simulation, and the unknown instants of its jumps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.recordings.recording import Recording
+from phnn.signals.reconstruct import Reconstruction, mean_input, substep_counts, substep_input
+
+Array = NDArray[np.float64]
+
+# Jumps of a recording whose instants are estimated one by one. More of them come from one clock: their instants lie
+# equally far behind the sample before.
+_ALONE = 24
+# Periods that miss whole samples by less than this over the recording let their jumps share an instant.
+_WHOLE = 0.02
+
+
+class Driving(NamedTuple):
+    """Attributes:
+    counts: (N−1,) sub-steps of every sample interval, those of a run-in before them.
+    command: the first input; further: (n, F) means of the other ones.
+    group: (J,) which of the recording's instants each jump of the first input has.
+    """
+
+    counts: NDArray[np.int64]
+    command: Reconstruction
+    further: Array
+    group: NDArray[np.int64]
+
+    def fine(self, recording: Recording) -> Array:
+        """(n, 3) the first input with jumps at the recording's instants."""
+        return self.command.fine(None if recording.instants is None else recording.instants[self.group])
+
+    def slopes(self, recording: Recording) -> Array:
+        """(n, G) derivatives of the mean first input by the recording's instants."""
+        return self.command.slopes(None if recording.instants is None else recording.instants[self.group], self.group)
+
+    @property
+    def nominal(self) -> Array:
+        """(G,) the instants that are assumed where nothing is known."""
+        return np.array([self.command.nominal[self.group == g][0] for g in range(self.group.max(initial=-1) + 1)])
+
+
+class _Same:
+    """An array as the key of a cache: equal to itself alone."""
+
+    __slots__ = ("array",)
+
+    def __init__(self, array: Array) -> None:
+        self.array = array
+
+    def __hash__(self) -> int:
+        return id(self.array)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and other.array is self.array
+
+
+def driving_of(recording: Recording, substeps: int, method: str | None = None) -> Driving:
+    """The input of a recording between its samples; kept, because every candidate model sees the same one.
+
+    Args:
+        substeps: steps a sample interval, more of them after jumps.
+        method: another reconstruction than the recording's.
+    """
+    return _driving(
+        _Same(recording.u), tuple(_Same(x) for x in recording.further.values()), recording.cycle,
+        input_before(recording, recording.u), substeps, method or recording.interpolation,
+        recording.rise / recording.dt, (recording.period or 0.0) / recording.dt,
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=64)
+def _driving(
+    u: _Same, further: Sequence[_Same], lead: int, before: float, substeps: int, method: str, rise: float, period: float
+) -> Driving:
+    samples, *others = (np.concatenate([x.array[:lead], x.array]) for x in (u, *further))
+    counts = substep_counts(samples, before, substeps)
+    for x in others:
+        counts = np.maximum(counts, substep_counts(x, float(x[0]), substeps))
+    counts = settled(counts, lead)
+    command = Reconstruction(samples, counts, method, rise)
+    means = np.zeros((int(counts.sum()), len(others)))
+    for k, x in enumerate(others):
+        means[:, k] = mean_input(substep_input(x, counts, method))
+    means.flags.writeable = False
+    return Driving(counts, command, means, _shared(command.breaks.jumps, lead, period, samples.size))
+
+
+def _shared(jumps: NDArray[np.int64], lead: int, period: float, samples: int) -> NDArray[np.int64]:
+    """(J,) numbers of the instants: those of one phase of the cycle share one, and all do where there are many."""
+    whole = round(period)
+    if lead:
+        jumps = jumps % lead
+    elif whole and abs(period - whole) * samples / period < _WHOLE:
+        jumps = jumps % whole
+    group = np.unique(jumps, return_inverse=True)[1].astype(np.int64)
+    return group if group.max(initial=-1) < _ALONE else np.zeros_like(group)
+
+
+def unknown_instants(recording: Recording) -> Array:
+    """(G,) present values of the instants that are to be estimated, none where they are declared."""
+    if recording.instants_declared:
+        return np.zeros(0)
+    return driving_of(recording, 1).nominal if recording.instants is None else recording.instants
+
+
+def input_before(recording: Recording, samples: Array) -> float:
+    """The input before the first sample; the first sample itself where the start does not say."""
+    return recording.start.input_before if recording.start.state == "rest" else float(samples[0])
+
+
+def settled(x: Any, cycle: int) -> Any:
+    """(n, …) what happens in the steps of a simulation, the first cycle of it replaced by the second, which has
+    settled. A recording of one cycle lacks the last interval of its second one; there the first has settled too."""
+    return np.concatenate([x[cycle : 2 * cycle], x[min(cycle, x.shape[0] - cycle) :]]) if cycle else x

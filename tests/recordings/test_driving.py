@@ -1,0 +1,116 @@
+"""Inputs that jump between samples: groups of instants, exact derivatives, and their estimation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from phnn.derivatives import output_derivatives
+from phnn.effects import effect
+from phnn.identify.evaluate import evaluate, with_instants
+from phnn.identify.fit import fit
+from phnn.identify.problem import Plan
+from phnn.models import from_paper
+from phnn.recordings.driving import driving_of, unknown_instants
+from phnn.recordings.recording import Part, Recording, Start
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+DT = 1e-4
+
+
+def recording(u: np.ndarray, dt: float = DT, name: str = "steps", interpolation: str = "cubic") -> Recording:
+    return Recording(
+        name=name, t=dt * np.arange(u.size), u=u, y=np.zeros(u.size), start=Start("rest", 0.0),
+        interpolation=interpolation, parts=(Part(name, 0, u.size, "identification"),), noise=5e-8,
+        noise_source="stated", noise_correlation=np.ones(1), period=None, channels={}, source=name,
+    )  # fmt: skip
+
+
+def steps_at(t: np.ndarray, *instants: float) -> np.ndarray:
+    return 60.0 * (t >= instants[0]) - 25.0 * (t >= instants[1])
+
+
+@given(
+    instants=st.tuples(st.floats(0.05, 0.95), st.floats(0.05, 0.95)), chain=st.sampled_from(["", "amplifier_lowpass"])
+)
+@settings(deadline=None, max_examples=8)
+def test_derivatives_by_instants_are_exact(instants: tuple[float, float], chain: str) -> None:
+    setup = Setup(from_paper())
+    if chain:
+        law = effect(chain)
+        setup = law.add_to(setup, dict.fromkeys(law.parameters, 0.0003))
+    u = steps_at(DT * np.arange(1200), 0.02005, 0.06005)
+    at = np.array(instants)
+    here = replace(recording(u), instants=at)
+    exact = output_derivatives(simulate(setup, here, 2), ["k"], instants=True)
+    assert exact.shape == (1200, 3)
+    for g in (0, 1):
+        step = np.eye(2)[g] * 1e-6
+        up, down = (simulate(setup, replace(here, instants=at + s), 2).y for s in (step, -step))
+        change = (up - down) / 2e-6
+        # The instant moves the output by tens of micrometres a sample.
+        assert np.abs(change).max() > 5e-6
+        np.testing.assert_allclose(exact[:, 1 + g], change, atol=2e-6 * np.abs(change).max())
+
+
+def test_a_jump_between_samples_is_simulated_as_on_a_grid_that_contains_it() -> None:
+    setup = Setup(from_paper())
+    fine = 2e-6 * np.arange(100_000)
+    held = recording(steps_at(fine, 0.020_036 - 1e-9, 0.080_082 - 1e-9), 2e-6, interpolation="zero_order")
+    truth = simulate(setup, held, 1).y[::50]
+    coarse = recording(steps_at(DT * np.arange(2000), 0.020_036, 0.080_082))
+    found = simulate(setup, replace(coarse, instants=np.array([0.36, 0.82])), 4).y
+    assert np.abs(found - truth).max() < 3e-9
+    # What the samples alone say is wrong by micrometres.
+    assert np.abs(simulate(setup, coarse, 4).y - truth).max() > 5e-6
+
+
+def test_instants_are_estimated_with_the_parameters_and_for_a_held_out_recording() -> None:
+    setup, rng = Setup(from_paper()), np.random.default_rng(5)
+    u = steps_at(DT * np.arange(3000), 0.020_05, 0.150_05)
+    drawn = np.array([0.27, 0.61])
+
+    def measured(name: str) -> Recording:
+        known = replace(recording(u, name=name), instants=drawn)
+        return replace(known, y=simulate(setup, known, 4).y + 5e-8 * rng.standard_normal(u.size), instants=None)
+
+    seen, other = measured("seen"), measured("other")
+    begun = setup.with_values({"k": 1.02 * setup.parameters["k"].value, "b": 0.9 * setup.parameters["b"].value})
+    found = fit(begun, Plan((seen,), {"seen": 4}), ["k", "b"])
+    assert found.chi2 == pytest.approx(1.0, abs=0.1)
+    estimated = found.plan.recordings[0].instants
+    assert estimated is not None
+    np.testing.assert_allclose(estimated, drawn, atol=5e-3)
+    # A fit goes on from them, and they cost a column each.
+    again = fit(found.setup, found.plan, ["k", "b"])
+    assert again.evaluations < found.evaluations
+    assert again.jacobian.shape[1] == 4
+    held_out = replace(other, parts=(Part("other", 0, 3000, "confirmation"),))
+    scores = evaluate(found.setup, Plan((held_out,), {"other": 4}), {})
+    assert scores.over_noise("confirmation") == pytest.approx(1.0, abs=0.1)
+
+
+def test_declared_instants_are_believed() -> None:
+    u = steps_at(DT * np.arange(600), 0.01, 0.02)
+    stated = replace(recording(u), instants=np.array([0.2, 0.4]), instants_declared=True)
+    assert unknown_instants(stated).size == 0
+    assert with_instants(Setup(from_paper()), stated, 1, None) is stated
+    for interpolation in ("linear", "zero_order", "band_limited"):
+        assert unknown_instants(replace(recording(u), interpolation=interpolation)).size == 0
+
+
+def test_jumps_of_one_phase_share_an_instant_and_so_do_very_many() -> None:
+    wave = np.tile(np.repeat([0.0, 10.0], 50), 8)
+    periodic = replace(recording(wave), period=100 * DT)
+    assert driving_of(periodic, 1).group.tolist() == [1, 0] * 7 + [1]
+    # In a steady cycle the wrap-around is a jump, too.
+    cyclic = replace(periodic, start=Start("periodic"))
+    assert set(driving_of(cyclic, 1).group.tolist()) == {0, 1}
+    assert unknown_instants(recording(wave)).size == 15
+    many = np.repeat(np.random.default_rng(0).uniform(0.0, 50.0, 60), 20)
+    assert unknown_instants(recording(many)).size == 1
