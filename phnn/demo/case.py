@@ -91,7 +91,7 @@ def draw_case(
             "other": one listed effect in another form;
             "pair": two listed effects that differ in kind;
             "outside": one that no catalogue lists, or a listed one whose name is withheld.
-        plan: "full" (13 recordings), "demo" (12), "short" (4) or "few" (2).
+        plan: see `phnn.demo.plans.plan_of`.
         levels: residual over noise that an effect alone leaves beyond a refit of the base model; log-uniform. Either
             effect of a pair leaves at least twice the noise.
         deltas: noncentralities to draw from instead of ``levels``; log-uniform.

@@ -35,11 +35,11 @@ def _dead_zone(e: float, rho: float, half: float) -> float:
 
 @njit(cache=True)
 def _commanded(t: float, drive: Array) -> tuple[float, float]:
-    """Commanded voltage [V] and its slope [V/s] on one piece."""
+    """Commanded voltage [V] and its time derivative [V/s] on one piece."""
     since = t - drive[4]
     phase = 2.0 * math.pi * (drive[2] * since + 0.5 * drive[3] * since * since)
-    slope = drive[1] * 2.0 * math.pi * (drive[2] + drive[3] * since) * math.cos(phase)
-    return drive[0] + drive[1] * math.sin(phase), slope
+    rate = drive[1] * 2.0 * math.pi * (drive[2] + drive[3] * since) * math.cos(phase)
+    return drive[0] + drive[5] * since + drive[1] * math.sin(phase), drive[5] + rate
 
 
 @njit(cache=True)

@@ -13,7 +13,9 @@ PEAK = 75.0  # V, largest voltage of every plan
 
 @dataclass(frozen=True)
 class Piece:
-    """A stretch on which the voltage is smooth: ``V(t) = level + A sin(2π (f₀ t' + ½ f' t'²))``, ``t' = t − shift``.
+    """A stretch on which the voltage is smooth.
+
+    ``V(t) = level + s t' + A sin(2π (f₀ t' + ½ f' t'²))`` with ``t' = t − shift``.
 
     Attributes:
         start, end: s; the voltage may jump where one piece follows another.
@@ -21,6 +23,7 @@ class Piece:
         frequency: ``f₀`` in Hz.
         rate: ``f'`` in Hz/s.
         shift: s.
+        slope: ``s`` in V/s.
     """
 
     start: float
@@ -30,23 +33,24 @@ class Piece:
     frequency: float = 0.0
     rate: float = 0.0
     shift: float = 0.0
+    slope: float = 0.0
 
     def voltage(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """Voltage [V] at times ``t`` [s], shape as ``t``."""
         since = t - self.shift
         phase = 2.0 * math.pi * (self.frequency * since + 0.5 * self.rate * since * since)
-        voltage: NDArray[np.float64] = self.level + self.amplitude * np.sin(phase)
+        voltage: NDArray[np.float64] = self.level + self.slope * since + self.amplitude * np.sin(phase)
         return voltage
 
     @property
     def steepest(self) -> float:
-        """Largest slope [V/s] that a sine of the highest frequency of the piece has."""
+        """Upper bound of the slope [V/s]: the ramp's, and that of a sine of the highest frequency of the piece."""
         highest = max(abs(self.frequency), abs(self.frequency + self.rate * (self.end - self.start)))
-        return 2.0 * math.pi * highest * abs(self.amplitude)
+        return abs(self.slope) + 2.0 * math.pi * highest * abs(self.amplitude)
 
     def as_array(self) -> NDArray[np.float64]:
-        """``(level, amplitude, frequency, rate, shift)`` for the right-hand side."""
-        return np.array([self.level, self.amplitude, self.frequency, self.rate, self.shift])
+        """``(level, amplitude, frequency, rate, shift, slope)`` for the right-hand side."""
+        return np.array([self.level, self.amplitude, self.frequency, self.rate, self.shift, self.slope])
 
 
 @dataclass(frozen=True)

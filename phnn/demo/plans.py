@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from phnn.demo.excitation import PEAK, Excitation, Piece, chirp, sine, step
+from phnn.demo.kinked import KINKED
 from phnn.errors import InputRefused
 
 _DT = 1e-4  # s, sampling interval of the benchmark
@@ -48,12 +50,24 @@ PLANS: dict[str, Callable[[], tuple[Excitation, ...]]] = {"demo": _demo, "short"
 VARIED: dict[str, Callable[[Rng], tuple[Excitation, ...]]] = {"full": _full, "few": _few}
 
 
+def _with(base: str, kind: str, rng: Rng) -> tuple[Excitation, ...]:
+    """A plan with another recording instead of the held step; it is drawn last, so that the others stay the same."""
+    plan = plan_of(base, rng)
+    other = KINKED[kind](rng)
+    return tuple(other if excitation.held else excitation for excitation in plan)
+
+
+VARIED |= {f"{base}_{kind}": partial(_with, base, kind) for base in ("full", "short") for kind in KINKED}
+
+
 def plan_of(name: str, rng: Rng | None = None) -> tuple[Excitation, ...]:
     """The recordings of a plan.
 
     Args:
-        name: "demo" (12 recordings, 41,000 samples), "short" (4, 8,500), "full" (13, some 113,000) or "few" (2, 6,000).
-        rng: draws the frequencies of "full" and "few"; the others are always the same.
+        name: "demo" (12 recordings, 41,000 samples), "short" (4, 8,500), "full" (13, some 113,000) or "few" (2, 6,000);
+            "full_KIND" and "short_KIND" have a recording of `phnn.demo.kinked` in the place of the held step, KIND is
+            "step", "ramp", "triangle", "stair" or "smooth".
+        rng: draws frequencies and instants; "demo" and "short" are always the same.
 
     Raises:
         InputRefused: no plan of this name, or one that varies without ``rng``.
