@@ -1,6 +1,7 @@
 """The concealed actuator from amplifier to sensor; its equations are in ``phnn.demo.equations``.
 
-LSODA solves them; under a coarse converter, whose every step would stop it, Runge and Kutta's method does.
+LSODA solves them. Runge and Kutta's method does under a coarse converter or a random force, which would stop LSODA at
+every step or sample.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import ODEintWarning, odeint
 
+from phnn.demo.disturbance import CALM, Disturbance
 from phnn.demo.equations import Q_0, march, rates
 from phnn.demo.excitation import Excitation
 from phnn.demo.parameters import NEUTRAL, TABLE, Array, packed
@@ -27,12 +29,13 @@ _SAME = 1e-12  # s; LSODA refuses times as close as that
 _FINE = 5e-6  # s; a play turns between the samples, where the displacement does
 
 
-def simulate(parameters: Mapping[str, float], excitation: Excitation) -> Array:
+def simulate(parameters: Mapping[str, float], excitation: Excitation, disturbance: Disturbance = CALM) -> Array:
     """Displacement as an ideal sensor reports it, from rest, at the sampling times.
 
     Args:
         parameters: those of ``TABLE``, and those of ``NEUTRAL`` that are not neutral; SI.
         excitation: continuous voltage; the solver stops and starts again where it jumps.
+        disturbance: a random force, and errors of the sampling instants; none if left out.
 
     Returns:
         y, (samples,), m; the displacement q itself where no effect sits in the sensor.
@@ -44,16 +47,21 @@ def simulate(parameters: Mapping[str, float], excitation: Excitation) -> Array:
     w, sizes = packed(parameters)
     drive = excitation.delayed(values["tau_d"]) if values["tau_d"] > 0.0 else excitation
     parts = math.ceil(excitation.dt / _FINE) if values["delta_b"] > 0.0 else 1
-    t = excitation.t
-    if parts > 1:
-        t = np.arange((excitation.samples - 1) * parts + 1, dtype=np.float64) * (excitation.dt / parts)
-    q = _path(w, sizes, drive, t)
+    sampled, end = excitation.t, excitation.pieces[-1].end
+    if disturbance.late.size > 0:
+        sampled = np.clip(sampled + disturbance.late, 0.0, end)
+    t = sampled
     if values["delta_b"] > 0.0:
-        q = play(q, values["delta_b"])[::parts]
+        last = excitation.samples - (1 if disturbance.late.size == 0 else 0)
+        t = np.minimum(np.arange(last * parts + 1, dtype=np.float64) * (excitation.dt / parts), end)
+    q = _path(w, sizes, drive, t, disturbance.force)
+    if values["delta_b"] > 0.0:
+        q = play(q, values["delta_b"])
+        q = q[::parts] if disturbance.late.size == 0 else np.interp(sampled, t, q)
     return scaled(q, excitation.t, values)
 
 
-def _path(w: NDArray[np.void], sizes: Array, drive: Excitation, t: Array) -> Array:
+def _path(w: NDArray[np.void], sizes: Array, drive: Excitation, t: Array, force: Array) -> Array:
     """Displacement, or what a lagging sensor makes of it, at the times ``t``, (len(t),), m."""
     which = drive.piece_of(t)
     seen = int(w[0]["at_sensor"]) or 2
@@ -64,17 +72,17 @@ def _path(w: NDArray[np.void], sizes: Array, drive: Excitation, t: Array) -> Arr
         asked = np.where(np.abs(t[inside] - piece.start) < _SAME, piece.start, t[inside])
         asked = np.where(np.abs(asked - piece.end) < _SAME, piece.end, asked)
         times = np.unique(np.concatenate([[piece.start], asked, [piece.end]]))
-        path = _solve(x, times, w, piece.as_array(), drive.name, sizes)
+        path = _solve(x, times, w, piece.as_array(), drive.name, sizes, force)
         q[inside] = path[np.searchsorted(times, asked), seen]
         x = path[-1]
     return q
 
 
-def _solve(x: Array, times: Array, w: NDArray[np.void], drive: Array, name: str, sizes: Array) -> Array:
+def _solve(x: Array, times: Array, w: NDArray[np.void], drive: Array, name: str, sizes: Array, force: Array) -> Array:
     """States at ``times``, (len(times), states); the command is smooth on the whole stretch."""
     path: Array
-    if w[0]["Delta_u"] > 0.0:
-        path = march(x, times, w, drive, _STEP)
+    if w[0]["Delta_u"] > 0.0 or force.size > 0:
+        path = march(x, times, w, drive, _STEP, force)
     else:
         path = _adaptive(x, times, w, drive, name, sizes)
     if not np.isfinite(path).all():
@@ -103,6 +111,9 @@ def _adaptive(x: Array, times: Array, w: NDArray[np.void], drive: Array, name: s
     return path
 
 
-def simulate_all(parameters: Mapping[str, float], plan: Sequence[Excitation]) -> tuple[Array, ...]:
-    """``simulate`` for every recording of a plan."""
-    return tuple(simulate(parameters, excitation) for excitation in plan)
+def simulate_all(
+    parameters: Mapping[str, float], plan: Sequence[Excitation], disturbances: Sequence[Disturbance] = ()
+) -> tuple[Array, ...]:
+    """``simulate`` for every recording of a plan; ``disturbances``, where given, are one for each."""
+    each = disturbances or [CALM] * len(plan)
+    return tuple(simulate(parameters, e, d) for e, d in zip(plan, each, strict=True))

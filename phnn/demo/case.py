@@ -10,6 +10,7 @@ import numpy as np
 
 from phnn.demo.base import draw_base
 from phnn.demo.excitation import Excitation
+from phnn.demo.families import of_family
 from phnn.demo.noise import Noise
 from phnn.demo.plans import PLANS, VARIED, plan_of
 from phnn.demo.strata import STRATA, Choice, in_turn
@@ -33,6 +34,7 @@ class Case:
         noise: of the sensor.
         targets: wanted of each effect alone: residual over noise, or noncentrality.
         by_delta: whether targets are noncentralities.
+        family: of the noise, where one was asked for; empty otherwise.
     """
 
     seed: int
@@ -43,6 +45,7 @@ class Case:
     noise: Noise
     targets: tuple[float, ...]
     by_delta: bool
+    family: str = ""
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -80,6 +83,7 @@ def draw_case(
     plan: str = "full",
     levels: tuple[float, float] = (1.5, 10.0),
     deltas: tuple[float, float] | None = None,
+    noise: str | None = None,
 ) -> Case:
     """Decide a case; nothing is simulated.
 
@@ -95,9 +99,12 @@ def draw_case(
         levels: residual over noise that an effect alone leaves beyond a refit of the base model; log-uniform. Either
             effect of a pair leaves at least twice the noise.
         deltas: noncentralities to draw from instead of ``levels``; log-uniform.
+        noise: ``FAMILY`` or ``FAMILY:AMOUNT``, see `phnn.demo.noise.Noise`; if left out, one case in three has noise of
+            first order, the others have white noise. Deviation and, but for the family ``quantised``, least step stay
+            what they are without it.
 
     Raises:
-        InputRefused: unknown stratum or plan, a negative seed, or no range of positive numbers.
+        InputRefused: unknown stratum, plan or noise, a negative seed, or no range of positive numbers.
     """
     if stratum not in STRATA:
         raise InputRefused(f"stratum = {stratum!r}: take one of {', '.join(STRATA)}")
@@ -116,5 +123,7 @@ def draw_case(
     targets = tuple(float(np.exp(rng.uniform(math.log(low), math.log(high)))) for _ in range(2))
     colour = float(rng.uniform(*_COLOURS)) if rng.random() < _COLOURED else 0.0
     order = in_turn(stratum, seed)
-    noise = Noise(deviation, step, colour)
-    return Case(seed, stratum, order, plan, base, noise, targets[: len(order[0].effects)], deltas is not None)
+    made, family = Noise(deviation, step, colour), ""
+    if noise is not None:
+        made, family = of_family(noise, made, _stream(seed, stratum, "noise")), noise.partition(":")[0]
+    return Case(seed, stratum, order, plan, base, made, targets[: len(order[0].effects)], deltas is not None, family)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from phnn.demo.parameters import Array
+from phnn.demo.parameters import FORCE_STEP, Array
 
 Q_0 = 100e-6  # m, displacement that the dimensionless strengths refer to
 _TRACKS = 1e-8  # s, within which a slew-limited amplifier that has caught up follows its command
@@ -226,10 +226,21 @@ def rates(t: float, x: Array, w: Any, drive: Array) -> Array:
 
 
 @njit(cache=True)
-def march(x: Array, times: Array, w: Any, drive: Array, longest: float) -> Array:
+def _pushed(t: float, x: Array, w: Any, drive: Array, force: Array) -> Array:
+    """``rates`` with a force [N] on the mass, (n,) every ``FORCE_STEP`` and straight in between; empty for none."""
+    out = rates(t, x, w, drive)
+    if force.size > 0:
+        at = t / FORCE_STEP
+        i = min(int(at), force.size - 2)
+        out[3] += force[i] + (at - i) * (force[i + 1] - force[i])
+    return out
+
+
+@njit(cache=True)
+def march(x: Array, times: Array, w: Any, drive: Array, longest: float, force: Array) -> Array:
     """States at ``times``, (len(times), states), by Runge and Kutta's method in steps of at most ``longest`` [s].
 
-    For voltages with thousands of jumps, at each of which an adaptive method would begin again.
+    For voltages and forces with thousands of jumps or kinks, at each of which an adaptive method would begin again.
     """
     path = np.empty((times.size, x.size))
     path[0] = x
@@ -238,10 +249,10 @@ def march(x: Array, times: Array, w: Any, drive: Array, longest: float) -> Array
         h = (times[i] - times[i - 1]) / count
         for j in range(count):
             t = times[i - 1] + j * h
-            k_1 = rates(t, x, w, drive)
-            k_2 = rates(t + 0.5 * h, x + 0.5 * h * k_1, w, drive)
-            k_3 = rates(t + 0.5 * h, x + 0.5 * h * k_2, w, drive)
-            k_4 = rates(t + h, x + h * k_3, w, drive)
+            k_1 = _pushed(t, x, w, drive, force)
+            k_2 = _pushed(t + 0.5 * h, x + 0.5 * h * k_1, w, drive, force)
+            k_3 = _pushed(t + 0.5 * h, x + 0.5 * h * k_2, w, drive, force)
+            k_4 = _pushed(t + h, x + h * k_3, w, drive, force)
             x = x + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
         path[i] = x
     return path

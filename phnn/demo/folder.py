@@ -32,10 +32,15 @@ def refuse_strangers(folder: Path, plan: Sequence[Excitation]) -> None:
         raise InputRefused(f"{folder}: holds {strangers[0]}, which the demonstration did not write; name a new folder")
 
 
-def measured(q: Array, noise: float, quantisation: float, rng: np.random.Generator, colour: float = 0.0) -> Array:
-    """What the sensor reports: its zero, noise (white, or of first order where ``colour`` is not 0), and least step."""
-    y = q + rng.uniform(-_ZERO, _ZERO) + Noise(noise, quantisation, colour).drawn(q.size, rng)
-    rounded: Array = np.round(y / quantisation) * quantisation
+def measured(q: Array, noise: float, quantisation: float, rng: np.random.Generator) -> Array:
+    """What a sensor with white noise reports, see ``reported``."""
+    return reported(q, Noise(noise, quantisation), rng)
+
+
+def reported(q: Array, noise: Noise, rng: np.random.Generator) -> Array:
+    """What the sensor reports: its zero, its noise, and its least step."""
+    y = q + rng.uniform(-_ZERO, _ZERO) + noise.drawn(q.size, rng)
+    rounded: Array = np.round(y / noise.step) * noise.step
     return rounded
 
 

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from phnn.demo.case import Case
 from phnn.demo.concealed import Concealed, described
+from phnn.demo.disturbance import Disturbance
 from phnn.demo.excitation import Excitation
-from phnn.demo.folder import MANIFEST, measured, refuse_strangers, write_manifest, write_recording
+from phnn.demo.folder import MANIFEST, refuse_strangers, reported, write_manifest, write_recording
 from phnn.demo.parameters import Array
 from phnn.demo.sealed import Sealed
 from phnn.demo.strata import Choice
 from phnn.demo.strength import Ruler, concealing, find_strength, rulers
+from phnn.demo.unrecorded import disturbed
 from phnn.errors import SolverFailed
 
 _SHAPES = 10  # drawn of one effect before another one takes its place
@@ -72,13 +75,17 @@ def make_case(case: Case, folder: Path) -> Sealed:
     gauges = _Gauges(*rulers(case.base, plan, case.noise)) if case.effects else None
     choice, parts, redrawn = (case.choices[0], [], 0) if gauges is None else _settled(case, plan, gauges)
     outputs = parts[0].outputs if len(parts) == 1 else _together(case, plan, parts)
+    final = disturbed(
+        case.noise, case.base, plan, outputs, lambda d: _together(case, plan, parts, d), case.stream
+    )  # fmt: skip
     sensor = case.stream("sensor")
+    reports = [reported(q, case.noise, sensor) for q in final.outputs]
     folder.mkdir(parents=True, exist_ok=True)
-    for excitation, q in zip(plan, outputs, strict=True):
-        y = measured(q, case.noise.deviation, case.noise.step, sensor, case.noise.colour)
+    for excitation, y in zip(plan, reports, strict=True):
         write_recording(folder / f"{excitation.name}.csv", excitation, y)
     write_manifest(folder / MANIFEST, case.base["m"], plan)
-    return _answer(case, choice, parts, redrawn, outputs, gauges)
+    answer = _answer(case, choice, parts, redrawn, outputs, gauges)
+    return replace(answer, **_noise_as_made(case, reports, outputs, final.power)) if case.family else answer
 
 
 def _settled(case: Case, plan: tuple[Excitation, ...], gauges: _Gauges) -> tuple[Choice, Parts, int]:
@@ -126,8 +133,25 @@ def _part(effect: Concealed, case: Case, target: float, gauges: _Gauges) -> _Par
     return _Part(effect, strength, last[0])
 
 
-def _together(case: Case, plan: tuple[Excitation, ...], parts: Parts) -> tuple[Array, ...]:
-    return concealing(case.base, plan, [(part.effect, part.strength) for part in parts])
+def _together(
+    case: Case, plan: tuple[Excitation, ...], parts: Parts, disturbances: Sequence[Disturbance] = ()
+) -> tuple[Array, ...]:
+    return concealing(case.base, plan, [(part.effect, part.strength) for part in parts], disturbances)
+
+
+def _noise_as_made(case: Case, reports: Sequence[Array], outputs: Sequence[Array], unrecorded: float) -> dict[str, Any]:
+    """What a seal says of noise of a family that was asked for."""
+    added = [y - q for y, q in zip(reports, outputs, strict=True)]
+    power = [float(np.var(n)) for n in added]
+    total = float(np.average(power, weights=[n.size for n in added]))
+    names = [excitation.name for excitation in case.recordings]
+    return {
+        "noise_family": case.family,
+        "noise_amount": case.noise.amount or case.noise.colour,
+        "noise_total": total**0.5,
+        "noise_rms": {name: p**0.5 for name, p in zip(names, power, strict=True)},
+        "noise_unrecorded": unrecorded / total,
+    }
 
 
 def _answer(

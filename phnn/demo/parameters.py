@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+FORCE_STEP = 25e-6  # s, between the samples of a random force
+
 # Table 1 of the paper, SI; rho is the conductance ϱ⁻¹.
 TABLE = {
     "m": 1.0148e-3,

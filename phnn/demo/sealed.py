@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,11 @@ class Sealed:
         apart: of each effect, the noncentrality of what the other one's direction cannot take over either.
         colour: coefficient of the first-order noise, 0 for white noise.
         redrawn: shapes that were drawn in vain before, because no strength reached what was wanted.
+        noise_family: of the noise, where one was asked for; empty otherwise, and then the other three are not stated.
+        noise_amount: see `phnn.demo.noise.Noise`.
+        noise_total: root mean square of all noise over all recordings, rounding included, m.
+        noise_rms: the same of each recording.
+        noise_unrecorded: share of a random force or of jitter in the noise's power, as it came out.
     """
 
     effect: str
@@ -61,6 +66,15 @@ class Sealed:
     apart: tuple[float, ...] = ()
     colour: float = 0.0
     redrawn: int = 0
+    noise_family: str = ""
+    noise_amount: float = 0.0
+    noise_total: float = 0.0
+    noise_rms: Mapping[str, float] = field(default_factory=dict)
+    noise_unrecorded: float = 0.0
+
+
+# Stated only where they differ from their defaults: a seal without them has the bytes that it always had.
+_ON_REQUEST = ("noise_family", "noise_amount", "noise_total", "noise_rms", "noise_unrecorded")
 
 
 def write_seal(sealed: Sealed, path: Path) -> str:
@@ -69,7 +83,8 @@ def write_seal(sealed: Sealed, path: Path) -> str:
     Returns:
         The SHA-256 of the file, in hexadecimal: printed now, it proves later that the answer was not changed.
     """
-    data = (json.dumps(asdict(sealed), indent=2, sort_keys=True, allow_nan=False) + "\n").encode()
+    content = {n: v for n, v in asdict(sealed).items() if v or n not in _ON_REQUEST}
+    data = (json.dumps(content, indent=2, sort_keys=True, allow_nan=False) + "\n").encode()
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(path.name + ".part")
     temporary.write_bytes(data)
@@ -89,8 +104,8 @@ def open_seal(path: Path) -> Sealed:
         raise InputRefused(f"{path}: cannot be read ({error.strerror}): give the file that write_seal wrote") from error
     except ValueError as error:
         raise InputRefused(f"{path}: is not json ({error}): give the file that write_seal wrote") from error
-    names = [field.name for field in fields(Sealed)]
-    needed = [field.name for field in fields(Sealed) if field.default is MISSING]
+    names = [f.name for f in fields(Sealed)]
+    needed = [f.name for f in fields(Sealed) if f.default is MISSING and f.default_factory is MISSING]
     if not isinstance(content, dict) or not set(needed) <= set(content) <= set(names):
         raise InputRefused(f"{path}: is no sealed answer, which has {', '.join(sorted(needed))}")
     values: dict[str, Any] = {n: tuple(v) if isinstance(v, list) else v for n, v in content.items()}

@@ -10,6 +10,7 @@ import numpy as np
 
 from phnn.demo.actuator import TABLE, Array, simulate_all
 from phnn.demo.concealed import Concealed, drifts
+from phnn.demo.disturbance import Disturbance
 from phnn.demo.excitation import Excitation
 from phnn.demo.noise import Noise
 from phnn.errors import SolverFailed
@@ -57,13 +58,16 @@ class Ruler:
 
 
 def concealing(
-    base: Mapping[str, float], plan: Sequence[Excitation], effects: Sequence[tuple[Concealed, float]]
+    base: Mapping[str, float],
+    plan: Sequence[Excitation],
+    effects: Sequence[tuple[Concealed, float]],
+    disturbances: Sequence[Disturbance] = (),
 ) -> tuple[Array, ...]:
-    """Outputs with effects of given strengths, one array per recording, m."""
+    """Outputs with effects of given strengths, one array per recording, m; ``disturbances`` as of ``simulate_all``."""
     values = dict(base)
     for effect, strength in effects:
         values.update(effect.law(strength))
-    outputs = simulate_all(values, plan)
+    outputs = simulate_all(values, plan, disturbances)
     for effect, strength in effects:
         outputs = tuple(q + d for q, d in zip(outputs, drifts(effect, strength, plan), strict=True))
     return outputs

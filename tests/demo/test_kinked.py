@@ -101,7 +101,7 @@ def test_a_triangle_has_its_frequency_and_its_height_at_every_corner(seed: int) 
     np.testing.assert_allclose(drive.voltage(drive.t), expected, atol=1e-5)
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=15)
 @given(SEEDS)
 def test_the_smooth_step_has_no_kink_and_lasts_ten_milliseconds(seed: int) -> None:
     drive = made("smooth", seed)

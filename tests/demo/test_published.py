@@ -11,9 +11,9 @@ import pytest
 
 from phnn.demo import draw_case, generate, make_case, write_seal
 
-# SHA-256 of the recordings (see `digest`) and of the seal, as the generator wrote them before it had
-# noise families and kinked inputs. The seal of a case that conceals nothing holds drawn numbers only: its bytes are the same
-# on every machine.
+# SHA-256 of the recordings (see `digest`) and of the seal, as the generator wrote them before it had noise families and
+# kinked inputs. The seal of a case that conceals nothing holds drawn numbers only: its bytes are the same on every
+# machine.
 NOTHING = {
     (3, "few"): (
         "89ebab1bc5dd3a7f99563c8bc66499d44d3935d5ec0ab0f282fdcdd85e4f3537",
