@@ -68,7 +68,7 @@ def identification_plan(campaign: Campaign, workers: int) -> Plan:
     chosen = tuple(r for r in campaign.recordings if r.mask("identification").any())
     if not chosen:
         raise InputRefused("no recording is for identification: set `use: identification` for some in recordings.yaml")
-    return Plan(chosen, {}, workers)
+    return Plan(chosen, {}, workers, {n: a.std for n, a in campaign.known.items()})
 
 
 def identify_base(campaign: Campaign, options: Options, progress: Progress = quiet) -> tuple[Fit, NumericalError]:

@@ -10,7 +10,7 @@ import numpy as np
 from phnn.errors import InputRefused, PhnnError
 from phnn.identify.fit import Fit, distinct_optima
 from phnn.identify.problem import Plan
-from phnn.identify.staged import fit_identified
+from phnn.identify.staged import fit_identified, held_at
 from phnn.recordings.recording import Anchor
 from phnn.setup import Setup
 
@@ -37,7 +37,7 @@ def identify_network(setup: Setup, plan: Plan, known: Mapping[str, Anchor], star
     if strangers:
         raise InputRefused(f"known: no parameter {strangers[0]}; this network has {', '.join(setup.parameters)}")
     setup = setup.with_values({n: a.value for n, a in known.items()})
-    held = {n: f"held at the stated {a.value:g}" for n, a in known.items()}
+    held = held_at(known)
     tried = []
     for start in _starts(setup, held, starts, seed):
         try:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from phnn.identify.anchors import by_anchors, estimates_by_anchors, held_anchors
 from phnn.identify.problem import Plan, Problem, Variables, variables_of
 from phnn.recordings.driving import unknown_instants
 from phnn.setup import Setup
@@ -31,11 +32,13 @@ class Fit:
         setup: with the estimates.
         plan: recordings, with the estimated instants of their jumps, and sub-steps of the fit.
         variables, z: what was moved and where it ended.
-        covariance: (K, K) of ``z``, sandwich over blocks of samples.
+        covariance: (K, K) of ``z``: the sandwich over blocks of samples, and what held anchors add.
         held: parameters that were not estimated, with the reason.
         residual: (N,) weighted identification residual; jacobian: (N, K) its derivatives by ``z``.
         evaluations: simulations of the whole plan.
         alternatives: other optima that fit nearly as well, from which a larger model may end better.
+        anchors: standard deviations [SI] of the held anchors, by name.
+        by_anchors: (K, A) derivatives of ``z`` by them.
     """
 
     setup: Setup
@@ -48,6 +51,8 @@ class Fit:
     jacobian: Array
     evaluations: int
     alternatives: tuple[Setup, ...] = ()
+    anchors: Mapping[str, float] = field(default_factory=dict)
+    by_anchors: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def chi2(self) -> float:
@@ -60,15 +65,27 @@ class Fit:
         return float(self.residual @ self.residual)
 
     def std(self) -> dict[str, float]:
-        """Standard errors of the estimated parameters, SI; infinite where the recordings do not identify one."""
-        parameters = self.setup.parameters
+        """Standard errors of the estimated parameters and of the held anchors, SI; infinite where the recordings do
+        not identify one."""
+        names, covariance = self.joint_covariance()
         spread = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        return {
-            n: float(spread[i] * parameters[n].slope(parameters[n].value))
-            if spread[i] <= _UNIDENTIFIED
-            else float("inf")
-            for i, n in enumerate(self.variables.names)
-        }
+        known = [s <= _UNIDENTIFIED for s in spread[: len(self.variables.names)]] + [True] * len(self.anchors)
+        sizes = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        return {n: float(s) if k else float("inf") for n, s, k in zip(names, sizes, known, strict=True)}
+
+    def joint_covariance(self) -> tuple[tuple[str, ...], Array]:
+        """Names and covariance (P, P), SI, of the estimated parameters and the held anchors together.
+
+        Errors of quantities that combine several parameters need it: ``k/m`` is known far better than ``k`` and an
+        anchored ``m`` are each, as both errors go together.
+        """
+        parameters, count = self.setup.parameters, len(self.variables.names)
+        slopes = np.array([parameters[n].slope(parameters[n].value) for n in self.variables.names])
+        variances = np.square(np.array(list(self.anchors.values()), dtype=float))
+        across = slopes[:, None] * self.by_anchors[:count] * variances
+        own = slopes[:, None] * self.covariance[:count, :count] * slopes
+        both = np.block([[own, across], [across.T, np.diag(variances)]])
+        return (*self.variables.names, *self.anchors), both
 
     @property
     def initial_states(self) -> dict[str, Array]:
@@ -168,17 +185,31 @@ def _finish(problem: Problem, z: Array, held: dict[str, str], evaluations: int) 
     residual = problem.residual(z)
     jacobian = problem.jacobian(z) if z.size else np.zeros((residual.size, 0))
     timed = tuple(problem.variables.timed(r, z) for r in problem.plan.recordings)
+    anchors = held_anchors(problem)
+    moved = np.zeros((z.size, len(anchors)))
+    if anchors and z.size:
+        moved = estimates_by_anchors(_bread(jacobian), jacobian, by_anchors(problem, z, tuple(anchors)))
+    variances = np.square(np.array(list(anchors.values()), dtype=float))
     return Fit(
         setup=problem.variables.setup(problem.template, z),
         plan=replace(problem.plan, recordings=timed),
         variables=problem.variables,
         z=z,
-        covariance=sandwich(residual, jacobian, [int(m.sum()) for m in problem.masks]),
+        covariance=sandwich(residual, jacobian, [int(m.sum()) for m in problem.masks]) + (moved * variances) @ moved.T,
         held=held,
         residual=residual,
         jacobian=jacobian,
         evaluations=evaluations,
+        anchors=anchors,
+        by_anchors=moved,
     )
+
+
+def _bread(jacobian: Array) -> Array:
+    """``(JᵀJ)⁻¹``; a direction without information keeps a huge variance, where a pseudo-inverse would call it exactly
+    known."""
+    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
+    return np.asarray((vectors / np.maximum(values, 1e-14 * values[-1])) @ vectors.T)
 
 
 def sandwich(residual: Array, jacobian: Array, lengths: Sequence[int]) -> Array:
@@ -189,9 +220,7 @@ def sandwich(residual: Array, jacobian: Array, lengths: Sequence[int]) -> Array:
     """
     if jacobian.shape[1] == 0:
         return np.zeros((0, 0))
-    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
-    # A direction without information keeps a huge variance; a pseudo-inverse would call it exactly known.
-    bread = (vectors / np.maximum(values, 1e-14 * values[-1])) @ vectors.T
+    bread = _bread(jacobian)
     meat = np.zeros_like(bread)
     first = 0
     for length in lengths:

@@ -39,11 +39,14 @@ class Plan:
         recordings: those that take part.
         substeps: by recording name.
         workers: threads; the compiled march releases the interpreter lock.
+        anchors: standard deviations [SI] of parameters known from elsewhere, by name; what is estimated beside a held
+            anchor inherits its uncertainty.
     """
 
     recordings: tuple[Recording, ...]
     substeps: Mapping[str, int] = field(default_factory=dict)
     workers: int = 2
+    anchors: Mapping[str, float] = field(default_factory=dict)
 
     def steps_of(self, recording: Recording) -> int:
         """Sub-steps of a recording, 1 where nothing was chosen."""

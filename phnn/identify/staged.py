@@ -80,10 +80,15 @@ def held_by_statement(known: Mapping[str, Anchor]) -> dict[str, str]:
     wrong = [n for n, a in known.items() if a.value <= 0.0]
     if wrong:
         raise InputRefused(f"known: {wrong[0]} = {known[wrong[0]].value:g} must be positive, in SI units")
-    held = {n: f"held at the stated {a.value:g}" for n, a in known.items()}
+    held = held_at(known)
     if not fixes_common_factor(known):
         held["m"] = f"held at {_DEFAULT_MASS:g} kg: voltage and displacement identify values up to one common factor"
     return held
+
+
+def held_at(known: Mapping[str, Anchor]) -> dict[str, str]:
+    """The reason why each anchor is not estimated: its stated value, with its standard deviation where it has one."""
+    return {n: f"held at the stated {a.value:g}" + (f" ± {a.std:g}" if a.std > 0.0 else "") for n, a in known.items()}
 
 
 def fixes_common_factor(known: Iterable[str]) -> bool:
