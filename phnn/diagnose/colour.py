@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+from scipy.special import ndtri_exp
+from scipy.stats import t as student
 
 from phnn.diagnose.ground import Ground
-from phnn.diagnose.residual_noise import first_order_of
+from phnn.diagnose.residual_noise import NoiseSpectrum, noise_spectra
 from phnn.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 
+# Outliers begin at so many standard deviations, these from the median absolute deviation.
+_OUTLIER, _ROBUST = 4.0, 1.4826
+# Blocks of a recording, their fewest samples, and the degrees of freedom from which their spread is believed.
+_BLOCKS, _SHORTEST, _ENOUGH = 20, 50, 10.0
+# Noise whose variance varies spreads a score by at most this factor; what spreads it more is a residual far from zero.
+_UNEVEN = 3.0
+
 
 @dataclass(frozen=True)
 class Colour:
-    """The covariance of a ground's noise, in two versions.
+    """The noise under which the scores of a linearised fit are judged.
 
-    The floor of a recording is an estimate, its colour even more so: where most of the spectrum is full of signal, the
-    power of the noise at low frequencies is carried on from high ones. Where the floor is too low there, the residual
-    of a model says so, as it is nothing but noise where nothing is missing.
+    The floor of a recording is an estimate, its colour even more so: noise that passes through the plant, drifts, has
+    heavy tails or grows with the speed looks like physics to a test that takes it for white. Under the null hypothesis
+    the residual is noise, so it shows what the noise is.
     """
 
     ground: Ground
@@ -39,17 +49,61 @@ class Colour:
 
         return np.sum(self.ground.plan.each(one, self.ground.slices), axis=0)
 
+    @cached_property
+    def spectra(self) -> list[NoiseSpectrum]:
+        """Of the noise in the residual, by recording."""
+        return noise_spectra([self.ground.residual[rows] for rows in self.ground.slices], self.ground.plan.recordings)
+
     def left(self, columns: Array) -> Array:
-        """(C, C) covariance along columns (N, C) of first-order noise of the residual's power and lag-one correlation.
+        """(C, C) covariance along columns (N, C) of stationary noise with the spectra of the residual."""
+        each = [s.covariance(columns[rows]) for s, rows in zip(self.spectra, self.ground.slices, strict=True)]
+        return np.asarray(np.sum(each, axis=0))
 
-        The sum over all earlier samples, with half of the present one, is one half of the whole; the other mirrors it.
+    @cached_property
+    def clipped(self) -> Array:
+        """(N,) residual whose outliers are cut off at four robust standard deviations of their recording."""
+        found = self.ground.residual.copy()
+        for rows in self.ground.slices:
+            most = _OUTLIER * _ROBUST * float(np.median(np.abs(found[rows])))
+            np.clip(found[rows], -most, most, out=found[rows])
+        return found
+
+    def by_blocks(self, columns: Array) -> tuple[Array, Array]:
+        """(C,) scores ``dᵀr`` in their standard deviations as blocks of neighbouring samples show them, and the
+        degrees of freedom of these.
+
+            t = dᵀr / √(Σ_b (d_bᵀ r_b − ŝ d_bᵀ d_b)²),   ŝ = dᵀr / dᵀd
+
+        What the direction itself explains is taken out of the spread, so that a true effect does not hide itself. Noise
+        may have any colour that a block forgets, any variance and any tails (White 1980, Liang & Zeger 1986).
         """
+        blocks = [b for rows in self.ground.slices for b in _blocks(rows)]
+        along = np.stack([columns[b].T @ self.clipped[b] for b in blocks])
+        squares = np.stack([np.einsum("ij,ij->j", columns[b], columns[b]) for b in blocks])
+        total, size = along.sum(axis=0), np.maximum(squares.sum(axis=0), 1e-300)
+        spread = np.sqrt(np.sum((along - total / size * squares) ** 2, axis=0))
+        freedom = size**2 / np.maximum(np.sum(squares**2, axis=0), 1e-300) - 1.0
+        return total / np.maximum(spread, 1e-300), freedom
 
-        def one(_: Recording, rows: slice) -> Array:
-            power, a = first_order_of(self.ground.residual[rows])
-            block = columns[rows]
-            half = 0.5 * block if a == 0.0 else lfilter([0.5, 0.5 * a], [1.0, -a], block, axis=0)
-            return np.asarray(power * (block.T @ half))
+    def deviates(self, columns: Array, covariance: Array) -> Array:
+        """(C,) normal deviates of the scores along columns (N, C), the smaller one of two: under stationary noise of
+        the residual's spectrum, and as blocks show it where there are enough of them.
 
-        half = np.sum(self.ground.plan.each(one, self.ground.slices), axis=0)
-        return half + half.T
+        Args:
+            covariance: `left` of the columns.
+        """
+        spread = np.sqrt(np.maximum(np.diag(covariance), self.stated(columns)))
+        stationary = columns.T @ self.clipped / np.maximum(spread, 1e-300)
+        t, freedom = (np.abs(x) for x in self.by_blocks(columns))
+        # The normal deviate of the same tail probability as that of Student's t.
+        blocked = -ndtri_exp(student.logsf(t, np.maximum(freedom, 1.0)))
+        size = np.abs(stationary)
+        believed = np.where(freedom >= _ENOUGH, np.clip(blocked, size / _UNEVEN, size), size)
+        return np.asarray(np.sign(stationary) * believed)
+
+
+def _blocks(rows: slice) -> list[slice]:
+    """Some twenty blocks of neighbouring samples, none of them very short."""
+    size = rows.stop - rows.start
+    edges = np.linspace(rows.start, rows.stop, min(_BLOCKS, max(1, size // _SHORTEST)) + 1).round().astype(int)
+    return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.special import ndtri_exp
 from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
 from phnn.diagnose.colour import Colour
 from phnn.diagnose.ground import Ground, direction
 from phnn.diagnose.residual_noise import doubt
-from phnn.diagnose.spectra import FINER, strongest
+from phnn.diagnose.spectra import FINER, LEVEL_CELLS, strongest
 from phnn.effects import Effect
 from phnn.identify.nuisances import course_columns, line_columns, own_columns, without_nuisances
 from phnn.setup import COURSES, Own
@@ -95,7 +96,9 @@ def own_score(ground: Ground, own: Own, colour: Colour) -> tuple[float, float]:
     q = ground.project(alone) @ (vectors[:, free] / np.sqrt(left_over[free]))
     stated, left = np.array([np.mean(colour.stated(q)), np.mean(np.diag(colour.left(q)))])
     saved = float(np.sum((q.T @ ground.residual) ** 2) / stated)
-    return _deviate(saved, q.shape[1], 1.0), _deviate(saved / float(doubt(left, stated)) ** 2, q.shape[1], 1.0)
+    # A line raises the spectrum that it is held against, a slow course does not: it is slower than what is compared.
+    excess = max(left / stated, 1.0) if own.courses else float(doubt(left, stated)) ** 2
+    return _deviate(saved, q.shape[1], 1.0), _deviate(saved / excess, q.shape[1], 1.0)
 
 
 def line_share(ground: Ground) -> float:
@@ -133,19 +136,22 @@ def course_share(ground: Ground) -> float:
 def strongest_line(ground: Ground) -> tuple[float, float, float]:
     """The frequency [Hz] at which the recordings' residuals hold most power together, and its normal deviates.
 
-    The periodograms of all recordings, each over the spectrum of its noise, are added up. The tail probability of the
-    largest sum is multiplied by the number of frequencies. The deviates are those under noise as stated and as the
-    residual has it; the frequency is that of the first.
+    The periodograms of all recordings, each over the spectrum of its stated noise, are added up; so are the levels
+    around each frequency. The power is χ² under noise as stated, and its ratio to the level is F under noise of any
+    spectrum that is smooth over a dozen of the cells that a recording resolves, a resonance of the plant for instance.
+    The tail probability of the largest value is multiplied by the number of frequencies.
     """
     spectra = ground.spectra
-
-    def found(power: Array) -> tuple[float, float]:
-        best = strongest(power, spectra.freedom)
-        deviate = _deviate(float(power[best]), int(spectra.freedom[best]), spectra.f.size * FINER)
-        return float(spectra.f[best]), deviate
-
-    frequency, deviate = found(spectra.added(lambda s: s.power))
-    return frequency, deviate, found(spectra.added(lambda s: s.judged))[1]
+    power, level = spectra.added(lambda s: s.power), spectra.added(lambda s: s.level)
+    freedom, tries = spectra.freedom, np.log(spectra.f.size * FINER)
+    best = strongest(power, freedom)
+    stated = _deviate(float(power[best]), int(freedom[best]), spectra.f.size * FINER)
+    seen = freedom > 0.5
+    ratio = f_distribution.logsf(
+        power[seen] / np.maximum(level[seen], 1e-300), freedom[seen], LEVEL_CELLS * freedom[seen]
+    )
+    judged = float(np.clip(-ndtri_exp(min(ratio.min(initial=0.0) + tries, -1e-12)), 0.0, stated))
+    return float(spectra.f[best]), stated, judged
 
 
 def _deviate(saved: float, freedom: int, tries: float) -> float:

@@ -1,7 +1,7 @@
 """What the mismatch is: the supremum of the score over the catalogue and its shape grids, against its null.
 
 For a candidate at one grid point the direction ``d`` is the change of the output when the effect is added, with base
-parameters, zeros and initial states projected out. The score is ``dᵀr/√(dᵀRd)``, ``R`` the correlation of the noise;
+parameters, zeros and initial states projected out. The score is ``dᵀr/√(dᵀRd)``, ``R`` the stated correlation of noise;
 shape parameters are not identified at strength zero, hence the supremum over their grid (Davies 1987). Its null is
 drawn from Gaussian scores with the correlation of the directions, no simulation needed.
 """
@@ -19,7 +19,6 @@ from phnn.diagnose.colour import Colour
 from phnn.diagnose.ground import Ground, direction
 from phnn.diagnose.lines import line_candidates
 from phnn.diagnose.locate import Responses
-from phnn.diagnose.residual_noise import doubt
 from phnn.effects import Effect
 
 Array = NDArray[np.float64]
@@ -101,11 +100,14 @@ def score(
     scores = scale * along
     sided = np.array([e.one_sided for e, _ in points] + [False] * (d.shape[1] - len(points)))
     value = np.where(sided, np.maximum(scores, 0.0), np.abs(scores))
-    # Scores are in units of the stated noise; how improbable they are is asked with the noise as the residual has it.
-    covariance = colour.left(d) * np.outer(scale, scale)
+    # Scores are in units of the stated noise; their probability is that under the noise as the residual shows it.
+    colour_left = colour.left(d)
+    covariance = colour_left * np.outer(scale, scale)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     null = _null_of_supremum(covariance / np.outer(spread, spread), sided, len(lines), seed)
-    judged = value / doubt(np.diag(covariance), np.ones_like(value))
+    deviates = np.where(alive, colour.deviates(d, colour_left), 0.0)
+    # Never more than the stated noise grants.
+    judged = np.minimum(np.where(sided, np.maximum(deviates, 0.0), np.abs(deviates)), value)
     squares = np.einsum("ij,ij->j", d, d)
     strengths = along / np.maximum(squares, 1e-300)
     # What changes nothing saves nothing either, but there is no way from there.

@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
-from phnn.diagnose.residual_noise import doubt, first_order_of
 from phnn.recordings.recording import Recording, dominant_frequency
-from phnn.signals.first_order import density_of, first_order_density
+from phnn.signals.first_order import density_of
 
 Array = NDArray[np.float64]
 
@@ -19,6 +19,10 @@ Array = NDArray[np.float64]
 # the frequencies in units of what the longest recording resolves, and the highest one in cycles a sample.
 _PADDING, _PERIODS, _HIGHEST = 8, 2.0, 0.45
 FINER = 0.25
+# What a recording resolves: the level around a line is that of so many cells on both sides, but for those in the middle
+# that the line itself fills.
+_AROUND, _FILLED = 12, 3
+LEVEL_CELLS = _AROUND - _FILLED
 # Of the power at one frequency: a sine and a cosine.
 _FREEDOM = 2.0
 
@@ -29,13 +33,14 @@ class Spectrum:
 
     Attributes:
         rows: (B,) which of them.
-        power, judged: (B,) in units of half its mean under noise as stated and as the residual has it.
+        power: (B,) in units of half its mean under noise as stated.
+        level: (B,) the same around each frequency, as the residual shows it.
         beside: (B,) whether the recording tells a line from harmonics of what drives it.
     """
 
     rows: slice
     power: Array
-    judged: Array
+    level: Array
     beside: NDArray[np.bool_]
 
     @property
@@ -109,10 +114,14 @@ def _spectrum(residual: Array, recording: Recording, f: Array) -> Spectrum:
     rows = slice(*(int(i) for i in np.searchsorted(f, [_PERIODS / (n * dt) * (1.0 - 1e-12), _HIGHEST / dt])))
     seen = f[rows]
     stated = density_of(recording.noise_correlation, dt * seen)
-    squares, a = first_order_of(residual)
-    left = squares * first_order_density(a, 2.0 * np.pi * dt * seen)
-    shown = np.interp(seen, own, power) / stated
-    return Spectrum(rows, shown, shown / doubt(left, stated) ** 2, _beside(recording, n * dt, seen))
+    shown, level = (np.interp(seen, own, x) / stated for x in (power, _level(power)))
+    return Spectrum(rows, shown, level, _beside(recording, n * dt, seen))
+
+
+def _level(power: Array) -> Array:
+    """Mean power of the cells around each frequency, those in the middle left out."""
+    whole, middle = (uniform_filter1d(power, c * _PADDING + 1, mode="reflect") for c in (_AROUND, _FILLED))
+    return np.asarray((_AROUND * whole - _FILLED * middle) / LEVEL_CELLS)
 
 
 def _beside(recording: Recording, duration: float, f: Array) -> NDArray[np.bool_]:

@@ -51,11 +51,6 @@ def density_of(correlation: np.ndarray, cycles: np.ndarray) -> np.ndarray:
     return np.asarray(np.maximum(1.0 + 2.0 * waves @ correlation[1:], _HARDLY))
 
 
-def first_order_density(coefficient: float, omega: np.ndarray) -> np.ndarray:
-    """``(F,)`` spectrum of first-order noise over that of white noise, at ``ω`` in radians a sample."""
-    return _density(coefficient, np.cos(omega))
-
-
 def _density(a: float, cosine: np.ndarray) -> np.ndarray:
     return np.asarray((1.0 - a * a) / (1.0 + a * a - 2.0 * a * cosine))
 
