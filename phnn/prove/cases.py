@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from phnn.demo import Case, draw_case
-from phnn.prove.settings import FAST, FULL, STRATA, Settings
+from phnn.prove.families import family, seed_of
+from phnn.prove.settings import FAST, FULL, GROUPS, NULLS, Settings
 
 # Residual over noise of what is concealed in the full tier; noncentrality in the fast tier.
 LEVELS = (2.0, 10.0)
 DELTAS = (1.0, 30.0)
-_GROUPS = ("fast_none", "fast_weak", *STRATA, "few")
 _ROOM = 100_000
 
 
@@ -21,6 +21,7 @@ class Task:
     Attributes:
         tier: ``fast`` or ``full``; group: which count of the settings it belongs to; number: in its group.
         seed: of the case; plan: its set of recordings.
+        family: of a null; noise: what is asked for, empty for that of the seed.
     """
 
     tier: str
@@ -28,24 +29,28 @@ class Task:
     number: int
     seed: int
     plan: str
+    family: str = ""
+    noise: str = ""
 
     @property
     def name(self) -> str:
         """Unique in a proof; names files."""
-        return f"{self.tier}_{self.group}_{self.number:04d}"
+        parts = (self.tier, self.group, *([self.family.replace(":", "-")] if self.family else []))
+        return f"{'_'.join(parts)}_{self.number:04d}"
 
     def case(self) -> Case:
         """What is concealed; everything follows from the seed."""
+        noise = self.noise or None
         if self.group == "fast_weak":
-            return draw_case(self.seed, "same", self.plan, deltas=DELTAS)
-        stratum = {"fast_none": "none", "few": "same"}.get(self.group, self.group)
-        return draw_case(self.seed, stratum, self.plan, levels=LEVELS)
+            return draw_case(self.seed, "same", self.plan, deltas=DELTAS, noise=noise)
+        stratum = {"fast_none": "none", "few": "same", NULLS: "none"}.get(self.group, self.group)
+        return draw_case(self.seed, stratum, self.plan, levels=LEVELS, noise=noise)
 
 
 def tasks(settings: Settings) -> list[Task]:
     """All cases; those of a group stay the same when its number grows."""
     plans = {"fast_none": settings.fast_plan, "fast_weak": settings.fast_plan, "few": "few"}
-    return [
+    found = [
         Task(
             FAST if group.startswith(FAST) else FULL,
             group,
@@ -53,11 +58,21 @@ def tasks(settings: Settings) -> list[Task]:
             _seed(settings.seed, group, number),
             plans.get(group, settings.plan),
         )
-        for group in _GROUPS
-        for number in range(getattr(settings, group))
+        for group in GROUPS
+        for number in range(settings.count(group))
+    ]
+    return found + _nulls(settings)
+
+
+def _nulls(settings: Settings) -> list[Task]:
+    families = [family(name, settings.null_plan) for name in settings.null_families]
+    return [
+        Task(FULL, NULLS, number, seed_of(settings.seed, f.name, number), f.plan, f.name, f.noise)
+        for f in families
+        for number in range(settings.count(NULLS))
     ]
 
 
 def _seed(seed: int, group: str, number: int) -> int:
     """Consecutive in a group, so that every effect has its turn."""
-    return _ROOM * (seed * len(_GROUPS) + _GROUPS.index(group)) + number
+    return _ROOM * (seed * len(GROUPS) + GROUPS.index(group)) + number

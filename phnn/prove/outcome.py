@@ -41,6 +41,7 @@ class Outcome:
         held_before, held_after: residual over noise on held-out recordings, root mean square.
         worst_before, worst_after: largest relative error of a scale-free group of parameters.
         seconds: of the diagnosis; failure: its message where there was no answer; reason: why it is wrong.
+        family: of a null.
     """
 
     name: str
@@ -74,6 +75,7 @@ class Outcome:
     seconds: float
     failure: str
     reason: str
+    family: str = ""
 
     def row(self) -> dict[str, Any]:
         """For a table; sequences joined."""
@@ -111,7 +113,7 @@ def graded(task: Task, sealed: Sealed, answer: Mapping[str, Any]) -> Outcome:
         float(test.get("statistic") or np.nan), float(test.get("p_value") or np.nan),
         str((answer.get("remainder") or {}).get("verdict", "")), grade, _located(place, tied, sealed.location),
         held[0], held[1], errors[0], errors[1], float(answer.get("seconds", np.nan)), str(answer.get("failure", "")),
-        "" if grade != WRONG else _reason(verdict, named, truth, answer),
+        "" if grade != WRONG else _reason(verdict, named, truth, answer), task.family,
     )  # fmt: skip
 
 
