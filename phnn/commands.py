@@ -104,9 +104,11 @@ def _diagnose(campaign: Campaign, out: Path, options: Options) -> Diagnosis:
     return diagnosis
 
 
-def diagnose_quietly(folder: Path, out: Path, config: Mapping[str, Any]) -> None:
+def diagnose_quietly(folder: Path, out: Path, config: Mapping[str, Any]) -> Diagnosis:
     """The same without a word on the terminal; the settings as in ``configs/diagnose.yaml``."""
-    write(run_diagnosis(read(folder), Options.from_config(config)), out)
+    diagnosis = run_diagnosis(read(folder), Options.from_config(config))
+    write(diagnosis, out)
+    return diagnosis
 
 
 def _keep(fitted: Fit, folder: Path) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from phnn.demo import Case, draw_case
+from phnn.demo import Case, Conditions, draw_case
+from phnn.demo.conditions import PLAIN
 from phnn.prove.families import family, seed_of
 from phnn.prove.settings import FAST, FULL, GROUPS, NULLS, Settings
 
@@ -21,7 +23,7 @@ class Task:
     Attributes:
         tier: ``fast`` or ``full``; group: which count of the settings it belongs to; number: in its group.
         seed: of the case; plan: its set of recordings.
-        family: of a null; noise: what is asked for, empty for that of the seed.
+        family: of a null; noise: what is asked for, empty for that of the seed; conditions: what else is asked for.
     """
 
     tier: str
@@ -31,6 +33,7 @@ class Task:
     plan: str
     family: str = ""
     noise: str = ""
+    conditions: Conditions = PLAIN
 
     @property
     def name(self) -> str:
@@ -40,11 +43,11 @@ class Task:
 
     def case(self) -> Case:
         """What is concealed; everything follows from the seed."""
-        noise = self.noise or None
+        asked: dict[str, Any] = {"noise": self.noise or None, "conditions": self.conditions}
         if self.group == "fast_weak":
-            return draw_case(self.seed, "same", self.plan, deltas=DELTAS, noise=noise)
+            return draw_case(self.seed, "same", self.plan, deltas=DELTAS, **asked)
         stratum = {"fast_none": "none", "few": "same", NULLS: "none"}.get(self.group, self.group)
-        return draw_case(self.seed, stratum, self.plan, levels=LEVELS, noise=noise)
+        return draw_case(self.seed, stratum, self.plan, levels=LEVELS, **asked)
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -57,6 +60,8 @@ def tasks(settings: Settings) -> list[Task]:
             number,
             _seed(settings.seed, group, number),
             plans.get(group, settings.plan),
+            noise=settings.noise,
+            conditions=settings.conditions,
         )
         for group in GROUPS
         for number in range(settings.count(group))
@@ -67,7 +72,7 @@ def tasks(settings: Settings) -> list[Task]:
 def _nulls(settings: Settings) -> list[Task]:
     families = [family(name, settings.null_plan) for name in settings.null_families]
     return [
-        Task(FULL, NULLS, number, seed_of(settings.seed, f.name, number), f.plan, f.name, f.noise)
+        Task(FULL, NULLS, number, seed_of(settings.seed, f.name, number), f.plan, f.name, f.noise, settings.conditions)
         for f in families
         for number in range(settings.count(NULLS))
     ]

@@ -73,6 +73,11 @@ def numbers(outcomes: Sequence[Outcome]) -> list[tuple[str, str, str]]:
             ("worst scale-free group after a right diagnosis, median error", _percent(errors[1][0]), "≤ 1 %"),
             ("worst scale-free group after a right diagnosis, 90th percentile", _percent(errors[1][1]), "≤ 1 %"),
         ]
+    spread = [abs(e) for o in outcomes if o.tier == FULL and o.grade != WRONG for e in o.effect_errors]
+    if spread:
+        found.append(
+            ("effect parameters: median error over its standard error", _shown(float(np.median(spread))), "≤ 1")
+        )
     for tier in ("fast", FULL):
         seconds = [o.seconds for o in outcomes if o.tier == tier and np.isfinite(o.seconds)]
         if seconds:

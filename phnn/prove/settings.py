@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
+from phnn.demo.conditions import PLAIN, Conditions
+from phnn.demo.families import asked
 from phnn.errors import InputRefused
 from phnn.prove.families import family
 
@@ -27,6 +29,8 @@ class Settings:
         nulls: cases of the full tier with nothing concealed, for each of ``null_families``.
         only: groups of cases to take part; empty for all.
         null_families: see `phnn.prove.families`.
+        noise: family of all cases but the nulls by family, see `phnn.demo.families`; empty for that of the seed.
+        background, hysterons, wrong_order, anchor_error: of all cases, see `phnn.demo.Conditions`.
         fast_plan, plan, null_plan: sets of recordings of the two tiers and of the nulls by family.
         executor: where cases are worked on, see `phnn.ensemble.executor.executor`.
         starts: starting points of a fit; max_effects: how many effects a diagnosis may name.
@@ -45,6 +49,11 @@ class Settings:
     nulls: int
     only: tuple[str, ...]
     null_families: tuple[str, ...]
+    noise: str
+    background: bool
+    hysterons: int
+    wrong_order: bool
+    anchor_error: bool
     fast_plan: str
     plan: str
     null_plan: str
@@ -67,11 +76,23 @@ class Settings:
             raise InputRefused(f"only: no group is called {unknown[0]!r}: take some of {', '.join((*GROUPS, NULLS))}")
         for name in found.null_families:
             family(name, found.null_plan)
+        if found.noise:
+            asked(found.noise)
         counts = {n: found.count(n) for n in (*GROUPS, NULLS)}
         wrong = [f"{n}={c}" for n, c in counts.items() if c < 0]
         if wrong or not any(counts.values()):
             raise InputRefused(f"{wrong[0] if wrong else 'no cases'}: give numbers of cases, 0 or more, not all 0")
+        other = found.conditions.hysterons != PLAIN.hysterons or found.wrong_order
+        if other and (counts["fast_none"] or counts["fast_weak"]):
+            raise InputRefused(
+                "the fast tier fits two hysterons, rightly stated: set fast_none=0 fast_weak=0, or use only"
+            )
         return found
+
+    @property
+    def conditions(self) -> Conditions:
+        """What all cases are asked to have."""
+        return Conditions(self.background, self.hysterons, self.wrong_order, self.anchor_error)
 
     def count(self, group: str) -> int:
         """Cases of a group; of the nulls, in each family."""
@@ -82,4 +103,6 @@ class Settings:
     def changes_cases(self) -> dict[str, Any]:
         """What decides a case and its answer; how many there are and where they are worked on does not."""
         found = {n: getattr(self, n) for n in ("seed", "fast_plan", "plan", "starts", "max_effects")}
-        return found | ({"null_plan": self.null_plan} if self.count(NULLS) else {})
+        conditions = {n: v for n, v in asdict(self.conditions).items() if v != getattr(PLAIN, n)}
+        noise = {"noise": self.noise} if self.noise else {}
+        return found | conditions | noise | ({"null_plan": self.null_plan} if self.count(NULLS) else {})

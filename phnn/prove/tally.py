@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest, norm
 
 from phnn.diagnose.scored import SIGNIFICANT
+from phnn.prove.coverage import SHARES, inside
 from phnn.prove.outcome import EXACT, WRONG, Outcome
 from phnn.prove.settings import FAST, FULL
+from phnn.report.formatting import DASH
 
 Array = NDArray[np.float64]
 
@@ -79,8 +81,23 @@ def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
              lambda o: o.verdict != "none", "≤ 2 %"),
         rate("nothing missing: false alarms, whole command", of("none"), lambda o: o.verdict != "none", "≤ 2 %"),
         rate("nothing missing: false alarms, nulls of all families", [o for o in nothing if o.family],
-             lambda o: o.verdict != "none", "≤ 1 %"),
+             lambda o: o.grade == WRONG, "≤ 1 %"),
+        *coverage([o for o in full if o.grade != WRONG]),
     ]  # fmt: skip
+
+
+def coverage(outcomes: Sequence[Outcome]) -> list[Rate]:
+    """How often intervals of 68 and 95 % contain the true parameter, where the answer is right."""
+    errors = {
+        "base parameters": [e for o in outcomes for e in o.base_errors],
+        "effect parameters": [e for o in outcomes for e in o.effect_errors],
+    }
+    targets = {0.68: DASH, 0.95: "90–98 %"}
+    return [
+        Rate(f"{what} inside their {100 * share:.0f} % interval", sum(inside(found, share)), len(found), targets[share])
+        for what, found in errors.items()
+        for share in SHARES
+    ]
 
 
 @dataclass(frozen=True)
