@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import secrets
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -31,6 +31,9 @@ from phnn.report.checked import write_check
 from phnn.report.files import finite, write_atomic, write_json
 from phnn.report.result import evidence, write
 from phnn.simulate import check_names, measured_network, simulate
+
+if TYPE_CHECKING:
+    from phnn.prove.nulls import Count
 
 _CLASS = 3
 _PIPE = 200
@@ -101,9 +104,11 @@ def _diagnose(campaign: Campaign, out: Path, options: Options) -> Diagnosis:
     return diagnosis
 
 
-def diagnose_quietly(folder: Path, out: Path, config: Mapping[str, Any]) -> None:
+def diagnose_quietly(folder: Path, out: Path, config: Mapping[str, Any]) -> Diagnosis:
     """The same without a word on the terminal; the settings as in ``configs/diagnose.yaml``."""
-    write(run_diagnosis(read(folder), Options.from_config(config)), out)
+    diagnosis = run_diagnosis(read(folder), Options.from_config(config))
+    write(diagnosis, out)
+    return diagnosis
 
 
 def _keep(fitted: Fit, folder: Path) -> None:
@@ -238,6 +243,7 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any]) -> None:
 
 def prove(out: Path, config: Mapping[str, Any]) -> None:
     """Conceal many effects, seal the answers, diagnose all, count; writes ``report.html``, tables and figures."""
+    from phnn.prove.nulls import counts
     from phnn.prove.page import numbers, write_proof
     from phnn.prove.run import prove as run_proof
     from phnn.prove.settings import Settings as ProofSettings
@@ -252,9 +258,20 @@ def prove(out: Path, config: Mapping[str, Any]) -> None:
             table.add_row(r.label, f"{100 * r.share:.1f} %", f"{r.hits} of {r.cases}", f"{low} – {high} %", r.target)
     console = Console()
     console.print(table)
+    nulls = counts(outcomes)
+    if nulls:
+        console.print(_null_table(nulls))
     for label, value, target in numbers(outcomes):
         console.print(f"{label}: {value} (target {target})")
     print(f"report: {out / 'report.html'}")
+
+
+def _null_table(nulls: Sequence[Count]) -> Table:
+    table = Table("nulls of", "cases", "none", "false names", "unknown", "failed", "seconds", title="nulls by family")
+    for c in nulls:
+        named = f"{c.named}: {c.false}" if c.named else "0"
+        table.add_row(c.family, *map(str, (c.cases, c.none, named, c.unknown, c.failed)), f"{c.seconds:.0f}")
+    return table
 
 
 def _note(fitted: Fit, name: str) -> str | None:

@@ -6,6 +6,7 @@ Nothing of ``phnn`` is imported here but its errors: other equations code, other
 from phnn.demo.campaign import generate
 from phnn.demo.case import Case, draw_case
 from phnn.demo.concealed import EFFECTS, ON_REQUEST
+from phnn.demo.conditions import Conditions
 from phnn.demo.make import make_case
 from phnn.demo.sealed import Sealed, open_seal, write_seal
 from phnn.demo.strata import STRATA
@@ -15,6 +16,7 @@ __all__ = [
     "ON_REQUEST",
     "STRATA",
     "Case",
+    "Conditions",
     "Sealed",
     "draw_case",
     "generate",

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from phnn.demo.base import draw_base
+from phnn.demo.base import draw_base, with_hysterons
+from phnn.demo.conditions import PLAIN, Conditions
 from phnn.demo.excitation import Excitation
 from phnn.demo.families import of_family
 from phnn.demo.noise import Noise
@@ -19,6 +20,7 @@ from phnn.errors import InputRefused
 _EACH = 2.0  # residual over noise that either effect of a pair leaves at least
 _COLOURED = 1.0 / 3.0  # of all cases
 _COLOURS = (0.3, 0.8)  # coefficient of first-order noise
+_HYSTERONS = 2  # of Table 1
 
 
 @dataclass(frozen=True)
@@ -30,11 +32,13 @@ class Case:
         stratum: one of ``STRATA``.
         choices: what is concealed, and what instead if no shape of it can be made strong enough.
         plan: name of the set of recordings.
-        base: the ten parameters of the actuator, SI.
+        base: parameters of the actuator, SI: the ten of Table 1, and those of a third and fourth hysteron.
         noise: of the sensor.
         targets: wanted of each effect alone: residual over noise, or noncentrality.
         by_delta: whether targets are noncentralities.
         family: of the noise, where one was asked for; empty otherwise.
+        conditions: what else was asked for.
+        hysterons: of the actuator; stated_hysterons, stated_mass: as the manifest gives them, kg.
     """
 
     seed: int
@@ -46,6 +50,10 @@ class Case:
     targets: tuple[float, ...]
     by_delta: bool
     family: str = ""
+    conditions: Conditions = PLAIN
+    hysterons: int = 2
+    stated_hysterons: int = 2
+    stated_mass: float = 0.0
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -84,6 +92,7 @@ def draw_case(
     levels: tuple[float, float] = (1.5, 10.0),
     deltas: tuple[float, float] | None = None,
     noise: str | None = None,
+    conditions: Conditions = PLAIN,
 ) -> Case:
     """Decide a case; nothing is simulated.
 
@@ -102,6 +111,7 @@ def draw_case(
         noise: ``FAMILY`` or ``FAMILY:AMOUNT``, see `phnn.demo.noise.Noise`; if left out, one case in three has noise of
             first order, the others have white noise. Deviation and, but for the family ``quantised``, least step stay
             what they are without it.
+        conditions: what else is asked for; all other draws stay what they are without.
 
     Raises:
         InputRefused: unknown stratum, plan or noise, a negative seed, or no range of positive numbers.
@@ -126,4 +136,11 @@ def draw_case(
     made, family = Noise(deviation, step, colour), ""
     if noise is not None:
         made, family = of_family(noise, made, _stream(seed, stratum, "noise")), noise.partition(":")[0]
-    return Case(seed, stratum, order, plan, base, made, targets[: len(order[0].effects)], deltas is not None, family)
+    hysterons = conditions.drawn_number(_stream(seed, stratum, "number"))
+    if hysterons != _HYSTERONS:
+        base = with_hysterons(base, hysterons, _stream(seed, stratum, "hysterons"))
+    return Case(
+        seed, stratum, order, plan, base, made, targets[: len(order[0].effects)], deltas is not None, family,
+        conditions, hysterons, conditions.stated_number(hysterons, _stream(seed, stratum, "order")),
+        conditions.stated_mass(base["m"], _stream(seed, stratum, "anchor")),
+    )  # fmt: skip

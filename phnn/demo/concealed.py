@@ -14,6 +14,7 @@ import numpy as np
 
 from phnn.demo.actuator import Q_0, Array
 from phnn.demo.excitation import PEAK, Excitation
+from phnn.demo.parameters import FURTHER
 
 Values = dict[str, float]
 
@@ -53,8 +54,15 @@ def either_sign(rng: np.random.Generator) -> float:
 
 def quasi_static_peak(base: Mapping[str, float]) -> float:
     """Displacement [m] at the largest voltage if no hysteron slipped: a size to place thresholds by."""
-    stiffness = base["k"] + base["alpha"] ** 2 * (1.0 / base["C_1"] + 1.0 / base["C_2"])
-    return base["alpha"] * PEAK / stiffness
+    return base["alpha"] * PEAK / stuck_stiffness(base)
+
+
+def stuck_stiffness(base: Mapping[str, float]) -> float:
+    """Stiffness [N/m] while no hysteron slips, ``k + α² Σ 1/C``."""
+    elastance = 1.0 / base["C_1"] + 1.0 / base["C_2"]
+    for number in FURTHER:
+        elastance += base.get(f"inv_C_{number}", 0.0)
+    return base["k"] + base["alpha"] ** 2 * elastance
 
 
 def _creep(rng: np.random.Generator, base: Mapping[str, float]) -> Concealed:

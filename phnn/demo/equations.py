@@ -105,8 +105,16 @@ def _effort(linear: float, kappa: float) -> float:
 
 
 @njit(cache=True)
+def _slipping(state: int, e: float, rho: float, half: float, flow: float, out: Array) -> float:
+    """Power [W] lost in the dead zone of a hysteron, whose charge changes by ``flow`` [A] less what slips."""
+    slips = _dead_zone(e, rho, half)
+    out[state] = flow - slips
+    return e * slips
+
+
+@njit(cache=True)
 def _hysterons(x: Array, w: Any, flow: float, v: float, out: Array) -> tuple[float, float, float, float]:
-    """``e_1, e_2, e_3`` [V] and the power [W] lost in the dead zones, at the current ``flow`` [A].
+    """``e_1, e_2``, the sum of all others [V] and the power [W] lost in the dead zones, at the current ``flow`` [A].
 
     Thresholds: ``½ d_i max(0, 1 + κ_d q/q₀) (1 + κ_v |v|)``. Hysteron 3 can have a second slope beyond ``½ d_4``.
     """
@@ -122,7 +130,16 @@ def _hysterons(x: Array, w: Any, flow: float, v: float, out: Array) -> tuple[flo
             h_3 += _dead_zone(e_3, w.rho_4, 0.5 * w.d_4 * width)
         out[5] = flow - h_3 - w.G * e_3
         loss += e_3 * h_3
-    return e_1, e_2, e_3, loss
+    others = e_3
+    if w.at_hysteron_5 > 0:
+        e_5 = x[w.at_hysteron_5] * w.inv_C_5
+        loss += _slipping(w.at_hysteron_5, e_5, w.rho_5, 0.5 * w.d_5 * width, flow - w.G * e_5, out)
+        others += e_5
+    if w.at_hysteron_6 > 0:
+        e_6 = x[w.at_hysteron_6] * w.inv_C_6
+        loss += _slipping(w.at_hysteron_6, e_6, w.rho_6, 0.5 * w.d_6 * width, flow - w.G * e_6, out)
+        others += e_6
+    return e_1, e_2, others, loss
 
 
 @njit(cache=True)
@@ -205,8 +222,8 @@ def rates(t: float, x: Array, w: Any, drive: Array) -> Array:
     out = np.zeros(x.size)
     voltage = _amplifier(t, x, w, drive, out)
     alpha = w.alpha * _coupling(x, w, voltage, out)
-    e_1, e_2, e_3, loss = _hysterons(x, w, alpha * v, v, out)
-    force = alpha * (voltage * (1.0 + 0.5 * w.epsilon * voltage) - e_1 - e_2 - e_3)
+    e_1, e_2, others, loss = _hysterons(x, w, alpha * v, v, out)
+    force = alpha * (voltage * (1.0 + 0.5 * w.epsilon * voltage) - e_1 - e_2 - others)
     force -= _spring_and_damper(t, q, v, w)
     force -= _friction(x, v, w, out)
     force -= _memory(x, v, w, out)

@@ -10,6 +10,7 @@ import pandas as pd
 from omegaconf import OmegaConf
 
 from phnn.demo.actuator import Array
+from phnn.demo.conditions import ANCHOR
 from phnn.demo.excitation import Excitation
 from phnn.demo.noise import Noise
 from phnn.errors import InputRefused
@@ -57,14 +58,20 @@ def write_recording(path: Path, excitation: Excitation, y: Array) -> None:
 
 
 def write_manifest(
-    path: Path, mass: float, plan: Sequence[Excitation], uses: Mapping[str, str] | None = None, spread: float = 0.01
+    path: Path,
+    mass: float,
+    plan: Sequence[Excitation],
+    uses: Mapping[str, str] | None = None,
+    spread: float = ANCHOR,
+    hysterons: int = 2,
 ) -> None:
     """What a person would say of the recordings: their starts, and the weighed mass.
 
     Args:
-        mass: of the actuator, kg.
+        mass: as weighed, kg.
         uses: by recording name, "identification" or "confirmation"; nothing is said where it is left out.
         spread: standard deviation of the weighing over the mass.
+        hysterons: as a person would state them.
     """
     recordings = []
     for excitation in plan:
@@ -79,7 +86,7 @@ def write_manifest(
             entry["use"] = uses[excitation.name]
         recordings.append(entry)
     manifest = {
-        "setup": {"model": "piezo_actuator", "hysterons": 2},
+        "setup": {"model": "piezo_actuator", "hysterons": hysterons},
         "known": {"m": {"value": mass, "std": float(f"{spread * mass:.3g}")}},
         "voltage": "command",
         "recordings": recordings,

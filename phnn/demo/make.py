@@ -10,8 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from phnn.demo.background import NOTHING, Background, draw_background
+from phnn.demo.base import as_stated
 from phnn.demo.case import Case
 from phnn.demo.concealed import Concealed, described
+from phnn.demo.conditions import PLAIN
 from phnn.demo.disturbance import Disturbance
 from phnn.demo.excitation import Excitation
 from phnn.demo.folder import MANIFEST, refuse_strangers, reported, write_manifest, write_recording
@@ -72,6 +75,7 @@ def make_case(case: Case, folder: Path) -> Sealed:
     """
     plan = case.recordings
     refuse_strangers(folder, plan)
+    case, background = _with_background(case, plan)
     gauges = _Gauges(*rulers(case.base, plan, case.noise)) if case.effects else None
     choice, parts, redrawn = (case.choices[0], [], 0) if gauges is None else _settled(case, plan, gauges)
     outputs = parts[0].outputs if len(parts) == 1 else _together(case, plan, parts)
@@ -83,9 +87,36 @@ def make_case(case: Case, folder: Path) -> Sealed:
     folder.mkdir(parents=True, exist_ok=True)
     for excitation, y in zip(plan, reports, strict=True):
         write_recording(folder / f"{excitation.name}.csv", excitation, y)
-    write_manifest(folder / MANIFEST, case.base["m"], plan)
+    write_manifest(folder / MANIFEST, case.stated_mass, plan, hysterons=case.stated_hysterons)
     answer = _answer(case, choice, parts, redrawn, outputs, gauges)
-    return replace(answer, **_noise_as_made(case, reports, outputs, final.power)) if case.family else answer
+    if case.family:
+        answer = replace(answer, **_noise_as_made(case, reports, outputs, final.power))
+    return replace(answer, **_conditions_as_made(case, background))
+
+
+def _with_background(case: Case, plan: tuple[Excitation, ...]) -> tuple[Case, Background]:
+    """The case with a background in its base, where one was asked for; nothing in it can be a later choice."""
+    if not case.conditions.background:
+        return case, NOTHING
+    found = draw_background(case.stream("background"), case.base, plan, case.noise.deviation, case.effects)
+    choices = tuple(c for c in case.choices if not set(c.effects) & set(found.effects))
+    return replace(case, base={**case.base, **found.parameters}, choices=choices), found
+
+
+def _conditions_as_made(case: Case, background: Background) -> dict[str, Any]:
+    """What a seal says of conditions that were asked for."""
+    asked: dict[str, Any] = {}
+    if case.conditions.background:
+        asked |= {
+            "background": dict(background.parameters),
+            "background_effects": background.effects,
+            "background_level": background.level,
+        }
+    if case.conditions.hysterons != PLAIN.hysterons or case.conditions.wrong_order:
+        asked |= {"hysterons": case.hysterons, "stated_hysterons": case.stated_hysterons}
+    if case.conditions.anchor_error:
+        asked["stated_mass"] = case.stated_mass
+    return asked
 
 
 def _settled(case: Case, plan: tuple[Excitation, ...], gauges: _Gauges) -> tuple[Choice, Parts, int]:
@@ -165,7 +196,7 @@ def _answer(
     return Sealed(
         effect="+".join(choice.effects) or "none",
         parameters={n: v for part in parts for n, v in described(part.effect, part.strength).items()},
-        base=dict(case.base),
+        base=as_stated(case.base),
         strength_over_noise=level,
         noise=case.noise.deviation,
         quantisation=case.noise.step,

@@ -26,6 +26,8 @@ TABLE = {
     "d_2": 8.6838,
 }
 
+FURTHER = (5, 6)  # numbers of a base's third and fourth hysteron; 3 and 4 belong to effects
+
 # Values at which an effect is absent. inv_C_3 is 1/C_3, so that absence is a number; a τ_V of zero means none.
 NEUTRAL = {
     # mechanical
@@ -68,6 +70,13 @@ NEUTRAL = {
     "kappa_v": 0.0,
     "kappa_C": 0.0,
     "G": 0.0,
+    # the third and the fourth hysteron of a base
+    "inv_C_5": 0.0,
+    "rho_5": 0.0,
+    "d_5": 1.0,
+    "inv_C_6": 0.0,
+    "rho_6": 0.0,
+    "d_6": 1.0,
     # coupling
     "epsilon": 0.0,
     "kappa_a": 0.0,
@@ -112,6 +121,8 @@ _EXTRA: dict[str, tuple[str, tuple[float, ...]]] = {
     "at_bristle": ("F_l", (1e-6,)),
     "at_wen": ("k_w", (1e-5,)),
     "at_sensor": ("tau_y", (1e-4,)),
+    "at_hysteron_5": ("inv_C_5", (4e-6,)),
+    "at_hysteron_6": ("inv_C_6", (4e-6,)),
 }
 _RECORD = np.dtype([(n, np.float64) for n in (*TABLE, *NEUTRAL)] + [(n, np.int64) for n in _EXTRA])
 

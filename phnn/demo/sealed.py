@@ -20,7 +20,7 @@ class Sealed:
     Attributes:
         effect: canonical name, or "none".
         parameters: of the effect, SI.
-        base: the ten parameters of the actuator, SI.
+        base: parameters of the actuator, SI: the ten of Table 1, or those of another number of hysterons.
         strength_over_noise: root mean square of what the effect changes beyond a refit of the base model, over the
             standard deviation of the noise.
         noise: standard deviation of the added noise, m.
@@ -44,6 +44,10 @@ class Sealed:
         noise_amount: see `phnn.demo.noise.Noise`.
         noise_total: root mean square of all noise over all recordings, rounding included, m.
         noise_rms: the same of each recording.
+        background: parameters of the small mismatch that acts beside what was concealed, SI; background_effects: its
+            canonical names; background_level: root mean square that it leaves beyond a refit, over the noise.
+        hysterons, stated_hysterons: of the actuator, and as the manifest states them, where that was asked for.
+        stated_mass: as the manifest states it, kg, where it was drawn with its error.
         noise_unrecorded: share of a random force or of jitter in the noise's power, as it came out.
     """
 
@@ -71,10 +75,19 @@ class Sealed:
     noise_total: float = 0.0
     noise_rms: Mapping[str, float] = field(default_factory=dict)
     noise_unrecorded: float = 0.0
+    background: Mapping[str, float] = field(default_factory=dict)
+    background_effects: tuple[str, ...] = ()
+    background_level: float = 0.0
+    hysterons: int = 0
+    stated_hysterons: int = 0
+    stated_mass: float = 0.0
 
 
 # Stated only where they differ from their defaults: a seal without them has the bytes that it always had.
-_ON_REQUEST = ("noise_family", "noise_amount", "noise_total", "noise_rms", "noise_unrecorded")
+_ON_REQUEST = (
+    *("noise_family", "noise_amount", "noise_total", "noise_rms", "noise_unrecorded"),
+    *("background", "background_effects", "background_level", "hysterons", "stated_hysterons", "stated_mass"),
+)
 
 
 def write_seal(sealed: Sealed, path: Path) -> str:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from phnn.demo.actuator import TABLE, Array, simulate_all
+from phnn.demo.actuator import Array, simulate_all
+from phnn.demo.base import moving
 from phnn.demo.concealed import Concealed, drifts
 from phnn.demo.disturbance import Disturbance
 from phnn.demo.excitation import Excitation
@@ -74,9 +75,9 @@ def concealing(
 
 
 def ruler(base: Mapping[str, float], plan: tuple[Excitation, ...]) -> Ruler:
-    """Simulates the base model and its sensitivities (central differences in each of its ten parameters)."""
+    """Simulates the base model and its sensitivities (central differences in each of its parameters)."""
     columns = []
-    for name in TABLE:
+    for name in moving(base):
         above = simulate_all({**base, name: base[name] * (1.0 + _STEP)}, plan)
         below = simulate_all({**base, name: base[name] * (1.0 - _STEP)}, plan)
         columns.append(_stacked([(a - b) / (2.0 * _STEP) for a, b in zip(above, below, strict=True)]))
@@ -87,12 +88,12 @@ def ruler(base: Mapping[str, float], plan: tuple[Excitation, ...]) -> Ruler:
 def rulers(base: Mapping[str, float], plan: tuple[Excitation, ...], noise: Noise) -> tuple[Ruler, Ruler]:
     """Rulers of displacement in m, and of displacement whitened by the noise, from one set of forward differences.
 
-    The mass is left alone: nine parameters span what ten can change, for a common factor of all impedances moves
+    The mass is left alone: the others span what all of them can change, for a common factor of all impedances moves
     nothing, and forward differences would turn that nothing into a direction of their own.
     """
     undisturbed = simulate_all(base, plan)
     changes = []
-    for name in (n for n in TABLE if n != "m"):
+    for name in (n for n in moving(base) if n != "m"):
         part = _FAINT.get(name, _AHEAD)
         ahead = simulate_all({**base, name: base[name] * (1.0 + part)}, plan)
         changes.append([(a - q) / part for a, q in zip(ahead, undisturbed, strict=True)])

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from phnn.demo.concealed import stuck_stiffness
 from phnn.demo.disturbance import FORCE_STEP, Disturbance
 from phnn.demo.excitation import Excitation
 from phnn.demo.noise import JITTERED, PROCESS, Noise
@@ -62,9 +63,8 @@ def _pushed(
 
     White force of variance ``a²`` and sample time ``h`` gives an oscillator the variance ``a² h/(2 b k)``.
     """
-    stiffness = base["k"] + base["alpha"] ** 2 * (1.0 / base["C_1"] + 1.0 / base["C_2"])
     wanted = noise.amount * noise.deviation**2
-    guess = math.sqrt(2.0 * base["b"] * stiffness * wanted / FORCE_STEP)
+    guess = math.sqrt(2.0 * base["b"] * stuck_stiffness(base) * wanted / FORCE_STEP)
     unit = [_unit_force(excitation, streams("force", i)) for i, excitation in enumerate(plan)]
 
     def pushed(size: float) -> Disturbed:

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from phnn.models.store import load
+from phnn.report.files import finite
 
 
 def diagnose_folder(
     folder: Path, out: Path, without: Sequence[str], settings: dict[str, Any], keep: bool
 ) -> dict[str, Any]:
-    """``diagnosis.json`` of a folder, with the base parameters before and after beside it.
+    """``diagnosis.json`` of a folder, with the base parameters before and after and their standard errors beside it.
 
     Args:
         without: catalogue entries that the diagnosis must not use.
@@ -23,9 +24,13 @@ def diagnose_folder(
     """
     from phnn.commands import diagnose_quietly
 
-    diagnose_quietly(folder, out, settings | {"without": list(without), "workers": 1})
+    diagnosis = diagnose_quietly(folder, out, settings | {"without": list(without), "workers": 1})
     content: dict[str, Any] = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
     content["models"] = {name: load(out / name)[0].values() for name in ("base", "model")}
+    final = diagnosis.judgement.final
+    content["estimates"] = {
+        n: {"value": final.setup.parameters[n].value, "std": finite(std)} for n, std in final.std().items()
+    }
     if not keep:
         shutil.rmtree(out)
     return content

@@ -10,6 +10,7 @@ import numpy as np
 
 from phnn.demo import Sealed
 from phnn.prove.cases import Task
+from phnn.prove.coverage import base_errors, effect_errors
 from phnn.prove.settings import FAST
 
 # A class or a set of locations larger than this helps nobody.
@@ -41,6 +42,8 @@ class Outcome:
         held_before, held_after: residual over noise on held-out recordings, root mean square.
         worst_before, worst_after: largest relative error of a scale-free group of parameters.
         seconds: of the diagnosis; failure: its message where there was no answer; reason: why it is wrong.
+        family: of a null.
+        base_errors, effect_errors: of estimates, over their standard errors; see `phnn.prove.coverage`.
     """
 
     name: str
@@ -74,10 +77,19 @@ class Outcome:
     seconds: float
     failure: str
     reason: str
+    family: str = ""
+    base_errors: tuple[float, ...] = ()
+    effect_errors: tuple[float, ...] = ()
 
     def row(self) -> dict[str, Any]:
         """For a table; sequences joined."""
-        return {k: "+".join(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+        return {k: _joined(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+
+
+def _joined(values: tuple[Any, ...]) -> str:
+    if values and isinstance(values[0], float):
+        return " ".join(f"{v:.4g}" for v in values)
+    return "+".join(values)
 
 
 def graded(task: Task, sealed: Sealed, answer: Mapping[str, Any]) -> Outcome:
@@ -93,13 +105,17 @@ def graded(task: Task, sealed: Sealed, answer: Mapping[str, Any]) -> Outcome:
     own = tuple(m["location"] for m in missing if m.get("location"))
     place = str(location.get("name") or (own[0] if own else ""))
     tied = tuple(location.get("tied", ()))
-    truth = tuple(sealed.effects)
+    truth = expected(sealed)
+    beside = tuple(n for n in sealed.background_effects if n not in truth)
     fit = answer.get("fit", {})
     held = [_held(fit, "before"), _held(fit, "after") if fit.get("after") else _held(fit, "before")]
     errors = [group_error(answer.get("models", {}).get(n, {}), sealed.base) for n in ("base", "model")]
     test = answer.get("test", {})
     verdict = str(answer.get("verdict", "failed"))
-    grade = _grade(sealed.stratum, truth, verdict, classes, place, tied, sealed.location)
+    told = [c for c in classes if c[0] not in beside]
+    # A name of the background is right, but says nothing of what the case is about.
+    about = "none" if classes and not told else verdict
+    grade = _grade(sealed.stratum, truth, about, told, place, tied, sealed.location)
     if task.tier == FAST and grade == EXACT and len(classes) == 1 and len(classes[0]) > 1:
         grade = IN_CLASS
     return Outcome(
@@ -111,8 +127,16 @@ def graded(task: Task, sealed: Sealed, answer: Mapping[str, Any]) -> Outcome:
         float(test.get("statistic") or np.nan), float(test.get("p_value") or np.nan),
         str((answer.get("remainder") or {}).get("verdict", "")), grade, _located(place, tied, sealed.location),
         held[0], held[1], errors[0], errors[1], float(answer.get("seconds", np.nan)), str(answer.get("failure", "")),
-        "" if grade != WRONG else _reason(verdict, named, truth, answer),
+        "" if grade != WRONG else _reason(verdict, named, truth, answer), task.family,
+        tuple(base_errors(answer.get("estimates", {}), sealed).values()),
+        tuple(effect_errors(missing, sealed).values()),
     )  # fmt: skip
+
+
+def expected(sealed: Sealed) -> tuple[str, ...]:
+    """What is missing from the base model: what was concealed, and a hysteron where the manifest states too few."""
+    lacks = sealed.hysterons > sealed.stated_hysterons and "extra_hysteron" not in sealed.effects
+    return (*sealed.effects, *(["extra_hysteron"] if lacks else []))
 
 
 def _grade(
@@ -124,7 +148,7 @@ def _grade(
     tied: tuple[str, ...],
     places: tuple[str, ...],
 ) -> str:
-    if stratum == "none":
+    if stratum == "none" and not truth:
         return EXACT if verdict == "none" else WRONG
     if stratum == "outside":
         return EXACT if verdict == "unknown" and _located(place, tied, places) != "no" else WRONG

@@ -1,14 +1,16 @@
-"""What a proof writes: ``report.html``, ``cases.csv``, ``rates.csv`` and its figures."""
+"""What a proof writes: ``report.html``, ``cases.csv``, ``rates.csv``, ``nulls.csv`` and its figures."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from phnn.prove.figures import draw_all
+from phnn.prove.nulls import counts
 from phnn.prove.outcome import WRONG, Outcome
 from phnn.prove.settings import FULL, Settings
 from phnn.prove.tally import Rate, detection, quantiles, rates, strong
@@ -25,6 +27,9 @@ def write_proof(outcomes: Sequence[Outcome], settings: Settings, digest: str, ou
     table = [(r.label, r.target, r.hits, r.cases, *r.interval) for r in found]
     columns = ["what", "target", "hits", "cases", "low", "high"]
     write_atomic(out / "rates.csv", pd.DataFrame(table, columns=columns).to_csv(index=False).encode())
+    nulls = counts(outcomes)
+    if nulls:
+        write_atomic(out / "nulls.csv", pd.DataFrame([asdict(c) for c in nulls]).to_csv(index=False).encode())
     for drawing in drawings:
         write_atomic(out / "figures" / drawing.file, drawing.png)
     page = plain_page(
@@ -37,6 +42,7 @@ def write_proof(outcomes: Sequence[Outcome], settings: Settings, digest: str, ou
         rates=found,
         numbers=numbers(outcomes),
         drawings=drawings,
+        nulls=nulls,
         wrong=[o for o in outcomes if o.grade == WRONG and o.group != "fast_weak"],
     )
     write_atomic(out / "report.html", page)
@@ -67,6 +73,11 @@ def numbers(outcomes: Sequence[Outcome]) -> list[tuple[str, str, str]]:
             ("worst scale-free group after a right diagnosis, median error", _percent(errors[1][0]), "≤ 1 %"),
             ("worst scale-free group after a right diagnosis, 90th percentile", _percent(errors[1][1]), "≤ 1 %"),
         ]
+    spread = [abs(e) for o in outcomes if o.tier == FULL and o.grade != WRONG for e in o.effect_errors]
+    if spread:
+        found.append(
+            ("effect parameters: median error over its standard error", _shown(float(np.median(spread))), "≤ 1")
+        )
     for tier in ("fast", FULL):
         seconds = [o.seconds for o in outcomes if o.tier == tier and np.isfinite(o.seconds)]
         if seconds:

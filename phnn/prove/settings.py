@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
+from phnn.demo.conditions import PLAIN, Conditions
+from phnn.demo.families import asked
 from phnn.errors import InputRefused
+from phnn.prove.families import family
 
 FAST, FULL = "fast", "full"
 STRATA = ("none", "same", "other", "outside", "pair")
+GROUPS = ("fast_none", "fast_weak", *STRATA, "few")
+NULLS = "nulls"
 
 
 @dataclass(frozen=True)
@@ -21,7 +26,12 @@ class Settings:
         fast_none, fast_weak: cases of the fast tier, which ends with the score.
         none, same, other, outside, pair: cases of the full tier by stratum.
         few: how many of the full tier's cases of the stratum ``same`` have few recordings.
-        fast_plan, plan: sets of recordings of the two tiers.
+        nulls: cases of the full tier with nothing concealed, for each of ``null_families``.
+        only: groups of cases to take part; empty for all.
+        null_families: see `phnn.prove.families`.
+        noise: family of all cases but the nulls by family, see `phnn.demo.families`; empty for that of the seed.
+        background, hysterons, wrong_order, anchor_error: of all cases, see `phnn.demo.Conditions`.
+        fast_plan, plan, null_plan: sets of recordings of the two tiers and of the nulls by family.
         executor: where cases are worked on, see `phnn.ensemble.executor.executor`.
         starts: starting points of a fit; max_effects: how many effects a diagnosis may name.
         keep: whether recordings and whole reports are kept.
@@ -36,8 +46,17 @@ class Settings:
     outside: int
     pair: int
     few: int
+    nulls: int
+    only: tuple[str, ...]
+    null_families: tuple[str, ...]
+    noise: str
+    background: bool
+    hysterons: int
+    wrong_order: bool
+    anchor_error: bool
     fast_plan: str
     plan: str
+    null_plan: str
     executor: str
     starts: int
     max_effects: int
@@ -48,16 +67,42 @@ class Settings:
         """From the composed configuration.
 
         Raises:
-            InputRefused: a number of cases is negative, or all are zero.
+            InputRefused: a number of cases is negative, all are zero, or a group or family is unknown.
         """
-        found = cls(**{n: config[n] for n in cls.__dataclass_fields__})
-        counts = {n: getattr(found, n) for n in ("fast_none", "fast_weak", *STRATA, "few")}
+        lists = {n: tuple(str(v) for v in config[n]) for n in ("only", "null_families")}
+        found = cls(**({n: config[n] for n in cls.__dataclass_fields__} | lists))
+        unknown = [n for n in found.only if n not in (*GROUPS, NULLS)]
+        if unknown:
+            raise InputRefused(f"only: no group is called {unknown[0]!r}: take some of {', '.join((*GROUPS, NULLS))}")
+        for name in found.null_families:
+            family(name, found.null_plan)
+        if found.noise:
+            asked(found.noise)
+        counts = {n: found.count(n) for n in (*GROUPS, NULLS)}
         wrong = [f"{n}={c}" for n, c in counts.items() if c < 0]
         if wrong or not any(counts.values()):
             raise InputRefused(f"{wrong[0] if wrong else 'no cases'}: give numbers of cases, 0 or more, not all 0")
+        other = found.conditions.hysterons != PLAIN.hysterons or found.wrong_order
+        if other and (counts["fast_none"] or counts["fast_weak"]):
+            raise InputRefused(
+                "the fast tier fits two hysterons, rightly stated: set fast_none=0 fast_weak=0, or use only"
+            )
         return found
+
+    @property
+    def conditions(self) -> Conditions:
+        """What all cases are asked to have."""
+        return Conditions(self.background, self.hysterons, self.wrong_order, self.anchor_error)
+
+    def count(self, group: str) -> int:
+        """Cases of a group; of the nulls, in each family."""
+        taken = not self.only or group in self.only
+        return int(getattr(self, group)) if taken else 0
 
     @property
     def changes_cases(self) -> dict[str, Any]:
         """What decides a case and its answer; how many there are and where they are worked on does not."""
-        return {n: getattr(self, n) for n in ("seed", "fast_plan", "plan", "starts", "max_effects")}
+        found = {n: getattr(self, n) for n in ("seed", "fast_plan", "plan", "starts", "max_effects")}
+        conditions = {n: v for n, v in asdict(self.conditions).items() if v != getattr(PLAIN, n)}
+        noise = {"noise": self.noise} if self.noise else {}
+        return found | conditions | noise | ({"null_plan": self.null_plan} if self.count(NULLS) else {})

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest, norm
 
 from phnn.diagnose.scored import SIGNIFICANT
+from phnn.prove.coverage import SHARES, inside
 from phnn.prove.outcome import EXACT, WRONG, Outcome
 from phnn.prove.settings import FAST, FULL
+from phnn.report.formatting import DASH
 
 Array = NDArray[np.float64]
 
@@ -59,7 +61,7 @@ def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     full = [o for o in outcomes if o.tier == FULL]
 
     def of(stratum: str) -> list[Outcome]:
-        return [o for o in full if o.stratum == stratum and o.group != "few"]
+        return [o for o in full if o.stratum == stratum and o.group != "few" and not o.family]
 
     same = [o for o in of("same") if strong(o)]
     nothing = [o for o in outcomes if o.stratum == "none"]
@@ -77,9 +79,25 @@ def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
              lambda o: o.grade != WRONG, "–"),
         rate("nothing missing: false alarms, score stage", [o for o in nothing if o.tier == FAST],
              lambda o: o.verdict != "none", "≤ 2 %"),
-        rate("nothing missing: false alarms, whole command", [o for o in nothing if o.tier == FULL],
-             lambda o: o.verdict != "none", "≤ 2 %"),
+        rate("nothing missing: false alarms, whole command", of("none"), lambda o: o.verdict != "none", "≤ 2 %"),
+        rate("nothing missing: false alarms, nulls of all families", [o for o in nothing if o.family],
+             lambda o: o.grade == WRONG, "≤ 1 %"),
+        *coverage([o for o in full if o.grade != WRONG]),
     ]  # fmt: skip
+
+
+def coverage(outcomes: Sequence[Outcome]) -> list[Rate]:
+    """How often intervals of 68 and 95 % contain the true parameter, where the answer is right."""
+    errors = {
+        "base parameters": [e for o in outcomes for e in o.base_errors],
+        "effect parameters": [e for o in outcomes for e in o.effect_errors],
+    }
+    targets = {0.68: DASH, 0.95: "90–98 %"}
+    return [
+        Rate(f"{what} inside their {100 * share:.0f} % interval", sum(inside(found, share)), len(found), targets[share])
+        for what, found in errors.items()
+        for share in SHARES
+    ]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,108 @@
+"""How far estimates lie from the truth in their own standard errors, and how often an interval contains it.
+
+Voltage and displacement leave one common factor of all impedances free, which the stated mass fixes. Where the stated
+mass is exact, errors of what scales with it say nothing of its stated deviation: those parameters are left out there.
+The mass itself is left out always, for its interval is the anchor's own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from scipy.stats import norm
+
+from phnn.demo import Sealed
+
+SHARES = (0.68, 0.95)
+_REFERENCE = 100e-6  # m, displacement that strengths of a seal refer to
+
+# By effect and parameter of the catalogue: the seal's name, and the power of the reference displacement, whose own
+# name follows. What the recordings know in products only, as of self-heating, is not compared.
+_SEALED: dict[str, dict[str, tuple[str, int, str]]] = {
+    "creep": {"k_s": ("k_s", 0, ""), "tau_s": ("tau_s", 0, "")},
+    "extra_hysteron": {"C_x": ("C_3", 0, ""), "rho_x": ("rho_3", 0, ""), "d_x": ("d_3", 0, "")},
+    "cubic_stiffness": {"kappa_3": ("kappa_3", 2, "q_0")},
+    "coulomb_friction": {"F_c": ("F_c", 0, "")},
+    "quadratic_drag": {"c_2": ("c_2", 0, "")},
+    "hysteresis_asymmetry": {"kappa_d": ("kappa_d", 1, "q_d")},
+    "electrostriction": {"epsilon": ("epsilon", 0, "")},
+    "amplifier_lowpass": {"tau_a": ("tau_V", 0, "")},
+    "amplifier_saturation": {"V_max": ("V_max", 0, "")},
+    "sensor_drift": {"drift_rate": ("rate", 0, "")},
+    "contact_stop": {"k_c": ("k_c", 0, ""), "g_c": ("q_c", 0, "")},
+    "quadratic_stiffness": {"kappa_2": ("kappa_2", 1, "q_2")},
+    "charge_leakage": {"G": ("G", 0, "")},
+    "rate_dependent_threshold": {"kappa_v": ("kappa_v", 0, "")},
+    "displacement_coupling": {"kappa_a": ("kappa_a", 1, "q_a")},
+    "depolarisation": {"delta_z": ("delta_z", 0, ""), "tau_z": ("tau_z", 0, ""), "V_c": ("V_c", 0, "")},
+    "second_mode": {"m_2": ("m_2", 0, ""), "k_2": ("k_2", 0, ""), "b_2": ("b_2", 0, "")},
+    "delay": {"tau_d": ("tau_d", 0, "")},
+    "slew_limit": {"S": ("S", 0, "")},
+    "sensor_lag": {"tau_y": ("tau_y", 0, "")},
+    "sensor_nonlinearity": {"a_2": ("a_2", 0, ""), "a_3": ("a_3", 0, "")},
+    "output_backlash": {"delta_b": ("delta_b", 0, "")},
+    "mains_pickup": {"f_m": ("f_m", 0, "")},
+    "base_motion": {"f_b": ("f_b", 0, "")},
+}
+# Impedances, admittances and forces per volt: they scale with the common factor.
+_SCALED = {"k", "b", "alpha", "k_s", "F_c", "c_2", "k_c", "m_2", "k_2", "b_2", "G", "C_x", "rho_x"}
+
+Estimates = Mapping[str, Mapping[str, Any]]
+
+
+def base_errors(estimates: Estimates, sealed: Sealed) -> dict[str, float]:
+    """Error over standard error of each base parameter that has one; none where the numbers of hysterons differ.
+
+    Args:
+        estimates: ``{"value", "std"}`` by name; hysterons have no order, they are compared in that of their dead zones.
+    """
+    orders = [
+        sorted(n[2:] for n in table if n.startswith("d_") and n[2:].isdigit()) for table in (estimates, sealed.base)
+    ]
+    own = sorted(orders[0], key=lambda i: float(estimates[f"d_{i}"]["value"]))
+    true = sorted(orders[1], key=lambda i: sealed.base[f"d_{i}"])
+    if len(own) != len(true) or not estimates:
+        return {}
+    names = {n: n for n in ("k", "b", "alpha")}
+    names |= {f"{n}_{i}": f"{n}_{j}" for i, j in zip(own, true, strict=True) for n in ("C", "rho", "d")}
+    return _errors({n: (estimates.get(n), sealed.base[of]) for n, of in names.items()}, sealed)
+
+
+def effect_errors(missing: Iterable[Mapping[str, Any]], sealed: Sealed) -> dict[str, float]:
+    """The same of the parameters of each rightly named effect whose law has the form of the catalogue."""
+    pairs: dict[str, tuple[Mapping[str, Any] | None, float]] = {}
+    truth = {**sealed.background, **(sealed.parameters if sealed.form == "canonical" else {})}
+    concealed = (*(sealed.effects if sealed.form == "canonical" else ()), *sealed.background_effects)
+    for entry in missing:
+        effect, estimates = str(entry["effect"]), entry.get("parameters") or {}
+        for name, (of, power, reference) in _SEALED.get(effect, {}).items():
+            if effect not in concealed or of not in truth or name not in estimates:
+                continue
+            scale = (float(estimates[reference]["value"]) / _REFERENCE) ** power if power else 1.0
+            pairs[name] = (estimates[name], truth[of] * scale)
+    return _errors(pairs, sealed)
+
+
+def _errors(pairs: Mapping[str, tuple[Mapping[str, Any] | None, float]], sealed: Sealed) -> dict[str, float]:
+    anchored = sealed.stated_mass > 0.0
+    found = {}
+    for name, (estimate, true) in pairs.items():
+        if estimate is None or (not anchored and _scaled(name)):
+            continue
+        std = estimate.get("std")
+        if std is not None and 0.0 < float(std) < math.inf:
+            found[name] = (float(estimate["value"]) - true) / float(std)
+    return found
+
+
+def _scaled(name: str) -> bool:
+    """Whether the common factor moves a parameter; hysterons are numbered."""
+    kind, _, number = name.partition("_")
+    return name in _SCALED or (kind in ("C", "rho") and number.isdigit())
+
+
+def inside(errors: Iterable[float], share: float) -> list[bool]:
+    """Whether each normal interval of that probability contains the truth."""
+    return [abs(error) <= norm.ppf(0.5 + 0.5 * share) for error in errors]
