@@ -48,8 +48,10 @@ def a_gain(before: float, after: float, p: float | None = 1e-6) -> Gain:
         (a_gain(3.0, 3.1, 0.999), a_gain(1.002, 1.0), Outcome.REFUTED),
         (a_gain(3.0, 3.1, None), a_gain(3.0, 1.0), Outcome.PROVISIONAL),
         (a_gain(3.0, 1.2, None), a_gain(3.0, 1.0), Outcome.OPEN),
+        (a_gain(1.69, 1.43, None), a_gain(3.4, 1.0), Outcome.PROVISIONAL),  # less than nine tenths of the excess
         (a_gain(1.010, 1.008, None), a_gain(1.002, 1.0), Outcome.IMMATERIAL),
         (None, a_gain(3.0, 1.0), Outcome.OPEN),
+        (None, a_gain(3.0, 2.0), Outcome.REFUTED),
         (None, a_gain(1.010, 1.008), Outcome.IMMATERIAL),
     ],
 )
