@@ -16,7 +16,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from phnn.check import check as check_recordings
-from phnn.diagnose.diagnosis import Diagnosis, score_on_all
+from phnn.diagnose.confirm import score_on_all
+from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.diagnosis import diagnose as run_diagnosis
 from phnn.errors import PhnnError
 from phnn.identify.base import Options, Progress, identify_base
@@ -230,8 +231,9 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any]) -> None:
     diagnosis = _diagnose(read(folder), out / "diagnosis", Options.from_config(config))
     sealed = open_seal(seal_file)
     j = diagnosis.judgement
-    named = [f.trial.candidate.effect.name for f in j.findings]
-    members = list(dict.fromkeys(t.candidate.effect.name for f in j.findings for t in f.members))
+    claimed = [f for f in j.findings if not f.provisional]
+    named = [f.trial.candidate.effect.name for f in claimed]
+    members = list(dict.fromkeys(t.candidate.effect.name for f in claimed for t in f.members))
     held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")
     print(f"opened the seal: {sealed.effect}, residual {sealed.strength_over_noise:.3g} × noise, {sealed.parameters}")
     print(f"held-out residual over noise: {held[0]:.3g} -> {held[1]:.3g}")

@@ -14,7 +14,7 @@ from phnn.compare.result import Result, digest, keep, kept
 from phnn.compare.settings import Settings
 from phnn.compare.supply import Response, Supply, of_plant, of_setup, supply
 from phnn.compare.trained import Trained, train
-from phnn.diagnose.diagnosis import score_on_all
+from phnn.diagnose.confirm import score_on_all
 from phnn.identify.base import Progress, identification_plan, identify_base, identify_bouc_wen
 from phnn.identify.fit import Fit
 from phnn.identify.problem import Plan

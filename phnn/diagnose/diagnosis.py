@@ -6,26 +6,22 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from phnn.diagnose.judge import Judgement, judge, unexplained
+from phnn.diagnose.confirm import Confirmation, confirmed
+from phnn.diagnose.judge import Judgement, judge
 from phnn.diagnose.propose import NextExperiment, propose
 from phnn.diagnose.scored import scored
-from phnn.diagnose.select import WELL, share_of
-from phnn.diagnose.trial import MATERIAL
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.ensemble import executor
 from phnn.identify.base import Options, Progress, identify_base, quiet, refined, single
-from phnn.identify.evaluate import Evaluation, evaluate
+from phnn.identify.evaluate import Evaluation
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import NumericalError
-from phnn.identify.problem import Plan
 from phnn.integrate.residual import check
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
 
 # Above this score along a candidate's direction a numerical error could be named as physics.
 _FAKE = 0.3
-# Share of the excess in the held-out recordings that confirms an effect.
-_CONFIRMS = 0.5
 
 
 @dataclass(frozen=True)
@@ -105,7 +101,12 @@ def diagnose(
         found, catalogue_, chosen.seed, max(1, chosen.max_effects), campaign.held_out_is_new, refits
     )  # fmt: skip
     progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
-    judgement, before, after = _confirmed(judgement, base, campaign)
+    rule = Confirmation(chosen.material, chosen.material_share)
+    judgement, before, after = confirmed(
+        judgement, base, campaign, rule, lambda fitted: scored(fitted, catalogue_, chosen.seed, terminals=terminals)
+    )
+    if judgement.verdict == "named" and judgement.naming.numerical > _FAKE:
+        judgement = replace(judgement, verdict="equivalent")
     grounds = {id(g): g for g in (judgement.ground, judgement.final_ground)}.values()
     residual = max(check(t) for g in grounds for t in g.trajectories)
     members = next((f.members for f in judgement.findings if len(f.members) > 1), ())
@@ -113,41 +114,3 @@ def diagnose(
     return Diagnosis(
         campaign, base, error, judgement, before, after, proposal, residual, chosen, time.monotonic() - began
     )  # fmt: skip
-
-
-def _confirmed(judgement: Judgement, base: Fit, campaign: Campaign) -> tuple[Judgement, Evaluation, Evaluation]:
-    """The judgement after the held-out recordings had the last word, and the scores of both models on all recordings.
-
-    What does not help them is not named, nor kept if it was learned. What the numerical error could fake is not named
-    either. What explained less than nine tenths of the others, and not half of these, explains nothing.
-    """
-    before = score_on_all(base, campaign)
-    after = score_on_all(judgement.final, campaign) if judgement.final is not base else before
-    # Own parts are fitted to the very samples that are scored: the base model is granted the same ones.
-    granted, own = before, judgement.final.setup.own
-    if own != base.setup.own:
-        granted = score_on_all(replace(base, setup=replace(base.setup, own=own)), campaign)
-    useless = after.over_noise("confirmation") >= granted.over_noise("confirmation")
-    if judgement.verdict == "named" and (useless or judgement.naming.numerical > _FAKE):
-        judgement = replace(judgement, verdict="equivalent")
-    vain = useless if judgement.learned else bool(judgement.findings) and _refuted(judgement, granted, after)
-    if judgement.location is not None and vain:
-        nameless = unexplained(judgement.ground, judgement.naming, judgement.location, judgement.tried)
-        return nameless, before, before
-    return judgement, before, after
-
-
-def _refuted(judgement: Judgement, before: Evaluation, after: Evaluation) -> bool:
-    """Whether effects that do not explain well leave more than half of what there is in the held-out recordings."""
-    explained = share_of(judgement.ground.fit, judgement.final, judgement.naming)
-    had, has = (e.over_noise("confirmation") ** 2 for e in (before, after))
-    return explained < WELL and has > MATERIAL and has - 1.0 > (1.0 - _CONFIRMS) * (had - 1.0)
-
-
-def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
-    """A fit's scores on every recording of a campaign; held-out ones get the finest sub-steps of the fit's plan."""
-    finest = max((fitted.plan.steps_of(r) for r in fitted.plan.recordings), default=1)
-    known = {r.name: r for r in fitted.plan.recordings}
-    recordings = tuple(known.get(r.name, r) for r in campaign.recordings)
-    steps = {r.name: fitted.plan.substeps.get(r.name, finest) for r in recordings}
-    return evaluate(fitted.setup, Plan(recordings, steps, fitted.plan.workers), fitted.initial_states)

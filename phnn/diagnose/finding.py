@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from phnn.diagnose.gain import Gain
 from phnn.diagnose.name import Naming
 from phnn.diagnose.scored import SIGNIFICANT
 from phnn.diagnose.trial import Trial
@@ -13,12 +14,21 @@ from phnn.effects import Effect
 
 @dataclass(frozen=True)
 class Finding:
-    """One effect that was added, with everything that was tried for it."""
+    """One effect that was added, with everything that was tried for it.
+
+    Attributes:
+        trial: its refit; members: those that cannot be told from it, it among them; trials: all.
+        naming: the scores that led to it.
+        held_out: what it gains on held-out recordings; None before they were asked, and where there are none.
+        provisional: part of the model, for the identification recordings ask for it, but not named.
+    """
 
     trial: Trial
     members: tuple[Trial, ...]
     trials: tuple[Trial, ...]
     naming: Naming
+    held_out: Gain | None = None
+    provisional: bool = False
 
     @property
     def evidence(self) -> tuple[float, float]:

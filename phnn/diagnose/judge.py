@@ -25,6 +25,20 @@ _SEVERAL = 0.95
 
 
 @dataclass(frozen=True)
+class Immaterial:
+    """Something significant that is too small to matter.
+
+    Attributes:
+        candidate: the effect that explains it best, None where only a generic function does.
+        rms: what it explains, root mean square, in the output's unit; share_of_noise: the same over the noise.
+    """
+
+    candidate: str | None
+    rms: float
+    share_of_noise: float
+
+
+@dataclass(frozen=True)
 class Judgement:
     """Attributes:
     verdict: ``named``, ``equivalent``, ``unknown`` or ``none``.
@@ -35,6 +49,8 @@ class Judgement:
     remainder: scores on the final model's residual; None for ``none``.
     remainder_location: where what remains seems to be.
     learned: whether ``final`` contains a learned one-port.
+    immaterial: for ``none``: what is significant all the same.
+    remainder_immaterial: what of the remainder is significant, and too small to matter.
     """
 
     verdict: str
@@ -48,6 +64,8 @@ class Judgement:
     remainder: Naming | None = None
     remainder_location: Location | None = None
     learned: bool = False
+    immaterial: Immaterial | None = None
+    remainder_immaterial: Immaterial | None = None
 
 
 def judge(
@@ -100,6 +118,14 @@ def _also(location: Location, name: str) -> Location:
 def unexplained(ground: Ground, naming: Naming, location: Location, tried: tuple[Trial, ...]) -> Judgement:
     """Real, and nothing to add to the base model."""
     return Judgement("unknown", ground, naming, location, ground.fit, ground, (), tried, naming, location)
+
+
+def immaterial(judgement: Judgement, found: Immaterial) -> Judgement:
+    """Nothing worth telling is missing: the base model stands, and what is significant is told with its size."""
+    ground = judgement.ground
+    return Judgement(
+        "none", ground, judgement.naming, None, ground.fit, ground, tried=judgement.tried, immaterial=found
+    )  # fmt: skip
 
 
 def _unknown(

@@ -29,7 +29,7 @@ def retested(
     place = 0
     while place < len(findings) and len(findings) > 1:
         others = (*findings[:place], *findings[place + 1 :])
-        alone = _without(base, others, findings[place], fitted)
+        alone = without(base, others, findings[place], fitted)
         if alone is None:
             place += 1
             continue
@@ -57,7 +57,7 @@ def _refitted(base: Fit, trials: Sequence[Trial], executor: Executor) -> list[Tr
     return [Trial(known[t.candidate.effect], t.fit) for t in refit(base, again, executor)]
 
 
-def _without(base: Fit, others: Sequence[Finding], dropped: Finding, fitted: Fit) -> Fit | None:
+def without(base: Fit, others: Sequence[Finding], dropped: Finding, fitted: Fit) -> Fit | None:
     """The base model with some of the effects of a fit, fitted from where that one ended.
 
     Where that explains less, the model may have followed what was dropped, or that has taken the place of something of

@@ -13,6 +13,10 @@ from phnn.effects import Effect
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import NumericalError
 
+# Level of a whole search, spent once. Its hypotheses are tested in order: the base model is complete, the model with
+# the best element is complete, and so on. The first that is not rejected ends the search; the verdict on the remainder
+# is no further test but the last of these. In such a fixed sequence every test may use the whole level, because the
+# first false rejection must be that of the first true hypothesis (Maurer, Hothorn & Lehmacher 1995).
 SIGNIFICANT = 0.01
 
 

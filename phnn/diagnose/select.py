@@ -25,13 +25,13 @@ from phnn.identify.numerics import numerical_error
 _REFITS, _REFITS_MORE = 14, 6
 # Below this share of the excess residual explained, a catalogue entry is no explanation, not even in another form;
 # a further one is not below that share of what the ones before it left.
-_EXPLAINS, EXPLAINS_MORE = 0.5, 0.7
+EXPLAINS, EXPLAINS_MORE = 0.5, 0.7
 # What takes less than this share of what is left does not help to find what else is missing.
 _EXPLAINS_SOME = 0.25
 # From this share on an effect explains well: no learned element is held against it.
 WELL = 0.9
 # A floor estimated from a recording is no better known than this: less above it is not held against an effect.
-_NOISE = 1.02**2
+FLOOR = 1.02**2
 # Another form that leaves more than this may as well be two effects.
 _MUCH = 2.0**2
 # Refits that end within this many ties of the best one are compared with numerical error bounded.
@@ -160,7 +160,7 @@ def _in_another_form(step: Selected, location: Location, left: Location) -> bool
 def misplaced(step: Selected, location: Location) -> bool:
     """Whether a selection leaves more than the noise level is known to, and that elsewhere than what was named."""
     left, chi2 = step.model.remaining, step.model.ground.fit.chi2
-    return left is not None and chi2 > _NOISE and elsewhere(effects_of(step.findings), location, left, chi2 < MATERIAL)
+    return left is not None and chi2 > FLOOR and elsewhere(effects_of(step.findings), location, left, chi2 < MATERIAL)
 
 
 def _kept(steps: Sequence[Selected]) -> bool:
@@ -170,12 +170,12 @@ def _kept(steps: Sequence[Selected]) -> bool:
     """
     last = steps[-1]
     left = last.model.remaining
-    if left is None or last.model.ground.fit.chi2 < _NOISE:
+    if left is None or last.model.ground.fit.chi2 < FLOOR:
         return True
     if len(steps) == 2:
         whole = steps[0].model.remaining
         placed = located(left) or (whole is not None and located(whole))
-        return last.share >= (_EXPLAINS if placed else EXPLAINS_MORE)
+        return last.share >= (EXPLAINS if placed else EXPLAINS_MORE)
     own = not elsewhere(effects_of(last.findings[-1:]), left, left)
     return last.share >= EXPLAINS_MORE and (own or not located(left))
 

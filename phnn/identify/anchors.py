@@ -31,7 +31,7 @@ def held_anchors(problem: Problem) -> dict[str, float]:
     return {n: s for n, s in problem.plan.anchors.items() if s > 0.0 and n in names and n not in estimated}
 
 
-def by_anchors(problem: Problem, z: Array, names: tuple[str, ...]) -> Array:
+def residual_by_anchors(problem: Problem, z: Array, names: tuple[str, ...]) -> Array:
     """(N, A) derivatives of the weighted residual by A held parameters [1/SI unit], initial states unchanged."""
     own = problem.template.own
 

@@ -35,6 +35,8 @@ class Options:
         error_bound_sigma: bound on the numerical error over the plan, in standard deviations.
         max_effects: how many effects a diagnosis may add.
         without: effects of the catalogue that a diagnosis must not use.
+        material: what an element has to explain of the held-out recordings to be named [× noise rms].
+        material_share: by which share the held-out error has to fall besides [1].
         workers: threads of a fit.
         executor: where the refits of a diagnosis are done, for choices see `phnn.ensemble.executor.executor`; anywhere
             but in ``serial`` each refit has one thread.
@@ -45,6 +47,8 @@ class Options:
     error_bound_sigma: float = 1.0
     max_effects: int = 3
     without: tuple[str, ...] = ()
+    material: float = 0.1
+    material_share: float = 0.01
     workers: int = 2
     executor: str = "serial"
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from phnn.identify.anchors import by_anchors, estimates_by_anchors, held_anchors
+from phnn.identify.anchors import estimates_by_anchors, held_anchors, residual_by_anchors
 from phnn.identify.problem import Plan, Problem, Variables, variables_of
 from phnn.recordings.driving import unknown_instants
 from phnn.setup import Setup
@@ -32,27 +33,25 @@ class Fit:
         setup: with the estimates.
         plan: recordings, with the estimated instants of their jumps, and sub-steps of the fit.
         variables, z: what was moved and where it ended.
-        covariance: (K, K) of ``z``: the sandwich over blocks of samples, and what held anchors add.
+        scatter: (K, K) covariance of ``z`` by noise alone, sandwich over blocks of samples.
         held: parameters that were not estimated, with the reason.
         residual: (N,) weighted identification residual; jacobian: (N, K) its derivatives by ``z``.
         evaluations: simulations of the whole plan.
         alternatives: other optima that fit nearly as well, from which a larger model may end better.
         anchors: standard deviations [SI] of the held anchors, by name.
-        by_anchors: (K, A) derivatives of ``z`` by them.
     """
 
     setup: Setup
     plan: Plan
     variables: Variables
     z: Array
-    covariance: Array
+    scatter: Array
     held: Mapping[str, str]
     residual: Array
     jacobian: Array
     evaluations: int
     alternatives: tuple[Setup, ...] = ()
     anchors: Mapping[str, float] = field(default_factory=dict)
-    by_anchors: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def chi2(self) -> float:
@@ -63,6 +62,21 @@ class Fit:
     def cost(self) -> float:
         """Weighted sum of squares."""
         return float(self.residual @ self.residual)
+
+    @cached_property
+    def by_anchors(self) -> Array:
+        """(K, A) derivatives of ``z`` by the held anchors; one more sweep of sensitivities, where somebody asks."""
+        if not self.anchors or not self.z.size:
+            return np.zeros((self.z.size, len(self.anchors)))
+        problem = Problem(self.setup, self.plan, self.variables)
+        columns = residual_by_anchors(problem, self.z, tuple(self.anchors))
+        return estimates_by_anchors(_bread(self.jacobian), self.jacobian, columns)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(K, K) covariance of ``z``, by noise and by the errors of the held anchors."""
+        variances = np.square(np.array(list(self.anchors.values()), dtype=float))
+        return np.asarray(self.scatter + (self.by_anchors * variances) @ self.by_anchors.T)
 
     def std(self) -> dict[str, float]:
         """Standard errors of the estimated parameters and of the held anchors, SI; infinite where the recordings do
@@ -185,23 +199,17 @@ def _finish(problem: Problem, z: Array, held: dict[str, str], evaluations: int) 
     residual = problem.residual(z)
     jacobian = problem.jacobian(z) if z.size else np.zeros((residual.size, 0))
     timed = tuple(problem.variables.timed(r, z) for r in problem.plan.recordings)
-    anchors = held_anchors(problem)
-    moved = np.zeros((z.size, len(anchors)))
-    if anchors and z.size:
-        moved = estimates_by_anchors(_bread(jacobian), jacobian, by_anchors(problem, z, tuple(anchors)))
-    variances = np.square(np.array(list(anchors.values()), dtype=float))
     return Fit(
         setup=problem.variables.setup(problem.template, z),
         plan=replace(problem.plan, recordings=timed),
         variables=problem.variables,
         z=z,
-        covariance=sandwich(residual, jacobian, [int(m.sum()) for m in problem.masks]) + (moved * variances) @ moved.T,
+        scatter=sandwich(residual, jacobian, [int(m.sum()) for m in problem.masks]),
         held=held,
         residual=residual,
         jacobian=jacobian,
         evaluations=evaluations,
-        anchors=anchors,
-        by_anchors=moved,
+        anchors=held_anchors(problem),
     )
 
 

@@ -88,7 +88,8 @@ def console_summary(document: Mapping[str, Any], evidence: Evidence) -> Renderab
         parts += _missing_lines(missing)
     parts += _location_line(content)
     parts += _fit_table(content)
-    parts.append(Padding(Text(f"remainder: {remainder_sentence(content.remainder)}"), (1, 0, 0, 0)))
+    left = remainder_sentence(content.remainder, content.immaterial is not None)
+    parts.append(Padding(Text(f"remainder: {left}"), (1, 0, 0, 0)))
     following = content.next_experiment
     if following is not None:
         why = f" – {following.why}" if following.why else ""

@@ -47,6 +47,15 @@ class MissingParameter:
 
 
 @dataclass(frozen=True)
+class HeldOut:
+    """Residual over noise on held-out recordings without and with an element; no p-value where they are too short."""
+
+    before: float | None
+    after: float | None
+    p_value: float | None
+
+
+@dataclass(frozen=True)
 class Missing:
     """One entry of ``missing``."""
 
@@ -58,6 +67,9 @@ class Missing:
     equation: str
     passive: bool | None
     parameters: tuple[MissingParameter, ...]
+    status: str = ""
+    nearest: str = ""
+    held_out: HeldOut | None = None
 
 
 @dataclass(frozen=True)
@@ -74,6 +86,15 @@ class Location:
 
 
 @dataclass(frozen=True)
+class Immaterial:
+    """What is significant and too small to matter."""
+
+    candidate: str
+    rms: float | None
+    share_of_noise: float | None
+
+
+@dataclass(frozen=True)
 class Remainder:
     """What is left after what was named."""
 
@@ -81,6 +102,7 @@ class Remainder:
     residual_over_noise: float | None
     p_value: float | None
     location: str
+    immaterial: Immaterial | None = None
 
 
 @dataclass(frozen=True)
@@ -114,6 +136,7 @@ class Document:
     seconds: float | None
     input_unit: str
     output_unit: str
+    immaterial: Immaterial | None = None
 
     @property
     def has_after(self) -> bool:
@@ -177,7 +200,16 @@ def _missing(value: Any) -> Missing:
         equation=_text(entry.get("equation")),
         passive=passive if isinstance(passive, bool) else None,
         parameters=tuple(_parameter(name, item) for name, item in _mapping(entry.get("parameters")).items()),
+        status=_text(entry.get("status")),
+        nearest=_text(entry.get("nearest")),
+        held_out=_held_out(entry.get("held_out")),
     )
+
+
+def _held_out(value: Any) -> HeldOut | None:
+    if not isinstance(value, Mapping):
+        return None
+    return HeldOut(finite(value.get("before")), finite(value.get("after")), finite(value.get("p_value")))
 
 
 def _descending(items: Mapping[str, float | None]) -> tuple[tuple[str, float | None], ...]:
@@ -211,7 +243,14 @@ def _remainder(value: Any) -> Remainder | None:
         finite(value.get("residual_over_noise")),
         finite(value.get("p_value")),
         _text(value.get("location")),
+        _immaterial(value.get("immaterial")),
     )
+
+
+def _immaterial(value: Any) -> Immaterial | None:
+    if not isinstance(value, Mapping):
+        return None
+    return Immaterial(_text(value.get("candidate")), finite(value.get("rms")), finite(value.get("share_of_noise")))
 
 
 def _next_experiment(value: Any) -> NextExperiment | None:
@@ -256,4 +295,5 @@ def read_document(document: Mapping[str, Any]) -> Document:
         seconds=finite(document.get("seconds")),
         input_unit=_text(units.get("input")) or "V",
         output_unit=_text(units.get("output")) or "m",
+        immaterial=_immaterial(test.get("immaterial")),
     )

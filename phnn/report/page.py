@@ -87,6 +87,8 @@ def _environment() -> Environment:
         formula=formula,
         equivalence=verdicts.equivalence_sentence,
         passivity=verdicts.passive_sentence,
+        heading=verdicts.missing_title,
+        gained=verdicts.held_out_sentence,
     )
     return environment
 
@@ -106,7 +108,7 @@ def render_page(
         unsupplied=unsupplied,
         headline=verdicts.headline(document, evidence.verdict_sentence),
         test_sentence=verdicts.test_sentence(document),
-        remainder_sentence=verdicts.remainder_sentence(document.remainder),
+        remainder_sentence=verdicts.remainder_sentence(document.remainder, document.immaterial is not None),
         headline_ratio=_headline_ratio(document),
         frequencies=_first(location.frequencies_hz, "Hz") if location else "",
         times=_first(location.times_s, "s") if location else "",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import Judgement
 from phnn.diagnose.ledger import account
 from phnn.diagnose.locate import (
@@ -23,21 +23,17 @@ from phnn.diagnose.name import Candidate
 from phnn.diagnose.picture import Picture, learned_picture, missing_force, picture
 from phnn.diagnose.scored import SIGNIFICANT
 from phnn.diagnose.symptoms import seen, symptoms
-from phnn.identify.fit import Fit
 from phnn.identify.staged import fixes_common_factor
 from phnn.models.store import save
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace
 from phnn.report.files import finite, write_json
 from phnn.report.following import WAVEFORM, next_experiment, write_waveform
-from phnn.report.sentence import sentence, unknown_character, unknown_statement
+from phnn.report.missing import FORCE_UNITS, missing_entries
+from phnn.report.sentence import sentence
 from phnn.report.symptoms import symptom_sentences
 from phnn.report.write import write_report
-from phnn.units import quantity
 
 SCHEMA = "phnn.diagnosis/1"
-# Units of what is known only up to one common factor where nothing anchors it.
-_FORCE_UNITS = ("kg", "N", "N/m", "N s/m", "N s²/m²", "N/V", "F", "S")
-_UP_TO_FACTOR = " Absolute values are known up to one common factor, because nothing anchors them."
 _PACKAGES = ("phnn", "torch", "numpy", "scipy", "numba")
 
 
@@ -67,7 +63,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "schema": SCHEMA,
         "verdict": j.verdict,
         "test": _test(j),
-        "missing": _missing(diagnosis),
+        "missing": missing_entries(diagnosis),
         "remainder": _remainder(j),
         "location": _location(diagnosis),
         "noise_floor": {r.name: r.noise for r in diagnosis.campaign.recordings},
@@ -88,72 +84,33 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _test(j: Judgement) -> dict[str, Any]:
-    """The statistic of what was named, else the supremum; its candidate is null where a generic function holds it."""
+    """The statistic of what was named, else the supremum; its candidate is null where a generic function holds it.
+
+    What is significant and immaterial is told with its size.
+    """
     if j.findings:
         statistic, p_value = j.findings[0].evidence
         return {"statistic": statistic, "p_value": p_value, "candidate": j.findings[0].trial.candidate.effect.name}
     best = j.naming.candidates[0] if j.naming.candidates else None
     name = best.effect.name if best is not None and best.score >= j.naming.generic else None
-    return {"statistic": j.naming.statistic, "p_value": j.naming.p_value, "candidate": name}
-
-
-def _missing(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    j = diagnosis.judgement
-    if j.verdict == "none":
-        return []
-    if j.verdict == "unknown":
-        return [_learned(j)]
-    return [_entry(j.final, f, fixes_common_factor(diagnosis.campaign.known)) for f in j.findings]
-
-
-def _entry(final: Fit, finding: Finding, anchored: bool) -> dict[str, Any]:
-    effect = finding.trial.candidate.effect
-    parameters, std = final.setup.parameters, final.std()
-    shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in effect.parameters}
-    return {
-        "effect": effect.name,
-        "location": effect.location,
-        "equivalent_to": [t.candidate.effect.name for t in finding.members[1:]],
-        "p_value": finding.evidence[1],
-        "statement": effect.statement.format(**shown)
-        + ("" if anchored or not any(parameters[n].unit in _FORCE_UNITS for n in effect.parameters) else _UP_TO_FACTOR),
-        "equation": effect.equation,
-        "passive": effect.passive,
-        "parameters": {
-            n: {"value": parameters[n].value, "unit": parameters[n].unit, "std": std.get(n)} for n in effect.parameters
-        },
-    }
-
-
-def _learned(j: Judgement) -> dict[str, Any]:
-    where = j.location
-    name = where.name if where else "mechanical"
-    added = [n for n in j.final.setup.parameters if n not in j.ground.fit.setup.parameters]
-    parameters, std = j.final.setup.parameters, j.final.std()
-    return {
-        "effect": "unknown",
-        "location": name,
-        "equivalent_to": list(where.tied) if where else [],
-        "p_value": j.naming.p_value,
-        "statement": f"{unknown_statement(j)} {unknown_character(j)}".strip(),
-        "equation": r"F_x = \sum_j \theta_j f_j" if j.learned else "",
-        "passive": j.learned,
-        "parameters": {n: {"value": parameters[n].value, "unit": parameters[n].unit, "std": std.get(n)} for n in added},
-    }
+    test = {"statistic": j.naming.statistic, "p_value": j.naming.p_value, "candidate": name}
+    return test if j.immaterial is None else test | {"immaterial": asdict(j.immaterial)}
 
 
 def _remainder(j: Judgement) -> dict[str, Any]:
     over = float(np.sqrt(j.final.chi2))
     if j.remainder is None:
         return {"verdict": "none", "residual_over_noise": over, "p_value": j.naming.p_value, "location": None}
-    found = j.remainder.p_value < SIGNIFICANT
+    small = j.remainder_immaterial
+    found = j.remainder.p_value < SIGNIFICANT and small is None
     where = j.remainder_location.name if found and j.remainder_location else None
-    return {
+    left = {
         "verdict": "unknown" if found else "none",
         "residual_over_noise": over,
         "p_value": j.remainder.p_value,
         "location": where,
     }
+    return left if small is None else left | {"immaterial": asdict(small)}
 
 
 def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
@@ -179,7 +136,8 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
     """Traces, curves and tables of the report."""
     j = diagnosis.judgement
     curves = []
-    for ground, where in ((j.ground, j.location), (j.final_ground, j.remainder_location)):
+    left = j.remainder_location if j.remainder_immaterial is None else None
+    for ground, where in ((j.ground, j.location), (j.final_ground, left)):
         found = picture(ground, where) if where is not None else None
         if found is not None:
             curves.append(_curve(found, ground is not j.ground))
@@ -235,7 +193,7 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
     rows = []
     for name, p in after.items():
         note = held.get(name, "constant" if p.fixed else "")
-        if not note and not anchored and p.unit in _FORCE_UNITS:
+        if not note and not anchored and p.unit in FORCE_UNITS:
             note = "up to one common factor"
         if not math.isfinite(std.get(name, 0.0)):
             note = "not identified by these recordings"
@@ -256,6 +214,8 @@ def _candidates(j: Judgement) -> list[CandidateRow]:
             return "added"
         if name in members:
             return "cannot be told from the one added"
+        if j.immaterial is not None and name == j.immaterial.candidate:
+            return "significant, but immaterial"
         if name not in refits:
             return "not significant" if c.p_value >= SIGNIFICANT else "others score higher: not refitted"
         if not j.findings:

@@ -6,10 +6,11 @@ import math
 
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.finding import Finding
-from phnn.diagnose.judge import Judgement
+from phnn.diagnose.judge import Immaterial, Judgement
 from phnn.diagnose.scored import SIGNIFICANT
 from phnn.diagnose.select import share_of
 from phnn.diagnose.words import fitted_in_words, learned_in_words
+from phnn.units import quantity
 
 # Share of the excess that is worth a word about what is not the answer.
 _NEAR = 0.5
@@ -22,6 +23,8 @@ def sentence(diagnosis: Diagnosis) -> str:
     change = f"On held-out recordings the residual goes from {held[0]:.3g} to {held[1]:.3g} × noise."
     if math.isnan(held[0]):
         change = "No recording was held out to confirm it."
+    if j.immaterial is not None:
+        return immaterial_statement(j.immaterial, diagnosis.campaign.recordings[0].units.output)
     if j.verdict == "none":
         return (
             f"Nothing is missing that these recordings could show: the base model leaves "
@@ -29,8 +32,9 @@ def sentence(diagnosis: Diagnosis) -> str:
         )
     if j.verdict == "unknown":
         return f"{unknown_statement(j)} {_nearest(j)}{change}"
-    names = " and ".join(_with_members(f) for f in j.findings)
-    others = any(len(f.members) > 1 for f in j.findings)
+    claimed = [f for f in j.findings if not f.provisional]
+    names = " and ".join(_with_members(f) for f in claimed)
+    others = any(len(f.members) > 1 for f in claimed)
     if j.verdict == "named":
         start = f"The model leaves out {names}."
     elif others:
@@ -39,13 +43,31 @@ def sentence(diagnosis: Diagnosis) -> str:
         why = (
             "are none"
             if math.isnan(held[0])
-            else "do not confirm it"
+            else "are too short to prove it"
             if diagnosis.campaign.held_out_is_new
             else "bring nothing new to confirm it"
         )
         start = f"Of the catalogue {names} explains most, but the held-out samples {why}."
-    rest = " More remains." if j.remainder is not None and j.remainder.p_value < SIGNIFICANT else ""
-    return f"{start} {change}{rest}"
+    left = j.remainder is not None and j.remainder.p_value < SIGNIFICANT and j.remainder_immaterial is None
+    rest = " More remains." if left else ""
+    return f"{start} {change}{_provisional(j)}{rest}"
+
+
+def immaterial_statement(found: Immaterial, unit: str) -> str:
+    """What is said where something is significant and too small to matter."""
+    what = found.candidate.replace("_", " ") if found.candidate else "something"
+    return (
+        f"Nothing that matters is missing: {what} is statistically significant, but explains only "
+        f"{quantity(found.rms, unit)} ({found.share_of_noise:.2g} × noise). The base model stands."
+    )
+
+
+def _provisional(judgement: Judgement) -> str:
+    """The elements of the model whose names are not claimed."""
+    names = [f.trial.candidate.effect.name.replace("_", " ") for f in judgement.findings if f.provisional]
+    if not names:
+        return ""
+    return f" The model also holds, provisionally, {' and '.join(names)}: the held-out samples do not confirm it."
 
 
 def _nearest(judgement: Judgement) -> str:

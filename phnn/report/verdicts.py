@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from phnn.report.document import Document, Missing, Remainder
-from phnn.report.formatting import chance, finite, listing, number, p_value, ratio, words
+from phnn.report.formatting import chance, finite, listing, number, p_value, quantity, ratio, words
 
 VERDICT_WORDS = {
     "named": "One missing effect was named.",
@@ -24,6 +24,14 @@ def test_sentence(document: Document) -> str:
         return ""
     lead = f" (leading candidate: {words(document.candidate)})" if document.candidate else ""
     statistic = "" if document.statistic is None else f" of {number(document.statistic)}"
+    if document.immaterial is not None:
+        share = document.immaterial.share_of_noise
+        size = quantity(document.immaterial.rms, document.output_unit)
+        over = "" if share is None else f", {number(share)} × the noise"
+        return (
+            f"The largest score among all candidates{lead}, with a statistic{statistic}, is significant "
+            f"({p_value(document.p_value)}) and immaterial: what it explains has a root mean square of {size}{over}."
+        )
     if document.verdict == "none":
         return (
             f"The largest score among all candidates{lead}, with a statistic{statistic}, is what chance alone "
@@ -43,6 +51,25 @@ def equivalence_sentence(missing: Missing) -> str:
     return f"These recordings cannot tell {words(missing.effect)} from {listing(others, 'or')}."
 
 
+def missing_title(missing: Missing) -> str:
+    """What a missing element is called: by its name where that is claimed."""
+    if missing.effect != "unknown":
+        return words(missing.effect).capitalize()
+    if missing.status == "provisional" and missing.equation and missing.nearest:
+        return f"Provisional: {words(missing.nearest)}"
+    return "Without a name" if missing.status == "provisional" else "A learned element"
+
+
+def held_out_sentence(missing: Missing) -> str:
+    """What an element gains on recordings that were held out."""
+    found = missing.held_out
+    if found is None or found.before is None or found.after is None:
+        return ""
+    odds = "too few independent blocks of time for a test" if found.p_value is None else p_value(found.p_value)
+    sizes = f"{ratio(found.before)} and {ratio(found.after)}"
+    return f"Held-out recordings without it and with it: {sizes} × the noise ({odds})."
+
+
 def passive_sentence(missing: Missing) -> str:
     """What the new element does to the structure."""
     if missing.passive is None:
@@ -52,14 +79,20 @@ def passive_sentence(missing: Missing) -> str:
     return "It is not passive by itself: it stands openly outside the passive network."
 
 
-def remainder_sentence(remainder: Remainder | None) -> str:
-    """What is left after what was named."""
+def remainder_sentence(remainder: Remainder | None, immaterial: bool = False) -> str:
+    """What is left after what was named.
+
+    Args:
+        immaterial: whether it is significant, and too small to matter.
+    """
     if remainder is None:
         return "The remainder was not judged."
     value = finite(remainder.residual_over_noise)
     size = "" if value is None else f" The residual is {ratio(value)} × the noise"
     odds = "" if remainder.p_value is None else f" ({p_value(remainder.p_value)})"
     tail = f"{size}{odds}." if size or odds else ""
+    if immaterial or remainder.immaterial is not None:
+        return f"What is left is significant, and too small to matter.{tail}"
     if remainder.verdict == "none":
         return f"Nothing significant is left.{tail}"
     if remainder.verdict != "unknown":

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from phnn.demo.actuator import TABLE
-from phnn.diagnose.diagnosis import score_on_all
+from phnn.diagnose.confirm import score_on_all
 from phnn.experiment.recordings import Conditions, write_recordings
 from phnn.identify.base import Options, identify_base
 from phnn.identify.fit import Fit

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from report_example import make_document, make_evidence
 from rich.console import Console
 
-from phnn.report import Evidence, console_summary
+from phnn.report import Evidence, console_summary, verdicts
 from phnn.report import formatting as f
+from phnn.report.document import read_document
 
 EMPTY = Evidence((), (), (), (), (), (), "")
 
@@ -123,6 +124,48 @@ def test_summary_of_a_bare_document(verdict: str) -> None:
     text = _printed({"verdict": verdict, "missing": None, "fit": None, "location": None}, EMPTY, width=40)
     assert f"verdict: {verdict}" in text
     assert "None" not in text
+
+
+def test_what_is_significant_and_immaterial_is_told_with_its_size() -> None:
+    small = {"candidate": "second_mode", "rms": 6e-10, "share_of_noise": 0.012}
+    left = {"verdict": "none", "residual_over_noise": 1.001, "p_value": 0.003, "location": None}
+    document = {
+        "verdict": "none",
+        "test": {"statistic": 6.1, "p_value": 0.003, "candidate": "second_mode", "immaterial": small},
+        "remainder": left,
+    }
+    content = read_document(document)
+    told = verdicts.test_sentence(content)
+    assert "second mode" in told and "0.600 nm, 0.0120 × the noise" in told
+    assert "chance alone" not in told
+    text = _printed(document, EMPTY)
+    assert "significant, and too small to matter" in text and "Nothing significant" not in text
+    inner = {"verdict": "named", "remainder": left | {"immaterial": small}}
+    assert "significant, and too small to matter" in _printed(inner, EMPTY)
+
+
+@pytest.mark.parametrize(
+    ("entry", "title"),
+    [
+        ({"effect": "creep", "status": "named"}, "Creep"),
+        ({"effect": "unknown", "status": "described"}, "A learned element"),
+        ({"effect": "unknown", "status": "provisional", "nearest": "creep"}, "Without a name"),
+        ({"effect": "unknown", "status": "provisional", "nearest": "creep", "equation": "F"}, "Provisional: creep"),
+    ],
+)
+def test_titles_claim_no_more_than_the_status(entry: dict[str, object], title: str) -> None:
+    (missing,) = read_document({"verdict": "equivalent", "missing": [entry]}).missing
+    assert verdicts.missing_title(missing) == title
+    assert verdicts.held_out_sentence(missing) == ""
+
+
+def test_the_gain_on_held_out_recordings_is_told() -> None:
+    entry = {"effect": "creep"}
+    for p_value, odds in ((1e-4, "p = "), (None, "too few independent blocks")):
+        held = {"before": 6.6, "after": 2.1, "p_value": p_value}
+        (missing,) = read_document({"verdict": "named", "missing": [entry | {"held_out": held}]}).missing
+        told = verdicts.held_out_sentence(missing)
+        assert "6.60 and 2.10 × the noise" in told and odds in told
 
 
 def test_names_are_not_read_as_markup() -> None:

@@ -8,11 +8,13 @@ import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import campaigns
 import numpy as np
 import pytest
 
+from phnn.diagnose.confirm import Confirmation, confirmed
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.effects import catalogue
 from phnn.effects.effect import LOCATIONS
@@ -28,7 +30,10 @@ KEYS = {
 }  # fmt: skip
 # Beyond what others rely on.
 FURTHER = {"units", "kernel_residual"}
-MISSING = {"effect", "location", "equivalent_to", "p_value", "statement", "equation", "passive", "parameters"}
+MISSING = {
+    "effect", "status", "held_out", "location", "equivalent_to", "p_value", "statement", "equation", "passive",
+    "parameters",
+}  # fmt: skip
 
 CASES = {
     "none": ("none",),
@@ -61,7 +66,7 @@ def test_document_has_the_keys_that_others_read(case: str) -> None:
     assert content["schema"] == "phnn.diagnosis/1"
     assert content["verdict"] in ("named", "equivalent", "unknown", "none")
     assert set(content["test"]) == {"statistic", "p_value", "candidate"}
-    assert set(content["remainder"]) == {"verdict", "residual_over_noise", "p_value", "location"}
+    assert set(content["remainder"]) - {"immaterial"} == {"verdict", "residual_over_noise", "p_value", "location"}
     assert content["remainder"]["verdict"] in ("none", "unknown")
     assert set(content["fit"]) == {"before", "after", "held_out"}
     names = {r.name for r in campaigns.campaign().recordings}
@@ -71,7 +76,10 @@ def test_document_has_the_keys_that_others_read(case: str) -> None:
     for scores in (*content["fit"]["before"].values(), *content["fit"]["after"].values()):
         assert set(scores) == {"fit_percent", "rmse", "residual_over_noise"}
     for entry in content["missing"]:
-        assert set(entry) == MISSING
+        assert set(entry) - {"nearest"} == MISSING
+        assert ("nearest" in entry) == (entry["effect"] == "unknown")
+        assert entry["status"] in ("named", "equivalent", "described", "provisional")
+        assert entry["held_out"] is None or set(entry["held_out"]) == {"before", "after", "p_value", "rms"}
         assert entry["location"] in LOCATIONS
         assert not re.search(r"[{}]", entry["statement"])
         assert len(entry["statement"]) > 20
@@ -117,6 +125,44 @@ def test_what_is_missing() -> None:
     assert content["test"]["candidate"] == "quadratic_drag"
     before, after = content["fit"]["before"], content["fit"]["after"]
     assert all(after[n]["residual_over_noise"] < before[n]["residual_over_noise"] for n in after)
+
+
+def test_each_element_tells_its_own_gain_on_held_out_recordings() -> None:
+    entry = document(made("found"))["missing"][0]
+    assert entry["status"] in ("named", "equivalent")
+    assert entry["held_out"]["after"] < 0.9 * entry["held_out"]["before"]
+    assert entry["held_out"]["p_value"] < 0.01
+    fit = document(made("found"))["fit"]
+    for which in ("before", "after"):
+        assert entry["held_out"][which] == pytest.approx(
+            np.sqrt(np.mean([fit[which][n]["residual_over_noise"] ** 2 for n in fit["held_out"]]))
+        )
+
+
+def test_a_provisional_element_is_in_the_model_and_has_no_name() -> None:
+    found = made("found")
+    finding = replace(found.judgement.findings[0], provisional=True)
+    content = document(replace(found, judgement=replace(found.judgement, findings=(finding,))))
+    entry = content["missing"][0]
+    assert (entry["effect"], entry["status"], entry["nearest"]) == ("unknown", "provisional", "quadratic_drag")
+    assert "provisional" in entry["statement"] and "c_2" in entry["parameters"]
+
+
+def test_with_a_high_bar_the_same_effect_is_immaterial(tmp_path: Path) -> None:
+    found = made("found")
+    base, campaign = found.base, found.campaign
+    rule = Confirmation(size=1e3, large=1e3)
+    judgement, before, after = confirmed(found.judgement, base, campaign, rule, lambda _: mock.Mock())
+    assert judgement.verdict == "none" and judgement.final is base and after is before
+    content = write(replace(found, judgement=judgement, after=after), tmp_path)
+    held = document(found)["missing"][0]["held_out"]
+    assert content["missing"] == [] and content["location"] is None and content["fit"]["after"] == {}
+    small = content["test"]["immaterial"]
+    assert small["candidate"] == "quadratic_drag"
+    assert small["rms"] == pytest.approx(held["rms"])
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "quadratic drag is statistically significant, but explains only" in page
+    assert "significant, but immaterial" in page
 
 
 @pytest.mark.parametrize(("case", "learned"), [("unknown", True), ("outside", False)])

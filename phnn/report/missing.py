@@ -1,0 +1,86 @@
+"""The entries of ``missing`` in ``diagnosis.json``: one for every element of the model beyond the base."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.finding import Finding
+from phnn.diagnose.judge import Judgement
+from phnn.identify.staged import fixes_common_factor
+from phnn.report.sentence import unknown_character, unknown_statement
+from phnn.units import quantity
+
+# Units of what is known only up to one common factor where nothing anchors it.
+FORCE_UNITS = ("kg", "N", "N/m", "N s/m", "N s²/m²", "N/V", "F", "S")
+_UP_TO_FACTOR = " Absolute values are known up to one common factor, because nothing anchors them."
+_PROVISIONAL = (
+    " The identification recordings ask for it; the held-out ones are too short to confirm or refute it, and their "
+    "error does not fall. It is provisional."
+)
+
+
+def missing_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Empty where nothing that matters is missing; one nameless entry where no element explains what there is."""
+    j = diagnosis.judgement
+    if j.verdict == "none":
+        return []
+    if j.verdict == "unknown":
+        return [_learned(j)]
+    return [_entry(j, f, fixes_common_factor(diagnosis.campaign.known)) for f in j.findings]
+
+
+def _entry(j: Judgement, finding: Finding, anchored: bool) -> dict[str, Any]:
+    final = j.final
+    effect = finding.trial.candidate.effect
+    parameters, std = final.setup.parameters, final.std()
+    shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in effect.parameters}
+    # A provisional element belongs to the model, and its name is not claimed.
+    claimed: dict[str, Any] = {"effect": effect.name, "status": j.verdict}
+    if finding.provisional:
+        claimed = {"effect": "unknown", "status": "provisional", "nearest": effect.name}
+    return claimed | {
+        "held_out": _held_out(finding),
+        "location": effect.location,
+        "equivalent_to": [t.candidate.effect.name for t in finding.members[1:]],
+        "p_value": finding.evidence[1],
+        "statement": effect.statement.format(**shown)
+        + ("" if anchored or not any(parameters[n].unit in FORCE_UNITS for n in effect.parameters) else _UP_TO_FACTOR)
+        + (_PROVISIONAL if finding.provisional else ""),
+        "equation": effect.equation,
+        "passive": effect.passive,
+        "parameters": {
+            n: {"value": parameters[n].value, "unit": parameters[n].unit, "std": std.get(n)} for n in effect.parameters
+        },
+    }
+
+
+def _held_out(finding: Finding) -> dict[str, Any] | None:
+    """What an element gains on held-out recordings; null where there are none."""
+    found = finding.held_out
+    if found is None:
+        return None
+    return {"before": found.before, "after": found.after, "p_value": found.falls, "rms": found.rms}
+
+
+def _learned(j: Judgement) -> dict[str, Any]:
+    """What is real and has no name: provisional, or described by the learned one-port that the model holds."""
+    best = min(j.tried, key=lambda t: t.cost, default=None)
+    nearest = best.candidate.effect.name if best is not None and best.fit is not None else None
+    where = j.location
+    name = where.name if where else "mechanical"
+    added = [n for n in j.final.setup.parameters if n not in j.ground.fit.setup.parameters]
+    parameters, std = j.final.setup.parameters, j.final.std()
+    return {
+        "effect": "unknown",
+        "status": "described" if j.learned else "provisional",
+        "nearest": nearest,
+        "held_out": None,
+        "location": name,
+        "equivalent_to": list(where.tied) if where else [],
+        "p_value": j.naming.p_value,
+        "statement": f"{unknown_statement(j)} {unknown_character(j)}".strip(),
+        "equation": r"F_x = \sum_j \theta_j f_j" if j.learned else "",
+        "passive": j.learned,
+        "parameters": {n: {"value": parameters[n].value, "unit": parameters[n].unit, "std": std.get(n)} for n in added},
+    }
