@@ -21,7 +21,7 @@ from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.diagnosis import diagnose as run_diagnosis
 from phnn.errors import PhnnError
 from phnn.identify.base import Options, Progress, identify_base
-from phnn.identify.evaluate import Evaluation, evaluate
+from phnn.identify.evaluate import Evaluation, evaluate, output_spread
 from phnn.identify.fit import Fit
 from phnn.identify.problem import Plan
 from phnn.models.store import load, save
@@ -117,7 +117,10 @@ def _keep(fitted: Fit, folder: Path) -> None:
 
 
 def predict(model: Path, folder: Path, out: Path, manifest: Path | None) -> None:
-    """Simulate the recordings of a folder with a stored model; writes one ``NAME.csv`` per recording."""
+    """Simulate the recordings of a folder with a stored model; writes one ``NAME.csv`` per recording.
+
+    Where the input jumps between two samples, a further column says how uncertain that makes the output.
+    """
     setup, substeps = load(model)
     campaign = read(folder, manifest, need_output=False)
     check_names(setup.network, campaign.recordings)
@@ -129,7 +132,11 @@ def predict(model: Path, folder: Path, out: Path, manifest: Path | None) -> None
             y = evaluate(setup, plan, {}).outputs[recording.name]
         else:
             y = simulate(setup, recording, substeps).y
-        table = pd.DataFrame({"time_s": recording.t, _column(measured_network(setup.network, recording)): y})
+        column = _column(measured_network(setup.network, recording))
+        table = pd.DataFrame({"time_s": recording.t, column: y})
+        spread = output_spread(setup, recording, substeps)
+        if spread is not None:
+            table[f"{column}_std"] = spread
         write_atomic(out / f"{recording.name}.csv", table.to_csv(index=False).encode())
         print(out / f"{recording.name}.csv")
 

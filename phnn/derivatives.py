@@ -72,7 +72,7 @@ def output_derivatives(
         changes = np.hstack([head, out[:, active.size :]])
     both = np.column_stack([trajectory.states[looks, program.output], changes])
     times = times - trajectory.lead * trajectory.recording.dt
-    both, times, copied = long_settled(setup, both, times, int(trajectory.nodes[trajectory.lead]), looks)
+    both, times, copied = long_settled(setup, both, times, trajectory.run_in, looks)
     seen = measured_changes(setup, both[:, 0], times, both[:, 1:], names)
     return seen[copied:][samples_of][trajectory.lead :]
 
@@ -201,8 +201,7 @@ def _acting(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]:
 def _by_amplifier(trajectory: Trajectory, block: Block, name: str) -> _Acting:
     setup, recording = trajectory.setup, trajectory.recording
     command, before = trajectory.driving.fine(recording), input_before(recording, recording.u)
-    lead = int(trajectory.nodes[trajectory.lead])
-    fine, before = driven(setup, command, trajectory.h, before, lead, (block, name))
+    fine, before = driven(setup, command, trajectory.h, before, trajectory.run_in, (block, name))
     rest = np.zeros(trajectory.states.shape[1])
     if trajectory.rest is not None and np.imag(before) != 0.0:
         slope = equilibrium_slope(trajectory.program, setup.network, trajectory.rest, 0)
@@ -214,10 +213,10 @@ def _by_instants(trajectory: Trajectory) -> list[_Acting]:
     """By every instant of the input's jumps: a jump that comes later takes an impulse away."""
     setup, recording = trajectory.setup, trajectory.recording
     command, before = trajectory.driving.fine(recording), input_before(recording, recording.u)
-    lead, unmoved = int(trajectory.nodes[trajectory.lead]), np.zeros(trajectory.states.shape[1])
+    unmoved = np.zeros(trajectory.states.shape[1])
     found = []
     for number, slope in enumerate(trajectory.driving.slopes(recording).T):
-        fine, _ = driven(setup, command + 1j * TINY * slope[:, None], trajectory.h, before, lead)
+        fine, _ = driven(setup, command + 1j * TINY * slope[:, None], trajectory.h, before, trajectory.run_in)
         change = _action(trajectory, 0, mean_input(np.imag(fine)) / TINY)
         found.append(_Acting(f"instant {number}", 0, change, unmoved))
     return found

@@ -40,7 +40,8 @@ class Trajectory:
         driving: the recorded input on the steps.
         h: (n,) steps [s].
         nodes: (N + lead,) step index of every sample.
-        lead: samples before the first recorded one, a cycle where the recording starts in a steady one.
+        lead: samples before the first recorded one, see `phnn.recordings.driving.Driving`.
+        run_in: steps of them that are a cycle which has settled.
         cycle: steps of that cycle, in whose steady state the simulation starts; 0 where it starts otherwise.
         rest: (P,) inputs whose equilibrium the simulation starts from; None where it starts otherwise.
         t: (N,) time of the samples [s].
@@ -58,6 +59,7 @@ class Trajectory:
     h: Array
     nodes: NDArray[np.int64]
     lead: int
+    run_in: int
     cycle: int
     rest: Array | None
     t: Array
@@ -106,9 +108,9 @@ def simulate(
     network = measured_network(setup.network, recording)
     program = compile_network(network)
     theta = program.theta(network)
-    lead, driving = recording.cycle, driving_of(recording, substeps, method)
-    nodes = np.concatenate([[0], np.cumsum(driving.counts)])
-    h, cycle = np.repeat(recording.dt / driving.counts, driving.counts), int(nodes[lead])
+    driving = driving_of(recording, substeps, method)
+    lead, nodes = driving.lead, np.concatenate([[0], np.cumsum(driving.counts)])
+    h, cycle = np.repeat(recording.dt / driving.counts, driving.counts), int(nodes[recording.cycle])
     fine, before = driven(setup, driving.fine(recording), h, input_before(recording, recording.u), cycle)
     u, held = np.zeros((fine.shape[0], len(network.ports))), np.zeros(len(network.ports))
     places = [0, *further_ports(network, recording)]
@@ -130,8 +132,8 @@ def simulate(
     q, times, copied = long_settled(setup, states[looks, program.output], times - lead * recording.dt, cycle, looks)
     y = measured(setup, q, times)[copied:][samples_of]
     return Trajectory(
-        setup, recording, program, theta, driving, h, nodes, lead, cycle if initial is None else 0, rest, recording.t,
-        y[lead:], fine, u, states, efforts,
+        setup, recording, program, theta, driving, h, nodes, lead, cycle, cycle if initial is None else 0, rest,
+        recording.t, y[lead:], fine, u, states, efforts,
     )  # fmt: skip
 
 

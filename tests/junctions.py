@@ -10,6 +10,7 @@ from phnn.integrate.program import compile_network
 from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network import Coupling, Network, Port, Ratio, Resistor, Storage
 from phnn.parameters import Parameter, as_table
+from phnn.recordings.driving import driving_of
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
 from phnn.simulate import Trajectory
@@ -54,8 +55,9 @@ def trajectory_of(
     q = states[:, program.output]
     fine = np.repeat(u[:, :1], 3, axis=1)
     nodes = np.arange(n + 1)
+    here = recording(t, np.zeros(n + 1))
     return Trajectory(
-        Setup(network), recording(t, np.zeros(n + 1)), program, theta, h, nodes, 0, 0, None, t, q, fine, u, states,
+        Setup(network), here, program, theta, driving_of(here, 1), h, nodes, 0, 0, 0, None, t, q, fine, u, states,
         efforts,
     )  # fmt: skip
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.derivatives import output_derivatives
 from phnn.identify.fit import fit
 from phnn.identify.nuisances import own_parts
 from phnn.identify.problem import Plan, Problem, Variables, aperiodic
@@ -75,7 +76,7 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
         if own is None and (recording.start.state == "unknown" or aperiodic(recording)) and nuisance.any():
             own = initial_from_nuisance(setup, recording, steps)
         if recording.instants is None or recording.mask("confirmation").any():
-            recording = with_instants(setup, recording, steps, own)
+            recording, _ = with_instants(setup, recording, steps, own)
         y = simulate(setup, recording, steps, initial=own).y
         masks = (recording.mask("identification"), nuisance, np.ones(recording.t.size, dtype=bool))
         mask = next(m for m in masks if m.any())
@@ -95,21 +96,46 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
     return Evaluation({r.name: y for r, y in zip(plan.recordings, outputs, strict=True)}, tuple(parts))
 
 
-def with_instants(setup: Setup, recording: Recording, substeps: int, initial: Array | None) -> Recording:
+def with_instants(setup: Setup, recording: Recording, substeps: int, initial: Array | None) -> tuple[Recording, Array]:
     """The recording with the instants of its input's jumps estimated from its whole output, the model held.
 
     Args:
         initial: initial state; None where the recording's start says it.
+
+    Returns:
+        The recording, unchanged where its output was not recorded or its input has no jumps to be placed, and the
+        covariance (G, G) of the estimated instants in sample intervals².
     """
     unknown = unknown_instants(recording)
     if not unknown.size or not np.isfinite(recording.y).all():
-        return recording
+        return recording, np.zeros((0, 0))
     whole = replace(recording, parts=(Part(recording.name, 0, recording.t.size, "identification"),))
     plan = Plan((whole,), {recording.name: substeps}, workers=1)
     held = {} if initial is None else {recording.name: initial}
     problem = Problem(setup, plan, Variables((), (), np.zeros(0), held, {recording.name: unknown}))
     found = fit(setup, plan, (), max_evaluations=_INSTANTS, begun=problem)
-    return replace(recording, instants=found.plan.recordings[0].instants)
+    return replace(recording, instants=found.plan.recordings[0].instants), found.scatter
+
+
+def output_spread(setup: Setup, recording: Recording, substeps: int) -> Array | None:
+    """(N,) standard error of a prediction by the unknown instants of the input's jumps; None where it has none.
+
+    Without a recorded output each jump may lie anywhere in its sample interval.
+    """
+    unknown = unknown_instants(recording)
+    if not unknown.size:
+        return None
+    timed, covariance = with_instants(setup, recording, substeps, None)
+    if covariance.size:
+        columns = output_derivatives(simulate(setup, timed, substeps), (), instants=True)
+        return np.asarray(np.sqrt(np.einsum("ng,gh,nh->n", columns, covariance, columns)))
+    total = np.zeros(recording.t.size)
+    for g, assumed in enumerate(unknown):
+        # Over a whole interval the output is not linear in the instant: its ends are compared.
+        first, last = (np.where(np.arange(unknown.size) == g, end, unknown) for end in (0.0, 1.0))
+        ends = [simulate(setup, replace(recording, instants=at), substeps).y for at in (first, last)]
+        total += (ends[1] - ends[0]) ** 2 * (1.0 / 12.0 + (assumed - 0.5) ** 2)
+    return np.sqrt(total)
 
 
 def initial_from_nuisance(setup: Setup, recording: Recording, substeps: int) -> Array | None:

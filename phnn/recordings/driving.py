@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.errors import InputRefused
 from phnn.recordings.recording import Recording
-from phnn.signals.reconstruct import Reconstruction, mean_input, substep_counts, substep_input
+from phnn.signals.reconstruct import (
+    WITH_BREAKS,
+    Reconstruction,
+    mean_input,
+    starts_with_jump,
+    substep_counts,
+    substep_input,
+)
 
 Array = NDArray[np.float64]
 
@@ -23,12 +32,15 @@ _WHOLE = 0.02
 
 class Driving(NamedTuple):
     """Attributes:
-    counts: (N−1,) sub-steps of every sample interval, those of a run-in before them.
+    counts: (N−1,) sub-steps of every sample interval, those of the lead before them.
+    lead: samples before the first recorded one: a cycle where the recording starts in a steady one; the input before
+        where the recording starts with a jump from it, whose instant is not known.
     command: the first input; further: (n, F) means of the other ones.
     group: (J,) which of the recording's instants each jump of the first input has.
     """
 
     counts: NDArray[np.int64]
+    lead: int
     command: Reconstruction
     further: Array
     group: NDArray[np.int64]
@@ -72,36 +84,81 @@ def driving_of(recording: Recording, substeps: int, method: str | None = None) -
     return _driving(
         _Same(recording.u), tuple(_Same(x) for x in recording.further.values()), recording.cycle,
         input_before(recording, recording.u), substeps, method or recording.interpolation,
-        recording.rise / recording.dt, (recording.period or 0.0) / recording.dt,
+        recording.rise / recording.dt, 0.0 if recording.instants_declared else (recording.period or 0.0) / recording.dt,
+        recording.instants_declared,
     )  # fmt: skip
 
 
 @lru_cache(maxsize=64)
 def _driving(
-    u: _Same, further: Sequence[_Same], lead: int, before: float, substeps: int, method: str, rise: float, period: float
-) -> Driving:
-    samples, *others = (np.concatenate([x.array[:lead], x.array]) for x in (u, *further))
+    u: _Same, further: Sequence[_Same], cycle: int, before: float, substeps: int, method: str, rise: float,
+    period: float, alone: bool,
+) -> Driving:  # fmt: skip
+    lead, samples, others = cycle, u.array, [x.array for x in further]
+    if cycle:
+        samples, *others = (np.concatenate([x[:cycle], x]) for x in (samples, *others))
+    elif method in WITH_BREAKS and starts_with_jump(samples, before):
+        lead, samples = 1, np.concatenate([[before], samples])
+        others = [np.concatenate([x[:1], x]) for x in others]
     counts = substep_counts(samples, before, substeps)
     for x in others:
         counts = np.maximum(counts, substep_counts(x, float(x[0]), substeps))
-    counts = settled(counts, lead)
+    counts = settled(counts, cycle)
     command = Reconstruction(samples, counts, method, rise)
     means = np.zeros((int(counts.sum()), len(others)))
     for k, x in enumerate(others):
         means[:, k] = mean_input(substep_input(x, counts, method))
     means.flags.writeable = False
-    return Driving(counts, command, means, _shared(command.breaks.jumps, lead, period, samples.size))
+    group = _shared(command.breaks.jumps, cycle, period, samples.size, alone)
+    return Driving(counts, lead, command, means, group)
 
 
-def _shared(jumps: NDArray[np.int64], lead: int, period: float, samples: int) -> NDArray[np.int64]:
-    """(J,) numbers of the instants: those of one phase of the cycle share one, and all do where there are many."""
+def _shared(jumps: NDArray[np.int64], cycle: int, period: float, samples: int, alone: bool) -> NDArray[np.int64]:
+    """(J,) numbers of the instants: those of one phase of the cycle share one, and all do where there are many.
+
+    Args:
+        alone: each has one of its own.
+    """
     whole = round(period)
-    if lead:
-        jumps = jumps % lead
+    if cycle:
+        jumps = jumps % cycle
     elif whole and abs(period - whole) * samples / period < _WHOLE:
         jumps = jumps % whole
     group = np.unique(jumps, return_inverse=True)[1].astype(np.int64)
-    return group if group.max(initial=-1) < _ALONE else np.zeros_like(group)
+    return group if alone or group.max(initial=-1) < _ALONE else np.zeros_like(group)
+
+
+def with_declared(recording: Recording, times: Sequence[float], rise: float) -> Recording:
+    """The recording with what is stated of its input's jumps.
+
+    Args:
+        times: the middle of each, s from the first sample; empty where only their duration is stated.
+        rise: how long each takes, s.
+
+    Raises:
+        InputRefused: a jump lasts longer than a sample interval; the times are not those of the input's jumps.
+    """
+    if rise > recording.dt:
+        raise InputRefused(
+            f"{recording.source}: rise_time_s: {rise:g} s is longer than the sample interval, {recording.dt:g} s, so "
+            f"that the samples show it: leave it out"
+        )
+    stated = replace(recording, rise=rise, instants_declared=bool(times))
+    if not times:
+        return stated
+    driving = driving_of(stated, 1)
+    jumps = driving.command.breaks.jumps - driving.lead
+    places = np.searchsorted(recording.t, np.sort(np.asarray(times)) + 1e-9 * recording.dt)
+    if not np.array_equal(places, jumps):
+        seen = ", ".join(f"{recording.dt * (n - 1):.6g} to {recording.dt * n:.6g}" for n in jumps.tolist()) or "nowhere"
+        raise InputRefused(
+            f"{recording.source}: jumps_at_s: {', '.join(f'{t:g}' for t in times)} s, but the input jumps between "
+            f"samples at {seen} s: give one time for each of these intervals"
+        )
+    # The instants are counted over the room that a transition of this duration has within its interval.
+    centre, share = np.sort(np.asarray(times)) / recording.dt - (jumps - 1), rise / recording.dt
+    room = max(1.0 - share, np.finfo(float).eps)
+    return replace(stated, instants=np.clip((centre - 0.5 * share) / room, 0.0, 1.0))
 
 
 def unknown_instants(recording: Recording) -> Array:

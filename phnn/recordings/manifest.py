@@ -19,10 +19,11 @@ USES = ("identification", "confirmation")
 VOLTAGES = ("command", "terminals")
 
 _SHARED = (
-    "columns", "variables", "sample_rate_hz", "start", "periodic", "input", "segments", "ports", "outputs", "axes"
+    "columns", "variables", "sample_rate_hz", "start", "periodic", "input", "rise_time_s", "segments", "ports",
+    "outputs", "axes",
 )  # fmt: skip
 _TOP = ("setup", "known", "voltage", *_SHARED, "recordings")
-_EACH = ("file", "name", *_SHARED, "slice", "use")
+_EACH = ("file", "name", *_SHARED, "jumps_at_s", "slice", "use")
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class Entry:
     """What the manifest says about one recording; ``None`` means it says nothing.
 
     Attributes:
+        rise_time_s: how long jumps of the input take; jumps_at_s: when they happen, from the first sample on.
         segments: the file holds several recordings one after another, separated by jumps of time or, where a number
             is given, so many samples each.
         beside: further files whose columns stand beside those of the first.
@@ -46,6 +48,8 @@ class Entry:
     start: Start | None = None
     periodic: bool | None = None
     input: str | None = None
+    rise_time_s: float = 0.0
+    jumps_at_s: tuple[float, ...] = ()
     segments: bool | int = False
     beside: tuple[str, ...] = ()
     ports: Mapping[str, Column] = field(default_factory=dict)
@@ -149,6 +153,10 @@ def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
         entry = replace(entry, periodic=flag(item["periodic"], f"{where}: periodic"))
     if "input" in item:
         entry = replace(entry, input=choice(item["input"], INPUTS, f"{where}: input"))
+    if "rise_time_s" in item:
+        entry = replace(entry, rise_time_s=number(item["rise_time_s"], f"{where}: rise_time_s", above=0.0))
+    if "jumps_at_s" in item:
+        entry = replace(entry, jumps_at_s=_times(item["jumps_at_s"], f"{where}: jumps_at_s"))
     if "segments" in item:
         entry = replace(entry, segments=_segments(item["segments"], f"{where}: segments"))
     if "ports" in item:
@@ -179,6 +187,12 @@ def _start(value: Any, where: str) -> Start:
             f"{where}: input_before has a meaning only for a start at rest, not for {state!r}: leave it out"
         )
     return Start(state, number(content.get("input_before", 0.0), f"{where}: input_before"))
+
+
+def _times(value: Any, where: str) -> tuple[float, ...]:
+    if not isinstance(value, list) or not value:
+        raise InputRefused(f"{where}: {value!r} is no list of times: write [0.0503, …], in seconds")
+    return tuple(number(t, where) for t in value)
 
 
 def _slice(value: Any, where: str) -> tuple[int, int]:

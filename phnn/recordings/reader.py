@@ -12,6 +12,7 @@ from phnn.errors import InputRefused
 from phnn.recordings import checks
 from phnn.recordings.array_files import read_axes, read_hdf5, read_mat, read_npy, read_npz
 from phnn.recordings.channels import Channel, select, unused
+from phnn.recordings.driving import with_declared
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.manifest import Entry, Manifest, load_manifest
 from phnn.recordings.partition import Candidate, divide, whole_parts
@@ -172,6 +173,7 @@ def _draft(
     further = {q: values[q] for q in FURTHER if q in values and q != u_name}
     units = Units(_si(channels[u_name]), _si(channels[y_name]) if y_name is not None else ACTUATOR.output)
     recording = replace(recording, channels=further, units=units, further=ports, measures=measures or "")
+    recording = with_declared(recording, entry.jumps_at_s, entry.rise_time_s)
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
     spare = unused(table, channels)
     if spare and not table.by_name:

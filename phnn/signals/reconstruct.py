@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 METHODS = ("cubic", "quintic", "band_limited", "linear", "zero_order")
 # What is declared to be linear or held between samples has no breaks to look for. What is band-limited has none either:
 # it rings where it sets in, and a stretch cut off there is wrong at its ends.
-_WITH_BREAKS = ("cubic", "quintic")
+WITH_BREAKS = ("cubic", "quintic")
 _JUMP_SHARE = 0.05
 _JUMP_INTERVALS = 32
 _JUMP_FACTOR = 16
@@ -42,11 +42,16 @@ def substep_counts(u: Array, before: float, substeps: int) -> NDArray[np.int64]:
     """
     counts = np.full(u.size - 1, substeps, dtype=np.int64)
     jumps = (find_jumps(u) - 1).tolist()
-    if abs(u[0] - before) > _JUMP_SHARE * float(np.ptp(u)):
+    if starts_with_jump(u, before):
         jumps.append(0)
     for interval in jumps:
         counts[interval : interval + _JUMP_INTERVALS] = substeps * _JUMP_FACTOR
     return counts
+
+
+def starts_with_jump(u: Array, before: float) -> bool:
+    """Whether the first sample (N,) lies far from the input before it."""
+    return bool(abs(u[0] - before) > _JUMP_SHARE * float(np.ptp(u)))
 
 
 def mean_input(fine: Array) -> Array:
@@ -85,7 +90,7 @@ class Reconstruction:
     @cached_property
     def breaks(self) -> Breaks:
         """Where the input is not smooth."""
-        if self.method in _WITH_BREAKS:
+        if self.method in WITH_BREAKS:
             return find_breaks(self.u)
         return Breaks(np.zeros(0, np.int64), np.zeros(0))
 
@@ -217,7 +222,9 @@ class _Jump:
         share = np.clip((edges - centre) / duration + 0.5, 0.0, 1.0)
         # The transition ends within its interval, also where rounding says otherwise.
         share[0], share[-1] = 0.0, 1.0
-        integral = 0.5 * duration * share**2 + np.maximum(edges - centre - 0.5 * duration, 0.0)
+        integral = np.maximum(edges - centre, 0.0)
+        if duration > _SHARP:
+            integral = 0.5 * duration * share**2 + np.maximum(edges - centre - 0.5 * duration, 0.0)
         return edges, share, integral, 0.5 * share * (1.0 - share)
 
     def values(self, instant: float) -> Array:

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 
 from phnn.derivatives import output_derivatives
 from phnn.effects import effect
-from phnn.identify.evaluate import evaluate, with_instants
+from phnn.errors import InputRefused
+from phnn.identify.evaluate import evaluate, output_spread, with_instants
 from phnn.identify.fit import fit
 from phnn.identify.problem import Plan
 from phnn.models import from_paper
-from phnn.recordings.driving import driving_of, unknown_instants
+from phnn.recordings.driving import driving_of, unknown_instants, with_declared
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
 from phnn.simulate import simulate
@@ -99,7 +100,7 @@ def test_declared_instants_are_believed() -> None:
     u = steps_at(DT * np.arange(600), 0.01, 0.02)
     stated = replace(recording(u), instants=np.array([0.2, 0.4]), instants_declared=True)
     assert unknown_instants(stated).size == 0
-    assert with_instants(Setup(from_paper()), stated, 1, None) is stated
+    assert with_instants(Setup(from_paper()), stated, 1, None)[0] is stated
     for interpolation in ("linear", "zero_order", "band_limited"):
         assert unknown_instants(replace(recording(u), interpolation=interpolation)).size == 0
 
@@ -114,3 +115,61 @@ def test_jumps_of_one_phase_share_an_instant_and_so_do_very_many() -> None:
     assert unknown_instants(recording(wave)).size == 15
     many = np.repeat(np.random.default_rng(0).uniform(0.0, 50.0, 60), 20)
     assert unknown_instants(recording(many)).size == 1
+
+
+def test_a_start_with_a_jump_has_an_unknown_instant_before_the_first_sample() -> None:
+    setup = Setup(from_paper())
+    begun = recording(np.full(1500, 60.0))
+    assert unknown_instants(begun).tolist() == [1.0]
+    held = simulate(setup, begun, 4).y
+    assert held[0] == 0.0
+    # A quarter of an interval before the first sample the same motion began, by a jump between two recorded samples.
+    inside = recording(np.concatenate([[0.0, 0.0], np.full(1499, 60.0)]))
+    for instant in (1.0, 0.75):
+        found = simulate(setup, replace(begun, instants=np.array([instant])), 4).y
+        known = simulate(setup, replace(inside, instants=np.array([instant])), 4).y
+        np.testing.assert_allclose(found[:-1], known[2:], atol=1e-10)
+    assert simulate(setup, replace(begun, instants=np.array([0.75])), 4).y[0] > 1e-8
+
+
+def test_stated_jumps_and_rises_are_taken_or_refused() -> None:
+    u = steps_at(DT * np.arange(600), 0.010_03, 0.020_08)
+    stated = with_declared(recording(u), (0.020_08, 0.010_03), 5e-5)
+    assert stated.instants_declared
+    assert stated.rise == 5e-5
+    # Three and eight tenths of the interval, of which a transition of half an interval may use the inner half.
+    np.testing.assert_allclose(stated.instants, [0.1, 1.0], atol=1e-6)
+    # With the same centre only the second moment differs: Δ α/m r²/24, 0.2 µm for 60 V.
+    setup = Setup(from_paper())
+    soft = simulate(setup, stated, 4).y
+    sharp = simulate(setup, replace(stated, rise=0.0, instants=np.array([0.3, 0.75])), 4).y
+    assert 1e-9 < np.abs(sharp - soft).max() < 3e-7
+    assert with_declared(recording(u), (), 0.0).instants is None
+    with pytest.raises(
+        InputRefused, match=r"steps: rise_time_s: 0.0002 s is longer than the sample interval, 0.0001 s"
+    ):
+        with_declared(recording(u), (), 2e-4)
+    with pytest.raises(
+        InputRefused, match=r"jumps_at_s: 0.01003, 0.0301 s, but the input jumps .* 0.01 to 0.0101, 0.02 to 0.0201"
+    ):
+        with_declared(recording(u), (0.010_03, 0.030_1), 0.0)
+
+
+def test_the_spread_of_a_prediction_is_that_of_jumps_anywhere_in_their_intervals() -> None:
+    setup = Setup(from_paper())
+    u = steps_at(DT * np.arange(900), 0.02, 0.05)
+    unmeasured = replace(recording(u), y=np.full(u.size, np.nan))
+    spread = output_spread(setup, unmeasured, 2)
+    assert spread is not None
+    draws = np.random.default_rng(0).uniform(0.0, 1.0, (200, 2))
+    assumed = simulate(setup, unmeasured, 2).y
+    errors = np.array([simulate(setup, replace(unmeasured, instants=d), 2).y for d in draws]) - assumed
+    drawn = np.sqrt(np.mean(errors**2, axis=0))
+    where = drawn > 0.3 * drawn.max()
+    np.testing.assert_allclose(spread[where], drawn[where], rtol=0.35)
+    assert spread[:100].max() == 0.0
+    measured = replace(unmeasured, y=simulate(setup, replace(unmeasured, instants=np.array([0.4, 0.7])), 2).y)
+    estimated = output_spread(setup, measured, 2)
+    assert estimated is not None
+    assert estimated.max() < 1e-2 * spread.max()
+    assert output_spread(setup, recording(np.sin(0.01 * np.arange(600.0))), 1) is None
