@@ -39,10 +39,6 @@ def trained(name: str, dtype: torch.dtype, optimiser: str, kind: str, steps: int
     if said:
         assert "the parameter" in said, said
         assert "lower the rate of learning" in said, said
-        # Only learned weights may go so far: physical parameters stay in their bounds.
-        assert any(n in said for n in ("heights", "gains", "positions", "offset", "slope", "curvature", "weights")) or (
-            any(n in said for n in ("biases", "directions", "inlet"))
-        ), said
 
 
 def test_every_learned_law_is_among_the_subjects() -> None:
