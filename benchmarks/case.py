@@ -142,6 +142,6 @@ def adjoint_gradient(recordings: Sequence[Recording], substeps: Sequence[float],
         path = simulate_torch(system, *inputs[which], only=(system.network.output,))
         q = path[torch.from_numpy(trajectories[which].nodes), 0]
         ((q - torch.from_numpy(wanted[which])) ** 2).sum().backward()
-        return np.array([system.free[n].grad.item() for n in NAMES])
+        return np.array([system.free.gradient(n) for n in NAMES])
 
     return lambda: np.stack([one(r) for r in range(len(inputs))]) * TRUTH

@@ -70,7 +70,7 @@ def gradient_solve(network: Network, samples: int, recordings: int = 1) -> Solve
         system.zero_grad()
         for _ in range(recordings):
             gradient(system, u, recording.dt, x0)
-        return np.array([p.grad.item() for p in system.free.values()])
+        return np.array([system.free.gradient(name) for name in system.free.declared])
 
     return solve
 

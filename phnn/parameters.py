@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
+from phnn.domain import Domain
 from phnn.errors import InputRefused
 
 
@@ -46,7 +47,29 @@ class Parameter:
                 f"[{self.lower:g}, {self.upper:g}]: give a value inside"
             )
         if self.positive and self.value <= 0.0:
-            raise InputRefused(f"parameter {self.name} = {self.value:g} {self.unit} must be positive")
+            raise InputRefused(
+                f"parameter {self.name} = {self.value:g} {self.unit} must be positive: check its sign and unit"
+            )
+
+    def within(self, domain: Domain, where: str) -> Parameter:
+        """The parameter with its bounds inside the domain that a law asks for.
+
+        Args:
+            where: the law and element, for the message.
+
+        Raises:
+            InputRefused: the value lies outside the domain.
+        """
+        if self.value not in domain:
+            raise InputRefused(
+                f"parameter {self.name} = {self.value:g} {self.unit} must be {domain.words} in {where}: with another "
+                "value the model could deliver energy that it never took up; check its sign and unit"
+            )
+        inside = self.positive or self.lower > domain.lower or (domain.closed and self.lower == domain.lower)
+        if self.fixed or inside or domain.lower < 0.0:
+            return self
+        # Where zero itself is no value, only a logarithmic scale keeps clear of it.
+        return replace(self, lower=domain.lower, positive=not domain.closed)
 
     def to_coordinate(self, value: float) -> float:
         """The estimation coordinate ``z`` of a physical value."""

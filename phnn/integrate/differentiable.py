@@ -93,7 +93,8 @@ class _March:
         self.equations, self.program, self.wanted, self.window = _Equations(system), program, wanted, window
         named = {n: p for n, p in self.equations.named_parameters() if p.requires_grad}
         self.names, self.parameters = tuple(named), tuple(named.values())
-        values = {name: system.value(name).item() for name in program.names}
+        present = system.present_values()
+        values = {name: (present[name] if name in present else system.value(name)).item() for name in program.names}
         self.theta = program.filled(values, system.network)
 
     def forward(self, u: Array, h: Array, x0: Array) -> tuple[Array, list[Array]]:

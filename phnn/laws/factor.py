@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from phnn.domain import ANY, POSITIVE
 from phnn.laws.law import FactorLaw, register
 
 
@@ -17,5 +18,5 @@ def declining(z: Any, delta: Any) -> Any:
     return 1.0 - delta * z
 
 
-register(FactorLaw("affine", affine, (0.3, 0.9)))
-register(FactorLaw("declining", declining, (0.3,)))
+register(FactorLaw("affine", affine, (0.3, 0.9), (ANY, POSITIVE)))
+register(FactorLaw("declining", declining, (0.3,), (ANY,)))

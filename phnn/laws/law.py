@@ -3,6 +3,9 @@
 A law is a set of plain functions written with `phnn.laws.namespace`. It is registered once and is then
 available to the compiled kernel (by its position in the registry), to the torch module (by its name)
 and to the contract tests (through its example parameters).
+
+A law states the domain of each of its parameters. Within them its promise holds (a sector, an energy with its minimum
+at rest): `register` tries it, networks refuse values outside, and training cannot leave them.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from phnn.domain import POSITIVE, Domain
 from phnn.errors import StructureViolated
 
 
@@ -26,6 +30,7 @@ class StorageLaw:
         example: parameter values for the contract tests.
         convex: whether the effort is monotone.
         bounded: whether ``H ≥ 0``; a weight, whose energy falls without end, is a source and not passive.
+        domains: of the parameters; all positive where left out.
     """
 
     name: str
@@ -34,6 +39,10 @@ class StorageLaw:
     example: tuple[float, ...]
     convex: bool = True
     bounded: bool = True
+    domains: tuple[Domain, ...] = ()
+
+    def __post_init__(self) -> None:
+        _complete(self)
 
 
 @dataclass(frozen=True)
@@ -48,6 +57,7 @@ class ResistorLaw:
             ``φ = ρ (max(ε − hi, 0) + min(ε − lo, 0))``, ``lo ≤ 0 ≤ hi``; such a law on a linear capacitor has
             the exact flow of `phnn.laws.leaf`.
         monotone: whether ``φ`` is non-decreasing in ``ε``.
+        domains: of the parameters; all positive where left out.
     """
 
     name: str
@@ -55,6 +65,10 @@ class ResistorLaw:
     example: tuple[float, ...]
     thresholds: Callable[..., Any] | None = None
     monotone: bool = True
+    domains: tuple[Domain, ...] = ()
+
+    def __post_init__(self) -> None:
+        _complete(self)
 
 
 @dataclass(frozen=True)
@@ -66,12 +80,17 @@ class PortLaw:
         action: ``ψ(u, *θ)``.
         slope: ``ψ'(u, *θ)``.
         example: parameter values for the contract tests.
+        domains: of the parameters; all positive where left out.
     """
 
     name: str
     action: Callable[..., Any]
     slope: Callable[..., Any]
     example: tuple[float, ...]
+    domains: tuple[Domain, ...] = ()
+
+    def __post_init__(self) -> None:
+        _complete(self)
 
 
 @dataclass(frozen=True)
@@ -82,11 +101,16 @@ class FactorLaw:
         name: as used in networks.
         factor: ``f(q, *θ)``.
         example: parameter values for the contract tests.
+        domains: of the parameters; all positive where left out.
     """
 
     name: str
     factor: Callable[..., Any]
     example: tuple[float, ...]
+    domains: tuple[Domain, ...] = ()
+
+    def __post_init__(self) -> None:
+        _complete(self)
 
 
 @dataclass(frozen=True)
@@ -116,6 +140,7 @@ class MemoryLaw:
         decay: ``d(*θ) ≥ 0`` [1/s].
         example: parameter values for the contract tests.
         heat: of a law whose drive is dissipated power [W] that is kept as heat, ``U' ż = s − q``.
+        domains: of the parameters; all positive where left out.
     """
 
     name: str
@@ -123,7 +148,13 @@ class MemoryLaw:
     decay: Callable[..., Any]
     example: tuple[float, ...]
     heat: Heat | None = None
+    domains: tuple[Domain, ...] = ()
 
+    def __post_init__(self) -> None:
+        _complete(self)
+
+
+Law = StorageLaw | ResistorLaw | PortLaw | FactorLaw | MemoryLaw
 
 STORAGE_LAWS: dict[str, StorageLaw] = {}
 RESISTOR_LAWS: dict[str, ResistorLaw] = {}
@@ -132,12 +163,16 @@ FACTOR_LAWS: dict[str, FactorLaw] = {}
 MEMORY_LAWS: dict[str, MemoryLaw] = {}
 
 
-def register(law: StorageLaw | ResistorLaw | PortLaw | FactorLaw | MemoryLaw) -> None:
+def register(law: Law) -> None:
     """Make a law available under its name.
 
     Raises:
-        StructureViolated: the name is taken.
+        StructureViolated: the name is taken, or the law breaks its promise somewhere in the domains of its parameters:
+            a resistor outside the sector ``ε φ(ε) ≥ 0``, an energy below that at rest, a value that is not finite.
     """
+    # It needs the laws' types.
+    from phnn.laws.sector import check_law
+
     tables: tuple[tuple[type, dict[str, Any]], ...] = (
         (StorageLaw, STORAGE_LAWS),
         (ResistorLaw, RESISTOR_LAWS),
@@ -148,4 +183,15 @@ def register(law: StorageLaw | ResistorLaw | PortLaw | FactorLaw | MemoryLaw) ->
     table = next(table for kind, table in tables if isinstance(law, kind))
     if law.name in table:
         raise StructureViolated(f"a law called {law.name!r} exists already: choose another name")
+    check_law(law)
     table[law.name] = law
+
+
+def _complete(law: Any) -> None:
+    """Fill in the domains that a law leaves out."""
+    domains = law.domains or (POSITIVE,) * len(law.example)
+    if len(domains) != len(law.example):
+        raise StructureViolated(
+            f"the law {law.name} has {len(law.example)} parameters and {len(domains)} domains: give one for each"
+        )
+    object.__setattr__(law, "domains", domains)

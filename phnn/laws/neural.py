@@ -17,6 +17,7 @@ from torch.nn import functional
 
 from phnn.errors import InputRefused
 from phnn.laws import wide
+from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 
 
@@ -43,8 +44,13 @@ def _spread(width: int, reach: float) -> Tensor:
     return torch.linspace(-reach, reach, width, dtype=torch.float64)
 
 
-def _flat(head: Tensor, *of_units: Tensor) -> Tensor:
-    """The vector ``[head, w_1, w_2, …]`` from a head of one weight and (U,) tensors of every kind of unit weight."""
+def _flat(law: nn.Module, head: Tensor, *of_units: Tensor) -> Tensor:
+    """The vector ``[head, w_1, w_2, …]`` from a head of one weight and (U,) tensors of every kind of unit weight.
+
+    Raises:
+        SolverFailed: training has carried a weight of the law beyond use.
+    """
+    check_weights(law, largest=LARGEST_WEIGHT)
     return torch.cat([head.reshape(1), torch.stack(of_units, dim=-1).reshape(-1)])
 
 
@@ -108,7 +114,7 @@ class DampingMLP(nn.Module):
     def weights(self) -> Tensor:
         """(1 + 3U,) physical weights ``[g c₀, g w_1/√U, k_1/s, c_1, …]``."""
         g = self.conductance
-        return _flat(g * self.offset, g / self.units**0.5 * self.heights, self.gains / self.scale, self.positions)
+        return _flat(self, g * self.offset, g / self.units**0.5 * self.heights, self.gains / self.scale, self.positions)
 
     def forward(self, effort: Tensor) -> Tensor:  # effort: (...)
         """(...) flow ``φ(ε)``."""
@@ -163,7 +169,7 @@ class MonotoneMLP(nn.Module):
         """(1 + 9U,) physical weights ``[f a/s, f w_1, k_1/s, c_1, …]``, three weights for each row of a unit."""
         heights, gains = self.flow * _positive(self.heights), _positive(self.gains) / self.scale
         rows = zip(heights, gains, self.positions, strict=True)
-        return _flat(self.flow / self.scale * _positive(self.slope), *(w for row in rows for w in row))
+        return _flat(self, self.flow / self.scale * _positive(self.slope), *(w for row in rows for w in row))
 
     def forward(self, effort: Tensor) -> Tensor:  # effort: (...)
         """(...) flow ``φ(ε)``."""
@@ -215,7 +221,7 @@ class EnergyMLP(nn.Module):
     def weights(self) -> Tensor:
         """(1 + 3U,) physical weights ``[E a/s, E w_1, k_1/s, c_1, …]``."""
         heights, gains = self.typical * _positive(self.heights), _positive(self.gains) / self.scale
-        return _flat(self.typical / self.scale * _positive(self.curvature), heights, gains, self.positions)
+        return _flat(self, self.typical / self.scale * _positive(self.curvature), heights, gains, self.positions)
 
     def energy(self, x: Tensor) -> Tensor:  # x: (...)
         """(...) ``H(x)``."""

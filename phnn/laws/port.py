@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from phnn.domain import ANY
 from phnn.laws.law import PortLaw, register
 
 
@@ -28,4 +29,4 @@ def electrostrictive_slope(u: Any, epsilon: Any) -> Any:
 
 
 register(PortLaw("linear", linear_action, linear_slope, ()))
-register(PortLaw("electrostriction", electrostrictive_action, electrostrictive_slope, (0.2,)))
+register(PortLaw("electrostriction", electrostrictive_action, electrostrictive_slope, (0.2,), (ANY,)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from phnn.domain import ANY, NONNEGATIVE, POSITIVE
 from phnn.laws.law import ResistorLaw, register
 from phnn.laws.namespace import absolute, maximum, minimum, reciprocal, shared, sqrt, tanh
 
@@ -134,18 +135,32 @@ def overflow(effort: Any, q: Any, rate: Any, level: Any, capacitance: Any) -> An
     return rate * maximum(above, 0.0 * above)
 
 
-register(ResistorLaw("linear", linear, (0.7,), linear_thresholds))
-register(ResistorLaw("maxwell", maxwell, (0.7, 0.4), maxwell_thresholds))
-register(ResistorLaw("dead_zone", dead_zone, (0.7, 0.6), dead_zone_thresholds))
-register(ResistorLaw("following_dead_zone", following_dead_zone, (0.7, 0.6, 0.5, 0.9), following_dead_zone_thresholds))
-register(ResistorLaw("bristles", bristles, (0.7, 0.3), bristles_thresholds))
-register(ResistorLaw("coulomb", coulomb, (0.4, 0.3)))
-register(ResistorLaw("quadratic_drag", quadratic_drag, (0.8,)))
-register(ResistorLaw("thermal_dead_zone", thermal_dead_zone, (0.7, 0.6, 0.2, -0.1), thermal_dead_zone_thresholds))
+# Slopes, widths and forces may be zero; what divides or scales may not.
+_SLOPE_WIDTH = (NONNEGATIVE, NONNEGATIVE)
+
+register(ResistorLaw("linear", linear, (0.7,), linear_thresholds, domains=(NONNEGATIVE,)))
+register(ResistorLaw("maxwell", maxwell, (0.7, 0.4), maxwell_thresholds, domains=(POSITIVE, POSITIVE)))
+register(ResistorLaw("dead_zone", dead_zone, (0.7, 0.6), dead_zone_thresholds, domains=_SLOPE_WIDTH))
 register(
     ResistorLaw(
-        "rate_dependent_dead_zone", rate_dependent_dead_zone, (0.7, 0.6, 0.5, 0.9), rate_dependent_dead_zone_thresholds
+        "following_dead_zone", following_dead_zone, (0.7, 0.6, 0.5, 0.9), following_dead_zone_thresholds,
+        domains=(*_SLOPE_WIDTH, ANY, POSITIVE),
     )
-)
-register(ResistorLaw("turbulent", turbulent, (0.7, 0.4, 0.9)))
-register(ResistorLaw("overflow", overflow, (0.8, 0.3, 0.6)))
+)  # fmt: skip
+register(ResistorLaw("bristles", bristles, (0.7, 0.3), bristles_thresholds, domains=_SLOPE_WIDTH))
+register(ResistorLaw("coulomb", coulomb, (0.4, 0.3), domains=(NONNEGATIVE, POSITIVE)))
+register(ResistorLaw("quadratic_drag", quadratic_drag, (0.8,), domains=(NONNEGATIVE,)))
+register(
+    ResistorLaw(
+        "thermal_dead_zone", thermal_dead_zone, (0.7, 0.6, 0.2, -0.1), thermal_dead_zone_thresholds,
+        domains=(*_SLOPE_WIDTH, ANY, ANY),
+    )
+)  # fmt: skip
+register(
+    ResistorLaw(
+        "rate_dependent_dead_zone", rate_dependent_dead_zone, (0.7, 0.6, 0.5, 0.9), rate_dependent_dead_zone_thresholds,
+        domains=(*_SLOPE_WIDTH, NONNEGATIVE, POSITIVE),
+    )
+)  # fmt: skip
+register(ResistorLaw("turbulent", turbulent, (0.7, 0.4, 0.9), domains=(NONNEGATIVE, NONNEGATIVE, POSITIVE)))
+register(ResistorLaw("overflow", overflow, (0.8, 0.3, 0.6), domains=(NONNEGATIVE, NONNEGATIVE, POSITIVE)))

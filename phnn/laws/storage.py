@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from phnn.domain import ANY, NONNEGATIVE, POSITIVE
 from phnn.laws.law import StorageLaw, register
 from phnn.laws.namespace import absolute, maximum, real, reciprocal, shared, where
 
@@ -39,11 +40,11 @@ def _completion(kappa: Any) -> Any:
 
 
 @shared
-def _cubic_share(u: Any, w: Any, kappa: Any) -> Any:
+def _cubic_share(u: Any, w: Any, kappa: Any, completion: Any) -> Any:
     """What the cubic bend adds to the mean effort between ``u q₀`` and ``w q₀``, as a share of ``k (a + b)``."""
     quadratic = u * u + w * w
     sextic = (quadratic + u * w) * (quadratic - u * w)
-    return kappa * quadratic / 4.0 + _completion(kappa) * sextic / 6.0
+    return kappa * quadratic / 4.0 + completion * sextic / 6.0
 
 
 def cubic_spring_energy(x: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
@@ -54,7 +55,7 @@ def cubic_spring_energy(x: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
 
 def cubic_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
     """Differences of powers factored: ``(bⁿ − aⁿ)/(b − a)``."""
-    return stiffness * (a + b) * (0.5 + _cubic_share(a / q0, b / q0, kappa))
+    return stiffness * (a + b) * (0.5 + _cubic_share(a / q0, b / q0, kappa, _completion(kappa)))
 
 
 def quadratic_spring_energy(x: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
@@ -74,19 +75,27 @@ def quadratic_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa: Any, q0:
     return stiffness * _quadratic_mean(a, b, kappa * a / q0, kappa * b / q0)
 
 
+@shared
+def _bent_completion(kappa_2: Any, q2: Any, kappa_3: Any, q3: Any) -> Any:
+    """``c = (9/20) |κ₃| (|κ₃| + (κ₂ q₃/q₂)²)`` where ``κ₃ < 0``, else 0: without κ₂ that of the cubic bend."""
+    slant = kappa_2 * q3 / q2
+    return where(real(kappa_3) < 0.0, 0.45 * kappa_3 * (kappa_3 - slant * slant), 0.0 * kappa_3)
+
+
 def bent_spring_energy(x: Any, stiffness: Any, kappa_2: Any, q2: Any, kappa_3: Any, q3: Any) -> Any:
     """A spring with both bends, effort ``k x (1 + κ₂ s₂ + κ₂² s₂²/3 + κ₃ s₃² + c s₃⁴)``.
 
-    Convex where ``κ₃ ≥ 0``; else bounded below by its sixth power, with further wells where both bends are strong.
+    ``H ≥ k x²/7`` for all bends, so that rest is the minimum. Convex where ``κ₃ ≥ 0``; elsewhere the effort may fall.
     """
     s, cubic = kappa_2 * x / q2, (x / q3) * (x / q3)
-    share = 0.5 + s / 3.0 + s * s / 12.0 + kappa_3 * cubic / 4.0 + _completion(kappa_3) * cubic * cubic / 6.0
+    completion = _bent_completion(kappa_2, q2, kappa_3, q3)
+    share = 0.5 + s / 3.0 + s * s / 12.0 + kappa_3 * cubic / 4.0 + completion * cubic * cubic / 6.0
     return stiffness * x * x * share
 
 
 def bent_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa_2: Any, q2: Any, kappa_3: Any, q3: Any) -> Any:
     """The sum of what both bends make of the straight spring."""
-    cubic = (a + b) * _cubic_share(a / q3, b / q3, kappa_3)
+    cubic = (a + b) * _cubic_share(a / q3, b / q3, kappa_3, _bent_completion(kappa_2, q2, kappa_3, q3))
     return stiffness * (_quadratic_mean(a, b, kappa_2 * a / q2, kappa_2 * b / q2) + cubic)
 
 
@@ -121,10 +130,21 @@ def stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any) -> Any:
     return 0.5 * stiffness * side * (depth_a + depth_b) * share
 
 
-register(StorageLaw("capacitor", capacitor_energy, capacitor_mean_effort, (0.7,)))
-register(StorageLaw("spring", spring_energy, spring_mean_effort, (1.3,)))
-register(StorageLaw("cubic_spring", cubic_spring_energy, cubic_spring_mean_effort, (1.3, 0.4, 0.8)))
-register(StorageLaw("quadratic_spring", quadratic_spring_energy, quadratic_spring_mean_effort, (1.3, 0.4, 0.8)))
-register(StorageLaw("bent_spring", bent_spring_energy, bent_spring_mean_effort, (1.3, 0.4, 0.8, 0.3, 0.7)))
-register(StorageLaw("weight", weight_energy, weight_mean_effort, (0.6,), bounded=False))
-register(StorageLaw("stop", stop_energy, stop_mean_effort, (2.0, 0.3)))
+_BENT = (NONNEGATIVE, ANY, POSITIVE)
+
+register(StorageLaw("capacitor", capacitor_energy, capacitor_mean_effort, (0.7,), domains=(POSITIVE,)))
+register(StorageLaw("spring", spring_energy, spring_mean_effort, (1.3,), domains=(NONNEGATIVE,)))
+register(StorageLaw("cubic_spring", cubic_spring_energy, cubic_spring_mean_effort, (1.3, 0.4, 0.8), domains=_BENT))
+register(
+    StorageLaw(
+        "quadratic_spring", quadratic_spring_energy, quadratic_spring_mean_effort, (1.3, 0.4, 0.8), domains=_BENT
+    )
+)
+register(
+    StorageLaw(
+        "bent_spring", bent_spring_energy, bent_spring_mean_effort, (1.3, 0.4, 0.8, 0.3, 0.7),
+        domains=(*_BENT, ANY, POSITIVE),
+    )
+)  # fmt: skip
+register(StorageLaw("weight", weight_energy, weight_mean_effort, (0.6,), bounded=False, domains=(ANY,)))
+register(StorageLaw("stop", stop_energy, stop_mean_effort, (2.0, 0.3), domains=(NONNEGATIVE, ANY)))

@@ -200,4 +200,3 @@ def _move(objective: Objective, vector: Tensor) -> None:
     for p in objective.trained():
         p.copy_(vector[first : first + p.numel()].reshape(p.shape))
         first += p.numel()
-    objective.plant.write()

@@ -53,7 +53,6 @@ def with_gradients(objective: Objective) -> Tensor:
     objective.zero_grad()
     loss = objective()
     loss.backward()
-    objective.plant.collect()
     gradients = [p.grad for p in objective.trained() if p.grad is not None]
     if not bool(torch.isfinite(loss)) or not all(bool(torch.isfinite(g).all()) for g in gradients):
         value = float(loss.detach())
@@ -79,7 +78,6 @@ class Adam:
             group["lr"] = self.now(epoch)
         loss = with_gradients(self.objective)
         self.optimiser.step()
-        self.objective.plant.write()
         return float(loss)
 
     def state_dict(self) -> dict[str, Any]:
@@ -105,7 +103,6 @@ class QuasiNewton:
         first: list[float] = []
 
         def closure() -> Tensor:
-            self.objective.plant.write()
             try:
                 loss = with_gradients(self.objective)
             except SolverFailed:
@@ -119,7 +116,6 @@ class QuasiNewton:
 
         step: Callable[[Callable[[], Tensor]], Any] = self.optimiser.step
         step(closure)
-        self.objective.plant.write()
         return first[0]
 
     def state_dict(self) -> dict[str, Any]:

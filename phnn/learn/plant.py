@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -43,12 +42,6 @@ class Plant(nn.Module):
         """What an optimiser moves."""
         return list(self.core.parameters())
 
-    def write(self) -> None:
-        """Carry moved coordinates into the model."""
-
-    def collect(self) -> None:
-        """Carry the model's gradients to the coordinates."""
-
 
 class LatentPlant(Plant):
     """A black-box or fully neural model: its weights are its coordinates, its states are of order one."""
@@ -60,11 +53,7 @@ class LatentPlant(Plant):
 
 
 class NetworkPlant(Plant):
-    """A network: its physical parameters span decades and are moved in their estimation coordinates ``z``.
-
-    ``log θ`` for positive parameters, ``θ/typical`` for others, within the bounds of `phnn.parameters`. The system
-    itself keeps physical values, so that every solver, the adjoint method included, sees an ordinary module; gradients
-    by ``z`` follow by the chain rule after each backward pass. Weights of learned laws are dimensionless as they are.
+    """A network, trained in the coordinates of its parameters (`phnn.network.bounded`) and in learned laws' weights.
 
     Args:
         network: with starting values.
@@ -76,8 +65,6 @@ class NetworkPlant(Plant):
         self.core = self.system = PortHamiltonianSystem(network)
         self.register_buffer("scale", scale)
         self.names = tuple(n for n, p in network.parameters.items() if not p.fixed)
-        start = [network.parameters[n].to_coordinate(network.parameters[n].value) for n in self.names]
-        self.z = nn.Parameter(torch.tensor(start, dtype=torch.float64))
 
     @property
     def network(self) -> Network:
@@ -94,30 +81,9 @@ class NetworkPlant(Plant):
         return x[..., self.system.state_names.index(self.system.network.output)]
 
     def trained(self) -> list[nn.Parameter]:
-        """Coordinates, and weights of the learned laws."""
-        return [self.z, *self.system.laws.parameters()] if self.names else list(self.system.laws.parameters())
-
-    @torch.no_grad()
-    def write(self) -> None:
-        """Set the physical parameters, within their bounds."""
-        bounds = [self.system.network.parameters[n].coordinate_bounds for n in self.names]
-        self.z.copy_(torch.from_numpy(np.clip(self.z.numpy(), [b[0] for b in bounds], [b[1] for b in bounds])))
-        for name, z in zip(self.names, self.z.tolist(), strict=True):
-            p = self.system.network.parameters[name]
-            self.system.free[name].fill_(min(max(p.from_coordinate(z), p.lower), p.upper))
-
-    @torch.no_grad()
-    def collect(self) -> None:
-        """``dL/dz = dL/dθ · dθ/dz``."""
-        slopes = self.slopes()
-        self.z.grad = torch.zeros_like(self.z)
-        for k, name in enumerate(self.names):
-            found = self.system.free[name].grad
-            if found is not None:
-                self.z.grad[k] = found * slopes[k]
-                self.system.free[name].grad = None
+        """Coordinates of the parameters, then weights of the learned laws."""
+        return [*self.system.free.parameters(), *self.system.laws.parameters()]
 
     def slopes(self) -> list[float]:
         """``dθ/dz`` of every coordinate."""
-        parameters = self.system.network.parameters
-        return [parameters[n].slope(float(self.system.free[n].detach())) for n in self.names]
+        return [self.system.free.slope(name) for name in self.names]

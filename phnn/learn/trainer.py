@@ -168,7 +168,6 @@ class Trainer:
     def _set(self, values: list[Tensor]) -> None:
         for parameter, value in zip(self.objective.trained(), values, strict=True):
             parameter.copy_(value)
-        self.objective.plant.write()
 
     def _save(self) -> None:
         content: dict[str, Any] = {

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused
+from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.models.perceptron import Perceptron
 from phnn.models.scales import Scales
 
@@ -24,6 +25,7 @@ class NeuralODE(nn.Module):
 
     Raises:
         InputRefused: no state, or no unit.
+        SolverFailed: at an evaluation, where training has carried a weight beyond use; names it.
 
     References: Chen, Rubanova, Bettencourt & Duvenaud 2018.
     """
@@ -50,6 +52,7 @@ class NeuralODE(nn.Module):
         u: Tensor,  # (..., 1) [V]
     ) -> Tensor:
         """(..., n) ``ẋ`` [1/s]."""
+        check_weights(self, largest=LARGEST_WEIGHT)
         both = torch.cat([x, (u / self.scales.input).expand(*x.shape[:-1], 1)], dim=-1)
         return (self.field(both) - self.field(both.new_zeros(both.shape[-1]))) / self.scales.time
 

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
-from torch import nn
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
 
 from phnn.errors import StructureViolated
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
-from phnn.network.elements import Network
+from phnn.laws.sector import READ, check_energy, check_sector
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
+from phnn.network.elements import Network, Resistor, Storage
+
+Array = NDArray[np.float64]
 
 
 def check_name(name: str, holder: nn.Module) -> None:
@@ -45,3 +53,53 @@ def check_laws(network: Network) -> None:
                     f"{kind} {name}: the law {element.law} takes {wanted} parameters, "
                     f"{len(element.parameters)} are given"
                 )
+
+
+def is_learned(law: Any) -> bool:
+    """Whether a module is a learned law of the package, whose form keeps it passive for all weights."""
+    form = getattr(law, "law", None)
+    return isinstance(form, str) and (form in WIDE_RESISTORS or form in WIDE_STORAGES)
+
+
+def check_module(kind: str, element: Storage | Resistor) -> None:
+    """Refuse a law that is no torch module, not in float64, or not passive with its present weights.
+
+    Args:
+        kind: ``storage`` or ``resistor``.
+
+    Raises:
+        StructureViolated: with the remedy, and the counterexample where the law is not passive.
+    """
+    law, what = element.law, f"the law of {element.name}"
+    if not isinstance(law, nn.Module):
+        raise StructureViolated(f"{what} is {law!r}: give a law's name or a torch module")
+    for name, tensor in law.named_parameters():
+        if tensor.dtype != torch.float64:
+            raise StructureViolated(f"{name} in {what} is {tensor.dtype}: convert the law with .double()")
+    if is_learned(law):
+        return
+    what = f"{what}, a {type(law).__name__}"
+    if kind == "storage":
+        # A sum of energies with a weight among them says itself that it is a source.
+        if getattr(law, "bounded", True):
+            check_energy(_of_arrays(law.energy), what)  # type: ignore[arg-type]
+    elif isinstance(element, Resistor) and element.modulated_by is not None:
+        for q in READ:
+            check_sector(_of_arrays(partial(_reading, law, q)), what, read=q)
+    else:
+        check_sector(_of_arrays(law), what)
+
+
+def _reading(law: nn.Module, q: float, effort: Tensor) -> Tensor:
+    """The flow of a law that reads a constant state."""
+    return law(effort, torch.full_like(effort, q))
+
+
+def _of_arrays(function: Callable[[Tensor], Tensor]) -> Callable[[Array], Array]:
+    """A function of tensors as one of arrays, without gradients."""
+
+    def call(points: Array) -> Array:
+        with torch.no_grad():
+            return function(torch.from_numpy(points)).double().numpy()
+
+    return call

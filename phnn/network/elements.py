@@ -11,7 +11,7 @@ appears in every hysteron coupling and in the voltage port).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -133,10 +133,15 @@ class Network:
 
     Attributes:
         storages, resistors, couplings, ports: the elements.
-        parameters: by name.
+        parameters: by name; their bounds are kept inside what the laws ask for (a capacitance is positive, a damping is
+            not negative), whatever the network is built from.
         output: the storage whose energy variable is measured.
         modulations: ratios that follow a state; the factors of one that follows several multiply.
         memories: slow states; the state vector has them after the storages.
+
+    Raises:
+        StructureViolated: elements that do not fit together.
+        InputRefused: a parameter value with which a law would not be passive.
     """
 
     storages: tuple[Storage, ...]
@@ -165,6 +170,7 @@ class Network:
         for memory in self.memories:
             self._check_drives(memory)
         self._check_heat()
+        object.__setattr__(self, "parameters", self._passive_parameters())
 
     def _check_drives(self, memory: Memory) -> None:
         resistors, ports = [r.name for r in self.resistors], [p.name for p in self.ports]
@@ -200,6 +206,29 @@ class Network:
                         f"{name} heats both {kept[name]} and {memory.name}: name the resistors of each, every one once"
                     )
                 kept[name] = memory.name
+
+    def _passive_parameters(self) -> dict[str, Parameter]:
+        """The parameters with their bounds inside the domains of the laws that take them."""
+        # Laws are compiled by numba, which takes longer to load than a program that builds no network may.
+        from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+
+        rooms: tuple[tuple[str, Mapping[str, Any], Iterable[Any]], ...] = (
+            ("storage", STORAGE_LAWS, self.storages),
+            ("resistor", RESISTOR_LAWS, self.resistors),
+            ("port", PORT_LAWS, self.ports),
+            ("modulation of", FACTOR_LAWS, self.modulations),
+            ("memory", MEMORY_LAWS, self.memories),
+        )
+        table = dict(self.parameters)
+        for kind, laws, elements in rooms:
+            for element in elements:
+                # What no law is called is refused where the network is made to run.
+                if not isinstance(element.law, str) or element.law not in laws:
+                    continue
+                where = f"the law {element.law} of {kind} {getattr(element, 'name', None) or element.ratio}"
+                for name, domain in zip(element.parameters, laws[element.law].domains, strict=False):
+                    table[name] = table[name].within(domain, where)
+        return table
 
     def _parameter_references(self) -> list[str]:
         names = [n for s in self.storages for n in s.parameters]

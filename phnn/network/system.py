@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import torch
 from torch import Tensor, nn
 
-from phnn.errors import InputRefused, StructureViolated
+from phnn.errors import InputRefused
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, gradient
+from phnn.laws.diverged import check_weights
 from phnn.network import memory
-from phnn.network.checks import check_laws, check_name
+from phnn.network.bounded import BoundedParameters
+from phnn.network.checks import check_laws, check_module, check_name, is_learned
 from phnn.network.driven import DrivenSystem
-from phnn.network.elements import Network, Resistor, Storage
+from phnn.network.elements import Network
+from phnn.network.evaluation import Present, evaluation, present_of
 from phnn.network.incidence import Entry, Incidence, columns, combined
 from phnn.network.power import PowerBalance
-
-# Smaller efforts are taken as zero when a resistor's conductance φ(ε)/ε is inspected.
-_NO_EFFORT = 1e-150
 
 
 class PortHamiltonianSystem(nn.Module):
@@ -31,35 +31,40 @@ class PortHamiltonianSystem(nn.Module):
     Memories are states without energy in ``H``: ``x`` has them last, ``ẋ`` their rates, and efforts and matrices leave
     them out. Of one that holds heat `phnn.network.thermal` has energy and entropy.
 
+    The passivity inequality survives any training: parameters that are trained are kept inside their bounds by
+    `BoundedParameters`, learned laws are passive for all weights, and of another module that is a law the part of its
+    flow that would deliver power is left out. Every evaluation refuses parameters that are not finite.
+
     Attributes:
         network: the network as built; `as_network` has the present values.
-        free: physical parameter values by name, as `nn.Parameter`.
+        free: the parameters that are trained. `value` reads a physical value, `set_values` sets some.
         constants: the values of parameters that are fixed, as buffers.
         laws: the laws that are torch modules.
 
     Raises:
         StructureViolated: an unknown law, a wrong number of law parameters, a name that torch cannot register,
-            or a neural law that is not in float64.
+            a neural law that is not in float64, or one that is found outside its sector or below its energy at rest.
     """
 
     def __init__(self, network: Network) -> None:
         super().__init__()
         self.network = network
-        self.free = nn.ParameterDict()
         self.constants = nn.Module()
         self.laws = nn.ModuleDict()
         for name, parameter in network.parameters.items():
-            value = torch.tensor(parameter.value, dtype=torch.float64)
-            check_name(name, self.constants if parameter.fixed else self.free)
+            check_name(name, self.constants if parameter.fixed else nn.ParameterDict())
             if parameter.fixed:
-                self.constants.register_buffer(name, value)
-            else:
-                self.free[name] = nn.Parameter(value)
+                self.constants.register_buffer(name, torch.tensor(parameter.value, dtype=torch.float64))
+        self.free = BoundedParameters({n: p for n, p in network.parameters.items() if not p.fixed})
+        self._present: Present = None
         check_laws(network)
-        for storage in network.storages:
-            self._adopt("storage", storage)
-        for resistor in network.resistors:
-            self._adopt("resistor", resistor)
+        for kind, elements in (("storage", network.storages), ("resistor", network.resistors)):
+            for element in elements:
+                if not isinstance(element.law, str):
+                    key = f"{kind}_{element.name}"
+                    check_module(kind, element)
+                    check_name(key, self.laws)
+                    self.laws[key] = element.law
         place = {name: k for k, name in enumerate(network.storage_names)}
         n = len(place)
         couplings: list[Entry] = [(place[c.to], place[c.of], c.ratio) for c in network.couplings]
@@ -70,32 +75,36 @@ class PortHamiltonianSystem(nn.Module):
         self._factors = tuple((place[m.by], m) for m in network.modulations)
         self._modulators = tuple(None if r.modulated_by is None else place[r.modulated_by] for r in network.resistors)
 
-    def _adopt(self, kind: str, element: Storage | Resistor) -> None:
-        """Register the law of an element if it is a module."""
-        if isinstance(element.law, str):
-            return
-        if not isinstance(element.law, nn.Module):
-            raise StructureViolated(
-                f"the law of {element.name} is {element.law!r}: give a law's name or a torch module"
-            )
-        for name, tensor in element.law.named_parameters():
-            if tensor.dtype != torch.float64:
-                raise StructureViolated(
-                    f"{name} in the law of {element.name} is {tensor.dtype}: convert the law with .double()"
-                )
-        key = f"{kind}_{element.name}"
-        check_name(key, self.laws)
-        self.laws[key] = element.law
-
     @property
     def state_names(self) -> tuple[str, ...]:
         """Names of the energy variables and then the memories, in the order of ``x``."""
         return self.network.state_names
 
     def value(self, name: str) -> Tensor:
-        """() present value of a parameter."""
-        # Looked up at every use: a tensor kept aside would get no gradient from the adjoint method.
-        return self.free[name] if name in self.free else getattr(self.constants, name)
+        """() present value of a parameter [SI]."""
+        if name not in self.free:
+            return getattr(self.constants, name)
+        # Kept for the time of one evaluation only: from a tensor kept longer the adjoint method would get no gradient.
+        present = present_of(self)
+        return self.free.value(name) if present is None else present[name]
+
+    def set_values(self, values: Mapping[str, float]) -> None:
+        """Set parameters that are not fixed [SI]; of fixed ones build the network with other values.
+
+        Raises:
+            InputRefused: an unknown or fixed name, or a value that is not finite or outside the parameter's bounds.
+        """
+        self.free.assign(values)
+
+    def present_values(self) -> dict[str, Tensor]:
+        """Values of all free parameters, once they and all weights have been found finite.
+
+        Raises:
+            SolverFailed: one is not; names it.
+        """
+        for key, law in self.laws.items():
+            check_weights(law, f"{key}.")
+        return self.free.values()
 
     def ratios(
         self,
@@ -114,8 +123,9 @@ class PortHamiltonianSystem(nn.Module):
 
     def as_network(self) -> Network:
         """The network with the present parameter values."""
-        return self.network.with_values({name: tensor.item() for name, tensor in self.free.items()})
+        return self.network.with_values({name: value.item() for name, value in self.present_values().items()})
 
+    @evaluation
     def energies(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(..., n) energy of every storage [J]."""
         self._check_state(x)
@@ -129,6 +139,7 @@ class PortHamiltonianSystem(nn.Module):
         """(...) stored energy ``H(x)`` [J]."""
         return self.energies(x).sum(-1)
 
+    @evaluation
     def mean_efforts(
         self,
         a: Tensor,  # (..., n) state at the start of a step
@@ -140,6 +151,7 @@ class PortHamiltonianSystem(nn.Module):
         ends = zip(a.unbind(-1)[:first], (a if a is b else b).unbind(-1)[:first], strict=True)
         return torch.stack([self.mean_effort(k, start, end) for k, (start, end) in enumerate(ends)], dim=-1)
 
+    @evaluation
     def mean_effort(
         self,
         k: int,
@@ -158,12 +170,14 @@ class PortHamiltonianSystem(nn.Module):
         """(..., n) efforts ``e = ∇H(x)``."""
         return self.mean_efforts(x, x)
 
+    @evaluation
     def structure(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(..., n, n) interconnection ``J = A − Aᵀ``: skew to the last bit."""
         half = self._half(self.ratios(x))
         skew = half - half.mT
         return skew.expand(*x.shape[:-1], *skew.shape[-2:])
 
+    @evaluation
     def dissipation(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(..., n, n) ``D(x) = Σ_r b_r (φ_r(ε_r)/ε_r) b_rᵀ ⪰ 0``, with the slope of ``φ_r`` where ``ε_r = 0``.
 
@@ -179,8 +193,10 @@ class PortHamiltonianSystem(nn.Module):
 
     def _conductance(self, r: int, epsilon: Tensor, x: Tensor) -> Tensor:
         """``φ_r(ε)/ε`` with its limit at ``ε = 0``."""
-        silent = epsilon.abs() < _NO_EFFORT
-        probe = torch.where(silent, _NO_EFFORT, epsilon)
+        # Where efforts and flows are still normal numbers: 1e-151 in 64 bits, 1e-19 in 32.
+        least = torch.finfo(epsilon.dtype).tiny ** 0.49
+        silent = epsilon.abs() < least
+        probe = torch.where(silent, least, epsilon)
         ratio = self.branch_flow(r, probe, x) / probe
         if isinstance(self.network.resistors[r].law, str) or not bool(silent.any()):
             return ratio
@@ -188,6 +204,7 @@ class PortHamiltonianSystem(nn.Module):
         slope = gradient.effort(lambda e: self.branch_flow(r, e, x), torch.zeros_like(epsilon))
         return torch.where(silent, slope, ratio)
 
+    @evaluation
     def incidences(
         self,
         x: Tensor,  # (..., n) state that modulated ratios read
@@ -199,6 +216,7 @@ class PortHamiltonianSystem(nn.Module):
         ratios = self.ratios(x)
         return self._branches(ratios), self._inputs(ratios)
 
+    @evaluation
     def branch_efforts(
         self,
         efforts: Tensor,  # (..., n)
@@ -207,6 +225,7 @@ class PortHamiltonianSystem(nn.Module):
         """(..., R) effort ``ε_r = b_rᵀ e`` on every resistor."""
         return combined(efforts, self._branches(self.ratios(x)))
 
+    @evaluation
     def branch_flows(
         self,
         epsilon: Tensor,  # (..., R) effort on every resistor
@@ -217,6 +236,7 @@ class PortHamiltonianSystem(nn.Module):
             return epsilon
         return torch.stack([self.branch_flow(r, epsilon[..., r], x) for r in range(epsilon.shape[-1])], dim=-1)
 
+    @evaluation
     def branch_flow(
         self,
         r: int,
@@ -228,12 +248,15 @@ class PortHamiltonianSystem(nn.Module):
         q = torch.zeros_like(epsilon) if place is None else x[..., place]
         if isinstance(resistor.law, str):
             return RESISTOR_LAWS[resistor.law].flow(epsilon, q, *map(self.value, resistor.parameters))
-        return resistor.law(epsilon) if place is None else resistor.law(epsilon, q)
+        flow = resistor.law(epsilon) if place is None else resistor.law(epsilon, q)
+        # Training may carry a module of unknown form out of its sector.
+        return flow if is_learned(resistor.law) else torch.where(epsilon * flow < 0.0, 0.0 * flow, flow)
 
     def resistor_flows(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(..., R) flow through every resistor at a state."""
         return self.branch_flows(self.branch_efforts(self.efforts(x), x), x)
 
+    @evaluation
     def actions(
         self,
         u: Tensor,  # (..., P)
@@ -249,6 +272,7 @@ class PortHamiltonianSystem(nn.Module):
         ]
         return torch.stack(values, dim=-1) if values else u
 
+    @evaluation
     def rate(
         self,
         efforts: Tensor,  # (..., n) efforts, of a state or averaged over a step
@@ -261,6 +285,7 @@ class PortHamiltonianSystem(nn.Module):
         lost = combined(self.branch_flows(combined(efforts, branches), x), branches.mT)
         return conserved - lost + combined(self.actions(u), inputs.mT)
 
+    @evaluation
     def vector_field(
         self,
         x: Tensor,  # (..., n)
@@ -274,6 +299,7 @@ class PortHamiltonianSystem(nn.Module):
         slow = x[..., len(self.network.storages) :]
         return torch.cat([rate, memory.rates(self, slow, memory.drives(self, efforts, x, u))], dim=-1)
 
+    @evaluation
     def port_outputs(
         self,
         x: Tensor,  # (..., n)
@@ -290,6 +316,7 @@ class PortHamiltonianSystem(nn.Module):
         ]
         return torch.stack(slopes, dim=-1) * flows if slopes else flows
 
+    @evaluation
     def power(
         self,
         efforts: Tensor,  # (..., n) efforts, of a state or averaged over a step
@@ -303,6 +330,7 @@ class PortHamiltonianSystem(nn.Module):
         supplied = self.actions(u) * combined(efforts, self.incidences(x)[1])
         return PowerBalance(stored, dissipated, supplied, stored - supplied.sum(-1) + dissipated.sum(-1))
 
+    @evaluation
     def power_balance(
         self,
         x: Tensor,  # (..., n)

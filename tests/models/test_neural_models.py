@@ -12,7 +12,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from phnn.errors import InputRefused, PhnnError
+from phnn.errors import InputRefused, PhnnError, SolverFailed
 from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
 from phnn.learn.characteristic import thresholds
 from phnn.models.actuator import TABLE_1, hrc
@@ -107,9 +107,25 @@ def test_fully_neural_effort_is_the_gradient_of_an_energy_bounded_below(states: 
     torch.testing.assert_close(core.efforts(x), slope, rtol=1e-8, atol=1e-8)
     zero = torch.zeros(states, dtype=torch.float64)
     assert float(core.vector_field(zero, torch.zeros(1, dtype=torch.float64)).detach().abs().max()) < 1e-9 / SCALES.time
-    # Whatever the signs of the heights, far out the quadratic part wins.
-    far = 1e6 * torch.nn.functional.normalize(torch.randn(50, states, dtype=torch.float64))
-    assert bool((core.energy(far) > 0.0).all())
+    assert torch.equal(core.efforts(zero), zero)
+    assert core.energy(zero) == 0.0
+    # Near and far, for weights of any sign and size, no state stores less than the quadratic part alone.
+    for size in (1e-9, 1e-3, 1.0, 1e3, 1e6):
+        x = size * torch.randn(50, states, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+        assert bool((core.energy(x) >= 0.5 * x.square().sum(-1) * (1.0 - 1e-12)).all())
+
+
+@pytest.mark.parametrize("kind", [FullyNeural, NeuralODE])
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), 1e7])
+def test_weights_beyond_use_are_named_where_a_black_box_is_evaluated(kind: type, bad: float) -> None:
+    core = kind(SCALES, 3, 5)
+    x, u = torch.ones(3, dtype=torch.float64), torch.ones(1, dtype=torch.float64)
+    core.vector_field(x, u)
+    network = core.skew if kind is FullyNeural else core.field
+    with torch.no_grad():
+        network.weights[0][1, 2] = bad
+    with pytest.raises(SolverFailed, match=r"parameter (skew|field)\.weights\.0 is not finite or too large"):
+        core.vector_field(x, u)
 
 
 def test_black_box_rests_at_zero_and_reads_a_row() -> None:

@@ -9,6 +9,8 @@ import torch
 from torch import Tensor, nn
 
 from phnn.laws import STORAGE_LAWS, gradient
+from phnn.network.bounded import BoundedParameters
+from phnn.parameters import Parameter
 
 
 class _Known(nn.Module):
@@ -17,13 +19,16 @@ class _Known(nn.Module):
     def __init__(self, law: str, values: Sequence[float]) -> None:
         super().__init__()
         self.law = STORAGE_LAWS[law]
-        self.values = nn.Parameter(torch.tensor(list(values), dtype=torch.float64))
+        given = zip(values, self.law.domains, strict=True)
+        self.free = BoundedParameters(
+            {f"theta_{k}": Parameter(f"theta_{k}", v).within(d, f"the law {law}") for k, (v, d) in enumerate(given)}
+        )
 
     def energy(self, x: Tensor) -> Tensor:
-        return self.law.energy(x, *self.values.unbind())
+        return self.law.energy(x, *self.free.values().values())
 
     def mean_effort(self, a: Tensor, b: Tensor) -> Tensor:
-        return self.law.mean_effort(a, b, *self.values.unbind())
+        return self.law.mean_effort(a, b, *self.free.values().values())
 
 
 class SumOfEnergies(nn.Module):
@@ -32,10 +37,14 @@ class SumOfEnergies(nn.Module):
     Args:
         parts: (law, ρ, parameter values) of every storage; a law is a name in `phnn.laws` or a torch module, whose
             parameters are its own.
+
+    Attributes:
+        bounded: whether ``H ≥ 0``, which a weight is not.
     """
 
     def __init__(self, parts: Sequence[tuple[Any, float, Sequence[float]]]) -> None:
         super().__init__()
+        self.bounded = all(STORAGE_LAWS[law].bounded for law, _, _ in parts if isinstance(law, str))
         laws = [_Known(law, values) if isinstance(law, str) else law for law, _, values in parts]
         self.parts: list[tuple[Any, float]] = [(law, ratio) for law, (_, ratio, _) in zip(laws, parts, strict=True)]
         self.laws = nn.ModuleList(laws)

@@ -1,0 +1,157 @@
+"""Trials of what laws promise, on points over many decades: sectors, energies with their minimum at rest, decays.
+
+A trial finds what is wrong, or says nothing: it proves nothing between its points. The laws of the package keep their
+promises by their form; this is for laws that others write.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.domain import Domain
+from phnn.errors import StructureViolated
+from phnn.laws.law import Law, MemoryLaw, ResistorLaw, StorageLaw
+
+Array = NDArray[np.float64]
+
+# Four points a decade of both signs, denser around one, and zero.
+_SIZES = np.unique(np.concatenate([np.logspace(-12, 12, 97), np.linspace(0.05, 4.0, 80)]))
+POINTS = np.concatenate([-_SIZES[::-1], [0.0], _SIZES])
+# States that a modulated law reads.
+READ = (0.0, 1.0, -1.0, 1e-6, -1e-6, 1e3, -1e3)
+# Where a law grows faster than any power, its value may overflow beyond this argument.
+_ORDINARY = 1e2
+# Rounding, relative to the values on both sides of zero.
+_ROUNDING = 1e-9
+# Finer points between the neighbours of the least conductance.
+_FINER = 65
+_AROUND = np.array([1.0 - 1e-3, 1.0, 1.0 + 1e-3])
+
+
+def check_law(law: Law) -> None:
+    """Try a law at its example and throughout the domains of its parameters.
+
+    Raises:
+        StructureViolated: it breaks its promise; names parameters, argument and value.
+    """
+    for values in dict.fromkeys(_samples(law.example, law.domains)):
+        at = f"the law {law.name} with parameters {', '.join(f'{v:g}' for v in values)}"
+        with np.errstate(all="ignore"):
+            if isinstance(law, ResistorLaw):
+                for q in READ if _reads(law) else READ[:1]:
+                    check_sector(partial(_reading, law, q, values), at, _edges(law, q, values), q)
+            elif isinstance(law, StorageLaw) and law.bounded:
+                check_energy(partial(_stored, law, values), at)
+            elif isinstance(law, MemoryLaw) and not float(law.decay(*values)) >= 0.0:
+                raise StructureViolated(f"{at} decays at {float(law.decay(*values)):g} 1/s: it must not grow by itself")
+
+
+def check_sector(
+    flow: Callable[[Array], Array],  # elementwise
+    what: str,
+    around: tuple[float, ...] = (),
+    read: float | None = None,
+) -> None:
+    """Try the sector condition ``ε φ(ε) ≥ 0`` of a resistor.
+
+    Args:
+        flow: ``φ``.
+        what: the law, for the message.
+        around: efforts at which it changes, such as thresholds.
+        read: the state that a modulated law reads, for the message.
+
+    Raises:
+        StructureViolated: outside the sector, or not finite; with the counterexample.
+    """
+    points = np.sort(np.concatenate([POINTS, *(edge * _AROUND for edge in around)]))
+    values = _tried_sector(flow, points, what, read)
+    with np.errstate(all="ignore"):
+        conductance = np.where(points == 0.0, np.inf, values / points)
+    # A dip between two points shows as the least conductance beside it.
+    k = int(np.nanargmin(conductance))
+    _tried_sector(flow, np.linspace(points[max(k - 1, 0)], points[min(k + 1, points.size - 1)], _FINER), what, read)
+
+
+def check_energy(
+    energy: Callable[[Array], Array],  # elementwise
+    what: str,
+) -> None:
+    """Try whether an energy is finite and least at rest, ``H(x) ≥ H(0)``.
+
+    Raises:
+        StructureViolated: it is not; with the counterexample.
+    """
+    values = np.broadcast_to(np.asarray(energy(POINTS), dtype=np.float64), POINTS.shape)
+    rest = float(values[POINTS == 0.0][0])
+    _check_finite(POINTS, values, what, "x", "H")
+    # An energy with an offset loses this much to rounding.
+    low = values < rest - _ROUNDING * np.maximum(np.abs(values - rest), abs(rest) * 1e-3)
+    if low.any():
+        k = int(np.argmin(np.where(low, values - rest, np.inf)))
+        raise StructureViolated(
+            f"{what}: H({POINTS[k]:.6g}) = {values[k]:.6g} J lies below H(0) = {rest:.6g} J, so that it can deliver "
+            "energy from rest: use an energy with its minimum at zero (EnergyMLP, or a named storage law)"
+        )
+
+
+def _tried_sector(flow: Callable[[Array], Array], points: Array, what: str, read: float | None) -> Array:
+    values = np.broadcast_to(np.asarray(flow(points), dtype=np.float64), points.shape)
+    _check_finite(points, values, what, "ε", "φ")
+    # What a law loses to rounding is measured by its largest value nearer to zero than the argument.
+    order = np.argsort(np.abs(points), kind="stable")
+    reached = np.empty_like(values)
+    reached[order] = np.maximum.accumulate(np.abs(values[order]))
+    rounding = np.where(np.isfinite(reached), _ROUNDING * reached, 0.0)
+    outside = np.sign(points) * values < -rounding
+    if outside.any():
+        k = int(order[np.flatnonzero(outside[order])[0]])
+        beside = "" if read is None else f" (reading q = {read:g})"
+        raise StructureViolated(
+            f"{what}: φ({points[k]:.6g}) = {values[k]:.6g}{beside}, so that ε φ(ε) = {points[k] * values[k]:.3g} < 0 "
+            "and it delivers power: use a law with ε φ(ε) ≥ 0 (DampingMLP, MonotoneMLP, or a named resistor law)"
+        )
+    return values
+
+
+def _check_finite(points: Array, values: Array, what: str, argument: str, value: str) -> None:
+    bad = np.isnan(values) | (np.isinf(values) & (np.abs(points) <= _ORDINARY))
+    if bad.any():
+        k = int(np.flatnonzero(bad)[np.argmin(np.abs(points[bad]))])
+        raise StructureViolated(
+            f"{what}: {value}({points[k]:.6g}) = {values[k]:g}: give a law that is finite for every {argument}"
+        )
+
+
+def _reading(law: ResistorLaw, q: float, values: tuple[float, ...], effort: Array) -> Array:
+    return law.flow(effort, q + 0.0 * effort, *values)
+
+
+def _stored(law: StorageLaw, values: tuple[float, ...], x: Array) -> Array:
+    return law.energy(x, *values)
+
+
+def _reads(law: ResistorLaw) -> bool:
+    """Whether the flow of a law depends on the state that it may read."""
+    flows = [law.flow(POINTS, q + 0.0 * POINTS, *law.example) for q in READ]
+    return any(not np.array_equal(flow, flows[0]) for flow in flows[1:])
+
+
+def _edges(law: ResistorLaw, q: float, values: tuple[float, ...]) -> tuple[float, ...]:
+    """Thresholds of a piecewise linear law."""
+    return () if law.thresholds is None else tuple(float(v) for v in law.thresholds(q, *values)[1:])
+
+
+def _samples(example: tuple[float, ...], domains: tuple[Domain, ...]) -> Iterator[tuple[float, ...]]:
+    """The example, each parameter moved far alone, and all combinations of signs."""
+    yield example
+    for k, domain in enumerate(domains):
+        for value in (1e-3 * example[k], 1e3 * example[k], 0.0, -1e3 * example[k]):
+            if value in domain:
+                yield (*example[:k], value, *example[k + 1 :])
+    if any(-1.0 in d for d in domains):
+        yield from product(*((v, -v) if -1.0 in d else (v,) for v, d in zip(example, domains, strict=True)))

@@ -1,0 +1,187 @@
+"""Physical parameter values as functions of free coordinates: whatever an optimiser does, bounds hold.
+
+    positive:    θ = θ₀ exp(δ(z)),      any other:   θ = θ₀ + s δ(z)
+
+    δ(z) = z for |z| ≤ Δ/2,     beyond:  |δ| = Δ/2 (1 + w/(1 + w)) < Δ,   w = 2|z|/Δ − 1
+
+The reference ``θ₀`` is the value that was set last, where ``z = 0`` gives it back to the last bit; ``s`` is a typical
+change, and ``Δ`` the distance to the bound in units of ``δ``, on either side its own.
+
+Parameters of an actuator span 1e-9 to 1e5, while optimisers move all coordinates by similar amounts. Hence a coordinate
+measures the relative change of a positive parameter (``dθ/dz = θ``) and changes by ``s`` of any other. Over half of the
+decades to the bound the logarithm is exact, the coordinate of `phnn.parameters`: a common factor of several parameters,
+which the displacement hardly shows, is then a straight valley, and a parameter trains as its inverse does. Softplus
+has neither property: it counts relative changes downwards, absolute ones upwards. Near the bound ``δ`` is rational, for
+``exp(z)`` of a step far too large overflows, and the slope of a logistic function vanishes so fast that a parameter
+driven to its bound stays there.
+
+Reparametrisation onto the admissible set: Stan Reference Manual, constraint transforms.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import torch
+from torch import Tensor, nn
+
+from phnn.errors import InputRefused
+from phnn.laws.diverged import check_weights
+from phnn.parameters import Parameter
+
+# A side without a bound ends this many decades, or typical changes, away from the reference: farther than any training
+# goes, near enough that squares of the result fit into 32 bits. Setting a value moves the reference.
+_DECADES, _CHANGES = 9.0, 1e9
+
+# Rows of the table: reference, Δ/2 and gain upwards, the same downwards, lowest and highest value, 1 if positive, 1 if
+# not, and the lesser Δ/2 (negative for a value on a bound).
+_ROWS = 10
+_REFERENCE, _UP, _GAIN, _DOWN, _LOWEST, _HIGHEST, _LOGARITHMIC, _LINEAR, _NEAR = (
+    0,
+    slice(1, 3),
+    2,
+    slice(3, 5),
+    5,
+    6,
+    7,
+    8,
+    9,
+)
+# Beyond this many Δ/2 a coordinate makes no difference even in 64 bits.
+_ENOUGH = 1e15
+
+
+class BoundedParameters(nn.Module):
+    """Free physical parameters of a network; each has a coordinate ``z``, the scalar `nn.Parameter` that is trained.
+
+    Values are read with `values` or `value` and set with `assign`. States of this module (``state_dict``) hold
+    coordinates and references, and bring back values to the last bit.
+
+    Args:
+        parameters: by name, with value and bounds.
+
+    Attributes:
+        z: the coordinates by name.
+    """
+
+    table: Tensor
+
+    def __init__(self, parameters: Mapping[str, Parameter]) -> None:
+        super().__init__()
+        self.declared = dict(parameters)
+        self.relative = all(p.positive for p in self.declared.values())
+        self.place = {name: k for k, name in enumerate(self.declared)}
+        self.z = nn.ParameterDict()
+        # One by one: torch sorts what comes in a dict.
+        for name in self.declared:
+            self.z[name] = nn.Parameter(torch.zeros((), dtype=torch.float64))
+        rows = torch.tensor([_row(p) for p in self.declared.values()], dtype=torch.float64).reshape(-1, _ROWS)
+        self.register_buffer("table", rows.mT.contiguous())
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.declared
+
+    def values(self) -> dict[str, Tensor]:
+        """Present values [SI] by name, differentiable by the coordinates.
+
+        Raises:
+            SolverFailed: a coordinate is not finite.
+        """
+        coordinates = list(self.z.values())
+        if not coordinates:
+            return {}
+        if any(z.ndim for z in coordinates):
+            # Lent for the time of a call (`torch.func.functional_call`), a coordinate may be a batch.
+            return {name: self.value(name) for name in self.declared}
+        z = torch.stack(coordinates)
+        found = self._near(z)
+        if found is None:
+            check_weights(self.z)
+            found = _physical(z, self.table)
+        return dict(zip(self.declared, found.unbind(), strict=True))
+
+    def _near(self, z: Tensor) -> Tensor | None:
+        """(F,) values where all ``|z| ≤ Δ/2``, which is nearly always, in a fifth of the operations; else None."""
+        try:
+            # Also false for NaN.
+            near = bool((z.detach().abs() <= self.table[_NEAR]).all())
+        except RuntimeError:
+            # Inside vmap coordinates have no numbers.
+            near = False
+        if not near:
+            return None
+        if self.relative:
+            return self.table[_REFERENCE] * torch.exp(z)
+        delta = self.table[_GAIN] * z
+        return self.table[_REFERENCE] * torch.exp(self.table[_LOGARITHMIC] * delta) + self.table[_LINEAR] * delta
+
+    def value(self, name: str) -> Tensor:
+        """(...) present value of one parameter [SI]."""
+        check_weights(self.z)
+        return self._at(name, self.z[name])
+
+    def _at(self, name: str, z: Tensor) -> Tensor:
+        return _physical(z, self.table[:, self.place[name]].reshape(-1, *[1] * z.ndim))
+
+    def slope(self, name: str) -> float:
+        """``dθ/dz`` at the present value."""
+        with torch.enable_grad():
+            z = self.z[name].detach().requires_grad_(True)
+            return float(torch.autograd.grad(self._at(name, z), z)[0])
+
+    def gradient(self, name: str) -> float | None:
+        """``∂L/∂θ`` by the physical value, from the ``.grad`` of the coordinate; None where that has none."""
+        found = self.z[name].grad
+        return None if found is None else float(found) / self.slope(name)
+
+    @torch.no_grad()
+    def assign(self, values: Mapping[str, float]) -> None:
+        """Set physical values [SI]; each becomes the reference of its coordinate, which starts again at zero.
+
+        Raises:
+            InputRefused: an unknown name, or a value that is not finite or outside the parameter's bounds; then nothing
+                is set.
+        """
+        rows = {}
+        for name, value in values.items():
+            if name not in self.declared:
+                raise InputRefused(f"no free parameter {name!r}: there are {', '.join(self.declared) or 'none'}")
+            # A parameter itself refuses what it cannot be.
+            rows[name] = replace(self.declared[name], value=float(value))
+        for name, parameter in rows.items():
+            row = torch.tensor(_row(parameter), dtype=torch.float64)
+            self.table[:, self.place[name]] = row.to(self.table)
+            self.z[name].zero_()
+
+
+def _row(p: Parameter) -> list[float]:
+    """Column of the table of one parameter."""
+    far = _DECADES * math.log(10.0) if p.positive else _CHANGES
+    if p.positive:
+        down = math.log(p.value / p.lower) if p.lower > 0.0 else far
+        up = math.log(p.upper / p.value) if math.isfinite(p.upper) else far
+        gain = 1.0
+    else:
+        down, up, gain = (p.value - p.lower) / p.typical, (p.upper - p.value) / p.typical, p.typical
+    down, up = min(down, far), min(up, far)
+    # From a value on its bound both directions lead inside: else the slope outwards were zero, and it would stay there.
+    upwards = [0.5 * up, gain] if up > 0.0 else [0.5 * down or 1.0, -gain if down > 0.0 else 0.0]
+    downwards = [0.5 * down, gain] if down > 0.0 else [0.5 * up or 1.0, -gain if up > 0.0 else 0.0]
+    lowest = p.lower if p.value == p.lower else math.nextafter(p.lower, math.inf)
+    highest = p.upper if p.value == p.upper else math.nextafter(p.upper, -math.inf)
+    if p.positive:
+        lowest = max(lowest, math.nextafter(0.0, 1.0))
+    near = 0.5 * min(up, down) if up > 0.0 and down > 0.0 else -1.0
+    return [p.value, *upwards, *downwards, lowest, highest, float(p.positive), float(not p.positive), near]
+
+
+def _physical(z: Tensor, table: Tensor) -> Tensor:  # z: (...), table: (10, ...)
+    """(...) values of coordinates."""
+    half, gain = torch.where(z >= 0.0, table[_UP], table[_DOWN])
+    inner = torch.clamp(z, -half, half)
+    beyond = torch.clamp((z - inner) / half, -_ENOUGH, _ENOUGH)
+    delta = gain * (inner + half * beyond / (1.0 + beyond.abs()))
+    value = table[_REFERENCE] * torch.exp(table[_LOGARITHMIC] * delta) + table[_LINEAR] * delta
+    return torch.clamp(value, table[_LOWEST], table[_HIGHEST])

@@ -1,0 +1,242 @@
+"""Every law, learned law and model of the package as something that can be trained; found by looking, not by a list."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+import typing
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import torch
+from networks import remembering
+from torch import Tensor, nn
+
+import phnn.laws.neural
+import phnn.models
+from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.models.fully_neural import FullyNeural
+from phnn.models.learned import _KINDS
+from phnn.models.network_file import load_network
+from phnn.models.scales import Scales
+from phnn.network import Coupling, Memory, Modulation, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.network.bondgraph import BondGraph
+from phnn.network.bondgraph.sum_of_energies import SumOfEnergies
+from phnn.parameters import Parameter, as_table, positive
+from phnn.setup import Setup
+
+CONFIGS = Path(phnn.models.__file__).parents[1] / "configs" / "network"
+# Arguments of models that have no defaults.
+ARGUMENTS: dict[str, Callable[[], dict[str, Any]]] = {
+    "cantilever": lambda: {"modes": 2, "length": 0.1, "rigidity": 0.5, "mass": 0.01},
+    "driven_beam": lambda: {
+        "actuator": phnn.models.from_paper(),
+        "beam": importlib.import_module("phnn.models.beam").cantilever(2, 0.1, 0.5, 0.01),
+        "stiffness": 1e5,
+    },
+}
+# Energy at which states of a network count as typical [J].
+_ENERGY = 1e-3
+
+
+class Subject(Protocol):
+    """A trainable system with states at random."""
+
+    module: nn.Module
+
+    def states(self, count: int, seed: int, reach: float) -> tuple[Tensor, Tensor]:
+        """(count, n) states up to ``reach`` times typical ones, and (count, P) inputs."""
+
+    def supplied(self, efforts: Tensor, x: Tensor, u: Tensor) -> Tensor:
+        """(count,) power of the ports."""
+
+    def balanced_rate(self, efforts: Tensor, x: Tensor, u: Tensor) -> Tensor:
+        """(count, n) rate of the states with energy."""
+
+    def lost(self, efforts: Tensor, x: Tensor) -> Tensor:
+        """(count,) dissipated power at efforts of a step."""
+
+
+def _spread(shape: tuple[int, int], seed: int, reach: float) -> Tensor:
+    """Signs and sizes over nine decades up to ``reach``, one entry in ten zero."""
+    random = torch.Generator().manual_seed(seed)
+    size = reach * 10.0 ** (-9.0 * torch.rand(shape, generator=random, dtype=torch.float64).square())
+    values = size * torch.randn(shape, generator=random, dtype=torch.float64)
+    return values * (torch.rand(shape, generator=random) > 0.1)
+
+
+class NetworkSubject:
+    """A network of one-ports."""
+
+    def __init__(self, network: Network) -> None:
+        self.module = self.system = PortHamiltonianSystem(network)
+        probe = torch.full((1, len(network.state_names)), 1e-6, dtype=torch.float64)
+        stiffness = (self.system.efforts(probe) / 1e-6).abs().detach().clamp_min(1e-3)
+        self.typical = torch.ones_like(probe)
+        self.typical[:, : stiffness.shape[-1]] = (2.0 * _ENERGY / stiffness).sqrt()
+
+    def _like(self, values: Tensor) -> Tensor:
+        return values.to(next(self.module.parameters()).dtype)
+
+    def states(self, count: int, seed: int, reach: float) -> tuple[Tensor, Tensor]:
+        x = self.typical * _spread((count, self.typical.shape[-1]), seed, reach)
+        u = _spread((count, len(self.system.network.ports)), seed + 1, 100.0)
+        return self._like(x), self._like(u)
+
+    def supplied(self, efforts: Tensor, x: Tensor, u: Tensor) -> Tensor:
+        return self.system.power(efforts, x, u, efforts[..., 0]).supplied.sum(-1)
+
+    def lost(self, efforts: Tensor, x: Tensor) -> Tensor:
+        epsilon = self.system.branch_efforts(efforts, x)
+        return (epsilon * self.system.branch_flows(epsilon, x)).sum(-1)
+
+    def balanced_rate(self, efforts: Tensor, x: Tensor, u: Tensor) -> Tensor:
+        return self.system.rate(efforts, x, u)
+
+
+class LatentSubject:
+    """A model with latent states of order one."""
+
+    def __init__(self, core: Any) -> None:
+        self.module = self.core = core
+
+    def states(self, count: int, seed: int, reach: float) -> tuple[Tensor, Tensor]:
+        like = next(self.module.parameters()).dtype
+        return _spread((count, self.core.states), seed, reach).to(like), _spread((count, 1), seed + 1, 100.0).to(like)
+
+    def supplied(self, efforts: Tensor, x: Tensor, u: Tensor) -> Tensor:
+        return (efforts @ self.core.inlet) * u[..., 0] / self.core.scales.input / self.core.scales.time
+
+    def lost(self, efforts: Tensor, x: Tensor) -> Tensor:
+        d = self.core.dissipation(x)
+        return (efforts.unsqueeze(-2) @ d @ efforts.unsqueeze(-1)).squeeze((-1, -2)) / self.core.scales.time
+
+    def balanced_rate(self, efforts: Tensor, x: Tensor, u: Tensor) -> Tensor:
+        return self.core.rate(efforts, x, u)
+
+
+def body(
+    storage: Any = "spring", resistor: Any = "linear", port: str = "linear", reads: str | None = None, **more: Any
+) -> Network:
+    """A driven mass on a spring with a damper, each law of which can be exchanged; parameters as plain as can be."""
+    table: list[Parameter] = [positive("m", 2.0, "kg")]
+
+    def named(kind: str, law: Any, laws: dict[str, Any]) -> tuple[str, ...]:
+        if not isinstance(law, str):
+            return ()
+        names = tuple(f"{kind}_{k}" for k in range(len(laws[law].example)))
+        table.extend(Parameter(n, v) for n, v in zip(names, laws[law].example, strict=True))
+        return names
+
+    network = Network(
+        (Storage("q", storage, named("s", storage, STORAGE_LAWS)), Storage("p", "capacitor", ("m",))),
+        (Resistor("damper", resistor, {"p": 1.0}, named("r", resistor, RESISTOR_LAWS), reads),),
+        (Coupling("q", "p", "ratio"),),
+        (Port("force", {"p": "ratio"}, port, named("u", port, PORT_LAWS)),),
+        as_table([*table, Parameter("ratio", 1.2)]),
+    )
+    return replace(network, **more)
+
+
+def modulated(law: str) -> Network:
+    """The body with a ratio that follows its displacement."""
+    names = tuple(f"f_{k}" for k in range(len(FACTOR_LAWS[law].example)))
+    base = body()
+    more = [Parameter(n, v) for n, v in zip(names, FACTOR_LAWS[law].example, strict=True)]
+    table = as_table([*base.parameters.values(), *more])
+    return replace(base, modulations=(Modulation("ratio", "q", law, names),), parameters=table)
+
+
+def slow(law: str) -> Network:
+    """The body with a memory that its damper follows."""
+    names = tuple(f"z_{k}" for k in range(len(MEMORY_LAWS[law].example)))
+    base = body(resistor="thermal_dead_zone")
+    more = [Parameter(n, v) for n, v in zip(names, MEMORY_LAWS[law].example, strict=True)]
+    table = as_table([*base.parameters.values(), *more])
+    damper = replace(base.resistors[0], modulated_by="z")
+    return replace(base, resistors=(damper,), memories=(Memory("z", law, names),), parameters=table)
+
+
+def laws() -> Iterator[tuple[str, Callable[[], Subject]]]:
+    """Every registered law in a body of its own; a weight is a source and promises nothing of its energy."""
+    for name in (n for n, law in STORAGE_LAWS.items() if law.bounded):
+        yield f"storage {name}", lambda name=name: NetworkSubject(body(storage=name))
+        yield (
+            f"sum of energies {name}",
+            lambda name=name: NetworkSubject(
+                body(storage=SumOfEnergies([(name, 1.0, STORAGE_LAWS[name].example), ("spring", -0.7, (0.4,))]))
+            ),
+        )
+    for name in RESISTOR_LAWS:
+        yield f"resistor {name}", lambda name=name: NetworkSubject(body(resistor=name))
+        yield f"resistor {name} reading q", lambda name=name: NetworkSubject(body(resistor=name, reads="q"))
+    for name in PORT_LAWS:
+        yield f"port {name}", lambda name=name: NetworkSubject(body(port=name))
+    for name in FACTOR_LAWS:
+        yield f"factor {name}", lambda name=name: NetworkSubject(modulated(name))
+    for name in MEMORY_LAWS:
+        yield f"memory {name}", lambda name=name: NetworkSubject(slow(name))
+
+
+def learned() -> Iterator[tuple[str, Callable[[], Subject]]]:
+    """Every learned law in a body."""
+    for kind, make in _KINDS.items():
+        where = "storage" if hasattr(make(2), "energy") else "resistor"
+        yield f"learned {kind}", lambda make=make, where=where: NetworkSubject(body(**{where: make(5)}))
+
+
+def _modules_of_models() -> Iterator[Any]:
+    for found in pkgutil.iter_modules(phnn.models.__path__):
+        yield importlib.import_module(f"phnn.models.{found.name}")
+
+
+def _networks(made: Any) -> Network:
+    if isinstance(made, Setup):
+        return made.network
+    return made.network() if isinstance(made, BondGraph) else made
+
+
+def models() -> Iterator[tuple[str, Callable[[], Subject]]]:
+    """Every function of `phnn.models` that makes a network, every shipped network, every model with an energy."""
+    for module in _modules_of_models():
+        for name, thing in vars(module).items():
+            if name.startswith("_") or getattr(thing, "__module__", "") != module.__name__:
+                continue
+            if inspect.isclass(thing) and issubclass(thing, nn.Module) and hasattr(thing, "energy"):
+                yield name, lambda thing=thing: LatentSubject(thing(Scales(1e-3, 75.0, 1e-4), 3, 6))
+            makes = inspect.isfunction(thing) and typing.get_type_hints(thing).get("return")
+            if makes in (Network, BondGraph, Setup) and name not in ("load_network", "load_graph"):
+                given = ARGUMENTS.get(name, dict)
+                yield name, lambda thing=thing, given=given: NetworkSubject(_networks(thing(**given())))
+    for file in sorted(CONFIGS.glob("*.yaml")):
+        yield f"file {file.stem}", lambda file=file: NetworkSubject(load_network(file))
+
+
+def everything() -> Network:
+    """One network with every law of resistors and storages, learned ones among them, memories and a modulated ratio."""
+    names = [n for n, law in STORAGE_LAWS.items() if law.bounded]
+    storages, resistors, table = [], [], [positive("m", 2.0, "kg"), Parameter("alpha", 1.2)]
+    for name in names:
+        theta = tuple(f"{name}_{k}" for k in range(len(STORAGE_LAWS[name].example)))
+        table += [Parameter(n, v) for n, v in zip(theta, STORAGE_LAWS[name].example, strict=True)]
+        storages.append(Storage(f"x_{name}", name, theta))
+    storages += [Storage("x_learned", _KINDS["convex"](3)), Storage("p", "capacitor", ("m",))]
+    for k, name in enumerate(RESISTOR_LAWS):
+        theta = tuple(f"r_{name}_{i}" for i in range(len(RESISTOR_LAWS[name].example)))
+        table += [Parameter(n, v) for n, v in zip(theta, RESISTOR_LAWS[name].example, strict=True)]
+        on = storages[k % len(storages)].name
+        resistors.append(Resistor(f"r_{name}", name, {on: 1.0, "p": "alpha"}, theta, "x_spring" if k % 2 else None))
+    kinds = ("damping", "symmetric_damping", "monotone")
+    resistors += [Resistor(f"r_{kind}", _KINDS[kind](3), {"p": 1.0, "x_spring": -0.5}) for kind in kinds]
+    couplings = tuple(Coupling(s.name, "p", "alpha") for s in storages[:-1])
+    port = Port("force", {"p": "alpha"})
+    plain = Network(tuple(storages), tuple(resistors), couplings, (port,), as_table(table), "x_spring")
+    return remembering(plain, 3)
+
+
+CORE = (("everything", lambda: NetworkSubject(everything())),)
+EVERY = dict((*CORE, *laws(), *learned(), *models()))
+assert FullyNeural.__name__ in EVERY
