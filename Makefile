@@ -3,6 +3,7 @@
 #   make demo  [SEED=7] [OUT=out/demo]       conceal an effect, seal it, diagnose, compare
 #   make demo  DATA=recordings/ [OUT=...]    diagnose your own recordings instead
 #   make test | test-slow | bench | clean
+#   make slice                               conceal a few effects under a fresh seed, diagnose, count
 #
 # torch is installed on its own before the rest so that the build chosen there (pip's own settings, or PIP_FLAGS, for
 # instance an index of CPU-only builds) stays: the project never needs CUDA.
@@ -20,7 +21,7 @@ DEV   := $(VENV)/.installed-dev
 BENCH := $(VENV)/.installed-bench
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow bench clean
+.PHONY: help demo test test-slow slice bench clean
 MAKEFLAGS += --no-print-directory
 # OUT and DATA come from the environment of the recipes, so that a blank in a path does no harm.
 export OUT DATA SEED
@@ -62,6 +63,10 @@ test: $(DEV)
 
 test-slow: $(DEV)
 	@$(BIN)/python -m pytest -m slow
+
+# Each run in a folder of its own: a proof goes on where it finds an earlier one.
+slice: $(DEV)
+	@OMP_NUM_THREADS=1 $(BIN)/python scripts/slice.py out="$$(mktemp -d)"
 
 bench: $(BENCH)
 	@$(BIN)/python -m benchmarks

@@ -109,10 +109,11 @@ def network(name: str) -> None:
 
 
 def experiment(name: str) -> None:
-    if name == "prove":
+    if name in ("prove", "slice"):
         with hydra.initialize_config_dir(str(HOME), version_base=None):
             config = hydra.compose(f"experiment/{name}")
         assert tasks(ProofSettings.from_config(config.prove))
+        assert name == "prove" or config.study in STUDIES
         return
     if name == "studies":
         with hydra.initialize_config_dir(str(HOME), version_base=None):

@@ -1,0 +1,83 @@
+"""Prove a few fresh cases and diagnose a real recording: ``python scripts/slice.py [out=DIR] [folder=DIR] [seed=7]``.
+
+The seed is drawn and printed, so that every run asks something new and can be repeated.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import sys
+from pathlib import Path
+
+import hydra
+from omegaconf import DictConfig, OmegaConf
+
+from phnn import commands
+from phnn.configuration import checked, config_folder
+from phnn.errors import PhnnError
+from phnn.prove.outcome import WRONG, Outcome
+from phnn.prove.run import prove
+from phnn.prove.settings import NULLS, Settings
+
+
+def said(outcome: Outcome) -> str:
+    """One line on a case."""
+    truth, named = "+".join(outcome.truth) or "none", "+".join(outcome.named) or "–"
+    held = f"{outcome.held_before:.3g} → {outcome.held_after:.3g} × noise"
+    return f"{outcome.name}: concealed {truth}; {outcome.verdict}: {named}; held out {held}; {outcome.grade}"
+
+
+def proof(config: DictConfig) -> list[str]:
+    """Carry the small proof out; what is wrong with it."""
+    stated = checked("prove", OmegaConf.to_container(config.prove, resolve=True))
+    stated["seed"] = secrets.randbelow(10**6) if config.seed is None else int(config.seed)
+    print(f"seed {stated['seed']}", flush=True)
+    outcomes, _ = prove(Settings.from_config(stated), Path(config.out) / "proof", lambda _: None)
+    print("\n".join(said(o) for o in outcomes), flush=True)
+    nulls = [o for o in outcomes if o.group == NULLS]
+    right = sum(o.grade != WRONG for o in outcomes if o.group != NULLS)
+    false = sum(o.grade == WRONG for o in nulls)
+    wrong = []
+    if right < config.fewest_right:
+        wrong.append(
+            f"{right} of {len(outcomes) - len(nulls)} effects were found, at least {config.fewest_right} wanted"
+        )
+    if false > config.most_false:
+        wrong.append(f"{false} of {len(nulls)} nulls were taken for physics, at most {config.most_false} may be")
+    return wrong
+
+
+def real(config: DictConfig) -> list[str]:
+    """Diagnose a real folder where it is present; what is wrong with the answer."""
+    folder = Path(config.folder) / config.study
+    if not folder.is_dir():
+        print(f"skipped: {folder} is no folder; folder=DIR names where the recordings lie")
+        return []
+    out, manifest = Path(config.out) / config.study, config_folder() / "recordings" / config.study / "recordings.yaml"
+    commands.diagnose(folder, out, manifest, checked("diagnose", {}))
+    found = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+    held = found["fit"]["held_out"]
+    before, after = (
+        max((found["fit"][which][n]["residual_over_noise"] for n in held), default=0.0) for which in ("before", "after")
+    )
+    print(f"{config.study}: {found['verdict']}; held out {before:.4g} → {after:.4g} × noise")
+    worse = after > 1.05 * before
+    return [f"{config.study}: the model that is handed over is worse on held-out recordings"] if worse else []
+
+
+@hydra.main(version_base=None, config_path="../configs", config_name="experiment/slice")
+def main(config: DictConfig) -> None:
+    """Run both; exit status 1 where something is wrong."""
+    try:
+        wrong = proof(config) + real(config)
+    except PhnnError as error:
+        print(f"slice: {error}", file=sys.stderr)
+        sys.exit(error.exit_status)
+    for line in wrong:
+        print(f"slice: {line}", file=sys.stderr)
+    sys.exit(1 if wrong else 0)
+
+
+if __name__ == "__main__":
+    main()
