@@ -240,12 +240,15 @@ class _Jump:
 
 
 def _kinked(at: Array, instant: float, left: Stretch, right: Stretch) -> Array:
-    """(r, 3) the input on the sub-steps of the interval of a kink: left of the instant one stretch, then the other."""
+    """(r, 3) the input on the sub-steps of the interval of a kink: left of the instant one stretch, then the other.
+
+    In the sub-step of the kink the middle is such that Simpson's rule gives the exact mean.
+    """
     before, gap = left(at), right(at) - left(at)
-    values = np.where(at[:, :1] >= instant, before + gap, before)
-    inside = np.flatnonzero((at[:, 0] < instant) & (instant < at[:, 2]))
-    for i in inside:
+    values = np.where(at >= instant, before + gap, before)
+    for i in np.flatnonzero((at[:, 0] < instant) & (instant < at[:, 2])):
         share = (at[i, 2] - instant) / (at[i, 2] - at[i, 0])
         meeting = gap[i, 2] + (gap[i, 0] - gap[i, 2]) * share
-        values[i] = before[i] + 0.5 * (meeting + gap[i, 2]) * share
+        mean = float(mean_input(before[i])) + 0.5 * (meeting + gap[i, 2]) * share
+        values[i, 1] = (6.0 * mean - values[i, 0] - values[i, 2]) / 4.0
     return np.asarray(values)

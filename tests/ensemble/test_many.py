@@ -64,7 +64,7 @@ def test_a_member_that_fails_says_why_and_stops_no_other(executor: str) -> None:
     found = simulate_many(BASE, values, RECORDINGS, 1, executor)
     assert [[m.output is None for m in row] for row in found] == [[False] * 3, [True] * 3, [True] * 3, [False] * 3]
     assert found[1][0].cause.startswith("slow: no solution of the step at t = ")
-    assert found[2][1].cause == "parameter m = -1 kg must be positive"
+    assert found[2][1].cause == "parameter m = -1 kg must be positive: check its sign and unit"
     for row, k in ((found[0], 2e4), (found[3], 3e4)):
         np.testing.assert_array_equal(row[1].output, simulate(BASE.with_values({"k": k}), RECORDINGS[1]).y)
 
