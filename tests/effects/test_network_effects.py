@@ -85,7 +85,7 @@ def test_a_spring_with_both_bends_has_the_effort_of_both() -> None:
         efforts[names] = STORAGE_LAWS[spring.law].mean_effort(x, x, *values) - straight
     one, other, both, reverse = (efforts[names] for names in orders)
     np.testing.assert_array_equal(both, reverse)
-    # Both bends are there; the term of fifth order that keeps the energy bounded below is larger with a slant beside it.
+    # The term of fifth order that keeps the energy bounded below is larger with a slant beside the cubic bend.
     fifth = np.polynomial.Polynomial.fit(x / 1e-4, (both - one - other) / np.abs(straight).max(), 5).convert().coef
     assert fifth[5] > 0.0
     np.testing.assert_allclose(fifth[:5], 0.0, atol=1e-10)
