@@ -14,7 +14,8 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.diagnose.confirm import Confirmation, confirmed
+from phnn.diagnose.confirm import confirmed
+from phnn.diagnose.criteria import CRITERIA
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.effects import catalogue
 from phnn.effects.effect import LOCATIONS
@@ -151,7 +152,7 @@ def test_a_provisional_element_is_in_the_model_and_has_no_name() -> None:
 def test_with_a_high_bar_the_same_effect_is_immaterial(tmp_path: Path) -> None:
     found = made("found")
     base, campaign = found.base, found.campaign
-    rule = Confirmation(size=1e3, large=1e3)
+    rule = CRITERIA.with_values({"material": 1e3, "real_gain": 1e3})
     judgement, before, after = confirmed(found.judgement, base, campaign, rule, lambda _: mock.Mock())
     assert judgement.verdict == "none" and judgement.final is base and after is before
     content = write(replace(found, judgement=judgement, after=after), tmp_path)
