@@ -10,6 +10,8 @@ from phnn.diagnose.confirm import confirmed
 from phnn.diagnose.criteria import CRITERIA, Criteria
 from phnn.diagnose.judge import Judgement, judge
 from phnn.diagnose.propose import NextExperiment, propose
+from phnn.diagnose.rules import Record
+from phnn.diagnose.rules.held_out import NUMERICS, NumericsCase
 from phnn.diagnose.scored import Scored, scored
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.ensemble import executor
@@ -108,8 +110,11 @@ def diagnose(
         return scored(fitted, catalogue_, chosen.seed, terminals=terminals, criteria=criteria)
 
     judgement, before, after = confirmed(judgement, base, campaign, criteria, score_again)
-    if judgement.verdict == "named" and judgement.naming.numerical > most:
-        judgement = replace(judgement, verdict="equivalent")
+    if judgement.verdict == "named":
+        record = Record(list(judgement.rules))
+        decided = record.decide(NUMERICS, NumericsCase(judgement.naming.numerical, criteria))
+        verdict = judgement.verdict if decided is None else decided.outcome
+        judgement = replace(judgement, verdict=verdict, rules=tuple(record.asked))
     grounds = {id(g): g for g in (judgement.ground, judgement.final_ground)}.values()
     residual = max(check(t) for g in grounds for t in g.trajectories)
     members = next((f.members for f in judgement.findings if len(f.members) > 1), ())

@@ -13,6 +13,8 @@ from phnn.diagnose.name import Naming
 from phnn.diagnose.place import elsewhere, in_place, located, may_lie, of_its_kinds
 from phnn.diagnose.refit import refit
 from phnn.diagnose.retest import retested
+from phnn.diagnose.rules import Applied, Record
+from phnn.diagnose.rules.search import DISCARD, FORM, KEEP, REFIT, STEP, STOP, KeepCase, StepCase
 from phnn.diagnose.scored import Scored, excess, scored
 from phnn.diagnose.trial import Trial, class_of, criterion, tie
 from phnn.effects import Effect
@@ -25,11 +27,17 @@ from phnn.identify.numerics import numerical_error
 
 @dataclass(frozen=True)
 class Selected:
-    """A step of the selection: the effects so far, the model with them, the share that the last one took."""
+    """A step of the selection.
+
+    Attributes:
+        findings: the effects so far; model: with them; share: of the excess that the last one explains.
+        rules: all that were asked in the search; empty before its end.
+    """
 
     findings: tuple[Finding, ...]
     model: Scored
     share: float
+    rules: tuple[Applied, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -71,7 +79,7 @@ def select(
     that has a location: a further effect has to remove most of what the one before left. One effect in another form
     gives way to two only where these leave nothing.
     """
-    search, rule = _Search(found.ground, location, effects, seed, executor, criteria), criteria.selection
+    search, record = _Search(found.ground, location, effects, seed, executor, criteria), Record()
     steps = [Selected((), found, 1.0)]
     tried: tuple[Trial, ...] = ()
     # How many steps make up one that may be all there is in another form: more of them must leave nothing.
@@ -82,28 +90,41 @@ def select(
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
-        helps = share_of(last.model.ground.fit, trials[0].fit, last.model.naming) >= rule.explains_some
-        # What leaves more than any doubt about the noise forgives is significant, and need not be scored to say so.
-        if not helps and trials[0].fit.chi2 > criteria.race.large_residual**2:
+        share = share_of(last.model.ground.fit, trials[0].fit, last.model.naming)
+        best = StepCase(share, trials[0].fit.chi2, None, None, criteria)
+        if record.decide(REFIT, best, trials[0].candidate.effect.name) is not None:
             break
         step = _with(search, last, trials)
         if not last.findings:
             step = _at_home(search, last, trials, step)
-        if step.model.significant and step.share < rule.explains_some:
+        stop = record.decide(STEP, _step_case(step, criteria), _added(step))
+        if stop is not None and stop.outcome == DISCARD:
             break
         steps.append(step)
-        left, chi2 = step.model.remaining, step.model.ground.fit.chi2
-        if left is None or chi2 < rule.small_residual**2:
+        left = step.model.remaining
+        if stop is not None or left is None:
             break
-        if enough is None and _in_another_form(step, location, left, criteria):
-            enough = len(steps)
-            if chi2 < rule.one_form**2:
+        if enough is None:
+            form = replace(_step_case(step, criteria), form=_in_another_form(step, location, left, criteria))
+            stop = record.decide(FORM, form, _added(step))
+            enough = len(steps) if stop is not None else None
+            if stop is not None and stop.outcome == STOP:
                 break
     if enough is not None and steps[-1].model.remaining is not None:
         del steps[enough:]
-    while len(steps) > 1 and not _kept(steps, criteria):
+    while len(steps) > 1 and not _kept(steps, criteria, record):
         steps.pop()
-    return steps[-1], tried
+    return replace(steps[-1], rules=tuple(record.asked)), tried
+
+
+def _step_case(step: Selected, criteria: Criteria) -> StepCase:
+    model = step.model
+    return StepCase(step.share, model.ground.fit.chi2, model.significant, model.naming.p_value, criteria)
+
+
+def _added(step: Selected) -> str:
+    """Name of the last effect of a step."""
+    return step.findings[-1].trial.candidate.effect.name if step.findings else ""
 
 
 def _refitted(search: _Search, last: Selected) -> list[Trial]:
@@ -155,21 +176,18 @@ def misplaced(step: Selected, location: Location, criteria: Criteria = CRITERIA)
     return elsewhere(effects_of(step.findings), location, left, little, criteria.location)
 
 
-def _kept(steps: Sequence[Selected], criteria: Criteria = CRITERIA) -> bool:
-    """Whether the last step of a selection stands: it leaves nothing, or it explains much and nothing has its place.
-
-    An effect may leave something at its own place, as the same in another form would.
-    """
-    last, rule, place = steps[-1], criteria.selection, criteria.location
-    left = last.model.remaining
-    if left is None or last.model.ground.fit.chi2 < rule.noise_doubt**2:
-        return True
-    if len(steps) == 2:
-        whole = steps[0].model.remaining
-        placed = located(left, place) or (whole is not None and located(whole, place))
-        return last.share >= (rule.explains if placed else rule.explains_further)
-    own = not elsewhere(effects_of(last.findings[-1:]), left, left, rule=place)
-    return last.share >= rule.explains_further and (own or not located(left, place))
+def _kept(steps: Sequence[Selected], criteria: Criteria = CRITERIA, record: Record | None = None) -> bool:
+    """Whether the last step of a selection stands, by the rules of `phnn.diagnose.rules.search.KEEP`."""
+    last, place = steps[-1], criteria.location
+    left, whole, first = last.model.remaining, steps[0].model.remaining, len(steps) == 2
+    placed = left is not None and located(left, place)
+    if first:
+        placed = placed or (whole is not None and located(whole, place))
+    own = left is not None and (first or not elsewhere(effects_of(last.findings[-1:]), left, left, rule=place))
+    chi2 = last.model.ground.fit.chi2
+    case = KeepCase(last.share, chi2, left is not None, first, placed, own, criteria.selection)
+    found = (record or Record()).decide(KEEP, case, _added(last))
+    return found is not None and found.outcome == "keep"
 
 
 def _with(search: _Search, last: Selected, trials: Sequence[Trial]) -> Selected:

@@ -21,10 +21,11 @@ from phnn.diagnose.locate import (
 )
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.picture import Picture, learned_picture, missing_force, picture
+from phnn.diagnose.rules import Applied
 from phnn.diagnose.symptoms import seen, symptoms
 from phnn.identify.staged import fixes_common_factor
 from phnn.models.store import save
-from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace
+from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, RuleRow, Trace
 from phnn.report.files import finite, write_json
 from phnn.report.following import WAVEFORM, next_experiment, write_waveform
 from phnn.report.missing import FORCE_UNITS, missing_entries
@@ -76,6 +77,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         },
         "next_experiment": next_experiment(diagnosis.proposal),
         "versions": {name: version(name) for name in _PACKAGES},
+        "rules": [r.document() for r in j.rules],
         "criteria": diagnosis.criteria.changed(),
         "seed": diagnosis.options.seed,
         "seconds": round(diagnosis.seconds, 2),
@@ -152,7 +154,12 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
         notes=(*diagnosis.campaign.notes, *(f"{r.name}: noise from {r.noise_source}." for r in _few(diagnosis))),
         verdict_sentence=sentence(diagnosis),
         symptoms=_symptoms(diagnosis),
+        rules=tuple(_rule(r) for r in j.rules),
     )
+
+
+def _rule(found: Applied) -> RuleRow:
+    return RuleRow(found.rule, found.element, found.applies, found.outcome, found.numbers)
 
 
 def _symptoms(diagnosis: Diagnosis) -> tuple[str, ...]:

@@ -86,6 +86,7 @@ def test_what_leaves_no_more_than_the_noise_level_is_known_to_stands(left: float
     remaining.name = "hysteron"
     model = mock.Mock(remaining=remaining)
     model.ground.fit.chi2 = left
-    last = select.Selected((mock.sentinel.finding,), model, share)
+    finding = Finding(trial("creep", 0.0), (), (), mock.sentinel.naming)
+    last = select.Selected((finding,), model, share)
     first = select.Selected((), mock.Mock(remaining=None), 1.0)
     assert select._kept([first, last]) is stands

@@ -30,7 +30,7 @@ KEYS = {
     "next_experiment", "versions", "seed", "seconds",
 }  # fmt: skip
 # Beyond what others rely on.
-FURTHER = {"units", "kernel_residual"}
+FURTHER = {"units", "kernel_residual", "rules", "criteria"}
 MISSING = {
     "effect", "status", "held_out", "location", "equivalent_to", "p_value", "statement", "equation", "passive",
     "parameters",
@@ -65,6 +65,14 @@ def test_document_has_the_keys_that_others_read(case: str) -> None:
     assert json.loads(text) == content
     assert KEYS <= set(content) <= KEYS | FURTHER
     assert content["schema"] == "phnn.diagnosis/1"
+    assert content["criteria"] == {}
+    assert all(
+        {"rule", "applies", "numbers", "outcome"} <= set(r) <= {"rule", "applies", "numbers", "outcome", "element"}
+        for r in content["rules"]
+    )
+    decided = [r["outcome"] for r in content["rules"] if r["applies"]]
+    assert decided[0] == ("none" if case == "none" else "search")
+    assert ("named" in decided or "equivalent" in decided) == (content["verdict"] in ("named", "equivalent"))
     assert content["verdict"] in ("named", "equivalent", "unknown", "none")
     assert set(content["test"]) == {"statistic", "p_value", "candidate"}
     assert set(content["remainder"]) - {"immaterial"} == {"verdict", "residual_over_noise", "p_value", "location"}
