@@ -42,8 +42,9 @@ def compose(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
 
     folder = config_folder()
     defaults = dict(OmegaConf.load(folder / f"{command}.yaml"))
+    overrides = [_in_full(override, defaults) for override in overrides]
     for override in overrides:
-        _check_key(command, override, defaults)
+        _check_key(command, override.lstrip("+"), defaults)
     try:
         with hydra.initialize_config_dir(str(folder), version_base=None, job_name=f"phnn_{command}"):
             composed = hydra.compose(command, list(overrides))
@@ -100,12 +101,30 @@ def _check_key(command: str, override: str, defaults: Mapping[str, Any]) -> None
         raise InputRefused(f"unknown setting {key!r} in {override!r}: phnn {command} accepts {accepted}")
 
 
+def _in_full(override: str, defaults: Mapping[str, Any]) -> str:
+    """An override as hydra takes it: a criterion stands in no file, for its class owns the default.
+
+    ``material`` and ``material_share`` are criteria by their former names.
+    """
+    if "criteria" not in defaults:
+        return override
+    if override.partition("=")[0] in ("material", "material_share"):
+        override = f"criteria.{override}"
+    return f"++{override}" if override.startswith("criteria.") else override
+
+
 def _checked(key: str, value: Any, default: Any) -> Any:
     """The value, as a float where the default is one.
 
     Raises:
         InputRefused: wrong kind or out of range.
     """
+    if key == "criteria":
+        from phnn.diagnose.criteria import CRITERIA
+
+        if not isinstance(value, Mapping):
+            raise InputRefused(f"setting {key}={value} must name criteria: write criteria.NAME=value")
+        return CRITERIA.with_values(value).changed()
     if isinstance(default, Mapping) and isinstance(value, Mapping):
         return {str(k): _checked(f"{key}.{k}", v, default[k]) for k, v in value.items()}
     if isinstance(default, bool):

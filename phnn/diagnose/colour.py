@@ -11,18 +11,15 @@ from numpy.typing import NDArray
 from scipy.special import ndtri_exp
 from scipy.stats import t as student
 
+from phnn.diagnose.criteria import Noise
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.residual_noise import NoiseSpectrum, noise_spectra
 from phnn.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 
-# Outliers begin at so many standard deviations, these from the median absolute deviation.
-_OUTLIER, _ROBUST = 4.0, 1.4826
-# Blocks of a recording, their fewest samples, and the degrees of freedom from which their spread is believed.
-_BLOCKS, _SHORTEST, _ENOUGH = 20, 50, 10.0
-# Noise whose variance varies spreads a score by at most this factor; what spreads it more is a residual far from zero.
-_UNEVEN = 3.0
+# Standard deviation of a normal variable over its median absolute deviation.
+_ROBUST = 1.4826
 
 
 @dataclass(frozen=True)
@@ -52,7 +49,8 @@ class Colour:
     @cached_property
     def spectra(self) -> list[NoiseSpectrum]:
         """Of the noise in the residual, by recording."""
-        return noise_spectra([self.ground.residual[rows] for rows in self.ground.slices], self.ground.plan.recordings)
+        ground = self.ground
+        return noise_spectra([ground.residual[r] for r in ground.slices], ground.plan.recordings, ground.noise)
 
     def left(self, columns: Array) -> Array:
         """(C, C) covariance along columns (N, C) of stationary noise with the spectra of the residual."""
@@ -64,7 +62,7 @@ class Colour:
         """(N,) residual whose outliers are cut off at four robust standard deviations of their recording."""
         found = self.ground.residual.copy()
         for rows in self.ground.slices:
-            most = _OUTLIER * _ROBUST * float(np.median(np.abs(found[rows])))
+            most = self.ground.noise.outlier * _ROBUST * float(np.median(np.abs(found[rows])))
             np.clip(found[rows], -most, most, out=found[rows])
         return found
 
@@ -77,7 +75,7 @@ class Colour:
         What the direction itself explains is taken out of the spread, so that a true effect does not hide itself. Noise
         may have any colour that a block forgets, any variance and any tails (White 1980, Liang & Zeger 1986).
         """
-        blocks = [b for rows in self.ground.slices for b in _blocks(rows)]
+        blocks = [b for rows in self.ground.slices for b in _blocks(rows, self.ground.noise)]
         along = np.stack([columns[b].T @ self.clipped[b] for b in blocks])
         squares = np.stack([np.einsum("ij,ij->j", columns[b], columns[b]) for b in blocks])
         total, size = along.sum(axis=0), np.maximum(squares.sum(axis=0), 1e-300)
@@ -98,12 +96,15 @@ class Colour:
         # The normal deviate of the same tail probability as that of Student's t.
         blocked = -ndtri_exp(student.logsf(t, np.maximum(freedom, 1.0)))
         size = np.abs(stationary)
-        believed = np.where(freedom >= _ENOUGH, np.clip(blocked, size / _UNEVEN, size), size)
+        rule = self.ground.noise
+        believed = np.where(freedom >= rule.block_freedom, np.clip(blocked, size / rule.uneven, size), size)
         return np.asarray(np.sign(stationary) * believed)
 
 
-def _blocks(rows: slice) -> list[slice]:
+def _blocks(rows: slice, rule: Noise) -> list[slice]:
     """Some twenty blocks of neighbouring samples, none of them very short."""
     size = rows.stop - rows.start
-    edges = np.linspace(rows.start, rows.stop, min(_BLOCKS, max(1, size // _SHORTEST)) + 1).round().astype(int)
+    edges = (
+        np.linspace(rows.start, rows.stop, min(rule.blocks, max(1, size // rule.block_samples)) + 1).round().astype(int)
+    )
     return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]

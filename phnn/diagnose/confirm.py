@@ -22,10 +22,12 @@ the same way, and nothing is proven.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
+from phnn.diagnose.criteria import Confirmation, Criteria
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.gain import Gain, gain
 from phnn.diagnose.ground import Ground
@@ -33,52 +35,14 @@ from phnn.diagnose.judge import Immaterial, Judgement, immaterial, unexplained
 from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Naming
 from phnn.diagnose.retest import without
-from phnn.diagnose.scored import SIGNIFICANT, Scored
-from phnn.diagnose.select import EXPLAINS, FLOOR, WELL, share_of
+from phnn.diagnose.rules import Record
+from phnn.diagnose.rules.held_out import ELEMENT, MODEL, NAMELESS, REMAINDER, ElementCase, ModelCase, NamelessCase
+from phnn.diagnose.scored import Scored
+from phnn.diagnose.select import share_of
 from phnn.identify.evaluate import Evaluation, evaluate
 from phnn.identify.fit import Fit
 from phnn.identify.problem import Plan
 from phnn.recordings.recording import Campaign
-
-
-@dataclass(frozen=True)
-class Confirmation:
-    """When held-out recordings confirm an element.
-
-    Attributes:
-        size: what an element explains there [× noise rms] to be material. A tenth of the noise is a hundredth of its
-            power: less than the noise floor itself is known to.
-        share: fall of the error [1] to be material. A report of three digits shows no smaller one: 1.01 → 1.01.
-        large: what an element explains of the identification recordings [× noise rms] from which on it is real whatever
-            the held-out recordings say of its size: the base leaves 1.12 × noise or more.
-        untested: share of the excess over the noise's power [1] that has to go where no test is possible, as much as an
-            effect takes that explains the identification recordings well. Where a step had come a tenth to a half of a
-            sample late, a slew limit in its place took 44, 81 and 93 % of one held-out sine; the effects of the
-            demonstrations take 97 % or more.
-        level: p-value below which the error falls by more than chance; that of the search.
-        blocks: fewest nearly independent blocks for a p-value: with eight, Student's 1 % quantile is 3.0 where it is
-            2.3 for many.
-    """
-
-    size: float = 0.1
-    share: float = 0.01
-    large: float = 0.5
-    untested: float = WELL
-    level: float = SIGNIFICANT
-    blocks: int = 8
-
-    def falls(self, found: Gain) -> bool:
-        """Whether an error falls materially."""
-        return found.share_of_noise > self.size and found.before - found.after > self.share * found.before
-
-    def falls_far(self, found: Gain) -> bool:
-        """Whether an error falls materially, and by so much that no test is needed to see it."""
-        excess = max(found.before**2 - 1.0, 0.0)
-        return self.falls(found) and found.before**2 - found.after**2 >= self.untested * excess
-
-    def rises(self, found: Gain) -> bool:
-        """Whether an error rises materially."""
-        return found.share_of_noise < -self.size and found.after - found.before > self.share * found.before
 
 
 class Outcome(Enum):
@@ -91,7 +55,6 @@ class Outcome(Enum):
     REFUTED = "refuted"
 
 
-_STANDING = frozenset({Outcome.PROVEN, Outcome.OPEN})
 _FALLEN = frozenset({Outcome.IMMATERIAL, Outcome.REFUTED})
 
 
@@ -116,26 +79,20 @@ class Tested:
         return self.held_out or self.identified
 
 
-def outcome_of(held_out: Gain | None, identified: Gain, rule: Confirmation) -> Outcome:
-    """What follows from the gains of one element."""
-    if held_out is None:
-        if not rule.falls(identified):
-            return Outcome.IMMATERIAL
-        return Outcome.OPEN if rule.falls_far(identified) else Outcome.REFUTED
-    if held_out.falls is None and rule.falls_far(held_out):
-        return Outcome.OPEN
-    if not rule.falls(held_out) and not rule.rises(held_out) and identified.share_of_noise < rule.large:
-        return Outcome.IMMATERIAL
-    if held_out.falls is None:
-        return Outcome.PROVISIONAL
-    return Outcome.PROVEN if rule.falls(held_out) and held_out.falls < rule.level else Outcome.REFUTED
+def outcome_of(
+    held_out: Gain | None, identified: Gain, rule: Confirmation, record: Record | None = None, element: str = ""
+) -> Outcome:
+    """What follows from the gains of one element, by the rules of `phnn.diagnose.rules.held_out.ELEMENT`."""
+    decided = (record or Record()).decide(ELEMENT, ElementCase(held_out, identified, rule), element)
+    assert decided is not None
+    return Outcome(decided.outcome)
 
 
 def confirmed(
     judgement: Judgement,
     base: Fit,
     campaign: Campaign,
-    rule: Confirmation,
+    criteria: Criteria,
     score_again: Callable[[Fit], Scored],
 ) -> tuple[Judgement, Evaluation, Evaluation]:
     """The judgement after the held-out recordings had the last word, and the scores of both models on all recordings.
@@ -143,49 +100,83 @@ def confirmed(
     Args:
         judgement: of the identification recordings.
         base: the fit without any element.
-        rule: when an element is confirmed.
+        criteria: when an element is confirmed.
         score_again: scores of a model that has lost an element.
     """
-    before = score_on_all(base, campaign)
+    before, record = score_on_all(base, campaign), Record(list(judgement.rules))
     location = judgement.location
     if location is None:
         return judgement, before, before
     if not judgement.findings:
-        return _nameless(judgement, location, campaign, rule, before)
-    after, tested = _tested(judgement, before, campaign, rule)
+        judgement, after = _nameless(judgement, location, campaign, criteria, before, record)
+        return replace(judgement, rules=tuple(record.asked)), before, after
+    after, tested = _tested(judgement, before, campaign, criteria, record)
     while len(tested) > 1 and (fallen := [t for t in tested if t.outcome in _FALLEN]):
         judgement = _dropped(judgement, min(fallen, key=lambda t: t.shown.share_of_noise), score_again)
-        after, tested = _tested(judgement, before, campaign, rule)
-    outcomes = {t.outcome for t in tested}
-    if outcomes == {Outcome.IMMATERIAL}:
+        after, tested = _tested(judgement, before, campaign, criteria, record)
+    decided = record.decide(MODEL, _model_case(judgement, tested, criteria))
+    assert decided is not None
+    if decided.outcome == "none":
         first, shown = judgement.findings[0].trial.candidate.effect.name, tested[0].shown
-        return immaterial(judgement, Immaterial(first, abs(shown.rms), abs(shown.share_of_noise))), before, before
-    if not outcomes & _STANDING or _explains_little(judgement):
-        return unexplained(judgement.ground, judgement.naming, location, judgement.tried), before, before
-    findings = tuple(replace(t.finding, held_out=t.held_out, provisional=t.outcome not in _STANDING) for t in tested)
-    verdict = judgement.verdict if outcomes == {Outcome.PROVEN} else "equivalent"
+        small = Immaterial(first, abs(shown.rms), abs(shown.share_of_noise))
+        judgement, after = immaterial(judgement, small), before
+    elif decided.outcome == "unknown":
+        judgement = unexplained(judgement.ground, judgement.naming, location, judgement.tried)
+        after = before
+    else:
+        judgement = _standing(judgement, tested, decided.outcome, criteria, record)
+    return replace(judgement, rules=tuple(record.asked)), before, after
+
+
+def _model_case(judgement: Judgement, tested: Sequence[Tested], criteria: Criteria) -> ModelCase:
+    counts = Counter(t.outcome for t in tested)
+    share = share_of(judgement.ground.fit, judgement.final, judgement.naming)
+    return ModelCase(
+        proven=counts[Outcome.PROVEN],
+        open_=counts[Outcome.OPEN],
+        immaterial=counts[Outcome.IMMATERIAL],
+        size=len(tested),
+        share=share,
+        remains=judgement.remainder_location is not None,
+        criteria=criteria,
+    )
+
+
+def _standing(
+    judgement: Judgement, tested: Sequence[Tested], word: str, criteria: Criteria, record: Record
+) -> Judgement:
+    """The judgement with what its elements gain, and with a remainder that is told only where it matters."""
+    findings = tuple(
+        replace(t.finding, held_out=t.held_out, provisional=t.outcome not in (Outcome.PROVEN, Outcome.OPEN))
+        for t in tested
+    )
+    verdict = judgement.verdict if word == "kept" else word
     left = judgement.remainder if judgement.remainder_location is not None else None
-    small = too_small(judgement.final_ground, left, rule.size) if left is not None else None
-    return replace(judgement, findings=findings, verdict=verdict, remainder_immaterial=small), before, after
+    small = None
+    if left is not None:
+        decided = record.decide(REMAINDER, _nameless_case(judgement.final_ground, left, criteria))
+        small = _size(judgement.final_ground, left) if decided is not None else None
+    return replace(judgement, findings=findings, verdict=verdict, remainder_immaterial=small)
 
 
 def _tested(
-    judgement: Judgement, before: Evaluation, campaign: Campaign, rule: Confirmation
+    judgement: Judgement, before: Evaluation, campaign: Campaign, criteria: Criteria, record: Record
 ) -> tuple[Evaluation, list[Tested]]:
     """The final model's scores on all recordings, and each of its elements held against the model without it."""
-    base, final = judgement.ground.fit, judgement.final
+    base, final, rule = judgement.ground.fit, judgement.final, criteria.confirmation
     after, tested = score_on_all(final, campaign), []
     for finding in judgement.findings:
         others = tuple(f for f in judgement.findings if f is not finding)
         # What cannot be fitted without an element is compared with the base model.
-        alone = (without(base, others, finding, final) if others else None) or base
+        alone = (without(base, others, finding, final, criteria.selection.tie) if others else None) or base
         shown = before if alone is base else score_on_all(alone, campaign)
         held_out, identified = (
-            gain(shown, after, campaign.recordings, use, rule.blocks, (alone.setup.own, final.setup.own))
+            gain(shown, after, campaign.recordings, use, rule.held_out_blocks, (alone.setup.own, final.setup.own))
             for use in ("confirmation", "identification")
         )
         assert identified is not None
-        tested.append(Tested(finding, outcome_of(held_out, identified, rule), alone, held_out, identified))
+        outcome = outcome_of(held_out, identified, rule, record, finding.trial.candidate.effect.name)
+        tested.append(Tested(finding, outcome, alone, held_out, identified))
     return after, tested
 
 
@@ -202,37 +193,39 @@ def _dropped(judgement: Judgement, fallen: Tested, score_again: Callable[[Fit], 
     )
 
 
-def _explains_little(judgement: Judgement) -> bool:
-    """Whether elements that stand after others have fallen leave most of what there was."""
-    left = judgement.remainder_location is not None
-    return left and share_of(judgement.ground.fit, judgement.final, judgement.naming) < EXPLAINS
-
-
 def _nameless(
-    judgement: Judgement, location: Location, campaign: Campaign, rule: Confirmation, before: Evaluation
-) -> tuple[Judgement, Evaluation, Evaluation]:
+    judgement: Judgement,
+    location: Location,
+    campaign: Campaign,
+    criteria: Criteria,
+    before: Evaluation,
+    record: Record,
+) -> tuple[Judgement, Evaluation]:
     """A judgement that names nothing: a learned element must not harm the held-out recordings, and a mismatch that
     nothing explains has to be worth telling.
     """
+    case = _nameless_case(judgement.ground, judgement.naming, criteria)
     if judgement.learned:
         after = score_on_all(judgement.final, campaign)
-        if not after.over_noise("confirmation") >= before.over_noise("confirmation"):
-            return judgement, before, after
+        with_it = replace(case, before=before.over_noise("confirmation"), after=after.over_noise("confirmation"))
+        decided = record.decide(NAMELESS, with_it)
+        if decided is not None and decided.outcome == "in the model":
+            return judgement, after
         judgement = unexplained(judgement.ground, judgement.naming, location, judgement.tried)
-    small = too_small(judgement.ground, judgement.naming, rule.size)
-    return (judgement if small is None else immaterial(judgement, small)), before, before
+    if record.decide(NAMELESS, case) is None:
+        return judgement, before
+    return immaterial(judgement, _size(judgement.ground, judgement.naming)), before
 
 
-def too_small(ground: Ground, naming: Naming, size: float) -> Immaterial | None:
-    """What is significant in a model's residual, where it explains less than ``size`` times the noise.
-
-    The strongest score ``S`` explains ``S/√N`` of the noise. It stands for all that is left where the residual as a
-    whole does not exceed the noise by more than the floor is known to.
-    """
+def _nameless_case(ground: Ground, naming: Naming, criteria: Criteria) -> NamelessCase:
+    """What is significant in a model's residual: the strongest score ``S`` explains ``S/√N`` of the noise."""
     fitted = ground.fit
-    share = naming.statistic / math.sqrt(fitted.residual.size)
-    if max(share**2, fitted.chi2 / FLOOR - 1.0) >= size**2:
-        return None
+    return NamelessCase(None, None, naming.statistic / math.sqrt(fitted.residual.size), fitted.chi2, criteria)
+
+
+def _size(ground: Ground, naming: Naming) -> Immaterial:
+    """What the strongest score stands for, where the residual as a whole does not exceed the noise."""
+    share = naming.statistic / math.sqrt(ground.fit.residual.size)
     leading = next((c.effect.name for c in naming.candidates if c.score >= naming.generic), None)
     return Immaterial(leading, share * ground.scales.noise, share)
 

@@ -6,10 +6,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from phnn.diagnose.confirm import Confirmation, confirmed
+from phnn.diagnose.confirm import confirmed
+from phnn.diagnose.criteria import CRITERIA, Criteria
 from phnn.diagnose.judge import Judgement, judge
 from phnn.diagnose.propose import NextExperiment, propose
-from phnn.diagnose.scored import scored
+from phnn.diagnose.rules import Record
+from phnn.diagnose.rules.held_out import NUMERICS, NumericsCase
+from phnn.diagnose.scored import Scored, scored
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.ensemble import executor
 from phnn.identify.base import Options, Progress, identify_base, quiet, refined, single
@@ -20,9 +23,6 @@ from phnn.integrate.residual import check
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
 
-# Above this score along a candidate's direction a numerical error could be named as physics.
-_FAKE = 0.3
-
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -32,7 +32,7 @@ class Diagnosis:
     before, after: scores of the base and the final model on all recordings, held-out ones among them.
     proposal: the next recording, where a class of effects remains.
     kernel_residual: largest relative residual that the torch module finds in the compiled simulations of both models.
-    options, seconds: how it was made.
+    options, seconds: how it was made; criteria: with which thresholds.
     """
 
     campaign: Campaign
@@ -45,6 +45,7 @@ class Diagnosis:
     kernel_residual: float
     options: Options
     seconds: float
+    criteria: Criteria = CRITERIA
 
 
 def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) -> list[Effect]:
@@ -75,11 +76,14 @@ def diagnose(
         on_base: called with the base fit as soon as there is one, so that it can be kept whatever comes.
 
     Raises:
-        InputRefused: the executor is not understood or does not answer, an effect to do without is not in the
-            catalogue, or recordings have several inputs or outputs; nothing has been fitted yet then.
+        InputRefused: a criterion is not known, the executor is not understood or does not answer, an effect to do
+            without is not in the catalogue, or recordings have several inputs or outputs;
+            nothing has been fitted yet then.
     """
     began = time.monotonic()
     chosen = options or Options()
+    criteria = CRITERIA.with_values(chosen.criteria)
+    most = criteria.selection.numerical_score
     refits, without = executor(chosen.executor), [effect(name) for name in chosen.without]
     single(campaign.recordings, "a diagnosis follows one input to one output")
     base, error = identify_base(campaign, chosen, progress)
@@ -89,28 +93,33 @@ def diagnose(
         on_base(base)
 
     terminals = campaign.voltage == "terminals"
-    found = scored(base, catalogue_, chosen.seed, error, terminals)
+    found = scored(base, catalogue_, chosen.seed, error, terminals, criteria)
     for _ in range(2):
-        if found.naming.numerical <= _FAKE:
+        if found.naming.numerical <= most:
             break
         progress(f"numerical error could score {found.naming.numerical:.2g}: finer steps")
         base, error = refined(base, chosen)
-        found = scored(base, catalogue_, chosen.seed, error, terminals)
+        found = scored(base, catalogue_, chosen.seed, error, terminals, criteria)
     progress(f"largest score {found.naming.statistic:.3g}: locate and name")
     judgement = judge(
-        found, catalogue_, chosen.seed, max(1, chosen.max_effects), campaign.held_out_is_new, refits
+        found, catalogue_, chosen.seed, max(1, chosen.max_effects), campaign.held_out_is_new, refits, criteria
     )  # fmt: skip
     progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
-    rule = Confirmation(chosen.material, chosen.material_share)
-    judgement, before, after = confirmed(
-        judgement, base, campaign, rule, lambda fitted: scored(fitted, catalogue_, chosen.seed, terminals=terminals)
-    )
-    if judgement.verdict == "named" and judgement.naming.numerical > _FAKE:
-        judgement = replace(judgement, verdict="equivalent")
+
+    def score_again(fitted: Fit) -> Scored:
+        return scored(fitted, catalogue_, chosen.seed, terminals=terminals, criteria=criteria)
+
+    judgement, before, after = confirmed(judgement, base, campaign, criteria, score_again)
+    if judgement.verdict == "named":
+        record = Record(list(judgement.rules))
+        decided = record.decide(NUMERICS, NumericsCase(judgement.naming.numerical, criteria))
+        verdict = judgement.verdict if decided is None else decided.outcome
+        judgement = replace(judgement, verdict=verdict, rules=tuple(record.asked))
     grounds = {id(g): g for g in (judgement.ground, judgement.final_ground)}.values()
     residual = max(check(t) for g in grounds for t in g.trajectories)
     members = next((f.members for f in judgement.findings if len(f.members) > 1), ())
-    proposal = propose(members, judgement.ground)
+    proposal = propose(members, judgement.ground, criteria.selection.tie)
+    seconds = time.monotonic() - began
     return Diagnosis(
-        campaign, base, error, judgement, before, after, proposal, residual, chosen, time.monotonic() - began
+        campaign, base, error, judgement, before, after, proposal, residual, chosen, seconds, criteria
     )  # fmt: skip

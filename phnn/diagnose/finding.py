@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from phnn.diagnose.criteria import SELECTION
 from phnn.diagnose.gain import Gain
 from phnn.diagnose.name import Naming
-from phnn.diagnose.scored import SIGNIFICANT
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect
 
@@ -21,6 +21,7 @@ class Finding:
         naming: the scores that led to it.
         held_out: what it gains on held-out recordings; None before they were asked, and where there are none.
         provisional: part of the model, for the identification recordings ask for it, but not named.
+        level: p-value below which its own score is significant.
     """
 
     trial: Trial
@@ -29,12 +30,13 @@ class Finding:
     naming: Naming
     held_out: Gain | None = None
     provisional: bool = False
+    level: float = SELECTION.level
 
     @property
     def evidence(self) -> tuple[float, float]:
         """Statistic and p-value: of its own score, or the supremum's where only a refit has shown it."""
         own = self.trial.candidate
-        if own.p_value < SIGNIFICANT:
+        if own.p_value < self.level:
             return own.score, own.p_value
         return self.naming.statistic, self.naming.p_value
 

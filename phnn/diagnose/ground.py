@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.diagnose.criteria import NOISE, Noise
 from phnn.diagnose.spectra import Spectra, spectra_of
 from phnn.effects import Effect, Scales
 from phnn.errors import SolverFailed
@@ -31,12 +32,14 @@ class Ground:
         trajectories: of the recordings in the plan, in order.
         scales: sizes from which dictionaries and effects take their grids.
         terminals: the input was measured at the port, so that nothing before it can be the culprit.
+        noise: criteria for the noise that scores are judged with.
     """
 
     fit: Fit
     trajectories: tuple[Trajectory, ...]
     scales: Scales
     terminals: bool = False
+    noise: Noise = NOISE
 
     @property
     def plan(self) -> Plan:
@@ -98,14 +101,14 @@ class Ground:
         return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
 
 
-def prepare(fit: Fit, terminals: bool = False) -> Ground:
+def prepare(fit: Fit, terminals: bool = False, noise: Noise = NOISE) -> Ground:
     """Simulate the fitted model on its plan and take the scales."""
 
     def run(recording: Recording) -> Trajectory:
         return simulate(fit.setup, recording, fit.plan.steps_of(recording), initial=fit.initial(recording.name))
 
     trajectories = tuple(fit.plan.each(run))
-    ground = Ground(fit, trajectories, scales_of(fit, trajectories), terminals)
+    ground = Ground(fit, trajectories, scales_of(fit, trajectories), terminals, noise)
     return replace(ground, scales=replace(ground.scales, peaks=ground.spectra.peaks))
 
 

@@ -5,23 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from phnn.diagnose.criteria import CRITERIA, Criteria
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.learn import learn
 from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Naming
 from phnn.diagnose.place import located
+from phnn.diagnose.rules import Applied, Record
+from phnn.diagnose.rules.search import BASE, BaseCase
+from phnn.diagnose.rules.verdict import LEARNED, VERDICT, LearnedCase, VerdictCase
 from phnn.diagnose.scored import Scored, excess, scored
-from phnn.diagnose.select import EXPLAINS_MORE, WELL, misplaced, select, share_of
-from phnn.diagnose.trial import MATERIAL, Trial
+from phnn.diagnose.select import misplaced, select, share_of
+from phnn.diagnose.trial import Trial
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
 from phnn.identify.fit import Fit
-
-# A learned element must leave less than this share of what a named one leaves.
-_CLEARLY = 0.5
-# What several effects explain together must be at least this share: two imitate much that neither is.
-_SEVERAL = 0.95
 
 
 @dataclass(frozen=True)
@@ -51,6 +50,7 @@ class Judgement:
     learned: whether ``final`` contains a learned one-port.
     immaterial: for ``none``: what is significant all the same.
     remainder_immaterial: what of the remainder is significant, and too small to matter.
+    rules: all that were asked, in order.
     """
 
     verdict: str
@@ -66,6 +66,7 @@ class Judgement:
     learned: bool = False
     immaterial: Immaterial | None = None
     remainder_immaterial: Immaterial | None = None
+    rules: tuple[Applied, ...] = ()
 
 
 def judge(
@@ -75,6 +76,7 @@ def judge(
     max_effects: int,
     new_in_held_out: bool,
     executor: Executor = SERIAL,
+    criteria: Criteria = CRITERIA,
 ) -> Judgement:
     """Locate, name, refit and judge.
 
@@ -85,29 +87,43 @@ def judge(
         max_effects: how many effects may be added one after the other.
         new_in_held_out: whether confirmation brings something new; without it the word is ``equivalent`` at most.
         executor: where candidates are refitted.
+        criteria: every threshold.
     """
-    ground, naming = found.ground, found.naming
+    ground, naming, rule, record = found.ground, found.naming, criteria.selection, Record()
+    record.decide(BASE, BaseCase(naming.p_value, rule))
     location = found.remaining
     if location is None:
-        return Judgement("none", ground, naming, None, ground.fit, ground)
-    selected, tried = select(found, location, effects, seed, max_effects, executor)
+        return Judgement("none", ground, naming, None, ground.fit, ground, rules=tuple(record.asked))
+    selected, tried = select(found, location, effects, seed, max_effects, executor, criteria)
+    record.asked.extend(selected.rules)
     findings, here = selected.findings, selected.model
     final, left = here.ground.fit, here.remaining
     share = share_of(ground.fit, final, naming)
     learned = None
-    if location.name == "mechanical" and left is not None and share < WELL:
+    if location.name == "mechanical" and left is not None and share < rule.explains_well:
         learned = learn(ground, location.detail)
-    if findings and misplaced(selected, location):
-        if share > EXPLAINS_MORE and left is not None and located(left):
+    case = VerdictCase(
+        effects=len(findings),
+        members=max((len(f.members) for f in findings), default=0),
+        share=share,
+        chi2=final.chi2,
+        misplaced=bool(findings) and misplaced(selected, location, criteria),
+        excess=excess(final),
+        learned=excess(learned) if learned is not None else None,
+        new_in_held_out=new_in_held_out,
+        rule=rule,
+    )
+    decided = record.decide(VERDICT, case)
+    assert decided is not None
+    if decided.outcome == "unknown":
+        if case.misplaced and share > rule.explains_further and left is not None and located(left, criteria.location):
             location = _also(location, left.name)
-        return _unknown(ground, naming, location, tried, seed, learned)
-    imitated = len(findings) > 1 and final.chi2 > MATERIAL and share < _SEVERAL
-    outdone = learned is not None and excess(learned) < _CLEARLY * excess(final)
-    if not findings or imitated or outdone:
-        return _unknown(ground, naming, location, tried, seed, learned)
-    settled = new_in_held_out and all(len(f.members) == 1 for f in findings)
-    verdict = "named" if settled else "equivalent"
-    return Judgement(verdict, ground, naming, location, final, here.ground, findings, tried, here.naming, left)
+        judgement = _unknown(ground, naming, location, tried, seed, learned, criteria, record)
+    else:
+        judgement = Judgement(
+            decided.outcome, ground, naming, location, final, here.ground, findings, tried, here.naming, left
+        )  # fmt: skip
+    return replace(judgement, rules=tuple(record.asked))
 
 
 def _also(location: Location, name: str) -> Location:
@@ -129,13 +145,23 @@ def immaterial(judgement: Judgement, found: Immaterial) -> Judgement:
 
 
 def _unknown(
-    ground: Ground, naming: Naming, location: Location, tried: tuple[Trial, ...], seed: int, learned: Fit | None
+    ground: Ground,
+    naming: Naming,
+    location: Location,
+    tried: tuple[Trial, ...],
+    seed: int,
+    learned: Fit | None,
+    criteria: Criteria,
+    record: Record,
 ) -> Judgement:
     """Real, and no element explains it: a learned passive one-port at the location where there is one."""
-    # A dozen strengths lower any sum of squares: the drop must be of the size that the score promised.
-    if learned is None or ground.fit.cost - learned.cost < 0.5 * naming.statistic**2:
+    if learned is None:
         return unexplained(ground, naming, location, tried)
-    after = scored(learned, (), seed, terminals=ground.terminals)
+    case = LearnedCase(ground.fit.cost - learned.cost, naming.statistic**2, criteria.selection)
+    decided = record.decide(LEARNED, case)
+    if decided is None or decided.outcome == "dropped":
+        return unexplained(ground, naming, location, tried)
+    after = scored(learned, (), seed, terminals=ground.terminals, criteria=criteria)
     return Judgement(
         "unknown", ground, naming, location, learned, after.ground, (), tried, after.naming, after.remaining, True
     )  # fmt: skip

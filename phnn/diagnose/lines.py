@@ -97,7 +97,7 @@ def own_score(ground: Ground, own: Own, colour: Colour) -> tuple[float, float]:
     stated, left = np.array([np.mean(colour.stated(q)), np.mean(np.diag(colour.left(q)))])
     saved = float(np.sum((q.T @ ground.residual) ** 2) / stated)
     # A line raises the spectrum that it is held against, a slow course does not: it is slower than what is compared.
-    excess = max(left / stated, 1.0) if own.courses else float(doubt(left, stated)) ** 2
+    excess = max(left / stated, 1.0) if own.courses else float(doubt(left, stated, ground.noise)) ** 2
     return _deviate(saved, q.shape[1], 1.0), _deviate(saved / excess, q.shape[1], 1.0)
 
 

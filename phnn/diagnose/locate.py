@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.derivatives import input_force, output_derivatives
+from phnn.diagnose.criteria import LOCATING, Locating
 from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.lines import course_share, line_share
@@ -24,10 +25,7 @@ from phnn.simulate import Trajectory
 Array = NDArray[np.float64]
 
 _RIDGES = (1e-6, 1e-4, 1e-2, 1e-1, 1.0)
-# Locations that explain less by this share or a smaller one are tied.
-TIED = 0.03
-# What a part that no other recording can tell of counts where locations are compared.
-_UNKNOWABLE = 0.7
+# Stretches of time that are left out in turn where there is one recording.
 _FOLDS = 6
 
 
@@ -163,15 +161,21 @@ def _exists(group: Group, ground: Ground) -> bool:
     return not (group.location == "amplifier" and ground.terminals)
 
 
-def locate(ground: Ground, given: Responses | None = None) -> Location:
-    """Score every location by generalisation to left-out recordings."""
+def locate(ground: Ground, given: Responses | None = None, rule: Locating = LOCATING) -> Location:
+    """Score every location by generalisation to left-out recordings.
+
+    Args:
+        given: responses of the local functions, where they are known.
+        rule: when two locations explain a residual equally well.
+    """
     found = given if given is not None else responses(ground)
     folds = _products(ground, found)
     details = {f"{g.location}/{g.detail}": _generalise(folds, found.owner == i) for i, g in enumerate(GROUPS)}
     # Lines have a phase of their own in every recording: only their frequency can be known from others. Nothing can of
     # a slow course: what others tell comes first where it explains much of the same.
     ranks = dict(details)
-    for detail, saved, worth in (("environment/lines", line_share, 1.0), ("sensor/drift", course_share, _UNKNOWABLE)):
+    untested = rule.drift_weight
+    for detail, saved, worth in (("environment/lines", line_share, 1.0), ("sensor/drift", course_share, untested)):
         share = min(saved(ground) / _explainable(ground), 1.0)
         details[detail], ranks[detail] = max(details[detail], share), max(ranks[detail], worth * share)
     names = list(dict.fromkeys(g.location for g in GROUPS))
@@ -186,7 +190,7 @@ def locate(ground: Ground, given: Responses | None = None) -> Location:
     detail = max((g.detail for g in GROUPS if g.location == best), key=lambda d: ranks[f"{best}/{d}"])
     group = next(i for i, g in enumerate(GROUPS) if (g.location, g.detail) == (best, detail))
     weights, covariance = _weights(ground, found, group)
-    tied = tuple(n for n in names if n != best and ranks[n] >= ranks[best] - TIED)
+    tied = tuple(n for n in names if n != best and ranks[n] >= ranks[best] - rule.tied)
     return Location(best, detail, tied, scores, details, ranks, group, weights, covariance)
 
 

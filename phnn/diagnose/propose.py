@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
+from phnn.diagnose.criteria import SELECTION
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.menu import Experiment, menu
 from phnn.diagnose.trial import Trial, tie
@@ -62,16 +63,19 @@ class NextExperiment:
     menu: Mapping[str, float]
 
 
-def propose(members: Sequence[Trial], ground: Ground) -> NextExperiment | None:
+def propose(members: Sequence[Trial], ground: Ground, variances: float = SELECTION.tie) -> NextExperiment | None:
     """The experiment of the menu that tells most pairs of members apart; of several, the one that does so most clearly.
 
     None where there is no class, or nothing on the menu moves its members apart.
+
+    Args:
+        variances: difference of χ² in residual variances below which two fits are equally good.
     """
     fitted = [(t.candidate.effect.name, t.fit) for t in members if t.fit is not None]
     if len(fitted) < 2:
         return None
     rivals = [_rival(f) for _, f in fitted]
-    needed = math.sqrt(tie(fitted[0][1]))
+    needed = math.sqrt(tie(fitted[0][1], variances))
     found = [(e, s) for e in menu(ground) if (s := separations(rivals, e, ground.scales.noise)) is not None]
     if not found:
         return None

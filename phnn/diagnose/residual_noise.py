@@ -15,20 +15,17 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.signal import periodogram
 
+from phnn.diagnose.criteria import NOISE, Noise
 from phnn.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 
-# Fewest samples of a difference; samples over which noise is taken to be correlated at most.
-_FEWEST, _CORRELATED = 128, 512
+# Samples over which noise is taken to be correlated at most: zeros appended before a transform.
+_CORRELATED = 512
 # Ordinates in the lowest and the highest bands of a spectrum: few enough to follow a resonance of the plant.
 _LOWEST, _HIGHEST = 4, 12
 # Neighbouring frequencies of a running median, and the median of what scatters as χ²₂ over its mean.
 _NEIGHBOURS, _MEDIAN = 31, float(np.log(2.0))
-# Where an estimate finds almost nothing it is not believed.
-_LEAST = 0.1
-# By what factor noise may exceed what is stated where nothing tells it from what the model misses.
-_MOST = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,24 +56,29 @@ class NoiseSpectrum:
         return np.asarray(root.real.T @ root.real + root.imag.T @ root.imag)
 
 
-def noise_spectra(residuals: Sequence[Array], recordings: Sequence[Recording]) -> list[NoiseSpectrum]:
+def noise_spectra(
+    residuals: Sequence[Array], recordings: Sequence[Recording], rule: Noise = NOISE
+) -> list[NoiseSpectrum]:
     """The spectrum of every recording's noise, in units of its stated variance.
 
     Args:
         residuals: (N_r,) weighted, of the identification samples of each recording.
+        rule: when a spectrum is believed.
     """
-    differences = [_difference(r, recording) for r, recording in zip(residuals, recordings, strict=True)]
+    differences = [
+        _difference(r, recording, rule.difference_samples) for r, recording in zip(residuals, recordings, strict=True)
+    ]
     found = []
     for residual, recording in zip(residuals, recordings, strict=True):
         alike = [
             d for d, other in zip(differences, recordings, strict=True)
             if d is not None and abs(other.dt / recording.dt - 1.0) < 1e-6
         ]  # fmt: skip
-        found.append(_averaged(alike) if alike else _running_median(residual))
+        found.append(_averaged(alike, rule) if alike else _running_median(residual, rule))
     return found
 
 
-def _difference(residual: Array, recording: Recording) -> Array | None:
+def _difference(residual: Array, recording: Recording, fewest: int) -> Array | None:
     """What does not repeat: the difference over √2 of two halves of the residual, whole periods apart.
 
     The first period is left out, for it holds a transient. None where there are fewer than three periods.
@@ -91,10 +93,10 @@ def _difference(residual: Array, recording: Recording) -> Array | None:
     first, lag = round(skip * period), round(whole // 2 * period)
     later = residual[first + lag :]
     difference = (later - residual[first : first + later.size]) / np.sqrt(2.0)
-    return difference - difference.mean() if difference.size >= _FEWEST else None
+    return difference - difference.mean() if difference.size >= fewest else None
 
 
-def _averaged(sequences: Sequence[Array]) -> NoiseSpectrum:
+def _averaged(sequences: Sequence[Array], rule: Noise) -> NoiseSpectrum:
     """Mean periodogram of all sequences in bands that widen from the lowest frequency on.
 
     Below the lowest frequency seen it goes on with the slope in the lowest decade, if that falls with frequency.
@@ -111,7 +113,7 @@ def _averaged(sequences: Sequence[Array]) -> NoiseSpectrum:
     edges = [*edges[:-2], cycles.size] if len(edges) > 2 else [0, cycles.size]
     sizes = np.diff(edges)
     at, density = (np.add.reduceat(x, edges[:-1]) / sizes for x in (cycles, power))
-    density = np.maximum(density, _LEAST)
+    density = np.maximum(density, rule.least_density)
     slope = _slope(at, density, sizes)
     below = at[0] / np.array([300.0, 100.0, 30.0, 10.0, 3.0])
     return NoiseSpectrum(
@@ -129,14 +131,15 @@ def _slope(at: Array, density: Array, sizes: NDArray[np.int64]) -> float:
     return float(np.clip(found, -2.0, 0.0))
 
 
-def _running_median(residual: Array) -> NoiseSpectrum:
+def _running_median(residual: Array, rule: Noise) -> NoiseSpectrum:
     """The running median of a periodogram: what repeats stands in single lines, which a median passes over.
 
     What exceeds the stated noise by more than the usual doubt is rather what the model misses.
     """
     cycles, power = periodogram(residual, detrend="constant")
     level = median_filter(0.5 * power[1:], min(_NEIGHBOURS, power.size - 1), mode="nearest") / _MEDIAN
-    return NoiseSpectrum(cycles, np.clip(np.concatenate([level[:1], level]), _LEAST, _MOST**2))
+    bounds = rule.least_density, rule.greatest_excess**2
+    return NoiseSpectrum(cycles, np.clip(np.concatenate([level[:1], level]), *bounds))
 
 
 def _fast(size: int) -> int:
@@ -146,6 +149,6 @@ def _fast(size: int) -> int:
     return int(next_fast_len(size, real=True))
 
 
-def doubt(left: Array, stated: Array) -> Array:
-    """Factor on standard deviations from the variances as left and as stated, between 1 and 2."""
-    return np.asarray(np.sqrt(np.clip(left / np.maximum(stated, 1e-300), 1.0, _MOST**2)))
+def doubt(left: Array, stated: Array, rule: Noise = NOISE) -> Array:
+    """Factor on standard deviations from the variances as left and as stated, between 1 and the greatest excess."""
+    return np.asarray(np.sqrt(np.clip(left / np.maximum(stated, 1e-300), 1.0, rule.greatest_excess**2)))

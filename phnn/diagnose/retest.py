@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from phnn.diagnose.criteria import CRITERIA, SELECTION, Criteria
 from phnn.diagnose.finding import Finding, own_parameters
 from phnn.diagnose.locate import Location
 from phnn.diagnose.place import in_place
@@ -15,58 +16,66 @@ from phnn.errors import PhnnError
 from phnn.identify.fit import Fit
 from phnn.identify.staged import fit_identified, stated_only
 
-# Candidates that are refitted in the place of an earlier one.
-_RETESTED = 3
-
 
 def retested(
-    base: Fit, location: Location, findings: tuple[Finding, ...], fitted: Fit, executor: Executor
+    base: Fit,
+    location: Location,
+    findings: tuple[Finding, ...],
+    fitted: Fit,
+    executor: Executor,
+    criteria: Criteria = CRITERIA,
 ) -> tuple[tuple[Finding, ...], Fit]:
     """Every finding once more, now that the last one is there: superfluous, or better another one?
 
     The last one too: together they may have led an earlier one to where it needs no other.
     """
-    place = 0
+    place, rule = 0, criteria.selection
     while place < len(findings) and len(findings) > 1:
         others = (*findings[:place], *findings[place + 1 :])
-        alone = without(base, others, findings[place], fitted)
+        alone = without(base, others, findings[place], fitted, rule.tie)
         if alone is None:
             place += 1
             continue
-        if fair_cost(alone) - fair_cost(fitted) < tie(fitted):
+        if fair_cost(alone) - fair_cost(fitted) < tie(fitted, rule.tie):
             findings, fitted = others, alone
             continue
         if place == len(findings) - 1:
             break
         used = {f.trial.candidate.effect.name for f in others}
-        rivals = [t for t in findings[place].trials[:_RETESTED] if t.candidate.effect.name not in used]
-        trials = in_place(_refitted(alone, rivals, executor), location)
+        rivals = [t for t in findings[place].trials[: rule.retested] if t.candidate.effect.name not in used]
+        trials = in_place(_refitted(alone, rivals, executor, criteria), location, rule)
         best = trials[0]
-        if best.fit is not None and best.cost <= fitted.cost + tie(fitted):
-            again = Finding(best, tuple(class_of(trials)), tuple(trials), findings[place].naming)
+        if best.fit is not None and best.cost <= fitted.cost + tie(fitted, rule.tie):
+            members = tuple(class_of(trials, rule=rule))
+            again = Finding(best, members, tuple(trials), findings[place].naming, level=rule.level)
             findings, fitted = (*findings[:place], again, *findings[place + 1 :]), best.fit
         place += 1
     return findings, fitted
 
 
-def _refitted(base: Fit, trials: Sequence[Trial], executor: Executor) -> list[Trial]:
+def _refitted(base: Fit, trials: Sequence[Trial], executor: Executor, criteria: Criteria) -> list[Trial]:
     """Effects refitted from where they ended beside others: what those refits say counts more than the scores did."""
     known = {t.candidate.effect: t.candidate for t in trials}
     ended = [(t.candidate, t.fit.setup.values()) for t in trials if t.fit is not None]
     again = [replace(c, values={n: v[n] for n in c.effect.parameters}, score=1.0) for c, v in ended]
-    return [Trial(known[t.candidate.effect], t.fit) for t in refit(base, again, executor)]
+    return [Trial(known[t.candidate.effect], t.fit) for t in refit(base, again, executor, criteria=criteria)]
 
 
-def without(base: Fit, others: Sequence[Finding], dropped: Finding, fitted: Fit) -> Fit | None:
+def without(
+    base: Fit, others: Sequence[Finding], dropped: Finding, fitted: Fit, variances: float = SELECTION.tie
+) -> Fit | None:
     """The base model with some of the effects of a fit, fitted from where that one ended.
 
     Where that explains less, the model may have followed what was dropped, or that has taken the place of something of
     the model's own.
+
+    Args:
+        variances: difference of χ² in residual variances below which two fits are equally good.
     """
     values, own = fitted.setup.values(), dropped.trial.candidate.effect.exchanged
     best = None
     for moved in ({}, base.setup.values(), *(own(values) if own is not None else ())):
-        if best is not None and fair_cost(best) - fair_cost(fitted) < tie(fitted):
+        if best is not None and fair_cost(best) - fair_cost(fitted) < tie(fitted, variances):
             break
         known = {n: v for n, v in moved.items() if n not in stated_only(base.held)}
         other = _fit_with(base, others, {**values, **known})

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from phnn.diagnose.criteria import CRITERIA, Criteria
 from phnn.diagnose.ground import Ground, prepare
 from phnn.diagnose.locate import Location, Responses, locate, responses
 from phnn.diagnose.name import Naming, score
@@ -13,11 +14,12 @@ from phnn.effects import Effect
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import NumericalError
 
-# Level of a whole search, spent once. Its hypotheses are tested in order: the base model is complete, the model with
-# the best element is complete, and so on. The first that is not rejected ends the search; the verdict on the remainder
-# is no further test but the last of these. In such a fixed sequence every test may use the whole level, because the
-# first false rejection must be that of the first true hypothesis (Maurer, Hothorn & Lehmacher 1995).
-SIGNIFICANT = 0.01
+# Level of a whole search, spent once; the default of the criterion `level`. Hypotheses are tested in order: the base
+# model is complete, the model with the best element is complete, and so on. The first that is not rejected ends the
+# search; the verdict on the remainder is no further test but the last of these. In such a fixed sequence every test may
+# use the whole level, because the first false rejection must be that of the first true hypothesis (Maurer, Hothorn &
+# Lehmacher 1995).
+SIGNIFICANT = CRITERIA.selection.level
 
 
 @dataclass(frozen=True)
@@ -27,20 +29,26 @@ class Scored:
     ground: Ground
     generic: Responses
     naming: Naming
+    criteria: Criteria = CRITERIA
 
     @property
     def significant(self) -> bool:
         """Whether the model leaves more than chance would."""
-        return self.naming.p_value < SIGNIFICANT
+        return self.naming.p_value < self.criteria.selection.level
 
     @cached_property
     def remaining(self) -> Location | None:
         """Where what it leaves seems to be; None where that is no more than chance."""
-        return locate(self.ground, self.generic) if self.significant else None
+        return locate(self.ground, self.generic, self.criteria.location) if self.significant else None
 
 
 def scored(
-    fitted: Fit, effects: Sequence[Effect], seed: int, error: NumericalError | None = None, terminals: bool = False
+    fitted: Fit,
+    effects: Sequence[Effect],
+    seed: int,
+    error: NumericalError | None = None,
+    terminals: bool = False,
+    criteria: Criteria = CRITERIA,
 ) -> Scored:
     """Score the catalogue and the generic functions on a model.
 
@@ -48,12 +56,14 @@ def scored(
         fitted: the base model, or one with effects.
         effects: the catalogue entries that can exist in this setup.
         seed: of the null distribution.
-        error: numerical error of the simulations, where what it could fake is asked.
+        error: numerical error of the simulations, where the score that it alone would have is asked.
         terminals: whether the input was measured at the port.
+        criteria: for the noise, for locations and for what is significant.
     """
-    ground = prepare(fitted, terminals)
+    ground = prepare(fitted, terminals, criteria.noise)
     generic = responses(ground)
-    return Scored(ground, generic, score(ground, effects, generic, seed, error.error if error is not None else None))
+    naming = score(ground, effects, generic, seed, error.error if error is not None else None)
+    return Scored(ground, generic, naming, criteria)
 
 
 def excess(fit: Fit) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from phnn.diagnose.criteria import CRITERIA, Criteria, Selection
 from phnn.diagnose.finding import Finding, effects_of, own_parameters
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.locate import Location
@@ -12,8 +13,10 @@ from phnn.diagnose.name import Naming
 from phnn.diagnose.place import elsewhere, in_place, located, may_lie, of_its_kinds
 from phnn.diagnose.refit import refit
 from phnn.diagnose.retest import retested
-from phnn.diagnose.scored import SIGNIFICANT, Scored, excess, scored
-from phnn.diagnose.trial import LOUD, MATERIAL, Trial, class_of, criterion, tie
+from phnn.diagnose.rules import Applied, Record
+from phnn.diagnose.rules.search import DISCARD, FORM, KEEP, REFIT, STEP, STOP, KeepCase, StepCase
+from phnn.diagnose.scored import Scored, excess, scored
+from phnn.diagnose.trial import Trial, class_of, criterion, tie
 from phnn.effects import Effect
 from phnn.ensemble import Executor
 from phnn.errors import PhnnError
@@ -21,32 +24,20 @@ from phnn.identify.base import Options, settled
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import numerical_error
 
-# Candidates that are refitted: for a first effect and for a further one.
-_REFITS, _REFITS_MORE = 14, 6
-# Below this share of the excess residual explained, a catalogue entry is no explanation, not even in another form;
-# a further one is not below that share of what the ones before it left.
-EXPLAINS, EXPLAINS_MORE = 0.5, 0.7
-# What takes less than this share of what is left does not help to find what else is missing.
-_EXPLAINS_SOME = 0.25
-# From this share on an effect explains well: no learned element is held against it.
-WELL = 0.9
-# A floor estimated from a recording is no better known than this: less above it is not held against an effect.
-FLOOR = 1.02**2
-# Another form that leaves more than this may as well be two effects.
-_MUCH = 2.0**2
-# Refits that end within this many ties of the best one are compared with numerical error bounded.
-_NEARBY = 10.0
-# Numerical error allowed beside what is left, as a share of its norm.
-_OF_WHAT_IS_LEFT = 0.05
-
 
 @dataclass(frozen=True)
 class Selected:
-    """A step of the selection: the effects so far, the model with them, the share that the last one took."""
+    """A step of the selection.
+
+    Attributes:
+        findings: the effects so far; model: with them; share: of the excess that the last one explains.
+        rules: all that were asked in the search; empty before its end.
+    """
 
     findings: tuple[Finding, ...]
     model: Scored
     share: float
+    rules: tuple[Applied, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -56,6 +47,7 @@ class _Search:
     Attributes:
         ground, location: of the base model; effects: the catalogue.
         seed: of the null; executor: where candidates are refitted.
+        criteria: what is added and kept.
     """
 
     ground: Ground
@@ -63,10 +55,11 @@ class _Search:
     effects: Sequence[Effect]
     seed: int
     executor: Executor
+    criteria: Criteria
 
     def scored(self, fitted: Fit) -> Scored:
         """A model of this search with its scores."""
-        return scored(fitted, self.effects, self.seed, terminals=self.ground.terminals)
+        return scored(fitted, self.effects, self.seed, terminals=self.ground.terminals, criteria=self.criteria)
 
 
 def select(
@@ -76,16 +69,17 @@ def select(
     seed: int,
     max_effects: int,
     executor: Executor,
+    criteria: Criteria = CRITERIA,
 ) -> tuple[Selected, tuple[Trial, ...]]:
     """Forward selection with backward deletion; and what was tried for the first effect.
 
     Of two effects of one size the first explains but half, so that one is tried upon another while each takes some of
     what is left. Where the best one leaves something elsewhere, others that explain well come into question. What is
     kept in the end either leaves nothing significant, or its last effect took most of what there was and left nothing
-    that has a place: several that nibble at one another's leavings are no explanation. One effect in another form gives
-    way to two only where these leave nothing.
+    that has a location: a further effect has to remove most of what the one before left. One effect in another form
+    gives way to two only where these leave nothing.
     """
-    search = _Search(found.ground, location, effects, seed, executor)
+    search, record = _Search(found.ground, location, effects, seed, executor, criteria), Record()
     steps = [Selected((), found, 1.0)]
     tried: tuple[Trial, ...] = ()
     # How many steps make up one that may be all there is in another form: more of them must leave nothing.
@@ -96,39 +90,53 @@ def select(
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
-        helps = share_of(last.model.ground.fit, trials[0].fit, last.model.naming) >= _EXPLAINS_SOME
-        # What leaves more than any doubt about the noise forgives is significant, and need not be scored to say so.
-        if not helps and trials[0].fit.chi2 > LOUD:
+        share = share_of(last.model.ground.fit, trials[0].fit, last.model.naming)
+        best = StepCase(share, trials[0].fit.chi2, None, None, criteria)
+        if record.decide(REFIT, best, trials[0].candidate.effect.name) is not None:
             break
         step = _with(search, last, trials)
         if not last.findings:
             step = _at_home(search, last, trials, step)
-        if step.model.significant and step.share < _EXPLAINS_SOME:
+        stop = record.decide(STEP, _step_case(step, criteria), _added(step))
+        if stop is not None and stop.outcome == DISCARD:
             break
         steps.append(step)
-        left, chi2 = step.model.remaining, step.model.ground.fit.chi2
-        if left is None or chi2 < MATERIAL:
+        left = step.model.remaining
+        if stop is not None or left is None:
             break
-        if enough is None and _in_another_form(step, location, left):
-            enough = len(steps)
-            if chi2 < _MUCH:
+        if enough is None:
+            form = replace(_step_case(step, criteria), form=_in_another_form(step, location, left, criteria))
+            stop = record.decide(FORM, form, _added(step))
+            enough = len(steps) if stop is not None else None
+            if stop is not None and stop.outcome == STOP:
                 break
     if enough is not None and steps[-1].model.remaining is not None:
         del steps[enough:]
-    while len(steps) > 1 and not _kept(steps):
+    while len(steps) > 1 and not _kept(steps, criteria, record):
         steps.pop()
-    return steps[-1], tried
+    return replace(steps[-1], rules=tuple(record.asked)), tried
+
+
+def _step_case(step: Selected, criteria: Criteria) -> StepCase:
+    model = step.model
+    return StepCase(step.share, model.ground.fit.chi2, model.significant, model.naming.p_value, criteria)
+
+
+def _added(step: Selected) -> str:
+    """Name of the last effect of a step."""
+    return step.findings[-1].trial.candidate.effect.name if step.findings else ""
 
 
 def _refitted(search: _Search, last: Selected) -> list[Trial]:
     """Refits of what may be added next, best first."""
-    here = last.model.remaining or search.location
-    able = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT and may_lie(c.effect, here)]
-    able = able[: _REFITS_MORE if last.findings else _REFITS]
+    here, criteria = last.model.remaining or search.location, search.criteria
+    rule, place = criteria.selection, criteria.location
+    able = [c for c in last.model.naming.candidates if c.p_value < rule.level and may_lie(c.effect, here, place)]
+    able = able[: rule.further_refits if last.findings else rule.first_refits]
     # Where these explain little, the base model may have taken over so much that score and place deceive: then all of
     # the catalogue is tried.
-    trials = refit(last.model.ground.fit, able, search.executor, last.model.naming.candidates)
-    return in_place(_compared(trials, own_parameters(last.findings)), here)
+    trials = refit(last.model.ground.fit, able, search.executor, last.model.naming.candidates, criteria)
+    return in_place(_compared(trials, own_parameters(last.findings), rule), here, rule)
 
 
 def _at_home(search: _Search, last: Selected, trials: Sequence[Trial], step: Selected) -> Selected:
@@ -136,74 +144,77 @@ def _at_home(search: _Search, last: Selected, trials: Sequence[Trial], step: Sel
 
     What fits better than that one stays in its class.
     """
-    if not misplaced(step, search.location):
+    criteria = search.criteria
+    if not misplaced(step, search.location, criteria):
         return step
     for rival in trials[1:]:
-        if rival.fit is not None and share_of(last.model.ground.fit, rival.fit, last.model.naming) > WELL:
+        if rival.fit is not None and _explains_well(rival.fit, last, criteria):
             tried = _with(search, last, [rival, *(t for t in trials if t is not rival)])
             left = tried.model.remaining
-            if left is None or (located(left) and not misplaced(tried, search.location)):
+            if left is None or (located(left, criteria.location) and not misplaced(tried, search.location, criteria)):
                 return tried
     return step
 
 
-def _in_another_form(step: Selected, location: Location, left: Location) -> bool:
+def _in_another_form(step: Selected, location: Location, left: Location, criteria: Criteria) -> bool:
     """Whether what is left may be another form of what was found, so that no further effect need be looked for.
 
     Functions of its own kind have to say so: a constant, of which there are none, has no other form.
     """
     has_forms = any(of_its_kinds(left, e) for e in effects_of(step.findings))
-    well = step.share > WELL and located(left)
-    return has_forms and well and not elsewhere(effects_of(step.findings), location, left)
+    well = step.share > criteria.selection.explains_well and located(left, criteria.location)
+    return has_forms and well and not elsewhere(effects_of(step.findings), location, left, rule=criteria.location)
 
 
-def misplaced(step: Selected, location: Location) -> bool:
+def misplaced(step: Selected, location: Location, criteria: Criteria = CRITERIA) -> bool:
     """Whether a selection leaves more than the noise level is known to, and that elsewhere than what was named."""
-    left, chi2 = step.model.remaining, step.model.ground.fit.chi2
-    return left is not None and chi2 > FLOOR and elsewhere(effects_of(step.findings), location, left, chi2 < MATERIAL)
+    left, over = step.model.remaining, step.model.ground.fit.chi2
+    rule = criteria.selection
+    if left is None or not over > rule.noise_doubt**2:
+        return False
+    little = over < rule.small_residual**2
+    return elsewhere(effects_of(step.findings), location, left, little, criteria.location)
 
 
-def _kept(steps: Sequence[Selected]) -> bool:
-    """Whether the last step of a selection stands: it leaves nothing, or it explains much and nothing has its place.
-
-    An effect may leave something at its own place, as the same in another form would.
-    """
-    last = steps[-1]
-    left = last.model.remaining
-    if left is None or last.model.ground.fit.chi2 < FLOOR:
-        return True
-    if len(steps) == 2:
-        whole = steps[0].model.remaining
-        placed = located(left) or (whole is not None and located(whole))
-        return last.share >= (EXPLAINS if placed else EXPLAINS_MORE)
-    own = not elsewhere(effects_of(last.findings[-1:]), left, left)
-    return last.share >= EXPLAINS_MORE and (own or not located(left))
+def _kept(steps: Sequence[Selected], criteria: Criteria = CRITERIA, record: Record | None = None) -> bool:
+    """Whether the last step of a selection stands, by the rules of `phnn.diagnose.rules.search.KEEP`."""
+    last, place = steps[-1], criteria.location
+    left, whole, first = last.model.remaining, steps[0].model.remaining, len(steps) == 2
+    placed = left is not None and located(left, place)
+    if first:
+        placed = placed or (whole is not None and located(whole, place))
+    own = left is not None and (first or not elsewhere(effects_of(last.findings[-1:]), left, left, rule=place))
+    chi2 = last.model.ground.fit.chi2
+    case = KeepCase(last.share, chi2, left is not None, first, placed, own, criteria.selection)
+    found = (record or Record()).decide(KEEP, case, _added(last))
+    return found is not None and found.outcome == "keep"
 
 
 def _with(search: _Search, last: Selected, trials: Sequence[Trial]) -> Selected:
     """The step with the best of some trials, what came before tested again."""
-    best, fitted = trials[0], trials[0].fit
+    best, fitted, rule = trials[0], trials[0].fit, search.criteria.selection
     assert fitted is not None
     model = search.scored(fitted)
     share = share_of(last.model.ground.fit, fitted, last.model.naming)
-    members = class_of(trials, model.significant)
+    members = class_of(trials, model.significant, rule)
     if model.significant:
-        members += [t for t in trials if t not in members and _as_well(t, best, last)]
-        fitted = _exact(fitted, [*own_parameters(last.findings), *best.candidate.effect.parameters])
+        members += [t for t in trials if t not in members and _as_well(t, best, last, search.criteria)]
+        fitted = _exact(fitted, [*own_parameters(last.findings), *best.candidate.effect.parameters], rule)
         best = members[0] = Trial(best.candidate, fitted)
-    findings = (*last.findings, Finding(best, tuple(members), tuple(trials), last.model.naming))
-    findings, fitted = retested(search.ground.fit, search.location, findings, fitted, search.executor)
+    found = Finding(best, tuple(members), tuple(trials), last.model.naming, level=rule.level)
+    findings = (*last.findings, found)
+    findings, fitted = retested(search.ground.fit, search.location, findings, fitted, search.executor, search.criteria)
     if fitted is not model.ground.fit:
         model = search.scored(fitted)
     return Selected(findings, model, share)
 
 
-def _exact(fitted: Fit, keep: Sequence[str]) -> Fit:
+def _exact(fitted: Fit, keep: Sequence[str], rule: Selection) -> Fit:
     """The fit with sub-steps that bound the numerical error, where it has outgrown those of the base model.
 
     While much is left to be found, a small share of that is bound enough.
     """
-    bound = max(Options.error_bound_sigma, _OF_WHAT_IS_LEFT * max(excess(fitted), 0.0) ** 0.5)
+    bound = max(Options.error_bound_sigma, rule.numerical_share * max(excess(fitted), 0.0) ** 0.5)
     if numerical_error(fitted).sigma <= bound:
         return fitted
     try:
@@ -212,25 +223,32 @@ def _exact(fitted: Fit, keep: Sequence[str]) -> Fit:
         return fitted
 
 
-def _compared(trials: list[Trial], keep: Sequence[str]) -> list[Trial]:
+def _compared(trials: list[Trial], keep: Sequence[str], rule: Selection) -> list[Trial]:
     """The trials, best first, those that end near the best one compared without the numerical error of either."""
     if not trials or trials[0].fit is None:
         return trials
-    most = trials[0].fair_cost + _NEARBY * tie(trials[0].fit)
+    most = trials[0].fair_cost + rule.compared_within * tie(trials[0].fit, rule.tie)
     near = [t for t in trials if t.fit is not None and t.fair_cost <= most]
     if len(near) < 2:
         return trials
-    exact = [replace(t, fit=_exact(t.fit, [*keep, *t.candidate.effect.parameters])) for t in near if t.fit is not None]
+    exact = [
+        replace(t, fit=_exact(t.fit, [*keep, *t.candidate.effect.parameters], rule)) for t in near if t.fit is not None
+    ]
     return sorted([*exact, *(t for t in trials if t not in near)], key=criterion)
 
 
-def _as_well(trial: Trial, best: Trial, last: Selected) -> bool:
+def _as_well(trial: Trial, best: Trial, last: Selected, criteria: Criteria) -> bool:
     """Whether an effect of the best one's kind explains well too: of the forms of one kind, none of them the true one,
     the one that comes nearest need not be its name."""
     effect, other = trial.candidate.effect, best.candidate.effect
     if trial.fit is None or (effect.location, effect.kind) != (other.location, other.kind):
         return False
-    return share_of(last.model.ground.fit, trial.fit, last.model.naming) > WELL
+    return _explains_well(trial.fit, last, criteria)
+
+
+def _explains_well(fitted: Fit, last: Selected, criteria: Criteria) -> bool:
+    share = share_of(last.model.ground.fit, fitted, last.model.naming)
+    return share > criteria.selection.explains_well
 
 
 def share_of(before: Fit, after: Fit, scores: Naming) -> float:

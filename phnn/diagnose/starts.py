@@ -11,25 +11,22 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from phnn.diagnose.criteria import REFITS, Refits
 from phnn.diagnose.ground import Ground, direction
 from phnn.effects import Effect
 from phnn.errors import PhnnError
 from phnn.setup import Setup
 
-# Multiples of the grid's strengths, which are small ones; how many starts are proposed.
+# Multiples of the grid's strengths, which are small ones.
 _STRENGTHS = tuple(10.0 ** (0.5 * k) for k in range(1, 10))
-_BOLD = 4
-# What an effect changes at its start, as a share of the squares that are left to be explained: about this, at most
-# that.
-_SHARE, _TOO_MUCH = 0.5, 3.0
 
 
-def has_bold_starts(effect: Effect) -> bool:
+def has_large_starts(effect: Effect) -> bool:
     """Whether an effect has a strength to choose, and no frequency that is found elsewhere than in its grid."""
     return effect.strength is not None and effect.searched is None
 
 
-def bold_starts(ground: Ground, effect: Effect) -> list[dict[str, float]]:
+def large_starts(ground: Ground, effect: Effect, limits: Refits = REFITS) -> list[dict[str, float]]:
     """Values of the effect's parameters, the most promising shape and sign first.
 
     Each has the strength at which the change ``P δy`` of the output by the effect, base sensitivities projected out, is
@@ -37,15 +34,17 @@ def bold_starts(ground: Ground, effect: Effect) -> list[dict[str, float]]:
 
     Args:
         ground: of the fit without the effect.
+        limits: how many starts, and how large.
     """
     signs = (1.0,) if effect.one_sided else (1.0, -1.0)
-    found = [_strong(ground, effect, point, sign) for point in effect.grid(ground.scales) for sign in signs]
+    points = effect.grid(ground.scales)
+    found = [_strong(ground, effect, point, sign, limits) for point in points for sign in signs]
     ranked = sorted((f for f in found if f is not None), key=lambda f: f[0])
-    return [values for _, values in ranked[:_BOLD]]
+    return [values for _, values in ranked[: limits.large_starts]]
 
 
 def _strong(
-    ground: Ground, effect: Effect, point: Mapping[str, float], sign: float
+    ground: Ground, effect: Effect, point: Mapping[str, float], sign: float, limits: Refits
 ) -> tuple[float, dict[str, float]] | None:
     """What is left beside an effect of a shape at the strength that suits the residual, and its values there.
 
@@ -61,11 +60,11 @@ def _strong(
         except PhnnError:
             break
         share = float(np.sum(change**2)) / size
-        if not share <= _TOO_MUCH:
+        if not share <= limits.large_start_most:
             break
         if share == 0.0:
             continue
-        off = abs(np.log(share / _SHARE))
+        off = abs(np.log(share / limits.large_start_share))
         if best is None or off < best[0]:
             best = off, float(np.sum((ground.residual - change) ** 2)), values
     return None if best is None else best[1:]

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.diagnose.criteria import REFITS, Refits
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.name import Candidate
-from phnn.diagnose.starts import bold_starts, clamped
+from phnn.diagnose.starts import clamped, large_starts
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect
 from phnn.errors import PhnnError, SolverFailed
@@ -22,21 +23,19 @@ from phnn.setup import Setup
 
 Array = NDArray[np.float64]
 
-# Evaluations of the three rounds.
-_FIRST, _SECOND, _THIRD = 5, 8, 40
-# Relative change at which a refit that leaves much stops.
-_LOOSE = 1e-5
-_OTHER_STARTS = 2
-# Shares of the step that makes room for an effect, and the largest such step of an estimation coordinate.
-_SHARES, _FARTHEST = (1.0, 0.3), 2.0
+# Shares of the step that makes room for an effect.
+_SHARES = (1.0, 0.3)
 
 
-def first_steps(base: Fit, candidate: Candidate) -> Fit | None:
+def first_steps(base: Fit, candidate: Candidate, limits: Refits = REFITS) -> Fit | None:
     """A few steps from the start that the score proposes."""
-    return _few_steps(base, candidate.effect, base.setup, candidate.values, _FIRST)
+    start = base.setup, candidate.values
+    return _few_steps(base, candidate.effect, *start, limits.first_evaluations, limits)
 
 
-def _few_steps(base: Fit, effect: Effect, setup: Setup, values: Mapping[str, float], evaluations: int) -> Fit | None:
+def _few_steps(
+    base: Fit, effect: Effect, setup: Setup, values: Mapping[str, float], evaluations: int, limits: Refits
+) -> Fit | None:
     """Steps with coarse sub-steps; None where the start cannot be simulated."""
     try:
         begun = clamped(effect, setup, values)
@@ -44,13 +43,13 @@ def _few_steps(base: Fit, effect: Effect, setup: Setup, values: Mapping[str, flo
         names = [*base.variables.names, *own]
         origin = None
         if setup is base.setup:
-            begun, origin = _adjusted(base, begun)
+            begun, origin = _adjusted(base, begun, limits.longest_step)
         return fit(begun, base.plan.coarse(), names, base.held, evaluations, origin=origin)
     except PhnnError:
         return None
 
 
-def _adjusted(base: Fit, begun: Setup) -> tuple[Setup, Fit]:
+def _adjusted(base: Fit, begun: Setup, longest: float) -> tuple[Setup, Fit]:
     """A start whose base parameters and initial states make room for the effect, to first order; and where they are.
 
     Without that a strong effect beside parameters that took its part before is further off than no effect at all.
@@ -70,7 +69,7 @@ def _adjusted(base: Fit, begun: Setup) -> tuple[Setup, Fit]:
     step, *_ = np.linalg.lstsq(base.jacobian, -first, rcond=1e-10)
     z = base.z
     for share in _SHARES:
-        tried = base.z + share * np.clip(step, -_FARTHEST, _FARTHEST)
+        tried = base.z + share * np.clip(step, -longest, longest)
         try:
             cost = float(np.sum(residual(tried) ** 2))
         except SolverFailed:
@@ -81,68 +80,72 @@ def _adjusted(base: Fit, begun: Setup) -> tuple[Setup, Fit]:
     return base.variables.setup(begun, z), moved(z)
 
 
-def from_several_starts(base: Fit, trial: Trial) -> Fit | None:
+def from_several_starts(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
     """Further steps from there and from other starts: shapes of the effect, and other optima of the base."""
     candidate, effect = trial.candidate, trial.candidate.effect
-    starts = [(base.setup, v) for v in candidate.others[:_OTHER_STARTS]]
+    starts = [(base.setup, v) for v in candidate.others[: limits.other_starts]]
     starts += [(setup, candidate.values) for setup in base.alternatives]
-    tried = [_few_steps(base, effect, setup, values, _SECOND) for setup, values in starts]
-    ends = [f for f in (*tried, further_steps(base, trial)) if f is not None]
+    tried = [_few_steps(base, effect, setup, values, limits.second_evaluations, limits) for setup, values in starts]
+    ends = [f for f in (*tried, further_steps(base, trial, limits)) if f is not None]
     if not ends:
         return None
     best, alternatives = distinct_optima(ends)
     return replace(best, alternatives=alternatives)
 
 
-def from_bold_starts(ground: Ground, base: Fit, trial: Trial) -> Fit | None:
+def from_large_starts(ground: Ground, base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
     """The best after a few steps from starts at finite strengths."""
     effect = trial.candidate.effect
-    tried = [_few_steps(base, effect, base.setup, values, _FIRST) for values in bold_starts(ground, effect)]
+    starts, length = large_starts(ground, effect, limits), limits.first_evaluations
+    tried = [_few_steps(base, effect, base.setup, values, length, limits) for values in starts]
     return min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
 
 
-def on_all_recordings(base: Fit, trial: Trial) -> Fit | None:
+def on_all_recordings(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
     """Further steps on all recordings from where few of them have led."""
     if trial.fit is None:
         return None
+    names, length = trial.fit.variables.names, limits.second_evaluations
     try:
-        return fit(trial.fit.setup, base.plan.coarse(), trial.fit.variables.names, base.held, _SECOND, origin=base)
+        return fit(trial.fit.setup, base.plan.coarse(), names, base.held, length, origin=base)
     except PhnnError:
         return None
 
 
-def moving(fitted: Fit) -> bool:
-    """Whether a few steps have ended before they came to rest."""
-    return fitted.evaluations in (_FIRST, _SECOND)
+def moving(fitted: Fit, limits: Refits = REFITS) -> bool:
+    """Whether a few steps have ended before they converged."""
+    return fitted.evaluations in (limits.first_evaluations, limits.second_evaluations)
 
 
-def further_steps(base: Fit, trial: Trial) -> Fit | None:
-    """Further steps from where it is, unless it has come to rest."""
+def further_steps(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
+    """Further steps from where it is, unless it has converged."""
     found = trial.fit
-    if found is None or not moving(found):
+    if found is None or not moving(found, limits):
         return found
+    length = limits.second_evaluations
     try:
-        onwards = fit(found.setup, found.plan, found.variables.names, base.held, _SECOND, origin=found)
+        onwards = fit(found.setup, found.plan, found.variables.names, base.held, length, origin=found)
     except PhnnError:
         return found
     return replace(onwards, alternatives=found.alternatives)
 
 
-def finished(base: Fit, trial: Trial) -> Fit | None:
+def finished(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
     """Carried to convergence with the sub-steps of the base fit; None where it cannot be simulated there."""
     if trial.fit is None:
         return None
     own, held, begun = trial.candidate.effect.parameters, stated_only(base.held), trial.fit
+    loose, length = limits.loose_tolerance, limits.last_evaluations
     try:
-        full = fit_identified(begun.setup, base.plan, held, _THIRD, begun, own, _tolerance(begun))
-        if _tolerance(full) < 0.5 * _tolerance(begun):
-            full = fit_identified(full.setup, base.plan, held, _THIRD, full, own, _tolerance(full))
+        full = fit_identified(begun.setup, base.plan, held, length, begun, own, _tolerance(begun, loose))
+        if _tolerance(full, loose) < 0.5 * _tolerance(begun, loose):
+            full = fit_identified(full.setup, base.plan, held, length, full, own, _tolerance(full, loose))
         full = released(full, own)
     except PhnnError:
         return None
     return replace(full, alternatives=begun.alternatives)
 
 
-def _tolerance(found: Fit) -> float:
+def _tolerance(found: Fit, loose: float) -> float:
     """Where a refit stops: what leaves much is told apart from others by large differences only."""
-    return max(TOLERANCE, _LOOSE * (1.0 - 1.0 / max(found.chi2, 1.0)))
+    return max(TOLERANCE, loose * (1.0 - 1.0 / max(found.chi2, 1.0)))

@@ -8,18 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.diagnose.criteria import SELECTION, Selection
 from phnn.diagnose.name import Candidate
 from phnn.identify.fit import Fit
 from phnn.identify.nuisances import own_size
 
 Array = NDArray[np.float64]
-
-TIE = 12.0
-_IMPERFECT = 0.2
-# A residual that exceeds the noise by this much matters.
-MATERIAL = 1.1**2
-# A residual this many times the noise is none, whatever the doubt about the level.
-LOUD = 3.0**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +53,7 @@ def criterion(trial: Trial) -> float:
     return trial.cost + count * max(1.0, trial.fit.chi2) * float(np.log(trial.fit.residual.size))
 
 
-def class_of(trials: Sequence[Trial], unexplained: bool = False) -> list[Trial]:
+def class_of(trials: Sequence[Trial], unexplained: bool = False, rule: Selection = SELECTION) -> list[Trial]:
     """The trials that these recordings cannot tell from the best one.
 
     Two refitted models count as told apart when their sums of squares differ by more than twelve times the residual
@@ -72,12 +66,14 @@ def class_of(trials: Sequence[Trial], unexplained: bool = False) -> list[Trial]:
     Args:
         trials: best first.
         unexplained: whether the best refit leaves a significant remainder; a large one counts in any case.
+        rule: when two refits are equally good.
     """
     best = trials[0]
     if best.fit is None:
         return list(trials[:1])
     left = max(best.cost - best.fit.residual.size, 0.0)
-    reach = max(tie(best.fit), _IMPERFECT * left if unexplained or best.fit.chi2 > MATERIAL else 0.0)
+    undecided = unexplained or best.fit.chi2 > rule.small_residual**2
+    reach = max(tie(best.fit, rule.tie), rule.tie_of_remainder * left if undecided else 0.0)
     name, most = best.candidate.effect.name, best.fair_cost + reach
     return [t for t in trials if t.fair_cost <= most and name not in t.candidate.effect.special]
 
@@ -112,8 +108,12 @@ def effective_samples(residual: Array) -> float:
     return float(np.clip(4.0 * power.sum() ** 2 / max(float(power @ power), 1e-300), 4.0, residual.size))
 
 
-def tie(fitted: Fit) -> float:
-    """Difference of sums of squares below which two refits are not told apart."""
+def tie(fitted: Fit, variances: float = SELECTION.tie) -> float:
+    """Difference of sums of squares below which two refits are not told apart.
+
+    Args:
+        variances: the difference in residual variances, for white noise.
+    """
     # Coloured noise inflates such differences by the sum of its correlation.
     colour = max(max(1.0, 2.0 * float(np.sum(r.noise_correlation)) - 1.0) for r in fitted.plan.recordings)
-    return TIE * colour * max(1.0, fitted.chi2)
+    return variances * colour * max(1.0, fitted.chi2)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,20 +35,18 @@ class Options:
         error_bound_sigma: bound on the numerical error over the plan, in standard deviations.
         max_effects: how many effects a diagnosis may add.
         without: effects of the catalogue that a diagnosis must not use.
-        material: what an element has to explain of the held-out recordings to be named [× noise rms].
-        material_share: by which share the held-out error has to fall besides [1].
+        criteria: values of `phnn.diagnose.criteria.Criteria` that replace the defaults, by name.
         workers: threads of a fit.
         executor: where the refits of a diagnosis are done, for choices see `phnn.ensemble.executor.executor`; anywhere
             but in ``serial`` each refit has one thread.
     """
 
     seed: int = 0
-    starts: int = 2
+    starts: int = 4
     error_bound_sigma: float = 1.0
     max_effects: int = 3
     without: tuple[str, ...] = ()
-    material: float = 0.1
-    material_share: float = 0.01
+    criteria: Mapping[str, float] = field(default_factory=dict)
     workers: int = 2
     executor: str = "serial"
 

@@ -6,12 +6,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+from phnn.diagnose.criteria import CRITERIA
 from phnn.diagnose.diagnosis import available
 from phnn.diagnose.ground import prepare
 from phnn.diagnose.locate import responses
 from phnn.diagnose.name import score
 from phnn.diagnose.scored import SIGNIFICANT
-from phnn.diagnose.trial import TIE
 from phnn.identify.base import Options, identification_plan, settled
 from phnn.identify.staged import fit_identified, held_by_statement
 from phnn.models.actuator import from_paper
@@ -33,7 +33,9 @@ def score_folder(folder: Path, seed: int) -> dict[str, Any]:
     naming = score(ground, available(campaign, base.setup), responses(ground), seed, error.error)
     best = naming.candidates[0]
     # Squared scores are sums of squares that a refit would save.
-    members = [n for n, c in naming.by_name.items() if best.score**2 - c.score**2 < TIE and c.score > 0.0]
+    members = [
+        n for n, c in naming.by_name.items() if best.score**2 - c.score**2 < CRITERIA.selection.tie and c.score > 0.0
+    ]
     found = naming.p_value < SIGNIFICANT
     return {
         "verdict": "named" if found else "none",

@@ -101,6 +101,21 @@ class LedgerRow:
 
 
 @dataclass(frozen=True)
+class RuleRow:
+    """A rule of the verdict: whether it applied, what it compared, and the outcome where it applied.
+
+    Attributes:
+        element: what it was asked of; empty for the whole model.
+    """
+
+    rule: str
+    element: str
+    applies: bool
+    outcome: str
+    numbers: Mapping[str, float | None]
+
+
+@dataclass(frozen=True)
 class Evidence:
     """Everything that a report draws or tabulates beside the numbers of the document."""
 
@@ -112,3 +127,4 @@ class Evidence:
     notes: tuple[str, ...]
     verdict_sentence: str
     symptoms: tuple[str, ...] = ()  # what the base model's residual looks like, in sentences
+    rules: tuple[RuleRow, ...] = ()  # of the verdict, in the order in which they were asked

@@ -21,11 +21,11 @@ from phnn.diagnose.locate import (
 )
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.picture import Picture, learned_picture, missing_force, picture
-from phnn.diagnose.scored import SIGNIFICANT
+from phnn.diagnose.rules import Applied
 from phnn.diagnose.symptoms import seen, symptoms
 from phnn.identify.staged import fixes_common_factor
 from phnn.models.store import save
-from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace
+from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, RuleRow, Trace
 from phnn.report.files import finite, write_json
 from phnn.report.following import WAVEFORM, next_experiment, write_waveform
 from phnn.report.missing import FORCE_UNITS, missing_entries
@@ -64,7 +64,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "verdict": j.verdict,
         "test": _test(j),
         "missing": missing_entries(diagnosis),
-        "remainder": _remainder(j),
+        "remainder": _remainder(j, diagnosis.criteria.selection.level),
         "location": _location(diagnosis),
         "noise_floor": {r.name: r.noise for r in diagnosis.campaign.recordings},
         "numerical_error_sigma": diagnosis.error.sigma,
@@ -77,6 +77,8 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         },
         "next_experiment": next_experiment(diagnosis.proposal),
         "versions": {name: version(name) for name in _PACKAGES},
+        "rules": [r.document() for r in j.rules],
+        "criteria": diagnosis.criteria.changed(),
         "seed": diagnosis.options.seed,
         "seconds": round(diagnosis.seconds, 2),
     }
@@ -97,12 +99,12 @@ def _test(j: Judgement) -> dict[str, Any]:
     return test if j.immaterial is None else test | {"immaterial": asdict(j.immaterial)}
 
 
-def _remainder(j: Judgement) -> dict[str, Any]:
+def _remainder(j: Judgement, level: float) -> dict[str, Any]:
     over = float(np.sqrt(j.final.chi2))
     if j.remainder is None:
         return {"verdict": "none", "residual_over_noise": over, "p_value": j.naming.p_value, "location": None}
     small = j.remainder_immaterial
-    found = j.remainder.p_value < SIGNIFICANT and small is None
+    found = j.remainder.p_value < level and small is None
     where = j.remainder_location.name if found and j.remainder_location else None
     left = {
         "verdict": "unknown" if found else "none",
@@ -147,12 +149,17 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
         traces=tuple(_traces(diagnosis)),
         curves=tuple(curves[:2] if j.learned or j.verdict != "unknown" else curves[:1]),
         parameters=tuple(_parameters(diagnosis)),
-        candidates=tuple(_candidates(j)),
+        candidates=tuple(_candidates(j, diagnosis.criteria.selection.level)),
         ledger=tuple(_ledger(j)),
         notes=(*diagnosis.campaign.notes, *(f"{r.name}: noise from {r.noise_source}." for r in _few(diagnosis))),
         verdict_sentence=sentence(diagnosis),
         symptoms=_symptoms(diagnosis),
+        rules=tuple(_rule(r) for r in j.rules),
     )
+
+
+def _rule(found: Applied) -> RuleRow:
+    return RuleRow(found.rule, found.element, found.applies, found.outcome, found.numbers)
 
 
 def _symptoms(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -202,7 +209,7 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
     return rows
 
 
-def _candidates(j: Judgement) -> list[CandidateRow]:
+def _candidates(j: Judgement, level: float) -> list[CandidateRow]:
     refits = {t.candidate.effect.name: t for t in j.tried if t.fit is not None}
     added = {f.trial.candidate.effect.name for f in j.findings}
     members = {t.candidate.effect.name for f in j.findings for t in f.members} - added
@@ -217,7 +224,7 @@ def _candidates(j: Judgement) -> list[CandidateRow]:
         if j.immaterial is not None and name == j.immaterial.candidate:
             return "significant, but immaterial"
         if name not in refits:
-            return "not significant" if c.p_value >= SIGNIFICANT else "others score higher: not refitted"
+            return "not significant" if c.p_value >= level else "others score higher: not refitted"
         if not j.findings:
             return "refitted; explains too little"
         return "refitted; fits worse"

@@ -7,7 +7,6 @@ import math
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import Immaterial, Judgement
-from phnn.diagnose.scored import SIGNIFICANT
 from phnn.diagnose.select import share_of
 from phnn.diagnose.words import fitted_in_words, learned_in_words
 from phnn.units import quantity
@@ -48,7 +47,8 @@ def sentence(diagnosis: Diagnosis) -> str:
             else "bring nothing new to confirm it"
         )
         start = f"Of the catalogue {names} explains most, but the held-out samples {why}."
-    left = j.remainder is not None and j.remainder.p_value < SIGNIFICANT and j.remainder_immaterial is None
+    level = diagnosis.criteria.selection.level
+    left = j.remainder is not None and j.remainder.p_value < level and j.remainder_immaterial is None
     rest = " More remains." if left else ""
     return f"{start} {change}{_provisional(j)}{rest}"
 

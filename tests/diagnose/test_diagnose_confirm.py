@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from phnn.diagnose import confirm
-from phnn.diagnose.confirm import Confirmation, Outcome, confirmed, outcome_of
+from phnn.diagnose.confirm import Outcome, confirmed, outcome_of
+from phnn.diagnose.criteria import CRITERIA, Confirmation
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.gain import Gain
 from phnn.diagnose.judge import Judgement
@@ -23,7 +24,6 @@ from phnn.recordings.recording import Part, Recording, Start
 
 NOISE = 4e-8
 SIZE = 5000
-RULE = Confirmation()
 TONE = np.sqrt(2.0) * np.sin(0.05 * np.arange(SIZE))
 NAMES = ("creep", "amplifier_lowpass", "sensor_lag")
 
@@ -56,13 +56,13 @@ def a_gain(before: float, after: float, p: float | None = 1e-6) -> Gain:
     ],
 )
 def test_what_held_out_recordings_say_of_an_element(held_out: Gain | None, identified: Gain, outcome: Outcome) -> None:
-    assert outcome_of(held_out, identified, RULE) is outcome
+    assert outcome_of(held_out, identified, CRITERIA.confirmation) is outcome
 
 
 def test_what_is_material_is_a_setting() -> None:
     found = a_gain(1.08, 1.0), a_gain(1.1, 1.0)
-    assert outcome_of(*found, Confirmation(size=0.5)) is Outcome.IMMATERIAL
-    assert outcome_of(*found, Confirmation(share=0.1)) is Outcome.IMMATERIAL
+    assert outcome_of(*found, Confirmation(material=0.5)) is Outcome.IMMATERIAL
+    assert outcome_of(*found, Confirmation(material_share=0.1)) is Outcome.IMMATERIAL
 
 
 def recording(name: str, use: str) -> Recording:
@@ -110,12 +110,12 @@ class World:
         return self.confirm(judgement, dict(zip(NAMES, alone, strict=False)))
 
     def confirm(self, judgement: Judgement, alone: dict[str, Fit]) -> tuple[Judgement, Evaluation, Evaluation]:
-        def without(_: Fit, __: object, dropped: Finding, ___: Fit) -> Fit:
+        def without(_: Fit, __: object, dropped: Finding, *___: object) -> Fit:
             return alone[dropped.trial.candidate.effect.name]
 
         here = mock.Mock(ground=mock.sentinel.again, naming=judgement.naming, remaining=judgement.remainder_location)
         with mock.patch.multiple(confirm, score_on_all=self.scores, without=without):
-            return confirmed(judgement, judgement.ground.fit, CAMPAIGN, RULE, mock.Mock(return_value=here))
+            return confirmed(judgement, judgement.ground.fit, CAMPAIGN, CRITERIA, mock.Mock(return_value=here))
 
 
 def finding(name: str, fitted: Fit) -> Finding:

@@ -76,11 +76,11 @@ def searching(world: LinearWorld) -> Iterator[None]:
     with (
         mock.patch.object(select, "scored", lambda fitted, *_, **__: world.scored(fitted)),
         mock.patch.object(select, "_refitted", world.trials),
-        mock.patch.object(select, "_exact", lambda fitted, _: fitted),
-        mock.patch.object(select, "retested", lambda base, place, findings, fitted, executor: (findings, fitted)),
+        mock.patch.object(select, "_exact", lambda fitted, *_: fitted),
+        mock.patch.object(select, "retested", lambda base, place, findings, fitted, *_: (findings, fitted)),
         mock.patch.object(select, "misplaced", lambda *_: False),
         mock.patch.object(select, "_in_another_form", lambda *_: False),
-        mock.patch.object(select, "_kept", lambda _: True),
+        mock.patch.object(select, "_kept", lambda *_: True),
         mock.patch("phnn.diagnose.scored.locate", lambda *_: mock.Mock()),
     ):
         yield

@@ -14,7 +14,7 @@ from phnn.diagnose import steps
 from phnn.diagnose.ground import direction, prepare
 from phnn.diagnose.name import Candidate, score
 from phnn.diagnose.refit import refit
-from phnn.diagnose.starts import bold_starts, has_bold_starts
+from phnn.diagnose.starts import has_large_starts, large_starts
 from phnn.diagnose.trial import Trial, class_of
 from phnn.effects import catalogue, effect
 from phnn.identify.fit import Fit
@@ -59,7 +59,7 @@ def test_a_strong_effect_without_a_score_is_found_where_nothing_else_explains_mu
 
 
 def test_bold_starts_race_on_few_recordings_and_the_best_go_on_on_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    used: dict[str, set[int]] = {"from_bold_starts": set(), "on_all_recordings": set()}
+    used: dict[str, set[int]] = {"from_large_starts": set(), "on_all_recordings": set()}
     for name, counts in used.items():
         work = getattr(steps, name)
 
@@ -72,7 +72,7 @@ def test_bold_starts_race_on_few_recordings_and_the_best_go_on_on_all(monkeypatc
     base = fitted("rate_dependent_threshold", (50, 65, 80, 100, 130, 160, 200), kappa_v=6.0)
     hidden = [candidate(base, n) for n in ("rate_dependent_threshold", "cubic_stiffness", "quadratic_drag")]
     found = refit(base, [], hidden=hidden)[0]
-    assert used == {"from_bold_starts": {5}, "on_all_recordings": {7}}
+    assert used == {"from_large_starts": {5}, "on_all_recordings": {7}}
     assert found.candidate is hidden[0]
     assert found.fit is not None
     assert found.fit.chi2 < 1.1
@@ -92,14 +92,14 @@ def test_friction_may_be_bristles_that_slip() -> None:
     assert trials[0].fit.setup.values()["F_c"] == pytest.approx(0.04, rel=0.02)
 
 
-@pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if has_bold_starts(e)))
+@pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if has_large_starts(e)))
 def test_bold_starts_change_about_as_much_as_there_is_to_explain(name: str) -> None:
     base, chosen = strong(), effect(name)
     if not chosen.can_be_added_to(base.setup):
         pytest.skip("not of an actuator")
     ground = prepare(base)
     total = float(np.sum(ground.residual**2))
-    starts = bold_starts(ground, chosen)
+    starts = large_starts(ground, chosen)
     assert len(starts) <= 4
     assert len({tuple(v.values()) for v in starts}) == len(starts)
     shares = [float(np.sum(ground.project(direction(ground, chosen, v)) ** 2)) / total for v in starts]
@@ -107,7 +107,7 @@ def test_bold_starts_change_about_as_much_as_there_is_to_explain(name: str) -> N
 
 
 def test_both_signs_of_a_strength_are_tried() -> None:
-    starts = bold_starts(prepare(strong()), effect("cubic_stiffness"))
+    starts = large_starts(prepare(strong()), effect("cubic_stiffness"))
     assert {np.sign(v["kappa_3"]) for v in starts} == {1.0, -1.0}
 
 

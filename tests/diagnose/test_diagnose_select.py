@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from phnn.diagnose import retest, select
+from phnn.diagnose.criteria import CRITERIA
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import judge
 from phnn.diagnose.name import Candidate
@@ -33,24 +34,24 @@ def test_refits_that_end_close_together_are_compared_without_numerical_error() -
     best, near, far = trial("amplifier_lowpass", 0.0), trial("sensor_lag", 50.0), trial("creep", 500.0)
     asked = []
 
-    def exact(fitted: Fit, keep: list[str]) -> Fit:
+    def exact(fitted: Fit, keep: list[str], _: object) -> Fit:
         asked.append(keep)
         gain = 50.0 if "tau_y" in keep else 0.0
         return replace(fitted, residual=fitted.residual * np.sqrt((fitted.cost - gain) / fitted.cost))
 
     with mock.patch.object(select, "_exact", exact):
-        compared = select._compared([best, near, far], ["k_s"])
+        compared = select._compared([best, near, far], ["k_s"], CRITERIA.selection)
         assert [keep[0] for keep in asked] == ["k_s", "k_s"]
         assert compared[2] is far
         assert next(t.cost for t in compared if t.candidate is near.candidate) == pytest.approx(best.cost)
-        assert select._compared([best, far], []) == [best, far]
+        assert select._compared([best, far], [], CRITERIA.selection) == [best, far]
     assert len(asked) == 2
 
 
 def test_where_nothing_was_tried_there_is_nothing_to_compare() -> None:
-    assert select._compared([], ["k_s"]) == []
+    assert select._compared([], ["k_s"], CRITERIA.selection) == []
     failed = replace(trial("creep", 0.0), fit=None)
-    assert select._compared([failed], []) == [failed]
+    assert select._compared([failed], [], CRITERIA.selection) == [failed]
 
 
 def test_a_mismatch_without_a_catalogue_is_unknown() -> None:
@@ -85,6 +86,7 @@ def test_what_leaves_no_more_than_the_noise_level_is_known_to_stands(left: float
     remaining.name = "hysteron"
     model = mock.Mock(remaining=remaining)
     model.ground.fit.chi2 = left
-    last = select.Selected((mock.sentinel.finding,), model, share)
+    finding = Finding(trial("creep", 0.0), (), (), mock.sentinel.naming)
+    last = select.Selected((finding,), model, share)
     first = select.Selected((), mock.Mock(remaining=None), 1.0)
     assert select._kept([first, last]) is stands

@@ -19,7 +19,7 @@ from phnn.diagnose.diagnosis import Diagnosis, diagnose
 from phnn.diagnose.ground import prepare
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.refit import refit
-from phnn.diagnose.starts import bold_starts, has_bold_starts
+from phnn.diagnose.starts import has_large_starts, large_starts
 from phnn.diagnose.trial import Trial
 from phnn.effects import Scales, catalogue, effect
 from phnn.ensemble import SERIAL, Executor, executor
@@ -146,12 +146,12 @@ def test_of_two_forms_of_an_effect_the_better_one_is_kept() -> None:
 
 
 def test_bold_starts_are_of_different_shapes() -> None:
-    starts = bold_starts(prepare(base()), effect("extra_hysteron"))
+    starts = large_starts(prepare(base()), effect("extra_hysteron"))
     assert 2 <= len(starts) <= 4
     assert len({(v["rho_x"] / v["C_x"], v["d_x"] * v["C_x"]) for v in starts}) == len(starts)
-    assert not has_bold_starts(effect("amplifier_saturation"))
+    assert not has_large_starts(effect("amplifier_saturation"))
     # Its frequency is that of a line in the residual, not one of its grid.
-    assert not has_bold_starts(effect("base_motion"))
+    assert not has_large_starts(effect("base_motion"))
 
 
 def test_the_choice_is_a_setting() -> None:

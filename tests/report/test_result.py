@@ -14,7 +14,8 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.diagnose.confirm import Confirmation, confirmed
+from phnn.diagnose.confirm import confirmed
+from phnn.diagnose.criteria import CRITERIA
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.effects import catalogue
 from phnn.effects.effect import LOCATIONS
@@ -29,7 +30,7 @@ KEYS = {
     "next_experiment", "versions", "seed", "seconds",
 }  # fmt: skip
 # Beyond what others rely on.
-FURTHER = {"units", "kernel_residual"}
+FURTHER = {"units", "kernel_residual", "rules", "criteria"}
 MISSING = {
     "effect", "status", "held_out", "location", "equivalent_to", "p_value", "statement", "equation", "passive",
     "parameters",
@@ -64,6 +65,14 @@ def test_document_has_the_keys_that_others_read(case: str) -> None:
     assert json.loads(text) == content
     assert KEYS <= set(content) <= KEYS | FURTHER
     assert content["schema"] == "phnn.diagnosis/1"
+    assert content["criteria"] == {}
+    assert all(
+        {"rule", "applies", "numbers", "outcome"} <= set(r) <= {"rule", "applies", "numbers", "outcome", "element"}
+        for r in content["rules"]
+    )
+    decided = [r["outcome"] for r in content["rules"] if r["applies"]]
+    assert decided[0] == ("none" if case == "none" else "search")
+    assert ("named" in decided or "equivalent" in decided) == (content["verdict"] in ("named", "equivalent"))
     assert content["verdict"] in ("named", "equivalent", "unknown", "none")
     assert set(content["test"]) == {"statistic", "p_value", "candidate"}
     assert set(content["remainder"]) - {"immaterial"} == {"verdict", "residual_over_noise", "p_value", "location"}
@@ -151,7 +160,7 @@ def test_a_provisional_element_is_in_the_model_and_has_no_name() -> None:
 def test_with_a_high_bar_the_same_effect_is_immaterial(tmp_path: Path) -> None:
     found = made("found")
     base, campaign = found.base, found.campaign
-    rule = Confirmation(size=1e3, large=1e3)
+    rule = CRITERIA.with_values({"material": 1e3, "real_gain": 1e3})
     judgement, before, after = confirmed(found.judgement, base, campaign, rule, lambda _: mock.Mock())
     assert judgement.verdict == "none" and judgement.final is base and after is before
     content = write(replace(found, judgement=judgement, after=after), tmp_path)
