@@ -25,6 +25,8 @@ _FEWEST, _CORRELATED = 128, 512
 _LOWEST, _HIGHEST = 4, 12
 # Neighbouring frequencies of a running median, and the median of what scatters as χ²₂ over its mean.
 _NEIGHBOURS, _MEDIAN = 31, float(np.log(2.0))
+# Recordings beside one that are enough to know its noise by.
+_BESIDE = 8
 # Where an estimate finds almost nothing it is not believed.
 _LEAST = 0.1
 # By what factor noise may exceed what is stated where nothing tells it from what the model misses.
@@ -73,6 +75,25 @@ def noise_spectra(residuals: Sequence[Array], recordings: Sequence[Recording]) -
             if d is not None and abs(other.dt / recording.dt - 1.0) < 1e-6
         ]  # fmt: skip
         found.append(_averaged(alike) if alike else _running_median(residual))
+    return found
+
+
+def noise_of_others(residuals: Sequence[Array], recordings: Sequence[Recording]) -> list[NoiseSpectrum]:
+    """The spectrum of every recording's noise as others at its sampling rate show it, so that what one recording alone
+    does not repeat is no noise of its own; its own where there are no others with periods.
+
+    Args:
+        residuals: (N_r,) weighted, of the identification samples of each recording.
+    """
+    own = noise_spectra(residuals, recordings)
+    differences = [_difference(r, recording) for r, recording in zip(residuals, recordings, strict=True)]
+    found = []
+    for i, (recording, mine) in enumerate(zip(recordings, own, strict=True)):
+        beside = [
+            d for j, (d, other) in enumerate(zip(differences, recordings, strict=True))
+            if j != i and d is not None and abs(other.dt / recording.dt - 1.0) < 1e-6
+        ]  # fmt: skip
+        found.append(_averaged(beside[:_BESIDE]) if beside else mine)
     return found
 
 
