@@ -111,4 +111,5 @@ class Evidence:
     ledger: tuple[LedgerRow, ...]
     notes: tuple[str, ...]
     verdict_sentence: str
+    no_proposal: str = ""  # why no recording is proposed though something is tied
     symptoms: tuple[str, ...] = ()  # what the base model's residual looks like, in sentences

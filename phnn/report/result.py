@@ -23,11 +23,12 @@ from phnn.diagnose.name import Candidate
 from phnn.diagnose.picture import Picture, learned_picture, missing_force, picture
 from phnn.diagnose.scored import SIGNIFICANT
 from phnn.diagnose.symptoms import seen, symptoms
+from phnn.diagnose.trial import tie
 from phnn.identify.staged import fixes_common_factor
 from phnn.models.store import save
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace
 from phnn.report.files import finite, write_json
-from phnn.report.following import WAVEFORM, next_experiment, write_waveform
+from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
 from phnn.report.missing import FORCE_UNITS, missing_entries
 from phnn.report.sentence import sentence
 from phnn.report.symptoms import symptom_sentences
@@ -118,7 +119,8 @@ def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
     if j.location is None:
         return None
     # A refit that names an effect knows better where it is than the dictionary did before.
-    named = list(dict.fromkeys(t.candidate.effect.location for f in j.findings for t in f.members))
+    # Several findings at different places are no tie.
+    named = list(dict.fromkeys(t.candidate.effect.location for f in j.findings[:1] for t in f.members))
     return {
         "name": named[0] if named else j.location.name,
         "detail": j.location.detail,
@@ -151,6 +153,7 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
         ledger=tuple(_ledger(j)),
         notes=(*diagnosis.campaign.notes, *(f"{r.name}: noise from {r.noise_source}." for r in _few(diagnosis))),
         verdict_sentence=sentence(diagnosis),
+        no_proposal=no_proposal(diagnosis),
         symptoms=_symptoms(diagnosis),
     )
 
@@ -218,6 +221,9 @@ def _candidates(j: Judgement) -> list[CandidateRow]:
             return "significant, but immaterial"
         if name not in refits:
             return "not significant" if c.p_value >= SIGNIFICANT else "others score higher: not refitted"
+        # With its strength at zero it is the base model, so that it cannot fit worse.
+        if refits[name].cost > j.ground.fit.cost + tie(j.ground.fit):
+            return "the refit failed: it ended above the base model, which it contains"
         if not j.findings:
             return "refitted; explains too little"
         return "refitted; fits worse"

@@ -13,8 +13,8 @@ _ONSET, _FLAT, _ALIKE = 6.0, 0.5, 0.1
 # Share of the phases that a delay must explain to be called one.
 _LIKE_A_DELAY = 0.8
 _PURE = 0.9
-# Share that does not repeat below which the rest decides; the smallest p-value that is written out.
-_MINOR, _LEAST = 0.1, 1e-12
+# Share that does not repeat below which the rest decides.
+_MINOR = 0.1
 
 
 def symptom_sentences(found: Symptoms, unit: str = "m") -> tuple[str, ...]:
@@ -30,7 +30,7 @@ def symptom_sentences(found: Symptoms, unit: str = "m") -> tuple[str, ...]:
 
 
 def _odds(trend: Trend) -> str:
-    return p_value(trend.p_value) if trend.p_value >= _LEAST else "p < 10⁻¹²"
+    return p_value(trend.p_value)
 
 
 def _exponent(trend: Trend) -> str:
