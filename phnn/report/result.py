@@ -30,6 +30,7 @@ from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, Param
 from phnn.report.files import finite, write_json
 from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
 from phnn.report.missing import FORCE_UNITS, missing_entries
+from phnn.report.named import supports
 from phnn.report.sentence import sentence
 from phnn.report.symptoms import symptom_sentences
 from phnn.report.write import write_report
@@ -154,6 +155,7 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
         notes=(*diagnosis.campaign.notes, *(f"{r.name}: noise from {r.noise_source}." for r in _few(diagnosis))),
         verdict_sentence=sentence(diagnosis),
         no_proposal=no_proposal(diagnosis),
+        supports=supports(diagnosis),
         symptoms=_symptoms(diagnosis),
     )
 
