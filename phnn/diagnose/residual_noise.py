@@ -67,7 +67,7 @@ def noise_spectra(residuals: Sequence[Array], recordings: Sequence[Recording]) -
     Args:
         residuals: (N_r,) weighted, of the identification samples of each recording.
     """
-    differences = [_difference(r, recording) for r, recording in zip(residuals, recordings, strict=True)]
+    differences = [difference(r, recording) for r, recording in zip(residuals, recordings, strict=True)]
     found = []
     for residual, recording in zip(residuals, recordings, strict=True):
         alike = [
@@ -86,7 +86,7 @@ def noise_of_others(residuals: Sequence[Array], recordings: Sequence[Recording])
         residuals: (N_r,) weighted, of the identification samples of each recording.
     """
     own = noise_spectra(residuals, recordings)
-    differences = [_difference(r, recording) for r, recording in zip(residuals, recordings, strict=True)]
+    differences = [difference(r, recording) for r, recording in zip(residuals, recordings, strict=True)]
     found = []
     for i, (recording, mine) in enumerate(zip(recordings, own, strict=True)):
         beside = [
@@ -97,7 +97,7 @@ def noise_of_others(residuals: Sequence[Array], recordings: Sequence[Recording])
     return found
 
 
-def _difference(residual: Array, recording: Recording) -> Array | None:
+def difference(residual: Array, recording: Recording) -> Array | None:
     """What does not repeat: the difference over √2 of two halves of the residual, whole periods apart.
 
     The first period is left out, for it holds a transient. None where there are fewer than three periods.

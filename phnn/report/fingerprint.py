@@ -112,10 +112,11 @@ def _over_variable(samples: list[_Samples], variable: str, diagnosis: Diagnosis)
     unit = display_unit(float(np.abs(b[kept]).max()), units.output)
     middles = np.sqrt(edges[1:] * edges[:-1]) if logarithmic else 0.5 * (edges[1:] + edges[:-1])
     labels = {"displacement": "µm", "velocity": "mm/s", "voltage": units.input, _ELAPSED: "s", _HOLD: "s"}
-    values = (v[kept] / unit.scale for v in (b, b_std, a, a_std))
+    sizes = [v[kept] / unit.scale for v in (b, b_std, a, a_std)]
     shown = "residual, in the direction of the step" if logarithmic else "residual"
     return Fingerprint(
-        middles[kept], *values, f"{variable} ({labels[variable]})", f"{shown} ({unit.name})", logarithmic, 0.0
+        middles[kept], sizes[0], sizes[1], sizes[2], sizes[3], f"{variable} ({labels[variable]})",
+        f"{shown} ({unit.name})", logarithmic, 0.0,
     )  # fmt: skip
 
 

@@ -31,6 +31,7 @@ from phnn.report.files import finite, write_json
 from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
 from phnn.report.missing import FORCE_UNITS, missing_entries
 from phnn.report.named import supports
+from phnn.report.noise import noise_statements
 from phnn.report.sentence import sentence
 from phnn.report.symptoms import symptom_sentences
 from phnn.report.write import write_report
@@ -68,6 +69,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "missing": missing_entries(diagnosis),
         "remainder": _remainder(j),
         "location": _location(diagnosis),
+        "noise": {n: s.document() for n, s in noise_statements(diagnosis).items()},
         "noise_floor": {r.name: r.noise for r in diagnosis.campaign.recordings},
         "numerical_error_sigma": diagnosis.error.sigma,
         "kernel_residual": diagnosis.kernel_residual,
