@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.ground import Ground
 from phnn.diagnose.residual_noise import difference
 from phnn.diagnose.scored import SIGNIFICANT
 from phnn.recordings.recording import Recording
@@ -20,29 +19,29 @@ Array = NDArray[np.float64]
 
 
 def noise_statements(diagnosis: Diagnosis) -> dict[str, NoiseStatement]:
-    """By recording. What was held out shows its noise to nobody, and has its stated size only."""
+    """By recording. Held-out ones too: nothing is decided by it any more."""
     j = diagnosis.judgement
     complete = j.remainder is None or j.remainder.p_value >= SIGNIFICANT or j.remainder_immaterial is not None
-    return statements(j.final_ground, diagnosis.campaign.recordings, complete)
+    return statements(diagnosis.campaign.recordings, diagnosis.after.outputs, j.final.setup, complete)
 
 
-def statements(ground: Ground, recordings: Sequence[Recording], complete: bool) -> dict[str, NoiseStatement]:
-    """The same on the ground of a model.
+def statements(
+    recordings: Sequence[Recording], outputs: Mapping[str, Array], setup: Setup, complete: bool
+) -> dict[str, NoiseStatement]:
+    """The same from the outputs of a model.
 
     Args:
         complete: the model leaves nothing significant.
     """
-    plant = plant_gain(ground.fit.setup)
-    rows = dict(zip([r.name for r in ground.plan.recordings], ground.slices, strict=True))
-    moved = {t.recording.name: t for t in ground.trajectories}
-    found = {}
+    plant, found = plant_gain(setup), {}
     for r in recordings:
-        sample = None
-        if r.name in rows:
-            residual = ground.fit.residual[rows[r.name]]
-            speed = np.gradient(moved[r.name].y, r.dt)[r.mask("identification")] / r.noise
-            sample = _sample(r, residual, speed, complete, plant)
-        found[r.name] = noise_statement(r.noise, r.noise_source, r.units.output, sample)
+        chosen = [r.mask(use) for use in ("identification", "confirmation")]
+        mask = max(chosen, key=np.count_nonzero)
+        residual = ((r.y - outputs[r.name]) / r.noise)[mask]
+        speed = (np.gradient(outputs[r.name], r.dt) / r.noise)[mask]
+        found[r.name] = noise_statement(
+            r.noise, r.noise_source, r.units.output, _sample(r, residual, speed, complete, plant)
+        )
     return found
 
 

@@ -154,7 +154,7 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
         parameters=tuple(_parameters(diagnosis)),
         candidates=tuple(_candidates(j)),
         ledger=tuple(_ledger(j)),
-        notes=(*diagnosis.campaign.notes, *(f"{r.name}: noise from {r.noise_source}." for r in _few(diagnosis))),
+        notes=diagnosis.campaign.notes,
         verdict_sentence=sentence(diagnosis),
         no_proposal=no_proposal(diagnosis),
         supports=supports(diagnosis),
@@ -167,10 +167,6 @@ def _symptoms(diagnosis: Diagnosis) -> tuple[str, ...]:
         return ()
     unit = diagnosis.campaign.recordings[0].units.output
     return symptom_sentences(symptoms(seen(diagnosis.judgement.ground)), unit)
-
-
-def _few(diagnosis: Diagnosis) -> list[Any]:
-    return list(diagnosis.campaign.recordings[:12])
 
 
 def _curve(found: Picture, remainder: bool) -> Curve:

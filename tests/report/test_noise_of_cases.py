@@ -12,7 +12,7 @@ import pytest
 from phnn.check import check
 from phnn.demo import draw_case, make_case
 from phnn.demo.actuator import simulate_all
-from phnn.diagnose.ground import prepare
+from phnn.diagnose.confirm import score_on_all
 from phnn.identify.base import identification_plan
 from phnn.identify.problem import Plan
 from phnn.identify.staged import fit_identified
@@ -23,7 +23,7 @@ from phnn.setup import Setup
 from phnn.signals.noise_statement import NoiseStatement
 
 Made = Callable[[str | None], tuple[Campaign, dict[str, NoiseStatement]]]
-SEEN = ("sine_010Hz_75V", "sine_100Hz_75V", "step_75V")
+SEEN = ("sine_010Hz_75V", "sine_100Hz_75V", "sine_010Hz_50V", "step_75V")
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
         plan = Plan(identification_plan(campaign, 2).recordings, {r.name: 2 for r in campaign.recordings}, 1)
         # From the true parameters: this is no test of the search for starts.
         fitted = fit_identified(Setup(hrc(2, dict(sealed.base)), name="phs"), plan, {"m": "held"})
-        return campaign, statements(prepare(fitted), campaign.recordings, True)
+        return campaign, statements(campaign.recordings, score_on_all(fitted, campaign).outputs, fitted.setup, True)
 
     return one
 
