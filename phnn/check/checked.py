@@ -11,11 +11,13 @@ from phnn.check.abilities import Ability, abilities
 from phnn.check.consistency import contaminated
 from phnn.check.finding import Finding
 from phnn.check.mains import mains
+from phnn.check.noise import stated_noise
 from phnn.check.quality import drift, limits, quantisation
 from phnn.check.timing import lead
 from phnn.recordings.describe import describe
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Campaign
+from phnn.signals.noise_statement import NoiseStatement
 
 _CHECKS = (quantisation, limits, drift, mains, lead)
 
@@ -25,17 +27,24 @@ class Checked:
     """Attributes:
     campaign: what was read.
     findings: by recording, in the order of the campaign; abilities: of all together.
+    noise: what the noise of each recording is that has an output.
     """
 
     campaign: Campaign
     findings: dict[str, list[Finding]]
     abilities: list[Ability]
+    noise: dict[str, NoiseStatement]
 
     def text(self) -> str:
         """What `phnn check` prints."""
         lines = [describe(self.campaign), ""]
         found = [(name, f) for name, some in self.findings.items() for f in some]
         lines += ["Noticed:", *(f"  {f.severity:8}{name}: {f.text}" for name, f in found), ""] if found else []
+        lines += [
+            "Noise:",
+            *(f"  {name}: {s.colour}" + "".join(f"; {n}" for n in s.notes) for name, s in self.noise.items()),
+            "",
+        ]
         for head, able in (("These recordings can show:", True), ("They cannot show, for which to record:", False)):
             some = [a for a in self.abilities if a.able is able]
             if some:
@@ -50,6 +59,7 @@ class Checked:
                 r.name: {
                     "source": r.source, "sample_rate_hz": 1.0 / r.dt, "samples": int(r.t.size),
                     "noise_floor": r.noise if np.isfinite(r.noise) else None,
+                    "noise": self.noise[r.name].document() if r.name in self.noise else None,
                     "start": r.start.state, "period_s": r.period,
                     "findings": [asdict(f) for f in self.findings[r.name]],
                 }
@@ -68,4 +78,5 @@ def check(campaign: Campaign) -> Checked:
     findings: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
     for r in recorded:
         findings[r.name] = [*(f for one in _CHECKS for f in one(r, excitations[r])), *among[r.name]]
-    return Checked(campaign, findings, abilities(campaign, excitations))
+    noise = {r.name: stated_noise(r, excitations[r]) for r in recorded}
+    return Checked(campaign, findings, abilities(campaign, excitations), noise)

@@ -13,6 +13,7 @@ from phnn.diagnose.propose import NextExperiment, propose
 from phnn.diagnose.rules import Record
 from phnn.diagnose.rules.held_out import NUMERICS, NumericsCase
 from phnn.diagnose.scored import Scored, scored
+from phnn.diagnose.trial import Trial
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.ensemble import executor
 from phnn.identify.base import Options, Progress, identify_base, quiet, refined, single
@@ -57,6 +58,20 @@ def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) 
     """
     found = [e for e in catalogue().values() if e not in without and e.applies(setup)]
     return [e for e in in_all_forms(found) if not (e.needs_command and campaign.voltage == "terminals")]
+
+
+def tied_members(judgement: Judgement) -> tuple[Trial, ...]:
+    """Refitted models that the recordings cannot tell apart: a class of effects, or where nothing is named and places
+    are tied, the best model of each place that fits better than the base model."""
+    members = next((f.members for f in judgement.findings if len(f.members) > 1), ())
+    location = judgement.location
+    if members or judgement.findings or location is None or not location.tied:
+        return members
+    able = [t for t in judgement.tried if t.fit is not None and t.cost < judgement.ground.fit.cost]
+    best: dict[str, Trial] = {}
+    for trial in sorted(able, key=lambda t: t.cost):
+        best.setdefault(trial.candidate.effect.location, trial)
+    return tuple(best[place] for place in (location.name, *location.tied) if place in best)
 
 
 def diagnose(
@@ -117,8 +132,7 @@ def diagnose(
         judgement = replace(judgement, verdict=verdict, rules=tuple(record.asked))
     grounds = {id(g): g for g in (judgement.ground, judgement.final_ground)}.values()
     residual = max(check(t) for g in grounds for t in g.trajectories)
-    members = next((f.members for f in judgement.findings if len(f.members) > 1), ())
-    proposal = propose(members, judgement.ground, criteria.selection.tie)
+    proposal = propose(tied_members(judgement), judgement.ground, criteria.selection.tie)
     seconds = time.monotonic() - began
     return Diagnosis(
         campaign, base, error, judgement, before, after, proposal, residual, chosen, seconds, criteria

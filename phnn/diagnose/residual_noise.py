@@ -26,6 +26,8 @@ _CORRELATED = 512
 _LOWEST, _HIGHEST = 4, 12
 # Neighbouring frequencies of a running median, and the median of what scatters as χ²₂ over its mean.
 _NEIGHBOURS, _MEDIAN = 31, float(np.log(2.0))
+# Recordings beside one that are enough to know its noise by.
+_BESIDE = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +68,7 @@ def noise_spectra(
         rule: when a spectrum is believed.
     """
     differences = [
-        _difference(r, recording, rule.difference_samples) for r, recording in zip(residuals, recordings, strict=True)
+        difference(r, recording, rule.difference_samples) for r, recording in zip(residuals, recordings, strict=True)
     ]
     found = []
     for residual, recording in zip(residuals, recordings, strict=True):
@@ -78,7 +80,31 @@ def noise_spectra(
     return found
 
 
-def _difference(residual: Array, recording: Recording, fewest: int) -> Array | None:
+def noise_of_others(
+    residuals: Sequence[Array], recordings: Sequence[Recording], rule: Noise = NOISE
+) -> list[NoiseSpectrum]:
+    """The spectrum of every recording's noise as others at its sampling rate show it, so that what one recording alone
+    does not repeat is no noise of its own; its own where there are no others with periods.
+
+    Args:
+        residuals: (N_r,) weighted, of the identification samples of each recording.
+        rule: when a spectrum is believed.
+    """
+    own = noise_spectra(residuals, recordings, rule)
+    differences = [
+        difference(r, recording, rule.difference_samples) for r, recording in zip(residuals, recordings, strict=True)
+    ]
+    found = []
+    for i, (recording, mine) in enumerate(zip(recordings, own, strict=True)):
+        beside = [
+            d for j, (d, other) in enumerate(zip(differences, recordings, strict=True))
+            if j != i and d is not None and abs(other.dt / recording.dt - 1.0) < 1e-6
+        ]  # fmt: skip
+        found.append(_averaged(beside[:_BESIDE], rule) if beside else mine)
+    return found
+
+
+def difference(residual: Array, recording: Recording, fewest: int = NOISE.difference_samples) -> Array | None:
     """What does not repeat: the difference over √2 of two halves of the residual, whole periods apart.
 
     The first period is left out, for it holds a transient. None where there are fewer than three periods.

@@ -1,6 +1,8 @@
 """What a residual looks like before anything is named: growth, harmonics, phase, repetition, drift.
 
-Every figure comes with the probability that noise alone would give it; residuals are in units of the noise.
+Every figure comes with the probability that noise alone would give it, noise as the residual shows it
+(`phnn.diagnose.residual_noise`); residuals are in units of the noise. Periods in which the motion has not settled are
+left out: what is still on its way neither repeats nor stays level, whatever the model misses.
 """
 
 from __future__ import annotations
@@ -14,15 +16,21 @@ from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from phnn.diagnose.ground import Ground
+from phnn.diagnose.residual_noise import NoiseSpectrum, noise_of_others
 from phnn.recordings.excitation import excitation_of
-from phnn.signals.first_order import density_of
 
 Array = NDArray[np.float64]
 
 _HARMONICS = 9
 _BLOCKS = 12
-# Periods that are left out at the start, where the motion has not settled, if enough others remain.
-_SETTLING, _LEAST_PERIODS = 1.0, 2.0
+# Periods that are left out at the start, where the motion has not settled, if enough others remain; by how much of a
+# period a recording may miss a whole number of them.
+_SETTLING, _LEAST_PERIODS, _WHOLE = 1, 2, 0.02
+# Share of a transient that a base model may miss: while the model changes from period to period by so much that this
+# share exceeds the noise, the motion has not settled.
+_MISSED = 0.1
+# By how much a noise floor may be wrong: a recording estimates it from a few hundred to a few thousand samples.
+_FLOOR_DOUBT = 0.02
 # Recordings from which an exponent and its error can be estimated; excess below which there is nothing to grow.
 _FEW, _EXCESS = 4, 0.1
 
@@ -36,8 +44,9 @@ class Seen:
         residual: (N,) over noise.
         measured, model: (N,) output without its mean [m].
         frequency: of a sine [Hz], 0 for any other input; amplitude: half the input's range.
-        correlation: (K,) autocorrelation of the noise.
-        noise: its standard deviation [m].
+        spectrum: of the noise in the residual; white of unit variance where None.
+        noise: its stated standard deviation [m].
+        settled_before: the recording begins in a steady cycle.
     """
 
     dt: float
@@ -46,12 +55,17 @@ class Seen:
     model: Array
     frequency: float
     amplitude: float
-    correlation: Array
+    spectrum: NoiseSpectrum | None
     noise: float
+    settled_before: bool = False
 
     def density(self, frequency: float) -> float:
         """Spectrum of the noise over that of white noise."""
-        return float(density_of(self.correlation, np.array([frequency * self.dt]))[0])
+        return float(self.densities(np.array([frequency * self.dt]))[0])
+
+    def densities(self, cycles: Array) -> Array:
+        """The same at frequencies in cycles a sample."""
+        return np.ones_like(cycles) if self.spectrum is None else self.spectrum.at(cycles)
 
     def orders(self) -> list[int]:
         """Harmonics of a sine that the sampling shows; none of any other input."""
@@ -59,11 +73,33 @@ class Seen:
 
     def settled(self) -> slice:
         """The samples of a sine after the first period, or all where few periods were recorded."""
-        if self.frequency == 0.0:
+        if self.frequency == 0.0 or self.settled_before:
             return slice(None)
-        period = 1.0 / (self.frequency * self.dt)
-        enough = self.residual.size >= (_SETTLING + _LEAST_PERIODS) * period
-        return slice(round(_SETTLING * period) if enough else 0, None)
+        enough = self._periods() >= _SETTLING + _LEAST_PERIODS
+        return slice(round(_SETTLING / (self.frequency * self.dt)) if enough else 0, None)
+
+    def steady(self) -> slice | None:
+        """The samples of a sine from where the model repeats itself, the first period never among them; None where
+        fewer than two periods are left, and of any other input: its answer is not told from a drift."""
+        if self.frequency == 0.0:
+            return slice(None) if self.amplitude == 0.0 else None
+        period, first = 1.0 / (self.frequency * self.dt), 0 if self.settled_before else _SETTLING
+        whole = self._periods()
+        while not self.settled_before and first < whole and self._still_moves(first, period):
+            first += 1
+        return slice(round(first * period), None) if whole - first >= _LEAST_PERIODS else None
+
+    def _periods(self) -> int:
+        return int(self.residual.size * self.frequency * self.dt + _WHOLE)
+
+    def _still_moves(self, count: int, period: float) -> bool:
+        """Whether the model's next period differs from that after it by more than the noise hides."""
+        at = np.arange(round(count * period), round((count + 1) * period))
+        at = at[at + period <= self.model.size - 1]
+        if at.size < 2:
+            return False
+        change = np.interp(at + period, np.arange(self.model.size), self.model) - self.model[at]
+        return _MISSED * float(np.sqrt(np.mean(change**2))) > self.noise
 
 
 @dataclass(frozen=True)
@@ -102,7 +138,8 @@ class Symptoms:
 def seen(ground: Ground) -> list[Seen]:
     """The identification recordings of a ground."""
     found = []
-    for trajectory, rows in zip(ground.trajectories, ground.slices, strict=True):
+    spectra = noise_of_others([ground.residual[rows] for rows in ground.slices], ground.plan.recordings)
+    for trajectory, rows, spectrum in zip(ground.trajectories, ground.slices, spectra, strict=True):
         r = trajectory.recording
         mask = r.mask("identification")
         drive = excitation_of(r.u, r.dt)
@@ -111,7 +148,7 @@ def seen(ground: Ground) -> list[Seen]:
         found.append(
             Seen(
                 r.dt, ground.fit.residual[rows], y - y.mean(), model - model.mean(), frequency, drive.amplitude,
-                r.noise_correlation, r.noise,
+                spectrum, r.noise, r.start.state == "periodic" and bool(mask[0]),
             )
         )  # fmt: skip
     return found
@@ -132,7 +169,7 @@ def growth(recordings: Sequence[Seen]) -> tuple[Trend | None, Trend | None]:
     """Exponents ``n, m`` of ``√(r̄² − 1) ∝ Aⁿ fᵐ`` over the sines, each with the other one free."""
     rows = []
     for s in recordings:
-        excess = float(np.mean(s.residual**2)) - 1.0
+        excess = float(np.mean(s.residual[s.settled()] ** 2)) - 1.0
         if s.frequency > 0.0 and excess > _EXCESS:
             rows.append((0.5 * np.log(excess), np.log(s.amplitude), np.log(s.frequency)))
     if len(rows) < _FEW:
@@ -215,38 +252,52 @@ def phase(recordings: Sequence[Seen]) -> tuple[Trend | None, float]:
 
 
 def repetition(recordings: Sequence[Seen]) -> tuple[Trend | None, float]:
-    """Period-to-period differences of the residual over what noise gives, over sines of three periods and more.
+    """Period-to-period differences of the residual over what noise gives, over sines of two settled periods and more.
 
-    Second: the share of the residual's excess over the noise that does not repeat.
+    The doubt about the noise floor counts as few degrees of freedom: however many samples there are, differences that
+    exceed the noise by no more than that are none. Second: the share of the residual's excess over the noise that does
+    not repeat.
     """
-    squares, excess, samples, freedom = 0.0, 0.0, 0, 0.0
+    squares, expected, excess, samples, spread = 0.0, 0.0, 0.0, 0, 0.0
     for s in (s for s in recordings if s.frequency > 0.0):
-        r = s.residual[s.settled()]
-        lag = 1.0 / (s.frequency * s.dt)
-        if r.size < 2.0 * lag:
+        rows = s.steady()
+        if rows is None:
             continue
+        r = s.residual[rows]
+        lag = 1.0 / (s.frequency * s.dt)
         whole, part = int(lag), lag - int(lag)
         later = (1.0 - part) * r[whole:-1] + part * r[whole + 1 :]
-        neighbour = float(s.correlation[1]) if s.correlation.size > 1 else 0.0
-        expected = 1.0 + (1.0 - part) ** 2 + part**2 + 2.0 * part * (1.0 - part) * neighbour
-        squares += float(np.sum((later - r[: later.size]) ** 2)) / expected
-        samples += later.size
-        excess += float(np.mean(r**2) - 1.0) * later.size
-        # Differences share samples with those a period on, and colour makes neighbours alike.
-        freedom += later.size / (1.5 * (1.0 + 2.0 * float(np.sum(s.correlation[1:] ** 2))))
+        difference = later - r[: later.size]
+        if difference.size < _FEW:
+            continue
+        cycles: Array = np.fft.rfftfreq(r.size)[1:].astype(np.float64)
+        turn = np.exp(2j * np.pi * cycles)
+        power = s.densities(cycles) * np.abs(turn**whole * (1.0 - part + part * turn) - 1.0) ** 2
+        squares += float(difference @ difference)
+        expected += difference.size * float(power.mean())
+        # The sum of χ² of two degrees of freedom a frequency; samples that are counted twice make it no surer.
+        spread += 2.0 * difference.size**2 * float(power @ power) / (2.0 * power.size**2)
+        samples += difference.size
+        excess += float(np.mean(r**2) - s.densities(cycles).mean()) * difference.size
     if not samples:
         return None, 0.0
-    power = squares / samples
-    share = float(np.clip((squares - samples) / excess, 0.0, 1.0)) if excess > 0.0 else 0.0
-    found = Trend(float(np.sqrt(power)), float(np.sqrt(0.5 / freedom)), float(chi2.sf(power * freedom, freedom)))
-    return found, share
+    power_ratio = squares / expected
+    freedom = 2.0 / (spread / expected**2 + (2.0 * _FLOOR_DOUBT) ** 2)
+    share = float(np.clip(0.5 * (squares - expected) / excess, 0.0, 1.0)) if excess > 0.0 else 0.0
+    p_value = float(chi2.sf(power_ratio * freedom, freedom))
+    return Trend(float(np.sqrt(power_ratio)), float(np.sqrt(0.5 / freedom)), p_value), share
 
 
 def drift(recordings: Sequence[Seen]) -> Trend | None:
-    """Mean rate of the residual beside the harmonics [m/s], weighted by what each recording knows of it."""
+    """Mean rate of the residual beside the harmonics [m/s], weighted by what each recording knows of it.
+
+    Only what is driven by settled sines or rests can tell it: elsewhere a slope may be part of the answer to the drive.
+    """
     rates, stds = [], []
     for s in recordings:
-        rows = s.settled()
+        rows = s.steady()
+        if rows is None:
+            continue
         waves = _waves(s, rows, s.orders())
         w = np.linalg.lstsq(waves, s.residual[rows], rcond=None)[0]
         rates.append(w[1] * s.noise)
@@ -254,7 +305,8 @@ def drift(recordings: Sequence[Seen]) -> Trend | None:
         slope = waves[:, 1]
         parts = np.array_split(slope * (s.residual[rows] - waves @ w), _BLOCKS)
         missed = float(np.linalg.norm([p.sum() for p in parts])) / float(slope @ slope)
-        stds.append(s.noise * max(missed, float(np.sqrt(s.density(0.0)) / np.linalg.norm(slope))))
+        lowest = 1.0 / (slope.size * s.dt)
+        stds.append(s.noise * max(missed, float(np.sqrt(s.density(lowest)) / np.linalg.norm(slope))))
     if not rates:
         return None
     known = 1.0 / np.array(stds) ** 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Plausible, Scales
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
 
@@ -39,6 +39,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("tau_a",),
+    plausible={"tau_a": Plausible(1e-7, 1e-2, "amplifiers of capacitive loads have bandwidths of 20 Hz to 1 MHz")},
     needs_command=True,
     neighbours=("delay", "sensor_lag"),
 )

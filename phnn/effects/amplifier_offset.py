@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Plausible, Scales
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
 
@@ -37,6 +37,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("V_0",),
+    plausible={"V_0": Plausible(-5.0, 5.0, "high-voltage amplifiers are off by a few volts at most")},
     needs_command=True,
     neighbours=("constant_load", "electrostriction"),
 )

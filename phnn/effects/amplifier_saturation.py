@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Plausible, Scales, no_range
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
 
@@ -53,6 +53,7 @@ _HARD = Effect(
     grid=grid,
     build=build,
     parameters=("V_max",),
+    plausible={"V_max": Plausible(5.0, 2e3, "piezo amplifiers end between 5 V and 2 kV")},
     needs_command=True,
     neighbours=("contact_stop", "cubic_stiffness"),
 )
@@ -68,6 +69,7 @@ EFFECT = replace(
             grid=grid_soft,
             build=build_soft,
             parameters=("V_max", "n_V"),
+            plausible={"V_max": Plausible(5.0, 2e3, "piezo amplifiers end between 5 V and 2 kV"), **no_range("n_V")},
         ),
     ),
 )

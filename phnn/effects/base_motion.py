@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from phnn.effects.effect import Effect, Scales, has_motion, with_network
+from phnn.effects.effect import Effect, Plausible, Scales, has_motion, no_range, with_network
 from phnn.network.elements import Port
 from phnn.parameters import Parameter, positive
 from phnn.setup import Setup, Source
@@ -58,6 +58,10 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("A_c", "A_s", "f_b"),
+    plausible={
+        "f_b": Plausible(0.5, 200.0, "vibration of buildings (1 to 80 Hz, ISO 2631-2) and of machines on the mains"),
+        **no_range("A_c", "A_s"),
+    },
     applies=has_motion,
     neighbours=("mains_pickup",),
     rescale=rescale,

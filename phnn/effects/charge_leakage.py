@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import DEAD_ZONES, Effect, Scales, has_dead_zones, with_network
+from phnn.effects.effect import DEAD_ZONES, Effect, Plausible, Scales, has_dead_zones, with_network
 from phnn.network.elements import Resistor
 from phnn.parameters import positive
 from phnn.setup import Setup
@@ -46,6 +46,14 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("G",),
+    plausible={
+        "G": Plausible(
+            0.0,
+            0.05,
+            "ceramics of 10⁹ Ω m and 2·10⁻⁸ F/m discharge in 20 s, better ones more slowly",
+            over="C_1",
+        )
+    },
     applies=has_dead_zones,
     neighbours=("creep", "extra_hysteron"),
 )

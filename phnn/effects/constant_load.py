@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, has_motion, with_network
+from phnn.effects.effect import Effect, Scales, has_motion, no_range, with_network
 from phnn.network.elements import Coupling, Storage
 from phnn.parameters import Parameter
 from phnn.setup import Setup
@@ -49,6 +49,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("F_0",),
+    plausible=no_range("F_0"),
     applies=has_motion,
     neighbours=("amplifier_offset",),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, has_motion, with_network
+from phnn.effects.effect import Effect, Scales, has_motion, no_range, with_network
 from phnn.network.elements import Coupling, Storage
 from phnn.parameters import Parameter, positive
 from phnn.setup import Setup
@@ -52,6 +52,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("k_c", "g_c"),
+    plausible=no_range("k_c", "g_c"),
     applies=has_motion,
     neighbours=("amplifier_saturation", "quadratic_stiffness", "cubic_stiffness"),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from phnn.effects.effect import Effect, Scales, has_motion, with_network
+from phnn.effects.effect import Effect, Plausible, Scales, has_motion, no_range, with_network
 from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.parameters import constant, positive
 from phnn.setup import Setup
@@ -92,6 +92,14 @@ _ROUNDED = Effect(
     grid=grid,
     build=build,
     parameters=("F_c", "v_s"),
+    plausible={
+        "v_s": Plausible(
+            1e-6,
+            0.1,
+            "contacts leave the Stribeck range below 0.1 m/s (Armstrong-Hélouvry et al. 1994)",
+        ),
+        **no_range("F_c"),
+    },
     applies=slides,
     neighbours=("extra_hysteron",),
 )
@@ -108,6 +116,7 @@ EFFECT = replace(
             grid=grid_bristles,
             build=build_bristles,
             parameters=("k_f", "F_c", "slip_f"),
+            plausible=no_range("k_f", "F_c", "slip_f"),
             rescale=rescale_bristles,
         ),
     ),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales, has_motion, with_network
+from phnn.effects.effect import Effect, Plausible, Scales, has_motion, with_network
 from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.parameters import positive
 from phnn.setup import Setup
@@ -53,6 +53,10 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("k_s", "tau_s"),
+    plausible={
+        "k_s": Plausible(0.0, 0.25, "piezo actuators creep by up to a quarter of a step in minutes to hours", over="k"),
+        "tau_s": Plausible(1e-3, 1e6, "creep goes on over many decades of time, from milliseconds to days"),
+    },
     applies=has_motion,
     neighbours=("extra_hysteron", "sensor_drift"),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, bent_spring, has_spring, with_network
+from phnn.effects.effect import Effect, Scales, bent_spring, has_spring, no_range, with_network
 from phnn.parameters import Parameter, constant
 from phnn.setup import Setup
 
@@ -41,6 +41,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("kappa_3", "q_0"),
+    plausible=no_range("kappa_3", "q_0"),
     applies=has_spring,
     neighbours=("amplifier_saturation",),
 )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Plausible, Scales
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
 
@@ -41,6 +41,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("tau_d",),
+    plausible={"tau_d": Plausible(0.0, 0.01, "converters and buffers hold a signal for 10 ms at most")},
     needs_command=True,
     neighbours=("amplifier_lowpass", "sensor_lag"),
 )

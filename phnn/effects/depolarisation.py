@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, has_transducer, with_network
+from phnn.effects.effect import Effect, Scales, has_transducer, no_range, with_network
 from phnn.network.elements import Memory, Modulation
 from phnn.parameters import positive
 from phnn.setup import Setup
@@ -52,6 +52,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("delta_z", "tau_z", "V_c"),
+    plausible=no_range("delta_z", "tau_z", "V_c"),
     applies=has_transducer,
     neighbours=("self_heating", "sensor_drift"),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, has_transducer, with_network
+from phnn.effects.effect import Effect, Scales, has_transducer, no_range, with_network
 from phnn.network.elements import Modulation
 from phnn.parameters import Parameter, constant
 from phnn.setup import Setup
@@ -46,6 +46,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("kappa_a", "q_a"),
+    plausible=no_range("kappa_a", "q_a"),
     applies=has_transducer,
     neighbours=("electrostriction", "quadratic_stiffness", "sensor_nonlinearity"),
 )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from phnn.errors import InputRefused
 from phnn.network.elements import Network, Storage
@@ -31,6 +32,29 @@ class Special:
 
     name: str
     values: Callable[[Mapping[str, float]], dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Plausible:
+    """Where a parameter of an effect lies in piezo actuators that exist.
+
+    Attributes:
+        lower, upper: ends of the range [SI].
+        source: where it comes from, as a sentence without its full stop; empty where no range is known.
+        over: parameter of the base model by which the value is divided before, so that no anchor is needed.
+        outside: what a value above the range means, as the rest of a sentence.
+    """
+
+    lower: float
+    upper: float
+    source: str
+    over: str = ""
+    outside: str = ""
+
+
+def no_range(*names: str) -> dict[str, Plausible]:
+    """Parameters of which no plausible range is known."""
+    return {name: Plausible(-math.inf, math.inf, "") for name in names}
 
 
 @dataclass(frozen=True)
@@ -127,6 +151,7 @@ class Effect:
         searched: its parameter that is a frequency to be found in the spectrum of what the model leaves.
         rescale: how to multiply the strength where that is more than multiplying one parameter.
         forms: the same physics by other laws, under the same name, at the same place and of the same kind.
+        plausible: where each of its parameters lies in actuators that exist, or that no range is known.
     """
 
     name: str
@@ -152,6 +177,7 @@ class Effect:
     searched: str | None = None
     akin: tuple[str, ...] = ()
     forms: tuple[Effect, ...] = ()
+    plausible: Mapping[str, Plausible] = field(default_factory=dict, compare=False)
 
     @property
     def special(self) -> tuple[str, ...]:

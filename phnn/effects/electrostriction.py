@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from phnn.effects.effect import Effect, Scales, has_transducer, with_network
+from phnn.effects.effect import Effect, Plausible, Scales, has_transducer, with_network
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Setup
 
@@ -44,6 +44,11 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("epsilon",),
+    plausible={
+        "epsilon": Plausible(
+            -0.02, 0.02, "the charge constant of soft ceramics at most doubles up to the coercive voltage, 50 V or more"
+        )
+    },
     applies=has_transducer,
     neighbours=("displacement_coupling", "quadratic_stiffness", "sensor_nonlinearity"),
 )

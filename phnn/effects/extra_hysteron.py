@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales, Special, has_transducer, with_network
+from phnn.effects.effect import Effect, Scales, Special, has_transducer, no_range, with_network
 from phnn.models.actuator import hysteron, hysteron_parameters
 from phnn.setup import Setup
 
@@ -92,6 +92,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("C_x", "rho_x", "d_x"),
+    plausible=no_range("C_x", "rho_x", "d_x"),
     applies=has_transducer,
     akin=(
         "capacitance that follows the charge",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from phnn.effects.effect import Effect, Scales, has_plain_dead_zones, with_network
+from phnn.effects.effect import Effect, Scales, has_plain_dead_zones, no_range, with_network
 from phnn.network.elements import Resistor
 from phnn.parameters import Parameter, as_table, constant
 from phnn.setup import Setup
@@ -53,6 +53,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("kappa_d", "q_d"),
+    plausible=no_range("kappa_d", "q_d"),
     applies=has_plain_dead_zones,
     neighbours=("electrostriction",),
 )

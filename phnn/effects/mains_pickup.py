@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Plausible, Scales
 from phnn.parameters import as_table, constant
 from phnn.setup import Setup
 
@@ -42,5 +42,6 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("f_m",),
+    plausible={"f_m": Plausible(49.5, 60.6, "grids hold 50 or 60 Hz within 1 % (EN 50160)")},
     neighbours=("base_motion",),
 )

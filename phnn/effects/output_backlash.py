@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Plausible, Scales
 from phnn.parameters import positive
 from phnn.setup import Block, Setup
 
@@ -41,5 +41,6 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("delta_b",),
+    plausible={"delta_b": Plausible(0.0, 1e-4, "joints have less than 0.1 mm of play")},
     neighbours=("coulomb_friction", "extra_hysteron"),
 )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales, has_tanks, with_network
+from phnn.effects.effect import Effect, Scales, has_tanks, no_range, with_network
 from phnn.network.elements import Resistor
 from phnn.parameters import positive
 from phnn.setup import Setup
@@ -51,6 +51,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("r_o", "V_o"),
+    plausible=no_range("r_o", "V_o"),
     applies=has_tanks,
     neighbours=("turbulent_orifice",),
 )

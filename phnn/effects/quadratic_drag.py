@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, has_motion, with_network
+from phnn.effects.effect import Effect, Plausible, Scales, has_motion, with_network
 from phnn.network.elements import Resistor
 from phnn.parameters import positive
 from phnn.setup import Setup
@@ -44,6 +44,14 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("c_2",),
+    plausible={
+        "c_2": Plausible(
+            0.0,
+            0.012,
+            "drag in air, ½ ρ C A with 1.2 kg/m³, C up to 2 and an area up to 100 cm²",
+            outside="it is not air: a liquid, a narrow gap, or another loss that grows as fast",
+        )
+    },
     applies=has_motion,
     neighbours=("slew_limit",),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, bent_spring, has_spring, with_network
+from phnn.effects.effect import Effect, Scales, bent_spring, has_spring, no_range, with_network
 from phnn.parameters import Parameter, constant
 from phnn.setup import Setup
 
@@ -41,6 +41,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("kappa_2", "q_2"),
+    plausible=no_range("kappa_2", "q_2"),
     applies=has_spring,
     neighbours=("electrostriction", "displacement_coupling", "hysteresis_asymmetry", "contact_stop"),
 )

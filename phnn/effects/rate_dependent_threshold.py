@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from phnn.effects.effect import Effect, Scales, has_motion, has_plain_dead_zones, with_network
+from phnn.effects.effect import Effect, Scales, has_motion, has_plain_dead_zones, no_range, with_network
 from phnn.network.elements import Resistor
 from phnn.parameters import as_table, positive
 from phnn.setup import Setup
@@ -55,6 +55,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("kappa_v",),
+    plausible=no_range("kappa_v"),
     applies=applies,
     neighbours=("extra_hysteron", "quadratic_drag"),
 )

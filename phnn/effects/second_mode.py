@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales, has_motion, with_network
+from phnn.effects.effect import Effect, Scales, has_motion, no_range, with_network
 from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.parameters import positive
 from phnn.setup import Setup
@@ -64,6 +64,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("m_2", "k_2", "b_2"),
+    plausible=no_range("m_2", "k_2", "b_2"),
     applies=has_motion,
     neighbours=("delay", "sensor_lag"),
     rescale=rescale,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, has_transducer, with_network
+from phnn.effects.effect import Effect, Plausible, Scales, has_transducer, no_range, with_network
 from phnn.network.elements import Memory, Modulation
 from phnn.parameters import Parameter, constant, positive
 from phnn.setup import Setup
@@ -71,6 +71,12 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("kappa_T", "R_T", "C_T", "T_a", "T_s"),
+    plausible={
+        "kappa_T": Plausible(
+            -0.01, 0.01, "the constants of piezoceramics change by less than 1 % per kelvin (Jaffe, Cook & Jaffe 1971)"
+        ),
+        **no_range("R_T", "C_T", "T_a", "T_s"),
+    },
     applies=applies,
     neighbours=("depolarisation", "sensor_drift"),
 )

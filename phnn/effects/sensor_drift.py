@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Plausible, Scales
 from phnn.parameters import Parameter
 from phnn.setup import COURSES, Block, Setup
 
@@ -58,6 +58,9 @@ _STRAIGHT = Effect(
     grid=grid,
     build=build,
     parameters=("drift_rate",),
+    plausible={
+        "drift_rate": Plausible(-2e-8, 2e-8, "a steel frame of 0.1 m grows by 20 nm/s where it warms by 1 K a minute")
+    },
     applies=steady,
     neighbours=("creep",),
 )
@@ -72,6 +75,7 @@ EFFECT = replace(
             build=build_wandering,
             strength=None,
             parameters=(),
+            plausible={},
             applies=wandering,
         ),
     ),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Plausible, Scales
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
 
@@ -41,5 +41,6 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("tau_y",),
+    plausible={"tau_y": Plausible(1e-8, 1e-2, "position sensors have bandwidths of 20 Hz to 10 MHz (Fleming 2013)")},
     neighbours=("amplifier_lowpass", "delay"),
 )

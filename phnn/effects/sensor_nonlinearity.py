@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Scales, no_range
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
 
@@ -51,6 +51,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("a_2", "a_3"),
+    plausible=no_range("a_2", "a_3"),
     neighbours=("electrostriction", "displacement_coupling", "quadratic_stiffness"),
     rescale=rescale,
 )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Plausible, Scales
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
 
@@ -42,6 +42,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("S",),
+    plausible={"S": Plausible(1e2, 1e9, "1 mA into 10 µF to 10 A into 10 nF")},
     needs_command=True,
     neighbours=("quadratic_drag", "amplifier_saturation"),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from phnn.effects.effect import Effect, Scales, has_tanks, with_network
+from phnn.effects.effect import Effect, Scales, has_tanks, no_range, with_network
 from phnn.network.elements import Resistor
 from phnn.parameters import as_table, constant, positive
 from phnn.setup import Setup
@@ -56,6 +56,7 @@ EFFECT = Effect(
     grid=grid,
     build=build,
     parameters=("kappa_t", "Q_t"),
+    plausible=no_range("kappa_t", "Q_t"),
     applies=applies,
     neighbours=("overflow",),
 )

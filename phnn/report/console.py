@@ -13,7 +13,7 @@ from rich.text import Text
 from phnn.report.document import Document, Missing, Score, read_document
 from phnn.report.evidence import Evidence
 from phnn.report.formatting import Unit, display_unit, listing, p_value, percent, ratio, with_error, words
-from phnn.report.verdicts import equivalence_sentence, headline, remainder_sentence
+from phnn.report.verdicts import equivalence_sentence, headline, no_proposal_sentence, remainder_sentence, tied
 
 _STYLES = {"named": "bold green", "equivalent": "bold yellow", "unknown": "bold magenta", "none": "bold cyan"}
 _MOST_ROWS = 12
@@ -94,4 +94,6 @@ def console_summary(document: Mapping[str, Any], evidence: Evidence) -> Renderab
     if following is not None:
         why = f" – {following.why}" if following.why else ""
         parts.append(Text(f"record next: {following.recording}{why}"))
+    elif tied(content):
+        parts.append(Text(f"record next: {no_proposal_sentence(content, evidence.no_proposal)}"))
     return Group(*parts)

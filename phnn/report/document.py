@@ -117,6 +117,17 @@ class NextExperiment:
 
 
 @dataclass(frozen=True)
+class NoiseRow:
+    """What the noise of one recording is."""
+
+    name: str
+    rms: float | None
+    source: str
+    colour: str
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Document:
     """A diagnosis as a reader needs it."""
 
@@ -137,11 +148,16 @@ class Document:
     input_unit: str
     output_unit: str
     immaterial: Immaterial | None = None
+    noise: tuple[NoiseRow, ...] = ()
 
     @property
     def has_after(self) -> bool:
         """Some recording was scored with a final model."""
         return any(not row.after.empty for row in self.fits)
+
+    def noise_of(self, name: str) -> NoiseRow | None:
+        """What the noise of a recording is."""
+        return next((row for row in self.noise if row.name == name), None)
 
     def fit(self, name: str) -> FitRow | None:
         """The row of a recording."""
@@ -210,6 +226,14 @@ def _held_out(value: Any) -> HeldOut | None:
     if not isinstance(value, Mapping):
         return None
     return HeldOut(finite(value.get("before")), finite(value.get("after")), finite(value.get("p_value")))
+
+
+def _noise(value: Any) -> tuple[NoiseRow, ...]:
+    return tuple(
+        NoiseRow(str(n), finite(e.get("rms")), _text(e.get("source")), _text(e.get("colour")), _texts(e.get("notes")))
+        for n, item in _mapping(value).items()
+        if (e := _mapping(item))
+    )
 
 
 def _descending(items: Mapping[str, float | None]) -> tuple[tuple[str, float | None], ...]:
@@ -296,4 +320,5 @@ def read_document(document: Mapping[str, Any]) -> Document:
         input_unit=_text(units.get("input")) or "V",
         output_unit=_text(units.get("output")) or "m",
         immaterial=_immaterial(test.get("immaterial")),
+        noise=_noise(document.get("noise")),
     )

@@ -10,6 +10,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from phnn.report.support import Support
+
 
 @dataclass(frozen=True)
 class Trace:
@@ -126,5 +128,7 @@ class Evidence:
     ledger: tuple[LedgerRow, ...]
     notes: tuple[str, ...]
     verdict_sentence: str
+    supports: tuple[Support, ...] = ()  # what speaks for each entry of ``missing``, in order
+    no_proposal: str = ""  # why no recording is proposed though something is tied
     symptoms: tuple[str, ...] = ()  # what the base model's residual looks like, in sentences
     rules: tuple[RuleRow, ...] = ()  # of the verdict, in the order in which they were asked

@@ -7,8 +7,11 @@ from typing import Any
 
 import pandas as pd
 
+from phnn.check import check
+from phnn.diagnose.diagnosis import Diagnosis, tied_members
 from phnn.diagnose.propose import NextExperiment
 from phnn.report.files import write_atomic
+from phnn.report.formatting import listing
 from phnn.setup import Setup
 
 WAVEFORM = "next_experiment.csv"
@@ -40,6 +43,28 @@ def next_experiment(proposal: NextExperiment | None) -> dict[str, Any] | None:
             for s in e.stretches
         ],
     }
+
+
+def no_proposal(diagnosis: Diagnosis) -> str:
+    """Why no recording is proposed: the reason, the experiment that would tell in principle, what was not recorded."""
+    if diagnosis.proposal is not None:
+        return ""
+    members = tied_members(diagnosis.judgement)
+    names = [t.candidate.effect.name.replace("_", " ") for t in members]
+    if len(members) < 2:
+        start = (
+            "No recording is proposed for what is tied: it takes two refitted models to compute where they differ, and "
+            "the places that are tied have not two that fit better than the base model."
+        )
+    else:
+        start = (
+            f"No recording is proposed for what is tied: on none of the menu do the refitted models of "
+            f"{listing(names)} differ once their parameters adapt, or none of it can be simulated."
+        )
+    told = [f"For {n}: {t.candidate.effect.separation}" for n, t in zip(names[:2], members, strict=False)]
+    lacks = [a.record for a in check(diagnosis.campaign).abilities if not a.able]
+    also = f"These recordings also lack: {'; '.join(lacks[:3])}." if lacks else ""
+    return " ".join(x for x in (start, *told, also) if x)
 
 
 def write_waveform(proposal: NextExperiment | None, setup: Setup, path: Path) -> None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 DASH = "–"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+# One over the number of draws from a null, and a little more for rounding.
+_FLOOR = 1.0001e-5
 _LENGTHS = ((1e-9, "nm"), (1e-6, "µm"), (1e-3, "mm"), (1.0, "m"))
 
 
@@ -88,16 +90,26 @@ def with_error(value: float | None, std: float | None) -> str:
 
 
 def p_value(value: float | None) -> str:
-    """``p = 0.041``, ``p = 2 × 10⁻⁵``; a zero means that no draw was as extreme."""
+    """``p = 0.041``, ``p = 2 × 10⁻⁵``, and ``p < 10⁻⁵`` from where no draw was as extreme.
+
+    Computed tails go further, but nobody knows the noise so well that they are to be believed there.
+    """
     value = finite(value)
     if value is None:
         return "p not computed"
-    if value <= 0.0:
-        return "p below what the draws resolve"
+    if at_floor(value):
+        return f"p < {power_of_ten(-5)}"
     if value >= 0.001:
         return f"p = {value:.2g}"
     mantissa, _, exponent = f"{value:.0e}".partition("e")
     return f"p = {'' if mantissa == '1' else f'{mantissa} × '}{power_of_ten(int(exponent))}"
+
+
+def at_floor(value: float | None) -> bool:
+    """Whether a p-value is no more than what the fewest draws of a null would give: it is below, nobody knows by how
+    much."""
+    value = finite(value)
+    return value is not None and value <= _FLOOR
 
 
 def chance(value: float | None) -> str:

@@ -14,6 +14,7 @@ from phnn.report.evidence import Evidence, Trace
 from phnn.report.figures import (
     RC,
     Drawing,
+    draw_fingerprint,
     draw_ledger,
     draw_locations,
     draw_overview,
@@ -25,7 +26,7 @@ from phnn.report.formatting import listing, words
 from phnn.report.shares import Shares
 
 _MOST_DRAWN = 12  # recordings of each kind that get a figure of their own; the table has them all
-OWN_FILES = re.compile(r"\d\d-(locations|picture|overview|ledger|held-out|identification)\b.*\.png")
+OWN_FILES = re.compile(r"\d\d-(fingerprint|locations|picture|overview|ledger|held-out|identification)\b.*\.png")
 
 
 @dataclass(frozen=True)
@@ -39,12 +40,13 @@ class Gallery:
     identification: tuple[Drawing, ...]
     ledger: Drawing | None
     omitted: int  # recordings without a figure of their own
+    fingerprints: tuple[Drawing | None, ...] = ()  # of the named elements, in their order
 
     @property
     def drawings(self) -> tuple[Drawing, ...]:
         """All of them."""
         single = [self.locations, self.picture, self.overview]
-        rest = [*self.held_out, *self.identification, self.ledger]
+        rest = [*self.held_out, *self.identification, self.ledger, *self.fingerprints]
         return tuple(drawing for drawing in [*single, *rest] if drawing is not None)
 
 
@@ -103,4 +105,15 @@ def draw_gallery(document: Document, evidence: Evidence, shares: Sequence[Shares
         if shares:
             alt = "Share of the supplied energy that each element dissipated, that was stored, and that is unexplained"
             ledger = counter.drawing("ledger", "Energy", alt, draw_ledger(shares))
-    return Gallery(locations, picture, overview, held_out, others, ledger, left + more)
+        fingerprints = tuple(
+            counter.drawing(
+                f"fingerprint-{s.effect}",
+                words(s.effect),
+                f"What the base model and the final model leave against the {s.seen.x_label}",
+                draw_fingerprint(s.seen),
+            )
+            if s.seen is not None
+            else None
+            for s in evidence.supports
+        )
+    return Gallery(locations, picture, overview, held_out, others, ledger, left + more, fingerprints)

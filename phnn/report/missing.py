@@ -66,7 +66,9 @@ def _held_out(finding: Finding) -> dict[str, Any] | None:
 def _learned(j: Judgement) -> dict[str, Any]:
     """What is real and has no name: provisional, or described by the learned one-port that the model holds."""
     best = min(j.tried, key=lambda t: t.cost, default=None)
-    nearest = best.candidate.effect.name if best is not None and best.fit is not None else None
+    # A refit that ended above the base model has failed, and is near to nothing.
+    helps = best is not None and best.cost < j.ground.fit.cost
+    nearest = best.candidate.effect.name if best is not None and helps else None
     where = j.location
     name = where.name if where else "mechanical"
     added = [n for n in j.final.setup.parameters if n not in j.ground.fit.setup.parameters]

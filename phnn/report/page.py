@@ -109,6 +109,7 @@ def render_page(
         headline=verdicts.headline(document, evidence.verdict_sentence),
         test_sentence=verdicts.test_sentence(document),
         remainder_sentence=verdicts.remainder_sentence(document.remainder, document.immaterial is not None),
+        no_proposal=verdicts.no_proposal_sentence(document, evidence.no_proposal),
         headline_ratio=_headline_ratio(document),
         frequencies=_first(location.frequencies_hz, "Hz") if location else "",
         times=_first(location.times_s, "s") if location else "",

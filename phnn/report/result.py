@@ -23,12 +23,15 @@ from phnn.diagnose.name import Candidate
 from phnn.diagnose.picture import Picture, learned_picture, missing_force, picture
 from phnn.diagnose.rules import Applied
 from phnn.diagnose.symptoms import seen, symptoms
+from phnn.diagnose.trial import tie
 from phnn.identify.staged import fixes_common_factor
 from phnn.models.store import save
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, RuleRow, Trace
 from phnn.report.files import finite, write_json
-from phnn.report.following import WAVEFORM, next_experiment, write_waveform
+from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
 from phnn.report.missing import FORCE_UNITS, missing_entries
+from phnn.report.named import supports
+from phnn.report.noise import noise_statements
 from phnn.report.sentence import sentence
 from phnn.report.symptoms import symptom_sentences
 from phnn.report.write import write_report
@@ -66,6 +69,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "missing": missing_entries(diagnosis),
         "remainder": _remainder(j, diagnosis.criteria.selection.level),
         "location": _location(diagnosis),
+        "noise": {n: s.document() for n, s in noise_statements(diagnosis).items()},
         "noise_floor": {r.name: r.noise for r in diagnosis.campaign.recordings},
         "numerical_error_sigma": diagnosis.error.sigma,
         "kernel_residual": diagnosis.kernel_residual,
@@ -120,7 +124,8 @@ def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
     if j.location is None:
         return None
     # A refit that names an effect knows better where it is than the dictionary did before.
-    named = list(dict.fromkeys(t.candidate.effect.location for f in j.findings for t in f.members))
+    # Several findings at different places are no tie.
+    named = list(dict.fromkeys(t.candidate.effect.location for f in j.findings[:1] for t in f.members))
     return {
         "name": named[0] if named else j.location.name,
         "detail": j.location.detail,
@@ -151,8 +156,10 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
         parameters=tuple(_parameters(diagnosis)),
         candidates=tuple(_candidates(j, diagnosis.criteria.selection.level)),
         ledger=tuple(_ledger(j)),
-        notes=(*diagnosis.campaign.notes, *(f"{r.name}: noise from {r.noise_source}." for r in _few(diagnosis))),
+        notes=diagnosis.campaign.notes,
         verdict_sentence=sentence(diagnosis),
+        no_proposal=no_proposal(diagnosis),
+        supports=supports(diagnosis),
         symptoms=_symptoms(diagnosis),
         rules=tuple(_rule(r) for r in j.rules),
     )
@@ -167,10 +174,6 @@ def _symptoms(diagnosis: Diagnosis) -> tuple[str, ...]:
         return ()
     unit = diagnosis.campaign.recordings[0].units.output
     return symptom_sentences(symptoms(seen(diagnosis.judgement.ground)), unit)
-
-
-def _few(diagnosis: Diagnosis) -> list[Any]:
-    return list(diagnosis.campaign.recordings[:12])
 
 
 def _curve(found: Picture, remainder: bool) -> Curve:
@@ -225,6 +228,9 @@ def _candidates(j: Judgement, level: float) -> list[CandidateRow]:
             return "significant, but immaterial"
         if name not in refits:
             return "not significant" if c.p_value >= level else "others score higher: not refitted"
+        # With its strength at zero it is the base model, so that it cannot fit worse.
+        if refits[name].cost > j.ground.fit.cost + tie(j.ground.fit):
+            return "the refit failed: it ended above the base model, which it contains"
         if not j.findings:
             return "refitted; explains too little"
         return "refitted; fits worse"

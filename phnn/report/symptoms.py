@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
+from phnn.diagnose.corrected import told
 from phnn.diagnose.scored import SIGNIFICANT
 from phnn.diagnose.symptoms import Symptoms, Trend
 from phnn.report.formatting import p_value
 from phnn.units import quantity
 
-# An exponent above this is an onset rather than a power; a growth below this is none.
-_ONSET, _FLAT = 6.0, 0.5
+# An exponent above this is an onset rather than a power; a growth below this is none; exponents within this are alike.
+_ONSET, _FLAT, _ALIKE = 6.0, 0.5, 0.1
 # Share of the phases that a delay must explain to be called one.
 _LIKE_A_DELAY = 0.8
 _PURE = 0.9
-# Share that does not repeat below which the rest decides; the smallest p-value that is written out.
-_MINOR, _LEAST = 0.1, 1e-12
+# Share that does not repeat below which the rest decides.
+_MINOR = 0.1
 
 
 def symptom_sentences(found: Symptoms, unit: str = "m") -> tuple[str, ...]:
-    """What the residual of the base model looks like; nothing is said of what the recordings cannot show.
+    """What the residual of the base model looks like; nothing is said of what the recordings cannot show, nor of what
+    is not significant after correction for the number of symptoms.
 
     Args:
         unit: of the output.
     """
+    found = told(found, SIGNIFICANT)
     sentences = [_growth(found), _harmonics(found), _phase(found), _repetition(found), _drift(found, unit)]
     return tuple(s for s in sentences if s)
 
 
 def _odds(trend: Trend) -> str:
-    return p_value(trend.p_value) if trend.p_value >= _LEAST else "p < 10⁻¹²"
+    return p_value(trend.p_value)
 
 
 def _exponent(trend: Trend) -> str:
@@ -45,8 +48,8 @@ def _growth(found: Symptoms) -> str:
     if not said:
         return ""
     together = ""
-    if a is not None and f is not None and a.p_value < SIGNIFICANT and f.p_value < SIGNIFICANT:
-        close = abs(a.value - f.value) < 2.0 * (a.std + f.std) and f.value > _FLAT
+    if a is not None and f is not None:
+        close = abs(a.value - f.value) < max(2.0 * (a.std + f.std), _ALIKE) and f.value > _FLAT
         together = ": it follows amplitude × frequency, that is the speed" if close else ""
     return f"Over the sines what is unexplained grows {' and '.join(said)}{together}."
 
@@ -55,8 +58,6 @@ def _harmonics(found: Symptoms) -> str:
     if found.even is None or found.odd is None:
         return ""
     even, odd = found.even, found.odd
-    if min(even.p_value, odd.p_value) >= SIGNIFICANT:
-        return "No harmonic stands out of the noise: the mismatch is linear, or too weak to tell."
     odds = f"even {_odds(even)}, odd {_odds(odd)}"
     if odd.value > _PURE:
         return f"Of the harmonics above the first nearly all are odd ({odds}): it treats both directions alike."
@@ -69,8 +70,6 @@ def _phase(found: Symptoms) -> str:
     tau = found.delay
     if tau is None:
         return ""
-    if tau.p_value >= SIGNIFICANT:
-        return f"The phase against the model has no slope over frequency ({_odds(tau)})."
     side = "lags behind" if tau.value > 0.0 else "runs ahead of"
     size = f"{quantity(abs(tau.value), 's')} ± {quantity(tau.std, 's')}, {_odds(tau)}"
     if found.explained > _LIKE_A_DELAY:
@@ -80,14 +79,12 @@ def _phase(found: Symptoms) -> str:
 
 def _repetition(found: Symptoms) -> str:
     r = found.repetition
-    if r is None:
+    # What is but a small part of the mismatch is no mark of it.
+    if r is None or found.unrepeated < _MINOR:
         return ""
-    if r.p_value >= SIGNIFICANT or found.unrepeated < _MINOR:
-        rest = f", all but {100.0 * found.unrepeated:.0f} %" if r.p_value < SIGNIFICANT else ""
-        return f"It repeats from period to period{rest}: differences are {r.value:.3g} × what noise gives."
     return (
         f"It does not repeat from period to period: differences are {r.value:.3g} × what noise gives ({_odds(r)}); "
-        f"{100.0 * found.unrepeated:.0f} % of it does not follow the drive, or has not settled yet."
+        f"{100.0 * found.unrepeated:.0f} % of it does not follow the drive."
     )
 
 
@@ -95,8 +92,6 @@ def _drift(found: Symptoms, unit: str) -> str:
     d = found.drift
     if d is None:
         return ""
-    if d.p_value >= SIGNIFICANT:
-        return f"There is no drift beneath the drive ({_odds(d)})."
     return (
         f"It drifts beneath the drive, by {quantity(d.value, unit)}/s ± {quantity(d.std, unit)}/s on average "
         f"({_odds(d)})."

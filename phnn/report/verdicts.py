@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from phnn.report.document import Document, Missing, Remainder
-from phnn.report.formatting import chance, finite, listing, number, p_value, quantity, ratio, words
+from phnn.report.formatting import at_floor, chance, finite, listing, number, p_value, quantity, ratio, words
 
 VERDICT_WORDS = {
     "named": "One missing effect was named.",
@@ -39,8 +39,32 @@ def test_sentence(document: Document) -> str:
         )
     return (
         f"If nothing were missing, chance alone would give the largest score among all candidates{lead} a statistic"
-        f"{statistic} or more with probability {chance(document.p_value)}."
+        f"{statistic} or more with {_probability(document.p_value)}."
     )
+
+
+def _probability(value: float) -> str:
+    return (
+        f"a probability below {chance(value).removeprefix('< ')}" if at_floor(value) else f"probability {chance(value)}"
+    )
+
+
+def tied(document: Document) -> bool:
+    """Whether these recordings leave something that they cannot tell apart: effects, or places."""
+    several = any(set(m.equivalent_to) - {m.effect} for m in document.missing)
+    places = document.location is not None and bool(document.location.tied)
+    return document.verdict != "none" and (several or places)
+
+
+def no_proposal_sentence(document: Document, why: str) -> str:
+    """What is said where no further recording is proposed.
+
+    Args:
+        why: the reason where something is tied, as the diagnosis knows it.
+    """
+    if not tied(document):
+        return "No further recording is proposed: no two models are left to be told apart."
+    return why or "No recording was found that tells apart what is tied: no two refitted models stand for it."
 
 
 def equivalence_sentence(missing: Missing) -> str:

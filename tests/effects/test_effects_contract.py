@@ -69,6 +69,15 @@ class TestEveryEffect:
         assert effect_.name not in effect_.neighbours
         assert effect_.neighbours
 
+    def test_every_parameter_has_a_plausible_range_or_says_that_none_is_known(self, effect_: Effect) -> None:
+        assert set(effect_.plausible) == set(effect_.parameters)
+        for name, found in effect_.plausible.items():
+            assert found.lower < found.upper
+            assert bool(found.source) == bool(np.isfinite([found.lower, found.upper]).all()), name
+            assert not found.over or found.over in home(effect_).setup.parameters
+            # What says of itself where it comes from is long enough to do so, and part of a sentence.
+            assert not found.source or (len(found.source) > 15 and not found.source.endswith("."))
+
     def test_fingerprint_and_separation_are_one_sentence_each(self, effect_: Effect) -> None:
         for text in (effect_.fingerprint, effect_.separation):
             assert text[0].isupper()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -72,10 +73,13 @@ def test_number_keeps_three_digits(value: float) -> None:
     [
         (0.4, "p = 0.4"),
         (0.0412, "p = 0.041"),
-        (1e-5, "p = 10⁻⁵"),
+        (1e-5, "p < 10⁻⁵"),
+        (1.0 / 100_001.0, "p < 10⁻⁵"),
+        (1e-9, "p < 10⁻⁵"),
+        (2e-5, "p = 2 × 10⁻⁵"),
         (3.2e-4, "p = 3 × 10⁻⁴"),
         (9.7e-5, "p = 10⁻⁴"),
-        (0.0, "p below what the draws resolve"),
+        (0.0, "p < 10⁻⁵"),
         (None, "p not computed"),
     ],
 )
@@ -166,6 +170,31 @@ def test_the_gain_on_held_out_recordings_is_told() -> None:
         (missing,) = read_document({"verdict": "named", "missing": [entry | {"held_out": held}]}).missing
         told = verdicts.held_out_sentence(missing)
         assert "6.60 and 2.10 × the noise" in told and odds in told
+
+
+def test_a_floor_of_the_draws_is_no_probability() -> None:
+    for p, told in ((1.0 / 100_001.0, "with a probability below 10⁻⁵."), (3e-3, "with probability 0.003.")):
+        content = read_document({"verdict": "named", "test": {"p_value": p, "statistic": 9.0}})
+        assert verdicts.test_sentence(content).endswith(told)
+
+
+@pytest.mark.parametrize(
+    ("changes", "tied"),
+    [
+        ({"missing": [{"effect": "creep", "equivalent_to": ["charge_leakage"]}]}, True),
+        ({"missing": [{"effect": "unknown"}], "location": {"name": "sensor", "tied": ["coupling"]}}, True),
+        ({"missing": [{"effect": "creep"}], "location": {"name": "sensor"}}, False),
+    ],
+)
+def test_beside_a_tie_stands_a_proposal_or_why_there_is_none(changes: dict[str, object], tied: bool) -> None:
+    document = {"verdict": "equivalent"} | changes
+    content = read_document(document)
+    assert verdicts.tied(content) is tied
+    for evidence in (EMPTY, replace(EMPTY, no_proposal="Because nothing on the menu moves them apart.")):
+        told = verdicts.no_proposal_sentence(content, evidence.no_proposal)
+        assert ("No further recording is proposed" in told) is not tied
+        assert not (tied and evidence.no_proposal) or told == evidence.no_proposal
+        assert ("record next" in _printed(document, evidence)) is tied
 
 
 def test_names_are_not_read_as_markup() -> None:

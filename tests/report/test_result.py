@@ -16,12 +16,13 @@ import pytest
 
 from phnn.diagnose.confirm import confirmed
 from phnn.diagnose.criteria import CRITERIA
-from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.diagnosis import Diagnosis, tied_members
 from phnn.effects import catalogue
 from phnn.effects.effect import LOCATIONS
 from phnn.identify.evaluate import evaluate
 from phnn.identify.problem import Plan
 from phnn.models.store import load
+from phnn.report.following import no_proposal
 from phnn.report.result import document, evidence, write
 from phnn.report.sentence import sentence
 
@@ -30,7 +31,7 @@ KEYS = {
     "next_experiment", "versions", "seed", "seconds",
 }  # fmt: skip
 # Beyond what others rely on.
-FURTHER = {"units", "kernel_residual", "rules", "criteria"}
+FURTHER = {"units", "kernel_residual", "rules", "criteria", "noise"}
 MISSING = {
     "effect", "status", "held_out", "location", "equivalent_to", "p_value", "statement", "equation", "passive",
     "parameters",
@@ -185,6 +186,36 @@ def test_what_no_element_explains(case: str, learned: bool) -> None:
     assert bool(entry["parameters"]) is learned
     assert entry["passive"] is learned
     assert bool(content["fit"]["after"]) is learned
+
+
+def test_a_refit_that_ended_above_the_base_model_has_failed() -> None:
+    found = made("found")
+    j = found.judgement
+    base = j.ground.fit
+    first = j.tried[0]
+    assert first.fit is not None
+    for cost, outcome in ((900.0, "the refit failed"), (0.99, "explains too little")):
+        residual = base.residual * np.sqrt(cost)
+        stuck = replace(first, fit=replace(first.fit, residual=residual))
+        shown = evidence(replace(found, judgement=replace(j, findings=(), tried=(stuck,)))).candidates
+        (row,) = [c for c in shown if c.effect == first.candidate.effect.name]
+        assert outcome in row.outcome
+        content = document(replace(found, judgement=replace(j, verdict="unknown", findings=(), tried=(stuck,))))
+        assert (content["missing"][0]["nearest"] is None) is (cost > 1.0)
+
+
+def test_places_that_are_tied_have_a_proposal_or_a_reason() -> None:
+    found = made("found")
+    j = found.judgement
+    assert j.location is not None
+    nameless = replace(j, verdict="unknown", findings=(), location=replace(j.location, tied=("sensor",)))
+    bare = replace(found, judgement=nameless, proposal=None)
+    why = no_proposal(bare)
+    assert "two refitted models" in why or "differ once" in why
+    members = tied_members(nameless)
+    assert all(t.cost < j.ground.fit.cost for t in members)
+    places = [t.candidate.effect.location for t in members]
+    assert len(set(places)) == len(places) and set(places) <= {"mechanical", "sensor"}
 
 
 def test_an_unknown_is_told_what_comes_nearest_if_anything_does() -> None:

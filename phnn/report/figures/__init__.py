@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from phnn.report.figures.fingerprint import draw_fingerprint
 from phnn.report.figures.ledger import draw_ledger
 from phnn.report.figures.locations import draw_locations
 from phnn.report.figures.overview import draw_overview
@@ -12,6 +13,7 @@ from phnn.report.figures.style import RC, Drawing, png
 __all__ = [
     "RC",
     "Drawing",
+    "draw_fingerprint",
     "draw_ledger",
     "draw_locations",
     "draw_overview",

@@ -1,0 +1,108 @@
+"""What speaks for each named element of a diagnosis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.finding import Finding
+from phnn.diagnose.trial import Trial, tie
+from phnn.effects.effect import Plausible
+from phnn.identify.staged import fixes_common_factor
+from phnn.parameters import Parameter
+from phnn.recordings.recording import ACTUATOR
+from phnn.report.fingerprint import fingerprint
+from phnn.report.missing import FORCE_UNITS
+from phnn.report.support import PlausibleRow, RivalRow, Support
+from phnn.units import quantity
+
+# Rivals that are shown beside the neighbours.
+_RIVALS = 6
+
+
+def supports(diagnosis: Diagnosis) -> tuple[Support, ...]:
+    """One for every element that was found, in the order of ``missing``."""
+    j = diagnosis.judgement
+    if j.verdict not in ("named", "equivalent"):
+        return ()
+    return tuple(_support(diagnosis, f) for f in j.findings)
+
+
+def _support(diagnosis: Diagnosis, finding: Finding) -> Support:
+    effect, final = finding.trial.candidate.effect, diagnosis.judgement.final
+    before = final.setup.parameters
+    actuator = diagnosis.campaign.recordings[0].units == ACTUATOR
+    anchored = fixes_common_factor(diagnosis.campaign.known)
+    fitted = finding.trial.fit
+    return Support(
+        effect=effect.name,
+        expected=effect.fingerprint,
+        seen=fingerprint(diagnosis, effect),
+        leaves=math.sqrt(fitted.chi2) if fitted is not None else math.nan,
+        rivals=_rivals(diagnosis, finding),
+        separation=effect.separation,
+        references=effect.references,
+        plausible=tuple(
+            plausible_row(before[n], effect.plausible[n], before, anchored, actuator)
+            for n in effect.parameters
+            if not before[n].fixed
+        ),
+    )
+
+
+def _rivals(diagnosis: Diagnosis, finding: Finding) -> tuple[RivalRow, ...]:
+    """The neighbours of an effect and what came nearest to it, with what each leaves."""
+    effect = finding.trial.candidate.effect
+    base = diagnosis.judgement.ground.fit
+    members = {t.candidate.effect.name for t in finding.members}
+    refits: dict[str, Trial] = {}
+    for trial in sorted(finding.trials, key=lambda t: t.cost):
+        if trial.fit is not None and trial.candidate.effect.name != effect.name:
+            refits.setdefault(trial.candidate.effect.name, trial)
+    scores = finding.naming.by_name
+    neighbours = [n for n in effect.neighbours if n in refits or n in scores]
+    rows = []
+    for name in dict.fromkeys([*neighbours, *list(refits)[:_RIVALS]]):
+        found = refits.get(name)
+        if found is None or found.fit is None:
+            own, best = scores[name].score, scores[effect.name].score if effect.name in scores else math.nan
+            rows.append(RivalRow(name, None, f"not refitted: its score is {own:.3g} beside {best:.3g}"))
+        elif name in members:
+            rows.append(RivalRow(name, math.sqrt(found.fit.chi2), "cannot be excluded: explains as much"))
+        elif found.cost > base.cost + tie(base):
+            rows.append(RivalRow(name, None, "its refit failed, so that it is not excluded by it"))
+        else:
+            rows.append(RivalRow(name, math.sqrt(found.fit.chi2), "excluded: leaves more"))
+    return tuple(rows)
+
+
+def plausible_row(
+    parameter: Parameter, known: Plausible, base: Mapping[str, Parameter], anchored: bool, actuator: bool
+) -> PlausibleRow:
+    """A parameter held against its plausible range.
+
+    Args:
+        base: parameters of the model, of which the range may name one to divide by.
+        anchored: something fixes the common factor of all forces.
+        actuator: the recordings are those of a piezo actuator, for which the ranges hold.
+    """
+    name, value, unit = parameter.name, parameter.value, parameter.unit
+    said = quantity(value, unit)
+    if not known.source or not actuator or (known.over and known.over not in base):
+        return PlausibleRow(name, f"{said}: no range known.", None)
+    if known.over:
+        other = base[known.over]
+        value, unit = value / other.value, f"× {known.over}" if other.unit == unit else f"{unit}/{other.unit}"
+        unit = "1/s" if unit == "S/F" else unit
+        said = f"{said}, that is {value:.3g} {unit}"
+    elif not anchored and unit in FORCE_UNITS:
+        return PlausibleRow(name, f"{said}: known up to one common factor only, so no range can be held to it.", None)
+    limits = f"{known.lower:.3g} to {known.upper:.3g} {'' if unit == '1' else unit}".rstrip()
+    if known.lower <= value <= known.upper:
+        return PlausibleRow(name, f"{said} is plausible: {limits} ({known.source}).", True)
+    beyond = f" If it is real, {known.outside}." if known.outside and value > known.upper else ""
+    side = "above" if value > known.upper else "below"
+    return PlausibleRow(
+        name, f"{said} is not plausible: it lies {side} the range {limits} ({known.source}).{beyond}", False
+    )

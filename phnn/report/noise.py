@@ -1,0 +1,78 @@
+"""What the noise of every recording is, from what the final model leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.residual_noise import difference
+from phnn.diagnose.scored import SIGNIFICANT
+from phnn.recordings.recording import Recording
+from phnn.setup import Setup
+from phnn.signals.noise import quantisation_step
+from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
+
+Array = NDArray[np.float64]
+
+
+def noise_statements(diagnosis: Diagnosis) -> dict[str, NoiseStatement]:
+    """By recording. Held-out ones too: nothing is decided by it any more."""
+    j = diagnosis.judgement
+    complete = j.remainder is None or j.remainder.p_value >= SIGNIFICANT or j.remainder_immaterial is not None
+    return statements(diagnosis.campaign.recordings, diagnosis.after.outputs, j.final.setup, complete)
+
+
+def statements(
+    recordings: Sequence[Recording], outputs: Mapping[str, Array], setup: Setup, complete: bool
+) -> dict[str, NoiseStatement]:
+    """The same from the outputs of a model.
+
+    Args:
+        complete: the model leaves nothing significant.
+    """
+    plant, found = plant_gain(setup), {}
+    for r in recordings:
+        chosen = [r.mask(use) for use in ("identification", "confirmation")]
+        mask = max(chosen, key=np.count_nonzero)
+        residual = ((r.y - outputs[r.name]) / r.noise)[mask]
+        speed = (np.gradient(outputs[r.name], r.dt) / r.noise)[mask]
+        found[r.name] = noise_statement(
+            r.noise, r.noise_source, r.units.output, _sample(r, residual, speed, complete, plant)
+        )
+    return found
+
+
+def _sample(
+    r: Recording, residual: Array, speed: Array, complete: bool, plant: Callable[[Array], Array] | None
+) -> Sample | None:
+    """The residual of a model that leaves nothing significant; else what of it does not repeat, or nothing."""
+    step = quantisation_step(r.y) / r.noise
+    if complete:
+        return Sample(residual, r.dt, speed, step, plant, r.noise)
+    changed = difference(residual, r)
+    if changed is None:
+        return None
+    return Sample(changed, r.dt, speed[-changed.size :], step, plant, r.noise)
+
+
+def plant_gain(setup: Setup) -> Callable[[Array], Array] | None:
+    """Power gain from a force on the moving mass to the displacement, hysterons at rest.
+
+        |G|² = 1/|k + α² Σ 1/C_i − m ω² + i ω b|²
+
+    None where the model has no such parameters.
+    """
+    values = setup.values()
+    if not {"m", "k", "b"} <= set(values):
+        return None
+    alpha = values.get("alpha", 0.0)
+    stiffness = values["k"] + alpha**2 * sum(1.0 / v for n, v in values.items() if n.startswith("C_") and n != "C_T")
+
+    def gain(f: Array) -> Array:
+        omega = 2.0 * np.pi * f
+        return np.asarray(1.0 / ((stiffness - values["m"] * omega**2) ** 2 + (omega * values["b"]) ** 2))
+
+    return gain

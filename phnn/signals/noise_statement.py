@@ -1,0 +1,178 @@
+"""What the noise of a recording is, in words: colour, growth with the speed, steps, outliers.
+
+Each is told where it is significant at one per cent and large enough to matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import periodogram
+from scipy.stats import binom, chi2, kurtosis, norm
+
+from phnn.units import quantity
+
+Array = NDArray[np.float64]
+
+WHITE, SPECTRUM = "white", "spectrum"
+_LEVEL, _FEWEST = 0.01, 200
+# Shares of coloured power that are tried, and coefficients of first-order noise.
+_SHARES = np.linspace(0.02, 1.0, 50)
+_COEFFICIENTS = (-0.8, -0.5, -0.25, -0.1, 0.1, 0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98)
+_ALIASES, _BLOCKS = 6, 20
+# Gain of the log likelihood, twice, by which another shape must exceed the plant's to be believed instead of it.
+_KNOWN = 2.0
+# Share of the variance that goes with the speed, and step over the noise, from which they are worth a word.
+_GROWS, _COARSE = 0.05, 0.3
+# Outliers begin at so many standard deviations, these from the median absolute deviation; fewest that make tails heavy.
+_OUTLIER, _ROBUST, _TAILS, _HEAVY = 4.0, 1.4826, 4, 0.3
+
+
+@dataclass(frozen=True)
+class NoiseStatement:
+    """Attributes:
+    rms: standard deviation [unit of the output]; source: where it comes from, in words.
+    colour: `WHITE` or `SPECTRUM`; notes: what else it is, in sentences without full stops.
+    """
+
+    rms: float
+    source: str
+    colour: str
+    notes: tuple[str, ...]
+
+    def document(self) -> dict[str, Any]:
+        """The same as plain data."""
+        return asdict(self) | {"notes": list(self.notes)}
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What is looked at.
+
+    Attributes:
+        noise: (N,) noise alone, in any unit, neighbouring samples in order; dt: sampling interval [s].
+        speed: (N,) of the output at the same samples, in the unit of the noise a second; None where it is unknown.
+        step: of which the output's values are multiples, in the unit of the noise; 0 where there is none.
+        plant: power gain from a force to the output at frequencies [Hz]; None where no model is known.
+        scale: of the unit of the noise in the output's.
+        above: frequency [Hz] up to which something other than noise may be left.
+    """
+
+    noise: Array
+    dt: float
+    speed: Array | None = None
+    step: float = 0.0
+    plant: Callable[[Array], Array] | None = None
+    scale: float = 1.0
+    above: float = 0.0
+
+
+def noise_statement(rms: float, source: str, unit: str, sample: Sample | None) -> NoiseStatement:
+    """What the noise of one recording is.
+
+    Args:
+        rms: its stated standard deviation; source: where that comes from; unit: of the output.
+        sample: None where nothing shows the noise alone.
+    """
+    if sample is None or sample.noise.size < _FEWEST or not np.any(sample.noise):
+        return NoiseStatement(rms, source, WHITE, ("not seen alone: its colour is taken as white",))
+    x = sample.noise - sample.noise.mean()
+    colour = _colour(x, sample)
+    jitter = _jitter(x, sample.speed)
+    notes = [colour] if colour else []
+    level = x
+    if jitter is not None and sample.speed is not None:
+        notes.append(f"grows with the speed: as {1e6 * jitter:.3g} µs of jitter would make it")
+        rest = float(np.mean(x**2) - jitter**2 * np.mean(sample.speed**2))
+        level = x / np.sqrt(jitter**2 * sample.speed**2 + max(rest, 1e-3 * float(np.mean(x**2))))
+    coarse = sample.step / float(x.std())
+    if coarse > _COARSE:
+        notes.append(f"quantised: steps of {quantity(sample.step * sample.scale, unit)}, {coarse:.2g} × the noise")
+    notes += _outliers(level, sample.step if level is x else 0.0)
+    return NoiseStatement(rms, source, SPECTRUM if colour else WHITE, tuple(notes))
+
+
+def _colour(x: Array, sample: Sample) -> str:
+    """How a spectrum differs from that of white noise; empty where it does not, to the level.
+
+    Spectra ``(1 − s) + s g(f)`` of some shapes ``g`` with mean one and shares ``s`` are compared with white noise by
+    Whittle's (1953) likelihood, whose gain is ``χ²`` of one degree of freedom each under white noise.
+    """
+    f, power = periodogram(x, 1.0 / sample.dt)
+    seen = f > sample.above
+    f, power = f[seen], power[seen]
+    shapes: dict[str, Array] = {"1/f": 1.0 / f}
+    if sample.plant is not None:
+        shapes["plant"] = _folded(sample.plant, f, 1.0 / sample.dt)
+    cycles = 2.0 * np.pi * f * sample.dt
+    gains = {name: _gain(power, g / g.mean(), _SHARES) for name, g in shapes.items()}
+    for phi in _COEFFICIENTS:
+        g = (1.0 - phi**2) / (1.0 - 2.0 * phi * np.cos(cycles) + phi**2)
+        gains[f"{phi:g}"] = _gain(power, g / g.mean(), np.ones(1))
+    name, (gain, share) = max(gains.items(), key=lambda item: item[1][0])
+    if gain < chi2.isf(_LEVEL / len(gains), 1):
+        return ""
+    # Where the plant explains the spectrum about as well as anything does, it is the one cause that is known.
+    if "plant" in gains and gains["plant"][0] > gain - _KNOWN:
+        _, share = gains["plant"]
+        peak = f[np.argmax(shapes["plant"])]
+        where = f"the resonance of the plant ({quantity(float(peak), 'Hz')})"
+        if peak < 3.0 * f[0] or peak > 0.97 * f[-1]:
+            where = "the shape of the plant's response"
+        return f"the spectrum has {where}: {100.0 * share:.0f} % of the noise passes through it"
+    if name == "1/f":
+        return f"{100.0 * share:.0f} % of it lies at low frequencies, its spectrum falls as 1/f"
+    side = "low" if float(name) > 0.0 else "high"
+    return f"more power at {side} frequencies: neighbouring samples are correlated by {float(name):.2g}"
+
+
+def _folded(plant: Callable[[Array], Array], f: Array, rate: float) -> Array:
+    """A power spectrum as samples show it: what lies above half the rate is folded back."""
+    images = [np.abs(f + k * rate) for k in range(-_ALIASES, _ALIASES + 1)]
+    return np.asarray(np.sum([plant(image) for image in images], axis=0))
+
+
+def _gain(power: Array, shape: Array, shares: Array) -> tuple[float, float]:
+    """Twice the gain of the log likelihood over white noise, its level free, and the share at which it is largest."""
+    spectra = 1.0 + shares[:, None] * (shape - 1.0)
+    level = np.mean(power / spectra, axis=1)
+    found = 2.0 * (power.size * (np.log(power.mean()) - np.log(level)) - np.log(spectra).sum(axis=1))
+    best = int(np.argmax(found))
+    return float(found[best]), float(shares[best])
+
+
+def _jitter(x: Array, speed: Array | None) -> float | None:
+    """Deviation of the sampling instants [s] from the slope of ``x² = σ² + τ² v²``.
+
+    Its error is that of White (1980), or as blocks of neighbouring samples show it where that is more: squares of
+    coloured noise are correlated.
+    """
+    if speed is None or not np.ptp(speed) > 0.0:
+        return None
+    square = speed**2 - np.mean(speed**2)
+    spread = float(square @ square)
+    slope = float(square @ x**2) / max(spread, 1e-300)
+    rest = x**2 - np.mean(x**2) - slope * square
+    blocks = [float(b.sum()) for b in np.array_split(square * rest, _BLOCKS)]
+    error = max(float(np.linalg.norm(square * rest)), float(np.linalg.norm(blocks))) / max(spread, 1e-300)
+    share = slope * float(np.mean(speed**2)) / float(np.mean(x**2))
+    if slope <= norm.isf(_LEVEL) * error or share < _GROWS:
+        return None
+    return float(np.sqrt(slope))
+
+
+def _outliers(x: Array, step: float) -> list[str]:
+    """Heavy tails: more samples beyond four robust deviations than Gaussian noise has."""
+    # Values on a coarse grid have no robust deviation: spread them evenly over their steps.
+    spread = x + step * (np.random.default_rng(0).random(x.size) - 0.5)
+    robust = _ROBUST * float(np.median(np.abs(spread - np.median(spread))))
+    beyond = int(np.sum(np.abs(spread) > _OUTLIER * robust))
+    by_chance = float(binom.sf(beyond - 1, x.size, 2.0 * norm.sf(_OUTLIER)))
+    if beyond < _TAILS or by_chance >= _LEVEL or float(kurtosis(spread)) < _HEAVY:
+        return []
+    share = 100.0 * beyond / x.size
+    return [f"outliers: {share:.2g} % of the samples lie beyond {_OUTLIER:g} × its robust deviation"]

@@ -1,0 +1,130 @@
+"""What speaks for a named element: its fingerprint in the data, its rivals, the range of its parameters."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import campaigns
+import numpy as np
+import pytest
+
+from phnn.effects import catalogue, in_all_forms
+from phnn.effects.effect import Plausible
+from phnn.parameters import Parameter
+from phnn.report.fingerprint import binned, fingerprint, since_a_step, variable_of
+from phnn.report.named import plausible_row, supports
+from phnn.report.result import evidence, write
+
+DRAG = Plausible(0.0, 0.012, "drag in air", outside="it is not air")
+TABLE = {"k": Parameter("k", 2e4, "N/m")}
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "known", "anchored", "actuator", "inside", "text"),
+    [
+        (11.6, "N s²/m²", DRAG, True, True, False,
+         "above the range 0 to 0.012 N s²/m² (drag in air). If it is real, it is not air"),
+        (0.01, "N s²/m²", DRAG, True, True, True, "0.01 N s²/m² is plausible"),
+        (0.01, "N s²/m²", DRAG, False, True, None, "up to one common factor"),
+        (11.6, "N s²/m²", DRAG, True, False, None, "no range known"),
+        (11.6, "N s²/m²", Plausible(-math.inf, math.inf, ""), True, True, None, "no range known"),
+        (1e3, "N/m", Plausible(0.0, 0.25, "creep", over="k"), False, True, True, "that is 0.05 × k is plausible"),
+        (1e4, "N/m", Plausible(0.0, 0.25, "creep", over="k"), False, True, False, "not plausible"),
+        (1e-9, "s", Plausible(1e-7, 1e-2, "lags"), True, True, False, "lies below"),
+    ],
+)  # fmt: skip
+def test_a_value_is_held_against_its_range(
+    value: float, unit: str, known: Plausible, anchored: bool, actuator: bool, inside: bool | None, text: str
+) -> None:
+    row = plausible_row(Parameter("x", value, unit), known, TABLE, anchored, actuator)
+    assert row.inside is inside
+    assert text in row.sentence
+
+
+def test_every_effect_has_a_variable() -> None:
+    found = {e.name: variable_of(e) for e in in_all_forms(list(catalogue().values()))}
+    assert found["quadratic_drag"] == found["rate_dependent_threshold"] == "velocity"
+    assert found["cubic_stiffness"] == found["sensor_nonlinearity"] == found["extra_hysteron"] == "displacement"
+    assert found["creep"] == found["charge_leakage"] == "time after a step"
+    assert found["sensor_drift"] == found["self_heating"] == "time"
+    assert found["amplifier_saturation"] == "voltage"
+    assert found["delay"] == found["second_mode"] == "frequency"
+
+
+def test_means_over_bins_have_the_error_of_their_visits() -> None:
+    rng = np.random.default_rng(0)
+    place = np.tile(np.repeat(np.arange(4), 25), 40)
+    errors = []
+    for _ in range(200):
+        # Samples of one visit share their error: 25 of them are worth one.
+        y = place + np.repeat(rng.standard_normal(160), 25)
+        mean, std = binned(y, place, np.zeros_like(place), 4, False)
+        errors.append((mean - np.arange(4)) / std)
+    assert np.std(errors) == pytest.approx(1.0, abs=0.12)
+    mean, std = binned(y, np.where(place == 2, -1, place), np.zeros_like(place), 4, False)
+    assert np.isnan(mean[2]) and np.isfinite(mean[[0, 1, 3]]).all()
+
+
+def test_a_bin_does_not_run_on_from_one_recording_to_the_next() -> None:
+    place, owner = np.zeros(30, dtype=int), np.repeat(np.arange(3), 10)
+    mean, std = binned(np.repeat([1.0, 2.0, 3.0], 10), place, owner, 1, False)
+    assert mean[0] == pytest.approx(2.0)
+    assert std[0] == pytest.approx(1.0 / math.sqrt(3.0))
+
+
+def test_time_since_a_step() -> None:
+    t = np.arange(100) * 0.1
+    u = np.where(t > 2.0, 10.0, 0.0)
+    u[60:] = 0.0
+    x, sign = since_a_step(t, u)
+    assert np.isnan(x[:22]).all() and np.isnan(x[60])
+    assert x[30] == pytest.approx(t[30] - t[21]) and sign[30] == 1.0
+    assert x[70] == pytest.approx(t[70] - t[60]) and sign[70] == -1.0
+    moving = since_a_step(t, np.sin(t))[0]
+    assert np.isnan(moving).all()
+
+
+@pytest.fixture(scope="module")
+def found() -> campaigns.Diagnosis:
+    return campaigns.diagnosis("quadratic_drag")
+
+
+def test_the_fingerprint_of_drag_is_a_residual_that_follows_the_velocity(found: campaigns.Diagnosis) -> None:
+    (support,) = supports(found)
+    seen = support.seen
+    assert seen is not None and seen.x_label == "velocity (mm/s)"
+    assert np.mean((seen.before / seen.before_std) ** 2) > 5.0
+    assert np.mean(np.abs(seen.after) < 4.0 * seen.after_std) > 0.9
+    assert np.abs(seen.after).max() < 0.3 * np.abs(seen.before).max()
+    # The same data over frequency: what is left is white noise.
+    whole = fingerprint(found, catalogue()["delay"])
+    assert whole is not None and whole.level == 1.0
+    assert whole.before.max() > 3.0
+    assert np.median(whole.after) == pytest.approx(1.0, abs=0.15)
+
+
+def test_rivals_are_told_with_what_they_leave(found: campaigns.Diagnosis) -> None:
+    (support,) = supports(found)
+    (entry,) = found.judgement.findings
+    assert support.leaves == pytest.approx(math.sqrt(entry.trial.fit.chi2))
+    rows = {r.effect: r for r in support.rivals}
+    assert set(catalogue()["quadratic_drag"].neighbours) <= set(rows)
+    for row in rows.values():
+        assert row.leaves is None or row.leaves > 0.99 * support.leaves
+        assert (row.leaves is None) == ("excluded: leaves more" not in row.outcome and "as much" not in row.outcome)
+
+
+def test_nothing_speaks_for_what_has_no_name(found: campaigns.Diagnosis) -> None:
+    nameless = replace(found, judgement=replace(found.judgement, verdict="unknown"))
+    assert supports(nameless) == ()
+
+
+def test_the_page_shows_it(found: campaigns.Diagnosis, tmp_path: Path) -> None:
+    write(found, tmp_path, evidence(found))
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    effect = catalogue()["quadratic_drag"]
+    for text in (effect.fingerprint, effect.separation, effect.references[0], "What might be taken for it"):
+        assert text in page
+    assert list((tmp_path / "figures").glob("*fingerprint-quadratic_drag.png"))

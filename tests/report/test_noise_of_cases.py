@@ -1,0 +1,108 @@
+"""Noise of every family of the generator is told as what it is, by a fitted model and before there is one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from phnn.check import check
+from phnn.demo import draw_case, make_case
+from phnn.demo.actuator import simulate_all
+from phnn.diagnose.confirm import score_on_all
+from phnn.identify.base import identification_plan
+from phnn.identify.problem import Plan
+from phnn.identify.staged import fit_identified
+from phnn.models.actuator import hrc
+from phnn.recordings import Campaign, read
+from phnn.report.noise import statements
+from phnn.setup import Setup
+from phnn.signals.noise_statement import NoiseStatement
+
+Made = Callable[[str | None], tuple[Campaign, dict[str, NoiseStatement]]]
+SEEN = ("sine_010Hz_75V", "sine_100Hz_75V", "sine_010Hz_50V", "step_75V")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    @cache
+    def one(family: str | None) -> tuple[Campaign, dict[str, NoiseStatement]]:
+        folder: Path = tmp_path_factory.mktemp("case") / "r"
+        sealed = make_case(draw_case(5, "none", "short", noise=family), folder)
+        campaign = read(folder)
+        plan = Plan(identification_plan(campaign, 2).recordings, {r.name: 2 for r in campaign.recordings}, 1)
+        # From the true parameters: this is no test of the search for starts.
+        fitted = fit_identified(Setup(hrc(2, dict(sealed.base)), name="phs"), plan, {"m": "held"})
+        return campaign, statements(campaign.recordings, score_on_all(fitted, campaign).outputs, fitted.setup, True)
+
+    return one
+
+
+def notes(found: NoiseStatement) -> str:
+    return "; ".join(found.notes)
+
+
+def test_white_noise(made: Made) -> None:
+    campaign, found = made(None)
+    for statement in (*(found[n] for n in SEEN), *check(campaign).noise.values()):
+        assert statement.colour == "white"
+        assert "speed" not in notes(statement) and "outliers" not in notes(statement)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_noise_through_the_plant(made: Made, share: float) -> None:
+    _, found = made(f"process:{share}")
+    fast = found["sine_100Hz_75V"]
+    assert fast.colour == "spectrum" and "resonance of the plant" in notes(fast)
+    told = [f for f in (found[n] for n in SEEN) if "passes through it" in notes(f)]
+    shares = [float(notes(f).partition("): ")[2].partition(" %")[0]) / 100.0 for f in told]
+    assert shares == pytest.approx([share] * len(shares), abs=0.05)
+    assert len(told) >= 2
+
+
+def test_noise_at_low_frequencies(made: Made) -> None:
+    campaign, found = made("pink:0.5")
+    for statement in (*(found[n] for n in SEEN), *check(campaign).noise.values()):
+        if "not seen alone" not in notes(statement):
+            assert statement.colour == "spectrum" and "1/f" in notes(statement)
+
+
+def test_heavy_tails(made: Made) -> None:
+    campaign, found = made("heavy:3")
+    assert all("outliers" in notes(found[n]) and found[n].colour == "white" for n in SEEN)
+    before = [s for s in check(campaign).noise.values() if "not seen alone" not in notes(s)]
+    assert before and all("outliers" in notes(s) for s in before)
+
+
+def test_coarse_steps(made: Made) -> None:
+    campaign, found = made("quantised:3")
+    for statement in (*(found[n] for n in SEEN), *check(campaign).noise.values()):
+        if "not seen alone" not in notes(statement):
+            assert statement.colour == "white"
+            assert notes(statement).startswith("quantised: steps of") and "outliers" not in notes(statement)
+
+
+def test_jitter_with_its_size(made: Made) -> None:
+    campaign, found = made("jittered:3")
+    fast = notes(found["sine_100Hz_75V"])
+    assert "grows with the speed" in fast and "outliers" not in fast
+    case = draw_case(5, "none", "short", noise="jittered:3")
+    speeds = [
+        np.gradient(q, e.dt) for q, e in zip(simulate_all(case.base, case.recordings), case.recordings, strict=True)
+    ]
+    fastest = max(float(np.sqrt(np.mean(v**2))) for v in speeds)
+    assert fast.split()[6] == "µs"
+    assert float(fast.split()[5]) == pytest.approx(3e6 * case.noise.deviation / fastest, rel=0.15)
+    assert "grows with the speed" in notes(check(campaign).noise["sine_100Hz_75V"])
+
+
+def test_the_text_of_a_check_and_its_document_tell_it(made: Made) -> None:
+    campaign, _ = made("heavy:3")
+    checked = check(campaign)
+    assert "Noise:" in checked.text()
+    for name, entry in checked.document()["recordings"].items():
+        assert set(entry["noise"]) == {"rms", "source", "colour", "notes"}
+        assert all(f"{name}: " in checked.text() and n in checked.text() for n in entry["noise"]["notes"])
