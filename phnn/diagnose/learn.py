@@ -19,6 +19,7 @@ from phnn.identify.fit import Fit, fit
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.parameters import Parameter, constant
+from phnn.recall import recalled
 from phnn.setup import Setup
 
 Array = NDArray[np.float64]
@@ -32,6 +33,7 @@ def learned_setup(setup: Setup, detail: str, scales: Scales) -> Setup | None:
     return None if build is None else replace(build(setup, scales), name=f"{setup.name}+learned")
 
 
+@recalled
 def learn(ground: Ground, detail: str) -> Fit | None:
     """Fit the learned element together with the base parameters; None where the location has no passive one-port."""
     setup = learned_setup(ground.fit.setup, detail, ground.scales)

@@ -30,6 +30,7 @@ from phnn.identify.fit import Fit, variables_from
 from phnn.identify.nuisances import without_nuisances
 from phnn.identify.problem import Problem, Variables
 from phnn.identify.staged import stated_only
+from phnn.recall import recalled
 from phnn.setup import Own
 from phnn.simulate import simulate
 
@@ -63,6 +64,7 @@ class NextExperiment:
     menu: Mapping[str, float]
 
 
+@recalled
 def propose(members: Sequence[Trial], ground: Ground, variances: float = SELECTION.tie) -> NextExperiment | None:
     """The experiment of the menu that tells most pairs of members apart; of several, the one that does so most clearly.
 

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from phnn.diagnose.criteria import CRITERIA, Criteria
+from phnn.diagnose.criteria import CRITERIA, Criteria, Noise
 from phnn.diagnose.ground import Ground, prepare
 from phnn.diagnose.locate import Location, Responses, locate, responses
 from phnn.diagnose.name import Naming, score
 from phnn.effects import Effect
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import NumericalError
+from phnn.recall import recalled
 
 # Level of a whole search, spent once; the default of the criterion `level`. Hypotheses are tested in order: the base
 # model is complete, the model with the best element is complete, and so on. The first that is not rejected ends the
@@ -60,10 +61,17 @@ def scored(
         terminals: whether the input was measured at the port.
         criteria: for the noise, for locations and for what is significant.
     """
-    ground = prepare(fitted, terminals, criteria.noise)
-    generic = responses(ground)
-    naming = score(ground, effects, generic, seed, error.error if error is not None else None)
+    ground, generic, naming = _scores(fitted, tuple(effects), seed, error, terminals, criteria.noise)
     return Scored(ground, generic, naming, criteria)
+
+
+@recalled
+def _scores(
+    fitted: Fit, effects: tuple[Effect, ...], seed: int, error: NumericalError | None, terminals: bool, noise: Noise
+) -> tuple[Ground, Responses, Naming]:
+    ground = prepare(fitted, terminals, noise)
+    generic = responses(ground)
+    return ground, generic, score(ground, effects, generic, seed, error.error if error is not None else None)
 
 
 def excess(fit: Fit) -> float:

@@ -15,6 +15,7 @@ from phnn.diagnose.criteria import REFITS, Refits
 from phnn.diagnose.ground import Ground, direction
 from phnn.effects import Effect
 from phnn.errors import PhnnError
+from phnn.recall import recalled
 from phnn.setup import Setup
 
 # Multiples of the grid's strengths, which are small ones.
@@ -26,6 +27,7 @@ def has_large_starts(effect: Effect) -> bool:
     return effect.strength is not None and effect.searched is None
 
 
+@recalled
 def large_starts(ground: Ground, effect: Effect, limits: Refits = REFITS) -> list[dict[str, float]]:
     """Values of the effect's parameters, the most promising shape and sign first.
 

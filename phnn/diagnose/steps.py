@@ -19,6 +19,7 @@ from phnn.identify.base import released
 from phnn.identify.fit import TOLERANCE, Fit, distinct_optima, fit, variables_from
 from phnn.identify.problem import Problem
 from phnn.identify.staged import fit_identified, stated_only
+from phnn.recall import recalled
 from phnn.setup import Setup
 
 Array = NDArray[np.float64]
@@ -33,6 +34,7 @@ def first_steps(base: Fit, candidate: Candidate, limits: Refits = REFITS) -> Fit
     return _few_steps(base, candidate.effect, *start, limits.first_evaluations, limits)
 
 
+@recalled
 def _few_steps(
     base: Fit, effect: Effect, setup: Setup, values: Mapping[str, float], evaluations: int, limits: Refits
 ) -> Fit | None:
@@ -101,6 +103,7 @@ def from_large_starts(ground: Ground, base: Fit, trial: Trial, limits: Refits = 
     return min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
 
 
+@recalled
 def on_all_recordings(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
     """Further steps on all recordings from where few of them have led."""
     if trial.fit is None:
@@ -117,6 +120,7 @@ def moving(fitted: Fit, limits: Refits = REFITS) -> bool:
     return fitted.evaluations in (limits.first_evaluations, limits.second_evaluations)
 
 
+@recalled
 def further_steps(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
     """Further steps from where it is, unless it has converged."""
     found = trial.fit
@@ -130,6 +134,7 @@ def further_steps(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | Non
     return replace(onwards, alternatives=found.alternatives)
 
 
+@recalled
 def finished(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
     """Carried to convergence with the sub-steps of the base fit; None where it cannot be simulated there."""
     if trial.fit is None:

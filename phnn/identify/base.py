@@ -18,6 +18,7 @@ from phnn.identify.staged import fit_identified, held_by_statement, identify_act
 from phnn.identify.stalled import resumed
 from phnn.models.bouc_wen import bouc_wen
 from phnn.models.network_file import load_network
+from phnn.recall import recalled
 from phnn.recordings.recording import Campaign, Recording
 from phnn.setup import Setup
 from phnn.simulate import check_names
@@ -127,6 +128,7 @@ def identify_bouc_wen(plan: Plan, campaign: Campaign, options: Options, progress
     return min(finished, key=lambda f: f.cost)
 
 
+@recalled
 def settled(first: Fit, bound: float, keep: Sequence[str] = ()) -> tuple[Fit, NumericalError]:
     """Refit with sub-steps for a bound, again where the fit has moved enough to need finer ones.
 
@@ -184,6 +186,7 @@ def _coarse_cost(setup: Setup, plan: Plan) -> float:
     return float(residual @ residual)
 
 
+@recalled
 def refined(fitted: Fit, options: Options) -> tuple[Fit, NumericalError]:
     """The same fit with all sub-steps doubled."""
     doubled = {r.name: 2 * fitted.plan.steps_of(r) for r in fitted.plan.recordings}

@@ -12,6 +12,7 @@ from phnn.derivatives import output_derivatives
 from phnn.identify.fit import fit
 from phnn.identify.nuisances import own_parts
 from phnn.identify.problem import Plan, Problem, Variables, aperiodic
+from phnn.recall import recalled
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Part, Recording
 from phnn.setup import NOTHING, Setup
@@ -58,6 +59,7 @@ class Evaluation:
         return float(np.sqrt(np.mean(np.square(found)))) if found else float("nan")
 
 
+@recalled
 def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluation:
     """Simulate all recordings of a plan and score their parts.
 

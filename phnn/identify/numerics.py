@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from phnn.identify.fit import Fit
 from phnn.identify.nuisances import without_nuisances
 from phnn.identify.problem import Plan
+from phnn.recall import recalled
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from phnn.simulate import simulate
@@ -66,6 +67,7 @@ def substeps_for(setup: Setup, plan: Plan, bound: float, initial: Mapping[str, A
     return replace(plan, substeps=chosen)
 
 
+@recalled
 def numerical_error(fit: Fit) -> NumericalError:
     """Error of solver and reconstruction at a fit."""
     plan = fit.plan

@@ -16,6 +16,7 @@ from phnn.identify.fit import TOLERANCE, Fit, distinct_optima, fit, unidentified
 from phnn.identify.looks import first_look
 from phnn.identify.problem import Plan, Problem
 from phnn.models.actuator import hrc
+from phnn.recall import recalled
 from phnn.recordings.driving import input_before
 from phnn.recordings.recording import Anchor, Recording, dominant_frequency
 from phnn.setup import Setup
@@ -32,6 +33,7 @@ _FULL = 50
 _FINALISTS = 5
 
 
+@recalled
 def identify_actuator(
     plan: Plan, known: Mapping[str, Anchor], hysterons: int, starts: int, seed: int, setup: Setup | None = None
 ) -> Fit:
@@ -101,6 +103,7 @@ def stated_only(held: Mapping[str, str]) -> dict[str, str]:
     return {n: why for n, why in held.items() if not why.endswith(_UNIDENTIFIED)}
 
 
+@recalled
 def fit_identified(
     setup: Setup,
     plan: Plan,

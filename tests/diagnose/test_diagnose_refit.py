@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from phnn.diagnose import steps
+from phnn.diagnose.criteria import Refits
 from phnn.diagnose.ground import direction, prepare
 from phnn.diagnose.name import Candidate, score
 from phnn.diagnose.refit import refit
@@ -58,13 +59,13 @@ def test_a_strong_effect_without_a_score_is_found_where_nothing_else_explains_mu
     assert found.fit.setup.values()["kappa_v"] == pytest.approx(6.0, rel=0.05)
 
 
-def test_bold_starts_race_on_few_recordings_and_the_best_go_on_on_all(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_large_step_starts_race_on_few_recordings_and_the_best_go_on_on_all(monkeypatch: pytest.MonkeyPatch) -> None:
     used: dict[str, set[int]] = {"from_large_starts": set(), "on_all_recordings": set()}
     for name, counts in used.items():
         work = getattr(steps, name)
 
-        def counted(*given: Any, work: Any = work, counts: set[int] = counts) -> Fit | None:
-            found: Fit | None = work(*given)
+        def counted(*given: Any, limits: Refits, work: Any = work, counts: set[int] = counts) -> Fit | None:
+            found: Fit | None = work(*given, limits)
             counts.add(len(found.plan.recordings) if found is not None else 0)
             return found
 
@@ -93,7 +94,7 @@ def test_friction_may_be_bristles_that_slip() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if has_large_starts(e)))
-def test_bold_starts_change_about_as_much_as_there_is_to_explain(name: str) -> None:
+def test_large_step_starts_change_about_as_much_as_there_is_to_explain(name: str) -> None:
     base, chosen = strong(), effect(name)
     if not chosen.can_be_added_to(base.setup):
         pytest.skip("not of an actuator")

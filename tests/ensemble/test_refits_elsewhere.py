@@ -145,7 +145,7 @@ def test_of_two_forms_of_an_effect_the_better_one_is_kept() -> None:
     assert [t.candidate.effect for t in trials] == [soft]
 
 
-def test_bold_starts_are_of_different_shapes() -> None:
+def test_large_step_starts_are_of_different_shapes() -> None:
     starts = large_starts(prepare(base()), effect("extra_hysteron"))
     assert 2 <= len(starts) <= 4
     assert len({(v["rho_x"] / v["C_x"], v["d_x"] * v["C_x"]) for v in starts}) == len(starts)
