@@ -55,7 +55,7 @@ EFFECT = Effect(
     parameters=("k_s", "tau_s"),
     plausible={
         "k_s": Plausible(0.0, 0.25, "piezo actuators creep by up to a quarter of a step in minutes to hours", over="k"),
-        "tau_s": Plausible(1e-3, 1e6, "creep goes on over many decades of time, from milliseconds to days"),
+        "tau_s": Plausible(1e-3, 1e5, "creep goes on over many decades of time, from milliseconds to days"),
     },
     applies=has_motion,
     neighbours=("extra_hysteron", "sensor_drift"),

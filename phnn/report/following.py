@@ -47,9 +47,11 @@ def next_experiment(proposal: NextExperiment | None) -> dict[str, Any] | None:
 
 def no_proposal(diagnosis: Diagnosis) -> str:
     """Why no recording is proposed: the reason, the experiment that would tell in principle, what was not recorded."""
-    if diagnosis.proposal is not None:
+    j = diagnosis.judgement
+    members = tied_members(j)
+    tied_places = not j.findings and j.location is not None and j.location.tied
+    if diagnosis.proposal is not None or not (members or tied_places):
         return ""
-    members = tied_members(diagnosis.judgement)
     names = [t.candidate.effect.name.replace("_", " ") for t in members]
     if len(members) < 2:
         start = (

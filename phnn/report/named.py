@@ -73,8 +73,16 @@ def _rivals(diagnosis: Diagnosis, finding: Finding) -> tuple[RivalRow, ...]:
         elif found.cost > base.cost + tie(base):
             rows.append(RivalRow(name, None, "its refit failed, so that it is not excluded by it"))
         else:
-            rows.append(RivalRow(name, math.sqrt(found.fit.chi2), "excluded: leaves more"))
+            rows.append(RivalRow(name, math.sqrt(found.fit.chi2), _excluded(finding.trial, found)))
     return tuple(rows)
+
+
+def _excluded(best: Trial, rival: Trial) -> str:
+    """By how much a rival fits worse, beside what would be a tie."""
+    more = rival.cost - best.cost
+    if best.fit is None or more <= 0.0:
+        return "fits as well, but adds to every recording what no model predicts"
+    return f"excluded: its sum of squares is larger by {more:.3g}, where up to {tie(best.fit):.3g} would be a tie"
 
 
 def plausible_row(
@@ -98,7 +106,8 @@ def plausible_row(
         said = f"{said}, that is {value:.3g} {unit}"
     elif not anchored and unit in FORCE_UNITS:
         return PlausibleRow(name, f"{said}: known up to one common factor only, so no range can be held to it.", None)
-    limits = f"{known.lower:.3g} to {known.upper:.3g} {'' if unit == '1' else unit}".rstrip()
+    lower = "0" if known.lower == 0.0 else quantity(known.lower, unit)
+    limits = f"{lower} to {quantity(known.upper, unit)}"
     if known.lower <= value <= known.upper:
         return PlausibleRow(name, f"{said} is plausible: {limits} ({known.source}).", True)
     beyond = f" If it is real, {known.outside}." if known.outside and value > known.upper else ""

@@ -145,6 +145,16 @@ def test_a_transient_at_the_start_neither_drifts_nor_fails_to_repeat() -> None:
         assert of(found, "drift")[2] > 0.01
 
 
+def test_three_periods_that_miss_a_sample_by_rounding_are_three() -> None:
+    sine = seen_with(nothing, periods=3.0)[0]
+    period = round(1.0 / (sine.frequency * DT))
+    for slip in (-1e-9, 0.0, 1e-9):
+        found = replace(sine, frequency=sine.frequency * (1.0 + slip))
+        assert found.settled().start == period
+        rows = found.steady()
+        assert rows is not None and rows.start == period
+
+
 def test_periods_in_which_the_model_still_moves_are_left_out() -> None:
     sine = seen_with(nothing)[0]
     t = DT * np.arange(sine.model.size)

@@ -113,7 +113,12 @@ def test_rivals_are_told_with_what_they_leave(found: campaigns.Diagnosis) -> Non
     assert set(catalogue()["quadratic_drag"].neighbours) <= set(rows)
     for row in rows.values():
         assert row.leaves is None or row.leaves > 0.99 * support.leaves
-        assert (row.leaves is None) == ("excluded: leaves more" not in row.outcome and "as much" not in row.outcome)
+        if row.outcome.startswith("excluded"):
+            more, most = (float(row.outcome.split(word)[1].split()[0].strip(",")) for word in ("larger by", "up to"))
+            assert more > most > 0.0
+        assert (row.leaves is None) == (
+            "excluded" not in row.outcome.partition(":")[0] and "as much" not in row.outcome
+        )
 
 
 def test_nothing_speaks_for_what_has_no_name(found: campaigns.Diagnosis) -> None:
