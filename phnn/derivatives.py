@@ -44,11 +44,8 @@ def output_derivatives(
     asked = len(network_names)
     network_names += [n for n in dict.fromkeys(n for n, _ in varied) if n not in network_names]
     places = np.array([program.names.index(n) for n in network_names], dtype=np.int64)
-    acting = _acting(trajectory, names)
-    if instants:
-        moved_jumps = _by_instants(trajectory)
-        names = [*names, *(a.name for a in moved_jumps)]
-        acting += moved_jumps
+    jumps = _by_instants(trajectory) if instants else []
+    acting, names = [*_acting(trajectory, names), *jumps], [*names, *(a.name for a in jumps)]
     active = np.concatenate([places, [sweep.carrier(program, a.port) for a in acting]]).astype(np.int64)
     looks, times, samples_of = sensed(setup, trajectory.nodes, trajectory.h)
     none = np.zeros((trajectory.h.size, 0))

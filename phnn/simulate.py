@@ -111,13 +111,7 @@ def simulate(
     driving = driving_of(recording, substeps, method)
     lead, nodes = driving.lead, np.concatenate([[0], np.cumsum(driving.counts)])
     h, cycle = np.repeat(recording.dt / driving.counts, driving.counts), int(nodes[recording.cycle])
-    fine, before = driven(setup, driving.fine(recording), h, input_before(recording, recording.u), cycle)
-    u, held = np.zeros((fine.shape[0], len(network.ports))), np.zeros(len(network.ports))
-    places = [0, *further_ports(network, recording)]
-    u[:, places] = np.column_stack([mean_input(fine), settled(driving.further, cycle)])
-    held[places] = [before, *(x[0] for x in recording.further.values())]
-    for source in setup.sources:
-        u[:, place_of(setup, source)] += sounded(setup, source, h, lead * recording.dt)
+    fine, u, held = _port_inputs(setup, network, recording, driving, h, cycle)
     rest = None if cycle or initial is not None else held
     x0 = _begun(program, network, u[:cycle], h[:cycle], held, recording.name) if initial is None else initial
     n = u.shape[0]
@@ -135,6 +129,20 @@ def simulate(
         setup, recording, program, theta, driving, h, nodes, lead, cycle, cycle if initial is None else 0, rest,
         recording.t, y[lead:], fine, u, states, efforts,
     )  # fmt: skip
+
+
+def _port_inputs(
+    setup: Setup, network: Network, recording: Recording, driving: Driving, h: Array, cycle: int
+) -> tuple[Array, Array, Array]:
+    """The first port's input within the steps (n, 3), the means of all ports (n, P), and what they were before (P,)."""
+    fine, before = driven(setup, driving.fine(recording), h, input_before(recording, recording.u), cycle)
+    u, held = np.zeros((fine.shape[0], len(network.ports))), np.zeros(len(network.ports))
+    places = [0, *further_ports(network, recording)]
+    u[:, places] = np.column_stack([mean_input(fine), settled(driving.further, cycle)])
+    held[places] = [before, *(x[0] for x in recording.further.values())]
+    for source in setup.sources:
+        u[:, place_of(setup, source)] += sounded(setup, source, h, driving.lead * recording.dt)
+    return fine, u, held
 
 
 def _begun(program: Program, network: Network, u: Array, h: Array, held: Array, name: str) -> Array:
