@@ -32,6 +32,9 @@ def run(out: Path, config: Mapping[str, Any], progress: Progress) -> str:
     for name in chosen:
         if name not in config["cases"]:
             raise InputRefused(f"only: no case {name!r}: choose from {', '.join(config['cases'])}")
+        for way in config["cases"][name]["ways"]:
+            if way not in ways:
+                raise InputRefused(f"{name}: no trainer {way!r}: choose from {', '.join(ways)}")
     cases = {n: Case(**{**config["cases"][n], "ways": tuple(config["cases"][n]["ways"])}) for n in chosen}
     outcomes = compare_trainers(out, cases, ways, float(config["noise_um"]), int(config["seed"]), progress)
     text = table(outcomes, cases, ways)
