@@ -70,12 +70,12 @@ def test_what_does_not_exist_is_refused_in_one_line(
 def test_the_adjoint_trains_table_1_to_the_noise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # Times are for the table of the script to tell: a test does not know what else the machine does.
     script(
-        monkeypatch, f"out={tmp_path}", "only=[parametric,learned]", "cases.parametric.ways=[gauss_newton,adjoint]",
-        "cases.learned.ways=[adjoint]",
+        monkeypatch, f"out={tmp_path}", "only=[parametric,refined]", "cases.parametric.ways=[gauss_newton,adjoint]",
+        "cases.refined.ways=[adjoint]",
     )  # fmt: skip
     found = json.loads((tmp_path / "trainers.json").read_text())["outcomes"]
     assert [(o["case"], o["way"]) for o in found] == [
-        ("parametric", "gauss_newton"), ("parametric", "adjoint"), ("learned", "adjoint"),
+        ("parametric", "gauss_newton"), ("parametric", "adjoint"), ("refined", "adjoint"),
     ]  # fmt: skip
     assert all(o["inside"] <= 1.1 for o in found)
     assert found[1]["curve"][-1][1] == pytest.approx(found[0]["curve"][-1][1], rel=1e-5)
