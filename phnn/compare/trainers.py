@@ -35,6 +35,8 @@ from phnn.recordings import Campaign, read
 # Hysteron 1 of Table 1, slowed down until an explicit method can follow it: it relaxes at C/ϱ⁻¹ = 0.5 ms.
 SLOW = {"C_1": 5.0e-7, "rho_1": 1.0e-3, "d_1": 8.0}
 _SLOW_HZ, _SLOW_HELD_HZ, _WEIGHING = (50.0, 100.0, 150.0), (75.0, 120.0), 1e-4
+# The first steps of L-BFGS are short, because nothing is known of the curvature: they say nothing of rest.
+_LEAST_EPOCHS = 4
 
 
 @dataclass(frozen=True)
@@ -214,7 +216,7 @@ def _epochs(
         curve.append((spent, loss))
         spent = time.process_time() - began
         progress(f"epoch {len(curve)}: {spent:.1f} s, loss {loss:.6g}")
-        stopped = len(curve) > 1 and curve[-2][1] - loss < case.tolerance * loss
+        stopped = len(curve) > _LEAST_EPOCHS and curve[-2][1] - loss < case.tolerance * loss
         if stopped:
             break
     solved = objective.solved
