@@ -19,10 +19,12 @@ from junctions import march
 
 from phnn import commands
 from phnn.compare import settings as comparison
+from phnn.compare.trainers import Case, Way
 from phnn.configuration import compose, compose_groups, config_folder
 from phnn.experiment.recordings import Conditions
 from phnn.identify.base import Options
 from phnn.learn import Settings
+from phnn.learn.methods import METHODS
 from phnn.learn.objective import Objective
 from phnn.learn.solvers import solver_for
 from phnn.learn.starts import plant_for
@@ -120,6 +122,14 @@ def experiment(name: str) -> None:
             config = hydra.compose(f"experiment/{name}", ["folder=recordings"])
         assert set(config.studies) == set(STUDIES)
         assert all(callable(getattr(commands, c)) for some in config.studies.values() for c in some)
+        return
+    if name == "trainers":
+        with hydra.initialize_config_dir(str(HOME), version_base=None):
+            config = hydra.compose(f"experiment/{name}")
+        ways = {label: Way(**given) for label, given in config.ways.items()}
+        used = {way for case in config.cases.values() for way in Case(**case).ways}
+        assert used == set(ways)
+        assert {way.method for way in ways.values()} <= set(METHODS)
         return
     with hydra.initialize_config_dir(str(HOME), version_base=None):
         config = hydra.compose(f"experiment/{name}", ["folder=recordings", "out=out"])

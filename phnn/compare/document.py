@@ -20,6 +20,8 @@ from phnn.report.formatting import DASH, markdown_table, number, percent, ratio
 HEADS = {
     "phs": "PHS",
     "phs_neural": "PHS, learned hysterons",
+    "phs_adjoint": "PHS, by adjoint",
+    "phs_neural_adjoint": "PHS, learned hysterons, by adjoint",
     "neural_phs": "fully neural PHS",
     "bouc_wen": "Bouc–Wen",
     "linear": "linear",

@@ -20,8 +20,8 @@ from phnn.report.reduction import envelope
 
 Array = NDArray[np.float64]
 
-_COLOURS = dict(zip(HEADS, CATEGORIES, strict=False))
-_MARKS = dict(zip(HEADS, "Dosv^P", strict=True))
+_COLOURS = dict(zip(HEADS, (*CATEGORIES, "#d55e00"), strict=True))
+_MARKS = dict(zip(HEADS, "DoX*sv^P", strict=True))
 _GROUPS = {OUTSIDE: "outside", CONFIRMATION: "inside", IDENTIFICATION: "identified"}
 _PANELS = 4
 _MICRO, _NANO = 1e-6, 1e-9

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from phnn.compare.result import Result, digest, keep, kept
-from phnn.compare.settings import Settings
+from phnn.compare.settings import NETWORKS, Settings
 from phnn.compare.supply import Response, Supply, of_plant, of_setup, supply
 from phnn.compare.trained import Trained, train
 from phnn.diagnose.confirm import score_on_all
@@ -32,17 +32,22 @@ _MECHANICAL = ("m", "k", "b", "alpha")
 KINDS = {
     "phs": "port-Hamiltonian network, hysterons with dead zones",
     "phs_neural": "port-Hamiltonian network, hysterons with learned resistors, started from phs",
+    "phs_adjoint": "port-Hamiltonian network, hysterons with dead zones",
+    "phs_neural_adjoint": "port-Hamiltonian network, hysterons with learned resistors",
     "neural_phs": "port-Hamiltonian system whose structure, dissipation and energy are learned",
     "bouc_wen": "Bouc–Wen block in front of a mass, spring and damper",
     "linear": "mass, spring and damper",
     "neural_ode": "black-box neural ordinary differential equation",
 }
 _LEAST_SQUARES = "least squares with exact forward sensitivities of the compiled power-preserving march"
+_ADJOINT = "L-BFGS, torchdiffeq's odeint_adjoint with the compiled power-preserving step as its method"
 GRADIENTS = {
     "phs": _LEAST_SQUARES,
     "bouc_wen": _LEAST_SQUARES,
     "linear": _LEAST_SQUARES,
     "phs_neural": "damped Gauss–Newton with exact forward sensitivities of the compiled power-preserving march",
+    "phs_adjoint": _ADJOINT,
+    "phs_neural_adjoint": _ADJOINT,
     "neural_phs": "implicit function theorem through the power-preserving step, one backward sweep",
     "neural_ode": "through the steps of the explicit method (torchdiffeq)",
 }
@@ -133,8 +138,9 @@ def _trained(bench: Bench, model: str) -> Result:
     """Train, score and judge a neural model."""
     recipe, options = bench.settings.recipes[model], bench.settings.options
     substeps, base = 1, None
-    if model == "phs_neural":
-        plan, base = bench.plan(), bench.home("phs")
+    if model in NETWORKS:
+        plan = bench.plan()
+        base = bench.home("phs") if model == "phs_neural" else None
         substeps = max(plan.steps_of(r) for r in plan.recordings)
         hysterons = int(bench.campaign.setup.get("hysterons", 2))
         recipe = replace(recipe, model={**recipe.model, "hysterons": hysterons})

@@ -9,11 +9,13 @@ from typing import Any
 from phnn.errors import InputRefused
 from phnn.identify.base import Options
 
-TRAINED = ("phs_neural", "neural_phs", "neural_ode")
+# Networks whose time step the identified model tells.
+NETWORKS = ("phs_neural", "phs_adjoint", "phs_neural_adjoint")
+TRAINED = (*NETWORKS, "neural_phs", "neural_ode")
 # These begin without an identified model.
 BLACK_BOXES = ("neural_phs", "neural_ode")
 # In the order in which they are fitted and shown: phs_neural begins from phs.
-MODELS = ("phs", "phs_neural", "neural_phs", "bouc_wen", "linear", "neural_ode")
+MODELS = ("phs", *NETWORKS, "neural_phs", "bouc_wen", "linear", "neural_ode")
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ def simulate_torch(
         SolverFailed: a step has no solution; names the time.
     """
     steps = torch.as_tensor(h, dtype=torch.float64).expand(u_mean.shape[:1])
-    _check(system, u_mean, steps, x0)
+    refuse_unfit_march(system, u_mean, steps, x0)
     if window < 1:
         raise InputRefused(f"window = {window}: give a number of steps of one or more")
     for name in only or ():
@@ -67,7 +67,7 @@ def simulate_torch(
     except StructureViolated:
         path = dense.march(system, x0, u_mean, steps.tolist())
         return dense.with_derivatives(system, path, x0, u_mean, steps.unsqueeze(-1))[:, wanted]
-    march = _March(system, program, wanted, window)
+    march = March(system, program, wanted, window)
     return _Implicit.apply(march, u_mean, steps, x0, *march.parameters)
 
 
@@ -82,15 +82,17 @@ class _Equations(nn.Module):
         return march_residual(self.system, program, states, efforts, u, h).value
 
 
-class _March:
+class March:
     """A system's march in windows.
 
     Raises:
         SolverFailed: a step has no solution.
     """
 
-    def __init__(self, system: PortHamiltonianSystem, program: Program, wanted: list[int], window: int) -> None:
-        self.equations, self.program, self.wanted, self.window = _Equations(system), program, wanted, window
+    def __init__(
+        self, system: PortHamiltonianSystem, program: Program, wanted: Sequence[int] = (), window: int = WINDOW
+    ) -> None:
+        self.equations, self.program, self.wanted, self.window = _Equations(system), program, list(wanted), window
         named = {n: p for n, p in self.equations.named_parameters() if p.requires_grad}
         self.names, self.parameters = tuple(named), tuple(named.values())
         present = system.present_values()
@@ -156,6 +158,9 @@ class _March:
             residual = torch.func.functional_call(
                 self.equations, dict(zip(self.names, inputs[2:], strict=True)), arguments
             )
+            if not residual.requires_grad:
+                # A network may hold parameters, and ports, that none of its equations reads.
+                return
             # The sweep's multipliers of the balances already carry the minus sign of the implicit function theorem.
             weights = torch.from_numpy(np.hstack([-mu[:, :n], mu[:, n:]]))
             asked = [i for i, v in enumerate(found) if v is not None]
@@ -170,7 +175,7 @@ class _Implicit(torch.autograd.Function):
     """The states of the march; backward by the adjoint sweep."""
 
     @staticmethod
-    def forward(ctx: Any, march: _March, u: Tensor, h: Tensor, x0: Tensor, *parameters: Tensor) -> Tensor:
+    def forward(ctx: Any, march: March, u: Tensor, h: Tensor, x0: Tensor, *parameters: Tensor) -> Tensor:
         out, starts = march.forward(_array(u), _array(h), _array(x0))
         ctx.march, ctx.starts = march, starts
         ctx.save_for_backward(u, h, *parameters)
@@ -188,7 +193,8 @@ def _array(tensor: Tensor) -> Array:
     return np.ascontiguousarray(tensor.detach().numpy())
 
 
-def _check(system: PortHamiltonianSystem, u: Tensor, h: Tensor, x0: Tensor) -> None:
+def refuse_unfit_march(system: PortHamiltonianSystem, u: Tensor, h: Tensor, x0: Tensor) -> None:
+    """Refuse shapes, types or values of inputs (n, P), steps (n,) or an initial state (N,) that cannot be marched."""
     states, ports = len(system.state_names), len(system.network.ports)
     for name, tensor, shape in (("initial state", x0, (states,)), ("mean input", u, (u.shape[0], ports))):
         if tuple(tensor.shape) != shape:

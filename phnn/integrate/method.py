@@ -141,8 +141,8 @@ class DiscreteGradient:
     """
 
     def __init__(self, func: Any, y0: Tensor, step_size: float | None = None, **others: Any) -> None:
-        _check_options(METHOD, others, "step_size")
-        if _augmented(func):
+        check_options(METHOD, others, "step_size")
+        if augmented(func):
             raise InputRefused(_OTHER_ADJOINT)
         inner, self.holder = func.base_func, None
         if isinstance(inner, _PerturbFunc):
@@ -187,8 +187,8 @@ class DiscreteGradientAdjoint:
     """
 
     def __init__(self, func: Any, y0: Tensor, **others: Any) -> None:
-        _check_options(ADJOINT_METHOD, others)
-        known = _augmented(func)
+        check_options(ADJOINT_METHOD, others)
+        known = augmented(func)
         solve = getattr(known.get("func"), "solve", None)
         if solve is None:
             raise InputRefused(f"{ADJOINT_METHOD} is the adjoint_method of odeint_adjoint for method={METHOD!r} alone")
@@ -222,7 +222,7 @@ def _refuse_other_adjoint(module: Any, arguments: Any) -> None:
     raise InputRefused(_OTHER_ADJOINT)
 
 
-def _augmented(func: Any) -> dict[str, Any]:
+def augmented(func: Any) -> dict[str, Any]:
     """What the augmented dynamics of torchdiffeq's backward pass was made of; empty for any other function."""
     while isinstance(func, torch.nn.Module) and hasattr(func, "base_func"):
         func = func.base_func
@@ -230,7 +230,8 @@ def _augmented(func: Any) -> dict[str, Any]:
     return known if "adjoint_params" in known else {}
 
 
-def _check_options(method: str, options: dict[str, Any], *known: str) -> None:
+def check_options(method: str, options: dict[str, Any], *known: str) -> None:
+    """Refuse options that a method does not have."""
     # These three torchdiffeq adds itself.
     unknown = sorted(set(options) - {"rtol", "atol", "norm"})
     if unknown:

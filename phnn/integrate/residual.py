@@ -56,11 +56,12 @@ class _Steps:
     """All steps of a march, seen through the elements of the network."""
 
     def __init__(
-        self, system: PortHamiltonianSystem, program: Program, states: Tensor, efforts: Tensor, u: Tensor, h: Tensor
-    ) -> None:
+        self, system: PortHamiltonianSystem, program: Program, x: Tensor, ends: Tensor, efforts: Tensor, u: Tensor,
+        h: Tensor,
+    ) -> None:  # fmt: skip
         self.system, self.program, self.h = system, program, h
         self.storages = len(system.network.storages)
-        self.x, self.ends, self.stored = states[:-1], states[1:].detach(), efforts[:, : self.storages].detach()
+        self.x, self.ends, self.stored = x, ends.detach(), efforts[:, : self.storages].detach()
         self.junctions = [program.states.index(name) for name in program.junctions]
         self.leaves = [program.states.index(name) for name in program.leaves]
         self.on = {
@@ -69,7 +70,7 @@ class _Steps:
         }
         self.flow, self.change = {}, {}
         for k in self.junctions:
-            self.flow[k], self.change[k] = self._junction(k, states[1:, k], efforts[:, k])
+            self.flow[k], self.change[k] = self._junction(k, ends[:, k], efforts[:, k])
         self.actions = system.actions(u)
         self._middle()
         mean = dict(self.flow)
@@ -189,7 +190,20 @@ def march_residual(
     Args:
         system: the module of the network that ``program`` was compiled from.
     """
-    steps = _Steps(system, program, states, efforts, u, h)
+    return steps_residual(system, program, states[:-1], states[1:], efforts, u, h)
+
+
+def steps_residual(
+    system: PortHamiltonianSystem,
+    program: Program,
+    x: Tensor,  # (n, N) states at the start of the steps
+    following: Tensor,  # (n, N) and at their ends
+    efforts: Tensor,  # (n, N) mean efforts
+    u: Tensor,  # (n, P) mean inputs
+    h: Tensor,  # (n,) steps
+) -> Residual:
+    """The same for steps that need not follow one another, such as those of several marches."""
+    steps = _Steps(system, program, x, following, efforts, u, h)
     through = steps.branch_powers()[1]
     exchanged = combined(steps.mean, steps.structure.mT)
     lost = combined(through, steps.branches.mT)
@@ -199,20 +213,20 @@ def march_residual(
     sizes = sizes + combined(steps.actions.abs(), steps.inputs.abs().mT)
     values, scales = [], []
     for k in range(steps.storages):
-        end = steps.end[k] if k in steps.end else states[:-1, k] + steps.change[k]
-        values.append(states[1:, k] - end)
-        scales.append(states[1:, k].abs() + states[:-1, k].abs() + h * sizes[:, k])
+        end = steps.end[k] if k in steps.end else x[:, k] + steps.change[k]
+        values.append(following[:, k] - end)
+        scales.append(following[:, k].abs() + x[:, k].abs() + h * sizes[:, k])
     if system.network.memories:
         drives, drive_sizes = drives_and_sizes(steps)
-        start, step = states[:-1, steps.storages :], h.unsqueeze(-1)
+        start, step = x[:, steps.storages :], h.unsqueeze(-1)
         end = ends(system, start, drives, step)
         rounded = (ends(system, start, drives + drive_sizes, step) - end).abs()
-        values += (states[1:, steps.storages :] - end).unbind(-1)
-        scales += (states[1:, steps.storages :].abs() + start.abs() + rounded).unbind(-1)
+        values += (following[:, steps.storages :] - end).unbind(-1)
+        scales += (following[:, steps.storages :].abs() + start.abs() + rounded).unbind(-1)
     for k in steps.junctions:
         rate = steps.change[k] / h
         values.append(rate - exchanged[:, k] + lost[:, k] - driven[:, k])
-        scales.append(rate.abs() + states[:-1, k].abs() / h + sizes[:, k])
+        scales.append(rate.abs() + x[:, k].abs() / h + sizes[:, k])
     return Residual(torch.stack(values, dim=-1), torch.stack(scales, dim=-1).detach())
 
 
@@ -283,7 +297,7 @@ def power_balance(trajectory: Trajectory, system: PortHamiltonianSystem | None =
     system = PortHamiltonianSystem(network) if system is None else system
     with torch.no_grad():
         states, efforts, u, h = _tensors(trajectory)
-        steps = _Steps(system, trajectory.program, states, efforts, u, h)
+        steps = _Steps(system, trajectory.program, states[:-1], states[1:], efforts, u, h)
         change = system.energies(states).diff(dim=0)
         on, through = steps.branch_powers()
         taken = list((h.unsqueeze(-1) * on * through).unbind(-1))

@@ -15,6 +15,7 @@ from torch.nn.utils.rnn import pad_sequence
 
 from phnn.errors import InputRefused
 from phnn.integrate.batched import march
+from phnn.integrate.compiled_method import COMPILED, sampled_states
 from phnn.integrate.differentiable import simulate_torch
 from phnn.integrate.method import METHOD
 from phnn.integrate.ode import ADAPTIVE, odeint
@@ -80,24 +81,28 @@ class Torchdiffeq:
     """Windows by torchdiffeq, in batches.
 
     The methods of torchdiffeq see all windows at once in the time ``τ`` that counts steps, ``dx/dτ = h_b f(x, u_b)``:
-    windows of recordings at different rates then share their output times. The power-preserving step goes window
-    lengths and steps apart, one batch for each, in true time.
+    windows of recordings at different rates then share their output times. The power-preserving step in torch goes
+    window lengths and steps apart, one batch for each, in true time. The compiled one takes all windows at once, each
+    in the share of its own time.
 
     Args:
-        method: of `phnn.integrate.ode.odeint`.
+        method: ``compiled_discrete_gradient`` (`phnn.integrate.compiled_method`), for networks whose laws have compiled
+            forms, or any of `phnn.integrate.ode.odeint`.
         adjoint: gradients by `odeint_adjoint`.
         rtol, atol: of adaptive methods; ``atol`` in units of the typical states.
     """
 
     def __init__(
-        self, plant: Plant, method: str = METHOD, adjoint: bool = True, rtol: float = 1e-7, atol: float = 1e-9
+        self, plant: Plant, method: str = COMPILED, adjoint: bool = True, rtol: float = 1e-7, atol: float = 1e-9
     ) -> None:
-        if method == METHOD and not isinstance(plant, NetworkPlant):
+        if method in (METHOD, COMPILED) and not isinstance(plant, NetworkPlant):
             raise InputRefused(f"method = {method} under torchdiffeq is for networks: take rk4 or dopri5")
         self.method, self.adjoint, self.rtol, self.atol = method, adjoint, rtol, atol
 
     def __call__(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
         """States at the samples of each window."""
+        if self.method == COMPILED:
+            return self._compiled(plant, windows, x0)
         found: list[Tensor] = [x0] * len(windows)
         for members in self._batches(windows):
             solve = self._preserving if self.method == METHOD else self._general
@@ -113,6 +118,11 @@ class Torchdiffeq:
         for b, w in enumerate(windows):
             alike.setdefault(w.h.numpy().tobytes(), []).append(b)
         return list(alike.values())
+
+    def _compiled(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
+        assert isinstance(plant, NetworkPlant)
+        u, h, nodes = zip(*((plant.inputs(w.mean), w.h, w.nodes) for w in windows), strict=True)
+        return sampled_states(plant.system, u, h, nodes, x0, self.adjoint)
 
     def _preserving(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
         assert isinstance(plant, NetworkPlant)

@@ -23,7 +23,7 @@ from phnn.identify.staged import (
 from phnn.learn.plant import LatentPlant, NetworkPlant, Plant
 from phnn.models.actuator import hrc
 from phnn.models.fully_neural import FullyNeural
-from phnn.models.neural import neural_hrc
+from phnn.models.neural import STARTS, neural_hrc, staggered
 from phnn.models.neural_ode import NeuralODE
 from phnn.models.scales import Scales
 from phnn.models.store import load
@@ -33,6 +33,7 @@ from phnn.setup import Setup
 from phnn.simulate import simulate
 
 NETWORKS = ("hrc", "neural_hrc")
+STAGGERED = "staggered"
 LATENT: dict[str, Callable[..., FullyNeural | NeuralODE]] = {"fully_neural": FullyNeural, "neural_ode": NeuralODE}
 
 # Electrical stiffness of a hysteron over the mechanical one, and the width of a closed dead zone over the drive.
@@ -47,7 +48,8 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
     Args:
         model: ``kind`` and the arguments of `neural_hrc`, `FullyNeural` or `NeuralODE`; ``hrc`` is the parametric
             network. ``start`` of a network: ``parametric`` begins from the identified base model, ``none`` from
-            one of the recordings' gain whose hysterons have no dead zone.
+            one of the recordings' gain whose hysterons have no dead zone, ``staggered`` (of ``hrc``) from the dead
+            zones that the drive alone gives, with which learned resistors begin under ``none``.
         base: folder of an identified base model, to save its identification.
 
     Raises:
@@ -65,18 +67,31 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
         "hysterons", "start", "width", "law", "symmetric", "spring_width")  # fmt: skip
     _check(kind, arguments, known)
     hysterons, start = int(arguments.get("hysterons", 2)), str(arguments.get("start", "parametric"))
+    if kind == "hrc" and start not in (*STARTS, STAGGERED):
+        raise InputRefused(f"model.start = {start!r}: choose {', '.join((*STARTS, STAGGERED))}")
     values = _values(campaign, hysterons, start, base, seed)
     hold = tuple(held_by_statement(campaign.known))
+    reach, speed = reach_and_speed(recordings)
     if kind == "hrc":
+        if start == STAGGERED:
+            values |= _dead_zones(values, hysterons, reach, speed)
         network = _held(hrc(hysterons, values), hold)
     else:
-        reach, speed = reach_and_speed(recordings)
         if start == "none":
             # A closed dead zone is no start to be fitted to.
             values = {n: v for n, v in values.items() if not n.startswith("d_")}
         hold = tuple(n for n in hold if not n.startswith(("rho_", "d_")))
         network = neural_hrc(**arguments, values=values, reach=reach, speed=speed, hold=hold, seed=seed)
     return NetworkPlant(network, typical_states(network, recordings))
+
+
+def _dead_zones(values: Mapping[str, float], hysterons: int, reach: float, speed: float) -> dict[str, float]:
+    """Thresholds and slopes that the drive alone gives."""
+    found = {}
+    for i in range(1, hysterons + 1):
+        effort, flow = 0.5 * values["alpha"] * reach / values[f"C_{i}"], values["alpha"] * speed
+        found[f"d_{i}"], found[f"rho_{i}"], _ = staggered(i, effort, flow)
+    return found
 
 
 def _held(network: Network, hold: Sequence[str]) -> Network:

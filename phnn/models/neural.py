@@ -83,14 +83,25 @@ def neural_hrc(
             zone = v[f"d_{i}"]
             rho = conductance = min(v[f"rho_{i}"], flow / (_FINEST * 0.5 * zone))
         else:
-            zone, carried = 2.0 * _STAGGERED * effort / i, _CARRIED[(i - 1) % len(_CARRIED)] * flow
-            rho, conductance = carried * i / ((1.0 - _STAGGERED) * effort), 2.0 * carried / effort
+            zone, rho, conductance = staggered(i, effort, flow)
         laws.append(_untrained(law, effort, conductance, width=width, symmetric=symmetric, seed=seed + i))
         fit_dead_zone(laws[-1], rho, zone, 2.5 * effort)
     network = replace(known, resistors=_with_laws(known.resistors, laws))
     if spring_width:
         network = _with_spring(network, v["k"], reach, spring_width)
     return _only_used(network, hold)
+
+
+def staggered(number: int, effort: float, flow: float) -> tuple[float, float, float]:
+    """Dead zone ``d`` [V], its slope ``ϱ⁻¹`` [S], and a conductance [S], of a hysteron of which nothing is known.
+
+    Args:
+        number: of the hysteron, from 1.
+        effort: scale of its effort [V]; flow: fastest current [A].
+    """
+    carried = _CARRIED[(number - 1) % len(_CARRIED)] * flow
+    rho = carried * number / ((1.0 - _STAGGERED) * effort)
+    return 2.0 * _STAGGERED * effort / number, rho, 2.0 * carried / effort
 
 
 def _untrained(

@@ -86,7 +86,8 @@ def test_the_step_under_torchdiffeq_is_close_to_the_compiled_march() -> None:
     plant = example.neural()
     with torch.no_grad():
         found, exact = (
-            Objective(plant, s, [thinned(example.recording(), 2)]).outputs() for s in (Torchdiffeq(plant), compiled)
+            Objective(plant, s, [thinned(example.recording(), 2)]).outputs()
+            for s in (Torchdiffeq(plant, "discrete_gradient"), compiled)
         )
     assert error(found, [y.numpy() for y in exact]) < 0.02
 
@@ -97,6 +98,8 @@ def test_the_step_under_torchdiffeq_is_close_to_the_compiled_march() -> None:
         ("neural", {"name": "discrete_gradient"}),
         ("neural", {"name": "torchdiffeq"}),
         ("neural", {"name": "torchdiffeq", "adjoint": False}),
+        ("neural", {"name": "torchdiffeq", "method": "discrete_gradient"}),
+        ("neural", {"name": "torchdiffeq", "method": "discrete_gradient", "adjoint": False}),
         ("fully_neural", {"name": "discrete_gradient"}),
         ("fully_neural", {"name": "torchdiffeq", "method": "rk4", "adjoint": False}),
         ("neural_ode", {"name": "torchdiffeq", "method": "rk4", "adjoint": False}),
