@@ -80,8 +80,9 @@ class Colour:
         squares = np.stack([np.einsum("ij,ij->j", columns[b], columns[b]) for b in blocks])
         total, size = along.sum(axis=0), np.maximum(squares.sum(axis=0), 1e-300)
         spread = np.sqrt(np.sum((along - total / size * squares) ** 2, axis=0))
-        freedom = size**2 / np.maximum(np.sum(squares**2, axis=0), 1e-300) - 1.0
-        return total / np.maximum(spread, 1e-300), freedom
+        freedom = np.maximum(size**2 / np.maximum(np.sum(squares**2, axis=0), 1e-300) - 1.0, 0.0)
+        # As of B values of which the mean was taken: the spread is that of B − 1.
+        return total / np.maximum(spread, 1e-300) * np.sqrt(freedom / (freedom + 1.0)), freedom
 
     def deviates(self, columns: Array, covariance: Array) -> Array:
         """(C,) normal deviates of the scores along columns (N, C), the smaller one of two: under stationary noise of

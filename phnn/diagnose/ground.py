@@ -49,9 +49,9 @@ class Ground:
     @cached_property
     def basis(self) -> Array:
         """(N, K) orthonormal basis of what base parameters and nuisances explain to first order."""
-        if self.fit.jacobian.shape[1] == 0:
-            return np.zeros((self.fit.residual.size, 0))
-        return np.linalg.qr(self.fit.jacobian)[0]
+        jacobian = self.fit.jacobian
+        # What moves nothing, such as a jump outside the samples that are fitted, spans no direction.
+        return np.linalg.qr(jacobian[:, np.any(jacobian != 0.0, axis=0)])[0]
 
     @cached_property
     def residual(self) -> Array:

@@ -32,6 +32,8 @@ _RANK = 1e-9
 _FREE = 1e-10
 # Multiples of a line's frequency that come with it.
 _HARMONICS = (1, 2, 3)
+# Logarithm of the tail probability below which a line stands out of its surroundings.
+_LINE = float(np.log(0.01))
 
 
 @dataclass(frozen=True)
@@ -144,13 +146,16 @@ def strongest_line(ground: Ground) -> tuple[float, float, float]:
     spectra = ground.spectra
     power, level = spectra.added(lambda s: s.power), spectra.added(lambda s: s.level)
     freedom, tries = spectra.freedom, np.log(spectra.f.size * FINER)
+    seen = np.flatnonzero(freedom > 0.5)
+    ratio = power[seen] / np.maximum(level[seen], 1e-300)
+    tails = f_distribution.logsf(ratio, freedom[seen], LEVEL_CELLS * freedom[seen]) + tries
     best = strongest(power, freedom)
+    if tails.size and tails.min() < _LINE:
+        # What stands out of its surroundings is the line, not what is strong because a resonance is.
+        best = int(seen[np.argmin(tails)])
     stated = _deviate(float(power[best]), int(freedom[best]), spectra.f.size * FINER)
-    seen = freedom > 0.5
-    ratio = f_distribution.logsf(
-        power[seen] / np.maximum(level[seen], 1e-300), freedom[seen], LEVEL_CELLS * freedom[seen]
-    )
-    judged = float(np.clip(-ndtri_exp(min(ratio.min(initial=0.0) + tries, -1e-12)), 0.0, stated))
+    tail = float(tails.min(initial=0.0))
+    judged = float(np.clip(-ndtri_exp(min(tail, -1e-12)), 0.0, stated))
     return float(spectra.f[best]), stated, judged
 
 

@@ -29,6 +29,8 @@ from phnn.simulate import Trajectory, simulate
 Array = NDArray[np.float64]
 
 _FAILED = 1e6
+# Weight of the present value of an instant, where the output of a seen jump weighs hundreds.
+_WEAK = 1e-3
 
 
 @dataclass(frozen=True)
@@ -199,6 +201,10 @@ class Problem:
         self.plan = plan
         self.variables = variables
         self.masks = [r.mask(use) for r in plan.recordings]
+        timed = sum(x.size for x in variables.instants.values())
+        self._weak = np.append(
+            np.zeros(len(variables.names) + len(variables.unknown) * variables.scales.size), np.full(timed, _WEAK)
+        )
         self._marched: tuple[bytes | None, list[Trajectory]] = (None, [])
         self._differentiated: tuple[bytes | None, list[Array]] = (None, [])
 
@@ -243,7 +249,8 @@ class Problem:
         Factored recording by recording and then together, so that no tall matrix is ever assembled.
         """
         squares = self.plan.each(lambda _, both: np.linalg.qr(both, mode="r"), self._with_derivatives(z))
-        stacked = np.concatenate([*squares, np.zeros((z.size + 1, z.size + 1))])
+        # A jump outside the samples that are fitted has no derivative; an optimiser crawls on a singular matrix.
+        stacked = np.concatenate([*squares, np.diag(np.append(self._weak, 0.0))])
         square = np.asarray(np.linalg.qr(stacked, mode="r"))
         if not np.isfinite(square).all():
             raise SolverFailed("the derivatives of the output are not finite; narrow the bounds of the parameters")

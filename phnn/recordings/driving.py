@@ -47,16 +47,18 @@ class Driving(NamedTuple):
 
     def fine(self, recording: Recording) -> Array:
         """(n, 3) the first input with jumps at the recording's instants."""
-        return self.command.fine(None if recording.instants is None else recording.instants[self.group])
+        return self.command.fine(self.instants(recording)[self.group])
 
     def slopes(self, recording: Recording) -> Array:
         """(n, G) derivatives of the mean first input by the recording's instants."""
-        return self.command.slopes(None if recording.instants is None else recording.instants[self.group], self.group)
+        return self.command.slopes(self.instants(recording)[self.group], self.group)
 
-    @property
-    def nominal(self) -> Array:
-        """(G,) the instants that are assumed where nothing is known."""
-        return np.array([self.command.nominal[self.group == g][0] for g in range(self.group.max(initial=-1) + 1)])
+    def instants(self, recording: Recording) -> Array:
+        """(G,) the recording's instants; those that are assumed where it has none for the jumps of this input."""
+        count = int(self.group.max(initial=-1)) + 1
+        if recording.instants is not None and recording.instants.size == count:
+            return recording.instants
+        return np.array([self.command.nominal[self.group == g][0] for g in range(count)])
 
 
 class _Same:
@@ -110,6 +112,9 @@ def _driving(
         means[:, k] = mean_input(substep_input(x, counts, method))
     means.flags.writeable = False
     group = _shared(command.breaks.jumps, cycle, period, samples.size, alone)
+    if group.max(initial=-1) + 1 < group.size:
+        # Jumps that share an instant have to mean the same by it.
+        command = replace(command, sharp=True)
     return Driving(counts, lead, command, means, group)
 
 
@@ -146,6 +151,11 @@ def with_declared(recording: Recording, times: Sequence[float], rise: float) -> 
     stated = replace(recording, rise=rise, instants_declared=bool(times))
     if not times:
         return stated
+    if recording.cycle:
+        raise InputRefused(
+            f"{recording.source}: jumps_at_s: a recording that starts in a steady cycle has its jumps estimated, one "
+            f"instant for each phase of the cycle: leave jumps_at_s out, or state another start"
+        )
     driving = driving_of(stated, 1)
     jumps = driving.command.breaks.jumps - driving.lead
     places = np.searchsorted(recording.t, np.sort(np.asarray(times)) + 1e-9 * recording.dt)
@@ -165,7 +175,7 @@ def unknown_instants(recording: Recording) -> Array:
     """(G,) present values of the instants that are to be estimated, none where they are declared."""
     if recording.instants_declared:
         return np.zeros(0)
-    return driving_of(recording, 1).nominal if recording.instants is None else recording.instants
+    return driving_of(recording, 1).instants(recording)
 
 
 def input_before(recording: Recording, samples: Array) -> float:

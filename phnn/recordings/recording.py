@@ -115,9 +115,11 @@ class Recording:
         return 0
 
     def only(self, rows: slice) -> Recording:
-        """Some of the samples of every channel; the parts stay as they are."""
+        """Some of the samples of every channel; the parts stay as they are, instants of jumps are unknown again."""
         return replace(
             self,
+            instants=None,
+            instants_declared=False,
             t=self.t[rows],
             u=self.u[rows],
             y=self.y[rows],

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 # A difference of neighbouring samples is a jump above this share of the input's range, and above this multiple of the
 # typical difference beside it.
 _JUMP_SHARE, _JUMP_RATIO = 0.05, 20.0
+# Most levels of a sequence of levels, fewest samples for each, and least share of samples that equal the one before: of a
+# sine whose period is few samples, at most a quarter do.
+_LEVELS, _FEWEST, _DWELLS = 8, 10, 0.4
 # A change of slope is a kink above this share of the range per sample interval (below it a spline through the kink is
 # wrong by less than a ten-thousandth of the range), above this multiple of the change of slope that the smooth signal
 # beside it has, and above so many steps of a quantised input, though never above the last share
@@ -29,6 +32,8 @@ _KINK_SHARE, _KINK_RATIO, _KINK_STEPS, _COARSE = 1e-3, 10.0, 6.0, 0.02
 _BESIDE = 6
 # Differences inside a fast ramp are alike within this factor; those of a staircase are not.
 _ALIKE = 3.0
+# Fewest samples of a stretch beside a break that is taken for curved.
+_CURVED = 8
 # Stretches that come as near as this share of the range meet. They are compared on a grid, a little beyond the interval
 # too: rounding may place a kink at a sample on its other side.
 _TOUCHING, _BEYOND, _GRID = 1e-3, 0.25, 61
@@ -55,18 +60,24 @@ class Breaks:
     def stretches(self, u: Array, method: str) -> list[Stretch]:
         """The B + 1 smooth stretches of the input (N,)."""
         edges = [0, *self.at.tolist(), u.size]
-        return [Stretch(a, u[a:b], method) for a, b in pairwise(edges)]
+        # A curve through few samples, continued beyond them, leads far away from what they say.
+        short = _CURVED if self.at.size else 0
+        return [Stretch(a, u[a:b], method if b - a >= short else "linear") for a, b in pairwise(edges)]
 
 
 def find_jumps(u: Array) -> NDArray[np.int64]:
     """Indices ``n`` where the input jumps between samples ``n − 1`` and ``n``.
 
-    A jump is a difference above 5 % of the range and above twenty times the typical difference next to it.
+    A jump is a difference above 5 % of the range and above twenty times the typical difference next to it. An input
+    that dwells on a few levels, such as a binary sequence, jumps at every change.
     """
     span = float(np.ptp(u))
     if span == 0.0 or u.size < 4:
         return np.zeros(0, np.int64)
     steps = np.abs(np.diff(u))
+    levels = np.unique(u).size
+    if _FEWEST * levels <= u.size and (levels == 2 or (levels <= _LEVELS and np.mean(steps == 0.0) > _DWELLS)):
+        return np.flatnonzero(steps) + 1
     # Mirrored at the ends: padding with zeros would make every difference of a short record a jump.
     padded = np.pad(steps, 3, mode="reflect")
     around = np.lib.stride_tricks.sliding_window_view(padded, 7)
@@ -106,12 +117,12 @@ def _meeting(n: int, left: Stretch, right: Stretch, near: float) -> float:
 
 
 def _without_ramps(u: Array, jumps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Jumps without those inside a fast ramp: three or more in a row, all alike, of which the ends remain."""
+    """Jumps without those inside a fast ramp: of four or more in a row, one way and alike, the two ends remain."""
     kept: list[int] = []
     for run in np.split(jumps, np.flatnonzero(np.diff(jumps) != 1) + 1):
-        inside = u[run[1:-1]] - u[run[1:-1] - 1]
-        size = np.abs(inside)
-        ramp = run.size > 2 and np.all(inside * inside[0] > 0.0) and size.max() < _ALIKE * size.min()
+        steps = u[run] - u[run - 1]
+        size = np.abs(steps[1:-1])
+        ramp = run.size > 3 and np.all(steps * steps[0] > 0.0) and size.max() < _ALIKE * size.min()
         kept.extend([int(run[0]), int(run[-1])] if ramp else run.tolist())
     return np.array(kept, dtype=np.int64)
 

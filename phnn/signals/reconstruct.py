@@ -27,7 +27,9 @@ METHODS = ("cubic", "quintic", "band_limited", "linear", "zero_order")
 WITH_BREAKS = ("cubic", "quintic")
 _JUMP_SHARE = 0.05
 _JUMP_INTERVALS = 32
-_JUMP_FACTOR = 16
+# How many times as many sub-steps follow a jump; fewer where jumps follow each other so closely that most of the
+# recording would have them.
+_JUMP_FACTOR, _DENSE_FACTOR, _DENSE_SHARE = 16, 4, 0.5
 # Instants of jumps that nobody knows: at the later sample, as of a source that holds each value; in the middle of the
 # interval where the transition takes longer than that.
 HELD, _MIDDLE = 1.0, 0.5
@@ -44,8 +46,9 @@ def substep_counts(u: Array, before: float, substeps: int) -> NDArray[np.int64]:
     jumps = (find_jumps(u) - 1).tolist()
     if starts_with_jump(u, before):
         jumps.append(0)
+    dense = len(jumps) > 2 and len(jumps) * _JUMP_INTERVALS > _DENSE_SHARE * u.size
     for interval in jumps:
-        counts[interval : interval + _JUMP_INTERVALS] = substeps * _JUMP_FACTOR
+        counts[interval : interval + _JUMP_INTERVALS] = substeps * (_DENSE_FACTOR if dense else _JUMP_FACTOR)
     return counts
 
 
@@ -73,6 +76,7 @@ class Reconstruction:
         counts: (N−1,) sub-steps of the sample intervals.
         method: one of ``cubic``, ``quintic``, ``band_limited``, ``linear``, ``zero_order``.
         rise: how long jumps take, in sample intervals, 0 to 1.
+        sharp: whether jumps to and from a single sample happen at once like all others.
 
     Raises:
         InputRefused: an unknown method.
@@ -82,6 +86,7 @@ class Reconstruction:
     counts: NDArray[np.int64]
     method: str
     rise: float = 0.0
+    sharp: bool = False
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -169,7 +174,7 @@ class Reconstruction:
             if np.isnan(instant):
                 rows = slice(int(self._nodes[n - 1]), int(self._nodes[n]))
                 at = self._positions[rows]
-                law = _law_of(left, right, self.u.size, self.rise)
+                law = _law_of(left, right, 0 if self.sharp else self.u.size, self.rise)
                 found.append(_Jump(rows, at - (n - 1), left(at), right(at) - left(at), law))
         return found
 
@@ -188,10 +193,10 @@ _INTO, _OUT_OF = _Law((0.5, 0.5), (1.0, -1.0)), _Law((0.0, 0.5), (0.0, 1.0))
 
 
 def _law_of(left: Stretch, right: Stretch, samples: int, rise: float) -> _Law:
-    """How the transition between two stretches goes."""
-    if right.u.size == 1 and right.first + 1 < samples and left.u.size > 1:
+    """How the transition between two stretches goes; samples: of the input, 0 where a single one says nothing."""
+    if samples and right.u.size == 1 and right.first + 1 < samples and left.u.size > 1:
         return _INTO
-    if left.u.size == 1 and left.first > 0 and right.u.size > 1:
+    if samples and left.u.size == 1 and left.first > 0 and right.u.size > 1:
         return _OUT_OF
     return _Law((0.5 * rise, 1.0 - rise), (rise, 0.0)) if rise else _FAST
 

@@ -173,3 +173,40 @@ def test_the_spread_of_a_prediction_is_that_of_jumps_anywhere_in_their_intervals
     assert estimated is not None
     assert estimated.max() < 1e-2 * spread.max()
     assert output_spread(setup, recording(np.sin(0.01 * np.arange(600.0))), 1) is None
+
+
+def test_a_jump_outside_the_fitted_samples_does_not_stop_the_fit() -> None:
+    setup, rng = Setup(from_paper()), np.random.default_rng(1)
+    u = steps_at(DT * np.arange(2000), 0.020_05, 0.150_05)
+    known = replace(recording(u), instants=np.array([0.3, 0.6]))
+    parts = (Part("a", 0, 1200, "identification"), Part("b", 1300, 2000, "confirmation"))
+    y = simulate(setup, known, 2).y + 5e-8 * rng.standard_normal(u.size)
+    seen = replace(known, y=y, instants=None, parts=parts)
+    begun = setup.with_values({"k": 1.1 * setup.parameters["k"].value, "b": 1.1 * setup.parameters["b"].value})
+    found = fit(begun, Plan((seen,), {"steps": 2}), ["k", "b"])
+    assert found.chi2 == pytest.approx(1.0, abs=0.15)
+    assert found.evaluations < 25
+    # The held-out part places its own jump.
+    assert evaluate(found.setup, found.plan, {}).over_noise("confirmation") == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_stretch_of_a_recording_knows_no_instants_of_the_whole() -> None:
+    u = steps_at(DT * np.arange(600), 0.01, 0.04)
+    stated = replace(recording(u), instants=np.array([0.2, 0.4]), instants_declared=True)
+    part = stated.only(slice(300))
+    assert part.instants is None
+    assert unknown_instants(part).size == 1
+
+
+def test_times_of_jumps_in_a_steady_cycle_are_refused() -> None:
+    wave = np.tile(np.repeat([0.0, 10.0], 50), 6)
+    cyclic = replace(recording(wave), period=100 * DT, start=Start("periodic"))
+    with pytest.raises(InputRefused, match=r"jumps_at_s: a recording that starts in a steady cycle"):
+        with_declared(cyclic, (0.005,), 0.0)
+
+
+def test_instants_of_another_reconstruction_are_not_taken_for_those_of_this_one() -> None:
+    u = steps_at(DT * np.arange(600), 0.01, 0.04)
+    stale = replace(recording(u), instants=np.array([0.2, 0.4]), interpolation="linear")
+    assert unknown_instants(stale).size == 0
+    assert np.isfinite(simulate(Setup(from_paper()), stale, 1).y).all()

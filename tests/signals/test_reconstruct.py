@@ -208,3 +208,37 @@ def test_a_band_limited_input_is_not_cut_where_it_looks_like_a_jump() -> None:
     middles = (np.arange(398) + 0.5) / 2.0
     error = np.abs(substep_input(samples, np.full(199, 2), "band_limited")[:, 1] - u(middles))
     assert error[80:320].max() < 1e-4 * np.abs(samples).max()
+
+
+def test_a_short_pulse_back_is_no_ramp() -> None:
+    u = np.concatenate([np.zeros(10), [1.0, 0.0], np.ones(12)])
+    assert find_breaks(u).jumps.tolist() == [10, 11, 12]
+    fine = substep_input(u, np.full(u.size - 1, 4), "cubic")
+    assert fine.min() >= -1e-12
+    assert fine.max() <= 1.0 + 1e-12
+
+
+@given(seed=st.integers(0, 10**6), hold=st.integers(1, 9), levels=st.integers(2, 5))
+@settings(deadline=None, max_examples=40)
+def test_a_sequence_of_levels_stays_within_its_levels(seed: int, hold: int, levels: int) -> None:
+    # Levels that change with every sample, and are more than two, may as well be samples of something smooth.
+    hold = hold if levels == 2 else max(hold, 2)
+    u = np.repeat(np.random.default_rng(seed).integers(0, levels, 300).astype(float), hold)
+    fine = substep_input(u, np.full(u.size - 1, 3), "cubic")
+    assert fine.min() >= u.min() - 1e-9
+    assert fine.max() <= u.max() + 1e-9
+
+
+def test_a_sine_of_few_samples_a_period_is_no_sequence_of_levels() -> None:
+    u = np.tile(np.sin(2.0 * np.pi * (np.arange(8) + 0.5) / 8.0).round(12), 50)
+    assert find_breaks(u).jumps.size == 0
+
+
+def test_pulses_of_single_samples_keep_their_area_with_a_shared_instant() -> None:
+    u = np.zeros(1300)
+    for k in range(60):
+        u[10 + 20 * k : 10 + 20 * k + (1 if k % 2 else 5)] = 1.0
+    found = Reconstruction(u, np.full(u.size - 1, 4), "cubic", sharp=True)
+    for instant in (0.0, 0.4, 1.0):
+        area = mean_input(found.fine(np.full(found.breaks.jumps.size, instant))).sum() / 4.0
+        np.testing.assert_allclose(area, u.sum(), rtol=1e-9)
