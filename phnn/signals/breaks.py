@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 # A difference of neighbouring samples is a jump above this share of the input's range, and above this multiple of the
 # typical difference beside it.
 _JUMP_SHARE, _JUMP_RATIO = 0.05, 20.0
-# Most levels of a sequence of levels, fewest samples for each, and least share of samples that equal the one before: of a
+# Most levels of a sequence, fewest samples for each, and least share of samples that equal the one before: of a
 # sine whose period is few samples, at most a quarter do.
 _LEVELS, _FEWEST, _DWELLS = 8, 10, 0.4
 # A change of slope is a kink above this share of the range per sample interval (below it a spline through the kink is
