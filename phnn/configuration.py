@@ -44,7 +44,7 @@ def compose(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
     defaults = dict(OmegaConf.load(folder / f"{command}.yaml"))
     overrides = [_in_full(override, defaults) for override in overrides]
     for override in overrides:
-        _check_key(command, override.lstrip("+"), defaults)
+        _check_key(command, override.removeprefix("++") if override.startswith("++criteria.") else override, defaults)
     try:
         with hydra.initialize_config_dir(str(folder), version_base=None, job_name=f"phnn_{command}"):
             composed = hydra.compose(command, list(overrides))

@@ -31,11 +31,14 @@ def script(*overrides: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("name", FILES)
 def test_every_experiment_composes(name: str) -> None:
     with hydra.initialize_config_dir(str(config_folder()), version_base=None):
-        given = ["out=out"] if name == "prove" else ["folder=recordings", "out=out"]
+        given = ["out=out"] if name in ("prove", "trainers") else ["folder=recordings", "out=out"]
         config = hydra.compose(f"experiment/{name}", given)
     assert config.out == "out"
-    if name == "prove":
+    if name in ("prove", "slice"):
         assert config.prove.seed == 2026
+        return
+    if name == "trainers":
+        assert config.seed == 0
         return
     assert config.folder == "recordings"
     if name == "studies":
