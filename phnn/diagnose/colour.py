@@ -84,14 +84,14 @@ class Colour:
         # As of B values of which the mean was taken: the spread is that of B − 1.
         return total / np.maximum(spread, 1e-300) * np.sqrt(freedom / (freedom + 1.0)), freedom
 
-    def deviates(self, columns: Array, covariance: Array) -> Array:
+    def deviates(self, columns: Array, covariance: Array, stated: Array | None = None) -> Array:
         """(C,) normal deviates of the scores along columns (N, C), the smaller one of two: under stationary noise of
         the residual's spectrum, and as blocks show it where there are enough of them.
 
         Args:
-            covariance: `left` of the columns.
+            covariance: `left` of the columns; stated: their `stated` variances, where they are known already.
         """
-        spread = np.sqrt(np.maximum(np.diag(covariance), self.stated(columns)))
+        spread = np.sqrt(np.maximum(np.diag(covariance), self.stated(columns) if stated is None else stated))
         stationary = columns.T @ self.clipped / np.maximum(spread, 1e-300)
         t, freedom = (np.abs(x) for x in self.by_blocks(columns))
         # The normal deviate of the same tail probability as that of Student's t.

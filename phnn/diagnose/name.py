@@ -105,7 +105,7 @@ def score(
     covariance = colour_left * np.outer(scale, scale)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     null = _null_of_supremum(covariance / np.outer(spread, spread), sided, len(lines), seed)
-    deviates = np.where(alive, colour.deviates(d, colour_left), 0.0)
+    deviates = np.where(alive, colour.deviates(d, colour_left, power), 0.0)
     # Never more than the stated noise grants.
     judged = np.minimum(np.where(sided, np.maximum(deviates, 0.0), np.abs(deviates)), value)
     squares = np.einsum("ij,ij->j", d, d)

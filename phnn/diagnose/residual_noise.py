@@ -7,7 +7,7 @@ sampling rate share a spectrum; one that has no period and no such neighbours gi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,17 +67,7 @@ def noise_spectra(
         residuals: (N_r,) weighted, of the identification samples of each recording.
         rule: when a spectrum is believed.
     """
-    differences = [
-        difference(r, recording, rule.difference_samples) for r, recording in zip(residuals, recordings, strict=True)
-    ]
-    found = []
-    for residual, recording in zip(residuals, recordings, strict=True):
-        alike = [
-            d for d, other in zip(differences, recordings, strict=True)
-            if d is not None and abs(other.dt / recording.dt - 1.0) < 1e-6
-        ]  # fmt: skip
-        found.append(_averaged(alike, rule) if alike else _running_median(residual, rule))
-    return found
+    return _spectra(residuals, recordings, rule, lambda _, alike: list(alike.values()))
 
 
 def noise_of_others(
@@ -90,17 +80,35 @@ def noise_of_others(
         residuals: (N_r,) weighted, of the identification samples of each recording.
         rule: when a spectrum is believed.
     """
-    own = noise_spectra(residuals, recordings, rule)
+
+    def others(i: int, alike: Mapping[int, Array]) -> list[Array]:
+        return [d for j, d in alike.items() if j != i][:_BESIDE] or list(alike.values())
+
+    return _spectra(residuals, recordings, rule, others)
+
+
+def _spectra(
+    residuals: Sequence[Array],
+    recordings: Sequence[Recording],
+    rule: Noise,
+    chosen: Callable[[int, Mapping[int, Array]], list[Array]],
+) -> list[NoiseSpectrum]:
+    """The spectrum of every recording from some of the differences at its sampling rate, its own where there are none.
+
+    Args:
+        chosen: takes the number of a recording and the differences at its rate by the number of theirs.
+    """
     differences = [
         difference(r, recording, rule.difference_samples) for r, recording in zip(residuals, recordings, strict=True)
     ]
     found = []
-    for i, (recording, mine) in enumerate(zip(recordings, own, strict=True)):
-        beside = [
-            d for j, (d, other) in enumerate(zip(differences, recordings, strict=True))
-            if j != i and d is not None and abs(other.dt / recording.dt - 1.0) < 1e-6
-        ]  # fmt: skip
-        found.append(_averaged(beside[:_BESIDE], rule) if beside else mine)
+    for i, (residual, recording) in enumerate(zip(residuals, recordings, strict=True)):
+        alike = {
+            j: d for j, (d, other) in enumerate(zip(differences, recordings, strict=True))
+            if d is not None and abs(other.dt / recording.dt - 1.0) < 1e-6
+        }  # fmt: skip
+        shown = chosen(i, alike)
+        found.append(_averaged(shown, rule) if shown else _running_median(residual, rule))
     return found
 
 
