@@ -79,5 +79,6 @@ def _nulls(settings: Settings) -> list[Task]:
 
 
 def _seed(seed: int, group: str, number: int) -> int:
-    """Consecutive in a group, so that every effect has its turn."""
-    return _ROOM * (seed * len(GROUPS) + GROUPS.index(group)) + number
+    """Consecutive in a group, so that every effect has its turn; which one comes first is drawn."""
+    first = seed_of(seed, group, 0) % (_ROOM // 2)
+    return _ROOM * (seed * len(GROUPS) + GROUPS.index(group)) + first + number
