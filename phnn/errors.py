@@ -21,3 +21,7 @@ class SolverFailed(PhnnError):
 
 class StructureViolated(PhnnError):
     """A network is not a port-Hamiltonian system, or not one that the requested operation covers."""
+
+
+class OutputFailed(PhnnError):
+    """Results could not be written while the work was going on, as on a full disk: names what was finished."""

@@ -1,0 +1,8 @@
+"""Where results go: one folder claimed for one run, whole files, names that stay inside it."""
+
+from phnn.output.claim import apart, claim
+from phnn.output.files import finite, write_atomic
+from phnn.output.names import file_name, unique_names
+from phnn.output.place import Place
+
+__all__ = ["Place", "apart", "claim", "file_name", "finite", "unique_names", "write_atomic"]

@@ -1,0 +1,227 @@
+"""Claim a folder for the results of one run: no other run, no recordings in it, marked until it is whole."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from importlib.metadata import version
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from phnn.errors import InputRefused, OutputFailed, PhnnError
+from phnn.output.files import PART, finite, refusal, write_atomic
+from phnn.output.place import Place
+from phnn.output.record import FOLDER, Record
+
+INCOMPLETE = "INCOMPLETE.txt"
+_RUN, _LOCK, _PROBE = "run.json", "lock", "probe"
+# Bytes that must be free before work is begun: a report with its figures has some 3 MB.
+_LEAST_FREE = 8 << 20
+_PROBED = 64 << 10
+_SCHEMA = "phnn.run/1"
+# What hashes stand for, in words.
+_HASHES = {"recordings": "other recordings", "model": "another model"}
+
+
+@contextmanager
+def claim(
+    out: Path,
+    command: str,
+    inputs: Sequence[Path] = (),
+    results: Sequence[str] = (),
+    made_of: Mapping[str, Any] | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+) -> Iterator[Place]:
+    """Claim ``out`` for one run; all that the run writes goes through the `Place` that comes back.
+
+    While the run goes on, and after it was cut off, ``INCOMPLETE.txt`` says so. When it ends, ``results`` of an earlier
+    run that this one did not write anew are removed, and the mark goes.
+
+    Args:
+        out: folder; made if absent.
+        command: what runs, for people.
+        inputs: recordings, models and manifests; ``out`` may not be one of them, contain one or lie in one.
+        results: names directly below ``out`` that the command writes, so that a stranger's file is met at the start.
+        made_of: what decides the results, as hashes of data and settings; the version is added.
+        resume: go on from what an earlier run with the same ``made_of`` has left.
+        overwrite: replace results of phnn even where they were changed since, or were made of something else.
+
+    Raises:
+        InputRefused: the folder belongs to recordings, to another run or to a stranger, or cannot be written to.
+        OutputFailed: the disk is full.
+    """
+    root = _resolved(out)
+    apart(out, inputs)
+    _prepare(root)
+    lock = FileLock(root / FOLDER / _LOCK)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as error:
+        raise InputRefused(f"{out}: another run of phnn writes there: wait for its end, or choose another --out") from error
+    except OSError as error:
+        raise refusal(root, error) from error
+    try:
+        _probe(root)
+        _clean(root)
+        record = Record(root)
+        _met(root, record, results, overwrite)
+        now = {**finite(made_of or {}), "version": version("phnn")}
+        if resume and not overwrite:
+            _same(out, _before(root), {"command": command, "made_of": now})
+        record.compact()
+        place, earlier = Place(root, overwrite=overwrite), record.names()
+        _mark(root, {"schema": _SCHEMA, "command": command, "made_of": now, "complete": False})
+        (place / INCOMPLETE).write(_words(command, ()).encode())
+        try:
+            yield place
+        except BaseException:
+            _tell(place, _words(command, record.names()[len(earlier) + 1 :]))
+            raise
+        if not resume:
+            _forget(place, results, record.names(), len(earlier))
+        _mark(root, {"schema": _SCHEMA, "command": command, "made_of": now, "complete": True})
+        (place / INCOMPLETE).remove()
+    finally:
+        lock.release()
+
+
+def apart(out: Path, inputs: Sequence[Path]) -> None:
+    """Refuse results in a folder of recordings or models.
+
+    Raises:
+        InputRefused: ``out`` is one of ``inputs``, contains one or lies in one, links resolved.
+    """
+    root = _resolved(out)
+    for given in inputs:
+        place = _resolved(given)
+        folder = place if place.is_dir() else place.parent
+        if root == folder or root in folder.parents or folder in root.parents:
+            relation = "is" if root == folder else "contains" if root in folder.parents else "lies in"
+            raise InputRefused(
+                f"--out {out}: {relation} {folder}, from which this command reads: choose a folder apart from it"
+            )
+
+
+def _resolved(path: Path) -> Path:
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputRefused(f"{str(path)!r}: is no path that can be used ({error}): choose another") from error
+
+
+def _prepare(root: Path) -> None:
+    if root.exists() and not root.is_dir():
+        raise InputRefused(f"{root}: is a file: name a folder for --out")
+    try:
+        (root / FOLDER).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise refusal(root, error) from error
+    if (root / FOLDER).is_symlink():
+        raise InputRefused(f"{root / FOLDER}: is a link: remove it, or choose another folder for --out")
+
+
+def _probe(root: Path) -> None:
+    """Find out before the work whether there is room for its results."""
+    free = shutil.disk_usage(root).free
+    if free < _LEAST_FREE:
+        raise InputRefused(
+            f"{root}: only {free / 2**20:.1f} MiB of disk are free, at least {_LEAST_FREE >> 20} are needed: make room, "
+            "or choose another folder for --out"
+        )
+    probe = root / FOLDER / _PROBE
+    try:
+        write_atomic(probe, bytes(_PROBED))
+    except OutputFailed as error:
+        raise InputRefused(str(error)) from error
+    finally:
+        probe.unlink(missing_ok=True)
+
+
+def _clean(root: Path) -> None:
+    """Remove what a run that was killed has left half written; temporary names are 16 hexadecimal digits."""
+    known = Record(root).digests()
+    folders = {root, root / FOLDER} | {(root / name).parent for name in known}
+    for folder in folders:
+        for part in folder.glob(f".{'[0-9a-f]' * 16}{PART}"):
+            part.unlink(missing_ok=True)
+
+
+def _met(root: Path, record: Record, results: Sequence[str], overwrite: bool) -> None:
+    """Meet at the beginning what would refuse a result at the end.
+
+    Raises:
+        InputRefused: a file or folder with the name of a result that phnn did not write, or that was changed since.
+    """
+    known = record.digests()
+    for result in results:
+        path = root / result
+        files = [n for n in known if PurePosixPath(n).parts[0] == result]
+        if (path.exists() or path.is_symlink()) and not files and not _empty(path):
+            raise InputRefused(f"{path}: was not written by phnn: move it away, or choose another folder for --out")
+        for name in files:
+            if not overwrite and (root / name).exists() and not record.owns(PurePosixPath(name), known):
+                raise InputRefused(
+                    f"{root / name}: was changed after phnn wrote it: move it away, choose another folder for --out, or "
+                    "give --overwrite"
+                )
+
+
+def _empty(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink() and next(path.iterdir(), None) is None
+
+
+def _before(root: Path) -> dict[str, Any] | None:
+    """What the last run in a folder was made of; None where there was none, or its note was damaged."""
+    try:
+        content = json.loads((root / FOLDER / _RUN).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return content if isinstance(content, dict) and content.get("schema") == _SCHEMA else None
+
+
+def _same(out: Path, before: Mapping[str, Any] | None, now: Mapping[str, Any]) -> None:
+    """Refuse to go on with what was made of something else."""
+    if before is None:
+        return
+    remedy = "take another --out, or --overwrite to begin anew"
+    if before.get("command") != now["command"]:
+        raise InputRefused(f"{out}: holds results of phnn {before.get('command')}: {remedy}")
+    old, new = before.get("made_of") or {}, now["made_of"]
+    for key in sorted(set(old) | set(new)):
+        if old.get(key) != new.get(key):
+            shown = "" if key in _HASHES else f" ({key}: {old.get(key)} before, {new.get(key)} now)"
+            what = _HASHES.get(key, "other settings")
+            raise InputRefused(f"{out}: was made with {what}{shown}: {remedy}")
+
+
+def _mark(root: Path, content: Mapping[str, Any]) -> None:
+    text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+    write_atomic(root / FOLDER / _RUN, text.encode())
+
+
+def _words(command: str, finished: Sequence[str]) -> str:
+    done = "".join(f"  {name}\n" for name in dict.fromkeys(finished) if name != INCOMPLETE)
+    return (
+        f"phnn {command} has begun here and not come to its end: what else lies here may be of an earlier run.\n"
+        "Give the same command again.\n" + (f"Finished in this run:\n{done}" if done else "")
+    )
+
+
+def _tell(place: Place, text: str) -> None:
+    """Write into the mark what was finished; on a full disk the mark stays as it is."""
+    with suppress(PhnnError):
+        (place / INCOMPLETE).write(text.encode())
+
+
+def _forget(place: Place, results: Sequence[str], names: Sequence[str], earlier: int) -> None:
+    """Remove results of an earlier run that this one did not write anew; only those that are as phnn wrote them."""
+    new = set(names[earlier:])
+    for name in set(names[:earlier]) - new:
+        path = PurePosixPath(name)
+        if path.parts[0] in results:
+            Place(place.root, path).remove()
