@@ -26,11 +26,13 @@ from phnn.identify.fit import Fit
 from phnn.identify.problem import Plan
 from phnn.models.store import load, save
 from phnn.network.elements import Network
+from phnn.output import Place, claim, finite, unique_names
 from phnn.recordings import Campaign, read
+from phnn.recordings.recording import Recording
 from phnn.report import console_summary
 from phnn.report.checked import write_check
-from phnn.report.files import finite, write_atomic, write_json
-from phnn.report.result import evidence, write
+from phnn.report.result import RESULTS, evidence, write_into
+from phnn.setup import Setup
 from phnn.simulate import check_names, measured_network, simulate
 
 if TYPE_CHECKING:
@@ -56,17 +58,38 @@ def check(folder: Path, manifest: Path | None, out: Path | None = None) -> None:
     checked = check_recordings(read(folder, manifest))
     print(checked.text())
     if out is not None:
-        write_check(checked, out)
+        with claim(out, "check", _inputs(folder, manifest), ("check.json", "check.html")) as place:
+            write_check(checked, place)
 
 
-def identify(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any]) -> None:
+def _inputs(*paths: Path | None) -> list[Path]:
+    """What a command reads."""
+    return [path for path in paths if path is not None]
+
+
+def identify(
+    folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any], overwrite: bool = False
+) -> None:
     """Fit the base model; writes ``base/`` and ``identify.json``."""
     campaign = read(folder, manifest)
     options = Options.from_config(config)
+    with claim(out, "identify", _inputs(folder, manifest), ("base", "identify.json"), overwrite=overwrite) as place:
+        parameters, scores = _identify(campaign, options, place)
+    console = Console()
+    table = Table("parameter", "value", "standard error", "note", title=f"base model of {folder}")
+    for name, row in parameters.items():
+        error_text = f"{row['std']:.2g}" if row["std"] is not None else "–"
+        table.add_row(name, f"{row['value']:.5g} {row['unit']}", error_text, str(row["held"] or ""))
+    console.print(table)
+    console.print(_score_table({"base": scores}))
+
+
+def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[str, Any], Evaluation]:
+    """Fit the base model and write it; its table of parameters, and its scores."""
     with _progress() as progress:
         fitted, error = identify_base(campaign, options, progress)
         scores = score_on_all(fitted, campaign)
-    _keep(fitted, out / "base")
+    _keep(fitted, place / "base")
     std = fitted.std()
     parameters = {
         n: {"value": p.value, "unit": p.unit, "std": finite(std.get(n)), "held": _note(fitted, n)}
@@ -78,45 +101,43 @@ def identify(folder: Path, out: Path, manifest: Path | None, config: Mapping[str
         "numerical_error_sigma": error.sigma,
         "seed": options.seed,
     }
-    write_json(out / "identify.json", content)
-    console = Console()
-    table = Table("parameter", "value", "standard error", "note", title=f"base model of {folder}")
-    for name, row in parameters.items():
-        error_text = f"{row['std']:.2g}" if row["std"] is not None else "–"
-        table.add_row(name, f"{row['value']:.5g} {row['unit']}", error_text, str(row["held"] or ""))
-    console.print(table)
-    console.print(_score_table({"base": scores}))
+    (place / "identify.json").write_json(content)
+    return parameters, scores
 
 
-def diagnose(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any]) -> None:
+def diagnose(
+    folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any], overwrite: bool = False
+) -> None:
     """Diagnose a folder; writes ``diagnosis.json``, ``report.html``, ``model/``, ``base/`` and ``figures/``."""
-    _diagnose(read(folder, manifest), out, Options.from_config(config))
+    campaign, options = read(folder, manifest), Options.from_config(config)
+    with claim(out, "diagnose", _inputs(folder, manifest), RESULTS, overwrite=overwrite) as place:
+        _diagnose(campaign, place, options, out)
 
 
-def _diagnose(campaign: Campaign, out: Path, options: Options) -> Diagnosis:
+def _diagnose(campaign: Campaign, place: Place, options: Options, out: Path) -> Diagnosis:
     with _progress() as progress:
-        diagnosis = run_diagnosis(campaign, options, progress, on_base=lambda fitted: _keep(fitted, out / "base"))
+        diagnosis = run_diagnosis(campaign, options, progress, on_base=lambda fitted: _keep(fitted, place / "base"))
         progress("write the report")
         shown = evidence(diagnosis)
-        document = write(diagnosis, out, shown)
+        document = write_into(diagnosis, place, shown)
     console = Console()
     console.print(console_summary(document, shown))
     console.print(f"report: {out / 'report.html'}   seed: {options.seed}")
     return diagnosis
 
 
-def diagnose_quietly(folder: Path, out: Path, config: Mapping[str, Any]) -> Diagnosis:
+def diagnose_quietly(folder: Path, place: Place, config: Mapping[str, Any]) -> Diagnosis:
     """The same without a word on the terminal; the settings as in ``configs/diagnose.yaml``."""
     diagnosis = run_diagnosis(read(folder), Options.from_config(config))
-    write(diagnosis, out)
+    write_into(diagnosis, place)
     return diagnosis
 
 
-def _keep(fitted: Fit, folder: Path) -> None:
-    save(fitted.setup, folder, max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
+def _keep(fitted: Fit, place: Place) -> None:
+    save(fitted.setup, place, max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
 
 
-def predict(model: Path, folder: Path, out: Path, manifest: Path | None) -> None:
+def predict(model: Path, folder: Path, out: Path, manifest: Path | None, overwrite: bool = False) -> None:
     """Simulate the recordings of a folder with a stored model; writes one ``NAME.csv`` per recording.
 
     Where the input jumps between two samples, a further column says how uncertain that makes the output.
@@ -124,21 +145,28 @@ def predict(model: Path, folder: Path, out: Path, manifest: Path | None) -> None
     setup, substeps = load(model)
     campaign = read(folder, manifest, need_output=False)
     check_names(setup.network, campaign.recordings)
-    out.mkdir(parents=True, exist_ok=True)
-    for recording in campaign.recordings:
-        plan = Plan((recording,), {recording.name: substeps}, workers=1)
-        measured = bool(np.isfinite(recording.y).all())
-        if measured:
-            y = evaluate(setup, plan, {}).outputs[recording.name]
-        else:
-            y = simulate(setup, recording, substeps).y
-        column = _column(measured_network(setup.network, recording))
-        table = pd.DataFrame({"time_s": recording.t, column: y})
-        spread = output_spread(setup, recording, substeps)
-        if spread is not None:
-            table[f"{column}_std"] = spread
-        write_atomic(out / f"{recording.name}.csv", table.to_csv(index=False).encode())
-        print(out / f"{recording.name}.csv")
+    files = unique_names(f"{r.name}.csv" for r in campaign.recordings)
+    inputs = _inputs(model, folder, manifest)
+    with claim(out, "predict", inputs, tuple(files.values()), overwrite=overwrite) as place:
+        for recording in campaign.recordings:
+            name = files[f"{recording.name}.csv"]
+            (place / name).write(_predicted(setup, recording, substeps).to_csv(index=False).encode())
+            print(out / name)
+
+
+def _predicted(setup: Setup, recording: Recording, substeps: int) -> pd.DataFrame:
+    """Time and simulated output of a recording, and the output's uncertainty where its input jumps between samples."""
+    plan = Plan((recording,), {recording.name: substeps}, workers=1)
+    if bool(np.isfinite(recording.y).all()):
+        y = evaluate(setup, plan, {}).outputs[recording.name]
+    else:
+        y = simulate(setup, recording, substeps).y
+    column = _column(measured_network(setup.network, recording))
+    table = pd.DataFrame({"time_s": recording.t, column: y})
+    spread = output_spread(setup, recording, substeps)
+    if spread is not None:
+        table[f"{column}_std"] = spread
+    return table
 
 
 def _column(network: Network) -> str:
@@ -147,7 +175,7 @@ def _column(network: Network) -> str:
     return "displacement_m" if unit == "m" else f"output_{unit.replace(' ', '')}"
 
 
-def compare(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any]) -> None:
+def compare(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any], overwrite: bool = False) -> None:
     """Fit several kinds of model to a folder; see `phnn.compare.run.compare` for what it writes."""
     from phnn.compare.run import compare as run_comparison
     from phnn.compare.run import show
@@ -155,32 +183,36 @@ def compare(folder: Path, out: Path, manifest: Path | None, config: Mapping[str,
 
     settings = Settings.from_config(config)
     with _progress() as progress:
-        table = run_comparison(read(folder, manifest), out, settings, progress)
+        table = run_comparison(read(folder, manifest), out, settings, progress, overwrite)
     # A pipe has no width: the whole table fits there.
     console = Console()
     show(table, console if console.is_terminal else Console(width=_PIPE))
     print(f"results: {out / 'compare.md'}   seed: {settings.options.seed}")
 
 
-def modes(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any]) -> None:
+def modes(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any], overwrite: bool = False) -> None:
     """Find the modes of a structure and what moves with amplitude; see `phnn.report.modes` for what it writes."""
     from phnn.modal.experiment import study_of
     from phnn.modal.settings import Settings
     from phnn.modal.store import model_document
     from phnn.modal.study import study_modes
+    from phnn.report.modes import RESULTS as MODES
     from phnn.report.modes import show, write_modes
 
     settings = Settings.from_config(config)
     study = study_of(read(folder, manifest))
-    with _progress() as progress:
+    with (
+        claim(out, "modes", _inputs(folder, manifest), MODES, overwrite=overwrite) as place,
+        _progress() as progress,
+    ):
         result = study_modes(
             study,
             settings,
             progress,
-            lambda name, fit: write_json(out / "models" / f"{name}.json", model_document(fit)),
+            lambda name, fit: (place / "models" / f"{name}.json").write_json(model_document(fit)),
         )
         progress("write the report")
-        write_modes(result, str(folder), out)
+        write_modes(result, str(folder), place)
     console = Console()
     show(result, console if console.is_terminal else Console(width=_PIPE))
     print(f"report: {out / 'report.html'}")
@@ -208,7 +240,7 @@ def gather(folder: Path) -> pd.DataFrame:
     from phnn.learn.gather import gather as gather_runs
 
     found = gather_runs(folder)
-    write_atomic(folder / "runs.csv", found.to_csv(index=False).encode())
+    (Place(folder.resolve()) / "runs.csv").write(found.to_csv(index=False).encode())
     columns = [c for c in found.columns if c not in ("run", "reason")]
     table = Table(*columns, title=f"runs in {folder}")
     for row in found[columns].astype(object).to_numpy().tolist():
@@ -221,7 +253,7 @@ def gather(folder: Path) -> pd.DataFrame:
     return found
 
 
-def demo(seed: int | None, out: Path, config: Mapping[str, Any]) -> None:
+def demo(seed: int | None, out: Path, config: Mapping[str, Any], overwrite: bool = False) -> None:
     """Conceal an effect, seal it, diagnose the recordings, open the seal.
 
     Raises:
@@ -231,11 +263,11 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any]) -> None:
 
     chosen = secrets.randbelow(10_000) if seed is None else seed
     print(f"seed {chosen} (repeat with SEED={chosen}); one of {', '.join(EFFECTS)} is concealed", flush=True)
-    folder = out / "recordings"
-    seal_file = out / "sealed.json"
-    digest = write_seal(generate(chosen, folder), seal_file)
-    print(f"sealed the answer in {seal_file}, SHA-256 {digest}", flush=True)
-    diagnosis = _diagnose(read(folder), out / "diagnosis", Options.from_config(config))
+    with claim(out, "demo", (), ("recordings", "seal", "diagnosis"), overwrite=overwrite) as place:
+        folder, seal_file = (place / "recordings").own_folder(), (place / "seal").own_folder() / "sealed.json"
+        digest = write_seal(generate(chosen, folder), seal_file)
+        print(f"sealed the answer in {seal_file}, SHA-256 {digest}", flush=True)
+        diagnosis = _diagnose(read(folder), place / "diagnosis", Options.from_config(config), out / "diagnosis")
     sealed = open_seal(seal_file)
     j = diagnosis.judgement
     claimed = [f for f in j.findings if not f.provisional]
@@ -250,18 +282,21 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any]) -> None:
         raise PhnnError(f"the sealed effect {sealed.effect} was not found; see {out / 'diagnosis' / 'report.html'}")
 
 
-def prove(out: Path, config: Mapping[str, Any]) -> None:
+def prove(out: Path, config: Mapping[str, Any], overwrite: bool = False) -> None:
     """Conceal many effects, seal the answers, diagnose all, count; writes ``report.html``, tables and figures."""
     from phnn.prove.nulls import counts
     from phnn.prove.page import numbers, write_proof
+    from phnn.prove.run import claimed
     from phnn.prove.run import prove as run_proof
     from phnn.prove.settings import Settings as ProofSettings
 
     settings = ProofSettings.from_config(config)
     print(f"seed {settings.seed}", flush=True)
-    outcomes, digest = run_proof(settings, out, lambda message: print(message, flush=True))
+    with claimed(out, settings, overwrite) as place:
+        outcomes, digest = run_proof(settings, place, lambda message: print(message, flush=True))
+        found = write_proof(outcomes, settings, digest, place)
     table = Table("what", "share", "cases", "95 % interval", "target", title="proof")
-    for r in write_proof(outcomes, settings, digest, out):
+    for r in found:
         if r.cases:
             low, high = (f"{100 * v:.1f}" for v in r.interval)
             table.add_row(r.label, f"{100 * r.share:.1f} %", f"{r.hits} of {r.cases}", f"{low} – {high} %", r.target)

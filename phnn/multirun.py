@@ -24,6 +24,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from phnn.ensemble.processes import end_with
 from phnn.errors import InputRefused, PhnnError
+from phnn.output import Place
 
 # The process of a sweep, for those it starts.
 _PARENT = "PHNN_SWEEP"
@@ -108,13 +109,13 @@ def _train(settings: Mapping[str, Any], home: Path) -> None:
     from phnn.learn import Settings, train
     from phnn.learn.gather import ERROR
 
-    failure = home / ERROR
-    failure.unlink(missing_ok=True)
+    failure = Place(home.resolve()) / ERROR
+    failure.remove()
     try:
         content = train(Settings.from_config(settings))
     except Exception as error:
         known = isinstance(error, PhnnError)
-        failure.write_text(str(error) if known else f"{error!r}\n{traceback.format_exc()}", encoding="utf-8")
+        failure.write((str(error) if known else f"{error!r}\n{traceback.format_exc()}").encode())
         print(f"{home.name}: failed: {error if known else repr(error)}", file=sys.stderr, flush=True)
         return
     print(f"{home.name}: held-out residual {_shown(content['held_out_over_noise'])} × noise", flush=True)

@@ -22,13 +22,13 @@ from phnn.diagnose.diagnosis import available, diagnose
 from phnn.effects import Effect, effect
 from phnn.errors import PhnnError
 from phnn.identify.base import Options, identify_base
+from phnn.output import Place
 from phnn.prove.cases import LEVELS, Task
 from phnn.prove.outcome import WRONG, graded
 from phnn.prove.run import containing
 from phnn.prove.settings import FULL, STRATA
 from phnn.recall import recalling
 from phnn.recordings import Campaign, read
-from phnn.report.files import write_atomic, write_json
 from phnn.report.result import document
 
 FACTORS = (0.5, 2.0)
@@ -158,10 +158,11 @@ def main() -> None:
             print(f"{stratum} {number}: {len(found)} runs, {seconds:.0f} s", file=sys.stderr, flush=True)
     if not rows:
         sys.exit("criteria: no case was finished: give more --minutes")
-    write_json(given.out / "criteria.json", {"rows": rows, "table": table(rows)})
+    place = Place(given.out.resolve())
+    (place / "criteria.json").write_json({"rows": rows, "table": table(rows)})
     command = f"python scripts/criteria.py --seed {given.seed} --cases {given.cases} --plan {given.plan}"
     command += f" --strata {' '.join(given.strata)}"
-    write_atomic(given.out / "criteria.md", page(rows, command).encode())
+    (place / "criteria.md").write(page(rows, command).encode())
     print(page(rows, command))
 
 

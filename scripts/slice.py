@@ -17,7 +17,7 @@ from phnn import commands
 from phnn.configuration import checked, config_folder
 from phnn.errors import PhnnError
 from phnn.prove.outcome import WRONG, Outcome
-from phnn.prove.run import prove
+from phnn.prove.run import claimed, prove
 from phnn.prove.settings import NULLS, Settings
 
 
@@ -33,7 +33,9 @@ def proof(config: DictConfig) -> list[str]:
     stated = checked("prove", OmegaConf.to_container(config.prove, resolve=True))
     stated["seed"] = secrets.randbelow(10**6) if config.seed is None else int(config.seed)
     print(f"seed {stated['seed']}", flush=True)
-    outcomes, _ = prove(Settings.from_config(stated), Path(config.out) / "proof", lambda _: None)
+    settings = Settings.from_config(stated)
+    with claimed(Path(config.out) / "proof", settings) as place:
+        outcomes, _ = prove(settings, place, lambda _: None)
     print("\n".join(said(o) for o in outcomes), flush=True)
     nulls = [o for o in outcomes if o.group == NULLS]
     right = sum(o.grade != WRONG for o in outcomes if o.group != NULLS)

@@ -13,7 +13,7 @@ import pandas as pd
 from omegaconf import DictConfig, OmegaConf
 
 from phnn.configuration import config_folder
-from phnn.report.files import write_atomic
+from phnn.output import Place
 
 
 def measured(command: list[str]) -> dict[str, float | int]:
@@ -46,7 +46,7 @@ def main(config: DictConfig) -> None:
             told = ["--manifest", str(manifest), "--out", str(target)]
             row = measured([sys.executable, "-m", "phnn.cli", command, str(folder / name), *told])
             rows.append({"study": name, "command": command, **row})
-            write_atomic(out / "studies.csv", pd.DataFrame(rows).to_csv(index=False).encode())
+            (Place(out.resolve()) / "studies.csv").write(pd.DataFrame(rows).to_csv(index=False).encode())
     if not rows:
         print(f"studies: {folder} has no folder of any study", file=sys.stderr)
         sys.exit(2)

@@ -23,14 +23,16 @@ os.environ.update(ONE_THREAD)
 @hydra.main(version_base=None, config_path="../configs", config_name="experiment/trainers")
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
-    from phnn.compare.trainers_page import run
+    from phnn.compare.trainers_page import RESULTS, run
+    from phnn.output import claim
 
     try:
-        table = run(
-            Path(config.out),
-            OmegaConf.to_container(config, resolve=True),
-            lambda line: print(line, file=sys.stderr, flush=True),
-        )
+        with claim(Path(config.out), "trainers", (), RESULTS) as place:
+            table = run(
+                place,
+                OmegaConf.to_container(config, resolve=True),
+                lambda line: print(line, file=sys.stderr, flush=True),
+            )
     except PhnnError as error:
         print(f"trainers: {error}", file=sys.stderr)
         sys.exit(error.exit_status)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from phnn.compare.result import Result, digest, keep, kept
+from phnn.compare.result import Result, keep, kept
 from phnn.compare.settings import NETWORKS, Settings
 from phnn.compare.supply import Response, Supply, of_plant, of_setup, supply
 from phnn.compare.trained import Trained, train
@@ -23,6 +22,8 @@ from phnn.learn.passivity import violations
 from phnn.learn.plant import LatentPlant, NetworkPlant, Plant
 from phnn.learn.starts import typical_states
 from phnn.models.store import save
+from phnn.output import Place
+from phnn.recordings.digest import digest
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
 
@@ -60,19 +61,19 @@ class Bench:
     """What every model is fitted with.
 
     Attributes:
-        campaign: the recordings; settings: of the comparison; out: where the results go; progress: told what is done.
+        campaign: the recordings; settings: of the comparison; place: where the results go; progress: told what is done.
         done: models that were fitted or read back, because others begin from them.
     """
 
     campaign: Campaign
     settings: Settings
-    out: Path
+    place: Place
     progress: Progress
     done: dict[str, Result] = field(default_factory=dict)
 
-    def home(self, model: str) -> Path:
+    def home(self, model: str) -> Place:
         """The folder of a model."""
-        return self.out / model
+        return self.place / model
 
     def result(self, model: str) -> Result:
         """A model's result: the one that lies in its folder, or that of fitting it now.
@@ -83,7 +84,7 @@ class Bench:
         if model in self.done:
             return self.done[model]
         made_with, recordings = self.settings.of(model), digest(self.campaign)
-        found = kept(model, self.home(model), made_with, recordings) if self.settings.resume else None
+        found = kept(model, self.home(model).path, made_with, recordings) if self.settings.resume else None
         if found is None:
             found = _FITTED[model](self) if model in _FITTED else _trained(self, model)
             keep(found, self.home(model), made_with, recordings)
@@ -140,7 +141,7 @@ def _trained(bench: Bench, model: str) -> Result:
     substeps, base = 1, None
     if model in NETWORKS:
         plan = bench.plan()
-        base = bench.home("phs") if model == "phs_neural" else None
+        base = bench.home("phs").path if model == "phs_neural" else None
         substeps = max(plan.steps_of(r) for r in plan.recordings)
         hysterons = int(bench.campaign.setup.get("hysterons", 2))
         recipe = replace(recipe, model={**recipe.model, "hysterons": hysterons})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 from collections.abc import Mapping
@@ -14,8 +13,7 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.identify.evaluate import Evaluation, PartScore
-from phnn.recordings.recording import Campaign
-from phnn.report.files import finite, write_atomic, write_json
+from phnn.output import Place, finite
 
 SCHEMA = "phnn.compared/1"
 FILE, OUTPUTS = "result.json", "outputs.npz"
@@ -38,23 +36,12 @@ class Result:
     substeps: Mapping[str, int]
 
 
-def digest(campaign: Campaign) -> str:
-    """A hash of all that fits and scores see of the recordings."""
-    found = hashlib.sha256()
-    for r in campaign.recordings:
-        found.update(repr((r.name, r.start, r.interpolation, r.parts, r.noise, r.period)).encode())
-        for values in (r.t, r.u, r.y, r.noise_correlation):
-            found.update(np.ascontiguousarray(values).tobytes())
-    found.update(repr((sorted(campaign.setup.items()), sorted(campaign.known.items()))).encode())
-    return found.hexdigest()
-
-
-def keep(result: Result, folder: Path, made_with: Mapping[str, Any], recordings: str) -> None:
+def keep(result: Result, place: Place, made_with: Mapping[str, Any], recordings: str) -> None:
     """Write a result into the folder of its model; the outputs first, so that a result is whole once it is there."""
     names = list(result.evaluation.outputs)
     buffer = io.BytesIO()
     np.savez(buffer, *result.evaluation.outputs.values())
-    write_atomic(folder / OUTPUTS, buffer.getvalue())
+    (place / OUTPUTS).write(buffer.getvalue())
     content = {
         "schema": SCHEMA,
         "model": result.name,
@@ -65,7 +52,7 @@ def keep(result: Result, folder: Path, made_with: Mapping[str, Any], recordings:
         "facts": result.facts,
         "substeps": dict(result.substeps),
     }
-    write_json(folder / FILE, content)
+    (place / FILE).write_json(content)
 
 
 def kept(name: str, folder: Path, made_with: Mapping[str, Any], recordings: str) -> Result | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from rich.console import Console
@@ -14,13 +16,17 @@ from phnn.compare.models import Bench
 from phnn.compare.settings import Settings
 from phnn.experiment.recordings import Conditions, Made, comparison_plan, write_recordings
 from phnn.identify.base import Progress, quiet, single
+from phnn.output import Place, claim
 from phnn.recordings import Campaign, read
 from phnn.report.figures import Drawing
-from phnn.report.files import write_atomic, write_json
 from phnn.report.formatting import number
 
+RESULTS = ("compare.json", "models.json", "compare.csv", "compare.md", "figures", "recordings")
 
-def compare(campaign: Campaign, out: Path, settings: Settings, progress: Progress = quiet, origin: str = "") -> Table:
+
+def compare(
+    campaign: Campaign, out: Path, settings: Settings, progress: Progress = quiet, overwrite: bool = False
+) -> Table:
     """Fit all models that are asked for to the identification recordings and score them on all.
 
     Writes ``compare.json`` and ``models.json`` after every model, ``compare.csv``, ``compare.md`` and ``figures/`` at
@@ -31,25 +37,38 @@ def compare(campaign: Campaign, out: Path, settings: Settings, progress: Progres
         out: where the results go.
         settings: which models, and how they are fitted.
         progress: told what is done.
-        origin: where the recordings come from, for the page of markdown.
+        overwrite: replace results that were changed since.
 
     Raises:
         InputRefused: recordings that cannot be used, or results of other settings lie in ``out``.
     """
+    with _claimed(out, [Path(campaign.folder)], settings, overwrite) as place:
+        return _compare(campaign, place, settings, progress)
+
+
+def _claimed(
+    out: Path, inputs: Sequence[Path], settings: Settings, overwrite: bool = False
+) -> AbstractContextManager[Place]:
+    """Models know themselves what they were made of, so that one can be added to those that were fitted before."""
+    return claim(out, "compare", inputs, (*RESULTS, *settings.models), resume=settings.resume, overwrite=overwrite)
+
+
+def _compare(campaign: Campaign, place: Place, settings: Settings, progress: Progress, origin: str = "") -> Table:
+    """The comparison in a claimed folder; the origin of the recordings is for the page of markdown."""
     single(campaign.recordings, "a comparison follows one input to one output")
-    bench = Bench(campaign, settings, out, progress)
+    bench = Bench(campaign, settings, place, progress)
     results = []
     for model in settings.models:
         results.append(bench.result(model))
         table = table_of(campaign, results)
-        write_json(out / "compare.json", scores(table))
-        write_json(out / "models.json", table.facts)
+        (place / "compare.json").write_json(scores(table))
+        (place / "models.json").write_json(table.facts)
     progress("draw")
     drawings = draw_all(table, campaign, results)
     for drawing in drawings:
-        write_atomic(out / "figures" / drawing.file, drawing.png)
-    write_atomic(out / "compare.csv", table_csv(table).encode())
-    write_atomic(out / "compare.md", _page(table, campaign, origin, drawings).encode())
+        (place / "figures" / drawing.file).write(drawing.png)
+    (place / "compare.csv").write(table_csv(table).encode())
+    (place / "compare.md").write(_page(table, campaign, origin, drawings).encode())
     return table
 
 
@@ -60,9 +79,11 @@ def compare_on_made(out: Path, conditions: Conditions, settings: Settings, progr
         InputRefused: settings, or a folder that holds files of others.
         SolverFailed: the second effect cannot be made as strong as asked.
     """
-    progress("make recordings")
-    made = write_recordings(out / "recordings", conditions, comparison_plan())
-    return compare(read(out / "recordings"), out, settings, progress, _origin(made))
+    with _claimed(out, (), settings) as place:
+        progress("make recordings")
+        folder = (place / "recordings").own_folder()
+        made = write_recordings(folder, conditions, comparison_plan())
+        return _compare(read(folder), place, settings, progress, _origin(made))
 
 
 def _origin(made: Made) -> str:

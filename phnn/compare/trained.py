@@ -15,7 +15,7 @@ from phnn.compare.settings import Recipe
 from phnn.errors import InputRefused
 from phnn.identify.base import Progress
 from phnn.identify.evaluate import Evaluation
-from phnn.learn import Settings
+from phnn.learn import Settings, checkpoint
 from phnn.learn.objective import Objective
 from phnn.learn.plant import LatentPlant, Plant
 from phnn.learn.run import validation_names
@@ -26,6 +26,8 @@ from phnn.learn.trainer import Trainer
 from phnn.learn.windows import thinned
 from phnn.models.fully_neural import FullyNeural
 from phnn.models.neural_ode import NeuralODE
+from phnn.output import Place
+from phnn.recordings.digest import digest
 from phnn.recordings.recording import Campaign, Recording
 
 START = "linear"
@@ -54,7 +56,7 @@ class Trained:
 
 
 def train(
-    name: str, recipe: Recipe, campaign: Campaign, folder: Path, seed: int, resume: bool, substeps: int,
+    name: str, recipe: Recipe, campaign: Campaign, place: Place, seed: int, resume: bool, substeps: int,
     base: Path | None, progress: Progress,
 ) -> Trained:  # fmt: skip
     """Train one model, stage by stage; a stage that was finished before is read back from its checkpoint.
@@ -63,7 +65,7 @@ def train(
         name: of the model, for what is said.
         recipe: how.
         campaign: recordings; those for confirmation are looked at once, at the end.
-        folder: gets one folder a stage.
+        place: gets one folder a stage.
         seed: of initial weights.
         resume: go on from what lies in the folder.
         substeps: steps a sample interval when it is scored; training takes those of its stages.
@@ -82,16 +84,16 @@ def train(
     used, held = (_thinned(rs, recipe, plant) for rs in (training, validation))
     seconds, losses = 0.0, {}
     for stage, given in recipe.stages.items():
-        settings = _settings(name, stage, given, recipe, campaign, folder / stage, seed, resume)
+        settings = _settings(name, stage, given, recipe, campaign, place / stage, seed, resume)
         objective = Objective(plant, solver, used, settings.window, settings.substeps, settings.continuity)
         told = _told(progress, f"train {name}, {stage}")
         validate = _validation(plant, solver, held, settings.substeps) if held else None
-        found = Trainer(objective, validate, settings, told).run()
+        found = Trainer(objective, validate, settings, place / stage, told, digest(campaign)).run()
         seconds, losses[stage] = seconds + found.seconds, found.best
     progress(f"score {name}")
     scores = evaluate(plant, solver, campaign.recordings, substeps, {})
     count = sum(p.numel() for p in plant.trained())
-    torch.save(plant.state_dict(), folder / "weights.pt")
+    (place / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
     return Trained(plant, solver, scores, count, seconds, losses, aside)
 
 
@@ -109,7 +111,7 @@ def _plant(recipe: Recipe, campaign: Campaign, seed: int, base: Path | None) -> 
 
 
 def _settings(
-    name: str, stage: str, given: Any, recipe: Recipe, campaign: Campaign, home: Path, seed: int, resume: bool
+    name: str, stage: str, given: Any, recipe: Recipe, campaign: Campaign, home: Place, seed: int, resume: bool
 ) -> Settings:
     """The settings of one stage.
 
@@ -118,7 +120,7 @@ def _settings(
     """
     none = {"adam": 0, "lbfgs": 0, "gauss_newton": 0, "tensorboard": False}
     own = {
-        "folder": campaign.folder, "out": str(home), "model": dict(recipe.model), "solver": dict(recipe.solver),
+        "folder": campaign.folder, "out": str(home.path), "model": dict(recipe.model), "solver": dict(recipe.solver),
         "seed": seed, "resume": resume,
     }  # fmt: skip
     for key in given:

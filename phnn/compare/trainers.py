@@ -30,6 +30,7 @@ from phnn.learn.settings import Settings
 from phnn.learn.solvers import compiled, solver_for
 from phnn.learn.starts import plant_for
 from phnn.learn.windows import thinned
+from phnn.output import Place
 from phnn.recordings import Campaign, read
 
 # Hysteron 1 of Table 1, slowed down until an explicit method can follow it: it relaxes at C/ϱ⁻¹ = 0.5 ms.
@@ -122,12 +123,12 @@ class _Counting(Objective):
 
 
 def compare_trainers(
-    out: Path, cases: Mapping[str, Case], ways: Mapping[str, Way], noise_um: float, seed: int, progress: Progress
+    place: Place, cases: Mapping[str, Case], ways: Mapping[str, Way], noise_um: float, seed: int, progress: Progress
 ) -> list[Outcome]:
     """Train every case in every way, one after another.
 
     Args:
-        out: gets the recordings.
+        place: gets the recordings.
         noise_um: standard deviation of the sensor's noise, µm; seed: of noise and initial weights.
 
     Raises:
@@ -135,7 +136,9 @@ def compare_trainers(
     """
     torch.set_num_threads(1)
     found: list[Outcome] = []
-    campaigns = {kind: _recordings(out / "recordings" / kind, kind, noise_um, seed) for kind in _kinds(cases)}
+    campaigns = {
+        kind: _recordings((place / "recordings" / kind).own_folder(), kind, noise_um, seed) for kind in _kinds(cases)
+    }
     for name, case in cases.items():
         for label in case.ways:
             told = _prefixed(progress, f"{name}, {label}")

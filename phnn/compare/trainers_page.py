@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from matplotlib import rc_context
@@ -12,13 +11,15 @@ from matplotlib.figure import Figure
 from phnn.compare.trainers import Case, Outcome, Way, compare_trainers, plain
 from phnn.errors import InputRefused
 from phnn.identify.base import Progress
+from phnn.output import Place
 from phnn.report.figures.style import CATEGORIES, RC, literal, new_figure, png, quiet_grid
-from phnn.report.files import write_atomic, write_json
 
+# What is written into the folder of results.
+RESULTS = ("recordings", "trainers.json", "trainers.md", "curves.csv", "curves.png")
 _LEAST_SECONDS = 1e-2
 
 
-def run(out: Path, config: Mapping[str, Any], progress: Progress) -> str:
+def run(place: Place, config: Mapping[str, Any], progress: Progress) -> str:
     """Compare trainers as configured; write ``trainers.json``, ``trainers.md``, ``curves.csv`` and ``curves.png``.
 
     Returns:
@@ -36,13 +37,13 @@ def run(out: Path, config: Mapping[str, Any], progress: Progress) -> str:
             if way not in ways:
                 raise InputRefused(f"{name}: no trainer {way!r}: choose from {', '.join(ways)}")
     cases = {n: Case(**{**config["cases"][n], "ways": tuple(config["cases"][n]["ways"])}) for n in chosen}
-    outcomes = compare_trainers(out, cases, ways, float(config["noise_um"]), int(config["seed"]), progress)
+    outcomes = compare_trainers(place, cases, ways, float(config["noise_um"]), int(config["seed"]), progress)
     text = table(outcomes, cases, ways)
-    write_json(out / "trainers.json", {"seed": config["seed"], "outcomes": plain(outcomes)})
-    write_atomic(out / "trainers.md", text.encode())
-    write_atomic(out / "curves.csv", curves(outcomes).encode())
+    (place / "trainers.json").write_json({"seed": config["seed"], "outcomes": plain(outcomes)})
+    (place / "trainers.md").write(text.encode())
+    (place / "curves.csv").write(curves(outcomes).encode())
     with rc_context(RC):
-        write_atomic(out / "curves.png", png(figure(outcomes, cases, ways)))
+        (place / "curves.png").write(png(figure(outcomes, cases, ways)))
     return text
 
 

@@ -15,8 +15,10 @@ from phnn.experiment.recordings import Conditions, Made, write_recordings
 from phnn.experiment.table import REFITTED, Comparison, compare
 from phnn.identify.base import Options, Progress, quiet
 from phnn.models.store import save
+from phnn.output import Place, claim
 from phnn.recordings import Campaign, read
-from phnn.report.files import write_atomic, write_json
+
+RESULTS = ("figures", *REFITTED, "table3.csv", "experiment.json", "experiment.md", "recordings")
 
 
 def run_paper(out: Path, conditions: Conditions, options: Options, progress: Progress = quiet) -> Comparison:
@@ -27,10 +29,11 @@ def run_paper(out: Path, conditions: Conditions, options: Options, progress: Pro
         SolverFailed: the second effect cannot be made as strong as asked.
     """
     began = time.monotonic()
-    folder = out / "recordings"
-    progress("make recordings")
-    made = write_recordings(folder, conditions)
-    return _run(read(folder), out, made, options, True, began, progress)
+    with claim(out, "experiment", (), RESULTS) as place:
+        progress("make recordings")
+        folder = (place / "recordings").own_folder()
+        made = write_recordings(folder, conditions)
+        return _run(read(folder), place, made, options, True, began, progress)
 
 
 def run_folder(
@@ -45,12 +48,14 @@ def run_folder(
         InputRefused: the recordings cannot be used.
     """
     began = time.monotonic()
-    return _run(read(folder, manifest), out, None, options, published, began, progress)
+    campaign = read(folder, manifest)
+    with claim(out, "experiment", [folder, *([manifest] if manifest else [])], RESULTS) as place:
+        return _run(campaign, place, None, options, published, began, progress)
 
 
 def _run(
     campaign: Campaign,
-    out: Path,
+    place: Place,
     made: Made | None,
     options: Options,
     published: bool,
@@ -62,15 +67,15 @@ def _run(
     progress("draw")
     drawings = draw_all(comparison)
     for drawing in drawings:
-        write_atomic(out / "figures" / drawing.file, drawing.png)
+        (place / "figures" / drawing.file).write(drawing.png)
     for model in REFITTED:
         fitted = comparison.models[model].fit
-        save(fitted.setup, out / model, max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
-    write_atomic(out / "table3.csv", table_csv(rows).encode())
-    write_json(
-        out / "experiment.json", document(comparison, made, campaign.folder, options.seed, time.monotonic() - began)
+        save(fitted.setup, place / model, max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
+    (place / "table3.csv").write(table_csv(rows).encode())
+    (place / "experiment.json").write_json(
+        document(comparison, made, campaign.folder, options.seed, time.monotonic() - began)
     )
-    write_atomic(out / "experiment.md", markdown(comparison, made, campaign.folder, drawings).encode())
+    (place / "experiment.md").write(markdown(comparison, made, campaign.folder, drawings).encode())
     return comparison
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,23 +10,22 @@ from typing import Any
 import torch
 
 from phnn.errors import InputRefused
+from phnn.output import Place
 
 FILE = "checkpoint.pt"
 _SCHEMA = "phnn.checkpoint/1"
 
 
-def save(path: Path, state: Mapping[str, Any]) -> None:
+def save(place: Place, state: Mapping[str, Any]) -> None:
     """Write a state of tensors, numbers, texts, lists and dictionaries, and that of torch's random generator."""
+    place.write(as_bytes({"schema": _SCHEMA, "random": torch.get_rng_state(), **state}))
+
+
+def as_bytes(content: Mapping[str, Any]) -> bytes:
+    """What ``torch.load(..., weights_only=True)`` reads back."""
     buffer = io.BytesIO()
-    torch.save({"schema": _SCHEMA, "random": torch.get_rng_state(), **state}, buffer)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as file:
-        file.write(buffer.getvalue())
-        file.flush()
-        # A rename may reach the disk before what it renames.
-        os.fsync(file.fileno())
-    os.replace(part, path)
+    torch.save(content, buffer)
+    return buffer.getvalue()
 
 
 def load(path: Path) -> dict[str, Any] | None:

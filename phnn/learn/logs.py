@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from phnn.output import Place
 
 FILE = "log.csv"
 COLUMNS = ("epoch", "method", "loss", "validation", "rate", "seconds")
@@ -16,24 +19,27 @@ class Log:
     """Rows are written as they come; a resumed run first writes again what its checkpoint knows.
 
     Args:
-        folder: gets ``log.csv`` and, if wanted and installed, ``tensorboard/``.
+        place: gets ``log.csv`` and, if wanted and installed, ``tensorboard/``.
         rows: of the epochs before.
         tensorboard: write for it as well.
     """
 
-    def __init__(self, folder: Path, rows: Sequence[Row] = (), tensorboard: bool = True) -> None:
-        self.path = folder / FILE
-        folder.mkdir(parents=True, exist_ok=True)
-        with self.path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, COLUMNS)
-            writer.writeheader()
-            writer.writerows(rows)
-        self.board = _board(folder / "tensorboard", len(rows)) if tensorboard else None
+    def __init__(self, place: Place, rows: Sequence[Row] = (), tensorboard: bool = True) -> None:
+        self.place, self.rows = place / FILE, list(rows)
+        self._write()
+        self.board = _board((place / "tensorboard").own_folder(), len(rows)) if tensorboard else None
+
+    def _write(self) -> None:
+        text = io.StringIO(newline="")
+        writer = csv.DictWriter(text, COLUMNS)
+        writer.writeheader()
+        writer.writerows(self.rows)
+        self.place.write(text.getvalue().encode())
 
     def add(self, row: Row) -> None:
         """One epoch."""
-        with self.path.open("a", newline="", encoding="utf-8") as file:
-            csv.DictWriter(file, COLUMNS).writerow(row)
+        self.rows.append(row)
+        self._write()
         if self.board is not None:
             for name in ("loss", "validation", "rate"):
                 if row[name] is not None:

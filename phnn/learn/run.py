@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ from omegaconf import OmegaConf
 from phnn.errors import InputRefused
 from phnn.identify.base import single
 from phnn.identify.evaluate import Evaluation
+from phnn.learn import checkpoint, logs
 from phnn.learn.methods import with_gradients
 from phnn.learn.objective import Objective
 from phnn.learn.passivity import violations
@@ -26,13 +26,17 @@ from phnn.learn.solvers import solver_for
 from phnn.learn.starts import plant_for
 from phnn.learn.trainer import Progress, Trainer
 from phnn.learn.windows import thinned
-from phnn.models.store import save
+from phnn.models.store import FILE, save
+from phnn.output import Place, claim, sha256_of
 from phnn.recordings import Campaign, read
+from phnn.recordings.digest import digest
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import Candidate, choose
 from phnn.setup import Setup
 
 CONFIG, METRICS = "config.yaml", "metrics.json"
+# What a training writes into its folder.
+RESULTS = (CONFIG, checkpoint.FILE, logs.FILE, "tensorboard", "weights.pt", "model", METRICS)
 _STATES = 10_000
 # Fewer recordings than this are all needed for training.
 _LEAST = 3
@@ -54,11 +58,18 @@ def train(settings: Settings, say: Callable[[str], None] = lambda line: None) ->
     torch.manual_seed(settings.seed)
     campaign = read(settings.folder, settings.manifest)
     single(campaign.recordings, "training follows one input to one output")
-    ended = _ended(settings, campaign)
-    if ended is not None:
-        return ended
-    settings.home.mkdir(parents=True, exist_ok=True)
-    _write(settings.home / CONFIG, OmegaConf.to_yaml(OmegaConf.create(settings.plain())))
+    made_of = {"recordings": digest(campaign), "base": _hash(settings.base)}
+    inputs = [Path(p) for p in (settings.folder, settings.manifest, settings.base) if p]
+    with claim(settings.home, "train", inputs, RESULTS, made_of, settings.resume, anew="resume=false") as place:
+        ended = _ended(settings, place)
+        return _train(settings, campaign, place, digest(campaign), say) if ended is None else ended
+
+
+def _train(
+    settings: Settings, campaign: Campaign, place: Place, recordings: str, say: Callable[[str], None]
+) -> dict[str, Any]:
+    """Train in a folder that is claimed."""
+    (place / CONFIG).write(OmegaConf.to_yaml(OmegaConf.create(settings.plain())).encode())
     training, validation = set_aside(campaign.recordings, validation_names(campaign, settings.validation))
     if not training:
         raise InputRefused("validation: every recording is set aside, none is left to train on: name fewer")
@@ -71,37 +82,39 @@ def train(settings: Settings, say: Callable[[str], None] = lambda line: None) ->
     def validate() -> float:
         return float(whole(plant, solver, held, settings.substeps)())
 
-    progress = Trainer(objective, validate if held else None, settings, say).run()
+    progress = Trainer(objective, validate if held else None, settings, place, say, recordings).run()
     scores = evaluate(plant, solver, campaign.recordings, settings.substeps, _initial(objective))
     content = _metrics(settings, plant, objective, progress, scores, [r.name for r in validation])
-    torch.save(plant.state_dict(), settings.home / "weights.pt")
+    (place / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
     if isinstance(plant, NetworkPlant):
-        save(Setup(plant.network, name=str(settings.model["kind"])), settings.home / "model", settings.substeps)
-    _write(settings.home / METRICS, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+        save(Setup(plant.network, name=str(settings.model["kind"])), place / "model", settings.substeps)
+    (place / METRICS).write_json(content)
     return content
 
 
-def _ended(settings: Settings, campaign: Campaign) -> dict[str, Any] | None:
-    """What an earlier run in the same folder has written at its end; None where there is none to keep.
+def _hash(base: str | None) -> str | None:
+    """Of the model that training starts from."""
+    if base is None:
+        return None
+    path = Path(base) / FILE if Path(base).is_dir() else Path(base)
+    return sha256_of(path) if path.is_file() else None
+
+
+def _ended(settings: Settings, place: Place) -> dict[str, Any] | None:
+    """What an earlier run on the same recordings has written at its end; None where there is none to keep.
 
     Raises:
-        InputRefused: that run had other settings or other recordings, or its file is damaged.
+        InputRefused: that run had other settings, or its file is damaged.
     """
-    config, metrics = settings.home / CONFIG, settings.home / METRICS
+    config, metrics = (place / CONFIG).path, (place / METRICS).path
     if not (settings.resume and config.exists() and metrics.exists()):
         return None
     check_same(dict(OmegaConf.load(config)), settings.plain(), config)
     try:
         content: dict[str, Any] = json.loads(metrics.read_text(encoding="utf-8"))
-        before = set(content["recordings"])
-    except (ValueError, KeyError, TypeError) as error:
+        content["recordings"].items()
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputRefused(f"{metrics}: cannot be read ({error}): delete it to score the run again") from error
-    now = {part.name for r in campaign.recordings for part in r.parts if part.use != "nuisance"}
-    if before != now:
-        raise InputRefused(
-            f"{metrics}: is of the recordings {', '.join(sorted(before))}, {settings.folder} holds "
-            f"{', '.join(sorted(now))}: take the former folder, another out, or resume=false to begin anew"
-        )
     return content
 
 
@@ -166,9 +179,3 @@ def _metrics(
 
 def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
-
-
-def _write(path: Path, text: str) -> None:
-    part = path.with_name(path.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    os.replace(part, path)

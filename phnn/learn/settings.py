@@ -115,6 +115,8 @@ def check_same(before: Mapping[str, Any], now: Mapping[str, Any], where: Path) -
     """Refuse to resume a run with settings that would have made it another one."""
     for key in sorted(set(before) | set(now)):
         if key not in FREE_TO_CHANGE and before.get(key) != now.get(key):
+            if key == "recordings":
+                raise InputRefused(f"{where}: was trained on other recordings: take another out, or resume=false")
             raise InputRefused(
                 f"{where}: was trained with {key}={before.get(key)}, now {key}={now.get(key)}: take the former, "
                 "another out, or resume=false to begin anew"

@@ -10,7 +10,6 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -22,6 +21,7 @@ from phnn.learn.logs import Log, Row
 from phnn.learn.methods import METHODS, Method, method_of
 from phnn.learn.objective import Objective
 from phnn.learn.settings import Settings, check_same
+from phnn.output import Place
 
 _MOST_FAILURES = 8
 
@@ -56,7 +56,9 @@ class Trainer:
         objective: its parameters are moved.
         validate: the loss on recordings set aside, called without gradients; None stops on the training loss.
         settings: of the run.
+        place: gets checkpoint and logs.
         say: told one line an epoch.
+        recordings: hash of what is trained on; a checkpoint of another is refused.
     """
 
     def __init__(
@@ -64,10 +66,12 @@ class Trainer:
         objective: Objective,
         validate: Callable[[], float] | None,
         settings: Settings,
+        place: Place,
         say: Callable[[str], None] = lambda line: None,
+        recordings: str = "",
     ) -> None:
         self.objective, self.validate, self.settings, self.say = objective, validate, settings, say
-        self.path: Path = settings.home / checkpoint.FILE
+        self.place, self.made_of = place, {**settings.plain(), "recordings": recordings}
         self.progress = Progress(parameters=self._present())
         self.method: Method | None = None
 
@@ -84,7 +88,7 @@ class Trainer:
         if not p.rows:
             # A training that only harms ends where it began.
             p.best = self._value()
-        log = Log(self.settings.home, p.rows, self.settings.tensorboard)
+        log = Log(self.place, p.rows, self.settings.tensorboard)
         try:
             while p.phase < len(METHODS):
                 self._phase(log)
@@ -171,18 +175,19 @@ class Trainer:
 
     def _save(self) -> None:
         content: dict[str, Any] = {
-            "settings": self.settings.plain(),
+            "settings": self.made_of,
             "progress": vars(self.progress),
             "present": self._present(),
             "method": None if self.method is None else self.method.state_dict(),
         }
-        checkpoint.save(self.path, content)
+        checkpoint.save(self.place / checkpoint.FILE, content)
 
     def _resume(self) -> None:
-        state = checkpoint.load(self.path)
+        path = (self.place / checkpoint.FILE).path
+        state = checkpoint.load(path)
         if state is None:
             return
-        check_same(state["settings"], self.settings.plain(), self.path)
+        check_same(state["settings"], self.made_of, path)
         self.progress = Progress(**state["progress"])
         self._set(state["present"])
         if state["method"] is not None:

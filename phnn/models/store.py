@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from phnn.errors import InputRefused, PhnnError
 from phnn.integrate.program import compile_network
 from phnn.models.learned import as_json, from_json
 from phnn.network.elements import Coupling, Memory, Modulation, Network, Port, Resistor, Storage
+from phnn.output import Place, claim
 from phnn.parameters import Parameter
 from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Own, Setup, Source
 
@@ -21,10 +21,11 @@ SCHEMA = "phnn.model/1"
 FILE = "model.json"
 
 
-def save(setup: Setup, folder: Path, substeps: int = 1) -> None:
-    """Write a setup into a folder, atomically.
+def save(setup: Setup, folder: Path | Place, substeps: int = 1) -> None:
+    """Write a setup into a folder, whole or not at all.
 
     Args:
+        folder: of the model alone, or a place in a folder that is claimed.
         substeps: sub-steps a sample interval that kept the numerical error below the noise.
 
     Raises:
@@ -50,10 +51,12 @@ def save(setup: Setup, folder: Path, substeps: int = 1) -> None:
         "parameters": {n: _plain(p) for n, p in network.parameters.items()},
         "block_parameters": {n: _plain(p) for n, p in (setup.block_parameters or {}).items()},
     }
-    folder.mkdir(parents=True, exist_ok=True)
-    part = folder / (FILE + ".part")
-    part.write_text(json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
-    os.replace(part, folder / FILE)
+    data = (json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    if isinstance(folder, Place):
+        (folder / FILE).write(data)
+        return
+    with claim(folder, "save", (), (FILE,)) as place:
+        (place / FILE).write(data)
 
 
 def load(folder: Path) -> tuple[Setup, int]:

@@ -4,5 +4,6 @@ from phnn.output.claim import apart, claim
 from phnn.output.files import finite, write_atomic
 from phnn.output.names import file_name, unique_names
 from phnn.output.place import Place
+from phnn.output.record import sha256_of
 
-__all__ = ["Place", "apart", "claim", "file_name", "finite", "unique_names", "write_atomic"]
+__all__ = ["Place", "apart", "claim", "file_name", "finite", "sha256_of", "unique_names", "write_atomic"]

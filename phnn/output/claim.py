@@ -24,7 +24,7 @@ _LEAST_FREE = 8 << 20
 _PROBED = 64 << 10
 _SCHEMA = "phnn.run/1"
 # What hashes stand for, in words.
-_HASHES = {"recordings": "other recordings", "model": "another model"}
+_HASHES = {"recordings": "other recordings", "base": "another model to start from"}
 
 
 @contextmanager
@@ -36,6 +36,7 @@ def claim(
     made_of: Mapping[str, Any] | None = None,
     resume: bool = False,
     overwrite: bool = False,
+    anew: str = "--overwrite",
 ) -> Iterator[Place]:
     """Claim ``out`` for one run; all that the run writes goes through the `Place` that comes back.
 
@@ -49,6 +50,7 @@ def claim(
         results: names directly below ``out`` that the command writes, so that a stranger's file is met at the start.
         made_of: what decides the results, as hashes of data and settings; the version is added.
         resume: go on from what an earlier run with the same ``made_of`` has left.
+        anew: how the user begins anew, for messages.
         overwrite: replace results of phnn even where they were changed since, or were made of something else.
 
     Raises:
@@ -62,7 +64,9 @@ def claim(
     try:
         lock.acquire(timeout=0)
     except Timeout as error:
-        raise InputRefused(f"{out}: another run of phnn writes there: wait for its end, or choose another --out") from error
+        raise InputRefused(
+            f"{out}: another run of phnn writes there: wait for its end, or choose another --out"
+        ) from error
     except OSError as error:
         raise refusal(root, error) from error
     try:
@@ -72,7 +76,7 @@ def claim(
         _met(root, record, results, overwrite)
         now = {**finite(made_of or {}), "version": version("phnn")}
         if resume and not overwrite:
-            _same(out, _before(root), {"command": command, "made_of": now})
+            _same(out, _before(root), {"command": command, "made_of": now}, anew)
         record.compact()
         place, earlier = Place(root, overwrite=overwrite), record.names()
         _mark(root, {"schema": _SCHEMA, "command": command, "made_of": now, "complete": False})
@@ -130,8 +134,8 @@ def _probe(root: Path) -> None:
     free = shutil.disk_usage(root).free
     if free < _LEAST_FREE:
         raise InputRefused(
-            f"{root}: only {free / 2**20:.1f} MiB of disk are free, at least {_LEAST_FREE >> 20} are needed: make room, "
-            "or choose another folder for --out"
+            f"{root}: only {free / 2**20:.1f} MiB of disk are free, at least {_LEAST_FREE >> 20} are needed: make "
+            "room, or choose another folder for --out"
         )
     probe = root / FOLDER / _PROBE
     try:
@@ -166,8 +170,8 @@ def _met(root: Path, record: Record, results: Sequence[str], overwrite: bool) ->
         for name in files:
             if not overwrite and (root / name).exists() and not record.owns(PurePosixPath(name), known):
                 raise InputRefused(
-                    f"{root / name}: was changed after phnn wrote it: move it away, choose another folder for --out, or "
-                    "give --overwrite"
+                    f"{root / name}: was changed after phnn wrote it: move it away, choose another folder for --out, "
+                    "or give --overwrite"
                 )
 
 
@@ -184,11 +188,11 @@ def _before(root: Path) -> dict[str, Any] | None:
     return content if isinstance(content, dict) and content.get("schema") == _SCHEMA else None
 
 
-def _same(out: Path, before: Mapping[str, Any] | None, now: Mapping[str, Any]) -> None:
+def _same(out: Path, before: Mapping[str, Any] | None, now: Mapping[str, Any], anew: str) -> None:
     """Refuse to go on with what was made of something else."""
     if before is None:
         return
-    remedy = "take another --out, or --overwrite to begin anew"
+    remedy = f"take another --out, or {anew} to begin anew"
     if before.get("command") != now["command"]:
         raise InputRefused(f"{out}: holds results of phnn {before.get('command')}: {remedy}")
     old, new = before.get("made_of") or {}, now["made_of"]

@@ -14,6 +14,8 @@ from phnn.output.files import finite, refusal, write_atomic
 from phnn.output.names import file_name
 from phnn.output.record import Record, sha256
 
+_HERE = PurePosixPath()
+
 
 @dataclass(frozen=True)
 class Place:
@@ -26,7 +28,7 @@ class Place:
     """
 
     root: Path
-    name: PurePosixPath = PurePosixPath()
+    name: PurePosixPath = _HERE
     overwrite: bool = False
 
     def __truediv__(self, part: str) -> Place:

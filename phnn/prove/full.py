@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from phnn.models.store import load
-from phnn.report.files import finite
+from phnn.output import Place, finite
 
 
 def diagnose_folder(
-    folder: Path, out: Path, without: Sequence[str], settings: dict[str, Any], keep: bool
+    folder: Path, place: Place, without: Sequence[str], settings: dict[str, Any], keep: bool
 ) -> dict[str, Any]:
     """``diagnosis.json`` of a folder, with the base parameters before and after and their standard errors beside it.
 
@@ -24,13 +23,14 @@ def diagnose_folder(
     """
     from phnn.commands import diagnose_quietly
 
-    diagnosis = diagnose_quietly(folder, out, settings | {"without": list(without), "workers": 1})
-    content: dict[str, Any] = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
-    content["models"] = {name: load(out / name)[0].values() for name in ("base", "model")}
+    place.own_folder()
+    diagnosis = diagnose_quietly(folder, place, settings | {"without": list(without), "workers": 1})
+    content: dict[str, Any] = json.loads((place / "diagnosis.json").path.read_text(encoding="utf-8"))
+    content["models"] = {name: load((place / name).path)[0].values() for name in ("base", "model")}
     final = diagnosis.judgement.final
     content["estimates"] = {
         n: {"value": final.setup.parameters[n].value, "std": finite(std)} for n, std in final.std().items()
     }
     if not keep:
-        shutil.rmtree(out)
+        place.remove()
     return content

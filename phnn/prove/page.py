@@ -4,34 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from phnn.output import Place
 from phnn.prove.figures import draw_all
 from phnn.prove.nulls import counts
 from phnn.prove.outcome import WRONG, Outcome
 from phnn.prove.settings import FULL, Settings
 from phnn.prove.tally import Rate, detection, quantiles, rates, strong
-from phnn.report.files import write_atomic
 from phnn.report.formatting import DASH, number
 from phnn.report.plain import plain_page
 
 
-def write_proof(outcomes: Sequence[Outcome], settings: Settings, digest: str, out: Path) -> list[Rate]:
+def write_proof(outcomes: Sequence[Outcome], settings: Settings, digest: str, place: Place) -> list[Rate]:
     """Write tables, figures and the page; returns the rates."""
     found = rates(outcomes)
     drawings = draw_all(outcomes)
-    write_atomic(out / "cases.csv", pd.DataFrame([o.row() for o in outcomes]).to_csv(index=False).encode())
+    (place / "cases.csv").write(pd.DataFrame([o.row() for o in outcomes]).to_csv(index=False).encode())
     table = [(r.label, r.target, r.hits, r.cases, *r.interval) for r in found]
     columns = ["what", "target", "hits", "cases", "low", "high"]
-    write_atomic(out / "rates.csv", pd.DataFrame(table, columns=columns).to_csv(index=False).encode())
+    (place / "rates.csv").write(pd.DataFrame(table, columns=columns).to_csv(index=False).encode())
     nulls = counts(outcomes)
     if nulls:
-        write_atomic(out / "nulls.csv", pd.DataFrame([asdict(c) for c in nulls]).to_csv(index=False).encode())
+        (place / "nulls.csv").write(pd.DataFrame([asdict(c) for c in nulls]).to_csv(index=False).encode())
     for drawing in drawings:
-        write_atomic(out / "figures" / drawing.file, drawing.png)
+        (place / "figures" / drawing.file).write(drawing.png)
     page = plain_page(
         "phnn.prove",
         "page.html",
@@ -45,7 +44,7 @@ def write_proof(outcomes: Sequence[Outcome], settings: Settings, digest: str, ou
         nulls=nulls,
         wrong=[o for o in outcomes if o.grade == WRONG and o.group != "fast_weak"],
     )
-    write_atomic(out / "report.html", page)
+    (place / "report.html").write(page)
     return found
 
 

@@ -9,6 +9,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,15 +18,18 @@ from typing import Any
 from phnn.demo import Sealed, make_case, open_seal, write_seal
 from phnn.effects import catalogue
 from phnn.ensemble import executor
-from phnn.errors import InputRefused, PhnnError
+from phnn.errors import PhnnError
+from phnn.output import Place, claim
 from phnn.prove.cases import Task, tasks
 from phnn.prove.fast import score_folder
 from phnn.prove.full import diagnose_folder
 from phnn.prove.outcome import Outcome, graded
 from phnn.prove.settings import FAST, Settings
-from phnn.report.files import write_atomic, write_json
 
 Say = Callable[[str], None]
+RESULTS = (
+    "recordings", "sealed", "answers", "reports", "cases.csv", "rates.csv", "nulls.csv", "figures", "report.html",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -33,53 +37,55 @@ class Room:
     """The folders of a proof.
 
     Attributes:
-        out: everything lies below it.
+        place: everything lies below it.
     """
 
-    out: Path
+    place: Place
 
     def recordings(self, task: Task) -> Path:
         """Recordings of a case, until it is diagnosed."""
-        return self.out / "recordings" / task.name
+        return self.place.path / "recordings" / task.name
 
     def seal(self, task: Task) -> Path:
         """The sealed answer."""
-        return self.out / "sealed" / f"{task.name}.json"
+        return self.place.path / "sealed" / f"{task.name}.json"
 
-    def answer(self, task: Task) -> Path:
+    def answer(self, task: Task) -> Place:
         """What the diagnosis said."""
-        return self.out / "answers" / f"{task.name}.json"
+        return self.place / "answers" / f"{task.name}.json"
+
+    def report(self, task: Task) -> Place:
+        """The report of a case."""
+        return self.place / "reports" / task.name
 
 
-def prove(settings: Settings, out: Path, say: Say) -> tuple[list[Outcome], str]:
+def prove(settings: Settings, place: Place, say: Say) -> tuple[list[Outcome], str]:
     """All cases of a proof, graded, in order; and the hash of their seals.
 
     Args:
+        place: see `claimed`; gets recordings, seals and answers.
         say: called with a line of text: the hash of the seals before the first diagnosis, then progress.
 
     Raises:
-        InputRefused: the folder holds another proof.
+        PhnnError: a seal was changed during the diagnosis.
     """
-    room, todo = Room(out), tasks(settings)
-    _claim(room, settings)
+    room, todo = Room(place), tasks(settings)
+    for name in ("recordings", "sealed"):
+        (place / name).own_folder()
     _all(partial(_sealed, room), [t for t in todo if not room.seal(t).exists()], settings, say, "sealed")
     digest = _digest(room, todo)
-    say(f"sealed {len(todo)} answers in {out / 'sealed'}; SHA-256 of their SHA-256s, in order: {digest}")
-    left = [t for t in todo if not room.answer(t).exists()]
+    say(f"sealed {len(todo)} answers in {place / 'sealed'}; SHA-256 of their SHA-256s, in order: {digest}")
+    left = [t for t in todo if not room.answer(t).path.exists()]
     _all(partial(_answered, room, settings), left, settings, say, "diagnosed")
     if _digest(room, todo) != digest:
-        raise PhnnError(f"{out / 'sealed'}: an answer was changed during the diagnosis; begin again in a new folder")
-    answers = [json.loads(room.answer(t).read_text(encoding="utf-8")) for t in todo]
+        raise PhnnError(f"{place / 'sealed'}: an answer was changed during the diagnosis; begin again in a new folder")
+    answers = [json.loads(room.answer(t).path.read_text(encoding="utf-8")) for t in todo]
     return [graded(t, open_seal(room.seal(t)), a) for t, a in zip(todo, answers, strict=True)], digest
 
 
-def _claim(room: Room, settings: Settings) -> None:
-    """A folder belongs to the settings that decide its cases."""
-    room.out.mkdir(parents=True, exist_ok=True)
-    path, text = room.out / "proof.json", json.dumps(settings.changes_cases, indent=1) + "\n"
-    if path.exists() and path.read_text(encoding="utf-8") != text:
-        raise InputRefused(f"{path}: another proof was begun here; name a new folder, or repeat its settings")
-    write_atomic(path, text.encode())
+def claimed(out: Path, settings: Settings, overwrite: bool = False) -> AbstractContextManager[Place]:
+    """Claim a folder for a proof; one that was begun there goes on if the same settings decide its cases."""
+    return claim(out, "prove", (), RESULTS, settings.changes_cases, resume=True, overwrite=overwrite)
 
 
 def _all(work: Callable[[Task], None], todo: Sequence[Task], settings: Settings, say: Say, verb: str) -> None:
@@ -103,12 +109,11 @@ def _answered(room: Room, settings: Settings, task: Task) -> None:
             answer: dict[str, Any] = score_folder(folder, settings.seed)
         else:
             options = {"seed": settings.seed, "starts": settings.starts, "max_effects": settings.max_effects}
-            report = room.out / "reports" / task.name
             without = containing(open_seal(room.seal(task)).withheld)
-            answer = diagnose_folder(folder, report, without, options, settings.keep)
+            answer = diagnose_folder(folder, room.report(task), without, options, settings.keep)
     except PhnnError as error:
         answer = {"failure": str(error)}
-    write_json(room.answer(task), answer)
+    room.answer(task).write_json(answer)
     if not settings.keep:
         shutil.rmtree(folder, ignore_errors=True)
 

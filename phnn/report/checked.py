@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from matplotlib import rc_context
 
 from phnn.check import Checked
+from phnn.output import Place
 from phnn.recordings.describe import facts
 from phnn.recordings.recording import Recording
 from phnn.report.figures.recorded import draw_recorded
 from phnn.report.figures.style import RC, Drawing, png
-from phnn.report.files import write_atomic, write_json
 from phnn.report.plain import plain_page
 
 
@@ -25,9 +24,9 @@ class _Entry:
     drawing: Drawing
 
 
-def write_check(checked: Checked, out: Path) -> None:
+def write_check(checked: Checked, place: Place) -> None:
     """Write ``check.json`` and ``check.html`` into a folder."""
-    write_json(out / "check.json", checked.document())
+    (place / "check.json").write_json(checked.document())
     recordings = checked.campaign.recordings
     page = plain_page(
         "phnn.report",
@@ -37,7 +36,7 @@ def write_check(checked: Checked, out: Path) -> None:
         place={r.name: i for i, r in enumerate(recordings, start=1)},
         entries=[_entry(r) for r in recordings],
     )
-    write_atomic(out / "check.html", page)
+    (place / "check.html").write(page)
 
 
 def _entry(recording: Recording) -> _Entry:

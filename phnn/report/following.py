@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -10,7 +9,7 @@ import pandas as pd
 from phnn.check import check
 from phnn.diagnose.diagnosis import Diagnosis, tied_members
 from phnn.diagnose.propose import NextExperiment
-from phnn.report.files import write_atomic
+from phnn.output import Place
 from phnn.report.formatting import listing
 from phnn.setup import Setup
 
@@ -69,11 +68,10 @@ def no_proposal(diagnosis: Diagnosis) -> str:
     return " ".join(x for x in (start, *told, also) if x)
 
 
-def write_waveform(proposal: NextExperiment | None, setup: Setup, path: Path) -> None:
-    """Time and input of the proposed recording; a file of an earlier proposal goes where there is none now."""
+def write_waveform(proposal: NextExperiment | None, setup: Setup, place: Place) -> None:
+    """Time and input of the proposed recording, where there is one."""
     if proposal is None:
-        path.unlink(missing_ok=True)
         return
     port = setup.network.ports[0]
     table = pd.DataFrame({"time_s": proposal.experiment.t, f"{port.name}_{port.unit}": proposal.experiment.u})
-    write_atomic(path, table.to_csv(index=False, float_format="%.9g").encode())
+    place.write(table.to_csv(index=False, float_format="%.9g").encode())

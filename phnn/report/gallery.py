@@ -26,7 +26,6 @@ from phnn.report.formatting import listing, words
 from phnn.report.shares import Shares
 
 _MOST_DRAWN = 12  # recordings of each kind that get a figure of their own; the table has them all
-OWN_FILES = re.compile(r"\d\d-(fingerprint|locations|picture|overview|ledger|held-out|identification)\b.*\.png")
 
 
 @dataclass(frozen=True)

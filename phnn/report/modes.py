@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from matplotlib import rc_context
@@ -16,12 +15,14 @@ from scipy.optimize import linear_sum_assignment
 from phnn.modal.elements import STATEMENTS
 from phnn.modal.store import study_document
 from phnn.modal.study import CLASS, NAMED, NONE, ONE_LEVEL, UNKNOWN, Result
+from phnn.output import Place
 from phnn.report.figures.modes import draw_left, draw_resonance, resonance_title
 from phnn.report.figures.style import RC, Drawing, png
-from phnn.report.files import write_atomic, write_json
 from phnn.report.formatting import DASH, display_unit, plain, short, words
 from phnn.report.plain import plain_page
 
+# What `phnn modes` writes into its folder.
+RESULTS = ("modes.json", "report.html", "figures", "models")
 # Frequencies at two amplitudes belong to one mode if they differ by less than this.
 _SAME = 0.03
 
@@ -34,9 +35,9 @@ class Row:
     cells: list[str]
 
 
-def write_modes(result: Result, folder: str, out: Path) -> None:
+def write_modes(result: Result, folder: str, place: Place) -> None:
     """Write document, figures and page into a folder."""
-    write_json(out / "modes.json", study_document(result))
+    (place / "modes.json").write_json(study_document(result))
     with rc_context(RC):
         drawings = [
             Drawing(
@@ -48,7 +49,7 @@ def write_modes(result: Result, folder: str, out: Path) -> None:
             ),
         ]  # fmt: skip
     for drawing in drawings:
-        write_atomic(out / "figures" / drawing.file, drawing.png)
+        (place / "figures" / drawing.file).write(drawing.png)
     headline, explanation = sentences(result)
     levels = level_names(result)
     unit = display_unit(_largest(result), result.study.units[1])
@@ -66,7 +67,7 @@ def write_modes(result: Result, folder: str, out: Path) -> None:
         left_out=[*result.study.left_out.items(), *((n, "a step had no solution") for n in result.failed)],
         fitted_choose=result.fitted_choose,
     )
-    write_atomic(out / "report.html", page)
+    (place / "report.html").write(page)
 
 
 def show(result: Result, console: Console) -> None:

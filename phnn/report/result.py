@@ -26,8 +26,8 @@ from phnn.diagnose.symptoms import seen, symptoms
 from phnn.diagnose.trial import tie
 from phnn.identify.staged import fixes_common_factor
 from phnn.models.store import save
+from phnn.output import Place, claim, finite
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, RuleRow, Trace
-from phnn.report.files import finite, write_json
 from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
 from phnn.report.missing import FORCE_UNITS, missing_entries
 from phnn.report.named import supports
@@ -37,24 +37,41 @@ from phnn.report.symptoms import symptom_sentences
 from phnn.report.write import write_report
 
 SCHEMA = "phnn.diagnosis/1"
+# What a diagnosis writes into its folder.
+RESULTS = ("base", "model", "diagnosis.json", "figures", "report.html", WAVEFORM)
 _PACKAGES = ("phnn", "torch", "numpy", "scipy", "numba")
 
 
-def write(diagnosis: Diagnosis, out: Path, shown: Evidence | None = None) -> dict[str, Any]:
+def write(diagnosis: Diagnosis, out: Path | str, overwrite: bool = False) -> dict[str, Any]:
     """Write models, ``diagnosis.json`` and ``report.html`` into a folder; returns the document.
+
+    Args:
+        out: apart from the recordings; results of an earlier diagnosis in it are replaced.
+        overwrite: also where they were changed since.
+
+    Raises:
+        InputRefused: the folder belongs to the recordings or to another run, holds files of others with the names of
+            results, or cannot be written to.
+    """
+    inputs = [Path(diagnosis.campaign.folder)]
+    with claim(Path(out), "diagnose", inputs, RESULTS, overwrite=overwrite) as place:
+        return write_into(diagnosis, place)
+
+
+def write_into(diagnosis: Diagnosis, place: Place, shown: Evidence | None = None) -> dict[str, Any]:
+    """The same into a folder that is claimed already.
 
     Args:
         shown: the evidence, where the caller has it already.
     """
-    out.mkdir(parents=True, exist_ok=True)
     plan = diagnosis.base.plan
     finest = max(plan.steps_of(r) for r in plan.recordings)
-    save(diagnosis.base.setup, out / "base", finest)
-    save(diagnosis.judgement.final.setup, out / "model", finest)
+    save(diagnosis.base.setup, place / "base", finest)
+    save(diagnosis.judgement.final.setup, place / "model", finest)
     content = document(diagnosis)
-    write_json(out / "diagnosis.json", content)
-    write_waveform(diagnosis.proposal, diagnosis.base.setup, out / WAVEFORM)
-    write_report(content, shown or evidence(diagnosis), out)
+    (place / "diagnosis.json").write_json(content)
+    write_waveform(diagnosis.proposal, diagnosis.base.setup, place / WAVEFORM)
+    write_report(content, shown or evidence(diagnosis), place)
     return content
 
 

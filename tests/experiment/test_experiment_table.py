@@ -17,8 +17,8 @@ from phnn.experiment.published import TABLE_3
 from phnn.experiment.table import Comparison, Scored
 from phnn.identify.fit import Fit, fit
 from phnn.models.bouc_wen import bouc_wen
+from phnn.output import finite
 from phnn.report.figures import Drawing
-from phnn.report.files import finite
 
 
 def scored(fitted: Fit) -> Scored:

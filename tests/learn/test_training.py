@@ -20,6 +20,7 @@ from phnn.learn.plant import Plant
 from phnn.learn.settings import Settings
 from phnn.learn.solvers import Torchdiffeq, averaged, compiled
 from phnn.learn.trainer import Progress, Trainer
+from phnn.output import Place
 
 KINDS: dict[str, tuple[Callable[[], Plant], int]] = {
     "neural": (lambda: example.neural(3), 3), "fully_neural": (example.fully_neural, 0),
@@ -51,7 +52,7 @@ def trained(objective: Objective, settings: Settings, kill_after: int = 0) -> Pr
         if count[0] == kill_after:
             raise Killed
 
-    return Trainer(objective, None, settings, say).run()
+    return Trainer(objective, None, settings, Place(settings.home), say).run()
 
 
 def values(objective: Objective) -> torch.Tensor:
@@ -109,7 +110,7 @@ def test_each_method_stops_when_validation_no_longer_falls(tmp_path: Path) -> No
         return next(told)
 
     settings = settings_of(tmp_path, adam=50, lbfgs=0, gauss_newton=20, patience=3)
-    end = Trainer(objective, validate, settings).run()
+    end = Trainer(objective, validate, settings, Place(settings.home)).run()
     assert [row["method"] for row in end.rows] == ["adam"] * 6 + ["gauss_newton"] * 3
     assert end.best == 3.0
     assert torch.equal(values(objective), kept[3])
@@ -166,11 +167,11 @@ def test_damaged_checkpoints_are_refused(tmp_path: Path) -> None:
 
 def test_checkpoints_carry_the_random_generator(tmp_path: Path) -> None:
     torch.manual_seed(5)
-    checkpoint.save(tmp_path / "c.pt", {"a": [1, torch.ones(2)]})
+    checkpoint.save(Place(tmp_path) / "c.pt", {"a": [1, torch.ones(2)]})
     drawn = torch.rand(3)
     found = checkpoint.load(tmp_path / "c.pt")
     assert found is not None and torch.equal(torch.rand(3), drawn)
-    assert [p.name for p in tmp_path.iterdir()] == ["c.pt"]
+    assert {p.name for p in tmp_path.iterdir()} == {".phnn", "c.pt"}
 
 
 def test_logs_are_written_for_tensorboard_as_well(tmp_path: Path) -> None:
@@ -179,7 +180,7 @@ def test_logs_are_written_for_tensorboard_as_well(tmp_path: Path) -> None:
         {"epoch": k, "method": "adam", "loss": 3.0 - k, "validation": None, "rate": 0.1, "seconds": 0.0}
         for k in range(3)
     ]
-    log = Log(tmp_path, rows[:1])
+    log = Log(Place(tmp_path), rows[:1])
     for row in rows[1:]:
         log.add(row)
     log.close()

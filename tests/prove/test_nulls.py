@@ -10,10 +10,12 @@ import pytest
 
 from phnn.configuration import compose
 from phnn.errors import InputRefused, PhnnError
+from phnn.output import Place
 from phnn.prove import run
 from phnn.prove.cases import tasks
 from phnn.prove.families import family
 from phnn.prove.nulls import counts
+from phnn.prove.outcome import Outcome
 from phnn.prove.page import write_proof
 from phnn.prove.settings import Settings
 from phnn.prove.tally import rates
@@ -22,6 +24,12 @@ from phnn.prove.tally import rates
 def settings(**changes: Any) -> Settings:
     few = {"only": ["nulls"], "executor": "serial", "null_families": ["white", "ramp+process:0.1"], "nulls": 2}
     return Settings.from_config(compose("prove") | few | changes)
+
+
+def proved(chosen: Settings, out: Path, say: run.Say) -> tuple[list[Outcome], str]:
+    """A proof in a folder that is claimed for it."""
+    with run.claimed(out, chosen) as place:
+        return run.prove(chosen, place, say)
 
 
 def test_a_family_is_an_input_a_noise_or_both() -> None:
@@ -89,7 +97,7 @@ def test_answers_are_counted_by_family(tmp_path: Path, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(run, "diagnose_folder", answer)
     chosen = settings(null_plan="short")
-    outcomes, digest = run.prove(chosen, tmp_path, lambda line: None)
+    outcomes, digest = proved(chosen, tmp_path, lambda line: None)
     assert [name for name, _ in asked] == [
         "full_nulls_white_0000", "full_nulls_white_0001",
         "full_nulls_ramp+process-0.1_0000", "full_nulls_ramp+process-0.1_0001",
@@ -102,13 +110,13 @@ def test_answers_are_counted_by_family(tmp_path: Path, monkeypatch: pytest.Monke
     everything = {r.label: r for r in rates(outcomes)}
     assert everything["nothing missing: false alarms, nulls of all families"].hits == 3
     assert everything["nothing missing: false alarms, whole command"].cases == 0
-    write_proof(outcomes, chosen, digest, tmp_path)
+    write_proof(outcomes, chosen, digest, Place(tmp_path))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Nulls by family" in page
     assert "second_mode (1)" in page
     assert (tmp_path / "nulls.csv").read_text(encoding="utf-8").splitlines()[1].startswith("white,2,1,1,0,0,")
     # What is finished is not repeated, and another plan is another proof.
-    again, _ = run.prove(chosen, tmp_path, lambda line: None)
+    again, _ = proved(chosen, tmp_path, lambda line: None)
     assert [repr(o) for o in again] == [repr(o) for o in outcomes]
-    with pytest.raises(InputRefused, match="another proof was begun here"):
-        run.prove(settings(null_plan="full"), tmp_path, lambda line: None)
+    with pytest.raises(InputRefused, match="was made with other settings"):
+        proved(settings(null_plan="full"), tmp_path, lambda line: None)

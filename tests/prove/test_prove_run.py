@@ -11,9 +11,10 @@ import pytest
 from phnn.configuration import compose
 from phnn.demo import open_seal
 from phnn.errors import InputRefused, PhnnError
+from phnn.output import Place
 from phnn.prove import run
 from phnn.prove.cases import tasks
-from phnn.prove.outcome import EXACT
+from phnn.prove.outcome import EXACT, Outcome
 from phnn.prove.page import write_proof
 from phnn.prove.settings import STRATA, Settings
 
@@ -23,6 +24,12 @@ def settings(**changes: Any) -> Settings:
         (*STRATA, "few"), 0
     )
     return Settings.from_config(compose("prove") | few | changes)
+
+
+def proved(chosen: Settings, out: Path, say: run.Say) -> tuple[list[Outcome], str]:
+    """A proof in a folder that is claimed for it."""
+    with run.claimed(out, chosen) as place:
+        return run.prove(chosen, place, say)
 
 
 def test_cases_of_a_group_stay_when_its_number_grows() -> None:
@@ -40,7 +47,7 @@ def test_numbers_of_cases_that_make_no_sense_are_refused(wrong: dict[str, int]) 
 
 def test_a_proof_of_three_cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
-    outcomes, digest = run.prove(settings(), tmp_path, said.append)
+    outcomes, digest = proved(settings(), tmp_path, said.append)
     order = [line.split()[0] for line in said]
     assert order == ["sealed"] * 4 + ["diagnosed"] * 3
     assert digest in said[3]
@@ -52,20 +59,20 @@ def test_a_proof_of_three_cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     # Nothing is done twice, and one more case does only itself.
     made: list[str] = []
     monkeypatch.setattr(run, "score_folder", lambda folder, seed: made.append(folder.name) or {"verdict": "none"})
-    run.prove(settings(), tmp_path, said.append)
+    proved(settings(), tmp_path, said.append)
     assert made == []
-    again, _ = run.prove(settings(fast_none=3), tmp_path, said.append)
+    again, _ = proved(settings(fast_none=3), tmp_path, said.append)
     assert made == ["fast_fast_none_0002"]
     assert [repr(o) for o in again[:2]] == [repr(o) for o in outcomes[:2]]
 
-    write_proof(outcomes, settings(), digest, tmp_path)
+    write_proof(outcomes, settings(), digest, Place(tmp_path))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert digest in page
     assert "false alarms" in page
     assert len((tmp_path / "cases.csv").read_text(encoding="utf-8").splitlines()) == 4
 
-    with pytest.raises(InputRefused, match="another proof was begun here"):
-        run.prove(settings(seed=1), tmp_path, said.append)
+    with pytest.raises(InputRefused, match="was made with other settings"):
+        proved(settings(seed=1), tmp_path, said.append)
 
 
 def test_a_seal_broken_during_the_diagnosis_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,7 +85,7 @@ def test_a_seal_broken_during_the_diagnosis_is_noticed(tmp_path: Path, monkeypat
 
     monkeypatch.setattr(run, "score_folder", cheat)
     with pytest.raises(PhnnError, match="an answer was changed"):
-        run.prove(settings(fast_none=1, fast_weak=0), tmp_path, lambda line: None)
+        proved(settings(fast_none=1, fast_weak=0), tmp_path, lambda line: None)
 
 
 def test_a_diagnosis_that_fails_is_an_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -86,5 +93,5 @@ def test_a_diagnosis_that_fails_is_an_answer(tmp_path: Path, monkeypatch: pytest
         raise PhnnError("no root")
 
     monkeypatch.setattr(run, "score_folder", fail)
-    outcomes, _ = run.prove(settings(fast_none=1, fast_weak=0), tmp_path, lambda line: None)
+    outcomes, _ = proved(settings(fast_none=1, fast_weak=0), tmp_path, lambda line: None)
     assert (outcomes[0].grade, outcomes[0].failure, outcomes[0].reason) == ("wrong", "no root", "the diagnosis failed")

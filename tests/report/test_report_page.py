@@ -15,6 +15,7 @@ import pytest
 from report_example import NOISE, make_document, make_evidence, make_trace
 
 from phnn.errors import InputRefused
+from phnn.output import Place
 from phnn.report import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace, write_report
 
 VERDICTS = ("named", "equivalent", "unknown", "none")
@@ -49,7 +50,7 @@ class _Page(HTMLParser):
 
 
 def _write(document: dict[str, Any], evidence: Evidence, folder: Path) -> _Page:
-    write_report(document, evidence, folder)
+    write_report(document, evidence, Place(folder))
     return _Page((folder / "report.html").read_text("utf-8"))
 
 
@@ -215,7 +216,7 @@ def test_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
     evidence = replace(make_evidence(("step_50V",)), traces=(make_trace("step_50V", 400),), ledger=())
     document = make_document("named", evidence)
     for folder in ("a", "b"):
-        write_report(document, evidence, tmp_path / folder)
+        write_report(document, evidence, Place(tmp_path / folder))
     assert (tmp_path / "a/report.html").read_bytes() == (tmp_path / "b/report.html").read_bytes()
 
 
@@ -237,7 +238,7 @@ def test_an_interrupted_write_leaves_the_earlier_page(tmp_path: Path, monkeypatc
 
     monkeypatch.setattr("os.replace", fail)
     with pytest.raises(InputRefused, match=r"report\.html: cannot be written \(No space left on device\)"):
-        write_report({"verdict": "named"}, EMPTY, tmp_path)
+        write_report({"verdict": "named"}, EMPTY, Place(tmp_path))
     assert (tmp_path / "report.html").read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
 
