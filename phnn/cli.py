@@ -90,6 +90,10 @@ def _parser() -> argparse.ArgumentParser:
     for command in (identify, diagnose, predict, compare, modes, prove):
         command.add_argument("--out", type=Path, metavar="DIR", required=True, help="where the results go")
     check.add_argument("--out", type=Path, metavar="DIR", help="write check.json there, too")
+    for command in (identify, diagnose, predict, compare, modes, prove, demo):
+        command.add_argument(
+            "--overwrite", action="store_true", help="replace results of phnn in DIR even where they were changed since"
+        )
     demo.add_argument(
         "--seed", type=_seed, metavar="N", help="which effect, how strong, what noise (drawn if left out)"
     )
@@ -124,21 +128,21 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
     if name == "check":
         commands.check(arguments.folder, arguments.manifest, arguments.out)
     elif name == "identify":
-        commands.identify(arguments.folder, arguments.out, arguments.manifest, config)
+        commands.identify(arguments.folder, arguments.out, arguments.manifest, config, arguments.overwrite)
     elif name == "diagnose":
-        commands.diagnose(arguments.folder, arguments.out, arguments.manifest, config)
+        commands.diagnose(arguments.folder, arguments.out, arguments.manifest, config, arguments.overwrite)
     elif name == _TRAIN:
         commands.train(config)
     elif name == "predict":
-        commands.predict(arguments.model, arguments.folder, arguments.out, arguments.manifest)
+        commands.predict(arguments.model, arguments.folder, arguments.out, arguments.manifest, arguments.overwrite)
     elif name == "compare":
-        commands.compare(arguments.folder, arguments.out, arguments.manifest, config)
+        commands.compare(arguments.folder, arguments.out, arguments.manifest, config, arguments.overwrite)
     elif name == "modes":
-        commands.modes(arguments.folder, arguments.out, arguments.manifest, config)
+        commands.modes(arguments.folder, arguments.out, arguments.manifest, config, arguments.overwrite)
     elif name == "prove":
-        commands.prove(arguments.out, config)
+        commands.prove(arguments.out, config, arguments.overwrite)
     else:
-        commands.demo(arguments.seed, arguments.out, config)
+        commands.demo(arguments.seed, arguments.out, config, arguments.overwrite)
 
 
 def _say(message: str) -> None:

@@ -27,7 +27,7 @@ from phnn.learn.starts import plant_for
 from phnn.learn.trainer import Progress, Trainer
 from phnn.learn.windows import thinned
 from phnn.models.store import FILE, save
-from phnn.output import Place, claim, sha256_of
+from phnn.output import Place, claim, finished, sha256_of
 from phnn.recordings import Campaign, read
 from phnn.recordings.digest import digest
 from phnn.recordings.excitation import excitation_of
@@ -60,9 +60,12 @@ def train(settings: Settings, say: Callable[[str], None] = lambda line: None) ->
     single(campaign.recordings, "training follows one input to one output")
     made_of = {"recordings": digest(campaign), "base": _hash(settings.base)}
     inputs = [Path(p) for p in (settings.folder, settings.manifest, settings.base) if p]
+    if settings.resume and finished(settings.home, "train", made_of, "resume=false"):
+        ended = _ended(settings)
+        if ended is not None:
+            return ended
     with claim(settings.home, "train", inputs, RESULTS, made_of, settings.resume, anew="resume=false") as place:
-        ended = _ended(settings, place)
-        return _train(settings, campaign, place, digest(campaign), say) if ended is None else ended
+        return _train(settings, campaign, place, digest(campaign), say)
 
 
 def _train(
@@ -100,14 +103,14 @@ def _hash(base: str | None) -> str | None:
     return sha256_of(path) if path.is_file() else None
 
 
-def _ended(settings: Settings, place: Place) -> dict[str, Any] | None:
+def _ended(settings: Settings) -> dict[str, Any] | None:
     """What an earlier run on the same recordings has written at its end; None where there is none to keep.
 
     Raises:
         InputRefused: that run had other settings, or its file is damaged.
     """
-    config, metrics = (place / CONFIG).path, (place / METRICS).path
-    if not (settings.resume and config.exists() and metrics.exists()):
+    config, metrics = settings.home / CONFIG, settings.home / METRICS
+    if not (config.exists() and metrics.exists()):
         return None
     check_same(dict(OmegaConf.load(config)), settings.plain(), config)
     try:

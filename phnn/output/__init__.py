@@ -1,9 +1,9 @@
 """Where results go: one folder claimed for one run, whole files, names that stay inside it."""
 
-from phnn.output.claim import apart, claim
+from phnn.output.claim import apart, claim, finished
 from phnn.output.files import finite, write_atomic
 from phnn.output.names import file_name, unique_names
 from phnn.output.place import Place
 from phnn.output.record import sha256_of
 
-__all__ = ["Place", "apart", "claim", "file_name", "finite", "sha256_of", "unique_names", "write_atomic"]
+__all__ = ["Place", "apart", "claim", "file_name", "finished", "finite", "sha256_of", "unique_names", "write_atomic"]

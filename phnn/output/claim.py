@@ -74,7 +74,7 @@ def claim(
         _clean(root)
         record = Record(root)
         _met(root, record, results, overwrite)
-        now = {**finite(made_of or {}), "version": version("phnn")}
+        now = _complete(made_of)
         if resume and not overwrite:
             _same(out, _before(root), {"command": command, "made_of": now}, anew)
         record.compact()
@@ -92,6 +92,24 @@ def claim(
         (place / INCOMPLETE).remove()
     finally:
         lock.release()
+
+
+def finished(out: Path, command: str, made_of: Mapping[str, Any], anew: str = "--overwrite") -> bool:
+    """Whether a run of the same command has come to its end in a folder, made of the same.
+
+    Raises:
+        InputRefused: what lies there was made of something else.
+    """
+    root = _resolved(out)
+    before = _before(root)
+    _same(out, before, {"command": command, "made_of": _complete(made_of)}, anew)
+    return before is not None and before.get("complete") is True
+
+
+def _complete(made_of: Mapping[str, Any] | None) -> dict[str, Any]:
+    """With the version, as it comes back from disk."""
+    found: dict[str, Any] = json.loads(json.dumps(finite(made_of or {})))
+    return {**found, "version": version("phnn")}
 
 
 def apart(out: Path, inputs: Sequence[Path]) -> None:

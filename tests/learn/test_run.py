@@ -54,7 +54,7 @@ def test_a_network_is_trained_scored_and_stored(tmp_path: Path) -> None:
     content = train(settings)
     assert json.loads((out / "metrics.json").read_text()) == content
     assert {p.name for p in out.iterdir()} == {
-        "checkpoint.pt", "config.yaml", "log.csv", "metrics.json", "model", "weights.pt",
+        ".phnn", "checkpoint.pt", "config.yaml", "log.csv", "metrics.json", "model", "weights.pt",
     }  # fmt: skip
     log = pd.read_csv(out / "log.csv")
     assert list(log["method"]) == ["gauss_newton"] * 3
@@ -76,7 +76,7 @@ def test_a_network_is_trained_scored_and_stored(tmp_path: Path) -> None:
     with pytest.raises(InputRefused, match=r"config\.yaml: was trained with seed=0, now seed=1"):
         train(settings_of(folder, out, *QUICK, "gauss_newton=3", "substeps=2", "seed=1"))
     other = settings_of(written(tmp_path / "other", (30.0, 50.0)), out, *QUICK, "gauss_newton=3", "substeps=2")
-    with pytest.raises(InputRefused, match="holds sine_030, sine_050: take the former folder"):
+    with pytest.raises(InputRefused, match=r"was made with other recordings: take another --out, or resume=false"):
         train(other)
     assert {p: p.read_bytes() for p in out.rglob("*") if p.is_file()} == before
 

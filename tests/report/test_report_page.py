@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from report_example import NOISE, make_document, make_evidence, make_trace
 
-from phnn.errors import InputRefused
-from phnn.output import Place
+from phnn.errors import InputRefused, OutputFailed
+from phnn.output import Place, claim
 from phnn.report import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace, write_report
 
 VERDICTS = ("named", "equivalent", "unknown", "none")
@@ -221,12 +221,14 @@ def test_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_figures_of_an_earlier_report_go_and_other_files_stay(tmp_path: Path) -> None:
-    figures = tmp_path / "figures"
-    figures.mkdir()
-    for name in ("07-held-out-old.png", "07-mine.png", "notes.txt"):
-        (figures / name).write_bytes(b"")
-    _write({"verdict": "none"}, EMPTY, tmp_path)
-    assert {path.name for path in figures.iterdir()} == {"07-mine.png", "notes.txt"}
+    evidence = replace(make_evidence(("step_50V",)), traces=(make_trace("step_50V", 400),), ledger=())
+    for document, shown in ((make_document("named", evidence), evidence), ({"verdict": "none"}, EMPTY)):
+        with claim(tmp_path, "diagnose", (), ("report.html", "figures")) as place:
+            write_report(document, shown, place)
+        if shown is evidence:
+            assert any((tmp_path / "figures").iterdir())
+            (tmp_path / "figures" / "07-mine.png").write_bytes(b"")
+    assert [path.name for path in (tmp_path / "figures").iterdir()] == ["07-mine.png"]
 
 
 def test_an_interrupted_write_leaves_the_earlier_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -237,22 +239,25 @@ def test_an_interrupted_write_leaves_the_earlier_page(tmp_path: Path, monkeypatc
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.replace", fail)
-    with pytest.raises(InputRefused, match=r"report\.html: cannot be written \(No space left on device\)"):
+    with pytest.raises(OutputFailed, match=r"report\.html: the disk is full \(No space left on device\)"):
         write_report({"verdict": "named"}, EMPTY, Place(tmp_path))
     assert (tmp_path / "report.html").read_bytes() == before
-    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
+    assert {path.name for path in tmp_path.iterdir()} == {".phnn", "report.html"}
 
 
 def test_a_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("")
-    with pytest.raises(InputRefused, match="choose another folder"):
-        write_report({"verdict": "none"}, EMPTY, tmp_path / "out")
+    with (
+        pytest.raises(InputRefused, match="is a file: name a folder for --out"),
+        claim(tmp_path / "out", "diagnose") as place,
+    ):
+        write_report({"verdict": "none"}, EMPTY, place)
 
 
 @pytest.mark.parametrize("verdict", [None, "maybe"])
 def test_a_verdict_that_does_not_exist_is_refused(verdict: str | None, tmp_path: Path) -> None:
     with pytest.raises(InputRefused, match="must be one of named, equivalent, unknown, none"):
-        write_report({"verdict": verdict}, EMPTY, tmp_path)
+        write_report({"verdict": verdict}, EMPTY, Place(tmp_path))
 
 
 def test_lengths_that_differ_are_named() -> None:
