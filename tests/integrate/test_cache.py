@@ -1,0 +1,81 @@
+"""Kept machine code: found again, and neither damaged nor planted files break or run anything."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+_SCRIPT = """
+import warnings
+warnings.simplefilter("always")
+from phnn.integrate.cache import compiled
+from cached_function import double
+f = compiled(double)
+print(f(21.0), sum(f.stats.cache_hits.values()) if f.stats else 0)
+"""
+
+
+def run(home: Path, cache: Path | None, **environment: str) -> tuple[list[str], str]:
+    """Compile and call a function in another process: what it prints, and its warnings."""
+    home.mkdir(exist_ok=True)
+    (home / "cached_function.py").write_text("def double(x):\n    return 2.0 * x\n")
+    # A stamp in whole seconds: numba takes sources that were written anew for others.
+    os.utime(home / "cached_function.py", (1e9, 1e9))
+    given = {k: v for k, v in os.environ.items() if k not in ("PHNN_CACHE_DIR", "XDG_CACHE_HOME", "HOME")}
+    given |= {"PYTHONPATH": f"{home}:{Path(__file__).parents[2]}", **environment}
+    if cache is not None:
+        given["PHNN_CACHE_DIR"] = str(cache)
+    done = subprocess.run([sys.executable, "-c", _SCRIPT], env=given, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split(), done.stderr
+
+
+def test_machine_code_is_found_again(tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    assert run(tmp_path / "home", cache)[0] == ["42.0", "0"]
+    assert run(tmp_path / "home", cache)[0] == ["42.0", "1"]
+    for path in (cache / "phnn", *(cache / "phnn").iterdir()):
+        assert path.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_damaged_files_count_as_absent(tmp_path: Path, seed: int) -> None:
+    cache, rng = tmp_path / "cache", np.random.default_rng(seed)
+    run(tmp_path / "home", cache)
+    files = [p for p in cache.rglob("*.nb?") if p.is_file()]
+    assert len(files) == 2
+    for path in files:
+        content = bytearray(path.read_bytes())
+        if seed == 0:
+            content = content[: len(content) // 2]
+        elif seed == 1:
+            content = bytearray(b"cos\nsystem\n(S'echo planted >&2'\ntR.")
+        else:
+            for place in rng.integers(len(content), size=3):
+                content[place] ^= 1 + int(rng.integers(255))
+        path.write_bytes(bytes(content))
+    printed, told = run(tmp_path / "home", cache)
+    assert printed == ["42.0", "0"] and "planted" not in told
+    assert run(tmp_path / "home", cache)[0] == ["42.0", "1"]
+
+
+def test_a_cache_that_others_can_write_to_is_not_used(tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    run(tmp_path / "home", cache)
+    (cache / "phnn").chmod(0o777)
+    printed, told = run(tmp_path / "home", cache)
+    assert printed == ["42.0", "0"] and "others may write to it" in told
+    (cache / "phnn").chmod(0o700)
+    cache.chmod(0o777)
+    assert "others may replace it" in run(tmp_path / "home", cache)[1]
+
+
+def test_without_a_place_functions_are_compiled_in_memory(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    printed, told = run(tmp_path / "home", tmp_path / "file")
+    assert printed == ["42.0", "0"] and "compiled code is not kept" in told
