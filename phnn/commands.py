@@ -276,10 +276,10 @@ def prove(out: Path, config: Mapping[str, Any]) -> None:
 
 
 def _null_table(nulls: Sequence[Count]) -> Table:
-    table = Table("nulls of", "cases", "none", "false names", "unknown", "failed", "seconds", title="nulls by family")
+    table = Table("nulls of", "cases", "right", "false names", "unknown", "failed", "seconds", title="nulls by family")
     for c in nulls:
         named = f"{c.named}: {c.false}" if c.named else "0"
-        table.add_row(c.family, *map(str, (c.cases, c.none, named, c.unknown, c.failed)), f"{c.seconds:.0f}")
+        table.add_row(c.family, *map(str, (c.cases, c.right, named, c.unknown, c.failed)), f"{c.seconds:.0f}")
     return table
 
 

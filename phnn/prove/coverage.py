@@ -58,9 +58,7 @@ def base_errors(estimates: Estimates, sealed: Sealed) -> dict[str, float]:
     Args:
         estimates: ``{"value", "std"}`` by name; hysterons have no order, they are compared in that of their dead zones.
     """
-    orders = [
-        sorted(n[2:] for n in table if n.startswith("d_") and n[2:].isdigit()) for table in (estimates, sealed.base)
-    ]
+    orders = [hysterons_of(table) for table in (estimates, sealed.base)]
     own = sorted(orders[0], key=lambda i: float(estimates[f"d_{i}"]["value"]))
     true = sorted(orders[1], key=lambda i: sealed.base[f"d_{i}"])
     if len(own) != len(true) or not estimates:
@@ -70,8 +68,18 @@ def base_errors(estimates: Estimates, sealed: Sealed) -> dict[str, float]:
     return _errors({n: (estimates.get(n), sealed.base[of]) for n, of in names.items()}, sealed)
 
 
+def hysterons_of(table: Iterable[str]) -> list[str]:
+    """Numbers of the hysterons among the names of parameters."""
+    return sorted(n[2:] for n in table if n.startswith("d_") and n[2:].isdigit())
+
+
 def effect_errors(missing: Iterable[Mapping[str, Any]], sealed: Sealed) -> dict[str, float]:
-    """The same of the parameters of each rightly named effect whose law has the form of the catalogue."""
+    """The same of the parameters of each rightly named effect whose law has the form of the catalogue.
+
+    None where the actuator has another hysteresis, for then no model is right and no interval has to hold.
+    """
+    if sealed.base_family:
+        return {}
     pairs: dict[str, tuple[Mapping[str, Any] | None, float]] = {}
     truth = {**sealed.background, **(sealed.parameters if sealed.form == "canonical" else {})}
     concealed = (*(sealed.effects if sealed.form == "canonical" else ()), *sealed.background_effects)

@@ -14,7 +14,8 @@ from phnn.demo.actuator import TABLE
 from phnn.errors import InputRefused
 from phnn.prove.cases import Task, tasks
 from phnn.prove.coverage import base_errors, effect_errors
-from phnn.prove.outcome import EXACT, WRONG, graded
+from phnn.prove.grades import EXACT, WRONG
+from phnn.prove.outcome import graded
 from phnn.prove.settings import Settings
 from phnn.prove.tally import coverage
 

@@ -13,7 +13,7 @@ from phnn.demo import open_seal
 from phnn.errors import InputRefused, PhnnError
 from phnn.prove import run
 from phnn.prove.cases import tasks
-from phnn.prove.outcome import EXACT
+from phnn.prove.grades import EXACT
 from phnn.prove.page import write_proof
 from phnn.prove.settings import STRATA, Settings
 
