@@ -33,7 +33,7 @@ def retested(
         The findings that are needed, each with the fit of the others alone, and the fit of all of them.
     """
     place, rule = 0, criteria.selection
-    # By place, for the findings and the fit as they stand: those refits take as long as the search for an effect.
+    # By place, for the effects as they stand: those refits take as long as the search for an effect.
     alone_at: dict[int, Fit] = {}
     while place < len(findings) and len(findings) > 1:
         others = (*findings[:place], *findings[place + 1 :])
@@ -55,8 +55,9 @@ def retested(
         if best.fit is not None and best.cost <= fitted.cost + tie(fitted, rule.tie):
             members = tuple(class_of(trials, rule=rule))
             again = Finding(best, members, tuple(trials), findings[place].naming, level=rule.level)
+            if best.candidate.effect is not findings[place].trial.candidate.effect:
+                alone_at.clear()
             findings, fitted = (*findings[:place], again, *findings[place + 1 :]), best.fit
-            alone_at.clear()
         place += 1
     return tuple(replace(f, others_alone=alone_at.get(i)) for i, f in enumerate(findings)), fitted
 

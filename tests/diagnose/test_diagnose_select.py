@@ -95,12 +95,14 @@ def test_a_model_without_one_of_its_effects_is_fitted_once_and_kept_with_the_eff
         kept, fitted = retest.retested(base, mock.MagicMock(), findings, base, mock.sentinel.executor)
         assert fitted is base and asked == ["creep", "sensor_lag"]
         assert [f.others_alone for f in kept] == [worse["creep"], worse["sensor_lag"]]
-        # Another refit takes the place of the first effect: the model without that one is no longer valid.
-        better = Trial(no_better.candidate, replace(base, residual=0.5 * base.residual))
-        with mock.patch.object(retest, "_refitted", lambda *_: [better]):
-            kept, fitted = retest.retested(base, mock.MagicMock(), findings, base, mock.sentinel.executor)
-    assert fitted is better.fit
-    assert [f.others_alone for f in kept] == [None, worse["sensor_lag"]]
+        # The first effect is refitted and ends lower; or another effect takes its place, and what was fitted without
+        # the first one is no longer of use.
+        for name, known in (("creep", worse["creep"]), ("amplifier_lowpass", None)):
+            better = Trial(trial(name, 0.0).candidate, replace(base, residual=0.5 * base.residual))
+            with mock.patch.object(retest, "_refitted", return_value=[better]):
+                kept, fitted = retest.retested(base, mock.MagicMock(), findings, base, mock.sentinel.executor)
+            assert fitted is better.fit
+            assert [f.others_alone for f in kept] == [known, worse["sensor_lag"]]
 
 
 @pytest.mark.parametrize(("left", "share", "stands"), [(1.03, 0.1, True), (9.0, 0.1, False)])
