@@ -162,7 +162,7 @@ def launcher(name: str) -> None:
 def study(group: str, name: str) -> None:
     """A manifest names the network beside it, if any, and its recordings; a network builds."""
     path = HOME / group / f"{name}.yaml"
-    if name in ("recordings", "whole"):
+    if "recordings:" in path.read_text(encoding="utf-8").splitlines():
         manifest = load_manifest(path.parent, path)
         assert Path(manifest.setup.get("network", path)).parent == path.parent
         assert manifest.entries
