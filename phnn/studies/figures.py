@@ -51,9 +51,11 @@ def _verdict(diagnosis: Mapping[str, Any]) -> Figures:
     """The words of a diagnosis, and what its elements leave."""
     missing = diagnosis["missing"]
     tied = [e for m in missing for e in m["equivalent_to"]]
+    nearest = [words(m["nearest"]) for m in missing if m.get("nearest")]
     return {
         "verdict": {"result": diagnosis["verdict"]},
-        "missing": {"result": ", ".join(words(m["effect"]) for m in missing if m["effect"]) or "nothing is named"},
+        "missing": {"result": ", ".join(words(m["effect"]) for m in missing) or "nothing"},
+        "nearest": {"result": ", ".join(nearest) or "nothing"},
         "cannot be told from it": {"result": ", ".join(map(words, tied)) or "nothing"},
         "location": {"result": ", ".join([diagnosis["location"]["name"], *diagnosis["location"]["tied"]])},
     }
@@ -172,7 +174,19 @@ def _steering_mirror(folder: Path, out: Path) -> Figures:
     rows = {name: model["held_out_rmse"] for name, model in study["models"].items()}
     rows["linear, a model for each amplitude"] = [level["linear_alone"]["held_out_rmse"] for level in study["levels"]]
     for name, errors in rows.items():
-        found[words(name)] = {c: _MICRO * float(np.mean(e)) for c, e in zip(levels, errors, strict=True) if e}
+        row = words(name).replace("+", " + ")
+        found[row] = {c: _MICRO * float(np.mean(e)) for c, e in zip(levels, errors, strict=True) if e}
+    return found | _contaminated(checked)
+
+
+def _contaminated(checked: Mapping[str, Any]) -> Figures:
+    """By realisation and output, how many times as noisy a contaminated recording is as others of its kind."""
+    found: Figures = {}
+    for name, recording in checked["recordings"].items():
+        realisation, _, output = name.partition(".")
+        for finding in recording["findings"]:
+            if finding["kind"] == "contaminated":
+                found.setdefault(realisation, {})[output] = finding["values"]["noise_over_others"]
     return found
 
 
