@@ -10,7 +10,7 @@ import numpy as np
 
 from phnn.demo import Sealed
 from phnn.prove.cases import Task
-from phnn.prove.coverage import base_errors, effect_errors
+from phnn.prove.coverage import base_errors, effect_errors, noise_errors
 from phnn.prove.settings import FAST
 
 # A class or a set of locations larger than this helps nobody.
@@ -43,7 +43,8 @@ class Outcome:
         worst_before, worst_after: largest relative error of a scale-free group of parameters.
         seconds: of the diagnosis; failure: its message where there was no answer; reason: why it is wrong.
         family: of a null.
-        base_errors, effect_errors: of estimates, over their standard errors; see `phnn.prove.coverage`.
+        base_errors, effect_errors: of estimates, as normal deviates of their intervals; see `phnn.prove.coverage`.
+        base_by_noise, effect_by_noise: the same at the stated mass, in intervals that take it as exact.
     """
 
     name: str
@@ -80,6 +81,8 @@ class Outcome:
     family: str = ""
     base_errors: tuple[float, ...] = ()
     effect_errors: tuple[float, ...] = ()
+    base_by_noise: tuple[float, ...] = ()
+    effect_by_noise: tuple[float, ...] = ()
 
     def row(self) -> dict[str, Any]:
         """For a table; sequences joined."""
@@ -130,6 +133,7 @@ def graded(task: Task, sealed: Sealed, answer: Mapping[str, Any]) -> Outcome:
         "" if grade != WRONG else _reason(verdict, named, truth, answer), task.family,
         tuple(base_errors(answer.get("estimates", {}), sealed).values()),
         tuple(effect_errors(missing, sealed).values()),
+        *(tuple(errors.values()) for errors in noise_errors(answer.get("estimates", {}), missing, sealed)),
     )  # fmt: skip
 
 
