@@ -21,7 +21,7 @@ intervals take the quantile of Student's t from them. The averaged spectrum of p
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,7 @@ def scatter(residual: Array, jacobian: Array, recordings: Sequence[Recording], s
         recordings: of which it consists; slices: their rows, in the same order.
     """
     # The criteria belong to the diagnosis, which itself begins with a fit.
+    from phnn.diagnose.criteria import NOISE
     from phnn.diagnose.residual_noise import noise_spectra
 
     count = jacobian.shape[1]
@@ -89,15 +90,16 @@ def scatter(residual: Array, jacobian: Array, recordings: Sequence[Recording], s
         return Scatter(np.zeros((0, 0)), np.zeros(0))
     root = _root(jacobian)
     basis = jacobian @ root
-    spectra = noise_spectra([residual[s] for s in slices], recordings)
+    parts = [residual[r] for r in slices]
+    # Without repetitions nothing tells noise from what the model misses. All of it counts, but a line is held against
+    # what noise can be.
+    spectra = noise_spectra(parts, recordings, replace(NOISE, greatest_excess=np.inf))
+    bounded = noise_spectra(parts, recordings)
     middle, doubt = np.zeros((count, count)), np.zeros(count)
-    for spectrum, rows in zip(spectra, slices, strict=True):
-        n, q = rows.stop - rows.start, basis[rows]
+    for part, rows, spectrum, least in zip(parts, slices, spectra, bounded, strict=True):
+        q, cycles = basis[rows], np.arange(part.size // 2 + 1) / part.size
         middle += spectrum.covariance(q)
-        for share in (
-            _uneven(residual[rows], q, root),
-            _lines(residual[rows], q, root, spectrum.at(np.arange(n // 2 + 1) / n)),
-        ):
+        for share in (_uneven(part, q, root), _lines(part, q, root, spectrum.at(cycles), least.at(cycles))):
             middle += share.middle
             doubt += share.doubt
     # Where the sum is below one, the noise would be smaller than what is stated: no combination is known that well.
@@ -117,11 +119,12 @@ def _uneven(residual: Array, basis: Array, root: Array) -> _Share:
     return _Share(middle, 2.0 / 3.0 * squares**2 @ (basis @ root.T) ** 4)
 
 
-def _lines(residual: Array, basis: Array, root: Array, density: Array) -> _Share:
+def _lines(residual: Array, basis: Array, root: Array, density: Array, bounded: Array) -> _Share:
     """What lines add that exceed the noise (part 3).
 
     Args:
-        density: (F,) of the noise at the frequencies of the recording, over that of white noise of unit variance.
+        density: (F,) of the noise at the frequencies of the recording, over that of white noise of unit variance;
+        bounded: (F,) the same, at most what noise can be.
     """
     n = residual.size
     power = np.abs(np.fft.rfft(residual)) ** 2 / n
@@ -132,8 +135,8 @@ def _lines(residual: Array, basis: Array, root: Array, density: Array) -> _Share
     both[(n + 1) // 2 :] = 1.0
     kept = 1.0 - np.minimum(np.einsum("ij,ij->i", waves.conj(), waves).real, _HIGHEST_LEVERAGE)
     # Under noise the power over its density has an exponential distribution.
-    seen = power / kept > density * np.log(power.size / _BY_CHANCE)
-    excess = both[seen] * (power[seen] / kept[seen] ** 2 - density[seen])
+    seen = power / kept > bounded * np.log(power.size / _BY_CHANCE)
+    excess = both[seen] * np.maximum(power[seen] / kept[seen] ** 2 - density[seen], 0.0)
     shown = waves[seen]
     middle = (shown.conj().T @ (excess[:, None] * shown)).real
     # The variance of an exponential variable is half of its second moment.
