@@ -30,6 +30,7 @@ from phnn.recordings import Campaign, read
 from phnn.report import console_summary
 from phnn.report.checked import write_check
 from phnn.report.files import finite, write_atomic, write_json
+from phnn.report.formatting import interval
 from phnn.report.result import evidence, write
 from phnn.simulate import check_names, measured_network, simulate
 
@@ -69,7 +70,13 @@ def identify(folder: Path, out: Path, manifest: Path | None, config: Mapping[str
     _keep(fitted, out / "base")
     std = fitted.std()
     parameters = {
-        n: {"value": p.value, "unit": p.unit, "std": finite(std.get(n)), "held": _note(fitted, n)}
+        n: {
+            "value": p.value,
+            "unit": p.unit,
+            "std": finite(std.get(n)),
+            "interval_95": fitted.interval(n),
+            "held": _note(fitted, n),
+        }
         for n, p in fitted.setup.parameters.items()
     }
     content = {
@@ -80,10 +87,11 @@ def identify(folder: Path, out: Path, manifest: Path | None, config: Mapping[str
     }
     write_json(out / "identify.json", content)
     console = Console()
-    table = Table("parameter", "value", "standard error", "note", title=f"base model of {folder}")
+    table = Table("parameter", "value", "standard error", "95 % interval", "note", title=f"base model of {folder}")
     for name, row in parameters.items():
         error_text = f"{row['std']:.2g}" if row["std"] is not None else "–"
-        table.add_row(name, f"{row['value']:.5g} {row['unit']}", error_text, str(row["held"] or ""))
+        value = f"{row['value']:.5g} {row['unit']}"
+        table.add_row(name, value, error_text, interval(row["interval_95"]), str(row["held"] or ""))
     console.print(table)
     console.print(_score_table({"base": scores}))
 

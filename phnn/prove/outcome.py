@@ -10,7 +10,7 @@ import numpy as np
 
 from phnn.demo import Sealed
 from phnn.prove.cases import Task
-from phnn.prove.coverage import base_errors, effect_errors, hysterons_of
+from phnn.prove.coverage import base_errors, effect_errors, hysterons_of, noise_errors
 from phnn.prove.grades import EXACT, IN_CLASS, WRONG, Said, expected, grade, true_places
 from phnn.prove.settings import FAST
 
@@ -41,7 +41,8 @@ class Outcome:
         worst_before, worst_after: largest relative error of a scale-free group of parameters.
         seconds: of the diagnosis; failure: its message where there was no answer; reason: why it is wrong.
         family: of a null.
-        base_errors, effect_errors: of estimates, over their standard errors; see `phnn.prove.coverage`.
+        base_errors, effect_errors: of estimates, as normal deviates of their intervals; see `phnn.prove.coverage`.
+        base_by_noise, effect_by_noise: the same at the stated mass, in intervals that take it as exact.
         base_family: hysteresis of the actuator where it is not one of hysterons.
     """
 
@@ -79,6 +80,8 @@ class Outcome:
     family: str = ""
     base_errors: tuple[float, ...] = ()
     effect_errors: tuple[float, ...] = ()
+    base_by_noise: tuple[float, ...] = ()
+    effect_by_noise: tuple[float, ...] = ()
     base_family: str = ""
 
     def row(self) -> dict[str, Any]:
@@ -106,6 +109,7 @@ def graded(task: Task, sealed: Sealed, answer: Mapping[str, Any]) -> Outcome:
     if task.tier == FAST and found == EXACT and len(said.classes) == 1 and len(said.classes[0]) > 1:
         found = IN_CLASS
     location, places = answer.get("location") or {}, true_places(sealed)
+    by_noise = [tuple(e.values()) for e in noise_errors(answer.get("estimates", {}), missing, sealed)]
     return Outcome(
         task.name, task.tier, task.group, task.seed, task.plan, sealed.stratum, sealed.form, truth,
         places, tuple(sealed.withheld), sealed.strength_over_noise, sealed.delta,
@@ -118,7 +122,7 @@ def graded(task: Task, sealed: Sealed, answer: Mapping[str, Any]) -> Outcome:
         str(answer.get("failure", "")),
         "" if found != WRONG else _reason(said, named, truth, sealed, answer), task.family,
         tuple(base_errors(answer.get("estimates", {}), sealed).values()),
-        tuple(effect_errors(missing, sealed).values()), sealed.base_family,
+        tuple(effect_errors(missing, sealed).values()), by_noise[0], by_noise[1], sealed.base_family,
     )  # fmt: skip
 
 

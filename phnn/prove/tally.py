@@ -111,6 +111,8 @@ def coverage(outcomes: Sequence[Outcome]) -> list[Rate]:
     errors = {
         "base parameters": [e for o in outcomes for e in o.base_errors],
         "effect parameters": [e for o in outcomes for e in o.effect_errors],
+        "base parameters, mass taken as exact,": [e for o in outcomes for e in o.base_by_noise],
+        "effect parameters, mass taken as exact,": [e for o in outcomes for e in o.effect_by_noise],
     }
     targets = {0.68: DASH, 0.95: "90–98 %"}
     return [
