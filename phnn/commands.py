@@ -31,6 +31,7 @@ from phnn.recordings import Campaign, read
 from phnn.recordings.recording import Recording
 from phnn.report import console_summary
 from phnn.report.checked import write_check
+from phnn.report.formatting import interval
 from phnn.report.result import RESULTS, evidence, write_into
 from phnn.setup import Setup
 from phnn.simulate import check_names, measured_network, simulate
@@ -76,10 +77,11 @@ def identify(
     with claim(out, "identify", _inputs(folder, manifest), ("base", "identify.json"), overwrite=overwrite) as place:
         parameters, scores = _identify(campaign, options, place)
     console = Console()
-    table = Table("parameter", "value", "standard error", "note", title=f"base model of {folder}")
+    table = Table("parameter", "value", "standard error", "95 % interval", "note", title=f"base model of {folder}")
     for name, row in parameters.items():
         error_text = f"{row['std']:.2g}" if row["std"] is not None else "–"
-        table.add_row(name, f"{row['value']:.5g} {row['unit']}", error_text, str(row["held"] or ""))
+        value = f"{row['value']:.5g} {row['unit']}"
+        table.add_row(name, value, error_text, interval(row["interval_95"]), str(row["held"] or ""))
     console.print(table)
     console.print(_score_table({"base": scores}))
 
@@ -92,7 +94,13 @@ def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[
     _keep(fitted, place / "base")
     std = fitted.std()
     parameters = {
-        n: {"value": p.value, "unit": p.unit, "std": finite(std.get(n)), "held": _note(fitted, n)}
+        n: {
+            "value": p.value,
+            "unit": p.unit,
+            "std": finite(std.get(n)),
+            "interval_95": fitted.interval(n),
+            "held": _note(fitted, n),
+        }
         for n, p in fitted.setup.parameters.items()
     }
     content = {
@@ -311,10 +319,10 @@ def prove(out: Path, config: Mapping[str, Any], overwrite: bool = False) -> None
 
 
 def _null_table(nulls: Sequence[Count]) -> Table:
-    table = Table("nulls of", "cases", "none", "false names", "unknown", "failed", "seconds", title="nulls by family")
+    table = Table("nulls of", "cases", "right", "false names", "unknown", "failed", "seconds", title="nulls by family")
     for c in nulls:
         named = f"{c.named}: {c.false}" if c.named else "0"
-        table.add_row(c.family, *map(str, (c.cases, c.none, named, c.unknown, c.failed)), f"{c.seconds:.0f}")
+        table.add_row(c.family, *map(str, (c.cases, c.right, named, c.unknown, c.failed)), f"{c.seconds:.0f}")
     return table
 
 

@@ -24,7 +24,8 @@ from phnn.errors import PhnnError
 from phnn.identify.base import Options, identify_base
 from phnn.output import Place
 from phnn.prove.cases import LEVELS, Task
-from phnn.prove.outcome import WRONG, graded
+from phnn.prove.grades import WRONG
+from phnn.prove.outcome import graded
 from phnn.prove.run import containing
 from phnn.prove.settings import FULL, STRATA
 from phnn.recall import recalling

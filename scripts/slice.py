@@ -16,7 +16,8 @@ from omegaconf import DictConfig, OmegaConf
 from phnn import commands
 from phnn.configuration import checked, config_folder
 from phnn.errors import PhnnError
-from phnn.prove.outcome import WRONG, Outcome
+from phnn.prove.grades import WRONG
+from phnn.prove.outcome import Outcome
 from phnn.prove.run import claimed, prove
 from phnn.prove.settings import NULLS, Settings
 

@@ -121,7 +121,10 @@ def experiment(name: str) -> None:
         with hydra.initialize_config_dir(str(HOME), version_base=None):
             config = hydra.compose(f"experiment/{name}", ["folder=recordings"])
         assert set(config.studies) == set(STUDIES)
-        assert all(callable(getattr(commands, c)) for some in config.studies.values() for c in some)
+        for study_, some in config.studies.items():
+            for verb, *further in (command.split() for command in some):
+                assert callable(getattr(commands, verb))
+                assert all("=" in w or f"recordings/{study_}/{w}.yaml" in FILES for w in further)
         return
     if name == "trainers":
         with hydra.initialize_config_dir(str(HOME), version_base=None):
@@ -162,7 +165,7 @@ def launcher(name: str) -> None:
 def study(group: str, name: str) -> None:
     """A manifest names the network beside it, if any, and its recordings; a network builds."""
     path = HOME / group / f"{name}.yaml"
-    if name in ("recordings", "whole"):
+    if "recordings:" in path.read_text(encoding="utf-8").splitlines():
         manifest = load_manifest(path.parent, path)
         assert Path(manifest.setup.get("network", path)).parent == path.parent
         assert manifest.entries

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import inspect
+from itertools import product
 
 import pytest
 import torch
-from attacks import OBJECTIVES, OPTIMISERS, train, violations
-from subjects import CORE, EVERY, learned
+from attacks import OBJECTIVES, OPTIMISERS, REACH, train, violations
+from subjects import CORE, EVERY, laws, learned
 from torch import nn
 
 import phnn.laws.neural
 from phnn.errors import SolverFailed
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 from phnn.models.learned import _KINDS
+from phnn.network.bounded import BoundedParameters
 
 torch.set_num_threads(1)
 both = pytest.mark.parametrize("dtype", [torch.float64, torch.float32], ids=["float64", "float32"])
@@ -45,6 +47,24 @@ def test_every_learned_law_is_among_the_subjects() -> None:
     assert set(_KINDS) == set(WIDE_RESISTORS) | set(WIDE_STORAGES)
     modules = [c for _, c in inspect.getmembers(phnn.laws.neural, inspect.isclass) if issubclass(c, nn.Module)]
     assert set(modules) == {type(make(2)) for make in _KINDS.values()}
+
+
+@pytest.mark.parametrize("name", dict(laws()))
+@torch.no_grad()
+def test_no_end_of_the_ranges_of_parameters_leaves_32_bits(name: str) -> None:
+    # Coordinates may end anywhere; values, and so energy, efforts and power, must fit into the numbers.
+    subject = EVERY[name]()
+    subject.module.to(torch.float32)
+    coordinates = [z for m in subject.module.modules() if isinstance(m, BoundedParameters) for z in m.z.values()]
+    a, u = subject.states(200, 1, REACH[torch.float32])
+    b, _ = subject.states(200, 2, REACH[torch.float32])
+    for corner in product((-1e30, 1e30), repeat=len(coordinates)):
+        for z, end in zip(coordinates, corner, strict=True):
+            z.fill_(end)
+        efforts = subject.module.mean_efforts(a, b)
+        power = efforts * subject.balanced_rate(efforts, 0.5 * (a + b), u)
+        numbers = (subject.module.energy(a), subject.module.efforts(a), efforts, power, subject.lost(efforts, a))
+        assert all(torch.isfinite(v).all() for v in numbers), corner
 
 
 @both

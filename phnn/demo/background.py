@@ -48,7 +48,7 @@ def draw_background(
         base: parameters of the actuator, SI.
         plan: the recordings.
         noise: standard deviation, m.
-        without: what is concealed itself takes no part in the background.
+        without: takes no part in the background: what is concealed itself, or has no meaning in this actuator.
     """
     total, angle = float(rng.uniform(*_LEVELS)), float(rng.uniform(0.1, 0.4)) * math.pi
     effects = [draw(name, rng, base, plan) for name in KINDS]

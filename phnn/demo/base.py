@@ -8,12 +8,11 @@ import numpy as np
 
 from phnn.demo.actuator import TABLE
 from phnn.demo.concealed import log_uniform, quasi_static_peak
-from phnn.demo.parameters import FURTHER
+from phnn.demo.other_base import MOVED, family_of
+from phnn.demo.parameters import ABSENT, FURTHER
 
 _SPREAD = 0.2  # each parameter of Table 1 moves by up to this part of itself
-_ABSENT = 1e3  # F: a hysteron that is no more than a wire
 _SLIPS = 1.1  # charge at the largest voltage over that at which a hysteron slips, at least
-_SECOND = ("C_2", "rho_2", "d_2")
 
 
 def draw_base(rng: np.random.Generator) -> dict[str, float]:
@@ -36,7 +35,7 @@ def with_hysterons(base: Mapping[str, float], count: int, rng: np.random.Generat
     two shrink with the largest displacement, so that these slip as early in a cycle as before.
     """
     if count == 1:
-        return {**base, "C_2": _ABSENT, "rho_2": 0.0}
+        return {**base, "C_2": ABSENT, "rho_2": 0.0}
     found, peak = dict(base), quasi_static_peak(base)
     for number in FURTHER[: count - 2]:
         stiffness = float(rng.uniform(1.0 / 3.0, 1.0)) / base["C_1"]
@@ -52,15 +51,16 @@ def with_hysterons(base: Mapping[str, float], count: int, rng: np.random.Generat
 
 
 def moving(base: Mapping[str, float]) -> list[str]:
-    """Names of the parameters that a refit of the base model moves: those of the hysterons that are there."""
-    absent = _SECOND if base["C_2"] == _ABSENT else ()
+    """Names of the parameters that a refit of the base model moves: those of the hysteresis that is there."""
+    absent = [f"{n}_{i}" for i in (1, 2) for n in ("C", "rho", "d") if base[f"C_{i}"] == ABSENT]
     further = [f"{n}_{number}" for number in FURTHER for n in ("inv_C", "rho", "d") if f"inv_C_{number}" in base]
-    return [n for n in TABLE if n not in absent] + further
+    return [n for n in TABLE if n not in absent] + further + list(MOVED.get(family_of(base), ()))
 
 
 def as_stated(base: Mapping[str, float]) -> dict[str, float]:
     """The parameters as a person would state them: ``C_3``, ``rho_3``, ``d_3`` of a third hysteron, and so on."""
-    stated = {n: base[n] for n in moving(base) if n in TABLE}
+    other = (*MOVED.get(family_of(base), ()), "q_play")
+    stated = {n: base[n] for n in moving(base) if n in TABLE} | {n: base[n] for n in other if n in base}
     for i, number in enumerate(n for n in FURTHER if f"inv_C_{n}" in base):
         stated |= {
             f"C_{3 + i}": 1.0 / base[f"inv_C_{number}"],

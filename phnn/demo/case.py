@@ -13,6 +13,7 @@ from phnn.demo.conditions import PLAIN, Conditions
 from phnn.demo.excitation import Excitation
 from phnn.demo.families import of_family
 from phnn.demo.noise import Noise
+from phnn.demo.other_base import HYSTERONS, with_hysteresis
 from phnn.demo.plans import PLANS, VARIED, plan_of
 from phnn.demo.strata import STRATA, Choice, in_turn
 from phnn.errors import InputRefused
@@ -32,13 +33,14 @@ class Case:
         stratum: one of ``STRATA``.
         choices: what is concealed, and what instead if no shape of it can be made strong enough.
         plan: name of the set of recordings.
-        base: parameters of the actuator, SI: the ten of Table 1, and those of a third and fourth hysteron.
+        base: parameters of the actuator, SI: the ten of Table 1, and those of a third and fourth hysteron or of
+            another hysteresis.
         noise: of the sensor.
         targets: wanted of each effect alone: residual over noise, or noncentrality.
         by_delta: whether targets are noncentralities.
         family: of the noise, where one was asked for; empty otherwise.
         conditions: what else was asked for.
-        hysterons: of the actuator; stated_hysterons, stated_mass: as the manifest gives them, kg.
+        hysterons: of the actuator, where it has them; stated_hysterons, stated_mass: as the manifest gives them, kg.
     """
 
     seed: int
@@ -132,12 +134,14 @@ def draw_case(
     deviation, step = float(rng.uniform(20e-9, 80e-9)), int(rng.integers(5, 21)) * 1e-9
     targets = tuple(float(np.exp(rng.uniform(math.log(low), math.log(high)))) for _ in range(2))
     colour = float(rng.uniform(*_COLOURS)) if rng.random() < _COLOURED else 0.0
-    order = in_turn(stratum, seed)
+    order = in_turn(stratum, seed, conditions.base)
     made, family = Noise(deviation, step, colour), ""
     if noise is not None:
         made, family = of_family(noise, made, _stream(seed, stratum, "noise")), noise.partition(":")[0]
     hysterons = conditions.drawn_number(_stream(seed, stratum, "number"))
-    if hysterons != _HYSTERONS:
+    if conditions.base != HYSTERONS:
+        base = with_hysteresis(base, conditions.base, _stream(seed, stratum, "hysteresis"))
+    elif hysterons != _HYSTERONS:
         base = with_hysterons(base, hysterons, _stream(seed, stratum, "hysterons"))
     return Case(
         seed, stratum, order, plan, base, made, targets[: len(order[0].effects)], deltas is not None, family,

@@ -58,11 +58,12 @@ def quasi_static_peak(base: Mapping[str, float]) -> float:
 
 
 def stuck_stiffness(base: Mapping[str, float]) -> float:
-    """Stiffness [N/m] while no hysteron slips, ``k + α² Σ 1/C``."""
+    """Stiffness [N/m] while no hysteron slips, ``k + α² Σ 1/C``, or ``k + α Σ c`` with another hysteresis."""
     elastance = 1.0 / base["C_1"] + 1.0 / base["C_2"]
     for number in FURTHER:
         elastance += base.get(f"inv_C_{number}", 0.0)
-    return base["k"] + base["alpha"] ** 2 * elastance
+    other = sum(base.get(n, 0.0) for n in (*(f"c_play_{i}" for i in (1, 2, 3, 4)), "c_bouc"))
+    return base["k"] + base["alpha"] ** 2 * elastance + base["alpha"] * other
 
 
 def _creep(rng: np.random.Generator, base: Mapping[str, float]) -> Concealed:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from phnn.demo.other_base import BASES, HYSTERONS
 from phnn.errors import InputRefused
 
 MOST = 4  # hysterons of a base
@@ -23,19 +24,28 @@ class Conditions:
         hysterons: of the actuator, 1 to 4; 0 draws their number.
         wrong_order: the manifest states one hysteron more or less than there are.
         anchor_error: the stated mass is drawn from a normal distribution about the true one, with the stated deviation.
+        base: hysteresis of the actuator, one of `phnn.demo.other_base.BASES`. Where it is not one of hysterons,
+            ``hysterons`` is what the manifest states all the same.
 
     Raises:
-        InputRefused: no number of hysterons from 0 to 4.
+        InputRefused: no number of hysterons from 0 to 4, an unknown base, or a wrong order where no order is right.
     """
 
     background: bool = False
     hysterons: int = 2
     wrong_order: bool = False
     anchor_error: bool = False
+    base: str = HYSTERONS
 
     def __post_init__(self) -> None:
         if not 0 <= self.hysterons <= MOST:
             raise InputRefused(f"hysterons = {self.hysterons}: give 1 to {MOST}, or 0 to draw their number")
+        if self.base not in BASES:
+            raise InputRefused(f"base = {self.base!r}: take one of {', '.join(BASES)}")
+        if self.wrong_order and self.base != HYSTERONS:
+            raise InputRefused(
+                f"wrong_order: {self.base} has no number of hysterons to state wrongly: set base=hysterons"
+            )
 
     def drawn_number(self, rng: Rng) -> int:
         """Hysterons of the actuator."""

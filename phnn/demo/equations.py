@@ -21,6 +21,7 @@ Q_0 = 100e-6  # m, displacement that the dimensionless strengths refer to
 _TRACKS = 1e-8  # s, within which a slew-limited amplifier that has caught up follows its command
 _CELLS = 8  # of logarithmic creep, evenly spaced over _DECADES
 _DECADES = 4.0
+_FOLLOWS = 2e-6  # s, within which a play that its displacement has caught follows the envelope
 
 
 @njit(cache=True)
@@ -113,6 +114,30 @@ def _slipping(state: int, e: float, rho: float, half: float, flow: float, out: A
 
 
 @njit(cache=True)
+def _other_hysteresis(x: Array, v: float, w: Any, out: Array) -> tuple[float, float]:
+    """Voltage [V] of the hysteresis of `phnn.demo.other_base` (0 where there is none), and the power [W] lost in it."""
+    q, drop, lost = x[2], 0.0, 0.0
+    if w.at_bouc > 0:
+        z = x[w.at_bouc]
+        slips = abs(z / w.z_bouc) ** w.n_bouc * (w.beta_bouc * abs(v) * np.sign(z) + (1.0 - w.beta_bouc) * v)
+        out[w.at_bouc] = v - slips
+        drop, lost = w.c_bouc * z, w.c_bouc * z * slips
+    if w.at_plays > 0:
+        bend = w.q_play * (math.sqrt(1.0 + (q / w.q_play) ** 2) - 1.0)
+        low, high = q + (w.lean_play - w.gape_play) * bend, q + (w.lean_play + w.gape_play) * bend
+        stiff, reach = (
+            (w.c_play_1, w.c_play_2, w.c_play_3, w.c_play_4),
+            (w.r_play_1, w.r_play_2, w.r_play_3, w.r_play_4),
+        )
+        for i in range(4):
+            at = w.at_plays + i
+            out[at] = (min(max(x[at], low - reach[i]), high + reach[i]) - x[at]) / _FOLLOWS
+            drop += stiff[i] * (q - x[at])
+            lost += stiff[i] * (q - x[at]) * out[at]
+    return drop, w.alpha * lost
+
+
+@njit(cache=True)
 def _hysterons(x: Array, w: Any, flow: float, v: float, out: Array) -> tuple[float, float, float, float]:
     """``e_1, e_2``, the sum of all others [V] and the power [W] lost in the dead zones, at the current ``flow`` [A].
 
@@ -131,15 +156,14 @@ def _hysterons(x: Array, w: Any, flow: float, v: float, out: Array) -> tuple[flo
         out[5] = flow - h_3 - w.G * e_3
         loss += e_3 * h_3
     others = e_3
-    if w.at_hysteron_5 > 0:
-        e_5 = x[w.at_hysteron_5] * w.inv_C_5
-        loss += _slipping(w.at_hysteron_5, e_5, w.rho_5, 0.5 * w.d_5 * width, flow - w.G * e_5, out)
-        others += e_5
-    if w.at_hysteron_6 > 0:
-        e_6 = x[w.at_hysteron_6] * w.inv_C_6
-        loss += _slipping(w.at_hysteron_6, e_6, w.rho_6, 0.5 * w.d_6 * width, flow - w.G * e_6, out)
-        others += e_6
-    return e_1, e_2, others, loss
+    fifth, sixth = (w.at_hysteron_5, w.inv_C_5, w.rho_5, w.d_5), (w.at_hysteron_6, w.inv_C_6, w.rho_6, w.d_6)
+    for at, elastance, rho, d in (fifth, sixth):
+        if at > 0:
+            e = x[at] * elastance
+            loss += _slipping(at, e, rho, 0.5 * d * width, flow - w.G * e, out)
+            others += e
+    drop, lost = _other_hysteresis(x, v, w, out)
+    return e_1, e_2, others + drop, loss + lost
 
 
 @njit(cache=True)

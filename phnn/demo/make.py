@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from phnn.demo.background import NOTHING, Background, draw_background
+from phnn.demo.background import KINDS, NOTHING, Background, draw_background
 from phnn.demo.base import as_stated
 from phnn.demo.case import Case
 from phnn.demo.concealed import Concealed, described
@@ -18,6 +18,7 @@ from phnn.demo.conditions import PLAIN
 from phnn.demo.disturbance import Disturbance
 from phnn.demo.excitation import Excitation
 from phnn.demo.folder import MANIFEST, refuse_strangers, reported, write_manifest, write_recording
+from phnn.demo.other_base import HYSTERONS, acts_on
 from phnn.demo.parameters import Array
 from phnn.demo.sealed import Sealed
 from phnn.demo.strata import Choice
@@ -98,7 +99,8 @@ def _with_background(case: Case, plan: tuple[Excitation, ...]) -> tuple[Case, Ba
     """The case with a background in its base, where one was asked for; nothing in it can be a later choice."""
     if not case.conditions.background:
         return case, NOTHING
-    found = draw_background(case.stream("background"), case.base, plan, case.noise.deviation, case.effects)
+    none = (*case.effects, *(name for name in KINDS if not acts_on(name, case.conditions.base)))
+    found = draw_background(case.stream("background"), case.base, plan, case.noise.deviation, none)
     choices = tuple(c for c in case.choices if not set(c.effects) & set(found.effects))
     return replace(case, base={**case.base, **found.parameters}, choices=choices), found
 
@@ -112,7 +114,9 @@ def _conditions_as_made(case: Case, background: Background) -> dict[str, Any]:
             "background_effects": background.effects,
             "background_level": background.level,
         }
-    if case.conditions.hysterons != PLAIN.hysterons or case.conditions.wrong_order:
+    if case.conditions.base != HYSTERONS:
+        asked |= {"base_family": case.conditions.base, "stated_hysterons": case.stated_hysterons}
+    elif case.conditions.hysterons != PLAIN.hysterons or case.conditions.wrong_order:
         asked |= {"hysterons": case.hysterons, "stated_hysterons": case.stated_hysterons}
     if case.conditions.anchor_error:
         asked["stated_mass"] = case.stated_mass

@@ -26,6 +26,8 @@ TABLE = {
     "d_2": 8.6838,
 }
 
+ABSENT = 1e3  # F: a hysteron of this capacitance is no more than a wire
+
 FURTHER = (5, 6)  # numbers of a base's third and fourth hysteron; 3 and 4 belong to effects
 
 # Values at which an effect is absent. inv_C_3 is 1/C_3, so that absence is a number; a τ_V of zero means none.
@@ -77,6 +79,22 @@ NEUTRAL = {
     "inv_C_6": 0.0,
     "rho_6": 0.0,
     "d_6": 1.0,
+    # another hysteresis in the place of the hysterons: four generalised plays, or a Bouc–Wen state
+    "c_play_1": 0.0,
+    "c_play_2": 0.0,
+    "c_play_3": 0.0,
+    "c_play_4": 0.0,
+    "r_play_1": 1.0,
+    "r_play_2": 1.0,
+    "r_play_3": 1.0,
+    "r_play_4": 1.0,
+    "lean_play": 0.0,
+    "gape_play": 0.0,
+    "q_play": 1.0,
+    "c_bouc": 0.0,
+    "z_bouc": 1.0,
+    "n_bouc": 1.0,
+    "beta_bouc": 0.5,
     # coupling
     "epsilon": 0.0,
     "kappa_a": 0.0,
@@ -123,6 +141,8 @@ _EXTRA: dict[str, tuple[str, tuple[float, ...]]] = {
     "at_sensor": ("tau_y", (1e-4,)),
     "at_hysteron_5": ("inv_C_5", (4e-6,)),
     "at_hysteron_6": ("inv_C_6", (4e-6,)),
+    "at_plays": ("c_play_1", (1e-4,) * 4),
+    "at_bouc": ("c_bouc", (1e-4,)),
 }
 _RECORD = np.dtype([(n, np.float64) for n in (*TABLE, *NEUTRAL)] + [(n, np.int64) for n in _EXTRA])
 

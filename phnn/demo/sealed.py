@@ -20,7 +20,8 @@ class Sealed:
     Attributes:
         effect: canonical name, or "none".
         parameters: of the effect, SI.
-        base: parameters of the actuator, SI: the ten of Table 1, or those of another number of hysterons.
+        base: parameters of the actuator, SI: the ten of Table 1, or those of another number of hysterons or of
+            another hysteresis.
         strength_over_noise: root mean square of what the effect changes beyond a refit of the base model, over the
             standard deviation of the noise.
         noise: standard deviation of the added noise, m.
@@ -48,6 +49,7 @@ class Sealed:
             canonical names; background_level: root mean square that it leaves beyond a refit, over the noise.
         hysterons, stated_hysterons: of the actuator, and as the manifest states them, where that was asked for.
         stated_mass: as the manifest states it, kg, where it was drawn with its error.
+        base_family: hysteresis of the actuator where it is not one of hysterons, see `phnn.demo.other_base`.
         noise_unrecorded: share of a random force or of jitter in the noise's power, as it came out.
     """
 
@@ -81,12 +83,14 @@ class Sealed:
     hysterons: int = 0
     stated_hysterons: int = 0
     stated_mass: float = 0.0
+    base_family: str = ""
 
 
 # Stated only where they differ from their defaults: a seal without them has the bytes that it always had.
 _ON_REQUEST = (
     *("noise_family", "noise_amount", "noise_total", "noise_rms", "noise_unrecorded"),
     *("background", "background_effects", "background_level", "hysterons", "stated_hysterons", "stated_mass"),
+    "base_family",
 )
 
 

@@ -10,6 +10,7 @@ from itertools import combinations
 from phnn.demo.concealed import Concealed
 from phnn.demo.inner import Base, Plan, Rng
 from phnn.demo.listed import LISTED, LOCATIONS, drawn, may_be_paired
+from phnn.demo.other_base import HYSTERONS, acts_on
 from phnn.demo.other_form import FORMS
 from phnn.demo.unlisted import UNLISTED, UNLISTED_LOCATIONS
 
@@ -64,12 +65,15 @@ def choices(stratum: str) -> tuple[Choice, ...]:
     return _ROUNDS[stratum]()
 
 
-def in_turn(stratum: str, number: int) -> tuple[Choice, ...]:
+def in_turn(stratum: str, number: int, base: str = HYSTERONS) -> tuple[Choice, ...]:
     """What case ``number`` of a stratum conceals, and what instead where that cannot be made strong enough.
 
     What is withheld is known before a case is made; nothing takes the place of an effect whose name is withheld.
+
+    Args:
+        base: hysteresis of the actuator; what acts on hysterons is left out where there are none.
     """
-    everything = choices(stratum)
+    everything = tuple(c for c in choices(stratum) if all(acts_on(name, base) for name in c.effects))
     first = number % len(everything)
     order = everything[first:] + everything[:first]
     return tuple(choice for choice in order if choice.withheld == order[0].withheld)

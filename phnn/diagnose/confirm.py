@@ -167,8 +167,11 @@ def _tested(
     after, tested = score_on_all(final, campaign), []
     for finding in judgement.findings:
         others = tuple(f for f in judgement.findings if f is not finding)
+        alone = finding.others_alone
+        if alone is None and others:
+            alone = without(base, others, finding, final, criteria.selection.tie)
         # What cannot be fitted without an element is compared with the base model.
-        alone = (without(base, others, finding, final, criteria.selection.tie) if others else None) or base
+        alone = alone or base
         shown = before if alone is base else score_on_all(alone, campaign)
         held_out, identified = (
             gain(shown, after, campaign.recordings, use, rule.held_out_blocks, (alone.setup.own, final.setup.own))
@@ -185,7 +188,7 @@ def _dropped(judgement: Judgement, fallen: Tested, score_again: Callable[[Fit], 
     here = score_again(fallen.alone)
     return replace(
         judgement,
-        findings=tuple(f for f in judgement.findings if f is not fallen.finding),
+        findings=tuple(replace(f, others_alone=None) for f in judgement.findings if f is not fallen.finding),
         final=fallen.alone,
         final_ground=here.ground,
         remainder=here.naming,

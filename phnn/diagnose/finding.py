@@ -10,6 +10,7 @@ from phnn.diagnose.gain import Gain
 from phnn.diagnose.name import Naming
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect
+from phnn.identify.fit import Fit
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,8 @@ class Finding:
         held_out: what it gains on held-out recordings; None before they were asked, and where there are none.
         provisional: part of the model, for the identification recordings ask for it, but not named.
         level: p-value below which its own score is significant.
+        others_alone: the model with all other findings, fitted from the model that also has this one; None where it was
+            not asked for, or cannot be fitted.
     """
 
     trial: Trial
@@ -31,6 +34,7 @@ class Finding:
     held_out: Gain | None = None
     provisional: bool = False
     level: float = SELECTION.level
+    others_alone: Fit | None = None
 
     @property
     def evidence(self) -> tuple[float, float]:

@@ -6,6 +6,7 @@ Its law is a sum of generic passive elements with strengths that cannot be negat
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,8 @@ from phnn.diagnose.ground import Ground
 from phnn.effects import Scales
 from phnn.effects.effect import with_network
 from phnn.errors import PhnnError
-from phnn.identify.fit import Fit, fit
+from phnn.identify.fit import Fit, fit, variables_from
+from phnn.identify.problem import Problem
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.parameters import Parameter, constant
@@ -41,9 +43,21 @@ def learn(ground: Ground, detail: str) -> Fit | None:
         return None
     own = [n for n in setup.free if n not in ground.fit.setup.parameters]
     try:
-        return fit(setup, ground.plan, [*ground.fit.variables.names, *own], ground.fit.held, 60, origin=ground.fit)
+        names = [*ground.fit.variables.names, *_touched(ground, setup, own)]
+        return fit(setup, ground.plan, names, ground.fit.held, 60, origin=ground.fit)
     except PhnnError:
         return None
+
+
+def _touched(ground: Ground, setup: Setup, own: Sequence[str]) -> list[str]:
+    """Parameters of a learned element on which some output depends.
+
+    A spring beyond the motion that was recorded has none. An optimiser may carry it anywhere within its bounds, and the
+    model would push with any force where nothing was recorded.
+    """
+    problem = Problem(setup, ground.plan, variables_from(setup, ground.plan, own, ground.fit))
+    slopes = problem.jacobian(problem.variables.start(setup))[:, : len(own)]
+    return [n for n, used in zip(own, np.any(slopes != 0.0, axis=0), strict=True) if used]
 
 
 def learned_force(base: Setup, setup: Setup, x: Array, step: float) -> Array:

@@ -28,8 +28,13 @@ def retested(
     """Every finding once more, now that the last one is there: superfluous, or better another one?
 
     The last one too: together they may have led an earlier one to where it needs no other.
+
+    Returns:
+        The findings that are needed, each with the fit of the others alone, and the fit of all of them.
     """
     place, rule = 0, criteria.selection
+    # By place, for the effects as they stand: those refits take as long as the search for an effect.
+    alone_at: dict[int, Fit] = {}
     while place < len(findings) and len(findings) > 1:
         others = (*findings[:place], *findings[place + 1 :])
         alone = without(base, others, findings[place], fitted, rule.tie)
@@ -38,7 +43,9 @@ def retested(
             continue
         if fair_cost(alone) - fair_cost(fitted) < tie(fitted, rule.tie):
             findings, fitted = others, alone
+            alone_at.clear()
             continue
+        alone_at[place] = alone
         if place == len(findings) - 1:
             break
         used = {f.trial.candidate.effect.name for f in others}
@@ -48,9 +55,11 @@ def retested(
         if best.fit is not None and best.cost <= fitted.cost + tie(fitted, rule.tie):
             members = tuple(class_of(trials, rule=rule))
             again = Finding(best, members, tuple(trials), findings[place].naming, level=rule.level)
+            if best.candidate.effect is not findings[place].trial.candidate.effect:
+                alone_at.clear()
             findings, fitted = (*findings[:place], again, *findings[place + 1 :]), best.fit
         place += 1
-    return findings, fitted
+    return tuple(replace(f, others_alone=alone_at.get(i)) for i, f in enumerate(findings)), fitted
 
 
 def _refitted(base: Fit, trials: Sequence[Trial], executor: Executor, criteria: Criteria) -> list[Trial]:

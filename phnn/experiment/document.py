@@ -69,7 +69,7 @@ def table_csv(rows: Sequence[Row]) -> str:
 
 
 def parameters(comparison: Comparison) -> dict[str, dict[str, Any]]:
-    """Refitted parameters by model and name: value, standard error, unit, why held, published value; SI."""
+    """Refitted parameters by model and name: value, standard error, interval, unit, why held, published value; SI."""
     found = {}
     for model in REFITTED:
         fitted = comparison.models[model].fit
@@ -78,6 +78,7 @@ def parameters(comparison: Comparison) -> dict[str, dict[str, Any]]:
             n: {
                 "value": p.value,
                 "std": std.get(n),
+                "interval_95": fitted.interval(n),
                 "unit": p.unit,
                 "held": fitted.held.get(n),
                 "published": published.get(n),

@@ -116,7 +116,7 @@ def with_instants(setup: Setup, recording: Recording, substeps: int, initial: Ar
     held = {} if initial is None else {recording.name: initial}
     problem = Problem(setup, plan, Variables((), (), np.zeros(0), held, {recording.name: unknown}))
     found = fit(setup, plan, (), max_evaluations=_INSTANTS, begun=problem)
-    return replace(recording, instants=found.plan.recordings[0].instants), found.scatter
+    return replace(recording, instants=found.plan.recordings[0].instants), found.scatter.covariance
 
 
 def output_spread(setup: Setup, recording: Recording, substeps: int) -> Array | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -9,8 +10,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from phnn.identify.anchors import estimates_by_anchors, held_anchors, residual_by_anchors
+from phnn.identify.covariance import Scatter, bread, scatter
 from phnn.identify.problem import Plan, Problem, Variables, variables_of
 from phnn.recordings.driving import unknown_instants
 from phnn.setup import Setup
@@ -21,7 +25,6 @@ Array = NDArray[np.float64]
 TOLERANCE = 3e-7
 # A parameter whose estimation coordinate is uncertain by more than this is not identified by the recordings.
 _UNIDENTIFIED = 1.5
-_BLOCKS = 20
 _NEARLY, _APART, _MOST = 1.3, 0.2, 2
 
 
@@ -33,25 +36,25 @@ class Fit:
         setup: with the estimates.
         plan: recordings, with the estimated instants of their jumps, and sub-steps of the fit.
         variables, z: what was moved and where it ended.
-        scatter: (K, K) covariance of ``z`` by noise alone, sandwich over blocks of samples.
         held: parameters that were not estimated, with the reason.
-        residual: (N,) weighted identification residual; jacobian: (N, K) its derivatives by ``z``.
+        residual: (N,) weighted residual of the fitted samples; jacobian: (N, K) its derivatives by ``z``.
         evaluations: simulations of the whole plan.
         alternatives: other optima that fit nearly as well, from which a larger model may end better.
         anchors: standard deviations [SI] of the held anchors, by name.
+        use: which samples were fitted.
     """
 
     setup: Setup
     plan: Plan
     variables: Variables
     z: Array
-    scatter: Array
     held: Mapping[str, str]
     residual: Array
     jacobian: Array
     evaluations: int
     alternatives: tuple[Setup, ...] = ()
     anchors: Mapping[str, float] = field(default_factory=dict)
+    use: str = "identification"
 
     @property
     def chi2(self) -> float:
@@ -70,13 +73,40 @@ class Fit:
             return np.zeros((self.z.size, len(self.anchors)))
         problem = Problem(self.setup, self.plan, self.variables)
         columns = residual_by_anchors(problem, self.z, tuple(self.anchors))
-        return estimates_by_anchors(_bread(self.jacobian), self.jacobian, columns)
+        return estimates_by_anchors(bread(self.jacobian), self.jacobian, columns)
+
+    @cached_property
+    def scatter(self) -> Scatter:
+        """Covariance of ``z`` by the noise and by what the model misses, and its degrees of freedom."""
+        ends = np.cumsum([0, *(int(r.mask(self.use).sum()) for r in self.plan.recordings)])
+        rows = [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
+        return scatter(self.residual, self.jacobian, self.plan.recordings, rows)
+
+    @cached_property
+    def by_numerics(self) -> Array:
+        """(K,) by how much the numerical error of solver and reconstruction has moved ``z``; two more simulations.
+
+        The bound on that error is for what the parameters cannot take up. What they take up, a few tenths of their
+        standard errors, is the same in every repetition and is not corrected.
+        """
+        # Its module measures fits.
+        from phnn.identify.numerics import numerical_error
+
+        if not self.z.size or self.use != "identification":
+            return np.zeros(self.z.size)
+        return np.asarray(-bread(self.jacobian) @ (self.jacobian.T @ numerical_error(self).error))
+
+    @cached_property
+    def exact_anchors(self) -> Array:
+        """(K, K) covariance of ``z`` where the held anchors are exact: its `scatter`, and the square of the known but
+        uncorrected numerical shift, as the Guide to the Expression of Uncertainty in Measurement has it (F.2.4.5)."""
+        return np.asarray(self.scatter.covariance + np.outer(self.by_numerics, self.by_numerics))
 
     @cached_property
     def covariance(self) -> Array:
-        """(K, K) covariance of ``z``, by noise and by the errors of the held anchors."""
+        """(K, K) covariance of ``z``: `exact_anchors`, and the errors of the held anchors."""
         variances = np.square(np.array(list(self.anchors.values()), dtype=float))
-        return np.asarray(self.scatter + (self.by_anchors * variances) @ self.by_anchors.T)
+        return np.asarray(self.exact_anchors + (self.by_anchors * variances) @ self.by_anchors.T)
 
     def std(self) -> dict[str, float]:
         """Standard errors of the estimated parameters and of the held anchors, SI; infinite where the recordings do
@@ -86,6 +116,32 @@ class Fit:
         known = [s <= _UNIDENTIFIED for s in spread[: len(self.variables.names)]] + [True] * len(self.anchors)
         sizes = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         return {n: float(s) if k else float("inf") for n, s, k in zip(names, sizes, known, strict=True)}
+
+    def interval(self, name: str, share: float = 0.95, anchored: bool = True) -> tuple[float, float] | None:
+        """Ends [SI] of the interval that contains a parameter with a probability; None where nothing is known of it.
+
+        It is symmetric in the estimation coordinate, so that a positive parameter has a positive interval, and as wide
+        as Student's t asks for at the degrees of freedom of the covariance. The errors of anchors are normal.
+
+        Args:
+            share: the probability.
+            anchored: count the errors of the held anchors too; without them the anchors are taken as exact.
+        """
+        size = self.std().get(name, np.inf)
+        if not np.isfinite(size):
+            return None
+        p = self.setup.parameters[name]
+        if name not in self.variables.names:
+            reach = float(norm.ppf(0.5 + 0.5 * share)) * size * anchored
+            return p.value - reach, p.value + reach
+        i = self.variables.names.index(name)
+        noise = float(self.scatter.covariance[i, i])
+        total = float((self.covariance if anchored else self.exact_anchors)[i, i])
+        # The other parts of the variance count as known (Satterthwaite 1946).
+        freedom = float(self.scatter.freedom[i]) * (total / noise) ** 2
+        reach = float(student.ppf(0.5 + 0.5 * share, freedom)) * total**0.5
+        z = p.to_coordinate(p.value)
+        return p.from_coordinate(z - reach), p.from_coordinate(z + reach)
 
     def joint_covariance(self) -> tuple[tuple[str, ...], Array]:
         """Names and covariance (P, P), SI, of the estimated parameters and the held anchors together.
@@ -204,40 +260,13 @@ def _finish(problem: Problem, z: Array, held: dict[str, str], evaluations: int) 
         plan=replace(problem.plan, recordings=timed),
         variables=problem.variables,
         z=z,
-        scatter=sandwich(residual, jacobian, [int(m.sum()) for m in problem.masks]),
         held=held,
         residual=residual,
         jacobian=jacobian,
         evaluations=evaluations,
         anchors=held_anchors(problem),
+        use=problem.use,
     )
-
-
-def _bread(jacobian: Array) -> Array:
-    """``(JᵀJ)⁻¹``; a direction without information keeps a huge variance, where a pseudo-inverse would call it exactly
-    known."""
-    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
-    return np.asarray((vectors / np.maximum(values, 1e-14 * values[-1])) @ vectors.T)
-
-
-def sandwich(residual: Array, jacobian: Array, lengths: Sequence[int]) -> Array:
-    """Covariance ``B (Σ_b g_b g_bᵀ) B`` with ``B = (JᵀJ)⁻¹``, ``g_b = J_bᵀ r_b`` over blocks of neighbouring samples.
-
-    Valid for coloured residuals (White 1980; blocks instead of single samples). Never below the covariance that
-    white noise of the stated floor would give.
-    """
-    if jacobian.shape[1] == 0:
-        return np.zeros((0, 0))
-    bread = _bread(jacobian)
-    meat = np.zeros_like(bread)
-    first = 0
-    for length in lengths:
-        for block in np.array_split(np.arange(first, first + length), min(_BLOCKS, max(1, length // 20))):
-            g = jacobian[block].T @ residual[block]
-            meat += np.outer(g, g)
-        first += length
-    robust = bread @ meat @ bread
-    return np.asarray(robust + np.diag(np.maximum(np.diag(bread) - np.diag(robust), 0.0)))
 
 
 def unidentified(jacobian: Array, names: Sequence[str]) -> list[str]:

@@ -200,6 +200,7 @@ class Problem:
         self.template = template
         self.plan = plan
         self.variables = variables
+        self.use = use
         self.masks = [r.mask(use) for r in plan.recordings]
         timed = sum(x.size for x in variables.instants.values())
         self._weak = np.append(

@@ -251,8 +251,8 @@ def convex_unit(a: Any, b: Any, weight: Any, gain: Any, position: Any) -> Any:
     by_a = 1.0 + at_a * zero
     by_b = 1.0 + at_b * zero
     rise = (at_a + zero) * at_b * to_b * by_a + (at_b + zero) * at_a * to_a * by_b
-    # Products in this order are the same number when the ends are exchanged.
-    return 0.5 * weight * rise * reciprocal((1.0 + at_a * at_b) * (by_a * by_b) * r_zero)
+    # Products in this order are the same number when the ends are exchanged; all of them in one overflow in 32 bits.
+    return 0.5 * weight * (rise * reciprocal(by_a * by_b)) * reciprocal((1.0 + at_a * at_b) * r_zero)
 
 
 def convex_combine(a: Any, b: Any, total: Any, curvature: Any) -> Any:

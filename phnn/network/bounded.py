@@ -15,13 +15,18 @@ has neither property: it counts relative changes downwards, absolute ones upward
 ``exp(z)`` of a step far too large overflows, and the slope of a logistic function vanishes so fast that a parameter
 driven to its bound stays there.
 
+Laws multiply parameters, and 32 bits reach only 38 decades. In 32 bits the range ``Δ`` therefore ends after three
+decades, or a thousand times the reference (or the typical change, where that is larger), also inside wider bounds. The
+law with the most factors, the doubly bent spring, multiplies eight of them by the sixth power of its state: 24 decades,
+so that energy, effort and power stay finite for states up to a hundred times typical ones.
+
 Reparametrisation onto the admissible set: Stan Reference Manual, constraint transforms.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import torch
@@ -34,6 +39,9 @@ from phnn.parameters import Parameter
 # A side without a bound ends this many decades, or typical changes, away from the reference: farther than any training
 # goes, near enough that squares of the result fit into 32 bits. Setting a value moves the reference.
 _DECADES, _CHANGES = 9.0, 1e9
+# The same where numbers are shorter than 64 bits; changes in units of the reference or of a typical change.
+_SHORT_DECADES = 3.0
+_SHORT_CHANGES = 10.0**_SHORT_DECADES
 
 # Rows of the table: reference, Δ/2 and gain upwards, the same downwards, lowest and highest value, 1 if positive, 1 if
 # not, and the lesser Δ/2 (negative for a value on a bound).
@@ -83,6 +91,17 @@ class BoundedParameters(nn.Module):
     def __contains__(self, name: str) -> bool:
         return name in self.declared
 
+    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> BoundedParameters:
+        """Convert to other numbers; a value beyond the shorter range of these becomes the reference."""
+        long = self.table.dtype == torch.float64
+        values = {name: self._at(name, z.detach()).item() for name, z in self.z.items()} if long else {}
+        super()._apply(fn, recurse)
+        if long and self.table.dtype != torch.float64:
+            near = _in_short_range(self.table[_NEAR], self.table)
+            far = [name for name, z in self.z.items() if not z.detach().abs() <= near[self.place[name]]]
+            self.assign({name: values[name] for name in far if math.isfinite(values[name])})
+        return self
+
     def values(self) -> dict[str, Tensor]:
         """Present values [SI] by name, differentiable by the coordinates.
 
@@ -106,7 +125,7 @@ class BoundedParameters(nn.Module):
         """(F,) values where all ``|z| ≤ Δ/2``, which is nearly always, in a fifth of the operations; else None."""
         try:
             # Also false for NaN.
-            near = bool((z.detach().abs() <= self.table[_NEAR]).all())
+            near = bool((z.detach().abs() <= _in_short_range(self.table[_NEAR], self.table)).all())
         except RuntimeError:
             # Inside vmap coordinates have no numbers.
             near = False
@@ -177,9 +196,21 @@ def _row(p: Parameter) -> list[float]:
     return [p.value, *upwards, *downwards, lowest, highest, float(p.positive), float(not p.positive), near]
 
 
+def _in_short_range(half: Tensor, table: Tensor) -> Tensor:  # half: (...), table: (10, ...)
+    """(...) half ranges ``Δ/2``, shortened where the numbers are shorter than 64 bits; see the module's docstring."""
+    if table.dtype == torch.float64:
+        return half
+    # In units of the gain, which is zero where a value cannot move at all.
+    gain = table[_GAIN].abs().clamp_min(torch.finfo(table.dtype).tiny)
+    changes = torch.clamp(table[_REFERENCE].abs() / gain, min=1.0)
+    most = torch.where(table[_LINEAR] > 0.0, _SHORT_CHANGES * changes, _SHORT_DECADES * math.log(10.0))
+    return torch.minimum(half, 0.5 * most)
+
+
 def _physical(z: Tensor, table: Tensor) -> Tensor:  # z: (...), table: (10, ...)
     """(...) values of coordinates."""
     half, gain = torch.where(z >= 0.0, table[_UP], table[_DOWN])
+    half = _in_short_range(half, table)
     inner = torch.clamp(z, -half, half)
     beyond = torch.clamp((z - inner) / half, -_ENOUGH, _ENOUGH)
     delta = gain * (inner + half * beyond / (1.0 + beyond.abs()))

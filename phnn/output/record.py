@@ -50,7 +50,7 @@ class Record:
             InputRefused: the record cannot be written.
             OutputFailed: the disk is full.
         """
-        self.path.parent.mkdir(exist_ok=True)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
         line = json.dumps({"file": str(name), "sha256": digest}, ensure_ascii=False) + "\n"
         try:
             # One write at the end of the file: lines of several processes do not mix.

@@ -1,14 +1,19 @@
 """How far estimates lie from the truth in their own standard errors, and how often an interval contains it.
 
+An error is a normal deviate of the stated 95 % interval: 1.96 where the truth lies at one of its ends, in proportion
+inside. Where no interval is stated the standard error takes its place.
+
 Voltage and displacement leave one common factor of all impedances free, which the stated mass fixes. Where the stated
 mass is exact, errors of what scales with it say nothing of its stated deviation: those parameters are left out there.
+Where it is drawn, its error moves them all together, so that the base parameters of one case are hardly more than one
+draw. `noise_errors` therefore compares with the truth at the stated mass, in intervals that take the mass as exact.
 The mass itself is left out always, for its interval is the anchor's own.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from scipy.stats import norm
@@ -16,6 +21,7 @@ from scipy.stats import norm
 from phnn.demo import Sealed
 
 SHARES = (0.68, 0.95)
+_SHARE = 0.95  # of the intervals that are stated
 _REFERENCE = 100e-6  # m, displacement that strengths of a seal refer to
 
 # By effect and parameter of the catalogue: the seal's name, and the power of the reference displacement, whose own
@@ -50,29 +56,71 @@ _SEALED: dict[str, dict[str, tuple[str, int, str]]] = {
 _SCALED = {"k", "b", "alpha", "k_s", "F_c", "c_2", "k_c", "m_2", "k_2", "b_2", "G", "C_x", "rho_x"}
 
 Estimates = Mapping[str, Mapping[str, Any]]
+# The estimate and the truth, by the name of the parameter.
+Pairs = dict[str, tuple[Mapping[str, Any], float]]
 
 
 def base_errors(estimates: Estimates, sealed: Sealed) -> dict[str, float]:
-    """Error over standard error of each base parameter that has one; none where the numbers of hysterons differ.
+    """Error, as a normal deviate, of each base parameter that has an interval; none where the numbers of hysterons
+    differ.
 
     Args:
-        estimates: ``{"value", "std"}`` by name; hysterons have no order, they are compared in that of their dead zones.
+        estimates: ``{"value", "std", "interval_95"}`` by name; hysterons have no order, they are compared in that of
+            their dead zones.
     """
-    orders = [
-        sorted(n[2:] for n in table if n.startswith("d_") and n[2:].isdigit()) for table in (estimates, sealed.base)
-    ]
+    return _errors(_base_pairs(estimates, sealed), sealed)
+
+
+def effect_errors(missing: Iterable[Mapping[str, Any]], sealed: Sealed) -> dict[str, float]:
+    """The same of the parameters of each rightly named effect whose law has the form of the catalogue."""
+    return _errors(_effect_pairs(missing, sealed), sealed)
+
+
+def noise_errors(
+    estimates: Estimates, missing: Iterable[Mapping[str, Any]], sealed: Sealed
+) -> tuple[dict[str, float], dict[str, float]]:
+    """The same of base and effect parameters by the noise alone: the stated mass counts as exact, and what scales with
+    it is compared with the truth times the factor by which the stated mass is wrong.
+
+    Args:
+        estimates: with ``"interval_95_anchors_exact"`` in place of the interval; those without it are left out.
+    """
+    factor = sealed.stated_mass / sealed.base["m"] if sealed.stated_mass > 0.0 else 1.0
+
+    def alone(pairs: Pairs) -> dict[str, float]:
+        found = {}
+        for name, (_, true) in pairs.items():
+            estimate = estimates.get(name)
+            ends = (estimate or {}).get("interval_95_anchors_exact")
+            if estimate is not None and ends is not None:
+                at = true * factor if _scaled(name) else true
+                found[name] = _deviate(float(estimate["value"]), ends, at)
+        return found
+
+    return alone(_base_pairs(estimates, sealed)), alone(_effect_pairs(missing, sealed))
+
+
+def _base_pairs(estimates: Estimates, sealed: Sealed) -> Pairs:
+    orders = [hysterons_of(table) for table in (estimates, sealed.base)]
     own = sorted(orders[0], key=lambda i: float(estimates[f"d_{i}"]["value"]))
     true = sorted(orders[1], key=lambda i: sealed.base[f"d_{i}"])
     if len(own) != len(true) or not estimates:
         return {}
     names = {n: n for n in ("k", "b", "alpha")}
     names |= {f"{n}_{i}": f"{n}_{j}" for i, j in zip(own, true, strict=True) for n in ("C", "rho", "d")}
-    return _errors({n: (estimates.get(n), sealed.base[of]) for n, of in names.items()}, sealed)
+    return {n: (estimates[n], sealed.base[of]) for n, of in names.items() if n in estimates}
 
 
-def effect_errors(missing: Iterable[Mapping[str, Any]], sealed: Sealed) -> dict[str, float]:
-    """The same of the parameters of each rightly named effect whose law has the form of the catalogue."""
-    pairs: dict[str, tuple[Mapping[str, Any] | None, float]] = {}
+def hysterons_of(table: Iterable[str]) -> list[str]:
+    """Numbers of the hysterons among the names of parameters."""
+    return sorted(n[2:] for n in table if n.startswith("d_") and n[2:].isdigit())
+
+
+def _effect_pairs(missing: Iterable[Mapping[str, Any]], sealed: Sealed) -> Pairs:
+    """None where the actuator has another hysteresis, for then no model is right and no interval has to hold."""
+    pairs: Pairs = {}
+    if sealed.base_family:
+        return pairs
     truth = {**sealed.background, **(sealed.parameters if sealed.form == "canonical" else {})}
     concealed = (*(sealed.effects if sealed.form == "canonical" else ()), *sealed.background_effects)
     for entry in missing:
@@ -82,19 +130,27 @@ def effect_errors(missing: Iterable[Mapping[str, Any]], sealed: Sealed) -> dict[
                 continue
             scale = (float(estimates[reference]["value"]) / _REFERENCE) ** power if power else 1.0
             pairs[name] = (estimates[name], truth[of] * scale)
-    return _errors(pairs, sealed)
+    return pairs
 
 
-def _errors(pairs: Mapping[str, tuple[Mapping[str, Any] | None, float]], sealed: Sealed) -> dict[str, float]:
+def _errors(pairs: Pairs, sealed: Sealed) -> dict[str, float]:
     anchored = sealed.stated_mass > 0.0
     found = {}
     for name, (estimate, true) in pairs.items():
-        if estimate is None or (not anchored and _scaled(name)):
+        if not anchored and _scaled(name):
             continue
-        std = estimate.get("std")
-        if std is not None and 0.0 < float(std) < math.inf:
-            found[name] = (float(estimate["value"]) - true) / float(std)
+        std, value, ends = estimate.get("std"), float(estimate["value"]), estimate.get("interval_95")
+        if ends is not None:
+            found[name] = _deviate(value, ends, true)
+        elif std is not None and 0.0 < float(std) < math.inf:
+            found[name] = (value - true) / float(std)
     return found
+
+
+def _deviate(value: float, ends: Sequence[float], true: float) -> float:
+    """Error over the part of a 95 % interval on the side of the truth, times 1.96."""
+    reach = value - float(ends[0]) if true < value else float(ends[1]) - value
+    return float(norm.ppf(0.5 + 0.5 * _SHARE)) * (value - true) / reach
 
 
 def _scaled(name: str) -> bool:

@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from phnn.prove.outcome import WRONG, Outcome
+from phnn.prove.grades import WRONG
+from phnn.prove.outcome import Outcome
 from phnn.prove.settings import FULL
 from phnn.prove.tally import Detection, confusion, detection, limit, reliability
 from phnn.report.figures.style import AFTER, BEFORE, FAINT, INK, RC, Drawing, new_figure, png, quiet_grid

@@ -14,7 +14,8 @@ from phnn.output import Place, finite
 def diagnose_folder(
     folder: Path, place: Place, without: Sequence[str], settings: dict[str, Any], keep: bool
 ) -> dict[str, Any]:
-    """``diagnosis.json`` of a folder, with the base parameters before and after and their standard errors beside it.
+    """``diagnosis.json`` of a folder, with the base parameters before and after beside it, and the final model's
+    estimates with their standard errors and intervals.
 
     Args:
         without: catalogue entries that the diagnosis must not use.
@@ -29,7 +30,13 @@ def diagnose_folder(
     content["models"] = {name: load((place / name).path)[0].values() for name in ("base", "model")}
     final = diagnosis.judgement.final
     content["estimates"] = {
-        n: {"value": final.setup.parameters[n].value, "std": finite(std)} for n, std in final.std().items()
+        n: {
+            "value": final.setup.parameters[n].value,
+            "std": finite(std),
+            "interval_95": final.interval(n),
+            "interval_95_anchors_exact": final.interval(n, anchored=False),
+        }
+        for n, std in final.std().items()
     }
     if not keep:
         place.remove()

@@ -1,4 +1,7 @@
-"""Counts of nulls by family: the whole command must say ``none`` whatever the noise and the input."""
+"""Counts of nulls by family: whatever the noise and the input, the whole command must say ``none``.
+
+Beside a background it may also name that; see `phnn.prove.grades`.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from phnn.prove.grades import WRONG
 from phnn.prove.outcome import Outcome
 
 
@@ -17,7 +21,7 @@ class Count:
     Attributes:
         family: its name.
         cases: how many.
-        none: right answers; named: false names, classes included; unknown: something that is not there; failed: no
+        right: right answers; named: false names, classes included; unknown: something that is not there; failed: no
             answer.
         false: the names, with how often each was given.
         seconds: of a diagnosis, median.
@@ -25,7 +29,7 @@ class Count:
 
     family: str
     cases: int
-    none: int
+    right: int
     named: int
     unknown: int
     failed: int
@@ -40,13 +44,13 @@ def counts(outcomes: Sequence[Outcome]) -> list[Count]:
 
 
 def _count(name: str, outcomes: Sequence[Outcome]) -> Count:
-    verdicts = [o.verdict for o in outcomes]
-    named = ["+".join(o.named) for o in outcomes if o.verdict in ("named", "equivalent")]
+    verdicts = [o.verdict for o in outcomes if o.grade == WRONG]
+    named = ["+".join(o.named) for o in outcomes if o.grade == WRONG and o.verdict in ("named", "equivalent")]
     seconds = [o.seconds for o in outcomes if np.isfinite(o.seconds)]
     return Count(
         family=name,
         cases=len(outcomes),
-        none=verdicts.count("none"),
+        right=len(outcomes) - len(verdicts),
         named=len(named),
         unknown=verdicts.count("unknown"),
         failed=sum(bool(o.failure) for o in outcomes),

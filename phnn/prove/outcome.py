@@ -10,12 +10,10 @@ import numpy as np
 
 from phnn.demo import Sealed
 from phnn.prove.cases import Task
-from phnn.prove.coverage import base_errors, effect_errors
+from phnn.prove.coverage import base_errors, effect_errors, hysterons_of, noise_errors
+from phnn.prove.grades import EXACT, IN_CLASS, WRONG, Said, expected, grade, true_places
 from phnn.prove.settings import FAST
 
-# A class or a set of locations larger than this helps nobody.
-CLASS, TIED = 4, 3
-EXACT, IN_CLASS, WRONG = "exact", "class", "wrong"
 # What V → q determines whatever the common factor of all impedances, as products of powers of parameters.
 _GROUPS = {
     "m/alpha": {"m": 1, "alpha": -1},
@@ -32,18 +30,20 @@ class Outcome:
 
     Attributes:
         name, tier, group, seed, plan, stratum, form: which case.
-        truth: concealed effects; places: their locations; withheld: catalogue entries taken away.
+        truth: missing effects; places: where something is missing; withheld: catalogue entries taken away.
         level: residual over noise of what was concealed; delta: noncentrality of its own direction.
         base: residual over noise of the base fit.
         verdict, named, members, location, tied: the answer.
         dictionary: the location found before naming.
         statistic, p_value, remainder: scores.
-        grade: ``exact``, ``class`` or ``wrong``; located: ``alone``, ``tied`` or ``no``.
+        grade: ``exact``, ``class`` or ``wrong``, see `phnn.prove.grades`; located: ``alone``, ``tied`` or ``no``.
         held_before, held_after: residual over noise on held-out recordings, root mean square.
         worst_before, worst_after: largest relative error of a scale-free group of parameters.
         seconds: of the diagnosis; failure: its message where there was no answer; reason: why it is wrong.
         family: of a null.
-        base_errors, effect_errors: of estimates, over their standard errors; see `phnn.prove.coverage`.
+        base_errors, effect_errors: of estimates, as normal deviates of their intervals; see `phnn.prove.coverage`.
+        base_by_noise, effect_by_noise: the same at the stated mass, in intervals that take it as exact.
+        base_family: hysteresis of the actuator where it is not one of hysterons.
     """
 
     name: str
@@ -80,6 +80,9 @@ class Outcome:
     family: str = ""
     base_errors: tuple[float, ...] = ()
     effect_errors: tuple[float, ...] = ()
+    base_by_noise: tuple[float, ...] = ()
+    effect_by_noise: tuple[float, ...] = ()
+    base_family: str = ""
 
     def row(self) -> dict[str, Any]:
         """For a table; sequences joined."""
@@ -100,70 +103,43 @@ def graded(task: Task, sealed: Sealed, answer: Mapping[str, Any]) -> Outcome:
     """
     missing = answer.get("missing", [])
     named = tuple(m["effect"] for m in missing if m["effect"] != "unknown")
-    classes = [(m["effect"], *m.get("equivalent_to", ())) for m in missing]
-    location = answer.get("location") or {}
-    own = tuple(m["location"] for m in missing if m.get("location"))
-    place = str(location.get("name") or (own[0] if own else ""))
-    tied = tuple(location.get("tied", ()))
-    truth = expected(sealed)
-    beside = tuple(n for n in sealed.background_effects if n not in truth)
-    fit = answer.get("fit", {})
-    held = [_held(fit, "before"), _held(fit, "after") if fit.get("after") else _held(fit, "before")]
+    said, truth, fit, test = _said(answer), expected(sealed), answer.get("fit", {}), answer.get("test", {})
     errors = [group_error(answer.get("models", {}).get(n, {}), sealed.base) for n in ("base", "model")]
-    test = answer.get("test", {})
-    verdict = str(answer.get("verdict", "failed"))
-    told = [c for c in classes if c[0] not in beside]
-    # A name of the background is right, but says nothing of what the case is about.
-    about = "none" if classes and not told else verdict
-    grade = _grade(sealed.stratum, truth, about, told, place, tied, sealed.location)
-    if task.tier == FAST and grade == EXACT and len(classes) == 1 and len(classes[0]) > 1:
-        grade = IN_CLASS
+    found = grade(sealed, said)
+    if task.tier == FAST and found == EXACT and len(said.classes) == 1 and len(said.classes[0]) > 1:
+        found = IN_CLASS
+    location, places = answer.get("location") or {}, true_places(sealed)
+    by_noise = [tuple(e.values()) for e in noise_errors(answer.get("estimates", {}), missing, sealed)]
     return Outcome(
         task.name, task.tier, task.group, task.seed, task.plan, sealed.stratum, sealed.form, truth,
-        tuple(sealed.location), tuple(sealed.withheld), sealed.strength_over_noise, sealed.delta,
-        float(answer.get("base_residual_over_noise", _base(fit))), verdict, named,
-        tuple(dict.fromkeys(n for c in classes for n in c)), place, tied,
-        str((location.get("dictionary") or [place])[0]),
+        places, tuple(sealed.withheld), sealed.strength_over_noise, sealed.delta,
+        float(answer.get("base_residual_over_noise", _base(fit))), said.verdict, named,
+        tuple(dict.fromkeys(n for c in said.classes for n in c)), said.place, said.tied,
+        str((location.get("dictionary") or [said.place])[0]),
         float(test.get("statistic") or np.nan), float(test.get("p_value") or np.nan),
-        str((answer.get("remainder") or {}).get("verdict", "")), grade, _located(place, tied, sealed.location),
-        held[0], held[1], errors[0], errors[1], float(answer.get("seconds", np.nan)), str(answer.get("failure", "")),
-        "" if grade != WRONG else _reason(verdict, named, truth, answer), task.family,
+        str((answer.get("remainder") or {}).get("verdict", "")), found, said.located(places),
+        said.before, said.after, errors[0], errors[1], float(answer.get("seconds", np.nan)),
+        str(answer.get("failure", "")),
+        "" if found != WRONG else _reason(said, named, truth, sealed, answer), task.family,
         tuple(base_errors(answer.get("estimates", {}), sealed).values()),
-        tuple(effect_errors(missing, sealed).values()),
+        tuple(effect_errors(missing, sealed).values()), by_noise[0], by_noise[1], sealed.base_family,
     )  # fmt: skip
 
 
-def expected(sealed: Sealed) -> tuple[str, ...]:
-    """What is missing from the base model: what was concealed, and a hysteron where the manifest states too few."""
-    lacks = sealed.hysterons > sealed.stated_hysterons and "extra_hysteron" not in sealed.effects
-    return (*sealed.effects, *(["extra_hysteron"] if lacks else []))
-
-
-def _grade(
-    stratum: str,
-    truth: tuple[str, ...],
-    verdict: str,
-    classes: list[tuple[str, ...]],
-    place: str,
-    tied: tuple[str, ...],
-    places: tuple[str, ...],
-) -> str:
-    if stratum == "none" and not truth:
-        return EXACT if verdict == "none" else WRONG
-    if stratum == "outside":
-        return EXACT if verdict == "unknown" and _located(place, tied, places) != "no" else WRONG
-    if verdict not in ("named", "equivalent") or len(classes) != len(truth):
-        return WRONG
-    if {c[0] for c in classes} == set(truth):
-        return EXACT if all(len(c) == 1 for c in classes) else IN_CLASS
-    found = all(any(t in c and len(c) <= CLASS for c in classes) for t in truth)
-    return IN_CLASS if found else WRONG
-
-
-def _located(place: str, tied: tuple[str, ...], places: tuple[str, ...]) -> str:
-    if place in places and not tied:
-        return "alone"
-    return "tied" if len(tied) < TIED and set(places) & {place, *tied} else "no"
+def _said(answer: Mapping[str, Any]) -> Said:
+    """What an answer says, as far as its tier goes."""
+    missing, fit = answer.get("missing", []), answer.get("fit", {})
+    location = answer.get("location") or {}
+    own = tuple(str(m.get("location") or "") for m in missing)
+    return Said(
+        verdict=str(answer.get("verdict", "failed")),
+        classes=tuple((m["effect"], *m.get("equivalent_to", ())) for m in missing),
+        locations=own,
+        place=str(location.get("name") or next(filter(None, own), "")),
+        tied=tuple(location.get("tied", ())),
+        before=_held(fit, "before"),
+        after=_held(fit, "after" if fit.get("after") else "before"),
+    )
 
 
 def _held(fit: Mapping[str, Any], which: str) -> float:
@@ -180,16 +156,18 @@ def _base(fit: Mapping[str, Any]) -> float:
 def group_error(values: Mapping[str, float], true: Mapping[str, float]) -> float:
     """Largest relative error of the groups of parameters that voltage and displacement determine.
 
-    Hysterons have no order of their own; they are compared in the order of their dead zones. Slopes ``ϱ⁻¹`` are left
-    out: the recordings hardly know that of a fast hysteron.
+    Hysterons have no order of their own; they are compared in the order of their dead zones, where there are as many in
+    both. Slopes ``ϱ⁻¹`` are left out: the recordings hardly know that of a fast hysteron.
     """
     if not values:
         return float("nan")
     worst = 0.0
-    orders = [sorted((1, 2), key=lambda i: table[f"d_{i}"]) for table in (values, true)]
+    orders = [sorted(hysterons_of(table), key=lambda i, t=table: t[f"d_{i}"]) for table in (values, true)]  # type: ignore[misc]
     for group in _GROUPS.values():
         indexed = bool({"C", "d"} & set(group))
-        for pair in zip(*orders, strict=True) if indexed else [(0, 0)]:
+        if indexed and len(orders[0]) != len(orders[1]):
+            continue
+        for pair in zip(*orders, strict=True) if indexed else [("", "")]:
             sizes = [
                 np.prod([table[f"{n}_{i}" if n in ("C", "d") else n] ** power for n, power in group.items()])
                 for table, i in zip((values, true), pair, strict=True)
@@ -198,18 +176,23 @@ def group_error(values: Mapping[str, float], true: Mapping[str, float]) -> float
     return worst
 
 
-def _reason(verdict: str, named: tuple[str, ...], truth: tuple[str, ...], answer: Mapping[str, Any]) -> str:
+def _reason(
+    said: Said, named: tuple[str, ...], truth: tuple[str, ...], sealed: Sealed, answer: Mapping[str, Any]
+) -> str:
     """In a few words, from what the answer itself says."""
     if answer.get("failure"):
         return "the diagnosis failed"
-    if verdict == "none":
+    if said.verdict == "none":
         return "not noticed"
-    if verdict == "unknown":
+    if sealed.base_family and not truth:
+        where = "noticed elsewhere than at the hysteron"
+        return where if said.gains else "noticed, but the held-out error does not fall"
+    if said.verdict == "unknown":
         return "noticed and located, not named" if truth else "something was seen where nothing is missing"
-    extra = [n for n in named if n not in truth]
+    extra = [n for n in named if n not in (*truth, *sealed.background_effects)]
     lacking = [n for n in truth if n not in named]
     if not truth:
-        return f"{', '.join(named)} named where nothing is missing"
+        return f"{', '.join(extra)} named where nothing is missing"
     if not lacking:
         return f"{', '.join(extra)} named besides"
     return f"{', '.join(extra) or 'nothing'} named instead of {', '.join(lacking)}"

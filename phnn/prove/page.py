@@ -10,8 +10,9 @@ import pandas as pd
 
 from phnn.output import Place
 from phnn.prove.figures import draw_all
+from phnn.prove.grades import WRONG
 from phnn.prove.nulls import counts
-from phnn.prove.outcome import WRONG, Outcome
+from phnn.prove.outcome import Outcome
 from phnn.prove.settings import FULL, Settings
 from phnn.prove.tally import Rate, detection, quantiles, rates, strong
 from phnn.report.formatting import DASH, number

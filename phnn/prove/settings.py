@@ -30,7 +30,7 @@ class Settings:
         only: groups of cases to take part; empty for all.
         null_families: see `phnn.prove.families`.
         noise: family of all cases but the nulls by family, see `phnn.demo.families`; empty for that of the seed.
-        background, hysterons, wrong_order, anchor_error: of all cases, see `phnn.demo.Conditions`.
+        background, hysterons, wrong_order, anchor_error, base: of all cases, see `phnn.demo.Conditions`.
         fast_plan, plan, null_plan: sets of recordings of the two tiers and of the nulls by family.
         executor: where cases are worked on, see `phnn.ensemble.executor.executor`.
         starts: starting points of a fit; max_effects: how many effects a diagnosis may name.
@@ -54,6 +54,7 @@ class Settings:
     hysterons: int
     wrong_order: bool
     anchor_error: bool
+    base: str
     fast_plan: str
     plan: str
     null_plan: str
@@ -82,7 +83,12 @@ class Settings:
         wrong = [f"{n}={c}" for n, c in counts.items() if c < 0]
         if wrong or not any(counts.values()):
             raise InputRefused(f"{wrong[0] if wrong else 'no cases'}: give numbers of cases, 0 or more, not all 0")
-        other = found.conditions.hysterons != PLAIN.hysterons or found.wrong_order
+        another = found.conditions.base != PLAIN.base
+        if another and counts[NULLS]:
+            raise InputRefused(
+                f"nothing must be missing in nulls: {found.base} is, so set nulls=0 or base={PLAIN.base}"
+            )
+        other = found.conditions.hysterons != PLAIN.hysterons or found.wrong_order or another
         if other and (counts["fast_none"] or counts["fast_weak"]):
             raise InputRefused(
                 "the fast tier fits two hysterons, rightly stated: set fast_none=0 fast_weak=0, or use only"
@@ -92,7 +98,7 @@ class Settings:
     @property
     def conditions(self) -> Conditions:
         """What all cases are asked to have."""
-        return Conditions(self.background, self.hysterons, self.wrong_order, self.anchor_error)
+        return Conditions(self.background, self.hysterons, self.wrong_order, self.anchor_error, self.base)
 
     def count(self, group: str) -> int:
         """Cases of a group; of the nulls, in each family."""

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from phnn.report.document import Document, Missing, Score, read_document
 from phnn.report.evidence import Evidence
-from phnn.report.formatting import Unit, display_unit, listing, p_value, percent, ratio, with_error, words
+from phnn.report.formatting import Unit, display_unit, interval, listing, p_value, percent, ratio, with_error, words
 from phnn.report.verdicts import equivalence_sentence, headline, no_proposal_sentence, remainder_sentence, tied
 
 _STYLES = {"named": "bold green", "equivalent": "bold yellow", "unknown": "bold magenta", "none": "bold cyan"}
@@ -26,7 +26,8 @@ def _missing_lines(missing: Missing) -> list[Text]:
     lines += [Text(f"  {missing.statement}")] if missing.statement else []
     for parameter in missing.parameters:
         value = with_error(parameter.value, parameter.std)
-        lines.append(Text(f"  {parameter.name} = {value} {parameter.unit}".rstrip()))
+        text = f"  {parameter.name} = {value} {parameter.unit}".rstrip()
+        lines.append(Text(text + (f"  (95 %: {interval(ends)})" if (ends := parameter.interval_95) else "")))
     sentence = equivalence_sentence(missing)
     lines += [Text(f"  {sentence}")] if sentence else []
     return lines

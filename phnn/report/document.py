@@ -44,6 +44,7 @@ class MissingParameter:
     value: float | None
     std: float | None
     unit: str
+    interval_95: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -201,7 +202,10 @@ def _parameter(name: str, value: Any) -> MissingParameter:
     if not isinstance(value, Mapping):
         return MissingParameter(name, finite(value), None, "")
     unit = _text(value.get("unit"))
-    return MissingParameter(name, finite(value.get("value")), finite(value.get("std")), "" if unit == "1" else unit)
+    ends = [finite(end) for end in value.get("interval_95") or ()]
+    known = (ends[0], ends[1]) if len(ends) == 2 and ends[0] is not None and ends[1] is not None else None
+    shown = "" if unit == "1" else unit
+    return MissingParameter(name, finite(value.get("value")), finite(value.get("std")), shown, known)
 
 
 def _missing(value: Any) -> Missing:

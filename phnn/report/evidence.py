@@ -77,6 +77,7 @@ class ParameterRow:
     after: float | None
     std: float | None
     note: str
+    interval_95: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -89,6 +89,16 @@ def with_error(value: float | None, std: float | None) -> str:
     return text if shift == 0 else f"({text}) × {power_of_ten(shift)}"
 
 
+def interval(ends: tuple[float, float] | None) -> str:
+    """``0.27 … 0.35``: both ends with as many digits as tell them apart to two; a dash where there is no interval."""
+    low, high = (finite(end) for end in ends) if ends is not None else (None, None)
+    if low is None or high is None:
+        return DASH
+    width, size = high - low, max(abs(low), abs(high))
+    digits = min(max(2, 2 + _exponent(size) - _exponent(width)), 9) if width > 0.0 and size > 0.0 else 3
+    return f"{number(low, digits)} … {number(high, digits)}"
+
+
 def p_value(value: float | None) -> str:
     """``p = 0.041``, ``p = 2 × 10⁻⁵``, and ``p < 10⁻⁵`` from where no draw was as extreme.
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import Judgement
+from phnn.identify.fit import Fit
 from phnn.identify.staged import fixes_common_factor
 from phnn.report.sentence import unknown_character, unknown_statement
 from phnn.units import quantity
@@ -33,7 +35,7 @@ def missing_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def _entry(j: Judgement, finding: Finding, anchored: bool) -> dict[str, Any]:
     final = j.final
     effect = finding.trial.candidate.effect
-    parameters, std = final.setup.parameters, final.std()
+    parameters = final.setup.parameters
     shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in effect.parameters}
     # A provisional element belongs to the model, and its name is not claimed.
     claimed: dict[str, Any] = {"effect": effect.name, "status": j.verdict}
@@ -49,9 +51,21 @@ def _entry(j: Judgement, finding: Finding, anchored: bool) -> dict[str, Any]:
         + (_PROVISIONAL if finding.provisional else ""),
         "equation": effect.equation,
         "passive": effect.passive,
-        "parameters": {
-            n: {"value": parameters[n].value, "unit": parameters[n].unit, "std": std.get(n)} for n in effect.parameters
-        },
+        "parameters": _estimates(final, effect.parameters),
+    }
+
+
+def _estimates(final: Fit, names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Value, standard error and 95 % interval of parameters, SI; null where they were not estimated."""
+    parameters, std = final.setup.parameters, final.std()
+    return {
+        n: {
+            "value": parameters[n].value,
+            "unit": parameters[n].unit,
+            "std": std.get(n),
+            "interval_95": final.interval(n),
+        }
+        for n in names
     }
 
 
@@ -72,7 +86,6 @@ def _learned(j: Judgement) -> dict[str, Any]:
     where = j.location
     name = where.name if where else "mechanical"
     added = [n for n in j.final.setup.parameters if n not in j.ground.fit.setup.parameters]
-    parameters, std = j.final.setup.parameters, j.final.std()
     return {
         "effect": "unknown",
         "status": "described" if j.learned else "provisional",
@@ -84,5 +97,5 @@ def _learned(j: Judgement) -> dict[str, Any]:
         "statement": f"{unknown_statement(j)} {unknown_character(j)}".strip(),
         "equation": r"F_x = \sum_j \theta_j f_j" if j.learned else "",
         "passive": j.learned,
-        "parameters": {n: {"value": parameters[n].value, "unit": parameters[n].unit, "std": std.get(n)} for n in added},
+        "parameters": _estimates(j.final, added),
     }

@@ -76,6 +76,7 @@ def _environment() -> Environment:
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters.update(
         number=formatting.number,
+        interval=formatting.interval,
         ratio=formatting.ratio,
         symbol=symbol,
         percent=formatting.percent,

@@ -225,7 +225,8 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
         if not math.isfinite(std.get(name, 0.0)):
             note = "not identified by these recordings"
         old = before[name].value if name in before else None
-        rows.append(ParameterRow(name, p.description, p.unit, old, p.value, finite(std.get(name)), note))
+        ends = j.final.interval(name)
+        rows.append(ParameterRow(name, p.description, p.unit, old, p.value, finite(std.get(name)), note, ends))
     return rows
 
 

@@ -173,6 +173,16 @@ def test_every_element_of_a_chain_needs_a_gain_of_its_own() -> None:
     assert after is world.scores(alone, None)
 
 
+def test_models_without_an_element_that_the_search_has_fitted_are_not_fitted_again() -> None:
+    world = World()
+    base, final, first, second = (world.fit(x, x) for x in (5.0, 0.1, 2.0, 1.0))
+    findings = tuple(replace(finding(n, final), others_alone=f) for n, f in zip(NAMES, (first, second), strict=False))
+    naming = mock.Mock(statistic=100.0, numerical=0.0, candidates=(), generic=0.0)
+    judgement = Judgement("named", mock.Mock(fit=base), naming, mock.sentinel.location, final, mock.Mock(), findings)
+    found, *_ = world.confirm(judgement, {})
+    assert named(found) == ["creep", "amplifier_lowpass"] and found.final is final
+
+
 def test_what_stands_alone_after_others_fell_must_explain_what_there_was() -> None:
     world = World()
     base, little = world.fit(5.0, 5.0), world.fit(4.5, 4.5)

@@ -80,6 +80,31 @@ def test_what_is_dropped_leaves_the_model_at_its_own_values_too() -> None:
     assert alone is not None and alone.cost == base.cost
 
 
+def test_a_model_without_one_of_its_effects_is_fitted_once_and_kept_with_the_effect() -> None:
+    base = campaigns.base()
+    findings = tuple(Finding(trial(n, 0.0), (), (), mock.sentinel.naming) for n in ("creep", "sensor_lag"))
+    worse = {n: replace(base, residual=3.0 * base.residual) for n in ("creep", "sensor_lag")}
+    asked = []
+
+    def without(_: Fit, __: object, dropped: Finding, *___: object) -> Fit:
+        asked.append(dropped.trial.candidate.effect.name)
+        return worse[asked[-1]]
+
+    no_better = trial("creep", 10.0 * base.cost)
+    with mock.patch.multiple(retest, without=without, _refitted=lambda *_: [no_better]):
+        kept, fitted = retest.retested(base, mock.MagicMock(), findings, base, mock.sentinel.executor)
+        assert fitted is base and asked == ["creep", "sensor_lag"]
+        assert [f.others_alone for f in kept] == [worse["creep"], worse["sensor_lag"]]
+        # The first effect is refitted and ends lower; or another effect takes its place, and what was fitted without
+        # the first one is no longer of use.
+        for name, known in (("creep", worse["creep"]), ("amplifier_lowpass", None)):
+            better = Trial(trial(name, 0.0).candidate, replace(base, residual=0.5 * base.residual))
+            with mock.patch.object(retest, "_refitted", return_value=[better]):
+                kept, fitted = retest.retested(base, mock.MagicMock(), findings, base, mock.sentinel.executor)
+            assert fitted is better.fit
+            assert [f.others_alone for f in kept] == [known, worse["sensor_lag"]]
+
+
 @pytest.mark.parametrize(("left", "share", "stands"), [(1.03, 0.1, True), (9.0, 0.1, False)])
 def test_what_leaves_no_more_than_the_noise_level_is_known_to_stands(left: float, share: float, stands: bool) -> None:
     remaining = mock.Mock(scores={"hysteron": 1.0})

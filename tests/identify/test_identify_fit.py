@@ -8,7 +8,7 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.identify.fit import fit, sandwich, unidentified, variables_from
+from phnn.identify.fit import fit, unidentified, variables_from
 from phnn.identify.nuisances import without_nuisances
 from phnn.identify.problem import Plan, Problem, variables_of
 from phnn.recordings.recording import Part, Recording, Start
@@ -74,41 +74,6 @@ def test_the_zero_is_the_mean_of_the_masked_rows_only() -> None:
     mask = np.arange(recording.t.size) < 3
     values = np.where(mask, np.arange(1.0, recording.t.size + 1.0), 100.0)
     np.testing.assert_array_equal(without_nuisances(values, mask, recording), [-1.0, 0.0, 1.0])
-
-
-def coloured(rng: np.random.Generator, size: int, pole: float) -> np.ndarray:
-    from scipy.signal import lfilter
-
-    white = rng.standard_normal(size + 100)
-    return np.asarray(lfilter([np.sqrt(1.0 - pole**2)], [1.0, -pole], white))[100:]
-
-
-@pytest.mark.parametrize("pole", [0.0, 0.7])
-def test_sandwich_agrees_with_monte_carlo(pole: float) -> None:
-    rng = np.random.default_rng(3)
-    t = np.linspace(0.0, 1.0, 400)
-    # Two recordings of a line and a slow sine: what colour in the noise hides best.
-    jacobian = np.tile(np.column_stack([t, np.sin(6.0 * t)]), (2, 1))
-    inverse = np.linalg.pinv(jacobian)
-    estimates, stated = [], []
-    for _ in range(600):
-        noise = np.concatenate([coloured(rng, 400, pole), coloured(rng, 400, pole)])
-        estimate = inverse @ noise
-        estimates.append(estimate)
-        stated.append(np.diag(sandwich(noise - jacobian @ estimate, jacobian, [400, 400])))
-    truth = np.var(estimates, axis=0)
-    naive = np.diag(np.linalg.inv(jacobian.T @ jacobian))
-    np.testing.assert_allclose(np.mean(stated, axis=0), truth, rtol=0.3)
-    if pole:
-        assert (truth > 3.0 * naive).all()
-
-
-def test_sandwich_never_falls_below_the_stated_noise() -> None:
-    jacobian = np.random.default_rng(0).standard_normal((200, 3))
-    least = np.diag(np.linalg.inv(jacobian.T @ jacobian))
-    found = sandwich(1e-3 * np.ones(200), jacobian, [200])
-    np.testing.assert_allclose(np.diag(found), least, rtol=1e-9)
-    assert sandwich(np.ones(5), np.zeros((5, 0)), [5]).shape == (0, 0)
 
 
 def test_unidentified() -> None:

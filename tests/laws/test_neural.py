@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused
 from phnn.laws import gradient
+from phnn.laws.diverged import LARGEST_WEIGHT
 from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
 
 torch.set_num_threads(1)
@@ -192,3 +193,18 @@ def test_scales_that_are_not_positive_are_refused(scale: float) -> None:
     for make in (DampingMLP, MonotoneMLP, EnergyMLP):
         with pytest.raises(InputRefused, match="positive typical magnitude"):
             make(1.0, scale)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_energies_of_the_largest_weights_fit_into_32_bits(seed: int) -> None:
+    # Products of steps and hinges reach 40 decades, and an overflow would come back as an effort of zero.
+    law, random = EnergyMLP(1.0, 1.0, 5), torch.Generator().manual_seed(seed)
+    with torch.no_grad():
+        for weight in law.parameters():
+            sign = torch.sign(torch.randn(weight.shape, generator=random, dtype=torch.float64))
+            weight.copy_(sign * LARGEST_WEIGHT * torch.rand(weight.shape, generator=random, dtype=torch.float64))
+        a, b = (10.0 * torch.randn(200, generator=random, dtype=torch.float64) for _ in range(2))
+        exact = law.mean_effort(a, b)
+        assert exact.abs().max() > 0.0
+        found = law.to(torch.float32).mean_effort(a.float(), b.float()).double()
+    assert ((found - exact).abs() <= 1e-4 * exact.abs() + 1e-25).all()

@@ -112,6 +112,30 @@ def test_a_value_on_its_bound_is_exact_and_can_leave_it() -> None:
     assert read(moved(one(Parameter("a", 1.0, lower=1.0, upper=1.0)), a=3.0)) == 1.0
 
 
+@pytest.mark.parametrize(
+    "p",
+    [Parameter("a", 0.3), Parameter("a", -50.0), Parameter("a", 7e4, lower=0.0), Parameter("a", 0.0, lower=0.0),
+     Parameter("a", 2.0, lower=2.0, upper=2.0), Parameter("a", 0.0, lower=0.0, upper=0.0), positive("a", 3e-7, "1")],
+)  # fmt: skip
+def test_ranges_are_shorter_in_32_bits(p: Parameter) -> None:
+    short = one(p).to(torch.float32)
+    for z in (-1e30, -3.0, 0.0, 3.0, 1e30):
+        found, exact = read(moved(short, a=z)), read(moved(one(p), a=z))
+        # Moderate coordinates mean the same in both.
+        assert found == pytest.approx(exact, rel=1e-6) if abs(z) < 10.0 else math.isfinite(found)
+        assert abs(found) <= 1001.0 * max(abs(p.value), p.typical)
+        assert not p.positive or found >= 0.999e-3 * p.value
+
+
+@many
+@given(st.floats(-40.0, 40.0))
+def test_conversion_to_32_bits_keeps_values(z: float) -> None:
+    for p in (positive("a", 2.0, "1"), Parameter("a", 0.0), Parameter("a", 1.0, lower=0.0), Parameter("a", 2e4)):
+        found = moved(one(p), a=z * (1.0 if p.positive else 1e6))
+        before = read(found)
+        assert read(found.to(torch.float32)) == pytest.approx(before, rel=1e-5, abs=1e-30)
+
+
 def test_values_of_the_paper_are_those_of_the_table_to_the_last_bit() -> None:
     network = from_paper()
     system = PortHamiltonianSystem(network)

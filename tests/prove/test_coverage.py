@@ -13,8 +13,9 @@ from phnn.demo import Sealed
 from phnn.demo.actuator import TABLE
 from phnn.errors import InputRefused
 from phnn.prove.cases import Task, tasks
-from phnn.prove.coverage import base_errors, effect_errors
-from phnn.prove.outcome import EXACT, WRONG, graded
+from phnn.prove.coverage import base_errors, effect_errors, noise_errors
+from phnn.prove.grades import EXACT, WRONG
+from phnn.prove.outcome import graded
 from phnn.prove.settings import Settings
 from phnn.prove.tally import coverage
 
@@ -50,6 +51,35 @@ def test_base_parameters_are_compared_hysteron_by_hysteron() -> None:
     assert base_errors({}, SEALED) == {}
     fewer = {n: v for n, v in estimates().items() if not n.endswith("_2")}
     assert base_errors(fewer, SEALED) == {}
+
+
+def test_the_stated_interval_is_what_is_graded() -> None:
+    wide = {n: e | {"interval_95": (0.5 * e["value"], 3.0 * e["value"])} for n, e in estimates(2.0).items()}
+    # The truth is the lower end, whatever the standard error says.
+    assert base_errors(wide, SEALED) == pytest.approx(dict.fromkeys(set(TABLE) - {"m"}, 1.96), abs=1e-3)
+    low = {n: e | {"interval_95": (0.25 * e["value"], 4.0 * e["value"])} for n, e in estimates(0.5).items()}
+    assert base_errors(low, SEALED) == pytest.approx(dict.fromkeys(set(TABLE) - {"m"}, -1.96 / 3.0), abs=1e-3)
+
+
+def test_errors_by_noise_alone_leave_out_that_of_the_mass() -> None:
+    # All that scales with the mass is wrong by its error, and by nothing else.
+    right = {
+        n: {"value": v, "std": 0.01 * v, "interval_95_anchors_exact": (0.99 * v, 1.01 * v)}
+        for n, v in TABLE.items()
+        for v in [v if n[0] == "d" else 1.01 * v]
+    }
+    said = [entry("creep", k_s=(1.01 * 404.0, 4.0), tau_s=(0.1, 0.01))]
+    right |= {
+        "k_s": {"value": 1.01 * 404.0, "std": 4.0, "interval_95_anchors_exact": (400.0, 416.0)},
+        "tau_s": {"value": 0.1, "std": 0.01, "interval_95_anchors_exact": (0.08, 0.12)},
+    }
+    base, effect = noise_errors(right, said, SEALED)
+    assert base == pytest.approx(dict.fromkeys(set(TABLE) - {"m"}, 0.0), abs=1e-6)
+    assert effect == pytest.approx({"k_s": 1.96 * 4.04 / 8.04, "tau_s": 0.0}, abs=1e-3)
+    assert noise_errors(estimates(), said, SEALED) == ({}, {})
+    # An exact mass says nothing of its own interval, but all of the noise.
+    exact, _ = noise_errors(right, said, replace(SEALED, stated_mass=0.0))
+    assert len(exact) == 9
 
 
 def test_what_scales_with_an_exact_mass_is_left_out() -> None:

@@ -104,9 +104,16 @@ def test_answers_are_counted_by_family(tmp_path: Path, monkeypatch: pytest.Monke
     ]  # fmt: skip
     assert all(options["max_effects"] == 3 for _, options in asked)
     white, ramp = counts(outcomes)
-    assert (white.family, white.cases, white.none, white.named, white.unknown, white.failed) == ("white", 2, 1, 1, 0, 0)
+    assert (white.family, white.cases, white.right, white.named, white.unknown, white.failed) == (
+        "white",
+        2,
+        1,
+        1,
+        0,
+        0,
+    )
     assert (white.false, white.seconds) == ("second_mode (1)", 8.0)
-    assert (ramp.none, ramp.named, ramp.unknown, ramp.failed, ramp.seconds) == (0, 0, 1, 1, 30.0)
+    assert (ramp.right, ramp.named, ramp.unknown, ramp.failed, ramp.seconds) == (0, 0, 1, 1, 30.0)
     everything = {r.label: r for r in rates(outcomes)}
     assert everything["nothing missing: false alarms, nulls of all families"].hits == 3
     assert everything["nothing missing: false alarms, whole command"].cases == 0

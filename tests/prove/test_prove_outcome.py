@@ -14,7 +14,8 @@ from scipy.stats import norm
 from phnn.demo import Sealed
 from phnn.demo.actuator import TABLE
 from phnn.prove.cases import Task
-from phnn.prove.outcome import CLASS, EXACT, IN_CLASS, WRONG, graded, group_error
+from phnn.prove.grades import CLASS, EXACT, IN_CLASS, WRONG
+from phnn.prove.outcome import graded, group_error
 from phnn.prove.tally import Rate, confusion, detection, half_point, rates, reliability
 
 FULL_TASK = Task("full", "same", 0, 1, "demo")

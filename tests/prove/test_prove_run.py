@@ -14,7 +14,8 @@ from phnn.errors import InputRefused, PhnnError
 from phnn.output import Place
 from phnn.prove import run
 from phnn.prove.cases import tasks
-from phnn.prove.outcome import EXACT, Outcome
+from phnn.prove.grades import EXACT
+from phnn.prove.outcome import Outcome
 from phnn.prove.page import write_proof
 from phnn.prove.settings import STRATA, Settings
 

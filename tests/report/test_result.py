@@ -94,7 +94,7 @@ def test_document_has_the_keys_that_others_read(case: str) -> None:
         assert not re.search(r"[{}]", entry["statement"])
         assert len(entry["statement"]) > 20
         for parameter in entry["parameters"].values():
-            assert set(parameter) == {"value", "unit", "std"}
+            assert set(parameter) == {"value", "unit", "std", "interval_95"}
     if content["location"] is not None:
         assert set(content["location"]) == {
             "name", "detail", "dictionary", "tied", "scores", "ranks", "recordings", "frequencies_Hz", "times_s"

@@ -33,11 +33,12 @@ class VerdictCase:
 
 
 def remainder_lies_elsewhere(case: VerdictCase) -> Applied | None:
-    """What the effects leave exceeds the doubt about the noise, and lies where none of them is."""
+    """What the effects leave exceeds the doubt about the noise, lies where none of them is, and is no small part."""
     if not case.effects:
         return None
     numbers = {"residual_over_noise": math.sqrt(case.chi2), "noise_doubt": case.rule.noise_doubt}
-    return Applied(case.misplaced, "unknown", numbers)
+    numbers |= {"share": case.share, "nearly_all": case.rule.nearly_all}
+    return Applied(case.misplaced and case.share < case.rule.nearly_all, "unknown", numbers)
 
 
 def no_effect_explains_it(case: VerdictCase) -> Applied:

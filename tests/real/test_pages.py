@@ -1,0 +1,67 @@
+"""The pages of the worked studies state what their commands give today."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from pages import DOCS, agrees, differences, stated
+from real_recordings import folder
+
+SCRIPT = DOCS.parent / "scripts" / "studies.py"
+FILES = {
+    "emps": "DATA_EMPS.mat",
+    "silverbox": "SNLS80mV.mat",
+    "piezo-stack": "Model_Vi_Do.dat",
+    "steering-mirror": "u_100mV_train.npy",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FILES)
+def test_a_page_states_what_its_study_gives(name: str, tmp_path: Path) -> None:
+    home = folder(name, FILES[name]).parent
+    # Figures of a study that was carried out before are compared as they are: PHNN_STUDIES names its folder.
+    out = Path(os.environ.get("PHNN_STUDIES", tmp_path))
+    if not (out / name / "figures.json").is_file():
+        command = [sys.executable, str(SCRIPT), f"folder={home}", f"out={out}", f"only=[{name}]"]
+        subprocess.run(command, check=True, cwd=tmp_path)
+    figures = json.loads((out / name / "figures.json").read_text(encoding="utf-8"))
+    assert not differences(DOCS / f"{name}.md", figures)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_page_states_figures_in_tables(name: str) -> None:
+    cells = list(stated(DOCS / f"{name}.md"))
+    assert len(cells) > 10
+    assert len({(row, column) for row, column, _ in cells}) == len(cells)
+
+
+@pytest.mark.parametrize(
+    ("text", "run", "good"),
+    [
+        ("3.04 ± 0.07", [3.0398, 0.0705], True),
+        ("3.04", [3.0398, 0.0705], False),
+        ("4.2", 4.26, True),
+        ("4.2", 4.40, False),
+        ("−1.00", -1.015, True),
+        ("16977", 16700.0, True),
+        ("named", "named", True),
+        ("named", "equivalent", False),
+        ("none", 1.0, False),
+    ],
+)
+def test_a_cell_agrees_within_two_percent_or_half_a_unit_of_its_last_digit(text: str, run: object, good: bool) -> None:
+    assert agrees(text, run) is good
+
+
+def test_what_a_page_states_otherwise_is_told(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("| | a | b |\n|---|---|---|\n| x | 1.0 | – |\n| **y** | 2.0 | 3.0 |\n| published z | 9 | 9 |\n")
+    assert differences(page, {"x": {"a": 1.01}, "y": {"a": 2.0, "b": 3.0}}) == []
+    found = differences(page, {"x": {"a": 1.5}, "y": {"a": 2.0}})
+    assert len(found) == 2 and "gives 1.5" in found[0] and "no such figure" in found[1]
