@@ -1,15 +1,19 @@
 """The console command ``phnn``: parses its arguments, loads the rest of the package only when a command runs.
 
-Exit status: 0 done, 1 the work failed, 2 the input was refused, 130 interrupted.
+Exit status: 0 done, 1 the work failed, 2 the input was refused, 130 interrupted, 143 terminated.
 """
 
 from __future__ import annotations
 
 import argparse
+import io
 import os
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 from pathlib import Path
+from types import FrameType
 
 from phnn.configuration import compose, compose_groups, config_folder
 from phnn.errors import PhnnError
@@ -149,6 +153,24 @@ def _say(message: str) -> None:
     print(f"phnn: {message}", file=sys.stderr)
 
 
+class _Terminated(KeyboardInterrupt):
+    """The process was asked to end (SIGTERM): it ends as after Ctrl-C, so that workers and marks are in order."""
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise _Terminated
+
+
+def _prepare() -> None:
+    """Signals end a command tidily, and a terminal that knows few letters gets question marks for the others."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGTERM, _terminate)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command.
 
@@ -158,17 +180,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit status.
     """
+    _prepare()
     arguments, settings = _parse(argv)
     try:
         _run(arguments, settings)
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except PhnnError as error:
         _say(str(error))
         return error.exit_status
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         out = getattr(arguments, "out", None)
-        _say("interrupted" + (f"; what was finished is in {out}" if out else ""))
-        return 130
+        ended = isinstance(stop, _Terminated)
+        _say(("terminated" if ended else "interrupted") + (f"; what was finished is in {out}" if out else ""))
+        return 143 if ended else 130
     except BrokenPipeError:
         # The reader has gone (phnn check ... | head): nothing to say, and nobody to say it to.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

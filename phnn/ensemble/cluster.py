@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import logging
 from collections.abc import Callable, Iterator, Sequence
@@ -114,9 +115,19 @@ def connect(scheduler: str) -> Client:
             f"executor={scheduler}: no certificates: name them under distributed.comm.tls, see dask's docs"
         )
     try:
+        # A client waits for ever where something accepts the connection and says nothing.
+        asyncio.run(asyncio.wait_for(_answers(address), _CONNECT))
         return Client(address, timeout=_CONNECT, set_as_default=False)
-    except OSError as error:
+    except (OSError, TimeoutError) as error:
         raise InputRefused(f"executor={scheduler}: no dask scheduler answers at {address}; {_START}") from error
+
+
+async def _answers(address: str) -> None:
+    """Ask a scheduler who it is."""
+    from distributed.core import rpc
+
+    async with rpc(address, timeout=_CONNECT) as scheduler:
+        await scheduler.identity()
 
 
 def _complete(address: str) -> bool:

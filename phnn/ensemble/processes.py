@@ -8,7 +8,6 @@ after a second time alone, where the blame is certain.
 from __future__ import annotations
 
 import os
-import re
 import signal
 import threading
 import time
@@ -47,22 +46,21 @@ class Processes(Executor):
             SolverFailed: items that killed their worker three times, the last time with nothing else at work; raised
                 when all others are done.
         """
-        # Unfinished items, and how the workers ended that died while they were at work.
-        deaths: dict[int, list[str]] = {i: [] for i in range(len(items))}
-        while pending := [i for i, ends in deaths.items() if len(ends) < _KILLS]:
-            together = [i for i in pending if len(deaths[i]) < _ALONE_AFTER]
+        # Unfinished items, and how many workers have died while they were at work.
+        deaths = dict.fromkeys(range(len(items)), 0)
+        while pending := [i for i, count in deaths.items() if count < _KILLS]:
+            together = [i for i in pending if deaths[i] < _ALONE_AFTER]
             for index, result in self._until_killed(function, items, together or pending[:1], deaths):
                 del deaths[index]
                 yield index, result
         if deaths:
-            ends = ", ".join(dict.fromkeys(seen[-1] for seen in deaths.values()))
             raise SolverFailed(
-                f"{named(items, deaths)}: killed the worker {_KILLS} times, exit code {ends}; with SIGKILL the machine "
-                "has probably run out of memory: use fewer workers (executor=processes:N) or executor=serial"
+                f"{named(items, deaths)}: killed the worker {_KILLS} times; the machine has probably run out of "
+                "memory: use fewer workers (executor=processes:N) or executor=serial"
             )
 
     def _until_killed(
-        self, function: Callable[[Any], Any], items: Sequence[Any], chosen: Sequence[int], deaths: dict[int, list[str]]
+        self, function: Callable[[Any], Any], items: Sequence[Any], chosen: Sequence[int], deaths: dict[int, int]
     ) -> Iterator[tuple[int, Any]]:
         """Results of the chosen items until a worker dies; that counts against every item at work."""
         pool = get_reusable_executor(
@@ -78,22 +76,16 @@ class Processes(Executor):
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     result = future.result()
                     yield running.pop(future), result
-        except TerminatedWorkerError as death:
+        except TerminatedWorkerError:
             for future in list(running):
                 if isinstance(future.exception(), TerminatedWorkerError):
-                    deaths[running.pop(future)].append(_exit_codes(death))
+                    deaths[running.pop(future)] += 1
             for future in list(running):
                 result = future.result()
                 yield running.pop(future), result
         finally:
             if running:
                 pool.shutdown(kill_workers=True)
-
-
-def _exit_codes(death: TerminatedWorkerError) -> str:
-    """As loky writes them into its message, where the system tells them."""
-    found = re.search(r"exit codes of the workers are \{(.*)\}", str(death))
-    return found[1] if found else "unknown"
 
 
 def _begin(parent: int) -> None:
