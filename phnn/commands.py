@@ -153,11 +153,11 @@ def predict(model: Path, folder: Path, out: Path, manifest: Path | None, overwri
     setup, substeps = load(model)
     campaign = read(folder, manifest, need_output=False)
     check_names(setup.network, campaign.recordings)
-    files = unique_names(f"{r.name}.csv" for r in campaign.recordings)
+    files = unique_names((r.name for r in campaign.recordings), ".csv")
     inputs = _inputs(model, folder, manifest)
     with claim(out, "predict", inputs, tuple(files.values()), overwrite=overwrite) as place:
         for recording in campaign.recordings:
-            name = files[f"{recording.name}.csv"]
+            name = files[recording.name]
             (place / name).write(_predicted(setup, recording, substeps).to_csv(index=False).encode())
             print(out / name)
 

@@ -40,8 +40,8 @@ def claim(
 ) -> Iterator[Place]:
     """Claim ``out`` for one run; all that the run writes goes through the `Place` that comes back.
 
-    While the run goes on, and after it was cut off, ``INCOMPLETE.txt`` says so. When it ends, ``results`` of an earlier
-    run that this one did not write anew are removed, and the mark goes.
+    While the run goes on, and after it was cut off, ``INCOMPLETE.txt`` says so. When it ends, what an earlier run of the
+    same command wrote and this one did not is removed (of another command, only ``results``), and the mark goes.
 
     Args:
         out: folder; made if absent.
@@ -75,8 +75,9 @@ def claim(
         record = Record(root)
         _met(root, record, results, overwrite)
         now = _complete(made_of)
+        before = _before(root)
         if resume and not overwrite:
-            _same(out, _before(root), {"command": command, "made_of": now}, anew)
+            _same(out, before, {"command": command, "made_of": now}, anew)
         record.compact()
         place, earlier = Place(root, overwrite=overwrite), record.names()
         _mark(root, {"schema": _SCHEMA, "command": command, "made_of": now, "complete": False})
@@ -87,7 +88,8 @@ def claim(
             _tell(place, _words(command, record.names()[len(earlier) + 1 :]))
             raise
         if not resume:
-            _forget(place, results, record.names(), len(earlier))
+            again = before is not None and before.get("command") == command
+            _forget(place, None if again else results, record.names(), len(earlier))
         _mark(root, {"schema": _SCHEMA, "command": command, "made_of": now, "complete": True})
         (place / INCOMPLETE).remove()
     finally:
@@ -240,10 +242,14 @@ def _tell(place: Place, text: str) -> None:
         (place / INCOMPLETE).write(text.encode())
 
 
-def _forget(place: Place, results: Sequence[str], names: Sequence[str], earlier: int) -> None:
-    """Remove results of an earlier run that this one did not write anew; only those that are as phnn wrote them."""
+def _forget(place: Place, results: Sequence[str] | None, names: Sequence[str], earlier: int) -> None:
+    """Remove results of an earlier run that this one did not write anew; only those that are as phnn wrote them.
+
+    Args:
+        results: names that this command writes, after a run of another one; None after one of the same: all go.
+    """
     new = set(names[earlier:])
     for name in set(names[:earlier]) - new:
         path = PurePosixPath(name)
-        if path.parts[0] in results:
+        if results is None or path.parts[0] in results:
             Place(place.root, path).remove()

@@ -1,0 +1,188 @@
+"""Attacks on what is written: nothing but results, inside --out, and never in the way of other files."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import campaigns
+import numpy as np
+import pandas as pd
+import pytest
+
+from phnn.cli import main
+from phnn.models.store import save
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def seen(folder: Path) -> dict[str, bytes]:
+    """Content of all files but phnn's own notes."""
+    found = (p for p in sorted(folder.rglob("*")) if p.is_file() and ".phnn" not in p.parts)
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in found}
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    """A folder with ``rec/`` (two short recordings without outputs) and ``model/``."""
+    save(campaigns.base().setup, tmp_path / "model", 1)
+    (tmp_path / "rec").mkdir()
+    t = np.arange(200) * 1e-4
+    for name in ("a", "b"):
+        table = pd.DataFrame({"time_s": t, "voltage_V": 5.0 * np.sin(2 * np.pi * 50 * t)})
+        table.to_csv(tmp_path / "rec" / f"{name}.csv", index=False)
+    return tmp_path
+
+
+def predict(place: Path, out: Path | str, *more: str) -> int:
+    return main(["predict", str(place / "model"), str(place / "rec"), "--out", str(out), *more])
+
+
+@pytest.mark.parametrize(
+    "out", ["rec", "rec/deeper", ".", "model", "model/deeper", "rec/../rec", "link", "link/new", "rec/a.csv"]
+)
+@pytest.mark.parametrize("more", [(), ("--overwrite",)])
+def test_folders_that_are_read_stay_as_they_are(
+    place: Path, out: str, more: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    (place / "link").symlink_to(place / "rec")
+    before = seen(place)
+    assert predict(place, place / out, *more) == 2
+    assert "--out" in capsys.readouterr().err
+    assert seen(place) == before
+
+
+NAMES = [
+    "../small/a", "/tmp/phnn_attack", "..", ".", "a/b/c", "a\\b", "con", "nul.csv", "a\x00b", "a\nb", "\x1b[2Ja", "~/a",
+    "$HOME", "${oc.env:HOME}", "x" * 400, "é" * 300, "\u202egpj", ".phnn", "INCOMPLETE.txt", " ", "-rf", "a;b", "|x",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_of_recordings_are_labels(place: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    manifest = {"recordings": [{"file": "a.csv", "name": name}, {"file": "b.csv", "name": "b"}]}
+    (place / "rec" / "recordings.yaml").write_text(json.dumps(manifest))
+    before = seen(place)
+    status = predict(place, place / "out")
+    after = seen(place)
+    assert status in (0, 2)
+    assert {n: c for n, c in after.items() if not n.startswith("out/")} == before
+    assert "Traceback" not in capsys.readouterr().err
+    if status == 0:
+        written = [n for n in after if n.startswith("out/")]
+        assert len(written) == 2 and all(n.count("/") == 1 and n.endswith(".csv") for n in written)
+
+
+def test_names_that_differ_by_what_a_file_name_cannot_hold_stay_apart(place: Path) -> None:
+    manifest = {"recordings": [{"file": "a.csv", "name": "x/y"}, {"file": "b.csv", "name": "x_y"}]}
+    (place / "rec" / "recordings.yaml").write_text(json.dumps(manifest))
+    assert predict(place, place / "out") == 0
+    assert len(seen(place / "out")) == 2
+
+
+@pytest.mark.parametrize("more", [(), ("--overwrite",)])
+def test_files_of_others_are_not_replaced(
+    place: Path, more: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    (place / "out").mkdir()
+    (place / "out" / "b.csv").write_text("mine")
+    assert predict(place, place / "out", *more) == 2
+    assert "was not written by phnn" in capsys.readouterr().err
+    assert seen(place / "out") == {"b.csv": b"mine"}
+
+
+def test_a_changed_result_is_replaced_on_request_only(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert predict(place, place / "out") == 0
+    first = seen(place / "out")
+    (place / "out" / "b.csv").write_text("annotated")
+    assert predict(place, place / "out") == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert predict(place, place / "out", "--overwrite") == 0
+    assert seen(place / "out") == first
+
+
+def test_a_proposal_of_somebody_else_stops_a_diagnosis_before_the_fit(tmp_path: Path) -> None:
+    (tmp_path / "next_experiment.csv").write_text("mine")
+    began = time.monotonic()
+    assert main(["diagnose", str(campaigns.concealed()[0]), "--out", str(tmp_path)]) == 2
+    assert time.monotonic() - began < 10.0
+    assert seen(tmp_path) == {"next_experiment.csv": b"mine"}
+
+
+def test_what_a_shorter_folder_no_longer_has_goes(place: Path) -> None:
+    assert predict(place, place / "out") == 0
+    (place / "rec" / "b.csv").unlink()
+    assert predict(place, place / "out") == 0
+    assert set(seen(place / "out")) == {"a.csv"}
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() == 0, reason="rights do not bind this user")
+def test_a_folder_without_rights_is_met_before_the_work(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (place / "out").mkdir()
+    (place / "out").chmod(0o500)
+    assert predict(place, place / "out" / "new") == 2
+    assert "choose another folder" in capsys.readouterr().err
+
+
+def command(place: Path, out: Path) -> list[str]:
+    return [sys.executable, "-m", "phnn.cli", "predict", str(place / "model"), str(place / "rec"), "--out", str(out)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("verb", ["predict", "identify"])
+def test_a_run_that_is_stopped_leaves_a_mark_and_runs_again(place: Path, stop: signal.Signals, verb: str) -> None:
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    arguments = command(place, place / "out")
+    if verb == "identify":
+        arguments[3:6] = ["identify", str(campaigns.concealed()[0])]
+        arguments += ["starts=1"]
+    began = time.monotonic()
+    clean = [str(place / "clean") if a == str(place / "out") else a for a in arguments]
+    subprocess.run(clean, env=environment, check=True, capture_output=True)
+    seconds = time.monotonic() - began
+    rng = np.random.default_rng(7)
+    for moment in rng.uniform(0.0, seconds, size=6):
+        shutil.rmtree(place / "out", ignore_errors=True)
+        running = subprocess.Popen(
+            arguments, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+        time.sleep(moment)
+        running.send_signal(stop)
+        _, told = running.communicate()
+        assert "internal error" not in told
+        found = seen(place / "out") if (place / "out").is_dir() else {}
+        assert not found or running.returncode == 0 or "INCOMPLETE.txt" in found, (moment, sorted(found))
+        subprocess.run(arguments, env=environment, check=True, capture_output=True)
+        assert seen(place / "out") == seen(place / "clean")
+
+
+@pytest.mark.parametrize(
+    "environment", [{"LANG": "C", "PYTHONIOENCODING": "ascii"}, {"HOME": "/nonexistent"}, {"TMPDIR": "/nonexistent"}]
+)
+def test_poor_surroundings_are_enough(place: Path, environment: dict[str, str]) -> None:
+    given = os.environ | {"PYTHONPATH": str(ROOT)} | environment
+    if "HOME" in environment and "PHNN_CACHE_DIR" not in given:
+        given["PHNN_CACHE_DIR"] = str(Path.home() / ".cache")
+    done = subprocess.run(command(place, place / "out"), env=given, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert len(seen(place / "out")) == 2
+
+
+def test_a_closed_terminal_changes_nothing(place: Path) -> None:
+    words = " ".join(f"'{a}'" for a in command(place, place / "out"))
+    done = subprocess.run(
+        ["sh", "-c", f"{words} >&-"],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert len(seen(place / "out")) == 2
