@@ -40,8 +40,8 @@ def claim(
 ) -> Iterator[Place]:
     """Claim ``out`` for one run; all that the run writes goes through the `Place` that comes back.
 
-    While the run goes on, and after it was cut off, ``INCOMPLETE.txt`` says so. When it ends, what an earlier run of the
-    same command wrote and this one did not is removed (of another command, only ``results``), and the mark goes.
+    While the run goes on, and after it was cut off, ``INCOMPLETE.txt`` says so. When it ends, what an earlier run of
+    the same command wrote and this one did not is removed (of another command, only ``results``), and the mark goes.
 
     Args:
         out: folder; made if absent.
