@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import struct
+import zlib
 from dataclasses import dataclass
 
 HEADER = 128
@@ -35,23 +36,45 @@ def is_v5(raw: bytes) -> bool:
     return len(raw) >= HEADER and raw[126:128] in (b"IM", b"MI") and 0 not in raw[:4]
 
 
-def check_layout(raw: bytes) -> None:
-    """Walk all elements of a version 5 file. Compressed ones carry their own checksum and are not opened.
+def check_layout(raw: bytes, most: int) -> int:
+    """Walk all elements of a version 5 file, compressed ones unpacked.
+
+    Args:
+        most: bytes that are unpacked at most.
+
+    Returns:
+        How many bytes were unpacked; more than ``most`` where the walk ended before all were looked at.
 
     Raises:
         BadLayout: an element of unknown type, one that reaches beyond its container, or data of another size
             than the dimensions say.
     """
     order = "<" if raw[126:128] == b"IM" else ">"
-    position = HEADER
+    position, unpacked = HEADER, 0
     while position < len(raw):
         element = _element(raw, position, len(raw), order)
         if element.type == _MATRIX:
             _matrix(raw, element, order, 0)
-        elif element.type != _COMPRESSED:
+        elif element.type == _COMPRESSED:
+            inner = _unpacked(raw, element, most - unpacked)
+            unpacked += len(inner)
+            if unpacked > most:
+                return unpacked
+            _matrix(inner, _typed(inner, 0, len(inner), order, frozenset({_MATRIX})), order, 0)
+        else:
             raise BadLayout(f"unknown element type {element.type} at byte {position}")
         # compressed elements are not padded to 8 bytes
         position = element.last if element.type == _COMPRESSED else element.next
+    return unpacked
+
+
+def _unpacked(raw: bytes, element: _Element, most: int) -> bytes:
+    """The content of a compressed element, or a little more than ``most`` bytes of it."""
+    stream = zlib.decompressobj()
+    content = stream.decompress(memoryview(raw)[element.first : element.last], most + 1)
+    if len(content) <= most and not stream.eof:
+        raise BadLayout(f"the compressed element at byte {element.first} has no end")
+    return content
 
 
 def _element(raw: bytes, position: int, end: int, order: str) -> _Element:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,13 @@ import numpy as np
 from phnn.errors import InputRefused
 
 DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*$")
+# Kinds of numpy's types that may hold numbers: those themselves, texts, and complex ones, refused by name.
+_READ = "iufbcOUS"
 REMEDY_COMMA = "write numbers with a point as decimal sign"
+
+
+# The numbers or texts of a column, or what reads them.
+Column = np.ndarray | Callable[[], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -48,7 +54,7 @@ class Table:
     Attributes:
         where: the file.
         names: header names; empty texts where there is no header.
-        columns: one array per column, numeric or of texts; lengths may differ where ``by_name``.
+        columns: one array per column, numeric or of texts, or what reads it; lengths may differ where ``by_name``.
         by_name: the columns have no order (``.mat``, ``.npz``, …), so an index does not find one.
         notes: what was left out of the file, and why.
         shape: realisations, periods and samples of an array of a periodic experiment, which stand one after another.
@@ -56,7 +62,7 @@ class Table:
 
     where: Where
     names: tuple[str, ...]
-    columns: tuple[np.ndarray, ...]
+    columns: tuple[Column, ...]
     by_name: bool = False
     notes: tuple[str, ...] = ()
     shape: tuple[int, ...] = ()
@@ -97,8 +103,9 @@ class Table:
         Raises:
             InputRefused: a cell that is no number.
         """
-        column = self.columns[index]
-        if column.dtype.kind in "mM" or column.ndim != 1:
+        held = self.columns[index]
+        column = held() if callable(held) else held
+        if column.dtype.kind not in _READ or column.ndim != 1:
             raise InputRefused(
                 f"{self.where}: {self.label(index)} holds {column.dtype} of shape {column.shape}, not one number for "
                 f"every sample: export seconds and numbers"
