@@ -13,6 +13,7 @@ from pathlib import Path
 
 from phnn.configuration import compose, compose_groups, config_folder
 from phnn.errors import PhnnError
+from phnn.intake.names import printable
 
 # Commands with settings, and the file under configs/ that holds them.
 _SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "modes", "prove")} | {"demo": "diagnose"}
@@ -87,6 +88,9 @@ def _parser() -> argparse.ArgumentParser:
     for command in (check, identify, diagnose, predict, compare, modes):
         command.add_argument("folder", type=Path, metavar="FOLDER", help="folder of recordings")
         command.add_argument("--manifest", type=Path, metavar="FILE", help="recordings.yaml that lies elsewhere")
+        command.add_argument(
+            "--allow-outside", action="store_true", help="read files outside FOLDER that it names, links or refers to"
+        )
     for command in (identify, diagnose, predict, compare, modes, prove):
         command.add_argument("--out", type=Path, metavar="DIR", required=True, help="where the results go")
     check.add_argument("--out", type=Path, metavar="DIR", help="write check.json there, too")
@@ -121,20 +125,21 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
         os.environ.setdefault(variable, count)
     import phnn.commands as commands
 
+    given = {"outside": True} if getattr(arguments, "allow_outside", False) else {}
     if name == "check":
-        commands.check(arguments.folder, arguments.manifest, arguments.out)
+        commands.check(arguments.folder, arguments.manifest, arguments.out, **given)
     elif name == "identify":
-        commands.identify(arguments.folder, arguments.out, arguments.manifest, config)
+        commands.identify(arguments.folder, arguments.out, arguments.manifest, config, **given)
     elif name == "diagnose":
-        commands.diagnose(arguments.folder, arguments.out, arguments.manifest, config)
+        commands.diagnose(arguments.folder, arguments.out, arguments.manifest, config, **given)
     elif name == _TRAIN:
         commands.train(config)
     elif name == "predict":
-        commands.predict(arguments.model, arguments.folder, arguments.out, arguments.manifest)
+        commands.predict(arguments.model, arguments.folder, arguments.out, arguments.manifest, **given)
     elif name == "compare":
-        commands.compare(arguments.folder, arguments.out, arguments.manifest, config)
+        commands.compare(arguments.folder, arguments.out, arguments.manifest, config, **given)
     elif name == "modes":
-        commands.modes(arguments.folder, arguments.out, arguments.manifest, config)
+        commands.modes(arguments.folder, arguments.out, arguments.manifest, config, **given)
     elif name == "prove":
         commands.prove(arguments.out, config)
     else:
@@ -142,7 +147,7 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
 
 
 def _say(message: str) -> None:
-    print(f"phnn: {message}", file=sys.stderr)
+    print(f"phnn: {printable(message)}", file=sys.stderr)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
