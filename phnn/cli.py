@@ -13,7 +13,7 @@ from pathlib import Path
 
 from phnn.configuration import compose, compose_groups, config_folder
 from phnn.errors import PhnnError
-from phnn.intake.names import printable
+from phnn.intake.names import message as one_line
 
 # Commands with settings, and the file under configs/ that holds them.
 _SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "modes", "prove")} | {"demo": "diagnose"}
@@ -146,8 +146,8 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
         commands.demo(arguments.seed, arguments.out, config)
 
 
-def _say(message: str) -> None:
-    print(f"phnn: {printable(message)}", file=sys.stderr)
+def _say(text: str) -> None:
+    print(f"phnn: {one_line(text)}", file=sys.stderr)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -47,6 +47,7 @@ class Limits:
     substeps: int = _limit(1024, "1", "steps a sample interval; identification uses at most 64")
     starts: int = _limit(1000, "1", "starting points of a fit; each is a fit of its own")
     workers: int = _limit(256, "1", "threads or processes; each takes memory")
+    message_characters: int = _limit(2000, "1", "a message shows the beginning and the end of longer lists")
     name_characters: int = _limit(200, "1", "a name is shown in tables and becomes the name of a file")
 
     def table(self) -> list[tuple[str, float, str, str]]:

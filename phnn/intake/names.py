@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from phnn.intake.limits import LIMITS
+
 # Control characters (C0 without the line feed, DEL, C1), marks that reverse the direction of writing, line and
 # paragraph separators, and lone surrogates, which stand for bytes of a name that is no UTF-8.
 _UNPRINTABLE = re.compile(
@@ -23,6 +25,12 @@ def printable(text: str, lines: bool = False) -> str:
     """
     shown = _UNPRINTABLE.sub(_spelled, text)
     return shown if lines else shown.replace("\n", "\\x0a")
+
+
+def message(text: str) -> str:
+    """A message of one printable line; of a long one the beginning and the end."""
+    line, most = printable(text), LIMITS.message_characters
+    return line if len(line) <= most else f"{line[: most // 2]} … {line[-most // 2 :]}"
 
 
 def _spelled(found: re.Match[str]) -> str:

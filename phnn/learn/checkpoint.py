@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -47,7 +48,9 @@ def load(path: Path, keys: Sequence[str] = ()) -> dict[str, Any] | None:
     source.check_size(LIMITS.checkpoint_bytes, "a checkpoint")
     source.check_memory(source.size)
     try:
-        with source.open() as file:
+        with source.open() as file, warnings.catch_warnings():
+            # What torch finds odd in a file is refused below.
+            warnings.simplefilter("ignore", UserWarning)
             state = torch.load(file, weights_only=True, map_location="cpu")
     except InputRefused:
         raise

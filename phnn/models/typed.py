@@ -13,6 +13,8 @@ from phnn.intake.names import printable
 
 T = TypeVar("T")
 _SHOWN = 60
+# The one text that is no name, and may be empty.
+_PROSE = "description"
 
 
 def of_fields(cls: type[T], content: Any, where: str) -> T:
@@ -35,7 +37,7 @@ def of_fields(cls: type[T], content: Any, where: str) -> T:
     for name, f in known.items():
         if name not in given and f.default is MISSING and f.default_factory is MISSING:
             raise ValueError(f"{where} has no {name}")
-    return cls(**{name: _typed(value, hints[name], f"{name} of {where}") for name, value in given.items()})
+    return cls(**{name: _typed(value, hints[name], name, where) for name, value in given.items()})
 
 
 def an_object(content: Any, where: str) -> Mapping[str, Any]:
@@ -110,7 +112,7 @@ def _flag(value: Any, where: str) -> bool:
 
 
 _MAKERS: dict[Any, Callable[[Any, str], Any]] = {
-    str: a_text,
+    str: a_name,
     float: a_number,
     bool: _flag,
     Any: lambda value, where: value,
@@ -121,5 +123,6 @@ _MAKERS: dict[Any, Callable[[Any, str], Any]] = {
 }
 
 
-def _typed(value: Any, hint: Any, where: str) -> Any:
-    return _MAKERS[hint](value, where)
+def _typed(value: Any, hint: Any, name: str, where: str) -> Any:
+    make = a_text if name == _PROSE else _MAKERS[hint]
+    return make(value, f"{name} of {where}")

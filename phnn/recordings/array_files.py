@@ -214,20 +214,22 @@ def _load_npy(source: Source) -> np.ndarray:
 
 
 def _load_v5(source: Source) -> Mapping[str, Any]:
-    import io
+    import mmap
 
     import scipy.io
 
     if source.size == 0:
         raise InputRefused(f"{source.name}: the file is empty: record it again or remove it")
     source.check_memory(source.size)
-    raw = source.read(LIMITS.file_bytes)
     try:
-        if is_v5(raw):
-            source.check_memory(check_layout(raw, LIMITS.unpacked_bytes + source.size), unpacked=True)
-        with warnings.catch_warnings():
-            warnings.filterwarnings("error", message="We do not support byte ordering")
-            content = scipy.io.loadmat(io.BytesIO(raw), simplify_cells=True)
+        with source.open() as file:
+            # Only what is looked at comes into memory.
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
+                if is_v5(raw):
+                    source.check_memory(check_layout(raw, LIMITS.unpacked_bytes + source.size), unpacked=True)
+            with warnings.catch_warnings():
+                warnings.filterwarnings("error", message="We do not support byte ordering")
+                content = scipy.io.loadmat(file, simplify_cells=True)
     except InputRefused:
         raise
     except Exception as error:  # on damaged bytes scipy raises whatever its reader stumbles over

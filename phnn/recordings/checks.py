@@ -22,6 +22,10 @@ LARGEST_JITTER = 0.01  # of the sampling interval
 LARGEST_CLIPPED_SHARE = 0.02
 SHORTEST_CLIPPED_RUN = 5
 LARGEST_VALUE = 1e30
+# What varies by less is constant, in any unit; its squares would be no numbers any more.
+SMALLEST_RANGE = 1e-60
+# Shortest and longest sampling interval, s: a decade beyond the fastest digitiser, and thirty years.
+INTERVALS = (1e-13, 1e9)
 # Largest voltages and strokes of piezo actuators, SI: a decade beyond what is sold, from sensor to transducer.
 ACTUATORS = {"voltage": (1e-5, 1e5, "V"), "displacement": (1e-10, 1e-2, "m")}
 
@@ -172,6 +176,16 @@ def time_advances(t: np.ndarray, where: Where) -> None:
             )
 
 
+def interval(dt: float, where: Where) -> None:
+    """Refuse a sampling interval [s] that no instrument has."""
+    least, most = INTERVALS
+    if not least <= dt <= most:
+        raise InputRefused(
+            f"{where}: samples {dt:.3g} s apart, between {least:g} s and {most:g} s are accepted: correct the unit of "
+            f"time, or the sample rate"
+        )
+
+
 def no_gaps(t: np.ndarray, where: Where) -> None:
     """Refuse gaps and a change of the sampling rate within one file."""
     steps = np.diff(t)
@@ -205,7 +219,7 @@ def little_jitter(deviation: np.ndarray, dt: float, where: Where) -> None:
 
 def output_moves(y: np.ndarray, label: str, where: Where) -> None:
     """Refuse a constant output."""
-    if np.ptp(y) == 0.0:
+    if np.ptp(y) <= SMALLEST_RANGE:
         raise InputRefused(
             f"{where}: {label}: constant at {y[0]:.6g} in all {y.size} rows: check the sensor and the choice of column"
         )
@@ -213,7 +227,7 @@ def output_moves(y: np.ndarray, label: str, where: Where) -> None:
 
 def input_moves(u: np.ndarray, before: float | None, label: str, where: Where) -> None:
     """Refuse a constant input, unless the recording begins with a step from rest at ``before``."""
-    if np.ptp(u) == 0.0 and (before is None or before == u[0]):
+    if np.ptp(u) <= SMALLEST_RANGE and (before is None or abs(before - u[0]) <= SMALLEST_RANGE):
         raise InputRefused(
             f"{where}: {label}: constant at {u[0]:.6g} in all {u.size} rows, nothing drives the system: check "
             f"the column, or state the step at the start in recordings.yaml, start: {{state: rest, input_before: ...}}"

@@ -6,10 +6,13 @@ The layout is that of MathWorks' "MAT-File Format": a header of 128 bytes, then 
 from __future__ import annotations
 
 import math
+import mmap
 import struct
 import zlib
 from dataclasses import dataclass
 
+# The content of a file: read, or mapped into memory.
+Raw = bytes | mmap.mmap
 HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
 _BYTES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}  # numeric element types
@@ -31,12 +34,12 @@ class _Element:
     next: int  # where the following element begins
 
 
-def is_v5(raw: bytes) -> bool:
+def is_v5(raw: Raw) -> bool:
     """Whether the header names version 5; version 4 files have none."""
     return len(raw) >= HEADER and raw[126:128] in (b"IM", b"MI") and 0 not in raw[:4]
 
 
-def check_layout(raw: bytes, most: int) -> int:
+def check_layout(raw: Raw, most: int) -> int:
     """Walk all elements of a version 5 file, compressed ones unpacked.
 
     Args:
@@ -68,16 +71,17 @@ def check_layout(raw: bytes, most: int) -> int:
     return unpacked
 
 
-def _unpacked(raw: bytes, element: _Element, most: int) -> bytes:
+def _unpacked(raw: Raw, element: _Element, most: int) -> bytes:
     """The content of a compressed element, or a little more than ``most`` bytes of it."""
     stream = zlib.decompressobj()
-    content = stream.decompress(memoryview(raw)[element.first : element.last], most + 1)
+    with memoryview(raw) as view, view[element.first : element.last] as packed:
+        content = stream.decompress(packed, most + 1)
     if len(content) <= most and not stream.eof:
         raise BadLayout(f"the compressed element at byte {element.first} has no end")
     return content
 
 
-def _element(raw: bytes, position: int, end: int, order: str) -> _Element:
+def _element(raw: Raw, position: int, end: int, order: str) -> _Element:
     if position + 8 > end:
         raise BadLayout(f"the file ends within an element at byte {position}")
     kind, count = struct.unpack_from(order + "II", raw, position)
@@ -92,14 +96,14 @@ def _element(raw: bytes, position: int, end: int, order: str) -> _Element:
     return _Element(kind, position + 8, last, min(last + (-count) % 8, end))
 
 
-def _typed(raw: bytes, position: int, end: int, order: str, accepted: frozenset[int]) -> _Element:
+def _typed(raw: Raw, position: int, end: int, order: str, accepted: frozenset[int]) -> _Element:
     element = _element(raw, position, end, order)
     if element.type not in accepted:
         raise BadLayout(f"unexpected element type {element.type} at byte {position}")
     return element
 
 
-def _matrix(raw: bytes, matrix: _Element, order: str, depth: int) -> None:
+def _matrix(raw: Raw, matrix: _Element, order: str, depth: int) -> None:
     if matrix.first == matrix.last:
         return  # an empty cell or field
     if depth > _DEEPEST:
@@ -128,7 +132,7 @@ def _matrix(raw: bytes, matrix: _Element, order: str, depth: int) -> None:
         raise BadLayout(f"unknown array class {kind} at byte {matrix.first}")
 
 
-def _numbers(raw: bytes, position: int, end: int, order: str, count: int | None, is_complex: bool) -> None:
+def _numbers(raw: Raw, position: int, end: int, order: str, count: int | None, is_complex: bool) -> None:
     """Real part (and imaginary part) of ``count`` numbers; for a sparse array (``None``) rows, columns and values."""
     for _ in range((3 if count is None else 1) + is_complex):
         element = _typed(raw, position, end, order, frozenset(_BYTES))
@@ -138,7 +142,7 @@ def _numbers(raw: bytes, position: int, end: int, order: str, count: int | None,
         position = element.next
 
 
-def _nested(raw: bytes, position: int, end: int, order: str, kind: int, count: int, depth: int) -> None:
+def _nested(raw: Raw, position: int, end: int, order: str, kind: int, count: int, depth: int) -> None:
     if kind == _OBJECT:
         position = _typed(raw, position, end, order, frozenset({1})).next
     if kind != _CELL:

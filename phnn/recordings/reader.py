@@ -196,7 +196,9 @@ def _sampled(
     values = {q: c.values[first:last] for q, c in channels.items() if q != "time"}
     checks.enough_samples(last - first, where)
     if "time" not in channels:
-        return 1.0 / checks.rate_present(entry.sample_rate_hz, table.names, table.where), values, where, []
+        dt = 1.0 / checks.rate_present(entry.sample_rate_hz, table.names, table.where)
+        checks.interval(dt, table.where)
+        return dt, values, where, []
     time = channels["time"]
     dt, values, note = on_grid(time.values[first:last], UNITS[time.unit][1], values, where)
     return dt, values, where, [f"{entry.name or printable(Path(entry.file).stem)}: {note}."] if note else []

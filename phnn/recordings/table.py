@@ -11,6 +11,8 @@ import numpy as np
 from phnn.errors import InputRefused
 
 DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*$")
+# Names that a message lists.
+_LISTED = 12
 # Kinds of numpy's types that may hold numbers: those themselves, texts, and complex ones, refused by name.
 _READ = "iufbcOUS"
 REMEDY_COMMA = "write numbers with a point as decimal sign"
@@ -74,16 +76,17 @@ class Table:
             InputRefused: there is none.
         """
         named = [n for n in self.names if n]
+        listed = ", ".join([*named[:_LISTED], *(["…"] if len(named) > _LISTED else [])])
         if isinstance(place, str):
             hits = [i for i, name in enumerate(self.names) if name == place]
             if len(hits) == 1:
                 return hits[0]
-            found = f"it has {', '.join(named)}" if named else "it has no header, give an index from 0 on"
+            found = f"it has {listed}" if named else "it has no header, give an index from 0 on"
             cause = "several columns are" if hits else "no column is"
             raise InputRefused(f"{self.where}: {cause} called {place!r}: {found}; correct recordings.yaml")
         if self.by_name:
             raise InputRefused(
-                f"{self.where}: column {place} is an index, but its variables have names only ({', '.join(named)}): "
+                f"{self.where}: column {place} is an index, but its variables have names only ({listed}): "
                 f"use `variables: {{voltage: NAME, displacement: NAME}}` in recordings.yaml"
             )
         if place >= len(self.columns):

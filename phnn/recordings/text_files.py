@@ -130,13 +130,13 @@ def _lines(source: Source) -> tuple[list[str], bool]:
     """The lines of a text, and whether the last of them ends as the others do."""
     source.check_memory(_TIMES * source.size)
     raw = source.read(LIMITS.text_bytes, "a text file")
-    if not raw or raw.isspace():
-        raise InputRefused(f"{source.name}: the file is empty: record it again or remove it")
     try:
         content = raw.decode("utf-16" if raw.startswith(_UTF16) else "utf-8-sig")
     except UnicodeDecodeError:
         content = raw.decode("latin-1")  # a micro sign written by older laboratory software
     del raw
+    if not content or content.isspace():
+        raise InputRefused(f"{source.name}: the file is empty: record it again or remove it")
     control = _CONTROL.search(content)
     if control is not None:
         raise InputRefused(

@@ -11,8 +11,8 @@ from phnn.errors import InputRefused
 from phnn.intake.limits import LIMITS
 from phnn.intake.names import printable
 
-# Beyond, squares and products of two values are no numbers any more.
-_LARGEST = 1e150
+# Beyond, squares and products of two values are no numbers any more, or nothing.
+_LARGEST, _SMALLEST = 1e150, 1e-150
 # Of long or nested values a message shows the beginning; with aliases the whole could be of any size.
 _BRIEF = reprlib.Repr()
 _BRIEF.maxstring = _BRIEF.maxother = _SHOWN = 60
@@ -51,6 +51,7 @@ def choice(value: Any, accepted: tuple[str, ...], where: str, otherwise: str = "
 def number(value: Any, where: str, above: float | None = None) -> float:
     """``value`` as a finite float, greater than ``above`` where that is given. Raises InputRefused otherwise."""
     good = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= _LARGEST
+    good = good and (value == 0.0 or abs(value) >= _SMALLEST)
     if not good or (above is not None and value <= above):
         wanted = "a finite number" if above is None else f"a number greater than {above:g}"
         raise InputRefused(f"{where}: {shown(value)} is not {wanted}: give one")
