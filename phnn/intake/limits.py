@@ -50,6 +50,11 @@ class Limits:
     message_characters: int = _limit(2000, "1", "a message shows the beginning and the end of longer lists")
     name_characters: int = _limit(200, "1", "a name is shown in tables and becomes the name of a file")
 
+    def most(self, count: str) -> int:
+        """The largest value of a count among settings: its own limit, or a number with the digits that are accepted."""
+        own = count in ("hysterons", "starts", "workers", "substeps", "units")
+        return int(getattr(self, count)) if own else 10**self.digits - 1
+
     def table(self) -> list[tuple[str, float, str, str]]:
         """Name, value, unit and reason of every limit."""
         return [(f.name, getattr(self, f.name), f.metadata["unit"], f.metadata["reason"]) for f in fields(self)]

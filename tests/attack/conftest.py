@@ -64,8 +64,8 @@ def peak() -> int:
 def attack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Attack:
     """Run a command on a folder below ``tmp_path`` and check what must hold after any input.
 
-    Its arguments: ``folder``, ``command``, ``manifest``, ``model`` of predict, ``more`` arguments, the exit ``statuses``
-    that are accepted, and ``fresh``, whether what an earlier run wrote is removed before.
+    Its arguments: ``folder``, ``command``, ``manifest``, ``model`` of predict, ``more`` arguments, the exit
+    ``statuses`` that are accepted, and ``fresh``, whether what an earlier run wrote is removed before.
     """
 
     def run(

@@ -5,58 +5,16 @@ from __future__ import annotations
 import io
 import struct
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 import scipy.io
-from attack_tools import Attack, encrypted, often, packed_zeros, put, table, zipped
+from arrays import COLUMNS, T, U, Y, columns, hdf5, head, mat, npy, npz
+from attack_tools import Attack, encrypted, often, packed_zeros, put, zipped
 from hypothesis import given
 from hypothesis import strategies as st
-
-T, U, Y = table().T
-COLUMNS = {"time_s": T, "voltage_V": U, "displacement_m": Y}
-SIZE = T.size
-
-
-def npy(array: np.ndarray, **kwargs: bool) -> bytes:
-    file = io.BytesIO()
-    np.save(file, array, **kwargs)
-    return file.getvalue()
-
-
-def npz(**arrays: np.ndarray) -> bytes:
-    file = io.BytesIO()
-    np.savez_compressed(file, **arrays)
-    return file.getvalue()
-
-
-def mat(**arrays: object) -> bytes:
-    file = io.BytesIO()
-    scipy.io.savemat(file, arrays, do_compression=True)
-    return file.getvalue()
-
-
-def head(text: str, data: bytes = b"", version: int = 1) -> bytes:
-    """A .npy file with this header."""
-    content = text.encode("latin-1")
-    length = struct.pack("<H" if version == 1 else "<I", len(content))
-    return b"\x93NUMPY" + bytes([version, 0]) + length + content + data
-
-
-def hdf5(fill: Callable[[h5py.File], object]) -> bytes:
-    file = io.BytesIO()
-    with h5py.File(file, "w") as f:
-        fill(f)
-    return file.getvalue()
-
-
-def columns(f: h5py.File) -> None:
-    for name, values in COLUMNS.items():
-        f[name] = values
-
 
 RECORD = np.array(list(zip(T, U, Y, strict=True)), dtype=[(n, "f8") for n in COLUMNS])
 TABLES = {
@@ -215,65 +173,10 @@ def test_axes_of_any_array(axes: str, shape: tuple[int, ...], attack: Attack, tm
     put(folder / "a.npy", npy(np.random.default_rng(0).standard_normal(shape)))
     put(
         folder / "recordings.yaml",
-        f"sample_rate_hz: 1000\naxes: {axes}\ncolumns: {{voltage: {{column: 0, unit: V}}, displacement: {{column: 1, unit: um}}}}",
+        f"sample_rate_hz: 1000\naxes: {axes}\n"
+        "columns: {voltage: {column: 0, unit: V}, displacement: {column: 1, unit: um}}",
     )
     attack(folder)
-
-
-def external(folder: Path, form: str) -> None:
-    """An HDF5 file whose numbers lie in a file beside the folder."""
-    secret = folder.parent / "secret.h5"
-    with h5py.File(secret, "w") as f:
-        columns(f)
-    raw = folder.parent / "secret.bin"
-    raw.write_bytes(U.tobytes())
-    with h5py.File(folder / "a.h5", "w") as f:
-        f["time_s"], f["displacement_m"] = T, Y
-        if form == "link":
-            f["voltage_V"] = h5py.ExternalLink(str(secret), "/voltage_V")
-        elif form == "soft link through it":
-            f["other"] = h5py.ExternalLink(str(secret), "/")
-            f["voltage_V"] = h5py.SoftLink("/other/voltage_V")
-        elif form == "soft link to a link":
-            f["g/other"] = h5py.ExternalLink(str(secret), "/")
-            f["g/near"] = h5py.SoftLink("other/voltage_V")
-            f["voltage_V"] = h5py.SoftLink("/g/near")
-        elif form == "group":
-            f["g"] = h5py.ExternalLink(str(secret), "/")
-        elif form == "storage":
-            f.create_dataset("voltage_V", (SIZE,), "f8", external=[(str(raw), 0, U.nbytes)])
-        else:
-            layout = h5py.VirtualLayout((SIZE,), "f8")
-            layout[:] = h5py.VirtualSource(str(secret), "voltage_V", (SIZE,))
-            f.create_virtual_dataset("voltage_V", layout)
-
-
-@pytest.mark.parametrize("suffix", [".h5", ".mat"])
-@pytest.mark.parametrize("form", ["link", "soft link through it", "soft link to a link", "group", "storage", "virtual"])
-def test_numbers_in_other_files_are_refused_unless_allowed(
-    form: str, suffix: str, attack: Attack, tmp_path: Path
-) -> None:
-    folder = tmp_path / "data"
-    folder.mkdir()
-    external(folder, form)
-    (folder / "a.h5").rename(folder / f"a{suffix}")
-    if form == "group":
-        put(folder / "recordings.yaml", "columns: {voltage: {column: g.voltage_V, unit: V}}\n")
-    outcome = attack(folder)
-    assert outcome.refused
-    assert "--allow-outside" in outcome.err
-    assert attack(folder, more=("--allow-outside",)).status == 0
-
-
-def test_a_virtual_dataset_of_its_own_file_is_read(attack: Attack, tmp_path: Path) -> None:
-    folder = tmp_path / "data"
-    folder.mkdir()
-    with h5py.File(folder / "a.h5", "w") as f:
-        f["time_s"], f["displacement_m"], f["raw"] = T, Y, U
-        layout = h5py.VirtualLayout((SIZE,), "f8")
-        layout[:] = h5py.VirtualSource(f["raw"])
-        f.create_virtual_dataset("voltage_V", layout)
-    assert attack(folder).status == 0
 
 
 tdms = pytest.importorskip("nptdms")

@@ -1,4 +1,4 @@
-"""Hostile networks: whatever a file says, `phnn check` refuses it or makes of it a network that identify can begin with."""
+"""Hostile networks: `phnn check` refuses a file, or makes of it a network that identify can begin with."""
 
 from __future__ import annotations
 
