@@ -17,6 +17,7 @@ from types import FrameType
 
 from phnn.configuration import compose, compose_groups, config_folder
 from phnn.errors import PhnnError
+from phnn.intake.names import message as one_line
 
 # Commands with settings, and the file under configs/ that holds them.
 _SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "modes", "prove")} | {"demo": "diagnose"}
@@ -91,6 +92,9 @@ def _parser() -> argparse.ArgumentParser:
     for command in (check, identify, diagnose, predict, compare, modes):
         command.add_argument("folder", type=Path, metavar="FOLDER", help="folder of recordings")
         command.add_argument("--manifest", type=Path, metavar="FILE", help="recordings.yaml that lies elsewhere")
+        command.add_argument(
+            "--allow-outside", action="store_true", help="read files outside FOLDER that it names, links or refers to"
+        )
     for command in (identify, diagnose, predict, compare, modes, prove):
         command.add_argument("--out", type=Path, metavar="DIR", required=True, help="where the results go")
     check.add_argument("--out", type=Path, metavar="DIR", help="write check.json there, too")
@@ -129,28 +133,30 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
         os.environ.setdefault(variable, count)
     import phnn.commands as commands
 
+    given = {"outside": True} if getattr(arguments, "allow_outside", False) else {}
+    given |= {"overwrite": True} if getattr(arguments, "overwrite", False) else {}
     if name == "check":
-        commands.check(arguments.folder, arguments.manifest, arguments.out)
+        commands.check(arguments.folder, arguments.manifest, arguments.out, **given)
     elif name == "identify":
-        commands.identify(arguments.folder, arguments.out, arguments.manifest, config, arguments.overwrite)
+        commands.identify(arguments.folder, arguments.out, arguments.manifest, config, **given)
     elif name == "diagnose":
-        commands.diagnose(arguments.folder, arguments.out, arguments.manifest, config, arguments.overwrite)
+        commands.diagnose(arguments.folder, arguments.out, arguments.manifest, config, **given)
     elif name == _TRAIN:
         commands.train(config)
     elif name == "predict":
-        commands.predict(arguments.model, arguments.folder, arguments.out, arguments.manifest, arguments.overwrite)
+        commands.predict(arguments.model, arguments.folder, arguments.out, arguments.manifest, **given)
     elif name == "compare":
-        commands.compare(arguments.folder, arguments.out, arguments.manifest, config, arguments.overwrite)
+        commands.compare(arguments.folder, arguments.out, arguments.manifest, config, **given)
     elif name == "modes":
-        commands.modes(arguments.folder, arguments.out, arguments.manifest, config, arguments.overwrite)
+        commands.modes(arguments.folder, arguments.out, arguments.manifest, config, **given)
     elif name == "prove":
-        commands.prove(arguments.out, config, arguments.overwrite)
+        commands.prove(arguments.out, config, **given)
     else:
-        commands.demo(arguments.seed, arguments.out, config, arguments.overwrite)
+        commands.demo(arguments.seed, arguments.out, config, **given)
 
 
-def _say(message: str) -> None:
-    print(f"phnn: {message}", file=sys.stderr)
+def _say(text: str) -> None:
+    print(f"phnn: {one_line(text)}", file=sys.stderr)
 
 
 class _Terminated(KeyboardInterrupt):

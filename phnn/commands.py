@@ -20,10 +20,11 @@ from phnn.diagnose.confirm import score_on_all
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.diagnosis import diagnose as run_diagnosis
 from phnn.errors import PhnnError
-from phnn.identify.base import Options, Progress, identify_base
+from phnn.identify.base import Options, Progress, identify_base, prepare
 from phnn.identify.evaluate import Evaluation, evaluate, output_spread
 from phnn.identify.fit import Fit
 from phnn.identify.problem import Plan
+from phnn.intake.names import printable
 from phnn.models.store import load, save
 from phnn.network.elements import Network
 from phnn.output import Place, claim, finite, unique_names
@@ -39,6 +40,7 @@ from phnn.simulate import check_names, measured_network, simulate
 if TYPE_CHECKING:
     from phnn.prove.nulls import Count
 
+Config = Mapping[str, Any]
 _CLASS = 3
 _PIPE = 200
 
@@ -54,10 +56,18 @@ def _progress() -> Iterator[Progress]:
         yield status.update
 
 
-def check(folder: Path, manifest: Path | None, out: Path | None = None) -> None:
-    """Print what was understood of a folder of recordings, what was noticed, and what they can show."""
-    checked = check_recordings(read(folder, manifest))
-    print(checked.text())
+def check(folder: Path, manifest: Path | None, out: Path | None = None, outside: bool = False) -> None:
+    """Print what was understood of a folder of recordings, what was noticed, and what they can show.
+
+    Raises:
+        InputRefused: what `identify` would refuse, with the same message. Several inputs or outputs without a network
+            are for `modes` and pass.
+    """
+    campaign = read(folder, manifest, allow_outside=outside)
+    if "network" in campaign.setup or not any(r.further or r.measures for r in campaign.recordings):
+        prepare(campaign)
+    checked = check_recordings(campaign)
+    print(printable(checked.text(), lines=True))
     if out is not None:
         with claim(out, "check", _inputs(folder, manifest), ("check.json", "check.html")) as place:
             write_check(checked, place)
@@ -69,10 +79,10 @@ def _inputs(*paths: Path | None) -> list[Path]:
 
 
 def identify(
-    folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any], overwrite: bool = False
+    folder: Path, out: Path, manifest: Path | None, config: Config, outside: bool = False, overwrite: bool = False
 ) -> None:
     """Fit the base model; writes ``base/`` and ``identify.json``."""
-    campaign = read(folder, manifest)
+    campaign = read(folder, manifest, allow_outside=outside)
     options = Options.from_config(config)
     with claim(out, "identify", _inputs(folder, manifest), ("base", "identify.json"), overwrite=overwrite) as place:
         parameters, scores = _identify(campaign, options, place)
@@ -114,10 +124,10 @@ def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[
 
 
 def diagnose(
-    folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any], overwrite: bool = False
+    folder: Path, out: Path, manifest: Path | None, config: Config, outside: bool = False, overwrite: bool = False
 ) -> None:
     """Diagnose a folder; writes ``diagnosis.json``, ``report.html``, ``model/``, ``base/`` and ``figures/``."""
-    campaign, options = read(folder, manifest), Options.from_config(config)
+    campaign, options = read(folder, manifest, allow_outside=outside), Options.from_config(config)
     with claim(out, "diagnose", _inputs(folder, manifest), RESULTS, overwrite=overwrite) as place:
         _diagnose(campaign, place, options, out)
 
@@ -134,7 +144,7 @@ def _diagnose(campaign: Campaign, place: Place, options: Options, out: Path) -> 
     return diagnosis
 
 
-def diagnose_quietly(folder: Path, place: Place, config: Mapping[str, Any]) -> Diagnosis:
+def diagnose_quietly(folder: Path, place: Place, config: Config) -> Diagnosis:
     """The same without a word on the terminal; the settings as in ``configs/diagnose.yaml``."""
     diagnosis = run_diagnosis(read(folder), Options.from_config(config))
     write_into(diagnosis, place)
@@ -145,13 +155,15 @@ def _keep(fitted: Fit, place: Place) -> None:
     save(fitted.setup, place, max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
 
 
-def predict(model: Path, folder: Path, out: Path, manifest: Path | None, overwrite: bool = False) -> None:
+def predict(
+    model: Path, folder: Path, out: Path, manifest: Path | None, outside: bool = False, overwrite: bool = False
+) -> None:
     """Simulate the recordings of a folder with a stored model; writes one ``NAME.csv`` per recording.
 
     Where the input jumps between two samples, a further column says how uncertain that makes the output.
     """
-    setup, substeps = load(model)
-    campaign = read(folder, manifest, need_output=False)
+    setup, substeps = load(model, outside)
+    campaign = read(folder, manifest, need_output=False, allow_outside=outside)
     check_names(setup.network, campaign.recordings)
     files = unique_names((r.name for r in campaign.recordings), ".csv")
     inputs = _inputs(model, folder, manifest)
@@ -183,7 +195,9 @@ def _column(network: Network) -> str:
     return "displacement_m" if unit == "m" else f"output_{unit.replace(' ', '')}"
 
 
-def compare(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any], overwrite: bool = False) -> None:
+def compare(
+    folder: Path, out: Path, manifest: Path | None, config: Config, outside: bool = False, overwrite: bool = False
+) -> None:
     """Fit several kinds of model to a folder; see `phnn.compare.run.compare` for what it writes."""
     from phnn.compare.run import compare as run_comparison
     from phnn.compare.run import show
@@ -191,14 +205,17 @@ def compare(folder: Path, out: Path, manifest: Path | None, config: Mapping[str,
 
     settings = Settings.from_config(config)
     with _progress() as progress:
-        table = run_comparison(read(folder, manifest), out, settings, progress, overwrite)
+        campaign = read(folder, manifest, allow_outside=outside)
+        table = run_comparison(campaign, out, settings, progress, overwrite)
     # A pipe has no width: the whole table fits there.
     console = Console()
     show(table, console if console.is_terminal else Console(width=_PIPE))
     print(f"results: {out / 'compare.md'}   seed: {settings.options.seed}")
 
 
-def modes(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, Any], overwrite: bool = False) -> None:
+def modes(
+    folder: Path, out: Path, manifest: Path | None, config: Config, outside: bool = False, overwrite: bool = False
+) -> None:
     """Find the modes of a structure and what moves with amplitude; see `phnn.report.modes` for what it writes."""
     from phnn.modal.experiment import study_of
     from phnn.modal.settings import Settings
@@ -208,7 +225,7 @@ def modes(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, A
     from phnn.report.modes import show, write_modes
 
     settings = Settings.from_config(config)
-    study = study_of(read(folder, manifest))
+    study = study_of(read(folder, manifest, allow_outside=outside))
     with (
         claim(out, "modes", _inputs(folder, manifest), MODES, overwrite=overwrite) as place,
         _progress() as progress,
@@ -226,7 +243,7 @@ def modes(folder: Path, out: Path, manifest: Path | None, config: Mapping[str, A
     print(f"report: {out / 'report.html'}")
 
 
-def train(config: Mapping[str, Any]) -> None:
+def train(config: Config) -> None:
     """Train a model on a folder; see `phnn.learn.run.train` for what it writes."""
     from phnn.learn import Settings
     from phnn.learn import train as run_training
@@ -261,7 +278,7 @@ def gather(folder: Path) -> pd.DataFrame:
     return found
 
 
-def demo(seed: int | None, out: Path, config: Mapping[str, Any], overwrite: bool = False) -> None:
+def demo(seed: int | None, out: Path, config: Config, overwrite: bool = False) -> None:
     """Conceal an effect, seal it, diagnose the recordings, open the seal.
 
     Raises:
@@ -290,7 +307,7 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any], overwrite: bool
         raise PhnnError(f"the sealed effect {sealed.effect} was not found; see {out / 'diagnosis' / 'report.html'}")
 
 
-def prove(out: Path, config: Mapping[str, Any], overwrite: bool = False) -> None:
+def prove(out: Path, config: Config, overwrite: bool = False) -> None:
     """Conceal many effects, seal the answers, diagnose all, count; writes ``report.html``, tables and figures."""
     from phnn.prove.nulls import counts
     from phnn.prove.page import numbers, write_proof

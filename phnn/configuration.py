@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused
+from phnn.intake.limits import LIMITS
 
 # What a value must satisfy beyond having the type of its default: a test, and the words for a refusal.
 _LEAST = {"seed": 0, "max_effects": 0} | dict.fromkeys(
@@ -136,8 +137,11 @@ def _checked(key: str, value: Any, default: Any) -> Any:
             raise InputRefused(f"setting {key}={value} must be a positive number")
         return float(value)
     if isinstance(default, int):
-        least = _LEAST.get(key.rpartition(".")[2], 0)
+        name = key.rpartition(".")[2]
+        least, most = _LEAST.get(name, 0), LIMITS.most(name)
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
             raise InputRefused(f"setting {key}={value} must be a whole number, {least} or more")
+        if value > most:
+            raise InputRefused(f"setting {key} must be a whole number, {most} or less")
         return value
     return value

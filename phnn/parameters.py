@@ -46,6 +46,8 @@ class Parameter:
                 f"parameter {self.name} = {self.value:g} {self.unit} lies outside its bounds "
                 f"[{self.lower:g}, {self.upper:g}]: give a value inside"
             )
+        if not 0.0 < self.typical < math.inf:
+            raise InputRefused(f"parameter {self.name}: its typical change is {self.typical:g}: give a positive number")
         if self.positive and self.value <= 0.0:
             raise InputRefused(
                 f"parameter {self.name} = {self.value:g} {self.unit} must be positive: check its sign and unit"

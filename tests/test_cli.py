@@ -52,8 +52,8 @@ def test_arguments_reach_the_commands(calls: list[tuple[str, tuple[Any, ...]]]) 
     assert cli.main(["predict", "model", "data", "--out", "o"]) == 0
     assert cli.main(["demo", "--seed", "3"]) == 0
     assert calls[0] == ("check", (Path("data"), Path("m.yaml"), None))
-    assert calls[1] == ("predict", (Path("model"), Path("data"), Path("o"), None, False))
-    name, (seed, out, config, _) = calls[2]
+    assert calls[1] == ("predict", (Path("model"), Path("data"), Path("o"), None))
+    name, (seed, out, config) = calls[2]
     assert (name, seed, out, config["max_effects"]) == ("demo", 3, Path("out/demo"), 3)
 
 
@@ -67,8 +67,8 @@ def test_arguments_reach_the_commands(calls: list[tuple[str, tuple[Any, ...]]]) 
 )
 def test_settings_may_stand_anywhere(calls: list[tuple[str, tuple[Any, ...]]], argv: list[str]) -> None:
     assert cli.main(argv) == 0
-    name, (folder, out, manifest, config, overwrite) = calls[0]
-    assert (name, folder, out, manifest, overwrite) == ("identify", Path("data"), Path("o"), None, False)
+    name, (folder, out, manifest, config) = calls[0]
+    assert (name, folder, out, manifest) == ("identify", Path("data"), Path("o"), None)
     assert config == {"seed": 1, "starts": 7, "error_bound_sigma": 1.0, "workers": 2}
 
 

@@ -9,13 +9,23 @@ from typing import Any
 
 import numpy as np
 
-from phnn.errors import InputRefused, SolverFailed
+from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.identify.described import identify_network
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import NumericalError, numerical_error, substeps_for
 from phnn.identify.problem import Plan, Problem, Variables
-from phnn.identify.staged import fit_identified, held_by_statement, identify_actuator, mechanical_points, stated_only
+from phnn.identify.staged import (
+    check_known,
+    fit_identified,
+    held_by_statement,
+    identify_actuator,
+    mechanical_points,
+    stated_only,
+)
 from phnn.identify.stalled import resumed
+from phnn.intake.names import printable
+from phnn.integrate.program import compile_network
+from phnn.models.actuator import hrc
 from phnn.models.bouc_wen import bouc_wen
 from phnn.models.network_file import load_network
 from phnn.recall import recalled
@@ -74,20 +84,70 @@ def identification_plan(campaign: Campaign, workers: int) -> Plan:
     return Plan(chosen, {}, workers, {n: a.std for n, a in campaign.known.items()})
 
 
-def identify_base(campaign: Campaign, options: Options, progress: Progress = quiet) -> tuple[Fit, NumericalError]:
-    """Fit the campaign's base model; the sub-steps are chosen on the way and checked at the end."""
-    plan = identification_plan(campaign, options.workers)
+@dataclass(frozen=True)
+class Prepared:
+    """What a fit begins with, once nothing in the manifest can be refused any more.
+
+    Attributes:
+        plan: the recordings with identification samples.
+        model: by name; ``network`` where a file describes it.
+        hysterons: of an actuator.
+        described: the network of that file.
+    """
+
+    plan: Plan
+    model: str
+    hysterons: int
+    described: Setup | None = None
+
+
+def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
+    """Everything of an identification that can be refused before it begins.
+
+    Raises:
+        InputRefused: no recording to identify from, a network that cannot be built or simulated, ports or outputs that
+            it does not have, anchors of parameters that the model does not have or that cannot have the value, several
+            inputs for a model of one.
+    """
+    plan = identification_plan(campaign, workers)
     if "network" in campaign.setup:
-        path = Path(str(campaign.setup["network"]))
-        progress(f"identify the network of {path.name}")
-        setup = Setup(load_network(path), name=path.stem)
-        check_names(setup.network, campaign.recordings)
-        return settled(
-            identify_network(setup, plan, campaign.known, options.starts, options.seed), options.error_bound_sigma
-        )
+        return Prepared(plan, "network", 0, _described(campaign))
     single(campaign.recordings, "this model has one input and one output")
     model = str(campaign.setup.get("model", "piezo_actuator"))
     hysterons = int(campaign.setup.get("hysterons", 2)) if model in ("piezo_actuator", "hrc") else 0
+    parameters = bouc_wen().parameters if model == "bouc_wen" else hrc(hysterons).parameters
+    check_known(campaign.known, parameters)
+    held_by_statement(campaign.known)
+    mechanical_points(plan, {n: a.value for n, a in campaign.known.items()})
+    return Prepared(plan, model, hysterons)
+
+
+def _described(campaign: Campaign) -> Setup:
+    """The network of the manifest, with its anchors."""
+    path = Path(str(campaign.setup["network"]))
+    setup = Setup(load_network(path), name=printable(path.stem))
+    check_names(setup.network, campaign.recordings)
+    check_known(campaign.known, setup.parameters)
+    try:
+        setup = setup.with_values({n: a.value for n, a in campaign.known.items()})
+        compile_network(setup.network)
+    except StructureViolated as error:
+        raise InputRefused(f"{printable(path.name)}: {error}") from error
+    if not setup.network.ports:
+        raise InputRefused(f"{printable(path.name)}: no source for the recorded input: add an element of type Se or Sf")
+    return setup
+
+
+def identify_base(campaign: Campaign, options: Options, progress: Progress = quiet) -> tuple[Fit, NumericalError]:
+    """Fit the campaign's base model; the sub-steps are chosen on the way and checked at the end."""
+    prepared = prepare(campaign, options.workers)
+    plan, model, hysterons = prepared.plan, prepared.model, prepared.hysterons
+    if prepared.described is not None:
+        progress(f"identify the network of {prepared.described.name}")
+        return settled(
+            identify_network(prepared.described, plan, campaign.known, options.starts, options.seed),
+            options.error_bound_sigma,
+        )
     if model == "bouc_wen":
         return settled(identify_bouc_wen(plan, campaign, options, progress), options.error_bound_sigma)
     progress(f"identify {model} with {hysterons} hysterons")

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from phnn.errors import InputRefused, PhnnError
+from phnn.errors import PhnnError
 from phnn.identify.fit import Fit, distinct_optima
 from phnn.identify.problem import Plan
-from phnn.identify.staged import fit_identified, held_at
+from phnn.identify.staged import check_known, fit_identified, held_at
 from phnn.recordings.recording import Anchor
 from phnn.setup import Setup
 
@@ -33,9 +33,7 @@ def identify_network(setup: Setup, plan: Plan, known: Mapping[str, Anchor], star
         InputRefused: a known parameter is none of the network's.
         PhnnError: no starting point can be simulated.
     """
-    strangers = sorted(set(known) - set(setup.parameters))
-    if strangers:
-        raise InputRefused(f"known: no parameter {strangers[0]}; this network has {', '.join(setup.parameters)}")
+    check_known(known, setup.parameters)
     setup = setup.with_values({n: a.value for n, a in known.items()})
     held = held_at(known)
     tried = []

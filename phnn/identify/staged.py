@@ -51,9 +51,7 @@ def identify_actuator(
     if setup is not None:
         return fit_identified(setup, plan, held)
     anchored = {n: a.value for n, a in known.items()}
-    strangers = sorted(set(anchored) - set(hrc(hysterons).parameters))
-    if strangers:
-        raise InputRefused(f"known: no parameter {strangers[0]}; this model has {', '.join(hrc(hysterons).parameters)}")
+    check_known(known, hrc(hysterons).parameters)
     points, look = mechanical_points(plan, anchored), first_look(plan)
     mechanical = _mechanical(points, look, held)
     if hysterons == 0:
@@ -75,6 +73,14 @@ def identify_actuator(
     finished = [fit_identified(f.setup, plan, held, _FULL, f) for f in tried[:_FINALISTS]]
     best, alternatives = distinct_optima(finished)
     return replace(best, alternatives=alternatives)
+
+
+def check_known(known: Iterable[str], parameters: Iterable[str]) -> None:
+    """Refuse an anchor of a parameter that the model does not have. Raises InputRefused."""
+    names = list(parameters)
+    strangers = sorted(set(known) - set(names))
+    if strangers:
+        raise InputRefused(f"known: no parameter {strangers[0]}; this model has {', '.join(names)}")
 
 
 def held_by_statement(known: Mapping[str, Anchor]) -> dict[str, str]:

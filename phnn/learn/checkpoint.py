@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+import os
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from phnn.errors import InputRefused
+from phnn.intake.files import named_file
+from phnn.intake.limits import LIMITS
 from phnn.output import Place
 
 FILE = "checkpoint.pt"
@@ -28,19 +32,36 @@ def as_bytes(content: Mapping[str, Any]) -> bytes:
     return buffer.getvalue()
 
 
-def load(path: Path) -> dict[str, Any] | None:
+def load(path: Path, keys: Sequence[str] = ()) -> dict[str, Any] | None:
     """The state that `save` wrote, with torch's random generator set back to it; None where there is none.
 
+    Args:
+        keys: what the state must hold.
+
     Raises:
-        InputRefused: the file is damaged or no checkpoint.
+        InputRefused: the file is damaged, too large or no checkpoint.
     """
-    if not path.exists():
+    if not os.path.lexists(path):
         return None
+    source = named_file(path, (path.parent,))
+    source.check_size(LIMITS.checkpoint_bytes, "a checkpoint")
+    source.check_memory(source.size)
     try:
-        state = torch.load(path, weights_only=True)
+        with source.open() as file, warnings.catch_warnings():
+            # What torch finds odd in a file is refused below.
+            warnings.simplefilter("ignore", UserWarning)
+            state = torch.load(file, weights_only=True, map_location="cpu")
+    except InputRefused:
+        raise
     except Exception as error:
         raise InputRefused(f"{path}: cannot be read ({type(error).__name__}): delete it to begin anew") from error
     if not isinstance(state, dict) or state.get("schema") != _SCHEMA:
         raise InputRefused(f"{path}: is no {_SCHEMA} file: delete it to begin anew")
-    torch.set_rng_state(state["random"])
+    missing = [key for key in ("random", *keys) if key not in state]
+    if missing:
+        raise InputRefused(f"{path}: holds no {missing[0]!r}: delete it to begin anew")
+    try:
+        torch.set_rng_state(state["random"])
+    except (TypeError, RuntimeError) as error:
+        raise InputRefused(f"{path}: its state of the random generator is none: delete it to begin anew") from error
     return state

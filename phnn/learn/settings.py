@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused
+from phnn.intake.limits import LIMITS
 
 # Keys that say where a run lies or how long it may go on, not what it computes: they may differ when it resumes.
 FREE_TO_CHANGE = ("out", "folder", "manifest", "resume", "checkpoint_every", "tensorboard", "base")
@@ -70,6 +71,8 @@ class Settings:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or value < lowest:
                 raise InputRefused(f"setting {name}={value} must be a whole number, {lowest} or more")
+            if value > LIMITS.most(name):
+                raise InputRefused(f"setting {name} must be a whole number, {LIMITS.most(name)} or less")
         for name in ("rate", "continuity"):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < float("inf"):

@@ -20,6 +20,7 @@ from phnn.identify.staged import (
     mechanical_points,
     middle_frequency,
 )
+from phnn.intake.limits import LIMITS
 from phnn.learn.plant import LatentPlant, NetworkPlant, Plant
 from phnn.models.actuator import hrc
 from phnn.models.fully_neural import FullyNeural
@@ -29,6 +30,7 @@ from phnn.models.scales import Scales
 from phnn.models.store import load
 from phnn.network.elements import Network
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
+from phnn.recordings.values import shown
 from phnn.setup import Setup
 from phnn.simulate import simulate
 
@@ -38,6 +40,13 @@ LATENT: dict[str, Callable[..., FullyNeural | NeuralODE]] = {"fully_neural": Ful
 
 # Electrical stiffness of a hysteron over the mechanical one, and the width of a closed dead zone over the drive.
 _SHARE, _CLOSED = 0.15, 1e-6
+# Largest counts of what a model is made of.
+_MOST = {
+    "hysterons": LIMITS.hysterons,
+    "states": LIMITS.elements,
+    "width": LIMITS.units,
+    "spring_width": LIMITS.units,
+}
 # Relaxation rates of such hysterons over the middle frequency.
 _RATES = (30.0, 1.0)
 
@@ -101,9 +110,12 @@ def _held(network: Network, hold: Sequence[str]) -> Network:
 
 
 def _check(kind: str, arguments: Mapping[str, Any], known: Sequence[str]) -> None:
-    for name in arguments:
+    for name, value in arguments.items():
         if name not in known:
             raise InputRefused(f"model.{name}: {kind} takes {', '.join(known)}")
+        most = _MOST.get(name)
+        if most is not None and not (type(value) is int and 0 <= value <= most):
+            raise InputRefused(f"model.{name}={shown(value)} must be a whole number from 0 to {most}")
 
 
 def _values(campaign: Campaign, hysterons: int, start: str, base: str | None, seed: int) -> dict[str, float]:

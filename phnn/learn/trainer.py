@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from phnn.errors import SolverFailed
+from phnn.errors import InputRefused, SolverFailed
+from phnn.laws.diverged import is_finite
 from phnn.learn import checkpoint
 from phnn.learn.logs import Log, Row
 from phnn.learn.methods import METHODS, Method, method_of
@@ -184,11 +185,27 @@ class Trainer:
 
     def _resume(self) -> None:
         path = (self.place / checkpoint.FILE).path
-        state = checkpoint.load(path)
+        state = checkpoint.load(path, ("settings", "progress", "present", "method"))
         if state is None:
             return
+        if not isinstance(state["settings"], Mapping):
+            raise InputRefused(f"{path}: holds no settings: delete it to begin anew")
         check_same(state["settings"], self.made_of, path)
+        try:
+            self._restore(state)
+        except (TypeError, ValueError, KeyError, IndexError, AttributeError, RuntimeError) as error:
+            # What a checkpoint of these settings holds has one form; another was written by something else.
+            raise InputRefused(
+                f"{path}: does not fit the model ({type(error).__name__}): delete it to begin anew"
+            ) from error
+
+    def _restore(self, state: Mapping[str, Any]) -> None:
+        """Raises whatever a state of another form leads to."""
         self.progress = Progress(**state["progress"])
+        present = self._present()
+        for values in (state["present"], self.progress.parameters):
+            if [v.shape for v in values] != [v.shape for v in present] or not all(map(is_finite, values)):
+                raise ValueError("other parameters")
         self._set(state["present"])
         if state["method"] is not None:
             name = METHODS[self.progress.phase]

@@ -9,7 +9,10 @@ import torch
 from torch import nn
 
 from phnn.errors import PhnnError
+from phnn.intake.limits import LIMITS
+from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
+from phnn.models.typed import a_count, an_object, brief
 
 # Scales are buffers and come with the weights: the ones given here only make room for them.
 _KINDS: dict[str, Callable[[int], nn.Module]] = {
@@ -38,18 +41,33 @@ def from_json(content: Any) -> Any:
     """What `as_json` was given.
 
     Raises:
-        ValueError: an unknown kind, or weights that do not fit it.
+        ValueError: an unknown kind, weights that do not fit it, or values with which the law would not be passive.
     """
     if isinstance(content, str):
         return content
-    if not isinstance(content, Mapping) or content.get("kind") not in _KINDS:
-        raise ValueError(f"no learned law of the kind {content!r:.60}")
-    law = _KINDS[content["kind"]](int(content["units"]))
-    state = {n: torch.tensor(v, dtype=torch.float64) for n, v in content["state"].items()}
-    if not all(bool(torch.isfinite(v).all()) for v in state.values()):
-        raise ValueError("a weight of a learned law is not finite")
+    if not isinstance(content, Mapping) or content.get("kind") not in [*_KINDS]:
+        raise ValueError(f"no learned law of the kind {brief(content)}")
+    law = _KINDS[content["kind"]](a_count(content.get("units"), "units of a learned law", 1, LIMITS.units))
+    given = an_object(content.get("state"), "state of a learned law")
+    state = {n: _tensor(v, f"{brief(n)} of a learned law") for n, v in given.items()}
     try:
         law.load_state_dict(state)
+        check_weights(law, "of a learned law ", LARGEST_WEIGHT)
     except RuntimeError as error:
         raise ValueError(f"weights of a learned law do not fit: {str(error).splitlines()[-1].strip()}") from error
+    for name, buffer in law.named_buffers():
+        # A negative conductance would deliver power.
+        if not bool(((buffer > 0.0) & torch.isfinite(buffer)).all()):
+            raise ValueError(f"{name} of a learned law must be positive")
     return law
+
+
+def _tensor(value: Any, where: str) -> torch.Tensor:
+    """Numbers in lists of equal lengths. Raises ValueError where they are none, or not finite."""
+    try:
+        tensor = torch.tensor(value, dtype=torch.float64)
+    except (TypeError, ValueError, OverflowError, RuntimeError) as error:
+        raise ValueError(f"{where} is {brief(value)}, no array of numbers") from error
+    if not bool(torch.isfinite(tensor).all()):
+        raise ValueError(f"{where} is not finite")
+    return tensor

@@ -24,12 +24,16 @@ from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused, StructureViolated
+from phnn.intake.files import named_file
+from phnn.intake.limits import LIMITS
+from phnn.intake.names import printable
+from phnn.intake.yaml_file import load_yaml
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network.bondgraph import GY, TF, Bond, BondGraph, C, I, R, Se, Sf
 from phnn.network.bondgraph.description import DIRECTIONS, Element, Link
 from phnn.network.elements import Memory, Modulation, Network, Ratio
 from phnn.parameters import Parameter, positive
-from phnn.recordings.values import choice, flag, keys_of, mapping, number, text
+from phnn.recordings.values import choice, flag, keys_of, label, mapping, number, shown
 
 _TOP = ("about", "junctions", "elements", "bonds", "modulations", "memories", "parameters", "output", "merge")
 _PARAMETER = ("value", "unit", "positive", "lower", "upper", "typical", "fixed", "description")
@@ -47,12 +51,11 @@ def load_network(path: Path | str) -> Network:
     Raises:
         InputRefused: as `load_graph`, or a graph without a network: names the elements and the remedy.
     """
-    path = Path(path)
     graph = load_graph(path)
     try:
         return graph.network()
-    except StructureViolated as error:
-        raise InputRefused(f"{path.name}: {error}") from error
+    except (StructureViolated, InputRefused) as error:
+        raise InputRefused(f"{printable(Path(path).name)}: {error}") from error
 
 
 def load_graph(path: Path | str) -> BondGraph:
@@ -62,9 +65,9 @@ def load_graph(path: Path | str) -> BondGraph:
         InputRefused: a file that cannot be read, or says something that is not understood; names file, key, value and
             remedy.
     """
-    path = Path(path)
-    top = _read(path)
-    name = path.name
+    source = named_file(Path(path), absent="give the path of a network's yaml file")
+    content, name = load_yaml(source), source.name
+    top = mapping({} if content is None else content, name)
     keys_of(top, _TOP, name)
     for key in ("junctions", "elements", "parameters", "output"):
         if key not in top:
@@ -72,38 +75,24 @@ def load_graph(path: Path | str) -> BondGraph:
     junctions = mapping(top["junctions"], f"{name}: junctions")
     listed = top.get("bonds", [])
     if not isinstance(listed, list):
-        raise InputRefused(f"{name}: bonds: expected a list, found {listed!r}: write `- {{from: a, to: b}}` entries")
-    elements = mapping(top["elements"], f"{name}: elements")
-    parameters = mapping(top["parameters"], f"{name}: parameters")
+        raise InputRefused(
+            f"{name}: bonds: expected a list, found {shown(listed)}: write `- {{from: a, to: b}}` entries"
+        )
+    for key in ("junctions", "elements", "bonds", "parameters", "modulations", "memories"):
+        _check_count(top.get(key, ()), f"{name}: {key}")
     try:
         return BondGraph(
-            {str(j): kind for j, kind in junctions.items()},
-            tuple(_element(str(n), said, f"{name}: elements: {n}") for n, said in elements.items()),
+            {label(j, f"{name}: junctions"): kind for j, kind in junctions.items()},
+            tuple(_each(top, "elements", _element, name)),
             tuple(_bond(said, f"{name}: bonds[{i}]") for i, said in enumerate(listed)),
-            {str(n): _parameter(str(n), said, f"{name}: parameters: {n}") for n, said in parameters.items()},
-            text(top["output"], f"{name}: output"),
+            {p.name: p for p in _each(top, "parameters", _parameter, name)},
+            label(top["output"], f"{name}: output"),
             flag(top.get("merge", True), f"{name}: merge"),
             tuple(_each(top, "modulations", _modulation, name)),
             tuple(_each(top, "memories", _memory, name)),
         )
     except StructureViolated as error:
         raise InputRefused(f"{name}: {error}") from error
-
-
-def _read(path: Path) -> Mapping[str, Any]:
-    from omegaconf import OmegaConf
-    from omegaconf.errors import OmegaConfBaseException
-    from yaml import YAMLError
-
-    try:
-        # omegaconf rather than plain yaml: it reads 1e-5 as a number and refuses a key given twice.
-        content = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
-    except FileNotFoundError as error:
-        raise InputRefused(f"{path}: there is no such file: give the path of a network's yaml file") from error
-    except (YAMLError, OmegaConfBaseException, OSError, UnicodeDecodeError) as error:
-        cause = " ".join(str(error).split())
-        raise InputRefused(f"{path.name}: not readable as yaml ({cause}): correct it at the line named") from error
-    return mapping(content, path.name)
 
 
 def _element(name: str, said: Any, where: str) -> Element:
@@ -114,14 +103,14 @@ def _element(name: str, said: Any, where: str) -> Element:
     kind = choice(content.get("type"), tuple(kinds), f"{where}: type")
     if "junction" not in content:
         raise InputRefused(f"{where}: no `junction`: name the junction that it hangs on")
-    return kinds[kind](name, text(content["junction"], f"{where}: junction"), content, where)
+    return kinds[kind](name, label(content["junction"], f"{where}: junction"), content, where)
 
 
 def _store(kind: type[C | I]) -> Callable[..., Element]:
     def make(name: str, junction: str, content: Mapping[str, Any], where: str) -> Element:
         keys_of(content, _STORE, where)
         law, parameters = _law(content, "capacitor", STORAGE_LAWS, where)
-        return kind(name, junction, law, parameters, text(content.get("unit", "1"), f"{where}: unit"))
+        return kind(name, junction, law, parameters, label(content.get("unit", "1"), f"{where}: unit"))
 
     return make
 
@@ -130,7 +119,7 @@ def _resistor(name: str, junction: str, content: Mapping[str, Any], where: str) 
     keys_of(content, _RESISTOR, where)
     law, parameters = _law(content, "linear", RESISTOR_LAWS, where)
     direction = choice(content.get("direction", DIRECTIONS[0]), DIRECTIONS, f"{where}: direction")
-    reads = text(content["reads"], f"{where}: reads") if "reads" in content else None
+    reads = label(content["reads"], f"{where}: reads") if "reads" in content else None
     return R(name, junction, law, parameters, direction, reads)
 
 
@@ -138,7 +127,7 @@ def _source(kind: type[Se | Sf]) -> Callable[..., Element]:
     def make(name: str, junction: str, content: Mapping[str, Any], where: str) -> Element:
         keys_of(content, _SOURCE, where)
         law, parameters = _law(content, "linear", PORT_LAWS, where)
-        unit = text(content.get("unit", "1"), f"{where}: unit")
+        unit = label(content.get("unit", "1"), f"{where}: unit")
         return kind(name, junction, unit, content.get("sign", 1), law, parameters)
 
     return make
@@ -149,7 +138,7 @@ def _law(content: Mapping[str, Any], default: str, laws: Mapping[str, Any], wher
     law = choice(content.get("law", default), tuple(laws), f"{where}: law")
     given = content.get("parameters", [])
     names = given if isinstance(given, list) else [given]
-    parameters = tuple(text(n, f"{where}: parameters") for n in names)
+    parameters = tuple(label(n, f"{where}: parameters") for n in names)
     wanted = len(laws[law].example)
     if len(parameters) != wanted:
         raise InputRefused(
@@ -159,8 +148,13 @@ def _law(content: Mapping[str, Any], default: str, laws: Mapping[str, Any], wher
 
 
 def _each(top: Mapping[str, Any], key: str, make: Callable[[str, Any, str], Any], file: str) -> list[Any]:
-    said = mapping(top.get(key, {}), f"{file}: {key}")
-    return [make(str(n), content, f"{file}: {key}: {n}") for n, content in said.items()]
+    said = {label(n, f"{file}: {key}"): content for n, content in mapping(top.get(key, {}), f"{file}: {key}").items()}
+    return [make(n, content, f"{file}: {key}: {n}") for n, content in said.items()]
+
+
+def _check_count(said: Any, where: str) -> None:
+    if isinstance(said, list | Mapping) and len(said) > LIMITS.elements:
+        raise InputRefused(f"{where}: there are {len(said)}, at most {LIMITS.elements} are accepted: split the network")
 
 
 def _modulation(ratio: str, said: Any, where: str) -> Modulation:
@@ -169,7 +163,7 @@ def _modulation(ratio: str, said: Any, where: str) -> Modulation:
     if "by" not in content:
         raise InputRefused(f"{where}: no `by`: name the storage or memory that the ratio follows")
     return Modulation(
-        ratio, text(content["by"], f"{where}: by"), *_law(content, next(iter(FACTOR_LAWS)), FACTOR_LAWS, where)
+        ratio, label(content["by"], f"{where}: by"), *_law(content, next(iter(FACTOR_LAWS)), FACTOR_LAWS, where)
     )
 
 
@@ -178,8 +172,8 @@ def _memory(name: str, said: Any, where: str) -> Memory:
     keys_of(content, _MEMORY, where)
     law, parameters = _law(content, next(iter(MEMORY_LAWS)), MEMORY_LAWS, where)
     of = content.get("of", [])
-    drives = tuple(text(n, f"{where}: of") for n in (of if isinstance(of, list) else [of]))
-    return Memory(name, law, parameters, drives, text(content.get("unit", "1"), f"{where}: unit"))
+    drives = tuple(label(n, f"{where}: of") for n in (of if isinstance(of, list) else [of]))
+    return Memory(name, law, parameters, drives, label(content.get("unit", "1"), f"{where}: unit"))
 
 
 def _bond(said: Any, where: str) -> Link:
@@ -189,11 +183,11 @@ def _bond(said: Any, where: str) -> Link:
     for key in ("from", "to"):
         if key not in content:
             raise InputRefused(f"{where}: no `{key}`: a bond goes from one junction to another")
-    start, end = (text(content[key], f"{where}: {key}") for key in ("from", "to"))
+    start, end = (label(content[key], f"{where}: {key}") for key in ("from", "to"))
     if kind == "bond":
         return Bond(start, end)
     ratio = content.get("ratio", 1.0)
-    given: Ratio = ratio if isinstance(ratio, str) else number(ratio, f"{where}: ratio")
+    given: Ratio = label(ratio, f"{where}: ratio") if isinstance(ratio, str) else number(ratio, f"{where}: ratio")
     return TF(start, end, given) if kind == "TF" else GY(start, end, given)
 
 
@@ -203,7 +197,8 @@ def _parameter(name: str, said: Any, where: str) -> Parameter:
     if "value" not in content:
         raise InputRefused(f"{where}: no value: write {{value: ..., unit: ...}} in SI units")
     value = number(content["value"], f"{where}: value")
-    unit, about = (str(content.get(key, other)) for key, other in (("unit", "1"), ("description", "")))
+    unit = label(content.get("unit", "1"), f"{where}: unit")
+    about = printable(str(content.get("description", "")))
     said_numbers: dict[str, Any] = {key: number(content[key], f"{where}: {key}") for key in _NUMBERS if key in content}
     above_zero = flag(content.get("positive", False), f"{where}: positive")
     if above_zero:

@@ -4,20 +4,31 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+from phnn.chain.domains import DOMAINS
 from phnn.errors import InputRefused, PhnnError
+from phnn.intake.files import named_file
+from phnn.intake.json_file import load_json
+from phnn.intake.limits import LIMITS
+from phnn.intake.names import printable
 from phnn.integrate.program import compile_network
 from phnn.models.learned import as_json, from_json
+from phnn.models.typed import a_count, a_list, a_name, a_number, a_text, an_object, brief, of_fields
+from phnn.network.checks import check_laws
 from phnn.network.elements import Coupling, Memory, Modulation, Network, Port, Resistor, Storage
 from phnn.output import Place, claim
 from phnn.parameters import Parameter
 from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Own, Setup, Source
 
+T = TypeVar("T")
 SCHEMA = "phnn.model/1"
+_REMEDY = "give model/ or base/ of a result"
 FILE = "model.json"
 
 
@@ -59,64 +70,115 @@ def save(setup: Setup, folder: Path | Place, substeps: int = 1) -> None:
         (place / FILE).write(data)
 
 
-def load(folder: Path) -> tuple[Setup, int]:
+def load(folder: Path, outside: bool = False) -> tuple[Setup, int]:
     """Read a setup and its sub-steps from a folder that `save` wrote.
 
+    What is returned is passive: every parameter lies in the domain of its law, whatever the file says of it.
+
+    Args:
+        outside: the file in the folder may be a link that leads out of it.
+
     Raises:
-        InputRefused: the file is absent, no json, or not a model of this package.
+        InputRefused: the file is absent, too large, no json, or not a model of this package; names what is wrong.
     """
-    path = folder / FILE if folder.is_dir() else folder
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputRefused(f"{path}: cannot be read ({error.strerror}): give model/ or base/ of a result") from error
-    except ValueError as error:
-        raise InputRefused(f"{path}: is not json ({error}): give model/ or base/ of a result") from error
+    path = folder / FILE if os.path.isdir(folder) else folder
+    source = named_file(path, (folder,) if path != folder else (), "", f"the model cannot be read, {_REMEDY}", outside)
+    shown = printable(str(path))
+    content = load_json(source, LIMITS.model_bytes, "a model", _REMEDY)
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise InputRefused(f"{path}: is no {SCHEMA} file: give model/ or base/ of a result of this version")
+        raise InputRefused(f"{shown}: is no {SCHEMA} file: give model/ or base/ of a result of this version")
     try:
-        setup, substeps = _setup(content), int(content["substeps"])
+        setup = _setup(content)
+        check_laws(setup.network)
         compile_network(setup.network)
-        unknown = [b.kind for b in setup.amplifier if b.kind not in AMPLIFIERS]
-        unknown += [b.kind for b in setup.sensor if b.kind not in SENSORS]
-        unknown += [s.kind for s in setup.sources if s.kind not in SOURCES]
-        if unknown or substeps < 1:
-            raise ValueError(f"unknown block {unknown[0]}" if unknown else f"substeps {substeps}")
-        chain: tuple[Block | Source, ...] = (*setup.amplifier, *setup.sensor, *setup.sources)
-        missing = [n for b in chain for n in b.parameters if n not in setup.parameters]
-        missing += [s.port for s in setup.sources if s.port not in [p.name for p in setup.network.ports]]
-        if missing:
-            raise ValueError(f"no parameter or port {missing[0]}")
-        return setup, substeps
-    except (KeyError, TypeError, ValueError, AttributeError, PhnnError) as error:
-        raise InputRefused(f"{path}: is damaged ({type(error).__name__}: {error}): write the model again") from error
+        _check_chain(setup)
+        return setup, a_count(content["substeps"], "substeps", 1, LIMITS.substeps)
+    except (KeyError, ValueError, PhnnError) as error:
+        kind = f"no {error}" if isinstance(error, KeyError) else printable(str(error))
+        raise InputRefused(f"{shown}: is damaged ({kind}): write the model again") from error
+
+
+def _check_chain(setup: Setup) -> None:
+    """Refuse blocks and sources of unknown kinds, with other parameters than they take, or values out of their domains.
+
+    Raises:
+        ValueError, InputRefused: with what is wrong.
+    """
+    ports = [p.name for p in setup.network.ports]
+    if not ports:
+        raise ValueError("the network has no port for the recorded input")
+    stages: tuple[tuple[str, Mapping[str, Any], Sequence[Block | Source]], ...] = (
+        ("amplifier", AMPLIFIERS, setup.amplifier),
+        ("sensor", SENSORS, setup.sensor),
+        ("source", SOURCES, setup.sources),
+    )
+    for stage, kinds, blocks in stages:
+        for block in blocks:
+            if block.kind not in kinds:
+                raise ValueError(f"unknown {stage} {brief(block.kind)}; there are {', '.join(kinds)}")
+            domains = DOMAINS[block.kind]
+            if len(block.parameters) != len(domains):
+                raise ValueError(f"{stage} {block.kind} takes {len(domains)} parameters, not {len(block.parameters)}")
+            for name, domain in zip(block.parameters, domains, strict=True):
+                if name not in setup.parameters:
+                    raise ValueError(f"no parameter {name} of {stage} {block.kind}")
+                setup.parameters[name].within(domain, f"{stage} {block.kind}")
+    for source in setup.sources:
+        if source.port not in ports[1:]:
+            raise ValueError(f"source {source.kind} acts on the port {source.port}, which is none beside the first")
 
 
 def _setup(content: Mapping[str, Any]) -> Setup:
     network = Network(
-        storages=tuple(Storage(**_with_law(s)) for s in content["storages"]),
-        resistors=tuple(Resistor(**_with_law(r)) for r in content["resistors"]),
-        couplings=tuple(Coupling(**c) for c in content["couplings"]),
-        ports=tuple(Port(**_tupled(p)) for p in content["ports"]),
-        parameters={n: _parameter(p) for n, p in content["parameters"].items()},
-        output=content["output"],
+        storages=_all(content, "storages", _lawful(Storage)),
+        resistors=_all(content, "resistors", _lawful(Resistor)),
+        couplings=_all(content, "couplings", partial(of_fields, Coupling)),
+        ports=_all(content, "ports", partial(of_fields, Port)),
+        parameters=_parameters(content, "parameters"),
+        output=a_name(content["output"], "output"),
         # Files of earlier versions have none of these, nor sources and own parts.
-        modulations=tuple(Modulation(**_tupled(m)) for m in content.get("modulations", ())),
-        memories=tuple(Memory(**_tupled(m)) for m in content.get("memories", ())),
+        modulations=_all({"modulations": [], **content}, "modulations", partial(of_fields, Modulation)),
+        memories=_all({"memories": [], **content}, "memories", partial(of_fields, Memory)),
     )
+    lines = a_list(content.get("lines", []), "lines", LIMITS.lines)
+    frequencies = tuple(a_number(f, "a line") for f in lines)
+    if any(f <= 0.0 for f in frequencies):
+        raise ValueError("a line has a frequency that is not positive")
     return Setup(
         network=network,
-        amplifier=tuple(Block(**_tupled(b)) for b in content["amplifier"]),
-        sensor=tuple(Block(**_tupled(b)) for b in content["sensor"]),
-        block_parameters={n: _parameter(p) for n, p in content["block_parameters"].items()},
-        name=content["name"],
-        sources=tuple(Source(**_tupled(s)) for s in content.get("sources", ())),
-        own=Own(tuple(float(f) for f in content.get("lines", ())), int(content.get("courses", 0))),
+        amplifier=_all(content, "amplifier", partial(of_fields, Block)),
+        sensor=_all(content, "sensor", partial(of_fields, Block)),
+        block_parameters=_parameters(content, "block_parameters"),
+        name=a_text(content["name"], "name"),
+        sources=_all({"sources": [], **content}, "sources", partial(of_fields, Source)),
+        own=Own(frequencies, a_count(content.get("courses", 0), "courses", 0, LIMITS.lines)),
     )
 
 
-def _tupled(element: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: tuple(v) if isinstance(v, list) else v for k, v in element.items()}
+def _all(content: Mapping[str, Any], key: str, make: Callable[[Any, str], T]) -> tuple[T, ...]:
+    return tuple(make(item, f"{key}[{i}]") for i, item in enumerate(a_list(content[key], key)))
+
+
+def _lawful(kind: type[T]) -> Callable[[Any, str], T]:
+    """Makes elements whose law is a name or the weights of a learned one."""
+
+    def make(content: Any, where: str) -> T:
+        given = an_object(content, where)
+        law = from_json(given["law"]) if "law" in given else None
+        return of_fields(kind, {**given, "law": law} if law is not None else given, where)
+
+    return make
+
+
+def _parameters(content: Mapping[str, Any], key: str) -> dict[str, Parameter]:
+    given = an_object(content[key], key)
+    if len(given) > 4 * LIMITS.elements:
+        raise ValueError(f"{len(given)} {key}, at most {4 * LIMITS.elements} are accepted")
+    table = {a_name(n, key): _parameter(p, f"the parameter {brief(n)}") for n, p in given.items()}
+    for name, parameter in table.items():
+        if parameter.name != name:
+            raise ValueError(f"the parameter {brief(name)} calls itself {brief(parameter.name)}")
+    return table
 
 
 def _element(element: Storage | Resistor) -> dict[str, Any]:
@@ -124,18 +186,15 @@ def _element(element: Storage | Resistor) -> dict[str, Any]:
     return asdict(replace(element, law="")) | {"law": as_json(element.law)}
 
 
-def _with_law(element: Mapping[str, Any]) -> dict[str, Any]:
-    return _tupled(element) | {"law": from_json(element["law"])}
-
-
 def _plain(parameter: Parameter) -> dict[str, Any]:
     # JSON has no infinity: an absent bound is null.
     return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in asdict(parameter).items()}
 
 
-def _parameter(content: Mapping[str, Any]) -> Parameter:
-    values: dict[str, Any] = dict(content)
-    for bound, unbounded in (("lower", -math.inf), ("upper", math.inf)):
-        if values.get(bound) is None:
-            values[bound] = unbounded
-    return Parameter(**values)
+def _parameter(content: Any, where: str) -> Parameter:
+    values = dict(an_object(content, where))
+    for bound in ("lower", "upper"):
+        # An absent bound is infinite.
+        if bound in values and values[bound] is None:
+            del values[bound]
+    return of_fields(Parameter, values, where)

@@ -1,92 +1,171 @@
-"""Reading arrays: .mat (v5 and v7.3), .h5, .npy and .npz files."""
+"""Reading arrays: .mat (v5 and v7.3), .h5, .npy and .npz files.
+
+What a file holds is listed first, by name, shape and type; numbers are read when somebody asks for them, after their
+size has been held against the memory.
+"""
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import Any
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from phnn.errors import InputRefused
+from phnn.intake.files import Source
+from phnn.intake.limits import LIMITS
+from phnn.intake.names import printable
+from phnn.recordings.hdf5_files import datasets, is_hdf5
 from phnn.recordings.mat_layout import check_layout, is_v5
-from phnn.recordings.table import Table, Where
+from phnn.recordings.stored import NUMBERS, Stored, lazily
+from phnn.recordings.table import Column, Table, Where
 
-_MOST_COLUMNS = 64
-# Bytes of an HDF5 superblock up to the length of the file, whatever its version.
-_SUPERBLOCK = 52
+_SHOWN = 5
 
 
-def read_mat(path: Path) -> Table:
+def read_mat(source: Source) -> Table:
     """The numeric variables of a .mat file.
 
     Vectors are found by name, structure fields as ``name.field``, the columns of a matrix as ``name[0]``, ….
 
     Raises:
-        InputRefused: not a .mat file, damaged, or without numbers.
+        InputRefused: not a .mat file, damaged, too large, or without numbers.
     """
-    if not _is_hdf5(path):
-        return _named(path, _load_v5(path))
-    return _named(path, _load_hdf5(path, "damaged .mat v7.3 file", "save it again from MATLAB", transposed=True))
+    if not is_hdf5(source):
+        return _named(source, _arrays(_load_v5(source)))
+    return _named(source, datasets(source, "damaged .mat v7.3 file", "save it again from MATLAB", transposed=True))
 
 
-def read_hdf5(path: Path) -> Table:
+def read_hdf5(source: Source) -> Table:
     """The numeric datasets of an HDF5 file, those of a group as ``group.dataset``, columns as in `read_mat`.
 
     Raises:
-        InputRefused: not an HDF5 file, damaged, or without numbers.
+        InputRefused: not an HDF5 file, damaged, too large, leading to other files, or without numbers.
     """
-    return _named(path, _load_hdf5(path, "not a readable HDF5 file", "export it again"))
+    return _named(source, datasets(source, "not a readable HDF5 file", "export it again"))
 
 
-def read_npz(path: Path) -> Table:
-    """The arrays of an archive by name, columns as in `read_mat`.
+def read_npz(source: Source) -> Table:
+    """The arrays of an archive by name, columns as in `read_mat`; those that nobody asks for are not read.
 
     Raises:
         InputRefused: not an archive of arrays, damaged, or without numbers.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            content = dict(archive)
+        with source.open() as file, zipfile.ZipFile(file) as archive:
+            members = [m for m in archive.infolist() if m.filename.endswith(".npy")]
+            if len(members) > LIMITS.variables:
+                raise ValueError(f"{len(members)} arrays, at most {LIMITS.variables} are accepted")
+            found = []
+            for member in members:
+                with archive.open(member) as stream:
+                    shape, dtype = _header(stream)
+                found.append(Stored(member.filename[:-4], shape, dtype, _member(source, member, shape, dtype)))
+    except InputRefused:
+        raise
     except Exception as error:  # a damaged archive raises whatever zipfile and numpy stumble over
-        raise InputRefused(
-            f"{path.name}: not a readable .npz file ({error}): save it again with numpy.savez"
-        ) from error
-    return _named(path, content)
+        raise _unreadable_npz(source, error) from error
+    return _named(source, found)
 
 
-def _named(path: Path, content: Mapping[str, Any]) -> Table:
-    variables = dict(_vectors(content))
-    if not variables:
-        raise InputRefused(f"{path.name}: no numeric variables in it: save the samples as vectors")
-    return Table(Where(path.name), tuple(variables), tuple(variables.values()), by_name=True)
+def _member(
+    source: Source, member: zipfile.ZipInfo, shape: tuple[int, ...], dtype: np.dtype
+) -> Callable[[], np.ndarray]:
+    def load() -> np.ndarray:
+        source.check_memory(math.prod(shape) * dtype.itemsize, member.compress_type != zipfile.ZIP_STORED)
+        try:
+            with source.open() as file, zipfile.ZipFile(file) as archive, archive.open(member) as stream:
+                array: np.ndarray = np.lib.format.read_array(stream, allow_pickle=False)
+                # The checksum is held against the content at its end.
+                if stream.read(1):
+                    raise ValueError(f"{member.filename} is longer than it says")
+                return array
+        except Exception as error:  # as above
+            raise _unreadable_npz(source, error) from error
+
+    return load
 
 
-def read_npy(path: Path) -> Table:
+def _unreadable_npz(source: Source, error: Exception) -> InputRefused:
+    return InputRefused(f"{source.name}: not a readable .npz file ({error}): save it again with numpy.savez")
+
+
+def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type that the head of a .npy file states."""
+    version = np.lib.format.read_magic(stream)
+    read = np.lib.format.read_array_header_1_0 if version[0] == 1 else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(stream)
+    return shape, dtype
+
+
+def _arrays(content: Mapping[str, Any], prefix: str = "") -> Iterator[Stored]:
+    for name, value in content.items():
+        full = prefix + name
+        if isinstance(value, Mapping):
+            yield from _arrays(value, full + ".")
+            continue
+        array = np.asarray(value)
+        yield Stored(full, array.shape, array.dtype, array.view)
+
+
+def _named(source: Source, found: Iterable[Stored]) -> Table:
+    """The columns of all arrays of numbers, by name."""
+    columns: dict[str, Column] = {}
+    left: list[str] = []
+    for stored in found:
+        name = printable(stored.name)
+        shape = tuple(n for n in stored.shape if n != 1)
+        if stored.dtype.kind not in NUMBERS:
+            continue
+        load = lazily(stored)
+        if len(shape) <= 1:
+            columns[name] = _vector(load)
+        elif len(shape) == 2 and shape[1] <= LIMITS.columns:
+            columns |= {f"{name}[{i}]": _column_of(load, i) for i in range(shape[1])}
+        else:
+            left.append(f"{name}, {' × '.join(map(str, stored.shape))}")
+    if not columns:
+        more = f" (left out, with more than {LIMITS.columns} columns: {'; '.join(left[:_SHOWN])})" if left else ""
+        raise InputRefused(f"{source.name}: no numeric variables in it{more}: save the samples as vectors")
+    return Table(Where(source.name), tuple(columns), tuple(columns.values()), by_name=True)
+
+
+def _vector(load: Callable[[], np.ndarray]) -> Column:
+    return lambda: np.atleast_1d(np.squeeze(load()))
+
+
+def _column_of(load: Callable[[], np.ndarray], i: int) -> Column:
+    return lambda: np.squeeze(load())[:, i]
+
+
+def read_npy(source: Source) -> Table:
     """A two-dimensional array (samples, columns), or a structured one with named fields.
 
     Raises:
         InputRefused: not a .npy file, damaged, or of another shape.
     """
-    array = _load_npy(path)
+    array, most = _load_npy(source), LIMITS.columns
     if array.dtype.names:
         fields = array.reshape(-1)
-        return Table(Where(path.name), array.dtype.names, tuple(fields[name] for name in array.dtype.names))
+        names = [printable(name) for name in array.dtype.names]
+        return Table(Where(source.name), tuple(names), tuple(fields[name] for name in array.dtype.names))
     if array.ndim != 2:
         raise InputRefused(
-            f"{path.name}: an array of shape {array.shape}: save it as (samples, columns) with voltage and "
+            f"{source.name}: an array of shape {array.shape}: save it as (samples, columns) with voltage and "
             f"displacement among the columns, or say in recordings.yaml what its axes are, such as "
             f"axes: [time, channel, realisation, period]"
         )
-    if array.shape[0] < array.shape[1] and array.shape[0] <= _MOST_COLUMNS:
+    if array.shape[0] < array.shape[1] and array.shape[0] <= most:
         array = array.T  # channels along the first axis: never more channels than samples
-    if array.shape[1] > _MOST_COLUMNS:
-        raise InputRefused(f"{path.name}: shape {array.shape} is no table of samples: save it as (samples, columns)")
-    return Table(Where(path.name), ("",) * array.shape[1], tuple(array.T))
+    if array.shape[1] > most:
+        raise InputRefused(f"{source.name}: shape {array.shape} is no table of samples: save it as (samples, columns)")
+    return Table(Where(source.name), ("",) * array.shape[1], tuple(array.T))
 
 
-def read_axes(path: Path, axes: Sequence[str]) -> Table:
+def read_axes(source: Source, axes: Sequence[str]) -> Table:
     """An array whose axes are time and any of channel, realisation and period, as of a periodic experiment.
 
     The periods of a realisation follow one another, and so do the realisations, each a segment.
@@ -94,12 +173,12 @@ def read_axes(path: Path, axes: Sequence[str]) -> Table:
     Raises:
         InputRefused: not a .npy file, damaged, or with another number of axes.
     """
-    if path.suffix.lower() != ".npy":
-        raise InputRefused(f"{path.name}: `axes` describe a .npy array: leave them out, or save it with numpy.save")
-    array = _load_npy(path)
+    if source.suffix != ".npy":
+        raise InputRefused(f"{source.name}: `axes` describe a .npy array: leave them out, or save it with numpy.save")
+    array = _load_npy(source)
     if array.ndim != len(axes) or array.dtype.kind not in "iuf":
         raise InputRefused(
-            f"{path.name}: an array of shape {array.shape} and type {array.dtype}, said to have the axes "
+            f"{source.name}: an array of shape {array.shape} and type {array.dtype}, said to have the axes "
             f"{', '.join(axes)}: name as many, of real numbers"
         )
     whole = np.expand_dims(array, tuple(range(array.ndim, 4)))
@@ -107,98 +186,54 @@ def read_axes(path: Path, axes: Sequence[str]) -> Table:
     order = [[*axes, *absent].index(name) for name in ("realisation", "period", "time", "channel")]
     ordered = whole.transpose(order)
     realisations, periods, samples, channels = ordered.shape
-    if channels > _MOST_COLUMNS:
-        raise InputRefused(f"{path.name}: {channels} channels: correct the order of `axes`")
+    if channels > LIMITS.columns:
+        raise InputRefused(f"{source.name}: {channels} channels: correct the order of `axes`")
+    if not array.size:
+        raise InputRefused(f"{source.name}: an array of shape {array.shape} holds no samples: save it again")
     columns = ordered.reshape(-1, channels)
-    return Table(Where(path.name), ("",) * channels, tuple(columns.T), shape=(realisations, periods, samples))
+    return Table(Where(source.name), ("",) * channels, tuple(columns.T), shape=(realisations, periods, samples))
 
 
-def _load_npy(path: Path) -> np.ndarray:
+def _load_npy(source: Source) -> np.ndarray:
     try:
-        array = np.load(path, allow_pickle=False)
+        with source.open() as file:
+            shape, dtype = _header(file)
+            size, held = math.prod(shape) * dtype.itemsize, source.size - file.tell()
+            if size > held:
+                raise ValueError(f"its head states {size} bytes of numbers, {held} follow")
+            source.check_memory(size)
+            file.seek(0)
+            array: np.ndarray = np.load(file, allow_pickle=False)
+            return array
+    except InputRefused:
+        raise
     except Exception as error:  # a damaged header raises whatever numpy's parser stumbles over
-        raise InputRefused(f"{path.name}: not a readable .npy file ({error}): save it again with numpy.save") from error
-    if not isinstance(array, np.ndarray):
-        raise InputRefused(f"{path.name}: an archive of arrays, not one array: save one array with numpy.save")
-    return array
+        raise InputRefused(
+            f"{source.name}: not a readable .npy file ({printable(str(error))}): save it again with numpy.save"
+        ) from error
 
 
-def _is_hdf5(path: Path) -> bool:
-    import h5py
+def _load_v5(source: Source) -> Mapping[str, Any]:
+    import mmap
 
-    return bool(h5py.is_hdf5(path))
-
-
-def _load_v5(path: Path) -> Mapping[str, Any]:
     import scipy.io
 
-    if path.stat().st_size == 0:
-        raise InputRefused(f"{path.name}: the file is empty: record it again or remove it")
+    if source.size == 0:
+        raise InputRefused(f"{source.name}: the file is empty: record it again or remove it")
+    source.check_memory(source.size)
     try:
-        raw = path.read_bytes()
-        if is_v5(raw):
-            check_layout(raw)
-        with warnings.catch_warnings():
-            warnings.filterwarnings("error", message="We do not support byte ordering")
-            content = scipy.io.loadmat(path, simplify_cells=True)
+        with source.open() as file:
+            # Only what is looked at comes into memory.
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
+                if is_v5(raw):
+                    source.check_memory(check_layout(raw, LIMITS.unpacked_bytes + source.size), unpacked=True)
+            with warnings.catch_warnings():
+                warnings.filterwarnings("error", message="We do not support byte ordering")
+                content = scipy.io.loadmat(file, simplify_cells=True)
+    except InputRefused:
+        raise
     except Exception as error:  # on damaged bytes scipy raises whatever its reader stumbles over
         raise InputRefused(
-            f"{path.name}: not a readable .mat file ({type(error).__name__}: {error}): save it again from MATLAB"
+            f"{source.name}: not a readable .mat file ({type(error).__name__}: {error}): save it again from MATLAB"
         ) from error
     return {name: value for name, value in content.items() if not name.startswith("__")}
-
-
-def _load_hdf5(path: Path, cause: str, remedy: str, transposed: bool = False) -> Mapping[str, Any]:
-    """Datasets by name, groups as mappings; MATLAB stores every array transposed."""
-    import h5py
-
-    def content(group: Any) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for name, item in group.items():
-            if isinstance(item, h5py.Group):
-                found[name] = {} if name.startswith("#") else content(item)
-            else:
-                found[name] = np.asarray(item).T if transposed else np.asarray(item)
-        return found
-
-    try:
-        with h5py.File(path, "r") as file:
-            _check_length(path, file.userblock_size)
-            return content(file)
-    except Exception as error:  # on damaged bytes h5py raises errors of many kinds
-        raise InputRefused(f"{path.name}: {cause} ({error}): {remedy}") from error
-
-
-def _check_length(path: Path, superblock: int) -> None:
-    """An HDF5 file states its length in its superblock; bytes that slipped in have moved what lies behind them.
-
-    Zeros at the end, which fill a block, have not.
-
-    Raises:
-        ValueError: it has another length.
-    """
-    with path.open("rb") as file:
-        file.seek(superblock)
-        head = file.read(_SUPERBLOCK)
-        end = 28 if head[8] > 1 else 40 + 4 * head[8]
-        stated, size = int.from_bytes(head[end : end + 8], "little"), path.stat().st_size
-        file.seek(min(stated, size))
-        if stated > size or any(file.read()):
-            raise ValueError(f"{size} bytes long, and says that it has {stated}")
-
-
-def _vectors(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
-    for name, value in content.items():
-        full = prefix + name
-        if isinstance(value, Mapping):
-            yield from _vectors(value, full + ".")
-            continue
-        array = np.asarray(value)
-        if array.dtype.kind not in "iufbc":
-            continue
-        array = np.squeeze(array)
-        if array.ndim <= 1:
-            yield full, np.atleast_1d(array)
-        elif array.ndim == 2 and array.shape[1] <= _MOST_COLUMNS:
-            for i in range(array.shape[1]):
-                yield f"{full}[{i}]", array[:, i]

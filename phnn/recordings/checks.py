@@ -2,30 +2,47 @@
 
 from __future__ import annotations
 
+import os
+import stat
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from phnn.errors import InputRefused
+from phnn.intake.limits import LIMITS
+from phnn.intake.names import printable
 from phnn.recordings.table import Where
 from phnn.signals.noise import quantisation_step
 
 FEWEST_SAMPLES = 50
+# Characters of a path in a message.
+_SHOWN = 200
 LARGEST_JITTER = 0.01  # of the sampling interval
 LARGEST_CLIPPED_SHARE = 0.02
 SHORTEST_CLIPPED_RUN = 5
 LARGEST_VALUE = 1e30
+# What varies by less is constant, in any unit; its squares would be no numbers any more.
+SMALLEST_RANGE = 1e-60
+# Shortest and longest sampling interval, s: a decade beyond the fastest digitiser, and thirty years.
+INTERVALS = (1e-13, 1e9)
 # Largest voltages and strokes of piezo actuators, SI: a decade beyond what is sold, from sensor to transducer.
 ACTUATORS = {"voltage": (1e-5, 1e5, "V"), "displacement": (1e-10, 1e-2, "m")}
 
 
 def folder_exists(folder: Path) -> None:
-    """Refuse a folder that is absent or a file."""
-    if not folder.exists():
-        raise InputRefused(f"folder {folder}: there is no such folder: check the path")
-    if not folder.is_dir():
-        raise InputRefused(f"{folder}: this is a file: give the folder that holds it (one file is one recording)")
+    """Refuse a folder that is absent, out of reach or a file."""
+    name = printable(str(folder))
+    try:
+        # Unlike `Path.exists`, this says why a path cannot be looked at.
+        found = folder.stat()
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise InputRefused(f"folder {name}: there is no such folder: check the path") from error
+    except (OSError, ValueError) as error:
+        cause = getattr(error, "strerror", None) or str(error)
+        raise InputRefused(f"folder {name[:_SHOWN]}: cannot be reached ({cause}): check the path") from error
+    if not stat.S_ISDIR(found.st_mode):
+        raise InputRefused(f"{name}: this is a file: give the folder that holds it (one file is one recording)")
 
 
 def any_recordings(files: Sequence[Path], left: Sequence[str], folder: Path) -> None:
@@ -34,15 +51,30 @@ def any_recordings(files: Sequence[Path], left: Sequence[str], folder: Path) -> 
         return
     found = f"; it holds {', '.join(left[:8])}" if left else "; it is empty"
     raise InputRefused(
-        f"folder {folder}: no recordings in it{found}: add .csv files with columns time_s, voltage_V, displacement_um, "
-        f"or describe the files in recordings.yaml"
+        f"folder {printable(str(folder))}: no recordings in it{found}: add .csv files with columns "
+        f"time_s, voltage_V, displacement_um, or describe the files in recordings.yaml"
     )
 
 
 def file_exists(path: Path, where: str) -> None:
     """Refuse a manifest entry whose file is absent."""
-    if not path.is_file():
-        raise InputRefused(f"{where}: file {path.name!r} is not in {path.parent}: correct its name or remove the entry")
+    if not os.path.lexists(path):
+        raise InputRefused(
+            f"{where}: file {printable(path.name)[:_SHOWN]!r} is not in {printable(str(path.parent))[:_SHOWN]}: "
+            f"correct its name or remove the entry"
+        )
+
+
+def not_too_many(recordings: int, samples: int, folder: Path) -> None:
+    """Refuse more recordings or samples than the limits say."""
+    for count, most, what in (
+        (recordings, LIMITS.recordings, "recordings"),
+        (samples, LIMITS.samples, "samples"),
+    ):
+        if count > most:
+            raise InputRefused(
+                f"folder {printable(str(folder))}: more than {most} {what}: divide them among several folders"
+            )
 
 
 def unique_names(names: Iterable[tuple[str, str]]) -> None:
@@ -144,6 +176,16 @@ def time_advances(t: np.ndarray, where: Where) -> None:
             )
 
 
+def interval(dt: float, where: Where) -> None:
+    """Refuse a sampling interval [s] that no instrument has."""
+    least, most = INTERVALS
+    if not least <= dt <= most:
+        raise InputRefused(
+            f"{where}: samples {dt:.3g} s apart, between {least:g} s and {most:g} s are accepted: correct the unit of "
+            f"time, or the sample rate"
+        )
+
+
 def no_gaps(t: np.ndarray, where: Where) -> None:
     """Refuse gaps and a change of the sampling rate within one file."""
     steps = np.diff(t)
@@ -177,7 +219,7 @@ def little_jitter(deviation: np.ndarray, dt: float, where: Where) -> None:
 
 def output_moves(y: np.ndarray, label: str, where: Where) -> None:
     """Refuse a constant output."""
-    if np.ptp(y) == 0.0:
+    if np.ptp(y) <= SMALLEST_RANGE:
         raise InputRefused(
             f"{where}: {label}: constant at {y[0]:.6g} in all {y.size} rows: check the sensor and the choice of column"
         )
@@ -185,7 +227,7 @@ def output_moves(y: np.ndarray, label: str, where: Where) -> None:
 
 def input_moves(u: np.ndarray, before: float | None, label: str, where: Where) -> None:
     """Refuse a constant input, unless the recording begins with a step from rest at ``before``."""
-    if np.ptp(u) == 0.0 and (before is None or before == u[0]):
+    if np.ptp(u) <= SMALLEST_RANGE and (before is None or abs(before - u[0]) <= SMALLEST_RANGE):
         raise InputRefused(
             f"{where}: {label}: constant at {u[0]:.6g} in all {u.size} rows, nothing drives the system: check "
             f"the column, or state the step at the start in recordings.yaml, start: {{state: rest, input_before: ...}}"

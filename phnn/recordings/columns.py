@@ -8,7 +8,7 @@ from typing import Any
 
 from phnn.errors import InputRefused
 from phnn.recordings.units import QUANTITIES, check_unit
-from phnn.recordings.values import choice, keys_of, mapping, number
+from phnn.recordings.values import choice, keys_of, label, mapping, number, shown
 
 AXES = ("time", "channel", "realisation", "period")
 
@@ -41,12 +41,13 @@ def variables_of(value: Any, inherited: Mapping[str, Column], where: str) -> dic
 
 def named_of(value: Any, quantity: str, where: str) -> dict[str, Column]:
     """Columns by the name of a port or a storage."""
-    columns = {str(n): _column(said, Column(), quantity, f"{where}: {n}") for n, said in mapping(value, where).items()}
+    content = {label(n, where): said for n, said in mapping(value, where).items()}
+    columns = {n: _column(said, Column(), quantity, f"{where}: {n}") for n, said in content.items()}
     for name, column in columns.items():
         if name in QUANTITIES or column.place is None:
             cause = "is the name of a quantity" if name in QUANTITIES else "has no column"
             raise InputRefused(
-                f"{where}: {name!r} {cause}: write NAME: {{column: ..., unit: ...}}, NAME of the network's"
+                f"{where}: {shown(name)} {cause}: write NAME: {{column: ..., unit: ...}}, NAME of the network's"
             )
     return columns
 
@@ -55,7 +56,9 @@ def axes_of(value: Any, where: str) -> tuple[str, ...]:
     """What the axes of an array are."""
     axes = tuple(choice(v, AXES, where) for v in value) if isinstance(value, list) else ()
     if "time" not in axes or len(set(axes)) < len(axes):
-        raise InputRefused(f"{where}: {value!r}: list the axes of the array in order, each once: {', '.join(AXES)}")
+        raise InputRefused(
+            f"{where}: {shown(value)}: list the axes of the array in order, each once: {', '.join(AXES)}"
+        )
     return axes
 
 
@@ -68,7 +71,9 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
     if "column" in content:
         place = content["column"]
         if isinstance(place, bool) or not isinstance(place, (int, str)) or (isinstance(place, int) and place < 0):
-            raise InputRefused(f"{where}: column {place!r} is neither an index from 0 on nor a name: give one of them")
+            raise InputRefused(
+                f"{where}: column {shown(place)} is neither an index from 0 on nor a name: give one of them"
+            )
         column = replace(column, place=place)
     if "unit" in content:
         column = replace(column, unit=check_unit(quantity, str(content["unit"]), where))

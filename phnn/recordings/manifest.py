@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused
+from phnn.intake.files import named_file
+from phnn.intake.limits import LIMITS
+from phnn.intake.yaml_file import load_yaml
 from phnn.recordings.columns import Column, axes_of, columns_of, named_of, variables_of
 from phnn.recordings.recording import Anchor, Start
-from phnn.recordings.values import choice, flag, keys_of, mapping, number, text
+from phnn.recordings.values import choice, flag, keys_of, label, mapping, number, shown, text
 
 MODELS = ("piezo_actuator", "hrc", "linear", "bouc_wen")
 STATES = ("rest", "unknown", "periodic")
@@ -77,24 +81,30 @@ class Manifest:
 DEFAULT_SETUP: Mapping[str, Any] = {"model": "piezo_actuator", "hysterons": 2}
 
 
-def load_manifest(folder: Path, path: Path | None) -> Manifest:
+def load_manifest(folder: Path, path: Path | None, outside: bool = False) -> Manifest:
     """The manifest at ``path``, else ``folder/recordings.yaml``, else the defaults.
+
+    Args:
+        outside: what lies in ``folder``, or is named in the manifest, may lead out of it.
 
     Raises:
         InputRefused: a manifest that is absent, unreadable or says something that is not understood.
     """
+    inside: tuple[Path, ...] = ()
     if path is None:
-        path = folder / "recordings.yaml"
-        if not path.is_file():
+        path, inside = folder / "recordings.yaml", (folder,)
+        if not os.path.lexists(path):
             return Manifest(DEFAULT_SETUP, {}, "command", Entry(), None, None)
-    top = _load(path)
-    name = path.name
+    source = named_file(path, inside, "manifest", "check the path given to --manifest", outside)
+    content = load_yaml(source)
+    name = source.name
+    top = mapping({} if content is None else content, name)
     keys_of(top, _TOP, name)
     common = _entry({key: top[key] for key in _SHARED if key in top}, Entry(), name)
     listed = top.get("recordings")
     entries = None if listed is None else _entries(listed, common, name)
     return Manifest(
-        _setup(top.get("setup"), name, path.parent, folder),
+        _setup(top.get("setup"), name, (path.parent, folder), outside),
         _known(top.get("known"), name),
         choice(top.get("voltage", "command"), VOLTAGES, f"{name}: voltage"),
         common,
@@ -103,27 +113,12 @@ def load_manifest(folder: Path, path: Path | None) -> Manifest:
     )
 
 
-def _load(path: Path) -> Mapping[str, Any]:
-    from omegaconf import DictConfig, OmegaConf
-    from omegaconf.errors import OmegaConfBaseException
-    from yaml import YAMLError
-
-    if not path.is_file():
-        raise InputRefused(f"manifest {path}: there is no such file: check the path given to --manifest")
-    try:
-        # omegaconf rather than plain yaml: it reads 1e-5 as a number and refuses a key given twice
-        config = OmegaConf.load(path)
-        content = OmegaConf.to_container(config, resolve=True) if isinstance(config, DictConfig) else config
-    except (YAMLError, OmegaConfBaseException, OSError, UnicodeDecodeError) as error:
-        cause = " ".join(str(error).split())
-        raise InputRefused(f"{path.name}: not readable as yaml ({cause}): correct it at the line named") from error
-    return mapping(content, f"{path.name}")
-
-
 def _entries(listed: Any, common: Entry, name: str) -> tuple[Entry, ...]:
+    if isinstance(listed, list) and len(listed) > LIMITS.recordings:
+        raise InputRefused(f"{name}: {len(listed)} recordings, at most {LIMITS.recordings} are accepted: list fewer")
     if not isinstance(listed, list) or not listed:
         raise InputRefused(
-            f"{name}: recordings must be a list such as `- {{file: loops.csv}}`, not {listed!r}: "
+            f"{name}: recordings must be a list such as `- {{file: loops.csv}}`, not {shown(listed)}: "
             f"list the files, or leave `recordings` out to take every file of the folder"
         )
     entries = []
@@ -174,7 +169,7 @@ def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
         first, *beside = (text(file, f"{where}: file") for file in files)
         entry = replace(entry, file=first, beside=tuple(beside))
     if "name" in item:
-        entry = replace(entry, name=text(item["name"], f"{where}: name"))
+        entry = replace(entry, name=label(item["name"], f"{where}: name"))
     return entry
 
 
@@ -191,14 +186,16 @@ def _start(value: Any, where: str) -> Start:
 
 def _times(value: Any, where: str) -> tuple[float, ...]:
     if not isinstance(value, list) or not value:
-        raise InputRefused(f"{where}: {value!r} is no list of times: write [0.0503, …], in seconds")
+        raise InputRefused(f"{where}: {shown(value)} is no list of times: write [0.0503, …], in seconds")
     return tuple(number(t, where) for t in value)
 
 
 def _slice(value: Any, where: str) -> tuple[int, int]:
     whole = isinstance(value, list) and len(value) == 2 and all(type(v) is int for v in value)
     if not whole or not 0 <= value[0] < value[1]:
-        raise InputRefused(f"{where}: {value!r} is no range of samples: write [first, last], first included, last not")
+        raise InputRefused(
+            f"{where}: {shown(value)} is no range of samples: write [first, last], first included, last not"
+        )
     return value[0], value[1]
 
 
@@ -206,26 +203,27 @@ def _segments(value: Any, where: str) -> bool | int:
     if isinstance(value, bool) or (isinstance(value, int) and value > 0):
         return value
     raise InputRefused(
-        f"{where}: {value!r} is neither true (jumps of time separate the segments) nor a number of samples of each"
+        f"{where}: {shown(value)} is neither true (jumps of time separate the segments) nor a number of samples of each"
     )
 
 
 def _known(value: Any, name: str) -> dict[str, Anchor]:
     anchors = {}
     for key, said in mapping(value if value is not None else {}, f"{name}: known").items():
-        where = f"{name}: known: {key}"
-        content = mapping({"value": said} if isinstance(said, (int, float)) else said, where)
+        anchor = label(key, f"{name}: known")
+        where = f"{name}: known: {anchor}"
+        content = mapping({"value": said} if isinstance(said, int | float) else said, where)
         keys_of(content, ("value", "std"), where)
         if "value" not in content:
             raise InputRefused(f"{where}: no value: write {{value: ..., std: ...}} in SI units")
         std = number(content.get("std", 0.0), f"{where}: std")
         if std < 0.0:
             raise InputRefused(f"{where}: std {std:g} is negative: give the standard deviation, 0 or more")
-        anchors[str(key)] = Anchor(number(content["value"], f"{where}: value"), std)
+        anchors[anchor] = Anchor(number(content["value"], f"{where}: value"), std)
     return anchors
 
 
-def _setup(value: Any, name: str, *homes: Path) -> Mapping[str, Any]:
+def _setup(value: Any, name: str, homes: Sequence[Path], outside: bool) -> Mapping[str, Any]:
     if value is None:
         return DEFAULT_SETUP
     where = f"{name}: setup"
@@ -234,22 +232,27 @@ def _setup(value: Any, name: str, *homes: Path) -> Mapping[str, Any]:
     content = dict(mapping(value, where))
     keys_of(content, ("model", "network", "hysterons"), where)
     if "network" in content:
-        return {**content, "network": _network_file(text(content["network"], f"{where}: network"), where, homes)}
+        return {
+            **content,
+            "network": _network_file(text(content["network"], f"{where}: network"), where, homes, outside),
+        }
     content.setdefault("model", DEFAULT_SETUP["model"])
     choice(content["model"], MODELS, f"{where}: model", "or `network: FILE.yaml` for a network of your own")
     if content["model"] in ("piezo_actuator", "hrc"):
         content.setdefault("hysterons", DEFAULT_SETUP["hysterons"])
     count = content.get("hysterons", 0)
-    if type(count) is not int or not 0 <= count <= 20:
-        raise InputRefused(f"{where}: hysterons {count!r} is no whole number from 0 to 20: give one")
+    if type(count) is not int or not 0 <= count <= LIMITS.hysterons:
+        raise InputRefused(
+            f"{where}: hysterons {shown(count)} is no whole number from 0 to {LIMITS.hysterons}: give one"
+        )
     return content
 
 
-def _network_file(file: str, where: str, homes: Iterable[Path]) -> str:
+def _network_file(file: str, where: str, homes: Sequence[Path], outside: bool) -> str:
     for home in homes:
-        if (home / file).is_file():
-            return str((home / file).resolve())
+        if os.path.lexists(home / file):
+            return str(named_file(home / file, homes, where, outside=outside).path)
     raise InputRefused(
-        f"{where}: {file!r} is neither a model ({', '.join(MODELS)}) nor a network file beside the manifest: "
+        f"{where}: {shown(file)} is neither a model ({', '.join(MODELS)}) nor a network file beside the manifest: "
         f"name one of these"
     )

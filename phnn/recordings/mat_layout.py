@@ -6,9 +6,13 @@ The layout is that of MathWorks' "MAT-File Format": a header of 128 bytes, then 
 from __future__ import annotations
 
 import math
+import mmap
 import struct
+import zlib
 from dataclasses import dataclass
 
+# The content of a file: read, or mapped into memory.
+Raw = bytes | mmap.mmap
 HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
 _BYTES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}  # numeric element types
@@ -30,31 +34,54 @@ class _Element:
     next: int  # where the following element begins
 
 
-def is_v5(raw: bytes) -> bool:
+def is_v5(raw: Raw) -> bool:
     """Whether the header names version 5; version 4 files have none."""
     return len(raw) >= HEADER and raw[126:128] in (b"IM", b"MI") and 0 not in raw[:4]
 
 
-def check_layout(raw: bytes) -> None:
-    """Walk all elements of a version 5 file. Compressed ones carry their own checksum and are not opened.
+def check_layout(raw: Raw, most: int) -> int:
+    """Walk all elements of a version 5 file, compressed ones unpacked.
+
+    Args:
+        most: bytes that are unpacked at most.
+
+    Returns:
+        How many bytes were unpacked; more than ``most`` where the walk ended before all were looked at.
 
     Raises:
         BadLayout: an element of unknown type, one that reaches beyond its container, or data of another size
             than the dimensions say.
     """
     order = "<" if raw[126:128] == b"IM" else ">"
-    position = HEADER
+    position, unpacked = HEADER, 0
     while position < len(raw):
         element = _element(raw, position, len(raw), order)
         if element.type == _MATRIX:
             _matrix(raw, element, order, 0)
-        elif element.type != _COMPRESSED:
+        elif element.type == _COMPRESSED:
+            inner = _unpacked(raw, element, most - unpacked)
+            unpacked += len(inner)
+            if unpacked > most:
+                return unpacked
+            _matrix(inner, _typed(inner, 0, len(inner), order, frozenset({_MATRIX})), order, 0)
+        else:
             raise BadLayout(f"unknown element type {element.type} at byte {position}")
         # compressed elements are not padded to 8 bytes
         position = element.last if element.type == _COMPRESSED else element.next
+    return unpacked
 
 
-def _element(raw: bytes, position: int, end: int, order: str) -> _Element:
+def _unpacked(raw: Raw, element: _Element, most: int) -> bytes:
+    """The content of a compressed element, or a little more than ``most`` bytes of it."""
+    stream = zlib.decompressobj()
+    with memoryview(raw) as view, view[element.first : element.last] as packed:
+        content = stream.decompress(packed, most + 1)
+    if len(content) <= most and not stream.eof:
+        raise BadLayout(f"the compressed element at byte {element.first} has no end")
+    return content
+
+
+def _element(raw: Raw, position: int, end: int, order: str) -> _Element:
     if position + 8 > end:
         raise BadLayout(f"the file ends within an element at byte {position}")
     kind, count = struct.unpack_from(order + "II", raw, position)
@@ -69,14 +96,14 @@ def _element(raw: bytes, position: int, end: int, order: str) -> _Element:
     return _Element(kind, position + 8, last, min(last + (-count) % 8, end))
 
 
-def _typed(raw: bytes, position: int, end: int, order: str, accepted: frozenset[int]) -> _Element:
+def _typed(raw: Raw, position: int, end: int, order: str, accepted: frozenset[int]) -> _Element:
     element = _element(raw, position, end, order)
     if element.type not in accepted:
         raise BadLayout(f"unexpected element type {element.type} at byte {position}")
     return element
 
 
-def _matrix(raw: bytes, matrix: _Element, order: str, depth: int) -> None:
+def _matrix(raw: Raw, matrix: _Element, order: str, depth: int) -> None:
     if matrix.first == matrix.last:
         return  # an empty cell or field
     if depth > _DEEPEST:
@@ -105,7 +132,7 @@ def _matrix(raw: bytes, matrix: _Element, order: str, depth: int) -> None:
         raise BadLayout(f"unknown array class {kind} at byte {matrix.first}")
 
 
-def _numbers(raw: bytes, position: int, end: int, order: str, count: int | None, is_complex: bool) -> None:
+def _numbers(raw: Raw, position: int, end: int, order: str, count: int | None, is_complex: bool) -> None:
     """Real part (and imaginary part) of ``count`` numbers; for a sparse array (``None``) rows, columns and values."""
     for _ in range((3 if count is None else 1) + is_complex):
         element = _typed(raw, position, end, order, frozenset(_BYTES))
@@ -115,7 +142,7 @@ def _numbers(raw: bytes, position: int, end: int, order: str, count: int | None,
         position = element.next
 
 
-def _nested(raw: bytes, position: int, end: int, order: str, kind: int, count: int, depth: int) -> None:
+def _nested(raw: Raw, position: int, end: int, order: str, kind: int, count: int, depth: int) -> None:
     if kind == _OBJECT:
         position = _typed(raw, position, end, order, frozenset({1})).next
     if kind != _CELL:

@@ -2,43 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from phnn.errors import InputRefused
+from phnn.intake.names import printable
 from phnn.recordings import checks
-from phnn.recordings.array_files import read_axes, read_hdf5, read_mat, read_npy, read_npz
+from phnn.recordings.array_files import read_axes
 from phnn.recordings.channels import Channel, select, unused
 from phnn.recordings.driving import with_declared
 from phnn.recordings.excitation import Excitation, excitation_of
+from phnn.recordings.folder import READERS, Files
 from phnn.recordings.manifest import Entry, Manifest, load_manifest
 from phnn.recordings.partition import Candidate, divide, whole_parts
 from phnn.recordings.recording import ACTUATOR, Campaign, Part, Recording, Start, Units, drive_of
 from phnn.recordings.sampling import on_grid
 from phnn.recordings.segments import segmented
 from phnn.recordings.table import Table, Where, beside
-from phnn.recordings.tdms_files import read_tdms
-from phnn.recordings.text_files import looks_like_numbers, read_text
-from phnn.recordings.units import UNITS, parse_name
+from phnn.recordings.units import UNITS
 from phnn.signals.noise import WHITE, NoiseFloor, noise_floor
 from phnn.signals.pooling import pooled
 
-READERS: Mapping[str, Callable[[Path], Table]] = {
-    **dict.fromkeys((".csv", ".tsv", ".dat", ".txt", ".asc", ".lvm"), read_text),
-    ".mat": read_mat,
-    **dict.fromkeys((".h5", ".hdf5"), read_hdf5),
-    ".npy": read_npy,
-    ".npz": read_npz,
-    ".tdms": read_tdms,
-}
 FURTHER = ("current", "charge", "force", "temperature")
 _NEAR_ZERO = 0.01  # of the input's range
 
 
-def read(folder: str | Path, manifest: str | Path | None = None, *, need_output: bool = True) -> Campaign:
+def read(
+    folder: str | Path, manifest: str | Path | None = None, *, need_output: bool = True, allow_outside: bool = False
+) -> Campaign:
     """Read, check and understand a folder of recordings.
 
     Args:
@@ -46,15 +40,20 @@ def read(folder: str | Path, manifest: str | Path | None = None, *, need_output:
         manifest: a ``recordings.yaml`` that lies elsewhere.
         need_output: refuse recordings without an output. Otherwise (to predict) such recordings have ``y`` NaN
             and ``noise`` NaN, and no recording is set aside: every one is a confirmation part as a whole.
+        allow_outside: files may lead out of the folder: by their paths, by links, by external parts of HDF5 files.
 
     Raises:
         InputRefused: with one message naming file, column, row, value, cause and remedy.
     """
     home = Path(folder)
     checks.folder_exists(home)
-    said = load_manifest(home, Path(manifest) if manifest is not None else None)
-    entries, left = _files(home, said)
-    drafts = [draft for entry in entries for draft in _drafts(home, entry, said, need_output)]
+    said = load_manifest(home, Path(manifest) if manifest is not None else None, allow_outside)
+    files = Files(home, said, allow_outside)
+    entries, left = files.entries()
+    drafts: list[_Draft] = []
+    for entry in entries:
+        drafts += _drafts(files, entry, said, need_output)
+        checks.not_too_many(len(drafts), sum(d.recording.t.size for d in drafts), home)
     checks.unique_names((d.recording.name, d.recording.source) for d in drafts)
     parts, new, notes = _divided(drafts, need_output)
     recordings = tuple(
@@ -67,7 +66,7 @@ def read(folder: str | Path, manifest: str | Path | None = None, *, need_output:
     notes = (_extent(recordings), *_columns(drafts), *(note for d in drafts for note in d.notes), *notes)
     if left:
         notes = (*notes, f"Left alone, no recordings: {', '.join(left)}.")
-    return Campaign(recordings, said.setup, said.known, said.voltage, notes, new, str(home))
+    return Campaign(recordings, said.setup, said.known, said.voltage, notes, new, printable(str(home)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,64 +81,15 @@ class _Draft:
     notes: tuple[str, ...]
 
 
-def _files(home: Path, said: Manifest) -> tuple[list[Entry], list[str]]:
-    """The entries to read, and the files left alone, each with its reason where that is not plain."""
-    present = sorted(p for p in home.iterdir() if not p.name.startswith(".") and p.name != "recordings.yaml")
-    if said.path is not None:
-        present = [p for p in present if p.resolve() != said.path.resolve()]
-    if said.entries is not None:
-        where = said.path.name if said.path is not None else "recordings.yaml"
-        paths = [(i, home / file) for i, entry in enumerate(said.entries) for file in entry.files]
-        for i, path in paths:
-            checks.file_exists(path, f"{where}: recordings[{i}]")
-            _reader(path)
-        listed = {path.resolve() for _, path in paths}
-        return list(said.entries), [_shown(p) for p in present if p.resolve() not in listed]
-    chosen, left = [], []
-    for path in present:
-        reason = _no_recording(path, said)
-        if reason is None:
-            chosen.append(path)
-        else:
-            left.append(_shown(path) + reason)
-    checks.any_recordings(chosen, left, home)
-    return [replace(said.common, file=path.name) for path in chosen], left
-
-
-def _shown(path: Path) -> str:
-    return path.name + ("/" if path.is_dir() else "")
-
-
-def _no_recording(path: Path, said: Manifest) -> str | None:
-    """Why a file found in the folder is no recording, in words to follow its name; ``None`` if it is one."""
-    if not path.is_file() or path.suffix.lower() not in READERS:
-        return ""
-    kind = path.suffix.lower()
-    prose = READERS[kind] is read_text and kind != ".csv" and not looks_like_numbers(path)
-    if kind == ".csv" or prose or any(column.place is not None for column in said.common.columns.values()):
-        return "" if prose else None
-    names = READERS[kind](path).names
-    described = {p[0] for name in names if name and (p := parse_name(name)) is not None}
-    if described & {"voltage", "input", "force"}:
-        return None
-    return " (numbers that nothing describes: to use it, say in recordings.yaml which columns are what)"
-
-
-def _reader(path: Path) -> Callable[[Path], Table]:
-    kind = path.suffix.lower()
-    if kind not in READERS:
-        raise InputRefused(f"{path.name}: unknown format {kind!r}: accepted are {', '.join(READERS)}")
-    return READERS[kind]
-
-
-def _drafts(home: Path, entry: Entry, said: Manifest, need_output: bool) -> list[_Draft]:
+def _drafts(files: Files, entry: Entry, said: Manifest, need_output: bool) -> list[_Draft]:
     """The recordings of a file, one for each of several outputs."""
-    paths = [home / file for file in entry.files]
-    table = beside([read_axes(p, entry.axes) if entry.axes else _reader(p)(p) for p in paths])
+    sources = [files.source(file) for file in entry.files]
+    table = beside([read_axes(s, entry.axes) if entry.axes else READERS[s.suffix](s) for s in sources])
     named = {n: ("input", c) for n, c in entry.ports.items()} | {n: ("output", c) for n, c in entry.outputs.items()}
     channels = select(table, entry.columns, named)
     u_name, y_names = _roles(entry, channels, said, table, need_output)
     pieces = segmented(entry, channels, table)
+    checks.not_too_many(len(pieces) * len(y_names), 0, files.home)
     return [_draft(piece, table, channels, (u_name, y_name), said) for piece in pieces for y_name in y_names]
 
 
@@ -166,10 +116,10 @@ def _draft(
             max(float(np.abs(u).max()), abs(before or 0.0)), "voltage", channels[u_name].label, where
         )
     excitation = _excitation(drive, dt, entry, table, where)
-    name, measures = entry.name or Path(entry.file).stem, y_name if y_name in entry.outputs else None
+    name, measures = entry.name or printable(Path(entry.file).stem), y_name if y_name in entry.outputs else None
     if measures is not None:
         name = f"{name}.{measures}"
-    floor, recording = _recording(name, ", ".join(entry.files), dt, u, y, start, entry, excitation, drive)
+    floor, recording = _recording(name, printable(", ".join(entry.files)), dt, u, y, start, entry, excitation, drive)
     further = {q: values[q] for q in FURTHER if q in values and q != u_name}
     units = Units(_si(channels[u_name]), _si(channels[y_name]) if y_name is not None else ACTUATOR.output)
     full = replace(recording, channels=further, units=units, further=ports, measures=measures or "")
@@ -246,10 +196,12 @@ def _sampled(
     values = {q: c.values[first:last] for q, c in channels.items() if q != "time"}
     checks.enough_samples(last - first, where)
     if "time" not in channels:
-        return 1.0 / checks.rate_present(entry.sample_rate_hz, table.names, table.where), values, where, []
+        dt = 1.0 / checks.rate_present(entry.sample_rate_hz, table.names, table.where)
+        checks.interval(dt, table.where)
+        return dt, values, where, []
     time = channels["time"]
     dt, values, note = on_grid(time.values[first:last], UNITS[time.unit][1], values, where)
-    return dt, values, where, [f"{entry.name or Path(entry.file).stem}: {note}."] if note else []
+    return dt, values, where, [f"{entry.name or printable(Path(entry.file).stem)}: {note}."] if note else []
 
 
 def _default_start(*inputs: np.ndarray) -> Start:

@@ -36,6 +36,7 @@ def on_grid(
         pairs = "two rows with every time, least and largest value: their means are taken"
         return dt, means, f"{pairs}; {note}" if note else pairs
     checks.time_advances(t, where)
+    checks.interval(float(np.median(np.diff(t))), where)
     checks.no_gaps(t, where)
     k = np.arange(t.size)
     dt, start = (float(c) for c in np.polyfit(k, t - t[0], 1))

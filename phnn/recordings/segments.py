@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from phnn.errors import InputRefused
+from phnn.intake.names import printable
 from phnn.recordings import checks
 from phnn.recordings.channels import Channel
 from phnn.recordings.manifest import Entry
@@ -37,7 +38,7 @@ def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> li
         pieces = list(itertools.pairwise(edges))
     elif len(pieces) == 1:
         return [replace(entry, slice=pieces[0])]
-    stem, digits = entry.name or Path(entry.file).stem, len(str(len(pieces)))
+    stem, digits = entry.name or printable(Path(entry.file).stem), len(str(len(pieces)))
     return [replace(entry, slice=piece, name=f"{stem}_{i:0{digits}d}") for i, piece in enumerate(pieces, start=1)]
 
 

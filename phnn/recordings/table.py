@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,15 @@ import numpy as np
 from phnn.errors import InputRefused
 
 DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*$")
+# Names that a message lists.
+_LISTED = 12
+# Kinds of numpy's types that may hold numbers: those themselves, texts, and complex ones, refused by name.
+_READ = "iufbcOUS"
 REMEDY_COMMA = "write numbers with a point as decimal sign"
+
+
+# The numbers or texts of a column, or what reads them.
+Column = np.ndarray | Callable[[], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -48,7 +56,7 @@ class Table:
     Attributes:
         where: the file.
         names: header names; empty texts where there is no header.
-        columns: one array per column, numeric or of texts; lengths may differ where ``by_name``.
+        columns: one array per column, numeric or of texts, or what reads it; lengths may differ where ``by_name``.
         by_name: the columns have no order (``.mat``, ``.npz``, …), so an index does not find one.
         notes: what was left out of the file, and why.
         shape: realisations, periods and samples of an array of a periodic experiment, which stand one after another.
@@ -56,7 +64,7 @@ class Table:
 
     where: Where
     names: tuple[str, ...]
-    columns: tuple[np.ndarray, ...]
+    columns: tuple[Column, ...]
     by_name: bool = False
     notes: tuple[str, ...] = ()
     shape: tuple[int, ...] = ()
@@ -68,16 +76,17 @@ class Table:
             InputRefused: there is none.
         """
         named = [n for n in self.names if n]
+        listed = ", ".join([*named[:_LISTED], *(["…"] if len(named) > _LISTED else [])])
         if isinstance(place, str):
             hits = [i for i, name in enumerate(self.names) if name == place]
             if len(hits) == 1:
                 return hits[0]
-            found = f"it has {', '.join(named)}" if named else "it has no header, give an index from 0 on"
+            found = f"it has {listed}" if named else "it has no header, give an index from 0 on"
             cause = "several columns are" if hits else "no column is"
             raise InputRefused(f"{self.where}: {cause} called {place!r}: {found}; correct recordings.yaml")
         if self.by_name:
             raise InputRefused(
-                f"{self.where}: column {place} is an index, but its variables have names only ({', '.join(named)}): "
+                f"{self.where}: column {place} is an index, but its variables have names only ({listed}): "
                 f"use `variables: {{voltage: NAME, displacement: NAME}}` in recordings.yaml"
             )
         if place >= len(self.columns):
@@ -97,8 +106,9 @@ class Table:
         Raises:
             InputRefused: a cell that is no number.
         """
-        column = self.columns[index]
-        if column.dtype.kind in "mM" or column.ndim != 1:
+        held = self.columns[index]
+        column = held() if callable(held) else held
+        if column.dtype.kind not in _READ or column.ndim != 1:
             raise InputRefused(
                 f"{self.where}: {self.label(index)} holds {column.dtype} of shape {column.shape}, not one number for "
                 f"every sample: export seconds and numbers"

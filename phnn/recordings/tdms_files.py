@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from phnn.errors import InputRefused
+from phnn.intake.files import Source
+from phnn.intake.limits import LIMITS
+from phnn.intake.names import printable
 from phnn.recordings.table import Table, Where
 
 # Bytes before the content of a segment, and the flag of its first byte order.
@@ -16,28 +19,29 @@ _LEAD_IN, _BIG_ENDIAN, _UNCLOSED = 28, 1 << 6, b"\xff" * 8
 _INTERVAL, _UNIT = "wf_increment", "unit_string"
 
 
-def read_tdms(path: Path) -> Table:
+def read_tdms(source: Source) -> Table:
     """The numeric channels as ``group.channel``, with their units; waveforms of one interval bring their time.
 
     Raises:
-        InputRefused: the package npTDMS is missing, the file is damaged, or it has no numeric channels.
+        InputRefused: the package npTDMS is missing, the file is damaged or too large, or has no numeric channels.
     """
     try:
         from nptdms import TdmsFile
     except ModuleNotFoundError as error:
-        raise InputRefused(f"{path.name}: .tdms files need the package npTDMS: pip install 'phnn[tdms]'") from error
+        raise InputRefused(f"{source.name}: .tdms files need the package npTDMS: pip install 'phnn[tdms]'") from error
     try:
-        closed = _closed(path)
-        channels = {
-            (group.name, channel.name): (np.asarray(channel[:]), dict(channel.properties))
-            for group in TdmsFile.read(path).groups()
-            for channel in group.channels()
-        }
+        closed = _closed(source)
+        with source.open() as file, TdmsFile.open(file) as content:
+            numeric = _numeric(source, content)
+        intervals = {_interval(of) for _, of in numeric.values()}
+    except InputRefused:
+        raise
     except Exception as error:  # on damaged bytes npTDMS raises errors of many kinds
-        raise InputRefused(f"{path.name}: not a readable .tdms file ({error}): export it again") from error
-    numeric = {names: c for names, c in channels.items() if c[0].dtype.kind in "iuf" and c[0].ndim == 1 and c[0].size}
+        raise InputRefused(
+            f"{source.name}: not a readable .tdms file ({printable(str(error))}): export it again"
+        ) from error
     if not numeric:
-        raise InputRefused(f"{path.name}: no numeric channels in it: record it again or remove it")
+        raise InputRefused(f"{source.name}: no numeric channels in it: record it again or remove it")
     notes: tuple[str, ...] = ()
     if not closed:
         # What was not written of a channel is missing in all.
@@ -46,14 +50,38 @@ def read_tdms(path: Path) -> Table:
         notes = ("the file was not closed, its channels are as long as the shortest",)
     several = len({group for group, _ in numeric}) > 1
     columns = {_name(group, name, of, several): values for (group, name), (values, of) in numeric.items()}
-    intervals = {float(of.get(_INTERVAL, 0.0)) for _, of in numeric.values()}
     if len(intervals) == 1 and (interval := intervals.pop()) > 0.0:
         longest = max(values.size for values in columns.values())
         columns.setdefault("time_s", interval * np.arange(longest))
-    return Table(Where(path.name), tuple(columns), tuple(columns.values()), by_name=True, notes=notes)
+    return Table(Where(source.name), tuple(columns), tuple(columns.values()), by_name=True, notes=notes)
 
 
-def _closed(path: Path) -> bool:
+def _numeric(source: Source, content: Any) -> dict[tuple[str, str], tuple[np.ndarray, dict[str, Any]]]:
+    """Numbers and properties of the channels that hold some, by group and name."""
+    channels = [c for group in content.groups() for c in group.channels()]
+    if len(channels) > LIMITS.variables:
+        raise ValueError(f"{len(channels)} channels, at most {LIMITS.variables} are accepted")
+    channels = [c for c in channels if c.dtype is not None and c.dtype.kind in "iuf" and len(c)]
+    # Nothing in such a file is packed: what it states beyond its size is not there.
+    stated = sum(len(c) * c.dtype.itemsize for c in channels)
+    source.check_memory(stated, unpacked=True)
+    found = {(c.group_name, c.name): (np.asarray(c[:]), dict(c.properties)) for c in channels}
+    return {names: (values, of) for names, (values, of) in found.items() if values.ndim == 1 and values.size}
+
+
+def _interval(properties: Mapping[str, Any]) -> float:
+    """Seconds between samples of a waveform; 0 where nothing is said.
+
+    Raises:
+        ValueError: what is said is no interval.
+    """
+    said = properties.get(_INTERVAL, 0.0)
+    if isinstance(said, bool) or not isinstance(said, int | float | np.number) or not 0.0 <= said < math.inf:
+        raise ValueError(f"its property {_INTERVAL} is {said!r:.60}, not seconds")
+    return float(said)
+
+
+def _closed(source: Source) -> bool:
     """Whether the last segment was closed: one that a crash has left says that it reaches to the end of the file.
 
     Every other one states where the next begins, and the last ends with the file, unless bytes were lost or slipped in.
@@ -61,8 +89,8 @@ def _closed(path: Path) -> bool:
     Raises:
         ValueError: it does not.
     """
-    size, first = path.stat().st_size, 0
-    with path.open("rb") as file:
+    size, first = source.size, 0
+    with source.open() as file:
         while first < size:
             file.seek(first)
             head = file.read(_LEAD_IN)
@@ -80,4 +108,4 @@ def _name(group: str, channel: str, properties: Mapping[str, Any], several: bool
     """A channel's name with its unit, and with its group where there are several of them."""
     unit = str(properties.get(_UNIT, "")).strip()
     name = f"{channel} [{unit}]" if unit and not channel.endswith(("]", ")")) else channel
-    return f"{group}.{name}" if several else name
+    return printable(f"{group}.{name}" if several else name)

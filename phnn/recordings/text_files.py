@@ -13,15 +13,18 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from phnn.errors import InputRefused
+from phnn.intake.files import Source
+from phnn.intake.limits import LIMITS
+from phnn.intake.names import printable
 from phnn.recordings.table import REMEDY_COMMA, Table, Where
 from phnn.recordings.units import UNITS, parse_name, spelled
 
-_LONGEST_LINE = 100_000
+# A text takes about so many times its size while it is read.
+_TIMES = 8
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
 _MARKS = "#%"
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
@@ -67,35 +70,39 @@ _DIALECTS = tuple(
 )
 
 
-def read_text(path: Path) -> Table:
+def read_text(source: Source) -> Table:
     """Columns separated by commas, semicolons, tabulators or blanks, numbers with a point or a comma as decimal sign.
 
     Raises:
         InputRefused: not text, no columns of numbers, damaged rows, rows of unequal length, a header of another length.
     """
-    lines, ended = _lines(path)
+    lines, ended = _lines(source)
     dialect, width = _recognised(lines)
     if not width:
         head = next(line.strip() for line in lines if line.strip())
         raise InputRefused(
-            f"{path.name}: no rows of numbers in it, it begins with {head[:60]!r}: the recording is empty or no table: "
-            f"record it again or remove it"
+            f"{source.name}: no rows of numbers in it, it begins with {head[:60]!r}: the recording is empty or no "
+            f"table: record it again or remove it"
+        )
+    if width > LIMITS.text_columns:
+        raise InputRefused(
+            f"{source.name}: {width} columns, at most {LIMITS.text_columns} are accepted: write one row per sample"
         )
     first = next(i for i, line in enumerate(lines) if dialect.width(line) == width)
-    names = _names(path, lines, first, dialect, width)
+    names = _names(source, lines, first, dialect, width)
     if ended or not lines[first + 1 :]:
-        return _parse(path, lines, first, names, dialect)
+        return _parse(source, lines, first, names, dialect)
     if _breaks_off(lines[first:], dialect):
         note = f"its last line, {lines[-1].strip()[:40]!r}, was left out: the file ends within it"
-        return replace(_parse(path, lines[:-1], first, names, dialect), notes=(note,))
+        return replace(_parse(source, lines[:-1], first, names, dialect), notes=(note,))
     note = f"its last line, {lines[-1].strip()[:40]!r}, has no end: if the file was cut there, its last number is wrong"
-    return replace(_parse(path, lines, first, names, dialect), notes=(note,))
+    return replace(_parse(source, lines, first, names, dialect), notes=(note,))
 
 
-def looks_like_numbers(path: Path) -> bool:
+def looks_like_numbers(source: Source) -> bool:
     """Whether a text file holds columns of numbers rather than prose."""
     try:
-        lines, _ = _lines(path)
+        lines, _ = _lines(source)
     except InputRefused:
         return False
     return _recognised(lines)[1] >= 2
@@ -119,25 +126,27 @@ def _format(number: str, decimal: str) -> tuple[int, int]:
     return len(mantissa.partition(decimal)[2]), len(exponent.lstrip("+-"))
 
 
-def _lines(path: Path) -> tuple[list[str], bool]:
+def _lines(source: Source) -> tuple[list[str], bool]:
     """The lines of a text, and whether the last of them ends as the others do."""
-    raw = path.read_bytes()
-    if not raw.strip():
-        raise InputRefused(f"{path.name}: the file is empty: record it again or remove it")
+    source.check_memory(_TIMES * source.size)
+    raw = source.read(LIMITS.text_bytes, "a text file")
     try:
         content = raw.decode("utf-16" if raw.startswith(_UTF16) else "utf-8-sig")
     except UnicodeDecodeError:
         content = raw.decode("latin-1")  # a micro sign written by older laboratory software
+    del raw
+    if not content or content.isspace():
+        raise InputRefused(f"{source.name}: the file is empty: record it again or remove it")
     control = _CONTROL.search(content)
     if control is not None:
         raise InputRefused(
-            f"{path.name}: not a text file (byte 0x{ord(control[0]):02x} at position {control.start()}): "
+            f"{source.name}: not a text file (byte 0x{ord(control[0]):02x} at position {control.start()}): "
             f"export it again as plain text, or remove it from the folder"
         )
     lines = content.rstrip().splitlines()
     for i, line in enumerate(lines):
-        if len(line) > _LONGEST_LINE:
-            raise InputRefused(f"{path.name}: line {i + 1} has {len(line)} characters: write one row per sample")
+        if len(line) > LIMITS.line_characters:
+            raise InputRefused(f"{source.name}: line {i + 1} has {len(line)} characters: write one row per sample")
     return lines, content.endswith(("\n", "\r"))
 
 
@@ -154,7 +163,7 @@ def _recognised(lines: Sequence[str]) -> tuple[_Dialect, int]:
     return best, columns
 
 
-def _names(path: Path, lines: Sequence[str], first: int, dialect: _Dialect, width: int) -> tuple[str, ...]:
+def _names(source: Source, lines: Sequence[str], first: int, dialect: _Dialect, width: int) -> tuple[str, ...]:
     """Names of the columns from what stands above them; empty ones where nothing does."""
     above = [(i, lines[i].strip().lstrip(_MARKS).strip()) for i in range(first) if lines[i].strip().strip(_MARKS)]
     rows = [(i, _words(line, dialect, width)) for i, line in above[-2:]]
@@ -165,14 +174,14 @@ def _names(path: Path, lines: Sequence[str], first: int, dialect: _Dialect, widt
         if any(_NUMBER[dialect.decimal].fullmatch(cell) for cell in nearest):
             bad = next(cell for cell in nearest if not _NUMBER[dialect.decimal].fullmatch(cell))
             raise InputRefused(
-                f"{path.name}: line {line + 1}: {bad[:40]!r} is not a number: correct or delete that row; if it is a "
+                f"{source.name}: line {line + 1}: {bad[:40]!r} is not a number: correct or delete that row; if it is a "
                 f"header, give every column a name in words"
             )
         if len(rows) == 2 and len(rows[0][1]) == width and all(_is_unit(cell) for cell in nearest):
             return tuple(_with_unit(name, unit) for name, unit in zip(rows[0][1], nearest, strict=True))
         return tuple(nearest)
     if any(parse_name(word) for word in nearest):
-        _refuse_width(path, lines[first], first, dialect, len(nearest))
+        _refuse_width(source, lines[first], first, dialect, len(nearest))
     return ("",) * width
 
 
@@ -193,24 +202,26 @@ def _with_unit(name: str, unit: str) -> str:
     return name if not bare or (known is not None and known[1] is not None) else f"{name} [{bare}]"
 
 
-def _refuse_width(path: Path, row: str, line: int, dialect: _Dialect, header: int) -> None:
+def _refuse_width(source: Source, row: str, line: int, dialect: _Dialect, header: int) -> None:
     cells = dialect.cells(row)
     if dialect.separator == "," and len(cells) > header and all(_WHOLE.fullmatch(cell) for cell in cells):
         raise InputRefused(
-            f"{path.name}: line {line + 1}: {row[:60]!r} has a comma as decimal sign, which here also separates the "
+            f"{source.name}: line {line + 1}: {row[:60]!r} has a comma as decimal sign, which here also separates the "
             f"columns: separate them by semicolons, or {REMEDY_COMMA}"
         )
     raise InputRefused(
-        f"{path.name}: line {line + 1} has {len(cells)} cells, the header {header}: give every row the header's columns"
+        f"{source.name}: line {line + 1} has {len(cells)} cells, the header {header}: give every row the "
+        f"header's columns"
     )
 
 
-def _parse(path: Path, lines: Sequence[str], first: int, names: tuple[str, ...], dialect: _Dialect) -> Table:
+def _parse(source: Source, lines: Sequence[str], first: int, names: tuple[str, ...], dialect: _Dialect) -> Table:
     import pandas as pd
 
     try:
         frame = pd.read_csv(
-            io.StringIO("\n".join(lines[first:])),
+            io.BytesIO("\n".join(lines[first:]).encode()),
+            encoding="utf-8",
             header=None,
             sep=r"\s+" if dialect.separator == " " else dialect.separator,
             decimal=dialect.decimal,
@@ -221,12 +232,13 @@ def _parse(path: Path, lines: Sequence[str], first: int, names: tuple[str, ...],
     except (pd.errors.ParserError, pd.errors.EmptyDataError, csv.Error) as error:
         found = re.search(r"line (\d+), saw (\d+)", str(error))
         if found is None:
-            raise InputRefused(f"{path.name}: cannot be parsed ({error}): export it again") from error
+            raise InputRefused(f"{source.name}: cannot be parsed ({error}): export it again") from error
         raise InputRefused(
-            f"{path.name}: line {int(found[1]) + first} has {found[2]} cells, the rows before it {len(names)}: "
+            f"{source.name}: line {int(found[1]) + first} has {found[2]} cells, the rows before it {len(names)}: "
             f"delete the surplus cells; {REMEDY_COMMA}"
         ) from error
-    return Table(Where(path.name, first + 1), names, tuple(_column(frame[i], dialect) for i in frame.columns))
+    shown = tuple(printable(name) for name in names)
+    return Table(Where(source.name, first + 1), shown, tuple(_column(frame[i], dialect) for i in frame.columns))
 
 
 def _column(column: object, dialect: _Dialect) -> np.ndarray:

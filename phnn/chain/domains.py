@@ -1,0 +1,23 @@
+"""Which values the parameters of blocks and sources may have, in the order of each kind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from phnn.domain import ANY, NONNEGATIVE, POSITIVE, Domain
+
+DOMAINS: Mapping[str, tuple[Domain, ...]] = {
+    "lowpass": (POSITIVE,),
+    "saturation": (POSITIVE,),
+    "soft_saturation": (POSITIVE, POSITIVE),
+    "bouc_wen": (POSITIVE, ANY, ANY, ANY),
+    "delay": (NONNEGATIVE,),
+    "slew_limit": (POSITIVE,),
+    "offset": (ANY,),
+    "drift": (ANY,),
+    "lag": (POSITIVE,),
+    "polynomial": (ANY, ANY),
+    "rectification": (),
+    "play": (NONNEGATIVE,),
+    "tone": (ANY, ANY, NONNEGATIVE),
+}

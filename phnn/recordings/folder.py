@@ -1,0 +1,112 @@
+"""Which files of a folder are recordings, and what reads them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from phnn.errors import InputRefused
+from phnn.intake.files import Source, list_folder, named_file
+from phnn.intake.names import printable
+from phnn.recordings import checks
+from phnn.recordings.array_files import read_hdf5, read_mat, read_npy, read_npz
+from phnn.recordings.manifest import Entry, Manifest
+from phnn.recordings.table import Table
+from phnn.recordings.tdms_files import read_tdms
+from phnn.recordings.text_files import looks_like_numbers, read_text
+from phnn.recordings.units import parse_name
+
+Reader = Callable[[Source], Table]
+READERS: Mapping[str, Reader] = {
+    **dict.fromkeys((".csv", ".tsv", ".dat", ".txt", ".asc", ".lvm"), read_text),
+    ".mat": read_mat,
+    **dict.fromkeys((".h5", ".hdf5"), read_hdf5),
+    ".npy": read_npy,
+    ".npz": read_npz,
+    ".tdms": read_tdms,
+}
+
+
+@dataclass(frozen=True)
+class Files:
+    """The files of a folder.
+
+    Attributes:
+        home: the folder; said: its manifest; outside: files may lie outside.
+    """
+
+    home: Path
+    said: Manifest
+    outside: bool
+
+    def source(self, file: str) -> Source:
+        """A file of a recording. Raises InputRefused as `phnn.intake.named_file`."""
+        return named_file(self.home / file, (self.home,), outside=self.outside)
+
+    def entries(self) -> tuple[list[Entry], list[str]]:
+        """The entries to read, and the files left alone, each with its reason where that is not plain."""
+        said = self.said
+        present = [p for p in list_folder(self.home) if not p.name.startswith(".") and p.name != "recordings.yaml"]
+        if said.path is not None:
+            present = [p for p in present if _real(p) != _real(said.path)]
+        if said.entries is not None:
+            where = said.path.name if said.path is not None else "recordings.yaml"
+            paths = [(i, self.home / file) for i, entry in enumerate(said.entries) for file in entry.files]
+            for i, path in paths:
+                checks.file_exists(path, f"{where}: recordings[{i}]")
+                reader_of(path)
+            listed = {_real(path) for _, path in paths}
+            return list(said.entries), [_shown(p) for p in present if _real(p) not in listed]
+        chosen, left = [], []
+        for path in present:
+            reason = self._no_recording(path)
+            if reason is None:
+                chosen.append(path)
+                checks.not_too_many(len(chosen), 0, self.home)
+            else:
+                left.append(_shown(path) + reason)
+        checks.any_recordings(chosen, left, self.home)
+        return [replace(said.common, file=path.name) for path in chosen], left
+
+    def _no_recording(self, path: Path) -> str | None:
+        """Why a file found in the folder is no recording, in words to follow its name; ``None`` if it is one."""
+        kind = path.suffix.lower()
+        if kind not in READERS or os.path.isdir(path):
+            return ""
+        if not os.path.isfile(path):
+            return " (no regular file)"
+        if kind == ".csv" or (READERS[kind] is not read_text and self._columns_stated):
+            return None
+        source = self.source(path.name)
+        if READERS[kind] is read_text and not looks_like_numbers(source):
+            return ""
+        if self._columns_stated:
+            return None
+        names = READERS[kind](source).names
+        described = {p[0] for name in names if name and (p := parse_name(name)) is not None}
+        if described & {"voltage", "input", "force"}:
+            return None
+        return " (numbers that nothing describes: to use it, say in recordings.yaml which columns are what)"
+
+    @property
+    def _columns_stated(self) -> bool:
+        return any(column.place is not None for column in self.said.common.columns.values())
+
+
+def _real(path: Path) -> str:
+    """The path with links resolved; a link that leads round in a circle stays as it is."""
+    return os.path.realpath(path)
+
+
+def _shown(path: Path) -> str:
+    return printable(path.name) + ("/" if os.path.isdir(path) else "")
+
+
+def reader_of(path: Path) -> Reader:
+    """What reads a file of this suffix. Raises InputRefused where nothing does."""
+    kind = path.suffix.lower()
+    if kind not in READERS:
+        raise InputRefused(f"{printable(path.name)}: unknown format {kind!r}: accepted are {', '.join(READERS)}")
+    return READERS[kind]

@@ -1,0 +1,240 @@
+"""Hostile binary recordings: what claims more than it holds, leads elsewhere, or was built to mislead a parser."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+from arrays import COLUMNS, T, U, Y, columns, hdf5, head, mat, npy, npz
+from attack_tools import Attack, encrypted, often, packed_zeros, put, zipped
+from hypothesis import given
+from hypothesis import strategies as st
+
+RECORD = np.array(list(zip(T, U, Y, strict=True)), dtype=[(n, "f8") for n in COLUMNS])
+TABLES = {
+    "pickled objects.npy": npy(np.array([{1: 2}, print], dtype=object)),
+    "V0 fields.npy": npy(np.zeros(120, [("voltage_V", "V0")])),
+    "no fields.npy": npy(np.zeros(120, [])),
+    "no dimension.npy": npy(np.array(1.0)),
+    "no samples.npy": npy(np.zeros((0, 3))),
+    "one axis.npy": npy(T),
+    "four axes.npy": npy(np.zeros((2, 3, 4, 5))),
+    "32 axes.npy": npy(np.zeros((1,) * 32)),
+    "texts.npy": npy(np.array([["a", "b"]] * 60)),
+    "dates.npy": npy(np.zeros((120, 3), "M8[s]")),
+    "complex.npy": npy(np.zeros((120, 3), complex)),
+    "flags.npy": npy(np.zeros((120, 3), bool)),
+    "halves.npy": npy(np.column_stack([T, U, Y]).astype("f2")),
+    "fields in fields.npy": npy(np.zeros(120, [("voltage_V", [("a", "f8")])])),
+    "escape.npy": npy(np.zeros(120, [("\x1b[31mvoltage_V", "f8")])),
+    "subarrays.npy": npy(np.zeros(120, [("time_s", "f8", (2,)), ("voltage_V", "f8")])),
+    "nothing.npy": b"",
+    "magic.npy": b"\x93NUMPY",
+    "a terabyte.npy": head("{'descr': '<f8', 'fortran_order': False, 'shape': (125000000000, 1), }\n"),
+    "an exabyte of nothing.npy": head("{'descr': '|V0', 'fortran_order': False, 'shape': (1000000000000000000,), }\n"),
+    "a negative shape.npy": head("{'descr': '<f8', 'fortran_order': False, 'shape': (-1, 3), }\n", bytes(240)),
+    "400 digits.npy": head("{'descr': '<f8', 'fortran_order': False, 'shape': (" + "9" * 400 + ",), }\n"),
+    "code.npy": head("__import__('os').system('touch ran')\n"),
+    "deep.npy": head("(" * 5000 + ")" * 5000 + "\n"),
+    "a list.npy": head("[1, 2]\n"),
+    "an object.npy": head("{'descr': '|O', 'fortran_order': False, 'shape': (3,), }\n", b"cos\nsystem\n"),
+    "version 9.npy": b"\x93NUMPY\x09\x00\x10\x00" + bytes(100),
+    "a long head.npy": head("{" + " " * 60000 + "}\n"),
+    "a very long head.npy": head("{" + " " * 10**6 + "}\n", version=2),
+    "NaN.npy": npy(np.full((120, 3), np.nan)),
+    "infinite.npy": npy(np.full((120, 3), np.inf)),
+    "huge.npy": npy(np.full((120, 3), 1e308)),
+    "wide.npy": npy(np.zeros((120, 100))),
+    "big endian.npy": npy(np.column_stack([T, U, Y]).astype(">f8")),
+    "an archive.npy": npz(**COLUMNS),
+    "a zip of nothing.npz": zipped({}),
+    "no arrays.npz": zipped({"a.txt": b"1"}),
+    "not arrays.npz": zipped({"voltage_V.npy": b"1"}),
+    "a pickle.npz": zipped({"voltage_V.npy": npy(np.array([print], dtype=object)), "displacement_m.npy": npy(U)}),
+    "out of it.npz": zipped({"../../../../tmp/phnn_ran.npy": npy(U), "/etc/x.npy": npy(U)}),
+    "escape.npz": zipped({"\x1b[2Jvoltage_V.npy": npy(U)}),
+    "a name twice.npz": zipped([("voltage_V.npy", npy(U)), ("voltage_V.npy", npy(U)), ("displacement_m.npy", npy(Y))]),
+    "unequal lengths.npz": npz(time_s=T, voltage_V=U[:100], displacement_m=Y),
+    "a terabyte.npz": zipped(
+        {"voltage_V.npy": head("{'descr': '<f8', 'fortran_order': False, 'shape': (125000000000,), }\n")}
+    ),
+    "an unused gigabyte.npz": npz(**COLUMNS, spare=np.zeros(2 * 10**8, "i1")),
+    "scalars.npz": npz(**COLUMNS, note=np.array("text"), n=np.array(3)),
+    "empty.npz": npz(voltage_V=np.zeros(0), displacement_m=np.zeros(0)),
+    "many.npz": zipped({f"a{i}.npy": b"" for i in range(20_000)}),
+    "cut.npz": npz(**COLUMNS)[:-60],
+    "encrypted.npz": encrypted({"voltage_V.npy": npy(U)}),
+    "65 columns.npz": npz(data=np.zeros((120, 65))),
+    "65 columns.mat": mat(data=np.zeros((120, 65))),
+    "64 columns.mat": mat(data=np.zeros((120, 64))),
+    "rows.mat": mat(data=np.vstack([T, U, Y])),
+    "cells.mat": mat(data=np.array([[U], [Y]], dtype=object)),
+    "structs.mat": mat(s={"voltage_V": U, "displacement_m": Y, "time_s": T}),
+    "deep structs.mat": mat(s={"a": {"b": {"c": {"d": {"e": {"f": {"voltage_V": U}}}}}}}),
+    "texts.mat": mat(voltage_V="none"),
+    "complex.mat": mat(voltage_V=U + 1j * U, displacement_m=Y, time_s=T),
+    "sparse.mat": mat(voltage_V=scipy.sparse.csc_matrix(U)),
+    "empty arrays.mat": mat(voltage_V=np.zeros((0, 0)), displacement_m=np.zeros((0, 1))),
+    "nothing.mat": b"",
+    "zeros.mat": bytes(500),
+    "a head.mat": b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM",
+    "unknown elements.mat": b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + b"\xff" * 64,
+    "packed nonsense.mat": b"MATLAB 5.0".ljust(124)
+    + b"\x00\x01IM"
+    + (lambda z: struct.pack("<II", 15, len(z)) + z)(zlib.compress(b"\x0e\0\0\0\xff\xff\xff\x7f" + bytes(64))),
+    "a packed gigabyte.mat": b"MATLAB 5.0".ljust(124)
+    + b"\x00\x01IM"
+    + (lambda z: struct.pack("<II", 15, len(z)) + z)(packed_zeros(10**9)),
+    "version 4.mat": struct.pack("<5i", 0, 10**9, 10**9, 0, 2) + b"x\0",
+    "version 4, negative.mat": struct.pack("<5i", 0, -5, 3, 0, 2) + b"x\0" + bytes(80),
+    "nothing.h5": b"",
+    "no datasets.h5": hdf5(lambda f: f.create_group("g")),
+    "not hdf5.h5": b"x" * 500,
+    "a head.h5": b"\x89HDF\r\n\x1a\n" + bytes(90),
+    "null datasets.h5": hdf5(lambda f: (columns(f), f.__setitem__("empty", h5py.Empty("f8")))),
+    "null voltage.h5": hdf5(lambda f: f.__setitem__("voltage_V", h5py.Empty("f8"))),
+    "no samples.h5": hdf5(lambda f: [f.__setitem__(n, np.zeros(0)) for n in COLUMNS]),
+    "a table.h5": hdf5(lambda f: f.__setitem__("t", RECORD)),
+    "an empty table.h5": hdf5(lambda f: f.__setitem__("t", RECORD[:0])),
+    "texts.h5": hdf5(lambda f: f.__setitem__("voltage_V", ["a", "b"])),
+    "references.h5": hdf5(lambda f: (columns(f), f.create_dataset("r", (3,), h5py.ref_dtype))),
+    "a petabyte.h5": hdf5(
+        lambda f: (f.create_dataset("voltage_V", (10**14,), "f8"), f.create_dataset("displacement_m", (10**14,), "f8"))
+    ),
+    "packed gigabytes.h5": hdf5(
+        lambda f: [f.create_dataset(n, (10**9,), "f8", chunks=(10**6,), compression="gzip") for n in COLUMNS]
+    ),
+    "an unused petabyte.h5": hdf5(lambda f: (columns(f), f.create_dataset("spare", (10**14,), "f8"))),
+    "65 columns.h5": hdf5(lambda f: f.__setitem__("d", np.zeros((120, 65)))),
+    "deep groups.h5": hdf5(lambda f: f.create_group("/".join("g" * 1 for _ in range(400)))),
+    "many datasets.h5": hdf5(lambda f: [f.__setitem__(f"d{i}", 1.0) for i in range(3000)]),
+    "a circle.h5": hdf5(lambda f: (columns(f), f.__setitem__("g/again", f["/"]))),
+    "a soft circle.h5": hdf5(
+        lambda f: (columns(f), f.__setitem__("a", h5py.SoftLink("/b")), f.__setitem__("b", h5py.SoftLink("/a")))
+    ),
+    "a dangling link.h5": hdf5(lambda f: (columns(f), f.__setitem__("a", h5py.SoftLink("/nowhere")))),
+    "escape.h5": hdf5(lambda f: f.__setitem__("\x1b[31mvoltage_V", U)),
+    "not UTF-8.h5": hdf5(lambda f: f.__setitem__(b"voltage_\xff", U)),
+    "complex.h5": hdf5(lambda f: f.__setitem__("voltage_V", U + 1j)),
+    "enums.h5": hdf5(lambda f: (columns(f), f.create_dataset("e", (3,), h5py.enum_dtype({"A": 1})))),
+    "cut.h5": hdf5(columns)[:900],
+    "longer.h5": hdf5(columns) + b"x",
+    "a soft link inside.h5": hdf5(lambda f: (columns(f), f.__setitem__("voltage_2", h5py.SoftLink("/time_s")))),
+}
+GOOD = (
+    "an unused gigabyte.npz",
+    "scalars.npz",
+    "null datasets.h5",
+    "references.h5",
+    "enums.h5",
+    "an unused petabyte.h5",
+    "a circle.h5",
+    "a dangling link.h5",
+    "a soft link inside.h5",
+)
+
+
+@pytest.mark.parametrize("case", TABLES)
+def test_a_hostile_array(case: str, attack: Attack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "data"
+    folder.mkdir()
+    monkeypatch.chdir(tmp_path)
+    put(folder / f"a{Path(case).suffix}", TABLES[case])
+    outcome = attack(folder)
+    assert outcome.refused == (case not in GOOD), outcome
+    # Named columns are asked for, whatever the file calls them.
+    put(
+        folder / "recordings.yaml",
+        "sample_rate_hz: 1000\ncolumns: {voltage: {column: 0, unit: V}, displacement: {column: 1, unit: um}}",
+    )
+    attack(folder)
+    put(
+        folder / "recordings.yaml",
+        "sample_rate_hz: 1000\nvariables: {voltage: voltage_V, displacement: displacement_m}\n",
+    )
+    attack(folder)
+
+
+@pytest.mark.parametrize(
+    "axes", ["[time]", "[time, channel]", "[channel, time]", "[time, channel, realisation, period]"]
+)
+@pytest.mark.parametrize(
+    "shape", [(0,), (120,), (120, 3), (3, 120), (1, 120), (120, 0), (60, 2, 3, 0), (60, 2, 1, 3), (200, 100)]
+)
+def test_axes_of_any_array(axes: str, shape: tuple[int, ...], attack: Attack, tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    folder.mkdir()
+    put(folder / "a.npy", npy(np.random.default_rng(0).standard_normal(shape)))
+    put(
+        folder / "recordings.yaml",
+        f"sample_rate_hz: 1000\naxes: {axes}\n"
+        "columns: {voltage: {column: 0, unit: V}, displacement: {column: 1, unit: um}}",
+    )
+    attack(folder)
+
+
+tdms = pytest.importorskip("nptdms")
+
+
+def waveform(**properties: object) -> bytes:
+    file = io.BytesIO()
+    with tdms.TdmsWriter(file) as writer:
+        writer.write_segment([tdms.ChannelObject("g", n, v, properties) for n, v in COLUMNS.items() if n != "time_s"])
+    return file.getvalue()
+
+
+PROPERTIES = {
+    "a text": "soon",
+    "negative": -1.0,
+    "NaN": float("nan"),
+    "infinite": float("inf"),
+    "zero": 0.0,
+    "tiny": 1e-320,
+    "huge": 1e300,
+    "a flag": True,
+    "a whole number": 1,
+    "right": 1e-3,
+}
+
+
+@pytest.mark.parametrize("case", PROPERTIES)
+@pytest.mark.parametrize("unit", ["V", "", "\x1b[31m", 3])
+def test_properties_of_a_waveform(case: str, unit: object, attack: Attack, tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    folder.mkdir()
+    put(folder / "a.tdms", waveform(wf_increment=PROPERTIES[case], unit_string=unit))
+    attack(folder)
+
+
+FILES = {
+    ".npy": npy(RECORD),
+    ".npz": npz(**COLUMNS),
+    ".mat": mat(**COLUMNS),
+    ".h5": hdf5(columns),
+    ".tdms": waveform(wf_increment=1e-3),
+}
+
+
+@often(300)
+@given(data=st.data())
+def test_damaged_places(data: st.DataObject, attack: Attack, tmp_path: Path) -> None:
+    suffix = data.draw(st.sampled_from(list(FILES)))
+    raw = FILES[suffix]
+    # Heads and tails hold what parsers trust.
+    near = st.integers(0, 200) | st.integers(0, len(raw)) | st.integers(max(0, len(raw) - 200), len(raw))
+    at, cut = data.draw(near), data.draw(st.integers(0, 8))
+    piece = data.draw(
+        st.binary(max_size=8) | st.sampled_from([b"\xff" * 4, b"\xff" * 8, bytes(8), b"\x7f\xff\xff\xff"])
+    )
+    folder = tmp_path / "data"
+    folder.mkdir(exist_ok=True)
+    for old in folder.iterdir():
+        old.unlink()
+    put(folder / f"a{suffix}", raw[:at] + piece + raw[at + cut :])
+    attack(folder)

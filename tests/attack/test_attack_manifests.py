@@ -1,0 +1,243 @@
+"""Hostile manifests: values of every kind under every key, structures that multiply, and what others would execute."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import pytest
+from attack_tools import Attack, often, put
+from hypothesis import given
+from hypothesis import strategies as st
+
+KEYS = (
+    "setup",
+    "known",
+    "voltage",
+    "columns",
+    "variables",
+    "sample_rate_hz",
+    "start",
+    "periodic",
+    "input",
+    "rise_time_s",
+    "segments",
+    "ports",
+    "outputs",
+    "axes",
+    "recordings",
+)
+EACH = ("file", "name", "jumps_at_s", "slice", "use", *KEYS[3:14])
+VALUES = {
+    "nothing": "null",
+    "an empty text": "''",
+    "a text": "nonsense",
+    "a long text": "x" * 5000,
+    "zero": "0",
+    "minus one": "-1",
+    "a huge integer": "9" * 18,
+    "400 digits": "9" * 400,
+    "infinity": ".inf",
+    "minus infinity": "-.inf",
+    "NaN": ".nan",
+    "1e308": "1e308",
+    "1e-320": "1e-320",
+    "true": "true",
+    "an empty list": "[]",
+    "a list": "[1, 2, 3]",
+    "a nested list": "[[[[1]]]]",
+    "an empty mapping": "{}",
+    "a mapping": "{a: 1}",
+    "numbers as keys": "{1: 2, 3: 4}",
+    "a key without a name": "{null: 1}",
+    "a nested mapping": "{a: {b: {c: {d: 1}}}}",
+    "the environment": "'${oc.env:HOME}'",
+    "the environment, bare": "${oc.env:HOME,none}",
+    "a reference": "'${voltage}'",
+    "an escape code": '"\\e[31mred\\e[0m"',
+    "NUL": '"a\\0b"',
+    "a reversed name": '"\\u202egnp.exe"',
+    "a path": "../../../../etc/passwd",
+    "an absolute path": "/etc/passwd",
+    "a device": "/dev/zero",
+    "a python object": "!!python/object/apply:os.system ['true']",
+    "binary": "!!binary aGFsbG8=",
+    "a set": "!!set {a, b}",
+    "a time": "2001-12-14t21:59:43.10-05:00",
+    "base 60": "190:20:30",
+    "base 8": "0o17",
+    "an underscore": "1_000",
+}
+WHOLE = {
+    "empty": "",
+    "blank": " \n\t\n",
+    "a number": "3",
+    "a list": "- a\n- b",
+    "a text": "recordings",
+    "not yaml": "{[}",
+    "a tab": "setup:\n\tmodel: hrc",
+    "two documents": "voltage: command\n---\nvoltage: command",
+    "a key twice": "voltage: command\nvoltage: command",
+    "a key twice, nested": "setup: {model: hrc, model: hrc}",
+    "an unknown alias": "voltage: *nobody",
+    "an alias of itself": "setup: &a {model: *a}",
+    "a list in itself": "recordings: &r [*r]",
+    "merged": "a: &a {model: hrc}\nsetup: {<<: *a}",
+    "merged with a number": "setup: {<<: 3}",
+    "a list as a key": "? [a, b]\n: 1",
+    "a mapping as a key": "? {a: 1}\n: 1",
+    "a directive": "%YAML 9.9\n---\nvoltage: command",
+    "a tag": "!include /etc/passwd",
+    "not UTF-8": b"voltage: \xff\xfe\x80",
+    "UTF-16": "voltage: command".encode("utf-16"),
+    "NUL": b"voltage: \0",
+    "a mark before it": "\ufeffvoltage: command",
+    "control characters": b"voltage: \x07\x1b[2J",
+    "surrogate": b"a: \xed\xa0\x80",
+    "deep lists": "recordings: " + "[" * 5000,
+    "deep closed lists": "recordings: " + "[" * 900 + "]" * 900,
+    "deep mappings": "setup: " + "{a: " * 2000 + "1" + "}" * 2000,
+    "deep blocks": "\n".join(" " * i + "a:" for i in range(600)),
+    "many keys": "".join(f"k{i}: {i}\n" for i in range(20000)),
+    "long key": "k" * 2000 + ": 1",
+    "huge key": "? " + "k" * 500_000 + "\n: 1",
+    "too large": "#" * (2**20 + 1),
+    "many comments": "#\n" * 200_000,
+    "many recordings": "recordings: [" + "a.csv, " * 20_000 + "]",
+    "many anchors": "".join(f"k{i}: &a{i} {i}\n" for i in range(5000)),
+    "a huge text": "voltage: '" + "x" * 900_000 + "'",
+    "a folded text": "voltage: >\n" + "  x\n" * 100_000,
+    "a thousand dashes": "- " * 1000,
+}
+
+
+def bomb(levels: int, width: int = 9, form: str = "list") -> str:
+    """Aliases of aliases: ``width ** levels`` values when written out."""
+    last = "x" if form == "list" else "{k: 1}"
+    lines = [f"a0: &a0 {last}"]
+    for i in range(1, levels + 1):
+        many = ", ".join([f"*a{i - 1}"] * width)
+        if form == "list":
+            lines.append(f"a{i}: &a{i} [{many}]")
+        elif form == "mapping":
+            lines.append(f"a{i}: &a{i} {{" + ", ".join(f"k{j}: *a{i - 1}" for j in range(width)) + "}")
+        else:
+            lines.append(f"a{i}: &a{i} {{<<: [{many}]}}")
+    return "\n".join([*lines, f"recordings: *a{levels}"])
+
+
+@pytest.mark.parametrize("value", VALUES)
+@pytest.mark.parametrize("key", KEYS)
+def test_any_value_under_any_key(key: str, value: str, attack: Attack, good: Path) -> None:
+    put(good / "recordings.yaml", f"{key}: {VALUES[value]}\n")
+    attack(good)
+
+
+@pytest.mark.parametrize("value", VALUES)
+@pytest.mark.parametrize("key", EACH)
+def test_any_value_in_a_recording(key: str, value: str, attack: Attack, good: Path) -> None:
+    entry = f"{{{key}: {VALUES[value]}}}" if key == "file" else f"{{file: a.csv, {key}: {VALUES[value]}}}"
+    put(good / "recordings.yaml", f"recordings: [{entry}]\n")
+    attack(good, model=None)
+
+
+@pytest.mark.parametrize("text", WHOLE)
+def test_any_text_as_a_manifest(text: str, attack: Attack, good: Path) -> None:
+    put(good / "recordings.yaml", WHOLE[text])
+    attack(good)
+
+
+@pytest.mark.parametrize(("levels", "form"), [*itertools.product((2, 9, 30), ("list", "mapping", "merged"))])
+def test_aliases_of_aliases(levels: int, form: str, attack: Attack, good: Path) -> None:
+    put(good / "recordings.yaml", bomb(levels, form=form))
+    assert attack(good).refused
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        *("{k: -1.0}", "{k: 0}", "{m: -1e-3}", "{m: .nan}", "{k: {value: 1, std: -1}}", "{k: {std: 1}}", "{k: 1e300}"),
+        *("{nobody: 1}", "{'': 1}", "{C_1: -1}", "{C_9: 1}", "{alpha: -0.04}", "{b: 1e-320}", "{k: {value: {a: 1}}}"),
+        *("{d_1: 0}", "{k: {value: 1, std: .inf}}", '{"\\e[31m": 1}', "[k, 1]", "{k: true}"),
+    ],
+)
+@pytest.mark.parametrize("model", ["{}", "{model: linear}", "{model: bouc_wen}", "{hysterons: 0}"])
+def test_check_refuses_anchors_that_identify_refuses(model: str, value: str, attack: Attack, good: Path) -> None:
+    put(good / "recordings.yaml", f"setup: {model}\nknown: {value}\n")
+    checked = attack(good)
+    assert checked.refused
+    assert attack(good, "identify").err == checked.err
+
+
+def test_nothing_of_the_environment_reaches_an_answer(
+    attack: Attack, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PHNN_SECRET", "swordfish")
+    for text in (
+        "recordings: [{file: a.csv, name: '${oc.env:PHNN_SECRET}'}]",
+        "voltage: ${oc.env:PHNN_SECRET}",
+        "known: {'${oc.env:PHNN_SECRET}': 1}",
+        "setup: {network: '${oc.env:PHNN_SECRET}.yaml'}",
+    ):
+        put(good / "recordings.yaml", text)
+        outcome = attack(good)
+        assert outcome.refused
+        assert "swordfish" not in outcome.out + outcome.err
+
+
+SCALARS = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(10**19), 10**19),
+    st.floats(),
+    st.text(max_size=8),
+    st.sampled_from(KEYS),
+    st.sampled_from(("a.csv", "voltage_V", "rest", "m", "s", "time", "command", "hrc", "cubic", "confirmation")),
+)
+NAMES = st.one_of(
+    st.sampled_from(
+        (
+            *KEYS,
+            *EACH,
+            "model",
+            "hysterons",
+            "network",
+            "column",
+            "unit",
+            "scale",
+            "value",
+            "std",
+            "state",
+            "input_before",
+            "voltage",
+            "displacement",
+        )
+    ),
+    st.text(max_size=5),
+)
+TREES = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(NAMES, inner, max_size=4))
+
+
+@often(150)
+@given(content=st.dictionaries(st.sampled_from(KEYS), TREES, max_size=3))
+def test_manifests_at_random(content: dict[str, object], attack: Attack, good: Path) -> None:
+    import yaml
+
+    put(good / "recordings.yaml", yaml.safe_dump(content, allow_unicode=True))
+    attack(good)
+
+
+MANIFEST = """setup: {model: piezo_actuator, hysterons: 1}
+known: {k: {value: 2.4e4, std: 10}}
+columns: {voltage: {column: voltage_V, unit: V}}
+start: {state: rest, input_before: 0.0}
+recordings:
+  - {file: a.csv, name: b, slice: [0, 110], use: identification, input: cubic}
+"""
+
+
+@often(150)
+@given(at=st.integers(0, len(MANIFEST)), cut=st.integers(0, 12), piece=st.text(max_size=6))
+def test_manifests_with_a_damaged_place(at: int, cut: int, piece: str, attack: Attack, good: Path) -> None:
+    put(good / "recordings.yaml", MANIFEST[:at] + piece + MANIFEST[at + cut :])
+    attack(good)

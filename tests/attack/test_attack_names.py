@@ -1,0 +1,291 @@
+"""Hostile names and kinds of files: pipes, devices, links, names that are no text, folders that cannot be read."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from attack_tools import Attack, csv, often, put
+from hypothesis import given
+from hypothesis import strategies as st
+
+from phnn.intake.names import printable
+from phnn.models.actuator import hrc
+from phnn.models.store import FILE, save
+from phnn.setup import Setup
+
+NAMES: dict[str, str] = {
+    "an escape code": "\x1b[31mred",
+    "a bell": "\x07",
+    "a line end": "two\nlines",
+    "a carriage return": "over\rwritten",
+    "a tab": "a\tb",
+    "DEL": "a\x7f",
+    "C1": "a\x9b31m",
+    "not UTF-8": os.fsdecode(b"\xff\xfe"),
+    "half a character": os.fsdecode("\u00e9".encode()[:1]),
+    "reversed": "\u202egnp",
+    "no width": "a\u200bb",
+    "a mark": "\ufeffa",
+    "blank": " ",
+    "a dash": "-rf",
+    "an option": "--out",
+    "dots": "...",
+    "a quote": "'",
+    "two quotes": '"',
+    "a backslash": "a\\b",
+    "rich markup": "[red]a",
+    "a markup of a link": "[link=file]a",
+    "html": "<script>",
+    "a template": "{{ 7*7 }}",
+    "a format": "{0.__class__}",
+    "interpolation": "${oc.env:HOME}",
+    "a glob": "*",
+    "a variable": "$HOME",
+    "a pipe": "a|b",
+    "emoji": "\U0001f600",
+    "long": "x" * 240,
+    "a device of another system": "con",
+    "a number": "007",
+    "a date": "2001-12-14",
+    "true": "true",
+    "combining": "a\u0301" * 40,
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("command", ["check", "predict"])
+def test_names_of_files(command: str, name: str, attack: Attack, tmp_path: Path) -> None:
+    save(Setup(hrc(1)), tmp_path / "model")
+    folder = tmp_path / "data"
+    folder.mkdir()
+    put(folder / f"{NAMES[name]}.csv", csv())
+    attack(folder, command, model=tmp_path / "model")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_of_folders(name: str, attack: Attack, tmp_path: Path) -> None:
+    folder = tmp_path / f"d{NAMES[name]}"
+    folder.mkdir()
+    put(folder / "a.csv", csv())
+    attack(folder)
+    attack(tmp_path / f"absent{NAMES[name]}")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_in_manifests(name: str, attack: Attack, good: Path) -> None:
+    if any(0xD800 <= ord(c) < 0xE000 for c in NAMES[name]):
+        pytest.skip("yaml holds text")
+    for entry in (
+        "{file: %s}",
+        "{file: a.csv, name: %s}",
+        "{file: a.csv, columns: {voltage: {column: %s, unit: V}}}",
+        "{file: a.csv, ports: {%s: {column: voltage_V, unit: V}}}",
+    ):
+        quoted = '"' + NAMES[name].encode("unicode_escape").decode().replace('"', '\\"') + '"'
+        put(good / "recordings.yaml", f"recordings: [{entry % quoted}]\n")
+        attack(good)
+
+
+def link(target: str) -> Callable[[Path], object]:
+    return lambda path: path.symlink_to(target)
+
+
+def fifo(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def bound(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as s:
+        here = os.getcwd()
+        os.chdir(path.parent)
+        try:
+            s.bind(path.name)
+        finally:
+            os.chdir(here)
+
+
+def sparse(size: int) -> Callable[[Path], None]:
+    def make(path: Path) -> None:
+        with path.open("wb") as file:
+            file.write(b"time_s,voltage_V,displacement_m\n")
+            file.truncate(size)
+
+    return make
+
+
+def unreadable(path: Path) -> None:
+    put(path, csv())
+    path.chmod(0)
+
+
+KINDS: dict[str, Callable[[Path], object]] = {
+    "a pipe": fifo,
+    "a socket": bound,
+    "a folder": Path.mkdir,
+    "a link to nothing": link("nowhere.csv"),
+    "a link to itself": link("a.csv"),
+    "a link to zeros": link("/dev/zero"),
+    "a link to a terminal": link("/dev/tty"),
+    "a link to standard input": link("/dev/stdin"),
+    "a link to memory": link("/proc/self/mem"),
+    "a link to the environment": link("/proc/self/environ"),
+    "a link to passwords": link("/etc/passwd"),
+    "a link to a folder": link("/etc"),
+    "a link outside": link("../outside.csv"),
+    "an absolute link": link("/etc/hostname"),
+    "a link upwards": link(".."),
+    "20 GB of nothing": sparse(20 * 10**9),
+    "1 GB of nothing": sparse(10**9),
+    "300 MB of nothing": sparse(3 * 10**8),
+    "an exabyte": sparse(2**43),
+    "no permission": unreadable,
+}
+SUFFIXES = (".csv", ".txt", ".npy", ".npz", ".mat", ".h5", ".tdms")
+
+
+@pytest.fixture(autouse=True)
+def _restored(tmp_path: Path) -> Iterator[None]:
+    put(tmp_path / "outside.csv", csv())
+    yield
+    for path in tmp_path.rglob("*"):
+        if not path.is_symlink():
+            path.chmod(0o700)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_kinds_of_files(kind: str, suffix: str, attack: Attack, tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    folder.mkdir()
+    KINDS[kind](folder / f"a{suffix}")
+    outcome = attack(folder)
+    if not (kind == "no permission" and os.geteuid() == 0):
+        assert outcome.refused
+    assert "root:" not in outcome.err
+    put(folder / "recordings.yaml", f"recordings: [a{suffix}]\n")
+    assert attack(folder).refused or (kind == "no permission" and os.geteuid() == 0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("what", ["manifest", "--manifest", "network", "model"])
+def test_kinds_of_other_files(what: str, kind: str, attack: Attack, good: Path, tmp_path: Path) -> None:
+    beside = tmp_path / "beside"
+    beside.mkdir()
+    if what == "manifest":
+        KINDS[kind](good / "recordings.yaml")
+        outcome = attack(good)
+    elif what == "--manifest":
+        KINDS[kind](beside / "m.yaml")
+        outcome = attack(good, manifest=beside / "m.yaml")
+    elif what == "network":
+        KINDS[kind](good / "net.yaml")
+        put(good / "recordings.yaml", "setup: {network: net.yaml}")
+        outcome = attack(good)
+    else:
+        KINDS[kind](beside / FILE)
+        outcome = attack(good, "predict", model=beside)
+    assert outcome.refused
+    # A manifest that the user names may lie anywhere, and is quoted where it is wrong.
+    assert what == "--manifest" or "root:" not in outcome.err
+
+
+PATHS = (
+    "../outside.csv",
+    "/etc/passwd",
+    "../../../../../../etc/passwd",
+    "sub/../../outside.csv",
+    "./../outside.csv",
+    "/dev/zero",
+    "/proc/self/environ",
+    "..",
+    ".",
+    "/",
+    "~/x.csv",
+    "a.csv/../../outside.csv",
+    "nowhere/../a.csv",
+    "x" * 300 + ".csv",
+    "y/" * 3000 + "a.csv",
+    "\\\\server\\share.csv",
+    "file:///etc/passwd",
+    "http://example.org/a.csv",
+)
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize(
+    "entry",
+    ["recordings: [{file: '%s'}]", "recordings: [{file: [a.csv, '%s']}]", "setup: {network: '%s'}", "setup: '%s'"],
+)
+def test_paths_in_manifests(entry: str, path: str, attack: Attack, good: Path) -> None:
+    put(good / "recordings.yaml", entry % path)
+    outcome = attack(good)
+    assert outcome.refused
+    assert "root:" not in outcome.err
+
+
+@pytest.mark.parametrize("how", ["link", "path", "folder", "network"])
+def test_what_lies_outside_is_read_where_it_is_allowed(how: str, attack: Attack, good: Path, tmp_path: Path) -> None:
+    if how == "link":
+        (good / "b.csv").symlink_to(tmp_path / "outside.csv")
+    elif how == "folder":
+        (tmp_path / "elsewhere").mkdir()
+        put(tmp_path / "elsewhere" / "b.csv", csv())
+        (good / "sub").symlink_to(tmp_path / "elsewhere")
+        put(good / "recordings.yaml", "recordings: [a.csv, sub/b.csv]")
+    elif how == "network":
+        put(tmp_path / "net.yaml", NETWORK)
+        put(good / "recordings.yaml", "setup: {network: ../net.yaml}")
+    else:
+        put(good / "recordings.yaml", "recordings: [a.csv, ../outside.csv]")
+    outcome = attack(good)
+    assert outcome.refused
+    assert "--allow-outside" in outcome.err
+    assert attack(good, more=("--allow-outside",)).status == 0
+
+
+NETWORK = """junctions: {mass: 1}
+elements:
+  q: {type: C, junction: mass, law: spring, parameters: [k], unit: m}
+  p: {type: I, junction: mass, parameters: [k]}
+  u: {type: Se, junction: mass, unit: V}
+parameters: {k: {value: 1.0, positive: true}}
+output: q
+"""
+
+
+def test_a_link_to_the_folder_and_links_within_it_are_read(attack: Attack, good: Path, tmp_path: Path) -> None:
+    (good / "sub").mkdir()
+    put(good / "sub" / "real.csv", csv())
+    (good / "b.csv").symlink_to("sub/real.csv")
+    (tmp_path / "way").symlink_to(good)
+    assert attack(tmp_path / "way").status == 0
+
+
+@pytest.mark.parametrize(
+    "folder",
+    ["/dev/null", "/dev/zero", "/proc/self/mem", "/nowhere", "x" * 5000, "a\0b", "", "/etc/passwd", "/proc/self/fd"],
+)
+@pytest.mark.parametrize("command", ["check", "identify", "predict"])
+def test_folders_that_are_none(
+    command: str, folder: str, attack: Attack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(Setup(hrc(1)), tmp_path / "model")
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    assert attack(folder, command, model=tmp_path / "model").refused
+    assert attack(tmp_path / "empty", command, model=Path(folder)).refused
+
+
+@often(200)
+@given(name=st.text(max_size=12) | st.binary(max_size=12).map(os.fsdecode))
+def test_a_printed_name_is_one_line_of_utf8(name: str) -> None:
+    shown = printable(name)
+    assert printable(shown) == shown
+    assert shown.encode("utf-8").decode() == shown
+    assert len(shown.splitlines()) <= 1
+    assert not any(ord(c) < 32 or 127 <= ord(c) < 160 for c in shown)
+    assert name.isprintable() <= (shown == name)
