@@ -59,17 +59,9 @@ def claim(
     """
     root = _resolved(out)
     apart(out, inputs)
+    new = not root.exists()
     _prepare(root)
-    lock = FileLock(root / FOLDER / _LOCK)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout as error:
-        raise InputRefused(
-            f"{out}: another run of phnn writes there: wait for its end, or choose another --out"
-        ) from error
-    except OSError as error:
-        raise refusal(root, error) from error
-    try:
+    with _locked(root):
         _probe(root)
         _clean(root)
         record = Record(root)
@@ -84,14 +76,35 @@ def claim(
         (place / INCOMPLETE).write(_words(command, ()).encode())
         try:
             yield place
-        except BaseException:
-            _tell(place, _words(command, record.names()[len(earlier) + 1 :]))
+        except BaseException as error:
+            done = record.names()[len(earlier) + 1 :]
+            if new and isinstance(error, InputRefused) and not done:
+                # Nothing was done: the folder goes, as if the input had been refused before.
+                shutil.rmtree(root, ignore_errors=True)
+            else:
+                _tell(place, _words(command, done))
             raise
         if not resume:
             again = before is not None and before.get("command") == command
             _forget(place, None if again else results, record.names(), len(earlier))
         _mark(root, {"schema": _SCHEMA, "command": command, "made_of": now, "complete": True})
         (place / INCOMPLETE).remove()
+
+
+@contextmanager
+def _locked(root: Path) -> Iterator[None]:
+    """Keep other runs out; the lock of a run that was killed is free."""
+    lock = FileLock(root / FOLDER / _LOCK)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as error:
+        raise InputRefused(
+            f"{root}: another run of phnn writes there: wait for its end, or choose another --out"
+        ) from error
+    except OSError as error:
+        raise refusal(root, error) from error
+    try:
+        yield
     finally:
         lock.release()
 

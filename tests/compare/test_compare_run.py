@@ -158,7 +158,7 @@ def test_a_stopped_comparison_keeps_what_was_finished(
     assert set(content(tmp_path / "compare.json")) == {"phs", "linear"}
     assert (tmp_path / "phs" / "result.json").read_bytes() == written
     (tmp_path / "linear" / "outputs.npz").write_bytes(b"half")
-    with pytest.raises(InputRefused, match="delete"):
+    with pytest.raises(InputRefused, match="was changed after phnn wrote it"):
         compare(campaign, tmp_path, example.settings("models=[phs,linear]"))
 
 
