@@ -69,13 +69,8 @@ def check(folder: Path, manifest: Path | None, out: Path | None = None, outside:
     checked = check_recordings(campaign)
     print(printable(checked.text(), lines=True))
     if out is not None:
-        with claim(out, "check", _inputs(folder, manifest), ("check.json", "check.html")) as place:
+        with claim(out, "check", [folder], ("check.json", "check.html")) as place:
             write_check(checked, place)
-
-
-def _inputs(*paths: Path | None) -> list[Path]:
-    """What a command reads."""
-    return [path for path in paths if path is not None]
 
 
 def identify(
@@ -84,7 +79,7 @@ def identify(
     """Fit the base model; writes ``base/`` and ``identify.json``."""
     campaign = read(folder, manifest, allow_outside=outside)
     options = Options.from_config(config)
-    with claim(out, "identify", _inputs(folder, manifest), ("base", "identify.json"), overwrite=overwrite) as place:
+    with claim(out, "identify", [folder], ("base", "identify.json"), overwrite=overwrite) as place:
         parameters, scores = _identify(campaign, options, place)
     console = Console()
     table = Table("parameter", "value", "standard error", "95 % interval", "note", title=f"base model of {folder}")
@@ -128,7 +123,7 @@ def diagnose(
 ) -> None:
     """Diagnose a folder; writes ``diagnosis.json``, ``report.html``, ``model/``, ``base/`` and ``figures/``."""
     campaign, options = read(folder, manifest, allow_outside=outside), Options.from_config(config)
-    with claim(out, "diagnose", _inputs(folder, manifest), RESULTS, overwrite=overwrite) as place:
+    with claim(out, "diagnose", [folder], RESULTS, overwrite=overwrite) as place:
         _diagnose(campaign, place, options, out)
 
 
@@ -166,8 +161,7 @@ def predict(
     campaign = read(folder, manifest, need_output=False, allow_outside=outside)
     check_names(setup.network, campaign.recordings)
     files = unique_names((r.name for r in campaign.recordings), ".csv")
-    inputs = _inputs(model, folder, manifest)
-    with claim(out, "predict", inputs, tuple(files.values()), overwrite=overwrite) as place:
+    with claim(out, "predict", [model, folder], tuple(files.values()), overwrite=overwrite) as place:
         for recording in campaign.recordings:
             name = files[recording.name]
             (place / name).write(_predicted(setup, recording, substeps).to_csv(index=False).encode())
@@ -227,7 +221,7 @@ def modes(
     settings = Settings.from_config(config)
     study = study_of(read(folder, manifest, allow_outside=outside))
     with (
-        claim(out, "modes", _inputs(folder, manifest), MODES, overwrite=overwrite) as place,
+        claim(out, "modes", [folder], MODES, overwrite=overwrite) as place,
         _progress() as progress,
     ):
         result = study_modes(

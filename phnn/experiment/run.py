@@ -49,7 +49,7 @@ def run_folder(
     """
     began = time.monotonic()
     campaign = read(folder, manifest)
-    with claim(out, "experiment", [folder, *([manifest] if manifest else [])], RESULTS) as place:
+    with claim(out, "experiment", [folder], RESULTS) as place:
         return _run(campaign, place, None, options, published, began, progress)
 
 

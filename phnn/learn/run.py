@@ -59,7 +59,7 @@ def train(settings: Settings, say: Callable[[str], None] = lambda line: None) ->
     campaign = read(settings.folder, settings.manifest)
     single(campaign.recordings, "training follows one input to one output")
     made_of = {"recordings": digest(campaign), "base": _hash(settings.base)}
-    inputs = [Path(p) for p in (settings.folder, settings.manifest, settings.base) if p]
+    inputs = [Path(p) for p in (settings.folder, settings.base) if p]
     if settings.resume and finished(settings.home, "train", made_of, "resume=false"):
         ended = _ended(settings)
         if ended is not None:

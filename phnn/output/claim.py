@@ -46,7 +46,7 @@ def claim(
     Args:
         out: folder; made if absent.
         command: what runs, for people.
-        inputs: recordings, models and manifests; ``out`` may not be one of them, contain one or lie in one.
+        inputs: folders of recordings and models; ``out`` may not be one of them, contain one or lie in one.
         results: names directly below ``out`` that the command writes, so that a stranger's file is met at the start.
         made_of: what decides the results, as hashes of data and settings; the version is added.
         resume: go on from what an earlier run with the same ``made_of`` has left.

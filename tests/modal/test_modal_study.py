@@ -68,6 +68,7 @@ def test_the_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_one_amplitude_is_not_judged(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
     write_folder(tmp_path / "in", "none", 3, levels=(0.7,))
     assert main(["modes", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 0
     assert json.loads((tmp_path / "out" / "modes.json").read_text())["verdict"] == "one_level"

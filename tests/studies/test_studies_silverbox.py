@@ -39,7 +39,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Setup, Campaign]:
     u = np.convolve(np.random.default_rng(1).standard_normal(1400), np.hanning(12), mode="same") * 0.02
     savemat(folder / "made.mat", {"V1": u[None], "V2": np.random.default_rng(2).standard_normal((1, 1400))})
     (folder / "recordings.yaml").write_text(MANIFEST.format(network=network), encoding="utf-8")
-    campaign = read(folder)
+    campaign = read(folder, allow_outside=True)
 
     def answered(recording: Recording) -> Recording:
         begun = simulate(setup, recording, STEPS).states[0].copy()
