@@ -79,8 +79,8 @@ def not_too_many(recordings: int, samples: int, folder: Path) -> None:
     taken = samples * LIMITS.sample_bytes
     if taken > _MUCH and taken > available_memory():
         raise InputRefused(
-            f"folder {printable(str(folder))}: {samples} samples take {shown_bytes(taken)} of memory to check, and less "
-            f"is available: export fewer, or divide them among several folders"
+            f"folder {printable(str(folder))}: {samples} samples take {shown_bytes(taken)} of memory to check, and "
+            f"less is available: export fewer, or divide them among several folders"
         )
 
 

@@ -7,7 +7,7 @@ import shutil
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,17 @@ def often(count: int) -> settings:
         max_examples=count, deadline=None, derandomize=True,
         suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large],
     )  # fmt: skip
+
+
+def each(cases: Iterable[str], one: Callable[[str], object]) -> None:
+    """One attack after the other in the same folder, which is quicker than a test for each; all that fail are told."""
+    failed = []
+    for case in cases:
+        try:
+            one(case)
+        except AssertionError as error:
+            failed.append(f"{case}: {error}")
+    assert not failed, "\n".join(failed)
 
 
 def put(path: Path, content: str | bytes) -> Path:
