@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, settings
 
 # Runs a command and checks what must hold afterwards; see `attack` in conftest.py.
@@ -24,6 +25,11 @@ def often(count: int) -> settings:
         max_examples=count, deadline=None, derandomize=True,
         suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large],
     )  # fmt: skip
+
+
+def quick(first: Sequence[str], *others: str) -> list[Any]:
+    """Parameters of a test of which only the first run in the fast suite."""
+    return [*first, *(pytest.param(other, marks=pytest.mark.slow) for other in others)]
 
 
 def each(cases: Iterable[str], one: Callable[[str], object]) -> None:
