@@ -17,7 +17,6 @@ from types import FrameType
 
 from phnn.configuration import compose, compose_groups, config_folder
 from phnn.errors import PhnnError
-from phnn.intake.names import message as one_line
 
 # Commands with settings, and the file under configs/ that holds them.
 _SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "modes", "prove")} | {"demo": "diagnose"}
@@ -156,7 +155,10 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
 
 
 def _say(text: str) -> None:
-    print(f"phnn: {one_line(text)}", file=sys.stderr)
+    # Not before there is something to say: the help must come at once.
+    from phnn.intake.names import message
+
+    print(f"phnn: {message(text)}", file=sys.stderr)
 
 
 class _Terminated(KeyboardInterrupt):

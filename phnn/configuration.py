@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused
-from phnn.intake.limits import LIMITS
 
 # What a value must satisfy beyond having the type of its default: a test, and the words for a refusal.
 _LEAST = {"seed": 0, "max_effects": 0} | dict.fromkeys(
@@ -137,6 +136,8 @@ def _checked(key: str, value: Any, default: Any) -> Any:
             raise InputRefused(f"setting {key}={value} must be a positive number")
         return float(value)
     if isinstance(default, int):
+        from phnn.intake.limits import LIMITS
+
         name = key.rpartition(".")[2]
         least, most = _LEAST.get(name, 0), LIMITS.most(name)
         if isinstance(value, bool) or not isinstance(value, int) or value < least:

@@ -10,12 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.intake.limits import LIMITS
+from phnn.intake.files import shown_bytes
+from phnn.intake.limits import LIMITS, available_memory
 from phnn.intake.names import printable
 from phnn.recordings.table import Where
 from phnn.signals.noise import quantisation_step
 
 FEWEST_SAMPLES = 50
+# Bytes that any machine has; to ask for what is available takes time.
+_MUCH = 10**8
 # Characters of a path in a message.
 _SHOWN = 200
 LARGEST_JITTER = 0.01  # of the sampling interval
@@ -67,14 +70,18 @@ def file_exists(path: Path, where: str) -> None:
 
 def not_too_many(recordings: int, samples: int, folder: Path) -> None:
     """Refuse more recordings or samples than the limits say."""
-    for count, most, what in (
-        (recordings, LIMITS.recordings, "recordings"),
-        (samples, LIMITS.samples, "samples"),
-    ):
+    counts = (recordings, LIMITS.recordings, "recordings"), (samples, LIMITS.samples, "samples")
+    for count, most, what in counts:
         if count > most:
             raise InputRefused(
                 f"folder {printable(str(folder))}: more than {most} {what}: divide them among several folders"
             )
+    taken = samples * LIMITS.sample_bytes
+    if taken > _MUCH and taken > available_memory():
+        raise InputRefused(
+            f"folder {printable(str(folder))}: {samples} samples take {shown_bytes(taken)} of memory to check, and "
+            f"less is available: export fewer, or divide them among several folders"
+        )
 
 
 def unique_names(names: Iterable[tuple[str, str]]) -> None:

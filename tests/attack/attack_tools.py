@@ -7,11 +7,12 @@ import shutil
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, settings
 
 # Runs a command and checks what must hold afterwards; see `attack` in conftest.py.
@@ -24,6 +25,22 @@ def often(count: int) -> settings:
         max_examples=count, deadline=None, derandomize=True,
         suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large],
     )  # fmt: skip
+
+
+def quick(first: Sequence[str], *others: str) -> list[Any]:
+    """Parameters of a test of which only the first run in the fast suite."""
+    return [*first, *(pytest.param(other, marks=pytest.mark.slow) for other in others)]
+
+
+def each(cases: Iterable[str], one: Callable[[str], object]) -> None:
+    """One attack after the other in the same folder, which is quicker than a test for each; all that fail are told."""
+    failed = []
+    for case in cases:
+        try:
+            one(case)
+        except AssertionError as error:
+            failed.append(f"{case}: {error}")
+    assert not failed, "\n".join(failed)
 
 
 def put(path: Path, content: str | bytes) -> Path:
