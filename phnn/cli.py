@@ -211,6 +211,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         if isinstance(error, OSError) and error.filename is not None:
             _say(f"cannot use {error.filename}: {error.strerror}")
+        elif isinstance(error, OSError) and error.errno is not None:
+            _say(f"a file cannot be written or read: {error.strerror}")
         else:
             _say(f"internal error, {type(error).__name__}: {error}; set {_DEBUG}=1 to see the traceback")
         return 1

@@ -23,5 +23,9 @@ class StructureViolated(PhnnError):
     """A network is not a port-Hamiltonian system, or not one that the requested operation covers."""
 
 
+class OutputRefused(InputRefused):
+    """Results cannot be written where the user wants them: names the file or folder and the remedy."""
+
+
 class OutputFailed(PhnnError):
     """Results could not be written while the work was going on, as on a full disk: names what was finished."""

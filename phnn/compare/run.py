@@ -50,7 +50,15 @@ def _claimed(
     out: Path, inputs: Sequence[Path], settings: Settings, overwrite: bool = False
 ) -> AbstractContextManager[Place]:
     """Models know themselves what they were made of, so that one can be added to those that were fitted before."""
-    return claim(out, "compare", inputs, (*RESULTS, *settings.models), resume=settings.resume, overwrite=overwrite)
+    return claim(
+        out,
+        "compare",
+        inputs,
+        (*RESULTS, *settings.models),
+        resume=settings.resume,
+        overwrite=overwrite,
+        anew="resume=false",
+    )
 
 
 def _compare(campaign: Campaign, place: Place, settings: Settings, progress: Progress, origin: str = "") -> Table:

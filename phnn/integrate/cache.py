@@ -90,9 +90,13 @@ def _folder() -> Path | None:
     try:
         home = os.environ.get("PHNN_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         own = Path(home).resolve() / "phnn"
-        own.mkdir(mode=_OWN, parents=True, exist_ok=True)
         folder = own / fingerprint()
-        folder.mkdir(mode=_OWN, exist_ok=True)
+        for place in reversed((folder, *folder.parents)):
+            if not place.exists():
+                place.mkdir(mode=_OWN, exist_ok=True)
+        if hasattr(os, "getuid") and own.stat().st_uid == os.getuid() and not own.stat().st_mode & stat.S_IWOTH:
+            # Made under a mask that lets a group write.
+            own.chmod(_OWN)
         reason = _unsafe(own) or _unsafe(folder)
     except (OSError, RuntimeError) as error:
         reason = f"it cannot be made ({error})"
@@ -117,7 +121,7 @@ def _unsafe(folder: Path) -> str:
         return "it belongs to another user"
     if found.st_mode & _OTHERS_WRITE:
         return "others may write to it"
-    if parent.st_mode & _OTHERS_WRITE and not parent.st_mode & stat.S_ISVTX:
+    if parent.st_mode & stat.S_IWOTH and not parent.st_mode & stat.S_ISVTX:
         return f"others may replace it, for they may write to {folder.parent}"
     return ""
 

@@ -65,7 +65,10 @@ def train(settings: Settings, say: Callable[[str], None] = lambda line: None) ->
         if ended is not None:
             return ended
     with claim(settings.home, "train", inputs, RESULTS, made_of, settings.resume, anew="resume=false") as place:
-        return _train(settings, campaign, place, digest(campaign), say)
+        if not settings.resume:
+            (place / checkpoint.FILE).remove()
+            (place / METRICS).remove()
+        return _train(settings, campaign, place, repr(made_of), say)
 
 
 def _train(

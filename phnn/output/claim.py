@@ -12,10 +12,10 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from phnn.errors import InputRefused, OutputFailed, PhnnError
+from phnn.errors import InputRefused, OutputFailed, OutputRefused, PhnnError
 from phnn.output.files import PART, finite, refusal, write_atomic
 from phnn.output.place import Place
-from phnn.output.record import FOLDER, Record
+from phnn.output.record import FOLDER, Line, Record
 
 INCOMPLETE = "INCOMPLETE.txt"
 _RUN, _LOCK, _PROBE = "run.json", "lock", "probe"
@@ -36,12 +36,12 @@ def claim(
     made_of: Mapping[str, Any] | None = None,
     resume: bool = False,
     overwrite: bool = False,
-    anew: str = "--overwrite",
+    anew: str = "",
 ) -> Iterator[Place]:
     """Claim ``out`` for one run; all that the run writes goes through the `Place` that comes back.
 
-    While the run goes on, and after it was cut off, ``INCOMPLETE.txt`` says so. When it ends, what an earlier run of
-    the same command wrote and this one did not is removed (of another command, only ``results``), and the mark goes.
+    While the run goes on, and after it was cut off, ``INCOMPLETE.txt`` says so. When it ends, ``results`` that an
+    earlier run of the same command wrote and this one did not are removed, and the mark goes.
 
     Args:
         out: folder; made if absent.
@@ -51,7 +51,7 @@ def claim(
         made_of: what decides the results, as hashes of data and settings; the version is added.
         resume: go on from what an earlier run with the same ``made_of`` has left.
         anew: how the user begins anew, for messages.
-        overwrite: replace results of phnn even where they were changed since, or were made of something else.
+        overwrite: replace results of phnn even where they were changed since.
 
     Raises:
         InputRefused: the folder belongs to recordings, to another run or to a stranger, or cannot be written to.
@@ -68,25 +68,24 @@ def claim(
         _met(root, record, results, overwrite)
         now = _complete(made_of)
         before = _before(root)
-        if resume and not overwrite:
+        if resume:
             _same(out, before, {"command": command, "made_of": now}, anew)
         record.compact()
-        place, earlier = Place(root, overwrite=overwrite), record.names()
+        place, earlier = Place(root, overwrite=overwrite, by=command), list(record.lines())
+        marked = (root / INCOMPLETE).exists()
         _mark(root, {"schema": _SCHEMA, "command": command, "made_of": now, "complete": False})
         (place / INCOMPLETE).write(_words(command, ()).encode())
         try:
             yield place
         except BaseException as error:
-            done = record.names()[len(earlier) + 1 :]
-            if new and isinstance(error, InputRefused) and not done:
-                # Nothing was done: the folder goes, as if the input had been refused before.
-                shutil.rmtree(root, ignore_errors=True)
+            done = [line.name for line in record.lines()][len(earlier) + 1 :]
+            if isinstance(error, InputRefused) and not done and not marked:
+                _undo(place, before, new)
             else:
                 _tell(place, _words(command, done))
             raise
         if not resume:
-            again = before is not None and before.get("command") == command
-            _forget(place, None if again else results, record.names(), len(earlier))
+            _forget(place, results, earlier, list(record.lines())[len(earlier) :])
         _mark(root, {"schema": _SCHEMA, "command": command, "made_of": now, "complete": True})
         (place / INCOMPLETE).remove()
 
@@ -98,7 +97,7 @@ def _locked(root: Path) -> Iterator[None]:
     try:
         lock.acquire(timeout=0)
     except Timeout as error:
-        raise InputRefused(
+        raise OutputRefused(
             f"{root}: another run of phnn writes there: wait for its end, or choose another --out"
         ) from error
     except OSError as error:
@@ -109,7 +108,7 @@ def _locked(root: Path) -> Iterator[None]:
         lock.release()
 
 
-def finished(out: Path, command: str, made_of: Mapping[str, Any], anew: str = "--overwrite") -> bool:
+def finished(out: Path, command: str, made_of: Mapping[str, Any], anew: str = "") -> bool:
     """Whether a run of the same command has come to its end in a folder, made of the same.
 
     Raises:
@@ -136,10 +135,11 @@ def apart(out: Path, inputs: Sequence[Path]) -> None:
     root = _resolved(out)
     for given in inputs:
         place = _resolved(given)
-        folder = place if place.is_dir() else place.parent
-        if root == folder or root in folder.parents or folder in root.parents:
+        whole = place.is_dir()
+        folder = place if whole else place.parent
+        if root == folder or (whole and (root in folder.parents or folder in root.parents)):
             relation = "is" if root == folder else "contains" if root in folder.parents else "lies in"
-            raise InputRefused(
+            raise OutputRefused(
                 f"--out {out}: {relation} {folder}, from which this command reads: choose a folder apart from it"
             )
 
@@ -148,25 +148,25 @@ def _resolved(path: Path) -> Path:
     try:
         return path.resolve()
     except (OSError, RuntimeError, ValueError) as error:
-        raise InputRefused(f"{str(path)!r}: is no path that can be used ({error}): choose another") from error
+        raise OutputRefused(f"{str(path)!r}: is no path that can be used ({error}): choose another") from error
 
 
 def _prepare(root: Path) -> None:
     if root.exists() and not root.is_dir():
-        raise InputRefused(f"{root}: is a file: name a folder for --out")
+        raise OutputRefused(f"{root}: is a file: name a folder for --out")
     try:
         (root / FOLDER).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise refusal(root, error) from error
     if (root / FOLDER).is_symlink():
-        raise InputRefused(f"{root / FOLDER}: is a link: remove it, or choose another folder for --out")
+        raise OutputRefused(f"{root / FOLDER}: is a link: remove it, or choose another folder for --out")
 
 
 def _probe(root: Path) -> None:
     """Find out before the work whether there is room for its results."""
     free = shutil.disk_usage(root).free
     if free < _LEAST_FREE:
-        raise InputRefused(
+        raise OutputRefused(
             f"{root}: only {free / 2**20:.1f} MiB of disk are free, at least {_LEAST_FREE >> 20} are needed: make "
             "room, or choose another folder for --out"
         )
@@ -174,7 +174,7 @@ def _probe(root: Path) -> None:
     try:
         write_atomic(probe, bytes(_PROBED))
     except OutputFailed as error:
-        raise InputRefused(str(error)) from error
+        raise OutputRefused(str(error)) from error
     finally:
         probe.unlink(missing_ok=True)
 
@@ -184,6 +184,8 @@ def _clean(root: Path) -> None:
     known = Record(root).digests()
     folders = {root, root / FOLDER} | {(root / name).parent for name in known}
     for folder in folders:
+        if not folder.is_dir() or folder.resolve() != folder:
+            continue
         for part in folder.glob(f".{'[0-9a-f]' * 16}{PART}"):
             part.unlink(missing_ok=True)
 
@@ -199,10 +201,10 @@ def _met(root: Path, record: Record, results: Sequence[str], overwrite: bool) ->
         path = root / result
         files = [n for n in known if PurePosixPath(n).parts[0] == result]
         if (path.exists() or path.is_symlink()) and not files and not _empty(path):
-            raise InputRefused(f"{path}: was not written by phnn: move it away, or choose another folder for --out")
+            raise OutputRefused(f"{path}: was not written by phnn: move it away, or choose another folder for --out")
         for name in files:
             if not overwrite and (root / name).exists() and not record.owns(PurePosixPath(name), known):
-                raise InputRefused(
+                raise OutputRefused(
                     f"{root / name}: was changed after phnn wrote it: move it away, choose another folder for --out, "
                     "or give --overwrite"
                 )
@@ -225,15 +227,15 @@ def _same(out: Path, before: Mapping[str, Any] | None, now: Mapping[str, Any], a
     """Refuse to go on with what was made of something else."""
     if before is None:
         return
-    remedy = f"take another --out, or {anew} to begin anew"
+    remedy = "take another --out" + (f", or {anew} to begin anew" if anew else "")
     if before.get("command") != now["command"]:
-        raise InputRefused(f"{out}: holds results of phnn {before.get('command')}: {remedy}")
+        raise OutputRefused(f"{out}: holds results of phnn {before.get('command')}: {remedy}")
     old, new = before.get("made_of") or {}, now["made_of"]
     for key in sorted(set(old) | set(new)):
         if old.get(key) != new.get(key):
             shown = "" if key in _HASHES else f" ({key}: {old.get(key)} before, {new.get(key)} now)"
             what = _HASHES.get(key, "other settings")
-            raise InputRefused(f"{out}: was made with {what}{shown}: {remedy}")
+            raise OutputRefused(f"{out}: was made with {what}{shown}: {remedy}")
 
 
 def _mark(root: Path, content: Mapping[str, Any]) -> None:
@@ -255,14 +257,23 @@ def _tell(place: Place, text: str) -> None:
         (place / INCOMPLETE).write(text.encode())
 
 
-def _forget(place: Place, results: Sequence[str] | None, names: Sequence[str], earlier: int) -> None:
-    """Remove results of an earlier run that this one did not write anew; only those that are as phnn wrote them.
+def _undo(place: Place, before: Mapping[str, Any] | None, new: bool) -> None:
+    """Leave a folder as it was where a run was refused before it wrote anything; files of others in it stay."""
+    (place / INCOMPLETE).remove()
+    if before is not None:
+        _mark(place.root, before)
+    else:
+        (place.root / FOLDER / _RUN).unlink(missing_ok=True)
+    if new:
+        shutil.rmtree(place.root / FOLDER, ignore_errors=True)
+        with suppress(OSError):
+            place.root.rmdir()
 
-    Args:
-        results: names that this command writes, after a run of another one; None after one of the same: all go.
-    """
-    new = set(names[earlier:])
-    for name in set(names[:earlier]) - new:
-        path = PurePosixPath(name)
-        if results is None or path.parts[0] in results:
+
+def _forget(place: Place, results: Sequence[str], earlier: Sequence[Line], new: Sequence[Line]) -> None:
+    """Remove files that this command wrote in an earlier run and not in this one, if they are as phnn wrote them."""
+    kept = {line.name for line in new}
+    for line in earlier:
+        path = PurePosixPath(line.name)
+        if line.by == place.by and line.digest and line.name not in kept and path.parts[0] in results:
             Place(place.root, path).remove()

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from phnn.errors import InputRefused, OutputFailed
+from phnn.errors import OutputFailed, OutputRefused
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 PART = ".part"
@@ -24,7 +24,7 @@ def write_atomic(path: Path, content: bytes) -> None:
     The folder must exist. The temporary name is unique, so that two processes cannot mix their parts.
 
     Raises:
-        InputRefused: the folder cannot be written to.
+        OutputRefused: the folder cannot be written to.
         OutputFailed: the disk is full.
     """
     temporary = path.with_name(f".{secrets.token_hex(8)}{PART}")
@@ -44,11 +44,11 @@ def write_atomic(path: Path, content: bytes) -> None:
         raise refusal(path, error) from error
 
 
-def refusal(path: Path, error: OSError) -> InputRefused | OutputFailed:
+def refusal(path: Path, error: OSError) -> OutputRefused | OutputFailed:
     """What is said where a file or folder cannot be written."""
     if error.errno in _FULL:
         return OutputFailed(f"{path}: the disk is full ({error.strerror}): make room and run the same command again")
-    return InputRefused(f"{path}: cannot be written ({error.strerror}): choose another folder for --out")
+    return OutputRefused(f"{path}: cannot be written ({error.strerror}): choose another folder for --out")
 
 
 def finite(value: Any) -> Any:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from phnn.errors import InputRefused
+from phnn.errors import OutputRefused
 from phnn.output.files import finite, refusal, write_atomic
 from phnn.output.names import file_name
 from phnn.output.record import Record, sha256
@@ -25,15 +25,17 @@ class Place:
         root: the claimed folder, without links.
         name: below it, empty for the folder itself.
         overwrite: whether results of phnn that were changed since may be replaced.
+        by: the command that writes.
     """
 
     root: Path
     name: PurePosixPath = _HERE
     overwrite: bool = False
+    by: str = ""
 
     def __truediv__(self, part: str) -> Place:
         """A file or folder in this one. The part is a name, never a path; labels of people are made names of files."""
-        return Place(self.root, self.name / file_name(part), self.overwrite)
+        return Place(self.root, self.name / file_name(part), self.overwrite, self.by)
 
     @property
     def path(self) -> Path:
@@ -47,13 +49,13 @@ class Place:
         """Write a file, whole or not at all, and note that it is phnn's.
 
         Raises:
-            InputRefused: a file that phnn did not write, or one that was changed since, has that name; or the folder
+            OutputRefused: a file that phnn did not write, or one that was changed since, has that name; or the folder
                 cannot be written to, or leads elsewhere.
             OutputFailed: the disk is full.
         """
         self._check()
         self._make(self.path.parent)
-        Record(self.root).add(self.name, sha256(content))
+        Record(self.root).add(self.name, sha256(content), self.by)
         write_atomic(self.path, content)
 
     def write_json(self, content: Mapping[str, Any]) -> None:
@@ -64,19 +66,22 @@ class Place:
         """Make a folder whose whole content counts as phnn's, for writers that know no claims; returns where it lies.
 
         Raises:
-            InputRefused: a folder or file that phnn did not make has that name.
+            OutputRefused: a folder or file that phnn did not make has that name.
         """
         record = Record(self.root)
         if self.path.exists() and not record.owns(self.name) and not _empty(self.path):
-            raise InputRefused(f"{self}: is not of phnn's making: move it away, or choose another folder for --out")
+            raise OutputRefused(f"{self}: is not of phnn's making: move it away, or choose another folder for --out")
         self._make(self.path.parent)
-        record.add(self.name, "")
+        record.add(self.name, "", self.by)
         self._make(self.path)
         return self.path
 
     def remove(self) -> None:
-        """Remove a file or folder if it is phnn's; what is not stays."""
-        if not self.path.exists() or not Record(self.root).owns(self.name):
+        """Remove a file or folder if it is phnn's; what is not, or lies behind a link, stays."""
+        path = self.path
+        if not path.exists() or path.is_symlink() or path.parent.resolve() != path.parent:
+            return
+        if not Record(self.root).owns(self.name):
             return
         if self.path.is_dir():
             shutil.rmtree(self.path, ignore_errors=True)
@@ -90,19 +95,19 @@ class Place:
         except OSError as error:
             raise refusal(folder, error) from error
         if resolved != folder:
-            raise InputRefused(f"{folder}: is a link that leads to {resolved}: remove it, results stay inside --out")
+            raise OutputRefused(f"{folder}: is a link that leads to {resolved}: remove it, results stay inside --out")
 
     def _check(self) -> None:
         path, record = self.path, Record(self.root)
         if path.is_symlink() or path.is_dir():
             kind = "a link" if path.is_symlink() else "a folder"
-            raise InputRefused(f"{path}: is {kind}, where a result must be written: move it away")
+            raise OutputRefused(f"{path}: is {kind}, where a result must be written: move it away")
         if not path.exists() or record.owns(self.name):
             return
         if not record.wrote(self.name):
-            raise InputRefused(f"{path}: was not written by phnn: move it away, or choose another folder for --out")
+            raise OutputRefused(f"{path}: was not written by phnn: move it away, or choose another folder for --out")
         if not self.overwrite:
-            raise InputRefused(
+            raise OutputRefused(
                 f"{path}: was changed after phnn wrote it: move it away, choose another folder for --out, or give "
                 "--overwrite"
             )

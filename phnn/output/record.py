@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
+from phnn.errors import OutputRefused
 from phnn.output.files import refusal, write_atomic
 
 FOLDER = ".phnn"
@@ -29,6 +32,18 @@ def sha256_of(path: Path) -> str:
     return found.hexdigest()
 
 
+class Line(NamedTuple):
+    """A file that was written: its name below the folder, the hash of its content, and the command."""
+
+    name: str
+    digest: str
+    by: str
+
+    def text(self) -> str:
+        """As it stands in the record."""
+        return json.dumps({"file": self.name, "sha256": self.digest, "by": self.by}, ensure_ascii=False) + "\n"
+
+
 class Record:
     """Names and hashes of the files that phnn wrote below a folder.
 
@@ -43,47 +58,56 @@ class Record:
         self.root = root
         self.path = root / FOLDER / _FILE
 
-    def add(self, name: PurePosixPath, digest: str) -> None:
+    def add(self, name: PurePosixPath, digest: str, by: str = "") -> None:
         """Note a file that is about to be written; an empty digest notes a folder with all that is in it.
 
         Raises:
-            InputRefused: the record cannot be written.
+            OutputRefused: the record cannot be written.
             OutputFailed: the disk is full.
         """
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        line = json.dumps({"file": str(name), "sha256": digest}, ensure_ascii=False) + "\n"
+        # A line that a full disk has cut off ends here.
+        content = ("\n" + Line(str(name), digest, by).text()).encode()
         try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
             # One write at the end of the file: lines of several processes do not mix.
             handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
             try:
-                os.write(handle, line.encode())
+                if os.write(handle, content) < len(content):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             finally:
                 os.close(handle)
         except OSError as error:
             raise refusal(self.path, error) from error
 
-    def _lines(self) -> Iterator[tuple[str, str]]:
-        try:
-            lines = self.path.read_text(encoding="utf-8").splitlines()
-        except FileNotFoundError:
+    def lines(self) -> Iterator[Line]:
+        """Every file that was noted, in order, as often as it was written; names that lead elsewhere are left out.
+
+        Raises:
+            OutputRefused: the record is no file, or cannot be read.
+        """
+        if not self.path.exists():
             return
-        for line in lines:
+        if not self.path.is_file() or self.path.is_symlink():
+            raise OutputRefused(f"{self.path}: is no file: remove it, or choose another folder for --out")
+        try:
+            content = self.path.read_text(encoding="utf-8", errors="replace")
+        except OSError as error:
+            raise refusal(self.path, error) from error
+        for line in filter(None, content.splitlines()):
             try:
                 entry = json.loads(line)
-                yield str(entry["file"]), str(entry["sha256"])
-            except (ValueError, KeyError, TypeError):
-                # The last line of a run that the disk or a kill cut off: its file was never renamed.
+                found = Line(str(entry["file"]), str(entry["sha256"]), str(entry.get("by", "")))
+            except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+                # A line that the disk or a kill cut off: its file was never renamed.
                 continue
-
-    def names(self) -> list[str]:
-        """Every file that was noted, in order, as often as it was written."""
-        return [name for name, _ in self._lines()]
+            if _inside(found.name):
+                yield found
 
     def digests(self) -> dict[str, set[str]]:
         """All hashes that were noted, by file; a folder has the empty one."""
         found: dict[str, set[str]] = {}
-        for name, digest in self._lines():
-            found.setdefault(name, set()).add(digest)
+        for line in self.lines():
+            found.setdefault(line.name, set()).add(line.digest)
         return found
 
     def owns(self, name: PurePosixPath, known: dict[str, set[str]] | None = None) -> bool:
@@ -102,14 +126,16 @@ class Record:
     def compact(self) -> None:
         """Forget files that are gone and contents that were replaced; called where no other process writes."""
         known = self.digests()
-        kept = {n: d for n, d in known.items() if (self.root / n).exists()}
-        lines = []
-        for name, digests in kept.items():
-            path = self.root / name
-            if "" in digests:
-                lines.append((name, ""))
-                continue
+        kept = []
+        for line in dict.fromkeys(self.lines()):
+            path = self.root / line.name
             now = sha256_of(path) if path.is_file() else ""
-            lines += [(name, d) for d in sorted(digests) if d == now or now not in digests]
-        text = "".join(json.dumps({"file": n, "sha256": d}, ensure_ascii=False) + "\n" for n, d in lines)
-        write_atomic(self.path, text.encode())
+            if path.exists() and (line.digest in ("", now) or now not in known[line.name]):
+                kept.append(line)
+        write_atomic(self.path, "".join(line.text() for line in kept).encode())
+
+
+def _inside(name: str) -> bool:
+    """Whether a name is one below the folder."""
+    path = PurePosixPath(name)
+    return bool(path.parts) and not path.is_absolute() and ".." not in path.parts and path.parts[0] != FOLDER

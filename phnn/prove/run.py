@@ -18,7 +18,7 @@ from typing import Any
 from phnn.demo import Sealed, make_case, open_seal, write_seal
 from phnn.effects import catalogue
 from phnn.ensemble import executor
-from phnn.errors import PhnnError
+from phnn.errors import OutputFailed, OutputRefused, PhnnError
 from phnn.output import Place, claim
 from phnn.prove.cases import Task, tasks
 from phnn.prove.fast import score_folder
@@ -111,6 +111,8 @@ def _answered(room: Room, settings: Settings, task: Task) -> None:
             options = {"seed": settings.seed, "starts": settings.starts, "max_effects": settings.max_effects}
             without = containing(open_seal(room.seal(task)).withheld)
             answer = diagnose_folder(folder, room.report(task), without, options, settings.keep)
+    except (OutputFailed, OutputRefused):
+        raise
     except PhnnError as error:
         answer = {"failure": str(error)}
     room.answer(task).write_json(answer)

@@ -115,11 +115,11 @@ def test_a_proposal_of_somebody_else_stops_a_diagnosis_before_the_fit(tmp_path: 
     assert seen(tmp_path) == {"next_experiment.csv": b"mine"}
 
 
-def test_what_a_shorter_folder_no_longer_has_goes(place: Path) -> None:
+def test_predictions_of_another_folder_stay(place: Path) -> None:
     assert predict(place, place / "out") == 0
-    (place / "rec" / "b.csv").unlink()
+    (place / "rec" / "b.csv").rename(place / "rec" / "c.csv")
     assert predict(place, place / "out") == 0
-    assert set(seen(place / "out")) == {"a.csv"}
+    assert set(seen(place / "out")) == {"a.csv", "b.csv", "c.csv"}
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() == 0, reason="rights do not bind this user")

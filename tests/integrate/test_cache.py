@@ -79,3 +79,12 @@ def test_without_a_place_functions_are_compiled_in_memory(tmp_path: Path) -> Non
     (tmp_path / "file").write_text("")
     printed, told = run(tmp_path / "home", tmp_path / "file")
     assert printed == ["42.0", "0"] and "compiled code is not kept" in told
+
+
+def test_a_mask_that_lets_a_group_write_does_no_harm(tmp_path: Path) -> None:
+    before = os.umask(0o002)
+    try:
+        assert run(tmp_path / "home", tmp_path / "new" / "cache")[0] == ["42.0", "0"]
+        assert run(tmp_path / "home", tmp_path / "new" / "cache")[0] == ["42.0", "1"]
+    finally:
+        os.umask(before)

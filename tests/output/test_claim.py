@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import pickle
@@ -78,8 +79,8 @@ def test_folders_that_are_read_are_not_written_to(tmp_path: Path) -> None:
     ):  # fmt: skip
         with pytest.raises(InputRefused, match=f"{words} .*rec, from which this command reads"):
             claim(out, "predict", [recordings]).__enter__()
-        with pytest.raises(InputRefused, match="from which this command reads"):
-            claim(out, "predict", [recordings / "a.csv"]).__enter__()
+    with pytest.raises(InputRefused, match="from which this command reads"):
+        claim(recordings, "predict", [recordings / "a.csv"]).__enter__()
     assert seen(tmp_path) == {"rec/a.csv": b"x"} and not (recordings / ".phnn").exists()
 
 
@@ -219,3 +220,77 @@ def test_a_kill_leaves_whole_files_and_a_mark(tmp_path: Path, delay: float) -> N
     assert begin("2").wait() == 0
     assert seen(tmp_path / "o") == dict.fromkeys("abc", b"2" * 100_000)
     assert not list(tmp_path.rglob("*.part"))
+
+
+@pytest.mark.parametrize("name", ["../victim", "{root}/victim", ".", "", "a/../../victim", ".phnn/lock"])
+@pytest.mark.parametrize("digest", ["", "0" * 64])
+def test_a_planted_record_removes_nothing(tmp_path: Path, name: str, digest: str) -> None:
+    out, victim = tmp_path / "o", tmp_path / "victim"
+    victim.mkdir()
+    (victim / "a").write_text("x")
+    with claim(out, "diagnose", (), RESULTS) as place:
+        (place / "report.html").write(b"1")
+    (out / "mine").write_text("mine")
+    line = json.dumps({"file": name.format(root=tmp_path), "sha256": digest, "by": "diagnose"})
+    with (out / ".phnn" / "written.jsonl").open("a") as file:
+        file.write(line + "\n")
+    with claim(out, "diagnose", (), (*RESULTS, "victim")) as place:
+        (place / "report.html").write(b"2")
+    assert seen(tmp_path) == {"victim/a": b"x", "o/report.html": b"2", "o/mine": b"mine"}
+
+
+def test_what_was_moved_away_behind_a_link_stays(tmp_path: Path) -> None:
+    with claim(tmp_path / "o", "diagnose", (), RESULTS) as place:
+        (place / "figures" / "a.png").write(b"1")
+    (tmp_path / "o" / "figures").rename(tmp_path / "kept")
+    (tmp_path / "o" / "figures").symlink_to(tmp_path / "kept")
+    with claim(tmp_path / "o", "diagnose", (), RESULTS):
+        pass
+    assert (tmp_path / "kept" / "a.png").read_bytes() == b"1"
+
+
+def test_commands_in_one_folder_keep_one_anothers_results(tmp_path: Path) -> None:
+    for command, result in (("identify", "a"), ("diagnose", "b"), ("diagnose", "b"), ("check", "c"), ("check", "c")):
+        with claim(tmp_path, command, (), (result,)) as place:
+            (place / result).write(command.encode())
+    assert seen(tmp_path) == {"a": b"identify", "b": b"diagnose", "c": b"check"}
+
+
+def test_a_refused_run_leaves_a_folder_as_it_was(tmp_path: Path) -> None:
+    def refused(out: Path, mine: str = "") -> None:
+        with pytest.raises(InputRefused, match="no"), claim(out, "check", (), RESULTS):
+            if mine:
+                (out / mine).write_text("mine")
+            raise InputRefused("no")
+
+    refused(tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+    refused(tmp_path / "new", "notes.txt")
+    assert seen(tmp_path / "new") == {"notes.txt": b"mine"}
+    with claim(tmp_path / "old", "train", (), RESULTS, {"a": 1}) as place:
+        (place / "next.csv").write(b"1")
+    refused(tmp_path / "old")
+    assert seen(tmp_path / "old") == {"next.csv": b"1"}
+    assert finished(tmp_path / "old", "train", {"a": 1})
+
+
+def test_beginning_anew_is_never_going_on(tmp_path: Path) -> None:
+    with claim(tmp_path, "prove", made_of={"seed": 1}, resume=True) as place:
+        (place / "answer").write(b"1")
+    with pytest.raises(InputRefused, match="seed: 1 before, 2 now"):
+        claim(tmp_path, "prove", made_of={"seed": 2}, resume=True, overwrite=True).__enter__()
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\n{", b"[[[[", b'{"file": 3}\n', b"\n\n"])
+def test_a_damaged_record_counts_for_nothing(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / ".phnn").mkdir()
+    (tmp_path / ".phnn" / "written.jsonl").write_bytes(content)
+    with claim(tmp_path, "diagnose", (), RESULTS) as place:
+        (place / "report.html").write(b"1")
+    with claim(tmp_path, "diagnose", (), RESULTS) as place:
+        (place / "report.html").write(b"2")
+    assert seen(tmp_path) == {"report.html": b"2"}
+    (tmp_path / ".phnn" / "written.jsonl").unlink()
+    (tmp_path / ".phnn" / "written.jsonl").mkdir()
+    with pytest.raises(InputRefused, match="is no file"):
+        claim(tmp_path, "diagnose", (), RESULTS).__enter__()
