@@ -15,7 +15,7 @@ from filelock import FileLock, Timeout
 from phnn.errors import InputRefused, OutputFailed, OutputRefused, PhnnError
 from phnn.output.files import PART, finite, refusal, write_atomic
 from phnn.output.place import Place
-from phnn.output.record import FOLDER, Line, Record
+from phnn.output.record import FOLDER, Line, Record, foreign, is_empty
 
 INCOMPLETE = "INCOMPLETE.txt"
 _RUN, _LOCK, _PROBE = "run.json", "lock", "probe"
@@ -200,18 +200,10 @@ def _met(root: Path, record: Record, results: Sequence[str], overwrite: bool) ->
     for result in results:
         path = root / result
         files = [n for n in known if PurePosixPath(n).parts[0] == result]
-        if (path.exists() or path.is_symlink()) and not files and not _empty(path):
-            raise OutputRefused(f"{path}: was not written by phnn: move it away, or choose another folder for --out")
+        if (path.exists() or path.is_symlink()) and not files and not is_empty(path):
+            raise foreign(path)
         for name in files:
-            if not overwrite and (root / name).exists() and not record.owns(PurePosixPath(name), known):
-                raise OutputRefused(
-                    f"{root / name}: was changed after phnn wrote it: move it away, choose another folder for --out, "
-                    "or give --overwrite"
-                )
-
-
-def _empty(path: Path) -> bool:
-    return path.is_dir() and not path.is_symlink() and next(path.iterdir(), None) is None
+            record.check(PurePosixPath(name), overwrite, known)
 
 
 def _before(root: Path) -> dict[str, Any] | None:

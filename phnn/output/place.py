@@ -12,7 +12,7 @@ from typing import Any
 from phnn.errors import OutputRefused
 from phnn.output.files import finite, refusal, write_atomic
 from phnn.output.names import file_name
-from phnn.output.record import Record, sha256
+from phnn.output.record import Record, is_empty, sha256
 
 _HERE = PurePosixPath()
 
@@ -69,7 +69,7 @@ class Place:
             OutputRefused: a folder or file that phnn did not make has that name.
         """
         record = Record(self.root)
-        if self.path.exists() and not record.owns(self.name) and not _empty(self.path):
+        if self.path.exists() and not record.owns(self.name) and not is_empty(self.path):
             raise OutputRefused(f"{self}: is not of phnn's making: move it away, or choose another folder for --out")
         self._make(self.path.parent)
         record.add(self.name, "", self.by)
@@ -83,10 +83,10 @@ class Place:
             return
         if not Record(self.root).owns(self.name):
             return
-        if self.path.is_dir():
-            shutil.rmtree(self.path, ignore_errors=True)
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
         else:
-            self.path.unlink(missing_ok=True)
+            path.unlink(missing_ok=True)
 
     def _make(self, folder: Path) -> None:
         try:
@@ -98,20 +98,8 @@ class Place:
             raise OutputRefused(f"{folder}: is a link that leads to {resolved}: remove it, results stay inside --out")
 
     def _check(self) -> None:
-        path, record = self.path, Record(self.root)
+        path = self.path
         if path.is_symlink() or path.is_dir():
             kind = "a link" if path.is_symlink() else "a folder"
             raise OutputRefused(f"{path}: is {kind}, where a result must be written: move it away")
-        if not path.exists() or record.owns(self.name):
-            return
-        if not record.wrote(self.name):
-            raise OutputRefused(f"{path}: was not written by phnn: move it away, or choose another folder for --out")
-        if not self.overwrite:
-            raise OutputRefused(
-                f"{path}: was changed after phnn wrote it: move it away, choose another folder for --out, or give "
-                "--overwrite"
-            )
-
-
-def _empty(path: Path) -> bool:
-    return path.is_dir() and next(path.iterdir(), None) is None
+        Record(self.root).check(self.name, self.overwrite)

@@ -118,10 +118,29 @@ class Record:
         path = self.root / name
         return path.is_file() and not path.is_symlink() and sha256_of(path) in known.get(str(name), ())
 
-    def wrote(self, name: PurePosixPath) -> bool:
-        """Whether phnn wrote a file of that name, whatever it contains by now."""
-        known = self.digests()
-        return any(str(parent) in known for parent in (name, *name.parents))
+    def check(self, name: PurePosixPath, overwrite: bool, known: dict[str, set[str]] | None = None) -> None:
+        """Refuse to write where a file stands that is not phnn's, or that was changed since.
+
+        Args:
+            overwrite: whether phnn's own may be replaced although it was changed.
+            known: the digests, where the caller has them.
+
+        Raises:
+            OutputRefused: names the file and the remedy.
+        """
+        path = self.root / name
+        if not path.exists():
+            return
+        known = self.digests() if known is None else known
+        if self.owns(name, known):
+            return
+        if str(name) not in known:
+            raise foreign(path)
+        if not overwrite:
+            raise OutputRefused(
+                f"{path}: was changed after phnn wrote it: move it away, choose another folder for --out, or give "
+                "--overwrite"
+            )
 
     def compact(self) -> None:
         """Forget files that are gone and contents that were replaced; called where no other process writes."""
@@ -133,6 +152,16 @@ class Record:
             if path.exists() and (line.digest in ("", now) or now not in known[line.name]):
                 kept.append(line)
         write_atomic(self.path, "".join(line.text() for line in kept).encode())
+
+
+def foreign(path: Path) -> OutputRefused:
+    """What is said where somebody else's file or folder has the name of a result."""
+    return OutputRefused(f"{path}: was not written by phnn: move it away, or choose another folder for --out")
+
+
+def is_empty(path: Path) -> bool:
+    """Whether a folder holds nothing, so that it is nobody's."""
+    return path.is_dir() and not path.is_symlink() and next(path.iterdir(), None) is None
 
 
 def _inside(name: str) -> bool:
