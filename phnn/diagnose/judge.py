@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 from phnn.diagnose.compose import Material, compose
 from phnn.diagnose.criteria import CRITERIA, Criteria
-from phnn.diagnose.finding import Finding
+from phnn.diagnose.finding import Finding, effects_of
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.learn import learn
 from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Naming
 from phnn.diagnose.place import located
 from phnn.diagnose.rules import Applied, Record
-from phnn.diagnose.rules.composition import COMPLETE, CompleteCase
+from phnn.diagnose.rules.composition import CLAIM, ClaimCase
 from phnn.diagnose.rules.search import BASE, BaseCase
 from phnn.diagnose.rules.verdict import VERDICT, VerdictCase
 from phnn.diagnose.scored import Scored, excess, scored
@@ -159,21 +159,33 @@ def _composed(
 ) -> tuple[str, Scored, tuple[Finding, ...]]:
     """Verdict, model and elements after composing, where the search has left something."""
     criteria, named = asked.criteria, selected.findings if word != "unknown" else ()
-    findings, model = selected.findings, selected.model
-    elements, fitted = compose(material, selected, tried, record)
+    findings, fitted = compose(material, selected, tried, record)
+    model = selected.model
     if fitted is not model.ground.fit:
         terminals = asked.found.ground.terminals
         model = scored(fitted, material.effects, material.seed, terminals=terminals, criteria=criteria)
-        findings = elements
-        whole = Selected(findings, model, share_of(asked.found.ground.fit, fitted, asked.found.naming))
-        complete = CompleteCase(fitted.chi2, model.significant, sum(f.learned for f in findings), criteria)
-        if not named and record.decide(COMPLETE, complete) is None:
-            word, _ = _word(asked, whole, record)
-            named = findings if word != "unknown" else ()
-    kept = tuple(replace(f, provisional=all(f is not n for n in named)) for f in findings)
+        if not named and (claimed := _claimed(findings, model, criteria, record)):
+            share = share_of(asked.found.ground.fit, fitted, asked.found.naming)
+            word, _ = _word(asked, Selected(claimed, model, share), record)
+            named = claimed if word != "unknown" else ()
+    names = effects_of(named)
+    kept = tuple(replace(f, provisional=f.trial.candidate.effect not in names) for f in findings)
     if word != "unknown" and all(f.provisional for f in kept):
         word = "unknown"
     return word, model, kept
+
+
+def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, record: Record) -> tuple[Finding, ...]:
+    """Elements of a composed model beside which what has no name is small."""
+    doubt = criteria.selection.noise_doubt
+    leaves = max(model.ground.fit.chi2 / doubt**2 - 1.0, 0.0) if model.significant else 0.0
+    takes = [f.gained.before**2 - f.gained.after**2 if f.gained is not None else 0.0 for f in findings]
+    leaves += sum(t for f, t in zip(findings, takes, strict=True) if f.learned)
+    return tuple(
+        f
+        for f, t in zip(findings, takes, strict=True)
+        if record.decide(CLAIM, ClaimCase(f.learned, t, leaves, criteria), f.trial.candidate.effect.name) is None
+    )
 
 
 def _also(location: Location, name: str) -> Location:

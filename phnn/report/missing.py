@@ -26,16 +26,16 @@ def missing_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         return []
     if not j.findings:
         return [_nameless(j)]
-    return [_entry(j, f, fixes_common_factor(diagnosis.campaign.known)) for f in j.findings]
+    return [_entry(diagnosis, f) for f in j.findings]
 
 
-def _entry(j: Judgement, finding: Finding, anchored: bool) -> dict[str, Any]:
-    final = j.final
+def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
+    final, anchored = diagnosis.judgement.final, fixes_common_factor(diagnosis.campaign.known)
     effect = finding.trial.candidate.effect
     parameters = final.setup.parameters
     shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in effect.parameters}
     # A provisional element belongs to the model, and its name is not claimed.
-    claimed: dict[str, Any] = {"effect": effect.name, "status": j.verdict}
+    claimed: dict[str, Any] = {"effect": effect.name, "status": _status(diagnosis, finding)}
     if finding.provisional:
         claimed = {"effect": "unknown", "status": "provisional", "nearest": None if finding.learned else effect.name}
     return claimed | {
@@ -51,6 +51,14 @@ def _entry(j: Judgement, finding: Finding, anchored: bool) -> dict[str, Any]:
         "passive": effect.passive,
         "parameters": _estimates(final, effect.parameters),
     }
+
+
+def _status(diagnosis: Diagnosis, finding: Finding) -> str:
+    """How far the name of a claimed element is proven: a verdict speaks for all of them, some may be surer."""
+    held, level = finding.held_out, diagnosis.criteria.confirmation.held_out_level
+    proven = held is not None and held.falls is not None and held.falls < level
+    alone = len(finding.members) == 1 and diagnosis.campaign.held_out_is_new
+    return "named" if alone and proven else diagnosis.judgement.verdict
 
 
 def _estimates(final: Fit, names: Iterable[str]) -> dict[str, dict[str, Any]]:

@@ -11,14 +11,14 @@ import pytest
 from phnn.diagnose.criteria import CRITERIA, Confirmation
 from phnn.diagnose.gain import Gain
 from phnn.diagnose.rules import Applied, Record, composition, held_out, search, verdict
-from phnn.diagnose.rules.composition import COMPLETE, GAIN, LEAVES
+from phnn.diagnose.rules.composition import CLAIM, GAIN, LEAVES
 from phnn.diagnose.rules.held_out import ELEMENT, MODEL, NAMELESS, NUMERICS, REMAINDER
 from phnn.diagnose.rules.search import BASE, FORM, KEEP, REFIT, STEP
 from phnn.diagnose.rules.verdict import VERDICT
 
 RULE = CRITERIA.selection
 TABLES = (
-    BASE, REFIT, STEP, FORM, KEEP, LEAVES, GAIN, COMPLETE, VERDICT, ELEMENT, MODEL, NAMELESS, REMAINDER, NUMERICS,
+    BASE, REFIT, STEP, FORM, KEEP, LEAVES, GAIN, CLAIM, VERDICT, ELEMENT, MODEL, NAMELESS, REMAINDER, NUMERICS,
 )  # fmt: skip
 
 
@@ -38,7 +38,7 @@ KEPT = verdict.VerdictCase(1, 1, 0.99, 1.0, False, 0.0, None, True, RULE)
 MODEL_CASE = held_out.ModelCase(2, 0, 0, 2, share=0.99, remains=False, criteria=CRITERIA)
 SMALL = held_out.NamelessCase(0.05, 1.0, CRITERIA)
 LEFT = composition.LeavesCase(4.0, 1e-4, 1, CRITERIA)
-COMPOSED = composition.CompleteCase(1.0, False, 0, CRITERIA)
+COMPOSED = composition.ClaimCase(False, takes=4.0, leaves=0.1, criteria=CRITERIA)
 LARGE, SLIGHT = a_gain(5.0, 1.0), a_gain(1.010, 1.008)
 
 # What decides, of which case.
@@ -70,8 +70,8 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (LEAVES, replace(LEFT, elements=5), "model_has_enough_elements", "stop"),
     (GAIN, composition.GainCase(LARGE, CRITERIA), "element_predicts_better", "add"),
     (GAIN, composition.GainCase(SLIGHT, CRITERIA), "element_does_not_predict_better", "leave out"),
-    (COMPLETE, replace(COMPOSED, learned=1), "a_learned_element_is_needed", "no names"),
-    (COMPLETE, replace(COMPOSED, chi2=2.0, significant=True), "composed_model_leaves_something", "no names"),
+    (CLAIM, replace(COMPOSED, learned=True), "learned_element_has_no_name", "no name"),
+    (CLAIM, replace(COMPOSED, leaves=0.3), "too_much_has_no_name", "no name"),
     (ELEMENT, element(None, SLIGHT), "nothing_held_out_and_small", "immaterial"),
     (ELEMENT, element(None, LARGE), "nothing_held_out_and_far", "open"),
     (ELEMENT, element(None, a_gain(3.0, 2.0)), "nothing_held_out", "refuted"),
@@ -119,7 +119,7 @@ def test_no_rule_is_left_out() -> None:
         (STEP, STEP_CASE),
         (FORM, STEP_CASE),
         (LEAVES, LEFT),
-        (COMPLETE, COMPOSED),
+        (CLAIM, COMPOSED),
         (NAMELESS, replace(SMALL, share=0.2)),
         (REMAINDER, replace(SMALL, share=0.2)),
         (REMAINDER, replace(SMALL, chi2=1.2)),

@@ -53,6 +53,12 @@ class Composition:
         "Largest p-value of a fall that is far.",
         "Argument: what is left by a wrong model scatters more than noise does, so that a test of it is weak.",
     )
+    claim_leaves: float = criterion(
+        0.05,
+        "share of what it takes",
+        "An element of a composed model has a name only if what has no name is less.",
+        "Argument: what remains may be an effect of its own, for which the element stands in part. " + STUDIED,
+    )
 
     def falls(self, before: float, after: float, p_value: float | None) -> bool:
         """Whether an error on selection recordings falls enough.

@@ -16,7 +16,7 @@ The tables stand in `phnn.diagnose.rules.search`, ``.composition``, ``.verdict``
 | ``verdict.VERDICT`` | of what the search has kept | ``named``, ``equivalent``, ``unknown`` |
 | ``composition.LEAVES`` | of a model that may be composed further | ``stop`` |
 | ``composition.GAIN`` | of one more element, by recordings that were left out | ``add``, ``leave out`` |
-| ``composition.COMPLETE`` | of a composed model | ``no names`` |
+| ``composition.CLAIM`` | of an element of a composed model | ``no name`` |
 | ``held_out.ELEMENT`` | of every element | see `phnn.diagnose.confirm.Outcome` |
 | ``held_out.MODEL`` | of all elements together | ``none``, ``unknown``, ``equivalent``, ``kept`` |
 | ``held_out.NAMELESS`` | of a base model to which nothing is added | ``none`` |

@@ -63,29 +63,32 @@ def element_does_not_predict_better(case: GainCase) -> Applied:
 
 
 @dataclass(frozen=True)
-class CompleteCase:
-    """A composed model: mean square that it leaves [noise²], whether that is significant, how many of its elements are
-    learned."""
+class ClaimCase:
+    """One element of a composed model.
 
-    chi2: float
-    significant: bool
-    learned: int
+    Attributes:
+        learned: it is a learned element; takes: mean square [noise²] that it takes from recordings that were left out.
+        leaves: mean square [noise²] that has no name: what the model leaves, and what learned elements take.
+    """
+
+    learned: bool
+    takes: float
+    leaves: float
     criteria: Criteria
 
 
-def a_learned_element_is_needed(case: CompleteCase) -> Applied:
-    """Part of what the model explains has no name, so that effects beside it may have taken over some of that."""
-    return Applied(case.learned > 0, "no names", {"learned": case.learned})
+def learned_element_has_no_name(case: ClaimCase) -> Applied:
+    """A learned element stands for physics that no list has."""
+    return Applied(case.learned, "no name", {})
 
 
-def composed_model_leaves_something(case: CompleteCase) -> Applied:
-    """The model leaves more than chance and more than the noise floor is known to: what that is may be an effect too,
-    and those that were added may stand for it."""
-    doubt = case.criteria.selection.noise_doubt
-    leaves = case.significant and case.chi2 > doubt**2
-    return Applied(leaves, "no names", {"residual_over_noise": math.sqrt(case.chi2), "noise_doubt": doubt})
+def too_much_has_no_name(case: ClaimCase) -> Applied:
+    """What has no name is no small part of what the element takes: it may be what the element stands for."""
+    most = case.criteria.composition.claim_leaves
+    numbers = {"takes": case.takes, "leaves": case.leaves, "claim_leaves": most}
+    return Applied(case.leaves > most * case.takes, "no name", numbers)
 
 
 LEAVES = (model_is_at_the_noise, model_has_enough_elements)
 GAIN = (element_predicts_better, element_does_not_predict_better)
-COMPLETE = (a_learned_element_is_needed, composed_model_leaves_something)
+CLAIM = (learned_element_has_no_name, too_much_has_no_name)
