@@ -1,7 +1,7 @@
 """Compose the best model first, then ask which of its elements are proven.
 
 A model is grown element by element on some of the identification recordings, and the others of them choose
-(`phnn.diagnose.left_out`): of the refits that fit best, the one that predicts those best is added, as long as their
+(`phnn.identify.left_out`): of the refits that fit best, the one that predicts those best is added, as long as their
 error falls by more than chance and by more than a further element is worth. Candidates are effects of the catalogue and
 learned elements. Then every element has to show that it is still needed. What stands is refitted to all identification
 recordings. No name is claimed here, and no held-out recording is looked at.
@@ -14,8 +14,6 @@ from dataclasses import dataclass, replace
 
 from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.finding import Finding
-from phnn.diagnose.gain import Gain
-from phnn.diagnose.left_out import LeftOut, leave_out
 from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.refit import refit
@@ -30,6 +28,8 @@ from phnn.ensemble import Executor
 from phnn.errors import PhnnError
 from phnn.identify.evaluate import Evaluation
 from phnn.identify.fit import Fit
+from phnn.identify.gain import Gain
+from phnn.identify.left_out import LeftOut, leave_out
 from phnn.identify.staged import fit_identified, stated_only
 
 

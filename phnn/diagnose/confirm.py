@@ -29,7 +29,6 @@ from enum import Enum
 
 from phnn.diagnose.criteria import Confirmation, Criteria
 from phnn.diagnose.finding import Finding
-from phnn.diagnose.gain import Gain, gain
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.judge import Immaterial, Judgement, immaterial, unexplained
 from phnn.diagnose.name import Naming
@@ -40,6 +39,7 @@ from phnn.diagnose.scored import Scored
 from phnn.diagnose.select import share_of
 from phnn.identify.evaluate import Evaluation, evaluate
 from phnn.identify.fit import Fit
+from phnn.identify.gain import Gain, gain
 from phnn.identify.problem import Plan
 from phnn.recordings.recording import Campaign
 

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from phnn.diagnose.criteria import SELECTION
-from phnn.diagnose.gain import Gain
 from phnn.diagnose.name import Naming
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect
 from phnn.identify.fit import Fit
+from phnn.identify.gain import Gain
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,13 @@ from phnn.diagnose import confirm
 from phnn.diagnose.confirm import Outcome, confirmed, outcome_of
 from phnn.diagnose.criteria import CRITERIA, Confirmation
 from phnn.diagnose.finding import Finding
-from phnn.diagnose.gain import Gain
 from phnn.diagnose.judge import Judgement
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.trial import Trial
 from phnn.effects import effect
 from phnn.identify.evaluate import Evaluation, score_part
 from phnn.identify.fit import Fit
+from phnn.identify.gain import Gain
 from phnn.recordings.recording import Part, Recording, Start
 
 NOISE = 4e-8

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from phnn.diagnose.criteria import CRITERIA, Confirmation
-from phnn.diagnose.gain import Gain
 from phnn.diagnose.rules import Applied, Record, composition, held_out, search, verdict
 from phnn.diagnose.rules.composition import CLAIM, GAIN, LEAVES
 from phnn.diagnose.rules.held_out import ELEMENT, MODEL, NAMELESS, NUMERICS, REMAINDER
 from phnn.diagnose.rules.search import BASE, FORM, KEEP, REFIT, STEP
 from phnn.diagnose.rules.verdict import VERDICT
+from phnn.identify.gain import Gain
 
 RULE = CRITERIA.selection
 TABLES = (

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 from phnn.diagnose.criteria import Criteria
-from phnn.diagnose.gain import Gain
 from phnn.diagnose.rules import Applied
+from phnn.identify.gain import Gain
 
 
 @dataclass(frozen=True)

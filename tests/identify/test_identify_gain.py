@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from phnn.diagnose.gain import correlation_length, gain
 from phnn.identify.evaluate import Evaluation, score_part
+from phnn.identify.gain import correlation_length, gain
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Own
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from phnn.diagnose.gain import Gain, gain
 from phnn.identify.evaluate import Evaluation, evaluate
 from phnn.identify.fit import Fit
+from phnn.identify.gain import Gain, gain
 from phnn.identify.problem import Plan
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import Candidate, divide
