@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from phnn.chain.bouc_wen import bouc_wen
 from phnn.chain.delay import delay
+from phnn.chain.knee import banded, kneed
 from phnn.integrate.compiled import entry
 from phnn.laws.namespace import absolute, exp, log1p, maximum, minimum, real, where
 
@@ -86,6 +87,16 @@ def offset(fine: Array, h: Array, before: Any, voltage: Any) -> Array:
     return np.asarray(fine + voltage)
 
 
+def knee(fine: Array, h: Array, before: Any, share: Any, level: Any) -> Array:
+    """`phnn.chain.knee.kneed`: less gain beyond a level on one side."""
+    return kneed(fine, share, level)
+
+
+def dead_band(fine: Array, h: Array, before: Any, share: Any, level: Any) -> Array:
+    """`phnn.chain.knee.banded`: less gain below a level on both sides."""
+    return banded(fine, share, level)
+
+
 _first_order = entry(_first_order_loop)
 _limited = entry(_limited_loop)
 
@@ -97,4 +108,6 @@ AMPLIFIERS: dict[str, Callable[..., Array]] = {
     "delay": delay,
     "slew_limit": slew_limit,
     "offset": offset,
+    "knee": knee,
+    "dead_band": dead_band,
 }

@@ -19,5 +19,8 @@ DOMAINS: Mapping[str, tuple[Domain, ...]] = {
     "polynomial": (ANY, ANY),
     "rectification": (),
     "play": (NONNEGATIVE,),
+    "knee": (ANY, ANY),
+    "dead_band": (ANY, NONNEGATIVE),
+    "cubic": (ANY, ANY, POSITIVE),
     "tone": (ANY, ANY, NONNEGATIVE),
 }

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.chain.knee import bent, kneed
 from phnn.chain.lag import lag
 from phnn.chain.play import play
 from phnn.laws.namespace import absolute
@@ -34,12 +35,24 @@ def rectification(y: Array, t: Array) -> Array:
     return np.asarray(absolute(y))
 
 
+def knee(y: Array, t: Array, share: Any, level: Any) -> Array:
+    """`phnn.chain.knee.kneed`: less gain beyond a level on one side."""
+    return kneed(y, share, level)
+
+
+def cubic(y: Array, t: Array, square: Any, cube: Any, level: Any) -> Array:
+    """`phnn.chain.knee.bent`: a characteristic that is a cubic within a level and straight beyond it."""
+    return bent(y, square, cube, level)
+
+
 SENSORS: dict[str, Callable[..., Array]] = {
     "drift": drift,
     "lag": lag,
     "polynomial": polynomial,
     "rectification": rectification,
     "play": play,
+    "knee": knee,
+    "cubic": cubic,
 }
 REMEMBERING = ("lag", "play")
 """Blocks whose output depends on what was between the samples."""

@@ -83,7 +83,7 @@ def clamped(effect: Effect, setup: Setup, values: Mapping[str, float]) -> Setup:
 
 
 def _defaults(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
-    """Values with a two-sided strength at zero, which lies within every bound."""
-    if effect.one_sided or effect.strength is None:
+    """Values with two-sided strengths at zero, which lies within every bound."""
+    if effect.one_sided:
         return dict(values)
-    return dict(values) | {effect.strength: 0.0}
+    return dict(values) | dict.fromkeys(effect.all_strengths, 0.0)

@@ -10,15 +10,20 @@ from functools import cache
 from phnn.effects.effect import Effect, Scales
 from phnn.errors import InputRefused
 
-__all__ = ["Effect", "Scales", "catalogue", "effect", "in_all_forms"]
+__all__ = ["Effect", "Scales", "catalogue", "effect", "gathered", "in_all_forms"]
 
 
 @cache
 def catalogue() -> dict[str, Effect]:
     """All effects by name."""
+    return gathered(__name__, __path__)
+
+
+def gathered(package: str, folders: Iterable[str]) -> dict[str, Effect]:
+    """The effects by name that the modules of a package define as ``EFFECT``."""
     found = {}
-    for module in pkgutil.iter_modules(__path__):
-        member = getattr(importlib.import_module(f"{__name__}.{module.name}"), "EFFECT", None)
+    for module in pkgutil.iter_modules(folders):
+        member = getattr(importlib.import_module(f"{package}.{module.name}"), "EFFECT", None)
         if member is not None:
             found[member.name] = member
     return found

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from phnn.errors import InputRefused
-from phnn.network.elements import Network, Storage
+from phnn.network.elements import Network, Port, Storage
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Setup
 
@@ -139,6 +139,7 @@ class Effect:
         references: where the law comes from.
         passive: whether adding it keeps ``J = −Jᵀ``, ``D ≥ 0`` and ``H`` bounded below.
         strength: the parameter that is zero when the effect is absent; None where there is no such parameter.
+        strengths: where several parameters are zero when the effect is absent, all of them, ``strength`` the first.
         one_sided: only positive strengths are physical.
         grid: values of all its parameters to probe, given the scales. Strengths are small there.
         build: adds the effect with given parameter values.
@@ -149,7 +150,7 @@ class Effect:
         exchanged: values of the model's parameters that have what it adds in the place of something alike, from all
             values of a model with it: where to begin when it is taken away again.
         searched: its parameter that is a frequency to be found in the spectrum of what the model leaves.
-        rescale: how to multiply the strength where that is more than multiplying one parameter.
+        rescale: how to multiply the strength where that is more than multiplying parameters.
         forms: the same physics by other laws, under the same name, at the same place and of the same kind.
         plausible: where each of its parameters lies in actuators that exist, or that no range is known.
     """
@@ -178,6 +179,12 @@ class Effect:
     akin: tuple[str, ...] = ()
     forms: tuple[Effect, ...] = ()
     plausible: Mapping[str, Plausible] = field(default_factory=dict, compare=False)
+    strengths: tuple[str, ...] = ()
+
+    @property
+    def all_strengths(self) -> tuple[str, ...]:
+        """The parameters that are zero when the effect is absent."""
+        return self.strengths or (() if self.strength is None else (self.strength,))
 
     @property
     def special(self) -> tuple[str, ...]:
@@ -185,7 +192,7 @@ class Effect:
         return tuple(s.name for s in self.contains)
 
     def scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
-        """Parameter values with the strength multiplied, kept within a physical range.
+        """Parameter values with the strengths multiplied, kept within a physical range.
 
         Args:
             values: a grid point.
@@ -193,10 +200,8 @@ class Effect:
         """
         if self.rescale is not None:
             return self.rescale(values, factor)
-        if self.strength is None:
-            return dict(values)
         factor = max(factor, 1e-3) if self.one_sided else factor
-        return dict(values) | {self.strength: values[self.strength] * factor}
+        return dict(values) | {name: values[name] * factor for name in self.all_strengths}
 
     def can_be_added_to(self, setup: Setup) -> bool:
         """Whether it applies to the setup and is not in it already, under its own parameter names."""
@@ -235,3 +240,26 @@ def bent_spring(network: Network, law: str, extra: Sequence[Parameter]) -> Netwo
     parameters = as_table((*network.parameters.values(), *extra))
     storages = tuple(bent(s) if s.name == "q" else s for s in network.storages)
     return replace(network, storages=storages, parameters=parameters)
+
+
+def bent_port(network: Network, law: str, extra: Sequence[Parameter]) -> Network:
+    """The network with the voltage port bent by ``electrostriction`` or ``polynomial``, or by both.
+
+    Args:
+        law: of these two; the other one may be there.
+        extra: the parameters that take part in it, constants last.
+    """
+
+    def bent(port: Port) -> Port:
+        mine = tuple(p.name for p in extra)
+        if port.name != "voltage":
+            return port
+        if port.law == "linear":
+            return replace(port, law=law, parameters=mine)
+        # The law of both takes that of electrostriction first.
+        names = (*mine, *port.parameters) if law == "electrostriction" else (*port.parameters, *mine)
+        return replace(port, law="electrostrictive_polynomial", parameters=names)
+
+    # First, for it refuses parameters that a law has already.
+    parameters = as_table((*network.parameters.values(), *extra))
+    return replace(network, ports=tuple(map(bent, network.ports)), parameters=parameters)

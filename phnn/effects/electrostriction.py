@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
-from phnn.effects.effect import Effect, Plausible, Scales, has_transducer, with_network
-from phnn.parameters import Parameter, as_table
+from phnn.effects.effect import Effect, Plausible, Scales, bent_port, has_transducer, with_network
+from phnn.parameters import Parameter
 from phnn.setup import Setup
 
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """The voltage port acts through ``ψ(V) = V + ε V²/2``; its conjugate current gains the factor ``1 + ε V``."""
-    network = setup.network
     extra = Parameter("epsilon", values["epsilon"], "1/V", -1.0, 1.0, typical=1e-3, description="electrostriction")
-    ports = tuple(
-        replace(p, law="electrostriction", parameters=("epsilon",)) if p.name == "voltage" else p for p in network.ports
-    )
-    parameters = as_table((*network.parameters.values(), extra))
-    return with_network(setup, replace(network, ports=ports, parameters=parameters))
+    return with_network(setup, bent_port(setup.network, "electrostriction", (extra,)))
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:

@@ -28,11 +28,6 @@ def grid(scales: Scales) -> list[dict[str, float]]:
     return [{"a_2": small, "a_3": 0.0}, {"a_2": 0.0, "a_3": small / scales.displacement}]
 
 
-def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
-    """Strength is the size of both coefficients."""
-    return {name: factor * value for name, value in values.items()}
-
-
 EFFECT = Effect(
     name="sensor_nonlinearity",
     location="sensor",
@@ -53,5 +48,5 @@ EFFECT = Effect(
     parameters=("a_2", "a_3"),
     plausible=no_range("a_2", "a_3"),
     neighbours=("electrostriction", "displacement_coupling", "quadratic_stiffness"),
-    rescale=rescale,
+    strengths=("a_2", "a_3"),
 )

@@ -1,6 +1,6 @@
 """Scalar constitutive laws of storages, resistors, ports and memories."""
 
-from phnn.laws import factor, memory, port, resistor, storage
+from phnn.laws import factor, memory, port, resistor, resistor_damper, storage
 from phnn.laws.law import (
     FACTOR_LAWS,
     MEMORY_LAWS,
@@ -31,5 +31,6 @@ __all__ = [
     "port",
     "register",
     "resistor",
+    "resistor_damper",
     "storage",
 ]

@@ -114,6 +114,21 @@ def thermal_dead_zone(effort: Any, q: Any, rho: Any, width: Any, kappa_rho: Any,
     return piecewise_linear(effort, _tempered(rho, kappa_rho, q), -half, half)
 
 
+def yielding_thresholds(q: Any, stiffness: Any, travel: Any, tau: Any) -> Any:
+    """Symmetric thresholds ``±k x_s``; slope ``1/(k τ)`` outside."""
+    half = stiffness * travel
+    return reciprocal(stiffness * tau), -half, half
+
+
+def yielding(effort: Any, q: Any, stiffness: Any, travel: Any, tau: Any) -> Any:
+    """Slip of a cell with the spring ``k``: none while it is bent by less than ``x_s``, else the excess over ``τ``.
+
+    All its parameters but ``k`` are independent of its strength: the force of the cell is proportional to ``k``.
+    """
+    half = stiffness * travel
+    return piecewise_linear(effort, reciprocal(stiffness * tau), -half, half)
+
+
 def coulomb(effort: Any, q: Any, force: Any, velocity: Any) -> Any:
     """Dry friction, regularised: ``F_c tanh(v/v_s)``."""
     return force * tanh(effort / velocity)
@@ -148,6 +163,9 @@ register(
     )
 )  # fmt: skip
 register(ResistorLaw("bristles", bristles, (0.7, 0.3), bristles_thresholds, domains=_SLOPE_WIDTH))
+register(
+    ResistorLaw("yielding", yielding, (0.7, 0.5, 0.4), yielding_thresholds, domains=(POSITIVE, NONNEGATIVE, POSITIVE))
+)
 register(ResistorLaw("coulomb", coulomb, (0.4, 0.3), domains=(NONNEGATIVE, POSITIVE)))
 register(ResistorLaw("quadratic_drag", quadratic_drag, (0.8,), domains=(NONNEGATIVE,)))
 register(

@@ -10,7 +10,7 @@ from typing import Any
 
 from phnn.domain import ANY, NONNEGATIVE, POSITIVE
 from phnn.laws.law import StorageLaw, register
-from phnn.laws.namespace import absolute, maximum, real, reciprocal, shared, where
+from phnn.laws.namespace import absolute, maximum, minimum, real, reciprocal, shared, where
 
 
 def capacitor_energy(x: Any, capacitance: Any) -> Any:
@@ -116,10 +116,14 @@ def stop_energy(x: Any, stiffness: Any, gap: Any) -> Any:
 
 
 def stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any) -> Any:
-    """``k/2 (P_a + P_b) (P_b − P_a)/(b − a)``, ``P = max(±(x − gap), 0)``."""
+    """``± k`` times the mean depth ``max(±(x − gap), 0)``, with the sign of the stop's side."""
     side = where(real(gap) < 0.0, -1.0 + 0.0 * gap, 1.0 + 0.0 * gap)
-    raw_a = side * (a - gap)
-    raw_b = side * (b - gap)
+    return stiffness * side * _mean_depth(side * (a - gap), side * (b - gap))
+
+
+@shared
+def _mean_depth(raw_a: Any, raw_b: Any) -> Any:
+    """``(P_b² − P_a²)/2/(r_b − r_a)``, ``P = max(r, 0)``: the mean of ``P`` between two values of ``r``."""
     depth_a = maximum(raw_a, 0.0 * raw_a)
     depth_b = maximum(raw_b, 0.0 * raw_b)
     crossing = real(raw_a) * real(raw_b) < 0.0
@@ -127,7 +131,31 @@ def stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any) -> Any:
     inside = where(real(raw_a) + real(raw_b) > 0.0, 1.0 + 0.0 * raw_a, 0.0 * raw_a)
     # On a crossing one depth is zero and the other lies on the segment, hence the share depth/span.
     share = where(crossing, (depth_a + depth_b) / span, inside)
-    return 0.5 * stiffness * side * (depth_a + depth_b) * share
+    return 0.5 * (depth_a + depth_b) * share
+
+
+def stops_energy(x: Any, right: Any, left: Any, gap: Any) -> Any:
+    """Elastic stops on both sides, ``H = k₊ max(x − gap, 0)²/2 + k₋ max(−x − gap, 0)²/2``, ``gap ≥ 0``."""
+    above = maximum(x - gap, 0.0 * x)
+    below = maximum(-x - gap, 0.0 * x)
+    return 0.5 * (right * above * above + left * below * below)
+
+
+def stops_mean_effort(a: Any, b: Any, right: Any, left: Any, gap: Any) -> Any:
+    """``k₊`` times the mean depth beyond ``gap`` less ``k₋`` times that beyond ``−gap``."""
+    return right * _mean_depth(a - gap, b - gap) - left * _mean_depth(-a - gap, -b - gap)
+
+
+def saturating_spring_energy(x: Any, stiffness: Any, reach: Any) -> Any:
+    """A spring whose force ``k clip(x, ±reach)`` grows no further beyond a displacement; convex, ``H ≥ 0``."""
+    size = absolute(x)
+    inner = minimum(size, reach + 0.0 * size)
+    return stiffness * inner * (size - 0.5 * inner)
+
+
+def saturating_spring_mean_effort(a: Any, b: Any, stiffness: Any, reach: Any) -> Any:
+    """The straight spring less what stops of the same stiffness at ``±reach`` would add."""
+    return stiffness * (0.5 * (a + b) - _mean_depth(a - reach, b - reach) + _mean_depth(-a - reach, -b - reach))
 
 
 _BENT = (NONNEGATIVE, ANY, POSITIVE)
@@ -148,3 +176,10 @@ register(
 )  # fmt: skip
 register(StorageLaw("weight", weight_energy, weight_mean_effort, (0.6,), bounded=False, domains=(ANY,)))
 register(StorageLaw("stop", stop_energy, stop_mean_effort, (2.0, 0.3), domains=(NONNEGATIVE, ANY)))
+register(StorageLaw("stops", stops_energy, stops_mean_effort, (2.0, 1.4, 0.3), domains=(NONNEGATIVE,) * 3))
+register(
+    StorageLaw(
+        "saturating_spring", saturating_spring_energy, saturating_spring_mean_effort, (1.3, 0.4),
+        domains=(NONNEGATIVE, NONNEGATIVE),
+    )
+)  # fmt: skip

@@ -100,7 +100,8 @@ def test_wide_play_shows_nothing_and_none_shows_all() -> None:
     np.testing.assert_array_equal(play(sine(20.0), T, 0.0), sine(20.0))
 
 
-VALUES = {"drift": (0.3,), "lag": (4e-3,), "polynomial": (0.3, -0.2), "rectification": (), "play": (0.15,)}
+VALUES = {"drift": (0.3,), "lag": (4e-3,), "polynomial": (0.3, -0.2), "rectification": (), "play": (0.15,),
+          "knee": (0.3, 0.4), "cubic": (0.1, -0.08, 0.7)}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", SENSORS)

@@ -71,8 +71,8 @@ def test_the_law_of_a_learned_spring_and_of_a_memory() -> None:
     spring = learned_setup(base, "elastic", scales)
     assert spring is not None
     strengths = {n: 0.0 for n in spring.free if n not in base.parameters}
-    gap = spring.parameters["g_x3"].value
-    spring = spring.with_values(strengths | {"k_x3": 2e4})
+    gap = spring.parameters["g_L3"].value
+    spring = spring.with_values(strengths | {"k_R3": 2e4})
     q = np.linspace(-1.0, 1.0, 241) * scales.displacement
     assert learned_force(base, spring, q, 1.0) == pytest.approx(-2e4 * np.maximum(q - gap, 0.0), abs=1e-9)
     where = replace(locate(ground, campaigns.generic("none")), name="mechanical", detail="elastic", group=0)
@@ -82,10 +82,10 @@ def test_the_law_of_a_learned_spring_and_of_a_memory() -> None:
     assert onset == pytest.approx(1e6 * gap, rel=0.03)
     memory = learned_setup(base, "memory", scales)
     assert memory is not None
-    k = memory.parameters["k_x2"].value
-    tau = memory.parameters["tau_x2"].value
+    k = memory.parameters["k_M2"].value
+    tau = memory.parameters["tau_M2"].value
     others = {n: memory.parameters[n].lower for n in memory.free if n not in base.parameters}
-    alone = learned_force(base, memory.with_values(others | {"k_x2": 1e6 * k}), np.array([0.0, tau]), 1e-6)
+    alone = learned_force(base, memory.with_values(others | {"k_M2": 1e6 * k}), np.array([0.0, tau]), 1e-6)
     assert alone[1] / alone[0] == pytest.approx(np.exp(-1.0), rel=1e-6)
 
 

@@ -18,6 +18,7 @@ from phnn.diagnose.name import score
 from phnn.diagnose.picture import missing_force, picture
 from phnn.effects import Effect, catalogue
 from phnn.effects.effect import LOCATIONS
+from phnn.effects.learned import learned_elements
 from phnn.simulate import simulate
 
 # Functions of time alone act without any motion.
@@ -305,11 +306,14 @@ def test_a_learned_spring_finds_the_stop() -> None:
     assert learned is not None
     assert learned.cost < 0.5 * ground.fit.cost
     p = learned.setup.parameters
-    stops = [(p[n].value, p[n.replace("k_x", "g_x")].value) for n in p if n.startswith("k_x")]
-    assert all(k >= 0.0 for k, _ in stops)
+    sides = {"R": 1.0, "L": -1.0}
+    stops = [(p[f"k_{s}{i}"].value, sign * p[f"g_L{i}"].value) for s, sign in sides.items() for i in range(1, 5)]
+    yielding = [(p[f"k_S{i}"].value, p[f"g_L{i}"].value) for i in (5, 6)]
+    assert all(k >= 0.0 for k, _ in (*stops, *yielding))
 
     def stiffness(q: float) -> float:
-        return p["k"].value + sum(k for k, gap in stops if (q > gap if gap > 0 else q < gap))
+        beyond = sum(k for k, gap in stops if (q > gap if gap > 0 else q < gap))
+        return p["k"].value + beyond + sum(k for k, reach in yielding if abs(q) < reach)
 
     reach = ground.scales.displacement
     stop = sealed.parameters["q_c"]
@@ -327,7 +331,8 @@ def test_learned_dampers_and_memories_follow_what_is_missing(detail: str) -> Non
     learned = learn(ground, detail)
     assert learned is not None
     assert learned.chi2 < 0.5 * ground.fit.chi2
-    assert all(v >= 0.0 for n, v in learned.setup.values().items() if "_x" in n and n[0] in "kFc")
+    strengths = learned_elements()[{"dissipative": "learned_damper", "memory": "learned_relaxation"}[detail]].strengths
+    assert all(learned.setup.values()[n] >= 0.0 for n in strengths)
 
 
 def test_nothing_is_learned_where_there_is_no_one_port() -> None:

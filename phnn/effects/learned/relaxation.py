@@ -1,0 +1,73 @@
+"""A learned relaxation: Maxwell cells at spaced times, so that part of the stiffness gives way over decades of time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from phnn.effects.effect import Effect, Scales, has_motion, no_range, with_network
+from phnn.effects.learned.strengths import NEARLY_ZERO, starts, stiffness_of, strength
+from phnn.network.elements import Coupling, Resistor, Storage
+from phnn.parameters import constant
+from phnn.setup import Setup
+
+_CELLS = tuple(str(i) for i in range(1, 7))
+# Shortest time, as a share of the fastest period.
+_SHORTEST = 0.3
+# A noticeable strength, and one that leaves the response proportional to it, as shares of the stiffness.
+_NOTICEABLE, _SMALL = 0.01, 1e-4
+
+_STRENGTHS = tuple(f"k_M{i}" for i in _CELLS)
+_TIMES = tuple(f"tau_M{i}" for i in _CELLS)
+
+
+def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """``F += −Σ kᵢ sᵢ``, ``ṡᵢ = v − sᵢ/τᵢ``: storages with ``J[s, p] = 1`` and a linear resistor each."""
+    typical = _NOTICEABLE * stiffness_of(setup)
+    cells = [(f"learned_cell_{i}", f"k_M{i}", f"tau_M{i}") for i in _CELLS]
+    least = NEARLY_ZERO * typical
+    parameters = [
+        strength(k, max(values[k], least), "N/m", typical, "stiffness of a learned relaxing spring", least)
+        for k in _STRENGTHS
+    ]
+    parameters += [constant(t, values[t], "s", "time in which a learned spring relaxes") for t in _TIMES]
+    network = setup.network.extend(
+        storages=tuple(Storage(s, "spring", (k,), "m") for s, k, _ in cells),
+        resistors=tuple(Resistor(s, "maxwell", {s: 1.0}, (k, tau)) for s, k, tau in cells),
+        couplings=tuple(Coupling(s, "p", 1.0) for s, _, _ in cells),
+        parameters=tuple(parameters),
+    )
+    return with_network(setup, network)
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """All strengths equal, then those of the fast and of the slow cells; times up to the longest recording."""
+    times = np.geomspace(_SHORTEST / scales.fastest, scales.duration, len(_CELLS))
+    constants = dict(zip(_TIMES, map(float, times), strict=True))
+    half = len(_CELLS) // 2
+    return starts(_STRENGTHS, _SMALL * scales.stiffness, (_STRENGTHS[:half], _STRENGTHS[half:]), constants)
+
+
+EFFECT = Effect(
+    name="learned_relaxation",
+    location="mechanical",
+    kind="memory",
+    equation=r"F = \sum_i k_{Mi}\,s_i, \quad \dot{s}_i = v - s_i/\tau_{Mi}",
+    statement="Part of the stiffness relaxes over decades of time: {k_M1} with {tau_M1}, {k_M2} with {tau_M2}, {k_M3} "
+    "with {tau_M3}, {k_M4} with {tau_M4}, {k_M5} with {tau_M5} and {k_M6} with {tau_M6}.",
+    fingerprint="The displacement goes on growing long after a step, as the logarithm of time rather than towards an "
+    "end.",
+    separation="A step held as long as possible and back to zero: the recovery shows the same times again.",
+    references=("Findley, Lai & Onaran 1976, Creep and Relaxation of Nonlinear Viscoelastic Materials, ch. 5",),
+    passive=True,
+    strength=_STRENGTHS[0],
+    strengths=_STRENGTHS,
+    one_sided=True,
+    grid=grid,
+    build=build,
+    parameters=(*_STRENGTHS, *_TIMES),
+    plausible=no_range(*_STRENGTHS, *_TIMES),
+    applies=has_motion,
+    neighbours=("creep", "sensor_drift"),
+)

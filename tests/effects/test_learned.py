@@ -1,0 +1,243 @@
+"""What learned elements owe beyond the contract of all effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from effect_homes import ACTUATOR, BASE, LEARNED, OF_ACTUATOR, SCALES, base, is_sound, point, run
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from phnn.chain.passage import amplified, measured
+from phnn.effects import Effect, catalogue
+from phnn.effects.learned import learned_elements
+from phnn.errors import InputRefused
+from phnn.laws import RESISTOR_LAWS
+from phnn.models.store import load, save
+from phnn.network import PortHamiltonianSystem
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+torch.set_num_threads(1)
+
+every = pytest.mark.parametrize("element", LEARNED, ids=[e.name for e in LEARNED])
+PASSIVE = [e for e in LEARNED if e.passive]
+
+
+def strong(element: Effect, sizes: list[float]) -> Setup:
+    """The base model with an element whose strengths are multiples of typical ones, inside their bounds."""
+    setup = element.add_to(BASE, element.grid(SCALES)[0])
+    chosen = {}
+    for name, size in zip(element.strengths, sizes, strict=False):
+        p = setup.parameters[name]
+        chosen[name] = min(max(size * p.typical, p.lower), p.upper)
+    return setup.with_values(chosen)
+
+
+# Nothing, and from a thousandth to a thousand times what is noticeable, of both signs.
+SIZES = st.lists(
+    st.one_of(st.just(0.0), st.builds(lambda e, s: s * 10.0**e, st.floats(-3.0, 3.0), st.sampled_from([1.0, -1.0]))),
+    min_size=10,
+    max_size=10,
+)
+
+
+@every
+def test_it_has_few_strengths_and_fixed_shapes(element: Effect) -> None:
+    assert element.name not in catalogue()
+    assert 0 < len(element.strengths) <= 10
+    assert element.strength == element.strengths[0]
+    points = element.grid(SCALES)
+    assert 2 <= len(points) <= 4
+    for values in points:
+        setup = element.add_to(BASE, values)
+        assert set(setup.free) - set(BASE.free) == set(element.strengths)
+        nonzero = {abs(values[name]) for name in element.strengths} - {0.0}
+        assert max(nonzero) <= 10.0 * min(nonzero) * (1.0 + 1e-12)
+        # A start is small against what is noticeable.
+        assert all(abs(values[n]) <= 0.1 * setup.parameters[n].typical for n in element.strengths)
+
+
+def test_names_clash_with_no_other_effect() -> None:
+    for a, b in combinations((*OF_ACTUATOR, *LEARNED), 2):
+        if b in LEARNED:
+            assert not set(a.parameters) & set(b.parameters), (a.name, b.name)
+        assert not set(a.parameters) & set(BASE.parameters)
+
+
+@every
+def test_it_stands_beside_every_effect_of_the_catalogue(element: Effect) -> None:
+    for other in OF_ACTUATOR:
+        first, second = other.add_to(BASE, point(other)), element.add_to(BASE, point(element))
+        assert element.can_be_added_to(first), other.name
+        assert other.can_be_added_to(second), other.name
+        both = element.add_to(first, point(element)), other.add_to(second, point(other))
+        assert set(both[0].parameters) == set(both[1].parameters)
+        if other.location == element.location:
+            is_sound(both[1])
+
+
+def test_all_learned_elements_stand_beside_each_other() -> None:
+    setup = BASE
+    for element in LEARNED:
+        setup = element.add_to(setup, point(element))
+    is_sound(setup)
+
+
+@every
+def test_without_strength_it_is_the_base_model(element: Effect) -> None:
+    setup = strong(element, [0.0] * 10)
+    np.testing.assert_allclose(run(setup).y, base(ACTUATOR).y, atol=1e-8 * np.abs(base(ACTUATOR).y).max())
+
+
+@every
+def test_it_is_kept_by_a_file(element: Effect, tmp_path: Path) -> None:
+    setup = element.add_to(BASE, point(element))
+    save(setup, tmp_path / "model")
+    again, _ = load(tmp_path / "model")
+    assert (again.network, again.amplifier, again.sensor) == (setup.network, setup.amplifier, setup.sensor)
+    assert again.parameters == setup.parameters
+    np.testing.assert_array_equal(run(again).y, run(setup).y)
+
+
+@pytest.mark.parametrize("element", PASSIVE, ids=[e.name for e in PASSIVE])
+@settings(max_examples=25, deadline=None)
+@given(sizes=SIZES, seed=st.integers(0, 2**31 - 1))
+def test_no_strengths_make_it_active(element: Effect, sizes: list[float], seed: int) -> None:
+    setup = strong(element, sizes)
+    system = PortHamiltonianSystem(setup.network)
+    reach = np.abs(base(ACTUATOR).states).max(axis=0).max()
+    scale = {"p": np.abs(base(ACTUATOR).states[:, -1]).max()}
+    sizes_ = np.array([scale.get(n, SCALES.displacement if n[0] != "Q" else reach) for n in setup.network.state_names])
+    random = np.random.default_rng(seed)
+    x = torch.from_numpy(3.0 * sizes_ * random.normal(size=(20, sizes_.size)))
+    u = torch.from_numpy(random.normal(size=(20, 2)) * [SCALES.voltage, 1.0])
+    with torch.no_grad():
+        j, d = system.structure(x), system.dissipation(x)
+        balance = system.power_balance(x, u)
+        held = system.energies(x)
+    assert torch.equal(j, -j.mT)
+    assert (torch.linalg.eigvalsh(d) >= -1e-12 * d.abs().amax((-2, -1))[:, None]).all()
+    assert (held >= 0.0).all()
+    assert (balance.dissipated >= 0.0).all()
+    size = balance.stored.abs() + balance.dissipated.sum(-1) + balance.supplied.abs().sum(-1)
+    assert (balance.defect.abs() <= 1e-9 * size).all()
+
+
+@pytest.mark.parametrize("element", PASSIVE, ids=[e.name for e in PASSIVE])
+@settings(max_examples=5, deadline=None)
+@given(sizes=SIZES)
+def test_every_march_keeps_the_power_balance(element: Effect, sizes: list[float]) -> None:
+    is_sound(strong(element, sizes))
+
+
+@pytest.mark.parametrize("element", PASSIVE, ids=[e.name for e in PASSIVE])
+def test_it_computes_in_32_bits(element: Effect) -> None:
+    setup = strong(element, [1.0] * 10)
+    x = torch.from_numpy(run(setup).states[1::40])
+    u = torch.tensor([30.0, 0.0], dtype=torch.float64).expand(x.shape[0], 2)
+    with torch.no_grad():
+        wanted = PortHamiltonianSystem(setup.network).vector_field(x, u)
+        got = PortHamiltonianSystem(setup.network).float().vector_field(x.float(), u.float())
+    assert torch.isfinite(got).all()
+    # The steep hysteron's own equation cancels to four digits.
+    assert ((got.double() - wanted).abs() <= 1e-3 * wanted.abs().amax(0)).all()
+
+
+@given(sizes=SIZES)
+@settings(max_examples=50, deadline=None)
+def test_characteristics_of_amplifier_and_sensor_never_fall(sizes: list[float]) -> None:
+    rising = np.linspace(-3.0, 3.0, 2001)
+    amplifier = strong(learned_elements()["learned_amplifier"], sizes)
+    fine = np.repeat(rising[:, None] * SCALES.voltage, 3, axis=1)
+    volts, _ = amplified(amplifier, fine, np.full(rising.size, 1e-4), 0.0)
+    assert (np.diff(volts[:, 0]) >= -1e-9).all()
+    sensor = strong(learned_elements()["learned_sensor"], sizes)
+    seen = measured(sensor, rising * SCALES.displacement, np.arange(rising.size) * 1e-4)
+    assert (np.diff(seen) > 0.0).all()
+
+
+def test_strengths_beyond_their_bounds_are_refused_and_scaled_ones_stay_inside() -> None:
+    for name, values in (("learned_amplifier", {"a_C1": 1.1}), ("learned_spring", {"k_R1": -1.0})):
+        element = learned_elements()[name]
+        with pytest.raises(InputRefused, match="outside its bounds"):
+            element.add_to(BASE, element.grid(SCALES)[0] | values)
+    for element in LEARNED:
+        for factor in (-1e6, 1e6):
+            element.add_to(BASE, element.scaled(element.grid(SCALES)[0], factor))
+
+
+def march_against_radau(setup: Setup, rate: Callable[[float, np.ndarray], np.ndarray], order: tuple[str, ...]) -> None:
+    """The compiled march agrees with Radau's method on equations written down anew."""
+    trajectory = simulate(setup, ACTUATOR.drive, 4)
+    names = list(setup.network.state_names)
+    found = trajectory.states[:, [names.index(n) for n in order]]
+    scale = np.abs(found).max(axis=0)
+    state, worst = found[0], np.zeros(len(order))
+    # Inputs are those of the march, constant over every step; two periods of the larger amplitude.
+    for n in range(trajectory.h.size):
+        voltage = trajectory.u[n, 0]
+        end = solve_ivp(
+            lambda t, z, v=voltage: rate(v, z), (0.0, trajectory.h[n]), state, "Radau", rtol=1e-6, atol=1e-8 * scale
+        )
+        state = end.y[:, -1]
+        worst = np.maximum(worst, np.abs(state - found[n + 1]) / scale)
+    assert (worst < 2e-3).all(), dict(zip(order, worst, strict=True))
+
+
+def elementary(setup: Setup) -> Callable[[float, np.ndarray, Callable[[float, float], float]], np.ndarray]:
+    """Eqs. (3)–(6) of two hysterons, with a further force on the mass."""
+    v = setup.values()
+
+    def rate(voltage: float, z: np.ndarray, force: Callable[[float, float], float]) -> np.ndarray:
+        speed = z[3] / v["m"]
+        efforts = z[:2] / np.array([v["C_1"], v["C_2"]])
+        half = 0.5 * np.array([v["d_1"], v["d_2"]])
+        lost = np.array([v["rho_1"], v["rho_2"]]) * (efforts - np.clip(efforts, -half, half))
+        charged = v["alpha"] * speed - lost
+        pushed = v["alpha"] * (voltage - efforts.sum()) - v["k"] * z[2] - v["b"] * speed - force(z[2], speed)
+        return np.array([*charged, speed, pushed])
+
+    return rate
+
+
+def test_a_damper_with_direction_and_position_is_that_of_its_formula() -> None:
+    element = learned_elements()["learned_damper"]
+    setup = strong(element, [0.0, 0.0, 0.0, 3.0, 1.0, 0.5, 2.0, 2.0, 1.0, 3.0])
+    v, rate = setup.values(), elementary(setup)
+
+    def force(q: float, speed: float) -> float:
+        z, s = speed / v["v_D3"], q / v["q_D"]
+        ahead = v["F_f3"] * z + v["F_f4"] * z * abs(z) if speed > 0.0 else v["F_b3"] * z + v["F_b4"] * z * abs(z)
+        return float(ahead + (v["F_q"] * s * s + v["F_qR"] * max(s, 0.0) + v["F_qL"] * max(-s, 0.0)) * z)
+
+    march_against_radau(setup, lambda voltage, z: rate(voltage, z, force), ("Q_1", "Q_2", "q", "p"))
+
+
+def test_a_ladder_of_yielding_cells_is_that_of_its_formula() -> None:
+    element = learned_elements()["learned_hysteresis"]
+    setup = strong(element, [1.0] * 8)
+    v, rate = setup.values(), elementary(setup)
+    k, x = (np.array([v[f"{kind}_Y{i}"] for i in range(1, 9)]) for kind in ("k", "x"))
+
+    def with_cells(voltage: float, z: np.ndarray) -> np.ndarray:
+        main = rate(voltage, z[:4], lambda q, speed: float(k @ z[4:]))
+        slipping = (z[4:] - np.clip(z[4:], -x, x)) / v["tau_Y"]
+        return np.concatenate([main, z[3] / v["m"] - slipping])
+
+    march_against_radau(setup, with_cells, ("Q_1", "Q_2", "q", "p", *(f"learned_stop_{i}" for i in range(1, 9))))
+
+
+def test_powers_of_the_speed_are_friction_viscous_damping_and_drag() -> None:
+    damper = RESISTOR_LAWS["power_damper"].flow
+    speed = np.array([-2.0, -0.3, 0.5, 3.0])
+    sides = np.where(speed > 0.0, 0.7, 0.4)
+    for exponent in (0.0, 0.5, 1.0, 2.0):
+        wanted = sides * np.sign(speed) * np.abs(speed) ** exponent
+        np.testing.assert_allclose(damper(speed, 0.0, 0.7, 0.4, exponent, 1.0), wanted, rtol=1e-3)
