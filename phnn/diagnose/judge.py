@@ -164,28 +164,37 @@ def _composed(
     if fitted is not model.ground.fit:
         terminals = asked.found.ground.terminals
         model = scored(fitted, material.effects, material.seed, terminals=terminals, criteria=criteria)
+        # A name goes with an element that the composed model does without.
+        named = named if set(effects_of(named)) <= set(effects_of(findings)) else ()
         if not named and (claimed := _claimed(findings, model, criteria, record)):
             share = share_of(asked.found.ground.fit, fitted, asked.found.naming)
             word, _ = _word(asked, Selected(claimed, model, share), record)
             named = claimed if word != "unknown" else ()
+        word = word if named else "unknown"
     names = effects_of(named)
     kept = tuple(replace(f, provisional=f.trial.candidate.effect not in names) for f in findings)
-    if word != "unknown" and all(f.provisional for f in kept):
-        word = "unknown"
     return word, model, kept
 
 
-def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, record: Record) -> tuple[Finding, ...]:
-    """Elements of a composed model beside which what has no name is small."""
+def _claimed(
+    findings: Sequence[Finding], model: Scored, criteria: Criteria, record: Record
+) -> tuple[Finding, ...]:
+    """Elements of a composed model beside which what has no name is small, the weakest asked first.
+
+    What an element takes that has no name has none either.
+    """
     doubt = criteria.selection.noise_doubt
-    leaves = max(model.ground.fit.chi2 / doubt**2 - 1.0, 0.0) if model.significant else 0.0
+    nameless = max(model.ground.fit.chi2 / doubt**2 - 1.0, 0.0) if model.significant else 0.0
     takes = [f.gained.before**2 - f.gained.after**2 if f.gained is not None else 0.0 for f in findings]
-    leaves += sum(t for f, t in zip(findings, takes, strict=True) if f.learned)
-    return tuple(
-        f
-        for f, t in zip(findings, takes, strict=True)
-        if record.decide(CLAIM, ClaimCase(f.learned, t, leaves, criteria), f.trial.candidate.effect.name) is None
-    )
+    weakest_first = sorted(zip(takes, findings, strict=True), key=lambda pair: (not pair[1].learned, pair[0]))
+    claimed = []
+    for taken, finding in weakest_first:
+        case = ClaimCase(finding.learned, taken, nameless, criteria)
+        if record.decide(CLAIM, case, finding.trial.candidate.effect.name) is None:
+            claimed.append(finding)
+        else:
+            nameless += taken
+    return tuple(f for f in findings if f in claimed)
 
 
 def _also(location: Location, name: str) -> Location:

@@ -68,7 +68,7 @@ class ClaimCase:
 
     Attributes:
         learned: it is a learned element; takes: mean square [noise²] that it takes from recordings that were left out.
-        leaves: mean square [noise²] that has no name: what the model leaves, and what learned elements take.
+        leaves: mean square [noise²] that has no name: what the model leaves, and what elements without a name take.
     """
 
     learned: bool
