@@ -193,7 +193,10 @@ def _named(material: Material, trial: Trial) -> bool:
 
 def _candidates(material: Material, here: _Grown, again: Sequence[Candidate]) -> list[Candidate]:
     """What may be added: effects begun again from earlier refits, those of the best scores, learned elements at the
-    places that explain most; best score first."""
+    places that explain most; best score first.
+
+    A score has one direction, and a learned element many: it is refitted however small its score is.
+    """
     rule = material.criteria.composition
     ranked = [c for c in here.model.naming.candidates if c.effect.can_be_added_to(here.fit.setup)]
     begun = [_at(c, ranked) for c in again]
@@ -202,7 +205,9 @@ def _candidates(material: Material, here: _Grown, again: Sequence[Candidate]) ->
     where = here.model.remaining
     learned = [c for c in left if any(c.effect is e for e in material.learned)]
     learned.sort(key=lambda c: -_explains(where, c.effect))
-    chosen = [*begun, *named[: max(rule.composed_refits - len(begun), 1)], *learned[: rule.learned_refits]]
+    chosen = [*begun, *named[: max(rule.composed_refits - len(begun), 1)]]
+    most = max((c.score for c in chosen), default=0.0)
+    chosen += [replace(c, score=max(c.score, most)) for c in learned[: rule.learned_refits]]
     return sorted(chosen, key=lambda c: -c.score)
 
 
