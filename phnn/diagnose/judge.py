@@ -176,9 +176,7 @@ def _composed(
     return word, model, kept
 
 
-def _claimed(
-    findings: Sequence[Finding], model: Scored, criteria: Criteria, record: Record
-) -> tuple[Finding, ...]:
+def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, record: Record) -> tuple[Finding, ...]:
     """Elements of a composed model beside which what has no name is small, the weakest asked first.
 
     What an element takes that has no name has none either.
