@@ -12,6 +12,7 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from types import FrameType
 
@@ -69,6 +70,7 @@ def _training_settings() -> str:
     return "\n".join([*lines, *(f"  {line}" for line in text.strip().splitlines())])
 
 
+@cache
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="phnn",
