@@ -113,7 +113,7 @@ def test_process_noise_has_the_resonance_of_the_plant() -> None:
     assert np.max(density[inside]) > 1.8 * density[np.argmin(np.abs(f - 60.0))]
 
 
-@pytest.mark.parametrize("share", [0.03, 0.5, pytest.param(0.1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("share", [0.5, *(pytest.param(s, marks=pytest.mark.slow) for s in (0.03, 0.1))])
 def test_the_share_of_process_noise_is_the_stated_one(tmp_path: Path, share: float) -> None:
     case = draw_case(5, "none", "few", noise=f"process:{share}")
     sealed = make_case(case, tmp_path / "r")
