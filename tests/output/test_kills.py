@@ -173,8 +173,12 @@ def test_a_command_that_is_stopped_leaves_a_mark_and_ends_with_the_same_results(
     def given(arguments: list[str], out: Path) -> list[str]:
         return [a.replace("OUT", str(out)) for a in arguments]
 
-    began = time.monotonic()
-    assert runner.run(given(now, place / "clean")) == 0, runner.told.read_text()
+    # Twice, for the first run may wait for compiled code.
+    for _ in range(2):
+        began = time.monotonic()
+        assert runner.run(given(now, place / "clean")) == 0, runner.told.read_text()
+        if verb in ("train", "compare", "prove"):
+            break
     seconds = time.monotonic() - began
     clean = results(place / "clean")
     old = None
