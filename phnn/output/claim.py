@@ -6,6 +6,7 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -71,7 +72,7 @@ def claim(
         if resume:
             _same(out, before, {"command": command, "made_of": now}, anew)
         record.compact()
-        place, earlier = Place(root, overwrite=overwrite, by=command), list(record.lines())
+        place, earlier = Place(root, overwrite=overwrite, by=command, record=record), list(record.lines())
         marked = (root / INCOMPLETE).exists()
         _mark(root, {"schema": _SCHEMA, "command": command, "made_of": now, "complete": False})
         (place / INCOMPLETE).write(_words(command, ()).encode())
@@ -268,4 +269,4 @@ def _forget(place: Place, results: Sequence[str], earlier: Sequence[Line], new: 
     for line in earlier:
         path = PurePosixPath(line.name)
         if line.by == place.by and line.digest and line.name not in kept and path.parts[0] in results:
-            Place(place.root, path).remove()
+            replace(place, name=path).remove()
