@@ -39,11 +39,12 @@ def compose(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
     from omegaconf import OmegaConf
 
     folder = config_folder()
-    defaults = OmegaConf.load(folder / f"{command}.yaml")
+    content = OmegaConf.load(folder / f"{command}.yaml")
+    defaults = dict(content)
     overrides = [_in_full(override, defaults) for override in overrides]
     for override in overrides:
         _check_key(command, override.removeprefix("++") if override.startswith("++criteria.") else override, defaults)
-    settings = _values(defaults if not overrides else None, command, overrides, "read", "write key=value")
+    settings = _values(None if overrides else content, command, overrides, "read", "write key=value")
     if not isinstance(settings, dict):
         raise InputRefused(f"{folder / command}.yaml must hold key: value lines")
     return checked(command, {str(key): value for key, value in settings.items()})

@@ -24,14 +24,14 @@ class Place:
     Attributes:
         root: the claimed folder, without links.
         name: below it, empty for the folder itself.
-        overwrite: whether results of phnn that were changed since may be replaced.
+        overwrite: whether results of phnn that were changed since may be replaced; None where the user cannot say so.
         by: the command that writes.
         record: of the claimed folder; read anew where it is left out.
     """
 
     root: Path
     name: PurePosixPath = _HERE
-    overwrite: bool = False
+    overwrite: bool | None = None
     by: str = ""
     record: Record | None = field(default=None, compare=False, repr=False)
 

@@ -134,11 +134,11 @@ class Record:
         path = self.root / name
         return path.is_file() and not path.is_symlink() and sha256_of(path) in known.get(str(name), ())
 
-    def check(self, name: PurePosixPath, overwrite: bool, known: dict[str, set[str]] | None = None) -> None:
+    def check(self, name: PurePosixPath, overwrite: bool | None, known: dict[str, set[str]] | None = None) -> None:
         """Refuse to write where a file stands that is not phnn's, or that was changed since.
 
         Args:
-            overwrite: whether phnn's own may be replaced although it was changed.
+            overwrite: whether phnn's own may be replaced although it was changed; None where there is no such choice.
             known: the digests, where the caller has them.
 
         Raises:
@@ -153,10 +153,22 @@ class Record:
         if str(name) not in known:
             raise foreign(path)
         if not overwrite:
-            raise OutputRefused(
-                f"{path}: was changed after phnn wrote it: move it away, choose another folder for --out, or give "
-                "--overwrite"
-            )
+            choice = ", choose another folder for --out" + (", or give --overwrite" if overwrite is False else "")
+            raise OutputRefused(f"{path}: was changed after phnn wrote it: move it away{choice}")
+
+    def adopt(self) -> None:
+        """Note what lies here as a run in a folder above has written it: its record knows it by a longer name."""
+        known = self.digests()
+        for above in self.root.parents:
+            if not (above / FOLDER / _FILE).is_file():
+                continue
+            for line in list(Record(above).lines()):
+                path = above / line.name
+                if self.root not in path.parents or not path.is_file() or path.is_symlink():
+                    continue
+                name = path.relative_to(self.root)
+                if str(name) not in known and line.digest == sha256_of(path):
+                    self.add(PurePosixPath(name), line.digest, line.by)
 
     def compact(self) -> None:
         """Forget files that are gone and contents that were replaced; called where no other process writes."""
