@@ -56,7 +56,9 @@ def _progress() -> Iterator[Progress]:
         yield status.update
 
 
-def check(folder: Path, manifest: Path | None, out: Path | None = None, outside: bool = False) -> None:
+def check(
+    folder: Path, manifest: Path | None, out: Path | None = None, outside: bool = False, overwrite: bool = False
+) -> None:
     """Print what was understood of a folder of recordings, what was noticed, and what they can show.
 
     Raises:
@@ -69,7 +71,7 @@ def check(folder: Path, manifest: Path | None, out: Path | None = None, outside:
     checked = check_recordings(campaign)
     print(printable(checked.text(), lines=True))
     if out is not None:
-        with claim(out, "check", [folder], ("check.json", "check.html")) as place:
+        with claim(out, "check", [folder], ("check.json", "check.html"), overwrite=overwrite) as place:
             write_check(checked, place)
 
 
