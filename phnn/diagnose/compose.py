@@ -26,6 +26,7 @@ from phnn.diagnose.trial import Trial, class_of
 from phnn.effects import Effect
 from phnn.ensemble import Executor
 from phnn.errors import PhnnError
+from phnn.identify.base import Progress, quiet
 from phnn.identify.evaluate import Evaluation
 from phnn.identify.fit import Fit
 from phnn.identify.gain import Gain
@@ -42,6 +43,7 @@ class Material:
         effects: the catalogue; learned: elements without a name.
         terminals: whether the input was measured at the port.
         seed: of the null of the scores; executor: where candidates are refitted; criteria: what is added.
+        progress: told what is tried.
     """
 
     base: Fit
@@ -51,6 +53,7 @@ class Material:
     seed: int
     executor: Executor
     criteria: Criteria
+    progress: Progress = quiet
 
 
 @dataclass(frozen=True)
@@ -149,7 +152,10 @@ def _further(
 ) -> _Grown | None:
     """The model with the one more element that the left-out recordings choose; None where they ask for none."""
     criteria = material.criteria
-    trials = refit(here.fit, _candidates(material, here, again), material.executor, criteria=criteria)
+    candidates = _candidates(material, here, again)
+    left, many = held.over_noise(here.scores), len(candidates)
+    material.progress(f"{left:.3g} × noise on recordings that choose; refit {many} candidates for a further element")
+    trials = refit(here.fit, candidates, material.executor, criteria=criteria)
     able = [t for t in trials if t.fit is not None and t.fit.cost < here.fit.cost]
     found = _chosen(held, here, able[: criteria.composition.asked_of_selection], criteria, record)
     if found is None:

@@ -125,7 +125,7 @@ def diagnose(
     progress(f"largest score {found.naming.statistic:.3g}: locate and name")
     judgement = judge(
         found, catalogue_, chosen.seed, max(1, chosen.max_effects), campaign.held_out_is_new, refits, criteria,
-        learned(campaign, base.setup),
+        learned(campaign, base.setup), progress,
     )  # fmt: skip
     progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
 

@@ -22,6 +22,7 @@ from phnn.diagnose.select import Selected, misplaced, select, share_of
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
+from phnn.identify.base import Progress, quiet
 from phnn.identify.fit import Fit
 
 
@@ -83,6 +84,7 @@ def judge(
     executor: Executor = SERIAL,
     criteria: Criteria = CRITERIA,
     learned: Sequence[Effect] = (),
+    progress: Progress = quiet,
 ) -> Judgement:
     """Locate, name, compose and judge.
 
@@ -98,17 +100,18 @@ def judge(
         executor: where candidates are refitted.
         criteria: every threshold.
         learned: elements without a name that a model may be composed of.
+        progress: told what is tried.
     """
     ground, naming, record = found.ground, found.naming, Record()
     record.decide(BASE, BaseCase(naming.p_value, criteria.selection))
     location = found.remaining
     if location is None:
         return Judgement("none", ground, naming, None, ground.fit, ground, rules=tuple(record.asked))
-    selected, tried = select(found, location, effects, seed, max_effects, executor, criteria)
+    selected, tried = select(found, location, effects, seed, max_effects, executor, criteria, progress)
     record.asked.extend(selected.rules)
     asked = _Asked(found, location, new_in_held_out, criteria)
     word, also = _word(asked, selected, record)
-    material = Material(ground.fit, effects, learned, ground.terminals, seed, executor, criteria)
+    material = Material(ground.fit, effects, learned, ground.terminals, seed, executor, criteria, progress)
     word, model, findings = _composed(asked, material, selected, tried, word, record)
     return Judgement(
         word, ground, naming, _also(location, also), model.ground.fit, model.ground, findings, tried, model.naming,

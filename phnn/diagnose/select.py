@@ -20,7 +20,7 @@ from phnn.diagnose.trial import Trial, class_of, criterion, tie
 from phnn.effects import Effect
 from phnn.ensemble import Executor
 from phnn.errors import PhnnError
-from phnn.identify.base import Options, settled
+from phnn.identify.base import Options, Progress, quiet, settled
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import numerical_error
 
@@ -49,7 +49,7 @@ class _Search:
     Attributes:
         ground, location: of the base model; effects: the catalogue.
         seed: of the null; executor: where candidates are refitted.
-        criteria: what is added and kept.
+        criteria: what is added and kept; progress: told what is tried.
     """
 
     ground: Ground
@@ -58,6 +58,7 @@ class _Search:
     seed: int
     executor: Executor
     criteria: Criteria
+    progress: Progress
 
     def scored(self, fitted: Fit) -> Scored:
         """A model of this search with its scores."""
@@ -72,6 +73,7 @@ def select(
     max_effects: int,
     executor: Executor,
     criteria: Criteria = CRITERIA,
+    progress: Progress = quiet,
 ) -> tuple[Selected, tuple[Trial, ...]]:
     """Forward selection with backward deletion; and what was tried for the first effect.
 
@@ -81,7 +83,7 @@ def select(
     that has a location: a further effect has to remove most of what the one before left. One effect in another form
     gives way to two only where these leave nothing.
     """
-    search, record = _Search(found.ground, location, effects, seed, executor, criteria), Record()
+    search, record = _Search(found.ground, location, effects, seed, executor, criteria, progress), Record()
     steps = [Selected((), found, 1.0)]
     tried: tuple[Trial, ...] = ()
     # How many steps make up one that may be all there is in another form: more of them must leave nothing.
@@ -137,6 +139,7 @@ def _refitted(search: _Search, last: Selected) -> list[Trial]:
     rule, place = criteria.selection, criteria.location
     able = [c for c in last.model.naming.candidates if c.p_value < rule.level and may_lie(c.effect, here, place)]
     able = able[: rule.further_refits if last.findings else rule.first_refits]
+    search.progress(f"refit {len(able)} candidates for element {len(last.findings) + 1}")
     # Where these explain little, the base model may have taken over so much that score and place deceive: then all of
     # the catalogue is tried.
     trials = refit(last.model.ground.fit, able, search.executor, last.model.naming.candidates, criteria)
