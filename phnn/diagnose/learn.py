@@ -25,17 +25,14 @@ Array = NDArray[np.float64]
 
 # The learned element of each kind that dictionaries know.
 _ELEMENTS = {"elastic": "learned_spring", "dissipative": "learned_damper", "memory": "learned_relaxation"}
-# Strengths at the start, as a share of those of the element's grid.
-_START = 0.01
 
 
 def learned_setup(setup: Setup, detail: str, scales: Scales) -> Setup | None:
-    """The setup with the learned element of a kind at strength almost zero; None where there is none of that kind."""
+    """The setup with the learned element of a kind at small strengths; None where there is none of that kind."""
     element = learned_elements().get(_ELEMENTS.get(detail, ""))
     if element is None or not element.can_be_added_to(setup):
         return None
-    values = element.scaled(element.grid(scales)[0], _START)
-    return replace(element.add_to(setup, values), name=f"{setup.name}+learned")
+    return replace(element.add_to(setup, element.grid(scales)[0]), name=f"{setup.name}+learned")
 
 
 @recalled
