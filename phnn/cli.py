@@ -12,6 +12,7 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from types import FrameType
 
@@ -69,6 +70,7 @@ def _training_settings() -> str:
     return "\n".join([*lines, *(f"  {line}" for line in text.strip().splitlines())])
 
 
+@cache
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="phnn",
@@ -97,7 +99,7 @@ def _parser() -> argparse.ArgumentParser:
     for command in (identify, diagnose, predict, compare, modes, prove):
         command.add_argument("--out", type=Path, metavar="DIR", required=True, help="where the results go")
     check.add_argument("--out", type=Path, metavar="DIR", help="write check.json there, too")
-    for command in (identify, diagnose, predict, compare, modes, prove, demo):
+    for command in (check, identify, diagnose, predict, compare, modes, prove, demo):
         command.add_argument(
             "--overwrite", action="store_true", help="replace results of phnn in DIR even where they were changed since"
         )
@@ -188,9 +190,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit status.
     """
-    _prepare()
-    arguments, settings = _parse(argv)
+    arguments = None
     try:
+        _prepare()
+        arguments, settings = _parse(argv)
         _run(arguments, settings)
         if sys.stdout is not None:
             sys.stdout.flush()

@@ -56,7 +56,9 @@ def _progress() -> Iterator[Progress]:
         yield status.update
 
 
-def check(folder: Path, manifest: Path | None, out: Path | None = None, outside: bool = False) -> None:
+def check(
+    folder: Path, manifest: Path | None, out: Path | None = None, outside: bool = False, overwrite: bool = False
+) -> None:
     """Print what was understood of a folder of recordings, what was noticed, and what they can show.
 
     Raises:
@@ -69,7 +71,7 @@ def check(folder: Path, manifest: Path | None, out: Path | None = None, outside:
     checked = check_recordings(campaign)
     print(printable(checked.text(), lines=True))
     if out is not None:
-        with claim(out, "check", [folder], ("check.json", "check.html")) as place:
+        with claim(out, "check", [folder], ("check.json", "check.html"), overwrite=overwrite) as place:
             write_check(checked, place)
 
 
@@ -289,7 +291,7 @@ def demo(seed: int | None, out: Path, config: Config, overwrite: bool = False) -
         diagnosis = _diagnose(read(folder), place / "diagnosis", Options.from_config(config), out / "diagnosis")
     sealed = open_seal(seal_file)
     j = diagnosis.judgement
-    claimed = [f for f in j.findings if not f.provisional]
+    claimed = j.claimed
     named = [f.trial.candidate.effect.name for f in claimed]
     members = list(dict.fromkeys(t.candidate.effect.name for f in claimed for t in f.members))
     held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ _LEAST = {"seed": 0, "max_effects": 0} | dict.fromkeys(
 )
 
 
+@cache
 def config_folder() -> Path:
     """Where the yaml files lie: inside an installed package, beside ``phnn/`` in a source tree."""
     package = Path(__file__).resolve().parent
@@ -34,27 +36,43 @@ def compose(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
     Raises:
         InputRefused: an override without ``=``, an unknown key, a value of the wrong kind or out of range.
     """
-    # hydra costs a third of a second: not before somebody needs settings.
-    import hydra
-    from hydra.errors import HydraException
     from omegaconf import OmegaConf
-    from omegaconf.errors import OmegaConfBaseException
 
     folder = config_folder()
-    defaults = dict(OmegaConf.load(folder / f"{command}.yaml"))
+    content = OmegaConf.load(folder / f"{command}.yaml")
+    defaults = dict(content)
     overrides = [_in_full(override, defaults) for override in overrides]
     for override in overrides:
         _check_key(command, override.removeprefix("++") if override.startswith("++criteria.") else override, defaults)
-    try:
-        with hydra.initialize_config_dir(str(folder), version_base=None, job_name=f"phnn_{command}"):
-            composed = hydra.compose(command, list(overrides))
-        settings = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
-    except (HydraException, OmegaConfBaseException) as error:
-        reason = str(error).strip().splitlines()[0]
-        raise InputRefused(f"settings {' '.join(overrides)} cannot be read ({reason}): write key=value") from error
+    settings = _values(None if overrides else content, command, overrides, "read", "write key=value")
     if not isinstance(settings, dict):
         raise InputRefused(f"{folder / command}.yaml must hold key: value lines")
     return checked(command, {str(key): value for key, value in settings.items()})
+
+
+def _values(content: Any, command: str, overrides: Sequence[str], verb: str, remedy: str) -> Any:
+    """What a file comes to, as plain values: its content where that is given, else what hydra composes.
+
+    Raises:
+        InputRefused: hydra cannot apply an override, or a value is missing; with the verb and the remedy.
+    """
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    refused: tuple[type[Exception], ...] = (OmegaConfBaseException,)
+    try:
+        if content is None:
+            # hydra costs a third of a second: not before there is something to compose.
+            import hydra
+            from hydra.errors import HydraException
+
+            refused = (OmegaConfBaseException, HydraException)
+            with hydra.initialize_config_dir(str(config_folder()), version_base=None, job_name=f"phnn_{command}"):
+                content = hydra.compose(command, list(overrides))
+        return OmegaConf.to_container(content, resolve=True, throw_on_missing=True)
+    except refused as error:
+        reason = str(error).strip().splitlines()[0]
+        raise InputRefused(f"settings {' '.join(overrides)} cannot be {verb} ({reason}): {remedy}") from error
 
 
 def checked(command: str, settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -75,21 +93,8 @@ def compose_groups(command: str, overrides: Sequence[str] = ()) -> dict[str, Any
     Raises:
         InputRefused: an override that hydra cannot apply: an unknown key, file or grammar, or a value that is missing.
     """
-    import hydra
-    from hydra.errors import HydraException
-    from omegaconf import OmegaConf
-    from omegaconf.errors import OmegaConfBaseException
-
-    try:
-        with hydra.initialize_config_dir(str(config_folder()), version_base=None, job_name=f"phnn_{command}"):
-            composed = hydra.compose(command, list(overrides))
-        settings = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
-    except (HydraException, OmegaConfBaseException) as error:
-        reason = str(error).strip().splitlines()[0]
-        raise InputRefused(
-            f"settings {' '.join(overrides)} cannot be used ({reason}): see phnn {command} --help"
-        ) from error
-    return {str(key): value for key, value in dict(settings).items()}  # type: ignore[arg-type]
+    settings = _values(None, command, overrides, "used", f"see phnn {command} --help")
+    return {str(key): value for key, value in dict(settings).items()}
 
 
 def _check_key(command: str, override: str, defaults: Mapping[str, Any]) -> None:

@@ -47,7 +47,7 @@ def simulate(parameters: Mapping[str, float], excitation: Excitation, disturbanc
     w, sizes = packed(parameters)
     drive = excitation.delayed(values["tau_d"]) if values["tau_d"] > 0.0 else excitation
     parts = math.ceil(excitation.dt / _FINE) if values["delta_b"] > 0.0 else 1
-    sampled, end = excitation.t, excitation.pieces[-1].end
+    sampled, end = excitation.t * (1.0 - values["kappa_t"]), excitation.pieces[-1].end
     if disturbance.late.size > 0:
         sampled = np.clip(sampled + disturbance.late, 0.0, end)
     t = sampled

@@ -58,7 +58,7 @@ def _clipped(voltage: float, most: float, softness: float) -> float:
 
 @njit(cache=True)
 def _amplifier(t: float, x: Array, w: Any, drive: Array, out: Array) -> float:
-    """Terminal voltage: steps of the converter, slew limit, low-pass, saturation, in this order.
+    """Terminal voltage: steps of the converter, dead band, slew limit, low-pass, saturation, in this order.
 
     Slew limit: ``V̇ = u̇ + (u − V)/ε`` within ``±S``, so that without a limit there is no lag. Low-pass:
     ``τ V̇ = u − V``, or of second order ``τ V̇ = W``, ``τ Ẇ = u − V − 2ζ W``.
@@ -66,6 +66,7 @@ def _amplifier(t: float, x: Array, w: Any, drive: Array, out: Array) -> float:
     voltage, slope = _commanded(t, drive)
     if w.Delta_u > 0.0:
         voltage = math.floor(voltage / w.Delta_u + 0.5) * w.Delta_u
+    voltage = math.copysign(max(abs(voltage) - w.delta_V, 0.0), voltage)
     if w.at_slew > 0:
         behind = voltage - x[w.at_slew]
         out[w.at_slew] = min(max(slope + behind / _TRACKS, -w.S), w.S)
@@ -168,14 +169,14 @@ def _hysterons(x: Array, w: Any, flow: float, v: float, out: Array) -> tuple[flo
 
 @njit(cache=True)
 def _spring_and_damper(t: float, q: float, v: float, w: Any) -> float:
-    """``k (1 + κ_p sin) q (1 + κ₃ s² + κ₂ s + κ₂² s²/3 + κ₅ s⁴) + (b (1 + κ_b s²) + c₂ |v|ⁿ) v``."""
+    """``k (1 + κ_p sin) q (1 + κ₃ s² + κ₂ s + κ₂² s²/3 + κ₅ s⁴) + (b (1 + κ_b s²) (1 + κ_f [v > 0]) + c₂ |v|ⁿ) v``."""
     s = q / Q_0
     shape = 1.0 + w.kappa_3 * s**2 + w.kappa_2 * s + w.kappa_2**2 * s**2 / 3.0 + w.kappa_5 * s**4
     stiffness = w.k
     if w.kappa_p != 0.0:
         stiffness *= 1.0 + w.kappa_p * math.sin(2.0 * math.pi * w.f_p * t + w.phi_p)
     drag = w.c_2 * abs(v) if w.n_c2 == 1.0 else w.c_2 * abs(v) ** w.n_c2
-    return stiffness * q * shape + (w.b * (1.0 + w.kappa_b * s**2) + drag) * v
+    return stiffness * q * shape + (w.b * (1.0 + w.kappa_b * s**2) * (1.0 + w.kappa_f * (v > 0.0)) + drag) * v
 
 
 @njit(cache=True)

@@ -52,6 +52,7 @@ NEUTRAL = {
     "c_2": 0.0,
     "n_c2": 1.0,
     "kappa_b": 0.0,
+    "kappa_f": 0.0,
     "k_c": 0.0,
     "q_c": 1.0,
     "n_c": 1.0,
@@ -108,6 +109,7 @@ NEUTRAL = {
     # amplifier
     "tau_d": 0.0,
     "Delta_u": 0.0,
+    "delta_V": 0.0,
     "S": math.inf,
     "tau_V": 0.0,
     "zeta_V": 0.0,
@@ -119,6 +121,7 @@ NEUTRAL = {
     "a_3": 0.0,
     "delta_b": 0.0,
     "kappa_y": 0.0,
+    "kappa_t": 0.0,
     # environment
     "A_b": 0.0,
     "f_b": 0.0,

@@ -35,12 +35,30 @@ def parametric_stiffness(rng: Rng, base: Base, plan: Plan) -> Concealed:
     return Concealed("parametric_stiffness", 2e-3, 0.5, lambda z: {"kappa_p": z, "f_p": frequency, "phi_p": phase})
 
 
+def directional_damper(rng: Rng, base: Base, plan: Plan) -> Concealed:
+    """``b (1 + κ)`` forwards, ``b`` backwards."""
+    return Concealed("directional_damper", 0.02, 50.0, lambda z: {"kappa_f": z})
+
+
+def amplifier_dead_band(rng: Rng, base: Base, plan: Plan) -> Concealed:
+    """``V = u ∓ δ`` beyond ``±δ``, zero between: crossover distortion."""
+    return Concealed("amplifier_dead_band", 0.05, 20.0, lambda z: {"delta_V": z})
+
+
+def sensor_clock(rng: Rng, base: Base, plan: Plan) -> Concealed:
+    """``y(t) = q((1 − κ) t)``: the sensor's clock runs fast."""
+    return Concealed("sensor_clock", 1e-5, 0.05, lambda z: {"kappa_t": z})
+
+
 UNLISTED = {
     "regime_damper": regime_damper,
     "curved_capacitance": curved_capacitance,
     "quantised_amplifier": quantised_amplifier,
     "sensor_gain_drift": sensor_gain_drift,
     "parametric_stiffness": parametric_stiffness,
+    "directional_damper": directional_damper,
+    "amplifier_dead_band": amplifier_dead_band,
+    "sensor_clock": sensor_clock,
 }
 UNLISTED_LOCATIONS = {
     "regime_damper": "mechanical",
@@ -48,4 +66,7 @@ UNLISTED_LOCATIONS = {
     "quantised_amplifier": "amplifier",
     "sensor_gain_drift": "sensor",
     "parametric_stiffness": "mechanical",
+    "directional_damper": "mechanical",
+    "amplifier_dead_band": "amplifier",
+    "sensor_clock": "sensor",
 }

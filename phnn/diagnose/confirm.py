@@ -29,10 +29,8 @@ from enum import Enum
 
 from phnn.diagnose.criteria import Confirmation, Criteria
 from phnn.diagnose.finding import Finding
-from phnn.diagnose.gain import Gain, gain
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.judge import Immaterial, Judgement, immaterial, unexplained
-from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Naming
 from phnn.diagnose.retest import without
 from phnn.diagnose.rules import Record
@@ -41,6 +39,7 @@ from phnn.diagnose.scored import Scored
 from phnn.diagnose.select import share_of
 from phnn.identify.evaluate import Evaluation, evaluate
 from phnn.identify.fit import Fit
+from phnn.identify.gain import Gain, gain
 from phnn.identify.problem import Plan
 from phnn.recordings.recording import Campaign
 
@@ -53,9 +52,6 @@ class Outcome(Enum):
     PROVISIONAL = "provisional"
     IMMATERIAL = "immaterial"
     REFUTED = "refuted"
-
-
-_FALLEN = frozenset({Outcome.IMMATERIAL, Outcome.REFUTED})
 
 
 @dataclass(frozen=True)
@@ -104,28 +100,38 @@ def confirmed(
         score_again: scores of a model that has lost an element.
     """
     before, record = score_on_all(base, campaign), Record(list(judgement.rules))
-    location = judgement.location
-    if location is None:
+    if judgement.location is None:
         return judgement, before, before
-    if not judgement.findings:
-        judgement, after = _nameless(judgement, location, campaign, criteria, before, record)
-        return replace(judgement, rules=tuple(record.asked)), before, after
     after, tested = _tested(judgement, before, campaign, criteria, record)
-    while len(tested) > 1 and (fallen := [t for t in tested if t.outcome in _FALLEN]):
-        judgement = _dropped(judgement, min(fallen, key=lambda t: t.shown.share_of_noise), score_again)
+    while harmful := [t for t in tested if not _helps(t, criteria.confirmation)]:
+        if len(tested) == 1:
+            break
+        judgement = _dropped(judgement, min(harmful, key=lambda t: t.shown.share_of_noise), score_again)
         after, tested = _tested(judgement, before, campaign, criteria, record)
-    decided = record.decide(MODEL, _model_case(judgement, tested, criteria))
-    assert decided is not None
-    if decided.outcome == "none":
+    claimed = [t for t in tested if not t.finding.provisional]
+    decided = record.decide(MODEL, _model_case(judgement, claimed, criteria)) if claimed else None
+    if decided is not None and decided.outcome == "none":
         first, shown = judgement.findings[0].trial.candidate.effect.name, tested[0].shown
         small = Immaterial(first, abs(shown.rms), abs(shown.share_of_noise))
         judgement, after = immaterial(judgement, small), before
-    elif decided.outcome == "unknown":
-        judgement = unexplained(judgement.ground, judgement.naming, location, judgement.tried)
-        after = before
-    else:
+    elif decided is not None and decided.outcome != "unknown":
         judgement = _standing(judgement, tested, decided.outcome, criteria, record)
+    else:
+        judgement = _nameless(judgement, tested, criteria, record)
+        after = before if judgement.final is base else after
     return replace(judgement, rules=tuple(record.asked)), before, after
+
+
+def _helps(tested: Tested, rule: Confirmation) -> bool:
+    """Whether an element stays in the model: held-out recordings can veto it, and what they leave open stays.
+
+    Whether it has a name is another question.
+    """
+    shown = tested.shown
+    if tested.outcome in (Outcome.PROVEN, Outcome.OPEN):
+        return True
+    open_ = tested.outcome is Outcome.PROVISIONAL and shown.after <= shown.before
+    return open_ or rule.falls(shown.before, shown.after, shown.share_of_noise)
 
 
 def _model_case(judgement: Judgement, tested: Sequence[Tested], criteria: Criteria) -> ModelCase:
@@ -146,17 +152,29 @@ def _standing(
     judgement: Judgement, tested: Sequence[Tested], word: str, criteria: Criteria, record: Record
 ) -> Judgement:
     """The judgement with what its elements gain, and with a remainder that is told only where it matters."""
-    findings = tuple(
-        replace(t.finding, held_out=t.held_out, provisional=t.outcome not in (Outcome.PROVEN, Outcome.OPEN))
+    verdict = judgement.verdict if word == "kept" else word
+    small = _small_remainder(judgement, criteria, record)
+    return replace(judgement, findings=_shown(tested), verdict=verdict, remainder_immaterial=small)
+
+
+def _shown(tested: Sequence[Tested], nameless: bool = False) -> tuple[Finding, ...]:
+    """Elements with what they gain; provisional are those that are not proven, or all."""
+    return tuple(
+        replace(
+            t.finding,
+            held_out=t.held_out,
+            provisional=nameless or t.finding.provisional or t.outcome not in (Outcome.PROVEN, Outcome.OPEN),
+        )
         for t in tested
     )
-    verdict = judgement.verdict if word == "kept" else word
-    left = judgement.remainder if judgement.remainder_location is not None else None
-    small = None
-    if left is not None:
-        decided = record.decide(REMAINDER, _nameless_case(judgement.final_ground, left, criteria))
-        small = _size(judgement.final_ground, left) if decided is not None else None
-    return replace(judgement, findings=findings, verdict=verdict, remainder_immaterial=small)
+
+
+def _small_remainder(judgement: Judgement, criteria: Criteria, record: Record) -> Immaterial | None:
+    """What is significant in the residual of the final model, where it is too small to matter."""
+    if judgement.remainder is None or judgement.remainder_location is None:
+        return None
+    decided = record.decide(REMAINDER, _nameless_case(judgement.final_ground, judgement.remainder, criteria))
+    return _size(judgement.final_ground, judgement.remainder) if decided is not None else None
 
 
 def _tested(
@@ -196,34 +214,26 @@ def _dropped(judgement: Judgement, fallen: Tested, score_again: Callable[[Fit], 
     )
 
 
-def _nameless(
-    judgement: Judgement,
-    location: Location,
-    campaign: Campaign,
-    criteria: Criteria,
-    before: Evaluation,
-    record: Record,
-) -> tuple[Judgement, Evaluation]:
-    """A judgement that names nothing: a learned element must not harm the held-out recordings, and a mismatch that
-    nothing explains has to be worth telling.
+def _nameless(judgement: Judgement, tested: Sequence[Tested], criteria: Criteria, record: Record) -> Judgement:
+    """A judgement that names nothing: the model keeps what helps, and a mismatch for which nothing helps has to be
+    worth telling.
     """
-    case = _nameless_case(judgement.ground, judgement.naming, criteria)
-    if judgement.learned:
-        after = score_on_all(judgement.final, campaign)
-        with_it = replace(case, before=before.over_noise("confirmation"), after=after.over_noise("confirmation"))
-        decided = record.decide(NAMELESS, with_it)
-        if decided is not None and decided.outcome == "in the model":
-            return judgement, after
-        judgement = unexplained(judgement.ground, judgement.naming, location, judgement.tried)
-    if record.decide(NAMELESS, case) is None:
-        return judgement, before
-    return immaterial(judgement, _size(judgement.ground, judgement.naming)), before
+    location = judgement.location
+    assert location is not None
+    if tested and all(_helps(t, criteria.confirmation) for t in tested):
+        small = _small_remainder(judgement, criteria, record)
+        findings = _shown(tested, nameless=True)
+        return replace(judgement, verdict="unknown", findings=findings, remainder_immaterial=small)
+    judgement = unexplained(judgement.ground, judgement.naming, location, judgement.tried)
+    if record.decide(NAMELESS, _nameless_case(judgement.ground, judgement.naming, criteria)) is None:
+        return judgement
+    return immaterial(judgement, _size(judgement.ground, judgement.naming))
 
 
 def _nameless_case(ground: Ground, naming: Naming, criteria: Criteria) -> NamelessCase:
     """What is significant in a model's residual: the strongest score ``S`` explains ``S/√N`` of the noise."""
     fitted = ground.fit
-    return NamelessCase(None, None, naming.statistic / math.sqrt(fitted.residual.size), fitted.chi2, criteria)
+    return NamelessCase(naming.statistic / math.sqrt(fitted.residual.size), fitted.chi2, criteria)
 
 
 def _size(ground: Ground, naming: Naming) -> Immaterial:

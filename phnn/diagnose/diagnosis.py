@@ -15,6 +15,7 @@ from phnn.diagnose.rules.held_out import NUMERICS, NumericsCase
 from phnn.diagnose.scored import Scored, scored
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect, catalogue, effect, in_all_forms
+from phnn.effects.learned import learned_elements
 from phnn.ensemble import executor
 from phnn.identify.base import Options, Progress, identify_base, quiet, refined, single
 from phnn.identify.evaluate import Evaluation
@@ -58,6 +59,12 @@ def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) 
     """
     found = [e for e in catalogue().values() if e not in without and e.applies(setup)]
     return [e for e in in_all_forms(found) if not (e.needs_command and campaign.voltage == "terminals")]
+
+
+def learned(campaign: Campaign, setup: Setup) -> list[Effect]:
+    """Learned elements that can exist in a setup."""
+    found = [e for e in learned_elements().values() if e.applies(setup)]
+    return [e for e in found if not (e.needs_command and campaign.voltage == "terminals")]
 
 
 def tied_members(judgement: Judgement) -> tuple[Trial, ...]:
@@ -117,7 +124,8 @@ def diagnose(
         found = scored(base, catalogue_, chosen.seed, error, terminals, criteria)
     progress(f"largest score {found.naming.statistic:.3g}: locate and name")
     judgement = judge(
-        found, catalogue_, chosen.seed, max(1, chosen.max_effects), campaign.held_out_is_new, refits, criteria
+        found, catalogue_, chosen.seed, max(1, chosen.max_effects), campaign.held_out_is_new, refits, criteria,
+        learned(campaign, base.setup),
     )  # fmt: skip
     progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
 

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from phnn.diagnose.criteria import SELECTION
-from phnn.diagnose.gain import Gain
 from phnn.diagnose.name import Naming
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect
 from phnn.identify.fit import Fit
+from phnn.identify.gain import Gain
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,8 @@ class Finding:
         level: p-value below which its own score is significant.
         others_alone: the model with all other findings, fitted from the model that also has this one; None where it was
             not asked for, or cannot be fitted.
+        gained: what it gains on identification recordings that were left out while it was found; None where none were.
+        learned: it is a learned element, which has no name.
     """
 
     trial: Trial
@@ -35,6 +37,8 @@ class Finding:
     provisional: bool = False
     level: float = SELECTION.level
     others_alone: Fit | None = None
+    gained: Gain | None = None
+    learned: bool = False
 
     @property
     def evidence(self) -> tuple[float, float]:

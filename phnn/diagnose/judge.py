@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from phnn.diagnose.compose import Material, compose
 from phnn.diagnose.criteria import CRITERIA, Criteria
-from phnn.diagnose.finding import Finding
+from phnn.diagnose.finding import Finding, effects_of
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.learn import learn
 from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Naming
 from phnn.diagnose.place import located
 from phnn.diagnose.rules import Applied, Record
+from phnn.diagnose.rules.composition import CLAIM, ClaimCase
 from phnn.diagnose.rules.search import BASE, BaseCase
-from phnn.diagnose.rules.verdict import LEARNED, VERDICT, LearnedCase, VerdictCase
+from phnn.diagnose.rules.verdict import VERDICT, VerdictCase
 from phnn.diagnose.scored import Scored, excess, scored
-from phnn.diagnose.select import misplaced, select, share_of
+from phnn.diagnose.select import Selected, misplaced, select, share_of
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
@@ -42,12 +44,11 @@ class Judgement:
     """Attributes:
     verdict: ``named``, ``equivalent``, ``unknown`` or ``none``.
     ground, naming, location: of the base model; location is None for ``none``.
-    findings: effects added, in order; empty for ``none`` and ``unknown``.
+    findings: elements added, in order; empty for ``none``. Of an ``unknown`` all of them are provisional.
     tried: refits of a first effect, also where none was accepted.
-    final: the last fit; the base fit for ``none``.
+    final: the best model that these recordings support, whatever the verdict; the base fit for ``none``.
     remainder: scores on the final model's residual; None for ``none``.
     remainder_location: where what remains seems to be.
-    learned: whether ``final`` contains a learned one-port.
     immaterial: for ``none``: what is significant all the same.
     remainder_immaterial: what of the remainder is significant, and too small to matter.
     rules: all that were asked, in order.
@@ -63,10 +64,14 @@ class Judgement:
     tried: tuple[Trial, ...] = ()
     remainder: Naming | None = None
     remainder_location: Location | None = None
-    learned: bool = False
     immaterial: Immaterial | None = None
     remainder_immaterial: Immaterial | None = None
     rules: tuple[Applied, ...] = ()
+
+    @property
+    def claimed(self) -> tuple[Finding, ...]:
+        """The elements whose names are claimed."""
+        return tuple(f for f in self.findings if not f.provisional)
 
 
 def judge(
@@ -77,53 +82,117 @@ def judge(
     new_in_held_out: bool,
     executor: Executor = SERIAL,
     criteria: Criteria = CRITERIA,
+    learned: Sequence[Effect] = (),
 ) -> Judgement:
-    """Locate, name, refit and judge.
+    """Locate, name, compose and judge.
+
+    A search for effects comes first; where it explains everything, its words stand. Where something is left, the model
+    is composed further, of effects and learned elements. Elements of that model have names only if it leaves nothing.
 
     Args:
         found: the scores of the base model.
         effects: the catalogue entries that can exist in this setup.
         seed: of the null distribution.
-        max_effects: how many effects may be added one after the other.
+        max_effects: how many effects may be named.
         new_in_held_out: whether confirmation brings something new; without it the word is ``equivalent`` at most.
         executor: where candidates are refitted.
         criteria: every threshold.
+        learned: elements without a name that a model may be composed of.
     """
-    ground, naming, rule, record = found.ground, found.naming, criteria.selection, Record()
-    record.decide(BASE, BaseCase(naming.p_value, rule))
+    ground, naming, record = found.ground, found.naming, Record()
+    record.decide(BASE, BaseCase(naming.p_value, criteria.selection))
     location = found.remaining
     if location is None:
         return Judgement("none", ground, naming, None, ground.fit, ground, rules=tuple(record.asked))
     selected, tried = select(found, location, effects, seed, max_effects, executor, criteria)
     record.asked.extend(selected.rules)
-    findings, here = selected.findings, selected.model
+    asked = _Asked(found, location, new_in_held_out, criteria)
+    word, also = _word(asked, selected, record)
+    material = Material(ground.fit, effects, learned, ground.terminals, seed, executor, criteria)
+    word, model, findings = _composed(asked, material, selected, tried, word, record)
+    return Judgement(
+        word, ground, naming, _also(location, also), model.ground.fit, model.ground, findings, tried, model.naming,
+        model.remaining, rules=tuple(record.asked),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a verdict is asked of: scores and location of the base model, and whether confirmation brings new."""
+
+    found: Scored
+    location: Location
+    new_in_held_out: bool
+    criteria: Criteria
+
+
+def _word(asked: _Asked, selected: Selected, record: Record) -> tuple[str, str]:
+    """The verdict on a selection, and a location that comes into question beside that of the whole mismatch."""
+    ground, location, rule = asked.found.ground, asked.location, asked.criteria.selection
+    here = selected.model
     final, left = here.ground.fit, here.remaining
-    share = share_of(ground.fit, final, naming)
-    learned = None
+    share = share_of(ground.fit, final, asked.found.naming)
+    alone = None
     if location.name == "mechanical" and left is not None and share < rule.explains_well:
-        learned = learn(ground, location.detail)
+        alone = learn(ground, location.detail)
     case = VerdictCase(
-        effects=len(findings),
-        members=max((len(f.members) for f in findings), default=0),
+        effects=len(selected.findings),
+        members=max((len(f.members) for f in selected.findings), default=0),
         share=share,
         chi2=final.chi2,
-        misplaced=bool(findings) and misplaced(selected, location, criteria),
+        misplaced=bool(selected.findings) and misplaced(selected, location, asked.criteria),
         excess=excess(final),
-        learned=excess(learned) if learned is not None else None,
-        new_in_held_out=new_in_held_out,
+        learned=excess(alone) if alone is not None else None,
+        new_in_held_out=asked.new_in_held_out,
         rule=rule,
     )
     decided = record.decide(VERDICT, case)
     assert decided is not None
-    if decided.outcome == "unknown":
-        if case.misplaced and share > rule.explains_further and left is not None and located(left, criteria.location):
-            location = _also(location, left.name)
-        judgement = _unknown(ground, naming, location, tried, seed, learned, criteria, record)
-    else:
-        judgement = Judgement(
-            decided.outcome, ground, naming, location, final, here.ground, findings, tried, here.naming, left
-        )  # fmt: skip
-    return replace(judgement, rules=tuple(record.asked))
+    further = case.misplaced and share > rule.explains_further and left is not None
+    if decided.outcome == "unknown" and further and left is not None and located(left, asked.criteria.location):
+        return decided.outcome, left.name
+    return decided.outcome, location.name
+
+
+def _composed(
+    asked: _Asked, material: Material, selected: Selected, tried: tuple[Trial, ...], word: str, record: Record
+) -> tuple[str, Scored, tuple[Finding, ...]]:
+    """Verdict, model and elements after composing, where the search has left something."""
+    criteria, named = asked.criteria, selected.findings if word != "unknown" else ()
+    findings, fitted = compose(material, selected, tried, record)
+    model = selected.model
+    if fitted is not model.ground.fit:
+        terminals = asked.found.ground.terminals
+        model = scored(fitted, material.effects, material.seed, terminals=terminals, criteria=criteria)
+        # A name goes with an element that the composed model does without.
+        named = named if set(effects_of(named)) <= set(effects_of(findings)) else ()
+        if not named and (claimed := _claimed(findings, model, criteria, record)):
+            share = share_of(asked.found.ground.fit, fitted, asked.found.naming)
+            word, _ = _word(asked, Selected(claimed, model, share), record)
+            named = claimed if word != "unknown" else ()
+        word = word if named else "unknown"
+    names = effects_of(named)
+    kept = tuple(replace(f, provisional=f.trial.candidate.effect not in names) for f in findings)
+    return word, model, kept
+
+
+def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, record: Record) -> tuple[Finding, ...]:
+    """Elements of a composed model beside which what has no name is small, the weakest asked first.
+
+    What an element takes that has no name has none either.
+    """
+    doubt = criteria.selection.noise_doubt
+    nameless = max(model.ground.fit.chi2 / doubt**2 - 1.0, 0.0) if model.significant else 0.0
+    takes = [f.gained.before**2 - f.gained.after**2 if f.gained is not None else 0.0 for f in findings]
+    weakest_first = sorted(zip(takes, findings, strict=True), key=lambda pair: (not pair[1].learned, pair[0]))
+    claimed = []
+    for taken, finding in weakest_first:
+        case = ClaimCase(finding.learned, taken, nameless, criteria)
+        if record.decide(CLAIM, case, finding.trial.candidate.effect.name) is None:
+            claimed.append(finding)
+        else:
+            nameless += taken
+    return tuple(f for f in findings if f in claimed)
 
 
 def _also(location: Location, name: str) -> Location:
@@ -141,27 +210,4 @@ def immaterial(judgement: Judgement, found: Immaterial) -> Judgement:
     ground = judgement.ground
     return Judgement(
         "none", ground, judgement.naming, None, ground.fit, ground, tried=judgement.tried, immaterial=found
-    )  # fmt: skip
-
-
-def _unknown(
-    ground: Ground,
-    naming: Naming,
-    location: Location,
-    tried: tuple[Trial, ...],
-    seed: int,
-    learned: Fit | None,
-    criteria: Criteria,
-    record: Record,
-) -> Judgement:
-    """Real, and no element explains it: a learned passive one-port at the location where there is one."""
-    if learned is None:
-        return unexplained(ground, naming, location, tried)
-    case = LearnedCase(ground.fit.cost - learned.cost, naming.statistic**2, criteria.selection)
-    decided = record.decide(LEARNED, case)
-    if decided is None or decided.outcome == "dropped":
-        return unexplained(ground, naming, location, tried)
-    after = scored(learned, (), seed, terminals=ground.terminals, criteria=criteria)
-    return Judgement(
-        "unknown", ground, naming, location, learned, after.ground, (), tried, after.naming, after.remaining, True
     )  # fmt: skip

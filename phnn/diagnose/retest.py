@@ -87,12 +87,12 @@ def without(
         if best is not None and fair_cost(best) - fair_cost(fitted) < tie(fitted, variances):
             break
         known = {n: v for n, v in moved.items() if n not in stated_only(base.held)}
-        other = _fit_with(base, others, {**values, **known})
+        other = fit_with(base, others, {**values, **known})
         best = min((f for f in (best, other) if f is not None), key=fair_cost, default=None)
     return best
 
 
-def _fit_with(base: Fit, findings: Sequence[Finding], values: Mapping[str, float]) -> Fit | None:
+def fit_with(base: Fit, findings: Sequence[Finding], values: Mapping[str, float]) -> Fit | None:
     """The base model with some effects, fitted from parameter values."""
     setup = base.setup.with_values({n: values[n] for n in base.setup.free})
     for f in findings:

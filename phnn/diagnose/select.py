@@ -32,12 +32,14 @@ class Selected:
     Attributes:
         findings: the effects so far; model: with them; share: of the excess that the last one explains.
         rules: all that were asked in the search; empty before its end.
+        longest: of the finished search: the last step before effects were withdrawn; None where none were.
     """
 
     findings: tuple[Finding, ...]
     model: Scored
     share: float
     rules: tuple[Applied, ...] = ()
+    longest: Selected | None = None
 
 
 @dataclass(frozen=True)
@@ -112,9 +114,11 @@ def select(
                 break
     if enough is not None and steps[-1].model.remaining is not None:
         del steps[enough:]
+    longest = steps[-1]
     while len(steps) > 1 and not _kept(steps, criteria, record):
         steps.pop()
-    return replace(steps[-1], rules=tuple(record.asked)), tried
+    kept = steps[-1]
+    return replace(kept, rules=tuple(record.asked), longest=None if kept is longest else longest), tried
 
 
 def _step_case(step: Selected, criteria: Criteria) -> StepCase:

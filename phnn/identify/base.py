@@ -13,6 +13,7 @@ from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.identify.described import identify_network
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import NumericalError, numerical_error, substeps_for
+from phnn.identify.order import MOST_HYSTERONS, hysterons_needed
 from phnn.identify.problem import Plan, Problem, Variables
 from phnn.identify.staged import (
     check_known,
@@ -91,13 +92,13 @@ class Prepared:
     Attributes:
         plan: the recordings with identification samples.
         model: by name; ``network`` where a file describes it.
-        hysterons: of an actuator.
+        hysterons: of an actuator; None where nobody says how many.
         described: the network of that file.
     """
 
     plan: Plan
     model: str
-    hysterons: int
+    hysterons: int | None
     described: Setup | None = None
 
 
@@ -114,8 +115,10 @@ def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
         return Prepared(plan, "network", 0, _described(campaign))
     single(campaign.recordings, "this model has one input and one output")
     model = str(campaign.setup.get("model", "piezo_actuator"))
-    hysterons = int(campaign.setup.get("hysterons", 2)) if model in ("piezo_actuator", "hrc") else 0
-    parameters = bouc_wen().parameters if model == "bouc_wen" else hrc(hysterons).parameters
+    stated = campaign.setup.get("hysterons") if model in ("piezo_actuator", "hrc") else 0
+    hysterons = None if stated is None else int(stated)
+    most = MOST_HYSTERONS if hysterons is None else hysterons
+    parameters = bouc_wen().parameters if model == "bouc_wen" else hrc(most).parameters
     check_known(campaign.known, parameters)
     held_by_statement(campaign.known)
     mechanical_points(plan, {n: a.value for n, a in campaign.known.items()})
@@ -150,6 +153,8 @@ def identify_base(campaign: Campaign, options: Options, progress: Progress = qui
         )
     if model == "bouc_wen":
         return settled(identify_bouc_wen(plan, campaign, options, progress), options.error_bound_sigma)
+    if hysterons is None:
+        hysterons = hysterons_needed(plan, campaign.known, options.starts, options.seed, progress)
     progress(f"identify {model} with {hysterons} hysterons")
     return settled(
         identify_actuator(plan, campaign.known, hysterons, options.starts, options.seed), options.error_bound_sigma

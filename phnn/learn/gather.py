@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from omegaconf import OmegaConf
 
 from phnn.errors import InputRefused
 from phnn.learn import checkpoint, logs
 from phnn.learn.run import CONFIG, METRICS
-from phnn.learn.settings import FREE_TO_CHANGE
+from phnn.learn.settings import FREE_TO_CHANGE, settings_in
 
 # Why a run has failed, in its folder: the first line for the table, a traceback below it where there is one.
 ERROR = "error.txt"
@@ -60,10 +59,7 @@ def _settings(home: Path) -> dict[str, Any]:
     path = home / CONFIG
     if not path.exists():
         return {}
-    content = OmegaConf.to_container(OmegaConf.load(path))
-    if not isinstance(content, dict):
-        raise InputRefused(f"{path}: holds no settings: delete the folder, or name another")
-    return dict(_flat({str(key): value for key, value in content.items()}))
+    return dict(_flat(settings_in(path)))
 
 
 def _flat(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:

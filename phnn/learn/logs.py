@@ -25,21 +25,19 @@ class Log:
     """
 
     def __init__(self, place: Place, rows: Sequence[Row] = (), tensorboard: bool = True) -> None:
-        self.place, self.rows = place / FILE, list(rows)
-        self._write()
+        self.place, self.text = place / FILE, io.StringIO(newline="")
+        self.writer = csv.DictWriter(self.text, COLUMNS)
+        self.writer.writeheader()
+        self._write(rows)
         self.board = _board((place / "tensorboard").own_folder(), len(rows)) if tensorboard else None
 
-    def _write(self) -> None:
-        text = io.StringIO(newline="")
-        writer = csv.DictWriter(text, COLUMNS)
-        writer.writeheader()
-        writer.writerows(self.rows)
-        self.place.write(text.getvalue().encode())
+    def _write(self, rows: Sequence[Row]) -> None:
+        self.writer.writerows(rows)
+        self.place.write(self.text.getvalue().encode())
 
     def add(self, row: Row) -> None:
         """One epoch."""
-        self.rows.append(row)
-        self._write()
+        self._write([row])
         if self.board is not None:
             for name in ("loss", "validation", "rate"):
                 if row[name] is not None:

@@ -21,7 +21,7 @@ from phnn.learn.objective import Objective
 from phnn.learn.passivity import violations
 from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.score import evaluate, set_aside, whole
-from phnn.learn.settings import Settings, check_same
+from phnn.learn.settings import Settings, check_same, settings_in
 from phnn.learn.solvers import solver_for
 from phnn.learn.starts import plant_for
 from phnn.learn.trainer import Progress, Trainer
@@ -56,7 +56,7 @@ def train(settings: Settings, say: Callable[[str], None] = lambda line: None) ->
         SolverFailed: the model could not be simulated however small the steps of training.
     """
     torch.manual_seed(settings.seed)
-    campaign = read(settings.folder, settings.manifest)
+    campaign = read(settings.folder, settings.manifest, allow_outside=settings.allow_outside)
     single(campaign.recordings, "training follows one input to one output")
     made_of = {"recordings": digest(campaign), "base": _hash(settings.base)}
     inputs = [Path(p) for p in (settings.folder, settings.base) if p]
@@ -115,7 +115,7 @@ def _ended(settings: Settings) -> dict[str, Any] | None:
     config, metrics = settings.home / CONFIG, settings.home / METRICS
     if not (config.exists() and metrics.exists()):
         return None
-    check_same(dict(OmegaConf.load(config)), settings.plain(), config)
+    check_same(settings_in(config), settings.plain(), config)
     try:
         content: dict[str, Any] = json.loads(metrics.read_text(encoding="utf-8"))
         content["recordings"].items()

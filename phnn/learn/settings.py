@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused
+from phnn.intake.files import named_file
 from phnn.intake.limits import LIMITS
+from phnn.intake.yaml_file import load_yaml
 
 # Keys that say where a run lies or how long it may go on, not what it computes: they may differ when it resumes.
-FREE_TO_CHANGE = ("out", "folder", "manifest", "resume", "checkpoint_every", "tensorboard", "base")
+FREE_TO_CHANGE = ("out", "folder", "manifest", "allow_outside", "resume", "checkpoint_every", "tensorboard", "base")
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,7 @@ class Settings:
 
     Attributes:
         folder, out, manifest: recordings, results, and a ``recordings.yaml`` that lies elsewhere.
+        allow_outside: read files outside ``folder`` that it names, links or refers to.
         model: ``kind`` and the arguments of that kind, see `phnn.learn.starts`.
         solver: ``name`` (``discrete_gradient`` or ``torchdiffeq``) and its options, see `phnn.learn.solvers`.
         base: folder of a model that `phnn identify` wrote, to start from; it is identified where it is left out.
@@ -42,6 +45,7 @@ class Settings:
     folder: str
     out: str
     manifest: str | None = None
+    allow_outside: bool = False
     model: Mapping[str, Any] = field(default_factory=lambda: {"kind": "neural_hrc"})
     solver: Mapping[str, Any] = field(default_factory=lambda: {"name": "discrete_gradient"})
     base: str | None = None
@@ -77,6 +81,8 @@ class Settings:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < float("inf"):
                 raise InputRefused(f"setting {name}={value} must be a positive number")
+        if not isinstance(self.allow_outside, bool):
+            raise InputRefused(f"setting allow_outside={self.allow_outside} must be true or false")
         if self.window == 1:
             raise InputRefused("setting window=1: a window has two samples at least; 0 takes whole recordings")
         for name, key in (("model", "kind"), ("solver", "name")):
@@ -112,6 +118,18 @@ class Settings:
     def home(self) -> Path:
         """Where the results go."""
         return Path(self.out)
+
+
+def settings_in(path: Path) -> dict[str, Any]:
+    """What a run's ``config.yaml`` holds, read as plain values.
+
+    Raises:
+        InputRefused: the file is damaged.
+    """
+    content = load_yaml(named_file(path, (path.parent,)))
+    if not isinstance(content, dict):
+        raise InputRefused(f"{path}: holds no settings: delete the folder, or name another")
+    return {str(key): value for key, value in content.items()}
 
 
 def check_same(before: Mapping[str, Any], now: Mapping[str, Any], where: Path) -> None:

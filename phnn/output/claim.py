@@ -6,6 +6,7 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -35,7 +36,7 @@ def claim(
     results: Sequence[str] = (),
     made_of: Mapping[str, Any] | None = None,
     resume: bool = False,
-    overwrite: bool = False,
+    overwrite: bool | None = None,
     anew: str = "",
 ) -> Iterator[Place]:
     """Claim ``out`` for one run; all that the run writes goes through the `Place` that comes back.
@@ -51,7 +52,7 @@ def claim(
         made_of: what decides the results, as hashes of data and settings; the version is added.
         resume: go on from what an earlier run with the same ``made_of`` has left.
         anew: how the user begins anew, for messages.
-        overwrite: replace results of phnn even where they were changed since.
+        overwrite: replace results of phnn even where they were changed since; None where the user cannot say so.
 
     Raises:
         InputRefused: the folder belongs to recordings, to another run or to a stranger, or cannot be written to.
@@ -65,13 +66,14 @@ def claim(
         _probe(root)
         _clean(root)
         record = Record(root)
+        record.adopt()
         _met(root, record, results, overwrite)
         now = _complete(made_of)
         before = _before(root)
         if resume:
             _same(out, before, {"command": command, "made_of": now}, anew)
         record.compact()
-        place, earlier = Place(root, overwrite=overwrite, by=command), list(record.lines())
+        place, earlier = Place(root, overwrite=overwrite, by=command, record=record), list(record.lines())
         marked = (root / INCOMPLETE).exists()
         _mark(root, {"schema": _SCHEMA, "command": command, "made_of": now, "complete": False})
         (place / INCOMPLETE).write(_words(command, ()).encode())
@@ -190,7 +192,7 @@ def _clean(root: Path) -> None:
             part.unlink(missing_ok=True)
 
 
-def _met(root: Path, record: Record, results: Sequence[str], overwrite: bool) -> None:
+def _met(root: Path, record: Record, results: Sequence[str], overwrite: bool | None) -> None:
     """Meet at the beginning what would refuse a result at the end.
 
     Raises:
@@ -268,4 +270,4 @@ def _forget(place: Place, results: Sequence[str], earlier: Sequence[Line], new: 
     for line in earlier:
         path = PurePosixPath(line.name)
         if line.by == place.by and line.digest and line.name not in kept and path.parts[0] in results:
-            Place(place.root, path).remove()
+            replace(place, name=path).remove()

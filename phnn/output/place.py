@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -24,23 +24,29 @@ class Place:
     Attributes:
         root: the claimed folder, without links.
         name: below it, empty for the folder itself.
-        overwrite: whether results of phnn that were changed since may be replaced.
+        overwrite: whether results of phnn that were changed since may be replaced; None where the user cannot say so.
         by: the command that writes.
+        record: of the claimed folder; read anew where it is left out.
     """
 
     root: Path
     name: PurePosixPath = _HERE
-    overwrite: bool = False
+    overwrite: bool | None = None
     by: str = ""
+    record: Record | None = field(default=None, compare=False, repr=False)
 
     def __truediv__(self, part: str) -> Place:
         """A file or folder in this one. The part is a name, never a path; labels of people are made names of files."""
-        return Place(self.root, self.name / file_name(part), self.overwrite, self.by)
+        return replace(self, name=self.name / file_name(part))
 
     @property
     def path(self) -> Path:
         """Where it lies."""
         return self.root / self.name
+
+    @property
+    def _record(self) -> Record:
+        return self.record or Record(self.root)
 
     def __str__(self) -> str:
         return str(self.path)
@@ -55,7 +61,7 @@ class Place:
         """
         self._check()
         self._make(self.path.parent)
-        Record(self.root).add(self.name, sha256(content), self.by)
+        self._record.add(self.name, sha256(content), self.by)
         write_atomic(self.path, content)
 
     def write_json(self, content: Mapping[str, Any]) -> None:
@@ -68,7 +74,7 @@ class Place:
         Raises:
             OutputRefused: a folder or file that phnn did not make has that name.
         """
-        record = Record(self.root)
+        record = self._record
         if self.path.exists() and not record.owns(self.name) and not is_empty(self.path):
             raise OutputRefused(f"{self}: is not of phnn's making: move it away, or choose another folder for --out")
         self._make(self.path.parent)
@@ -81,7 +87,7 @@ class Place:
         path = self.path
         if not path.exists() or path.is_symlink() or path.parent.resolve() != path.parent:
             return
-        if not Record(self.root).owns(self.name):
+        if not self._record.owns(self.name):
             return
         if path.is_dir():
             shutil.rmtree(path, ignore_errors=True)
@@ -102,4 +108,4 @@ class Place:
         if path.is_symlink() or path.is_dir():
             kind = "a link" if path.is_symlink() else "a folder"
             raise OutputRefused(f"{path}: is {kind}, where a result must be written: move it away")
-        Record(self.root).check(self.name, self.overwrite)
+        self._record.check(self.name, self.overwrite)

@@ -50,6 +50,8 @@ class Record:
     A line is added before each file is renamed into its place, so that after a kill every file of phnn's has a line.
     A folder whose content others write, such as a logger's, is recorded as a whole.
 
+    A record remembers what it has read and reads on from there, for other processes add lines, too.
+
     Args:
         root: the folder.
     """
@@ -57,6 +59,12 @@ class Record:
     def __init__(self, root: Path) -> None:
         self.root = root
         self.path = root / FOLDER / _FILE
+        # Which file was read, how many of its bytes, and what stood in them.
+        self._number, self._end = 0, 0
+        self._known: dict[str, set[str]] = {}
+
+    def __reduce__(self) -> tuple[type[Record], tuple[Path]]:
+        return Record, (self.root,)
 
     def add(self, name: PurePosixPath, digest: str, by: str = "") -> None:
         """Note a file that is about to be written; an empty digest notes a folder with all that is in it.
@@ -85,30 +93,38 @@ class Record:
         Raises:
             OutputRefused: the record is no file, or cannot be read.
         """
+        yield from _parsed(self._read(0))
+
+    def _read(self, begin: int) -> bytes:
+        """Content from a byte on; nothing where there is no record."""
         if not self.path.exists():
-            return
+            return b""
         if not self.path.is_file() or self.path.is_symlink():
             raise OutputRefused(f"{self.path}: is no file: remove it, or choose another folder for --out")
         try:
-            content = self.path.read_text(encoding="utf-8", errors="replace")
+            with self.path.open("rb") as file:
+                file.seek(begin)
+                return file.read()
         except OSError as error:
             raise refusal(self.path, error) from error
-        for line in filter(None, content.splitlines()):
-            try:
-                entry = json.loads(line)
-                found = Line(str(entry["file"]), str(entry["sha256"]), str(entry.get("by", "")))
-            except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-                # A line that the disk or a kill cut off: its file was never renamed.
-                continue
-            if _inside(found.name):
-                yield found
 
     def digests(self) -> dict[str, set[str]]:
         """All hashes that were noted, by file; a folder has the empty one."""
-        found: dict[str, set[str]] = {}
-        for line in self.lines():
-            found.setdefault(line.name, set()).add(line.digest)
-        return found
+        try:
+            state = self.path.stat()
+            number, size = state.st_ino, state.st_size
+        except OSError:
+            number, size = 0, 0
+        if number != self._number or size < self._end:
+            self._number, self._end, self._known = number, 0, {}
+        if size > self._end or not self.path.is_file():
+            content = self._read(self._end)
+            # Of a line that is being written the rest comes later.
+            whole = content[: content.rfind(b"\n") + 1]
+            for line in _parsed(whole):
+                self._known.setdefault(line.name, set()).add(line.digest)
+            self._end += len(whole)
+        return self._known
 
     def owns(self, name: PurePosixPath, known: dict[str, set[str]] | None = None) -> bool:
         """Whether the file of that name is as phnn wrote it, or lies in a folder that is phnn's as a whole."""
@@ -118,11 +134,11 @@ class Record:
         path = self.root / name
         return path.is_file() and not path.is_symlink() and sha256_of(path) in known.get(str(name), ())
 
-    def check(self, name: PurePosixPath, overwrite: bool, known: dict[str, set[str]] | None = None) -> None:
+    def check(self, name: PurePosixPath, overwrite: bool | None, known: dict[str, set[str]] | None = None) -> None:
         """Refuse to write where a file stands that is not phnn's, or that was changed since.
 
         Args:
-            overwrite: whether phnn's own may be replaced although it was changed.
+            overwrite: whether phnn's own may be replaced although it was changed; None where there is no such choice.
             known: the digests, where the caller has them.
 
         Raises:
@@ -137,10 +153,22 @@ class Record:
         if str(name) not in known:
             raise foreign(path)
         if not overwrite:
-            raise OutputRefused(
-                f"{path}: was changed after phnn wrote it: move it away, choose another folder for --out, or give "
-                "--overwrite"
-            )
+            choice = ", choose another folder for --out" + (", or give --overwrite" if overwrite is False else "")
+            raise OutputRefused(f"{path}: was changed after phnn wrote it: move it away{choice}")
+
+    def adopt(self) -> None:
+        """Note what lies here as a run in a folder above has written it: its record knows it by a longer name."""
+        known = self.digests()
+        for above in self.root.parents:
+            if not (above / FOLDER / _FILE).is_file():
+                continue
+            for line in list(Record(above).lines()):
+                path = above / line.name
+                if self.root not in path.parents or not path.is_file() or path.is_symlink():
+                    continue
+                name = path.relative_to(self.root)
+                if str(name) not in known and line.digest == sha256_of(path):
+                    self.add(PurePosixPath(name), line.digest, line.by)
 
     def compact(self) -> None:
         """Forget files that are gone and contents that were replaced; called where no other process writes."""
@@ -162,6 +190,19 @@ def foreign(path: Path) -> OutputRefused:
 def is_empty(path: Path) -> bool:
     """Whether a folder holds nothing, so that it is nobody's."""
     return path.is_dir() and not path.is_symlink() and next(path.iterdir(), None) is None
+
+
+def _parsed(content: bytes) -> Iterator[Line]:
+    """The lines of a record that are whole and name something below its folder."""
+    for line in filter(None, content.decode("utf-8", "replace").split("\n")):
+        try:
+            entry = json.loads(line)
+            found = Line(str(entry["file"]), str(entry["sha256"]), str(entry.get("by", "")))
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            # A line that the disk or a kill cut off: its file was never renamed.
+            continue
+        if _inside(found.name):
+            yield found
 
 
 def _inside(name: str) -> bool:

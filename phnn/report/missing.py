@@ -16,10 +16,7 @@ from phnn.units import quantity
 # Units of what is known only up to one common factor where nothing anchors it.
 FORCE_UNITS = ("kg", "N", "N/m", "N s/m", "N s²/m²", "N/V", "F", "S")
 _UP_TO_FACTOR = " Absolute values are known up to one common factor, because nothing anchors them."
-_PROVISIONAL = (
-    " The identification recordings ask for it; the held-out ones are too short to confirm or refute it, and their "
-    "error does not fall. It is provisional."
-)
+_PROVISIONAL = " It is part of the model because it predicts recordings better; that this is the physics is not proven."
 
 
 def missing_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
@@ -27,22 +24,23 @@ def missing_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     j = diagnosis.judgement
     if j.verdict == "none":
         return []
-    if j.verdict == "unknown":
-        return [_learned(j)]
-    return [_entry(j, f, fixes_common_factor(diagnosis.campaign.known)) for f in j.findings]
+    if not j.findings:
+        return [_nameless(j)]
+    return [_entry(diagnosis, f) for f in j.findings]
 
 
-def _entry(j: Judgement, finding: Finding, anchored: bool) -> dict[str, Any]:
-    final = j.final
+def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
+    final, anchored = diagnosis.judgement.final, fixes_common_factor(diagnosis.campaign.known)
     effect = finding.trial.candidate.effect
     parameters = final.setup.parameters
     shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in effect.parameters}
     # A provisional element belongs to the model, and its name is not claimed.
-    claimed: dict[str, Any] = {"effect": effect.name, "status": j.verdict}
+    claimed: dict[str, Any] = {"effect": effect.name, "status": _status(diagnosis, finding)}
     if finding.provisional:
-        claimed = {"effect": "unknown", "status": "provisional", "nearest": effect.name}
+        claimed = {"effect": "unknown", "status": "provisional", "nearest": None if finding.learned else effect.name}
     return claimed | {
         "held_out": _held_out(finding),
+        "share_explained": _share(finding),
         "location": effect.location,
         "equivalent_to": [t.candidate.effect.name for t in finding.members[1:]],
         "p_value": finding.evidence[1],
@@ -53,6 +51,14 @@ def _entry(j: Judgement, finding: Finding, anchored: bool) -> dict[str, Any]:
         "passive": effect.passive,
         "parameters": _estimates(final, effect.parameters),
     }
+
+
+def _status(diagnosis: Diagnosis, finding: Finding) -> str:
+    """How far the name of a claimed element is proven: a verdict speaks for all of them, some may be surer."""
+    held, level = finding.held_out, diagnosis.criteria.confirmation.held_out_level
+    proven = held is not None and held.falls is not None and held.falls < level
+    alone = len(finding.members) == 1 and diagnosis.campaign.held_out_is_new
+    return "named" if alone and proven else diagnosis.judgement.verdict
 
 
 def _estimates(final: Fit, names: Iterable[str]) -> dict[str, dict[str, Any]]:
@@ -77,25 +83,33 @@ def _held_out(finding: Finding) -> dict[str, Any] | None:
     return {"before": found.before, "after": found.after, "p_value": found.falls, "rms": found.rms}
 
 
-def _learned(j: Judgement) -> dict[str, Any]:
-    """What is real and has no name: provisional, or described by the learned one-port that the model holds."""
+def _share(finding: Finding) -> float | None:
+    """Share of the excess over the noise that an element takes on identification recordings which took no part in
+    finding it; null where none were left out for that."""
+    found = finding.gained
+    if found is None or not found.before > 1.0:
+        return None
+    return (found.before**2 - found.after**2) / (found.before**2 - 1.0)
+
+
+def _nameless(j: Judgement) -> dict[str, Any]:
+    """What is real, where nothing that was tried predicts recordings better."""
     best = min(j.tried, key=lambda t: t.cost, default=None)
     # A refit that ended above the base model has failed, and is near to nothing.
     helps = best is not None and best.cost < j.ground.fit.cost
     nearest = best.candidate.effect.name if best is not None and helps else None
     where = j.location
-    name = where.name if where else "mechanical"
-    added = [n for n in j.final.setup.parameters if n not in j.ground.fit.setup.parameters]
     return {
         "effect": "unknown",
-        "status": "described" if j.learned else "provisional",
+        "status": "provisional",
         "nearest": nearest,
         "held_out": None,
-        "location": name,
-        "equivalent_to": list(where.tied) if where else [],
+        "share_explained": None,
+        "location": where.name if where else "mechanical",
+        "equivalent_to": [],
         "p_value": j.naming.p_value,
         "statement": f"{unknown_statement(j)} {unknown_character(j)}".strip(),
-        "equation": r"F_x = \sum_j \theta_j f_j" if j.learned else "",
-        "passive": j.learned,
-        "parameters": _estimates(j.final, added),
+        "equation": "",
+        "passive": False,
+        "parameters": {},
     }

@@ -1,4 +1,4 @@
-"""What speaks for each named element of a diagnosis."""
+"""What speaks for each element that a diagnosis has found."""
 
 from __future__ import annotations
 
@@ -23,10 +23,7 @@ _RIVALS = 6
 
 def supports(diagnosis: Diagnosis) -> tuple[Support, ...]:
     """One for every element that was found, in the order of ``missing``."""
-    j = diagnosis.judgement
-    if j.verdict not in ("named", "equivalent"):
-        return ()
-    return tuple(_support(diagnosis, f) for f in j.findings)
+    return tuple(_support(diagnosis, f) for f in diagnosis.judgement.findings)
 
 
 def _support(diagnosis: Diagnosis, finding: Finding) -> Support:

@@ -20,7 +20,7 @@ from phnn.diagnose.locate import (
     strongest_times,
 )
 from phnn.diagnose.name import Candidate
-from phnn.diagnose.picture import Picture, learned_picture, missing_force, picture
+from phnn.diagnose.picture import Picture, missing_force, picture
 from phnn.diagnose.rules import Applied
 from phnn.diagnose.symptoms import seen, symptoms
 from phnn.diagnose.trial import tie
@@ -111,9 +111,9 @@ def _test(j: Judgement) -> dict[str, Any]:
 
     What is significant and immaterial is told with its size.
     """
-    if j.findings:
-        statistic, p_value = j.findings[0].evidence
-        return {"statistic": statistic, "p_value": p_value, "candidate": j.findings[0].trial.candidate.effect.name}
+    if j.claimed:
+        statistic, p_value = j.claimed[0].evidence
+        return {"statistic": statistic, "p_value": p_value, "candidate": j.claimed[0].trial.candidate.effect.name}
     best = j.naming.candidates[0] if j.naming.candidates else None
     name = best.effect.name if best is not None and best.score >= j.naming.generic else None
     test = {"statistic": j.naming.statistic, "p_value": j.naming.p_value, "candidate": name}
@@ -142,7 +142,7 @@ def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
         return None
     # A refit that names an effect knows better where it is than the dictionary did before.
     # Several findings at different places are no tie.
-    named = list(dict.fromkeys(t.candidate.effect.location for f in j.findings[:1] for t in f.members))
+    named = list(dict.fromkeys(t.candidate.effect.location for f in j.claimed[:1] for t in f.members))
     return {
         "name": named[0] if named else j.location.name,
         "detail": j.location.detail,
@@ -165,11 +165,9 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
         found = picture(ground, where) if where is not None else None
         if found is not None:
             curves.append(_curve(found, ground is not j.ground))
-    if j.learned and j.location is not None:
-        curves.insert(1, _curve(learned_picture(j.ground, j.location, j.final.setup), False))
     return Evidence(
         traces=tuple(_traces(diagnosis)),
-        curves=tuple(curves[:2] if j.learned or j.verdict != "unknown" else curves[:1]),
+        curves=tuple(curves[:2] if j.findings else curves[:1]),
         parameters=tuple(_parameters(diagnosis)),
         candidates=tuple(_candidates(j, diagnosis.criteria.selection.level)),
         ledger=tuple(_ledger(j)),

@@ -8,7 +8,7 @@ from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import Immaterial, Judgement
 from phnn.diagnose.select import share_of
-from phnn.diagnose.words import fitted_in_words, learned_in_words
+from phnn.diagnose.words import fitted_in_words
 from phnn.units import quantity
 
 # Share of the excess that is worth a word about what is not the answer.
@@ -31,7 +31,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         )
     if j.verdict == "unknown":
         return f"{unknown_statement(j)} {_nearest(j)}{change}"
-    claimed = [f for f in j.findings if not f.provisional]
+    claimed = j.claimed
     names = " and ".join(_with_members(f) for f in claimed)
     others = any(len(f.members) > 1 for f in claimed)
     if j.verdict == "named":
@@ -67,11 +67,13 @@ def _provisional(judgement: Judgement) -> str:
     names = [f.trial.candidate.effect.name.replace("_", " ") for f in judgement.findings if f.provisional]
     if not names:
         return ""
-    return f" The model also holds, provisionally, {' and '.join(names)}: the held-out samples do not confirm it."
+    return f" The model also holds {' and '.join(names)}, whose name is not proven."
 
 
 def _nearest(judgement: Judgement) -> str:
     """What of the catalogue explains more than half, though not what there is, or nothing."""
+    if judgement.findings:
+        return ""
     best = min(judgement.tried, key=lambda t: t.cost, default=None)
     if best is None or best.fit is None:
         return ""
@@ -91,21 +93,23 @@ def _with_members(finding: Finding) -> str:
 
 
 def unknown_statement(judgement: Judgement) -> str:
-    """What is said where no element of the catalogue explains a mismatch that is real."""
+    """What is said where something is real and no name for it is proven."""
     where = judgement.location
     place = f"the {where.name} location ({where.detail})" if where else "a location that could not be told"
-    model = (
-        "A passive one-port learned there is part of the model."
-        if judgement.learned
-        else "No passive one-port of that kind is learned; the model is still the base model."
-    )
-    return f"Something real is left out at {place}, and no element of the catalogue explains it. {model}"
+    real = f"Something real is left out at {place}."
+    held = [_element(f) for f in judgement.findings]
+    if not held:
+        return f"{real} Nothing that was tried describes it, so that the model is still the base model."
+    listed = " and ".join(held) if len(held) < 3 else f"{', '.join(held[:-1])} and {held[-1]}"
+    return f"{real} No name for it is proven. The model describes it by {listed}."
+
+
+def _element(finding: Finding) -> str:
+    """An element of a model whose name is not claimed, in words."""
+    name = finding.trial.candidate.effect.name.replace("_", " ")
+    return f"a {name} element" if finding.learned else f"an element that acts like {name}"
 
 
 def unknown_character(judgement: Judgement) -> str:
-    """What the unknown element is like: the learned one-port, or what was fitted at the location."""
-    if judgement.location is None:
-        return ""
-    if judgement.learned:
-        return learned_in_words(judgement.ground, judgement.location, judgement.final.setup)
-    return fitted_in_words(judgement.ground, judgement.location)
+    """What the unknown element is like, by what was fitted at the location."""
+    return "" if judgement.location is None else fitted_in_words(judgement.ground, judgement.location)

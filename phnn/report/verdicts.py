@@ -8,7 +8,7 @@ from phnn.report.formatting import at_floor, chance, finite, listing, number, p_
 VERDICT_WORDS = {
     "named": "One missing effect was named.",
     "equivalent": "Something is missing: one of a class of effects that these recordings cannot tell apart.",
-    "unknown": "Something real is missing that no element of the catalogue explains.",
+    "unknown": "Something real is missing, and no name for it is proven.",
     "none": "Nothing is missing: the base model explains these recordings down to the noise.",
 }
 
@@ -72,6 +72,8 @@ def equivalence_sentence(missing: Missing) -> str:
     others = [words(name) for name in missing.equivalent_to if name != missing.effect]
     if not others:
         return ""
+    if missing.effect == "unknown":
+        return f"{listing(others, 'or').capitalize()} would describe these recordings as well."
     return f"These recordings cannot tell {words(missing.effect)} from {listing(others, 'or')}."
 
 
@@ -79,9 +81,9 @@ def missing_title(missing: Missing) -> str:
     """What a missing element is called: by its name where that is claimed."""
     if missing.effect != "unknown":
         return words(missing.effect).capitalize()
-    if missing.status == "provisional" and missing.equation and missing.nearest:
-        return f"Provisional: {words(missing.nearest)}"
-    return "Without a name" if missing.status == "provisional" else "A learned element"
+    if missing.equation and missing.nearest:
+        return f"Acts like {words(missing.nearest)}, not proven"
+    return "A learned element" if missing.equation or missing.status == "described" else "Without a name"
 
 
 def held_out_sentence(missing: Missing) -> str:
@@ -96,7 +98,7 @@ def held_out_sentence(missing: Missing) -> str:
 
 def passive_sentence(missing: Missing) -> str:
     """What the new element does to the structure."""
-    if missing.passive is None:
+    if missing.passive is None or (missing.effect == "unknown" and not missing.equation):
         return ""
     if missing.passive:
         return "The model with it stays passive."

@@ -99,7 +99,7 @@ TABLES = {
     "packed zeros.mat": lambda: (
         b"MATLAB 5.0".ljust(124)
         + b"\x00\x01IM"
-        + (lambda z: struct.pack("<II", 15, len(z)) + z)(packed_zeros(4 * 10**8))
+        + (lambda z: struct.pack("<II", 15, len(z)) + z)(packed_zeros(3 * 10**8))
     ),
     "version 4.mat": lambda: struct.pack("<5i", 0, 10**9, 10**9, 0, 2) + b"x\0",
     "version 4, negative.mat": lambda: struct.pack("<5i", 0, -5, 3, 0, 2) + b"x\0" + bytes(80),
@@ -231,7 +231,7 @@ FILES = {
 }
 
 
-@often(300)
+@often(120)
 @given(data=st.data())
 def test_damaged_places(data: st.DataObject, attack: Attack, tmp_path: Path) -> None:
     suffix = data.draw(st.sampled_from(list(FILES)))

@@ -246,7 +246,7 @@ def places(content: Any, at: tuple[str | int, ...] = ()) -> list[tuple[str | int
     return [p for key, value in items for p in ((*at, key), *places(value, (*at, key)))]
 
 
-@often(300)
+@often(120)
 @given(data=st.data())
 def test_models_with_something_at_random(
     data: st.DataObject, attack: Attack, good: Path, model: dict[str, Any]

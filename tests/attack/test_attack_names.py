@@ -140,7 +140,7 @@ KINDS: dict[str, Callable[[Path], object]] = {
     "a link upwards": link(".."),
     "20 GB of nothing": sparse(20 * 10**9),
     "1 GB of nothing": sparse(10**9),
-    "300 MB of nothing": sparse(3 * 10**8),
+    "100 MB of nothing": sparse(10**8),
     "an exabyte": sparse(2**43),
     "no permission": unreadable,
 }
@@ -280,7 +280,7 @@ def test_folders_that_are_none(
     assert attack(tmp_path / "empty", command, model=Path(folder)).refused
 
 
-@often(200)
+@often(100)
 @given(name=st.text(max_size=12) | st.binary(max_size=12).map(os.fsdecode))
 def test_a_printed_name_is_one_line_of_utf8(name: str) -> None:
     shown = printable(name)

@@ -192,7 +192,7 @@ VALUES = st.sampled_from(
 PLACES = [i for i, c in enumerate(GOOD) if c in " {}[],:\n"]
 
 
-@often(150)
+@often(80)
 @given(at=st.sampled_from(PLACES), cut=st.integers(0, 9), piece=VALUES)
 def test_networks_with_a_damaged_place(at: int, cut: int, piece: str, attack: Attack, good: Path) -> None:
     described(good, GOOD[:at] + f" {piece} " + GOOD[at + cut :])

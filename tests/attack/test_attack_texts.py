@@ -199,7 +199,7 @@ def test_extreme_statements(factor: float, said: str, named: bool, attack: Attac
     attack(good)
 
 
-@often(250)
+@often(100)
 @given(
     at=st.integers(0, len(csv())),
     cut=st.integers(0, 40),
@@ -218,7 +218,7 @@ LINES = st.lists(
 )
 
 
-@often(150)
+@often(80)
 @given(lines=LINES, separator=st.sampled_from([",", ";", "\t", " ", "|"]), header=st.booleans())
 def test_tables_at_random(lines: list[list[str]], separator: str, header: bool, attack: Attack, good: Path) -> None:
     text = "\n".join(separator.join(line) for line in lines)

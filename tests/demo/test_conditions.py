@@ -107,8 +107,8 @@ def test_manifest_and_seal_say_what_was_drawn(tmp_path: Path) -> None:
     assert np.std(table["displacement_um"] * 1e-6 - q) < 1.2 * math.hypot(sealed.noise, sealed.quantisation)
 
 
-def test_the_background_is_small_and_acts_in_the_recordings(tmp_path: Path) -> None:
-    case = draw_case(3, "none", "short", noise="white", conditions=Conditions(background=True))
+def test_the_background_is_small_and_acts_in_the_recordings(tmp_path: Path, brief: str) -> None:
+    case = draw_case(3, "none", brief, noise="white", conditions=Conditions(background=True))
     sealed = make_case(case, tmp_path)
     assert sealed.background_effects == ("creep", "hysteresis_asymmetry")
     assert set(sealed.background) == {"k_s", "tau_s", "kappa_d"}
@@ -127,10 +127,10 @@ def test_the_background_is_small_and_acts_in_the_recordings(tmp_path: Path) -> N
     assert np.sqrt(np.mean([np.var(e) for e in errors])) == pytest.approx(sealed.noise_total, rel=0.02)
 
 
-def test_levels_of_the_background_spread_from_a_third_of_the_noise_to_all_of_it(tmp_path: Path) -> None:
+def test_levels_of_the_background_spread_from_a_third_of_the_noise_to_all_of_it(tmp_path: Path, brief: str) -> None:
     levels = [
         make_case(
-            draw_case(s, "none", "few", conditions=Conditions(background=True)), tmp_path / str(s)
+            draw_case(s, "none", brief, conditions=Conditions(background=True)), tmp_path / str(s)
         ).background_level
         for s in range(3)
     ]
@@ -138,8 +138,8 @@ def test_levels_of_the_background_spread_from_a_third_of_the_noise_to_all_of_it(
     assert np.ptp(levels) > 0.1
 
 
-def test_what_is_concealed_is_no_background(tmp_path: Path) -> None:
-    case = draw_case(0, "same", "few", conditions=Conditions(background=True))
+def test_what_is_concealed_is_no_background(tmp_path: Path, brief: str) -> None:
+    case = draw_case(0, "same", brief, conditions=Conditions(background=True))
     assert case.effects == ("creep",)
     sealed = make_case(replace(case, targets=(3.0,)), tmp_path)
     assert sealed.effects == ("creep",)

@@ -113,7 +113,7 @@ def test_process_noise_has_the_resonance_of_the_plant() -> None:
     assert np.max(density[inside]) > 1.8 * density[np.argmin(np.abs(f - 60.0))]
 
 
-@pytest.mark.parametrize("share", [0.03, 0.1, 0.5])
+@pytest.mark.parametrize("share", [0.5, *(pytest.param(s, marks=pytest.mark.slow) for s in (0.03, 0.1))])
 def test_the_share_of_process_noise_is_the_stated_one(tmp_path: Path, share: float) -> None:
     case = draw_case(5, "none", "few", noise=f"process:{share}")
     sealed = make_case(case, tmp_path / "r")
@@ -155,8 +155,8 @@ def test_the_variance_of_jittered_noise_grows_with_the_square_of_the_speed(tmp_p
 
 
 @pytest.mark.parametrize("family", list(FAMILIES))
-def test_a_family_changes_nothing_but_the_noise(tmp_path: Path, family: str) -> None:
-    plain, asked = (draw_case(5, "none", "few", noise=n) for n in (None, family))
+def test_a_family_changes_nothing_but_the_noise(tmp_path: Path, family: str, brief: str) -> None:
+    plain, asked = (draw_case(5, "none", brief, noise=n) for n in (None, family))
     assert (asked.base, asked.recordings, asked.family) == (plain.base, plain.recordings, family)
     assert asked.noise.deviation == plain.noise.deviation
     sealed, again = make_case(asked, tmp_path / "a"), make_case(asked, tmp_path / "b")

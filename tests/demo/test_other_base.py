@@ -138,8 +138,8 @@ def test_what_acts_on_hysterons_is_not_concealed_where_there_are_none(family: st
 
 
 @others
-def test_recordings_and_seal_say_what_was_drawn(tmp_path: Path, family: str) -> None:
-    case = draw_case(3, "same", "few", conditions=Conditions(base=family, hysterons=3))
+def test_recordings_and_seal_say_what_was_drawn(tmp_path: Path, family: str, brief: str) -> None:
+    case = draw_case(3, "same", brief, conditions=Conditions(base=family, hysterons=3))
     sealed = make_case(replace(case, targets=(3.0,)), tmp_path / "r")
     assert (sealed.base_family, sealed.hysterons, sealed.stated_hysterons) == (family, 0, 3)
     assert sealed.base == as_stated(case.base)
@@ -154,8 +154,8 @@ def test_recordings_and_seal_say_what_was_drawn(tmp_path: Path, family: str) -> 
     assert open_seal(tmp_path / "seal.json") == sealed
 
 
-def test_a_background_beside_another_hysteresis_is_creep_alone(tmp_path: Path) -> None:
-    case = draw_case(3, "none", "few", conditions=Conditions(background=True, base=BOUC_WEN))
+def test_a_background_beside_another_hysteresis_is_creep_alone(tmp_path: Path, brief: str) -> None:
+    case = draw_case(3, "none", brief, conditions=Conditions(background=True, base=BOUC_WEN))
     assert make_case(case, tmp_path).background_effects == ("creep",)
 
 

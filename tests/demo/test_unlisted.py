@@ -61,3 +61,26 @@ def test_a_damper_that_grows_with_the_displacement_takes_more_energy() -> None:
     # Where the displacement is small it is the damper of the paper.
     small = sine(150.0, amplitude=0.1)
     np.testing.assert_allclose(simulate(values, small), simulate(UNSLIPPED, small), rtol=1e-4, atol=1e-13)
+
+
+def test_a_damper_of_one_direction_is_a_damper_of_both_for_what_goes_forwards() -> None:
+    rise = step(amplitude=10.0, before=0.01, hold=0.05, after=0.01)
+    overdamped, before_it_falls = {**UNSLIPPED, "b": 100.0}, slice(0, round(0.05 / rise.dt))
+    one, both = (simulate({**overdamped, **more}, rise) for more in ({"kappa_f": 0.5}, {"b": 150.0}))
+    assert np.all(np.diff(both[before_it_falls]) >= -1e-15)
+    np.testing.assert_allclose(one[before_it_falls], both[before_it_falls], atol=1e-12)
+    assert np.max(np.abs(one - both)) > 1e-7
+
+
+def test_an_amplifier_with_a_dead_band_gives_less_of_either_sign_and_nothing_of_little() -> None:
+    for sign in (1.0, -1.0):
+        hold, less = (step(amplitude=sign * a, before=0.01, hold=0.1, after=0.01) for a in (7.0, 6.0))
+        np.testing.assert_allclose(simulate({**TABLE, "delta_V": 1.0}, hold), simulate(TABLE, less), atol=1e-12)
+    weak = sine(10.0, amplitude=0.9, periods=1, samples=500)
+    assert np.all(simulate({**TABLE, "delta_V": 1.0}, weak) == 0.0)
+
+
+def test_a_clock_that_runs_fast_is_early() -> None:
+    drive = sine(10.0, periods=2, samples=1000)
+    q, early = simulate(TABLE, drive), simulate({**TABLE, "kappa_t": 0.01}, drive)
+    np.testing.assert_allclose(early, np.interp(0.99 * drive.t, drive.t, q), atol=1e-4 * np.ptp(q))

@@ -93,7 +93,7 @@ def test_the_law_of_a_learned_spring_and_of_a_memory() -> None:
     ("effect", "words"),
     [
         ("cubic_stiffness", ("missing force", "the displacement", "odd")),
-        ("coulomb_friction", ("missing",)),
+        pytest.param("coulomb_friction", ("missing",), marks=pytest.mark.slow),
         ("contact_stop", ("missing force", "positive displacement only", "sets in at")),
     ],
 )

@@ -13,13 +13,13 @@ from phnn.diagnose import confirm
 from phnn.diagnose.confirm import Outcome, confirmed, outcome_of
 from phnn.diagnose.criteria import CRITERIA, Confirmation
 from phnn.diagnose.finding import Finding
-from phnn.diagnose.gain import Gain
 from phnn.diagnose.judge import Judgement
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.trial import Trial
 from phnn.effects import effect
 from phnn.identify.evaluate import Evaluation, score_part
 from phnn.identify.fit import Fit
+from phnn.identify.gain import Gain
 from phnn.recordings.recording import Part, Recording, Start
 
 NOISE = 4e-8
@@ -113,7 +113,9 @@ class World:
         def without(_: Fit, __: object, dropped: Finding, *___: object) -> Fit:
             return alone[dropped.trial.candidate.effect.name]
 
-        here = mock.Mock(ground=mock.sentinel.again, naming=judgement.naming, remaining=judgement.remainder_location)
+        self.again = mock.Mock(fit=judgement.ground.fit)
+        self.again.scales.noise = NOISE
+        here = mock.Mock(ground=self.again, naming=judgement.naming, remaining=judgement.remainder_location)
         with mock.patch.multiple(confirm, score_on_all=self.scores, without=without):
             return confirmed(judgement, judgement.ground.fit, CAMPAIGN, CRITERIA, mock.Mock(return_value=here))
 
@@ -169,7 +171,7 @@ def test_every_element_of_a_chain_needs_a_gain_of_its_own() -> None:
     alone = world.fit(0.05, 0.05)
     found, _, after = world.judge(base, world.fit(0.0, 0.06), (world.fit(2.0, 2.0), alone))
     assert found.verdict == "named" and named(found) == ["creep"]
-    assert found.final is alone and found.final_ground is mock.sentinel.again
+    assert found.final is alone and found.final_ground is world.again
     assert after is world.scores(alone, None)
 
 
@@ -183,33 +185,71 @@ def test_models_without_an_element_that_the_search_has_fitted_are_not_fitted_aga
     assert named(found) == ["creep", "amplifier_lowpass"] and found.final is final
 
 
-def test_what_stands_alone_after_others_fell_must_explain_what_there_was() -> None:
+def test_what_stands_alone_after_others_fell_must_explain_what_there_was_to_have_a_name() -> None:
     world = World()
     base, little = world.fit(5.0, 5.0), world.fit(4.5, 4.5)
     found, *_ = world.judge(base, world.fit(0.0, 6.0), (base, little), left=mock.sentinel.left)
-    assert found.verdict == "unknown" and found.findings == () and found.final is base
+    # It helps, so that it stays in the model.
+    assert found.verdict == "unknown" and found.claimed == () and named(found) == ["creep"]
+    assert found.final is little
 
 
 def test_a_chain_that_held_out_recordings_cannot_test_keeps_its_model_but_not_its_names() -> None:
     world = World()
     base, final = world.fit(90.0, 90.0), world.fit(5.0, 9.0)
-    found, _, after = world.judge(base, final, (base, world.fit(20.0, 6.0)))
+    found, _, after = world.judge(base, final, (base, world.fit(20.0, 9.01)))
     assert found.verdict == "equivalent" and found.final is final and after is world.scores(final, None)
     assert [f.provisional for f in found.findings] == [False, True]
     assert all(f.held_out is not None and f.held_out.falls is None for f in found.findings)
 
 
-def test_a_learned_element_that_helps_no_held_out_recording_is_dropped_with_all_that_was_said_of_it() -> None:
+def nameless(base: Fit, final: Fit, names: tuple[str, ...] = NAMES[:1]) -> Judgement:
+    """A model whose elements have no proven names."""
+    ground = mock.Mock(fit=base)
+    ground.scales.noise = NOISE
+    naming = mock.Mock(statistic=100.0, candidates=(), generic=0.0)
+    return Judgement(
+        "unknown", ground, naming, mock.sentinel.location, final, mock.Mock(),
+        tuple(replace(finding(n, final), provisional=True) for n in names), remainder=naming,
+    )  # fmt: skip
+
+
+def test_an_element_without_a_name_that_helps_no_held_out_recording_leaves_the_model() -> None:
     world = World()
     base, final = world.fit(3.0, 3.0), world.fit(1.0, 3.1)
-    learned = Judgement(
-        "unknown", mock.Mock(fit=base), mock.Mock(statistic=100.0), mock.sentinel.location, final, mock.Mock(),
-        remainder_location=mock.sentinel.elsewhere, learned=True,
-    )  # fmt: skip
-    found, *_ = world.confirm(learned, {})
-    assert found.verdict == "unknown" and not found.learned
-    assert found.final is learned.ground.fit and found.final_ground is learned.ground
-    assert found.remainder is learned.naming and found.remainder_location is learned.location
+    judgement = nameless(base, final)
+    found, before, after = world.confirm(judgement, {})
+    assert found.verdict == "unknown" and found.findings == () and after is before
+    assert found.final is base and found.final_ground is judgement.ground
+    assert found.remainder is judgement.naming and found.remainder_location is judgement.location
+
+
+def test_an_element_without_a_name_that_helps_stays_in_the_model() -> None:
+    world = World()
+    base, final = world.fit(3.0, 3.0), world.fit(1.0, 1.5)
+    found, before, after = world.confirm(nameless(base, final), {})
+    assert found.verdict == "unknown" and found.final is final and after is not before
+    assert named(found) == ["creep"] and found.claimed == ()
+    assert found.findings[0].held_out is not None and found.findings[0].held_out.after < 2.0
+
+
+def test_of_several_elements_without_a_name_those_that_help_stay() -> None:
+    world = World()
+    base, final, alone = world.fit(5.0, 5.0), world.fit(1.0, 2.0), world.fit(1.1, 1.9)
+    judgement = nameless(base, final, NAMES[:2])
+    found, *_ = world.confirm(judgement, {"creep": world.fit(4.0, 4.0), "amplifier_lowpass": alone})
+    assert found.verdict == "unknown" and named(found) == ["creep"] and found.final is alone
+
+
+def test_a_name_that_is_not_proven_leaves_its_element_in_the_model_where_that_helps() -> None:
+    """A gain that chance might make: 1.08 → 1.0 with p = 0.02."""
+    world = World()
+    base, final = world.fit(3.0, 0.41), world.fit(1.0, 0.0)
+    doubtful = mock.patch.object(confirm, "gain", side_effect=lambda *_: a_gain(1.08, 1.0, 0.02))
+    with doubtful:
+        found, *_ = world.judge(base, final)
+    assert found.verdict == "unknown" and found.final is final and named(found) == ["creep"]
+    assert found.claimed == ()
 
 
 @pytest.mark.parametrize(("level", "statistic", "verdict"), [(0.0, 6.0, "none"), (2.0, 6.0, "unknown")])

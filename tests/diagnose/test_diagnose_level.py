@@ -98,7 +98,7 @@ def found(rng: np.random.Generator, true: frozenset[int]) -> tuple[list[Effect],
     return effects_of(selected.findings), selected.model.significant
 
 
-@pytest.mark.parametrize("true", [(), (2,), (0, 4)])
+@pytest.mark.parametrize("true", [(), (2,), pytest.param((0, 4), marks=pytest.mark.slow)])
 def test_a_search_says_too_much_no_more_often_than_its_level(true: tuple[int, ...]) -> None:
     rng, names = np.random.default_rng(7), {EFFECTS[i] for i in true}
     wrong = missed = 0

@@ -121,7 +121,7 @@ TRUE = {
 }
 
 
-FAST = ("creep", "quadratic_drag", "electrostriction", "amplifier_saturation", "sensor_drift")
+FAST = ("quadratic_drag", "electrostriction", "amplifier_saturation", "sensor_drift")
 
 
 @pytest.mark.parametrize("effect", [e if e in FAST else pytest.param(e, marks=pytest.mark.slow) for e in TRUE])

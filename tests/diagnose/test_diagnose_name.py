@@ -71,8 +71,8 @@ def test_p_value_of_every_candidate_is_that_of_the_supremum() -> None:
 @pytest.mark.parametrize(
     "effect",
     [
-        *("creep", "quadratic_drag", "electrostriction", "amplifier_saturation", "sensor_drift"),
-        *(pytest.param(e, marks=pytest.mark.slow) for e in SLOW),
+        *("quadratic_drag", "electrostriction", "sensor_drift"),
+        *(pytest.param(e, marks=pytest.mark.slow) for e in (*SLOW, "creep", "amplifier_saturation")),
     ],
 )
 def test_the_concealed_effect_scores_highest(effect: str) -> None:
@@ -163,7 +163,7 @@ def test_nothing_missing_is_found_to_be_nothing() -> None:
     assert found.remainder is None
 
 
-@pytest.mark.parametrize("effect", ["quadratic_drag", "sensor_drift"])
+@pytest.mark.parametrize("effect", ["quadratic_drag", pytest.param("sensor_drift", marks=pytest.mark.slow)])
 def test_a_missing_element_is_named_with_its_parameters(effect: str) -> None:
     made = campaigns.diagnosis(effect)
     j = made.judgement
@@ -189,7 +189,7 @@ def test_a_stop_that_no_catalogue_lists_is_unknown_and_learned(seed: int) -> Non
     assert j.verdict == "unknown"
     assert j.location is not None
     assert j.location.name == "mechanical"
-    assert j.learned
+    assert j.findings and not j.claimed
     assert made.after.over_noise("confirmation") < made.before.over_noise("confirmation")
     from phnn.diagnose.picture import picture
 

@@ -9,14 +9,17 @@ from typing import Any
 import pytest
 
 from phnn.diagnose.criteria import CRITERIA, Confirmation
-from phnn.diagnose.gain import Gain
-from phnn.diagnose.rules import Applied, Record, held_out, search, verdict
+from phnn.diagnose.rules import Applied, Record, composition, held_out, search, verdict
+from phnn.diagnose.rules.composition import CLAIM, GAIN, LEAVES
 from phnn.diagnose.rules.held_out import ELEMENT, MODEL, NAMELESS, NUMERICS, REMAINDER
 from phnn.diagnose.rules.search import BASE, FORM, KEEP, REFIT, STEP
-from phnn.diagnose.rules.verdict import LEARNED, VERDICT
+from phnn.diagnose.rules.verdict import VERDICT
+from phnn.identify.gain import Gain
 
 RULE = CRITERIA.selection
-TABLES = (BASE, REFIT, STEP, FORM, KEEP, VERDICT, LEARNED, ELEMENT, MODEL, NAMELESS, REMAINDER, NUMERICS)
+TABLES = (
+    BASE, REFIT, STEP, FORM, KEEP, LEAVES, GAIN, CLAIM, VERDICT, ELEMENT, MODEL, NAMELESS, REMAINDER, NUMERICS,
+)  # fmt: skip
 
 
 def a_gain(before: float, after: float, p: float | None = 1e-6) -> Gain:
@@ -33,7 +36,9 @@ STEP_CASE = search.StepCase(share=0.95, chi2=9.0, significant=True, p_value=1e-4
 KEEP_CASE = search.KeepCase(0.95, 9.0, remains=True, first=True, located=True, own=True, rule=RULE)
 KEPT = verdict.VerdictCase(1, 1, 0.99, 1.0, False, 0.0, None, True, RULE)
 MODEL_CASE = held_out.ModelCase(2, 0, 0, 2, share=0.99, remains=False, criteria=CRITERIA)
-SMALL = held_out.NamelessCase(None, None, 0.05, 1.0, CRITERIA)
+SMALL = held_out.NamelessCase(0.05, 1.0, CRITERIA)
+LEFT = composition.LeavesCase(4.0, 1e-4, 1, CRITERIA)
+COMPOSED = composition.ClaimCase(False, takes=4.0, leaves=0.1, criteria=CRITERIA)
 LARGE, SLIGHT = a_gain(5.0, 1.0), a_gain(1.010, 1.008)
 
 # What decides, of which case.
@@ -60,8 +65,13 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (VERDICT, replace(KEPT, members=3), "several_explain_equally_well", "equivalent"),
     (VERDICT, replace(KEPT, new_in_held_out=False), "held_out_bring_nothing_new", "equivalent"),
     (VERDICT, KEPT, "one_explanation", "named"),
-    (LEARNED, verdict.LearnedCase(10.0, 100.0, RULE), "learned_element_saves_too_little", "dropped"),
-    (LEARNED, verdict.LearnedCase(80.0, 100.0, RULE), "learned_element_helps", "in the model"),
+    (LEAVES, replace(LEFT, chi2=1.01), "model_is_at_the_noise", "stop"),
+    (LEAVES, replace(LEFT, p_value=0.2), "model_is_at_the_noise", "stop"),
+    (LEAVES, replace(LEFT, elements=5), "model_has_enough_elements", "stop"),
+    (GAIN, composition.GainCase(LARGE, CRITERIA), "element_predicts_better", "add"),
+    (GAIN, composition.GainCase(SLIGHT, CRITERIA), "element_does_not_predict_better", "leave out"),
+    (CLAIM, replace(COMPOSED, learned=True), "learned_element_has_no_name", "no name"),
+    (CLAIM, replace(COMPOSED, leaves=0.3), "too_much_has_no_name", "no name"),
     (ELEMENT, element(None, SLIGHT), "nothing_held_out_and_small", "immaterial"),
     (ELEMENT, element(None, LARGE), "nothing_held_out_and_far", "open"),
     (ELEMENT, element(None, a_gain(3.0, 2.0)), "nothing_held_out", "refuted"),
@@ -75,8 +85,6 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (MODEL, replace(MODEL_CASE, share=0.3, remains=True), "confirmed_explain_too_little", "unknown"),
     (MODEL, replace(MODEL_CASE, proven=1), "not_all_are_proven", "equivalent"),
     (MODEL, MODEL_CASE, "all_are_proven", "kept"),
-    (NAMELESS, replace(SMALL, before=2.0, after=2.1), "learned_element_does_not_help", "drop the learned element"),
-    (NAMELESS, replace(SMALL, before=2.0, after=1.1), "learned_element_is_kept", "in the model"),
     (NAMELESS, SMALL, "mismatch_is_immaterial", "none"),
     (REMAINDER, SMALL, "remainder_is_immaterial", "immaterial"),
     (NUMERICS, held_out.NumericsCase(0.5, CRITERIA), "numerical_error_may_confound", "equivalent"),
@@ -110,6 +118,9 @@ def test_no_rule_is_left_out() -> None:
         (REFIT, STEP_CASE),
         (STEP, STEP_CASE),
         (FORM, STEP_CASE),
+        (LEAVES, LEFT),
+        (CLAIM, COMPOSED),
+        (NAMELESS, replace(SMALL, share=0.2)),
         (REMAINDER, replace(SMALL, share=0.2)),
         (REMAINDER, replace(SMALL, chi2=1.2)),
         (NUMERICS, held_out.NumericsCase(0.2, CRITERIA)),
@@ -120,6 +131,28 @@ def test_where_no_rule_applies_nothing_is_decided_and_all_are_recorded(table: An
     assert record.decide(table, case) is None
     assert [a.rule for a in record.asked] == [r.__name__ for r in table]
     assert all(a.document()["outcome"] is None for a in record.asked)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "p_value", "adds"),
+    [
+        (3.0, 2.5, 1e-3, True),  # a third of the excess, three standard errors
+        (3.0, 2.5, 0.04, True),  # far
+        (3.0, 2.5, 0.06, False),
+        (3.0, 2.5, None, True),
+        (3.0, 2.8, 1e-3, True),  # a seventh
+        (3.0, 2.8, 2e-3, False),
+        (3.0, 2.8, None, False),
+        (3.0, 2.95, 1e-9, False),  # a twentieth is not enough, however sure
+        (3.0, 3.1, 1.0, False),
+        (3.0, 3.1, None, False),
+        (1.0, 0.99, 1e-9, True),
+    ],
+)
+def test_what_the_recordings_that_choose_ask_for(
+    before: float, after: float, p_value: float | None, adds: bool
+) -> None:
+    assert CRITERIA.composition.falls(before, after, p_value) == adds
 
 
 def test_a_criterion_moves_the_rule_that_reads_it() -> None:

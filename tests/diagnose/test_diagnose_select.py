@@ -74,7 +74,7 @@ def test_what_is_dropped_leaves_the_model_at_its_own_values_too() -> None:
         begun.append(values["k"])
         return replace(base, residual=(9.0 if len(begun) == 1 else 1.0) * base.residual)
 
-    with mock.patch.object(retest, "_fit_with", fitted):
+    with mock.patch.object(retest, "fit_with", fitted):
         alone = retest.without(base, (), dropped, followed)
     assert begun == [2.0 * base.setup.values()["k"], base.setup.values()["k"]]
     assert alone is not None and alone.cost == base.cost

@@ -38,7 +38,11 @@ def drawn(count: int, seed: int = 0) -> list[dict[str, float]]:
     ]
 
 
-@pytest.mark.parametrize("executor", ["serial", "threads", "threads:3", "processes:2"])
+@pytest.mark.parametrize(
+    # Processes are started in the tests of the executor, too.
+    "executor",
+    ["serial", "threads", "threads:3", pytest.param("processes:2", marks=pytest.mark.slow)],
+)
 def test_every_member_is_what_it_is_alone(executor: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # Three sets a chunk: seven are no whole number of chunks.
     monkeypatch.setattr(many, "_CHUNK", 3 * (402 + 500))

@@ -66,7 +66,9 @@ def errors(noise: Noise, periodic: bool = True) -> tuple[np.ndarray, np.ndarray]
     return np.array(found), np.array(freedom)
 
 
-@pytest.mark.parametrize("noise", [white, first_order, through_a_resonance, heavy])
+@pytest.mark.parametrize(
+    "noise", [first_order, heavy, *(pytest.param(n, marks=pytest.mark.slow) for n in (white, through_a_resonance))]
+)
 @pytest.mark.parametrize("share", [0.68, 0.95])
 def test_intervals_contain_the_truth_as_often_as_they_say(noise: Noise, share: float) -> None:
     found, freedom = errors(noise)

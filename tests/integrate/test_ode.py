@@ -38,7 +38,11 @@ def rest(*batch: int) -> Tensor:
     return torch.zeros(*batch, 2, dtype=torch.float64)
 
 
-@pytest.mark.parametrize("method", ADAPTIVE + FIXED)
+@pytest.mark.parametrize(
+    # The first of them takes the most steps.
+    "method",
+    [pytest.param(m, marks=pytest.mark.slow) if m == "adaptive_heun" else m for m in ADAPTIVE + FIXED],
+)
 def test_every_method_agrees_with_scipy(method: str) -> None:
     driven = oscillator().with_input(lambda t: torch.sin(3.0 * t))
     t = times(1.0, 101)
@@ -53,7 +57,9 @@ def test_every_method_agrees_with_scipy(method: str) -> None:
     assert np.abs(x.numpy() - reference).max() < tolerance * np.abs(reference).max()
 
 
-@pytest.mark.parametrize("storage", ["spring", EnergyMLP(1.0, 4.0, 4)], ids=["analytic", "neural"])
+@pytest.mark.parametrize(
+    "storage", ["spring", pytest.param(EnergyMLP(1.0, 4.0, 4), marks=pytest.mark.slow)], ids=["analytic", "neural"]
+)
 def test_adjoint_gradients_agree_with_those_through_the_steps(storage: object) -> None:
     system = oscillator(storage=storage)
     driven = system.with_input(lambda t: torch.sin(3.0 * t))

@@ -22,6 +22,7 @@ from phnn.errors import InputRefused
 from phnn.learn import Settings, train
 from phnn.learn.characteristic import inverse, thresholds
 from phnn.learn.run import validation_names
+from phnn.learn.settings import settings_in
 from phnn.models.actuator import hrc
 from phnn.models.store import load, save
 from phnn.recordings import read
@@ -175,3 +176,23 @@ def test_a_neural_hysteron_learns_a_dead_zone_it_was_told_wrong(tmp_path: Path) 
     flows = np.linspace(0.05, 1.0, 20) * largest
     exact = flows / example.VALUES["rho_1"] + half
     assert np.abs(inverse(law, flows, 4.0 * half) - exact).max() < 0.03 * half
+
+
+def test_settings_of_an_earlier_run_are_read_as_plain_values(tmp_path: Path) -> None:
+    settings = Settings(folder=str(written(tmp_path / "rec", (30.0,))), out=str(tmp_path / "out"), adam=1)
+    (tmp_path / "out").mkdir()
+    for text, words in (("rate: ${oc.env:HOME}\n", "config.yaml"), ("- 1\n", "holds no settings")):
+        (tmp_path / "out" / "config.yaml").write_text(text)
+        with pytest.raises(InputRefused, match=words):
+            settings_in(tmp_path / "out" / "config.yaml")
+    assert not settings.allow_outside
+
+
+def test_recordings_outside_the_folder_are_read_where_that_is_allowed(tmp_path: Path) -> None:
+    inside, outside = written(tmp_path / "rec", (30.0, 50.0)), tmp_path / "sine_050.csv"
+    (inside / outside.name).rename(outside)
+    (inside / outside.name).symlink_to(outside)
+    given = (f"folder={inside}", f"out={tmp_path / 'out'}", "model=hrc", "model.start=none", "model.hysterons=1")
+    short = ("tensorboard=false", "gauss_newton=1", "validation=[]")
+    assert cli.main(["train", *given, *short]) == 2
+    assert cli.main(["train", *given, *short, "allow_outside=true"]) == 0

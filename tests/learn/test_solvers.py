@@ -133,7 +133,7 @@ def test_continuous_adjoint_agrees_where_outputs_are_dense() -> None:
     for adjoint in (True, False):
         plant.zero_grad()
         solver = Torchdiffeq(plant, "dopri5", adjoint, rtol=1e-6, atol=1e-8)
-        Objective(plant, solver, [thinned(example.recording(120.0, seed=1), 2)])().backward()
+        Objective(plant, solver, [thinned(example.recording(120.0, seed=1), 4)])().backward()
         gradients.append(torch.cat([p.grad.reshape(-1) for p in plant.trained() if p.grad is not None]))
     assert float((gradients[0] - gradients[1]).norm() / gradients[1].norm()) < 1e-4
 

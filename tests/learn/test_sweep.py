@@ -87,9 +87,11 @@ def test_a_failing_run_is_told_and_stops_no_other(
     assert without_times((home / "metrics.json").read_text()) == without_times(json.dumps(plain))
 
 
-def test_joblib_changes_nothing(sweep: Sweep, tmp_path: Path) -> None:
+# With one job at a time it starts no processes, which takes most of the time.
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_joblib_changes_nothing(sweep: Sweep, tmp_path: Path, jobs: int) -> None:
     kinds = ("hrc", "neural_hrc")
-    joblib = ("launcher=joblib", "hydra.launcher.n_jobs=2", f"model={','.join(kinds)}")
+    joblib = ("launcher=joblib", f"hydra.launcher.n_jobs={jobs}", f"model={','.join(kinds)}")
     assert sweep("-m", "out=joblib", *joblib, "folder=recordings", *SHORT[1:]) == 0
     for kind in kinds:
         train(settings_of(tmp_path / "recordings", tmp_path / "plain" / kind, f"model={kind}", *SHORT[1:]))

@@ -64,7 +64,9 @@ def log_of(home: Path) -> list[dict[str, str]]:
         return [{k: v for k, v in row.items() if k != "seconds"} for row in csv.DictReader(file)]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", ["neural", *(pytest.param(k, marks=pytest.mark.slow) for k in ("neural_ode", "fully_neural"))]
+)
 def test_an_interrupted_run_ends_as_the_uninterrupted_one(tmp_path: Path, kind: str) -> None:
     length = 0 if kind == "neural" else 28
     straight = objective_of(kind, length)

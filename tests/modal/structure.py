@@ -5,6 +5,7 @@ q̈ + 2ζω q̇ + ω² q = ω² b (u − e(x)),     x = bᵀ q
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -73,12 +74,18 @@ def outputs(u: Array, kind: str) -> Array:
     return out
 
 
+@cache
+def _answered(kind: str, seed: int, levels: tuple[float, ...]) -> tuple[Array, Array]:
+    """Five inputs at each amplitude [V] and the outputs [m], integrated once a run."""
+    u = np.concatenate([multisines(5, a, seed + i) for i, a in enumerate(levels)])
+    return u, outputs(u, kind) * 1e-6
+
+
 def write_folder(folder: Path, kind: str, seed: int, levels: tuple[float, ...] = (0.7, 2.1)) -> None:
     """Four experiments of identification and one of confirmation at each amplitude, two periods each, as arrays."""
     rng = np.random.default_rng(seed)
     entries = []
-    u = np.concatenate([multisines(5, a, seed + i) for i, a in enumerate(levels)])
-    y = outputs(u, kind) * 1e-6
+    u, y = _answered(kind, seed, levels)
     for i in range(len(levels)):
         some = slice(5 * i, 5 * i + 5)
         for name, part, use in (

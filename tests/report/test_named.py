@@ -121,9 +121,11 @@ def test_rivals_are_told_with_what_they_leave(found: campaigns.Diagnosis) -> Non
         )
 
 
-def test_nothing_speaks_for_what_has_no_name(found: campaigns.Diagnosis) -> None:
-    nameless = replace(found, judgement=replace(found.judgement, verdict="unknown"))
-    assert supports(nameless) == ()
+def test_what_speaks_for_an_element_without_a_proven_name_is_shown_too(found: campaigns.Diagnosis) -> None:
+    (finding,) = found.judgement.findings
+    provisional = replace(found.judgement, verdict="unknown", findings=(replace(finding, provisional=True),))
+    assert [s.effect for s in supports(replace(found, judgement=provisional))] == ["quadratic_drag"]
+    assert supports(replace(found, judgement=replace(found.judgement, verdict="unknown", findings=()))) == ()
 
 
 def test_the_page_shows_it(found: campaigns.Diagnosis, tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ def test_white_noise(made: Made) -> None:
         assert "speed" not in notes(statement) and "outliers" not in notes(statement)
 
 
-@pytest.mark.parametrize("share", [0.1, 0.5])
+@pytest.mark.parametrize("share", [0.5, pytest.param(0.1, marks=pytest.mark.slow)])
 def test_noise_through_the_plant(made: Made, share: float) -> None:
     _, found = made(f"process:{share}")
     fast = found["sine_100Hz_75V"]

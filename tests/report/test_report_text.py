@@ -154,7 +154,10 @@ def test_what_is_significant_and_immaterial_is_told_with_its_size() -> None:
         ({"effect": "creep", "status": "named"}, "Creep"),
         ({"effect": "unknown", "status": "described"}, "A learned element"),
         ({"effect": "unknown", "status": "provisional", "nearest": "creep"}, "Without a name"),
-        ({"effect": "unknown", "status": "provisional", "nearest": "creep", "equation": "F"}, "Provisional: creep"),
+        (
+            {"effect": "unknown", "status": "provisional", "nearest": "creep", "equation": "F"},
+            "Acts like creep, not proven",
+        ),
     ],
 )
 def test_titles_claim_no_more_than_the_status(entry: dict[str, object], title: str) -> None:

@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
+from phnn.diagnose.criteria.composition import COMPOSITION, Composition
 from phnn.diagnose.criteria.confirmation import CONFIRMATION, Confirmation
 from phnn.diagnose.criteria.criterion import Criterion, row
 from phnn.diagnose.criteria.location import LOCATING, Locating
@@ -20,6 +21,7 @@ from phnn.diagnose.criteria.selection import SELECTION, Selection
 from phnn.errors import InputRefused
 
 __all__ = [
+    "COMPOSITION",
     "CONFIRMATION",
     "CRITERIA",
     "LOCATING",
@@ -27,6 +29,7 @@ __all__ = [
     "RACE",
     "REFITS",
     "SELECTION",
+    "Composition",
     "Confirmation",
     "Criteria",
     "Criterion",
@@ -48,6 +51,7 @@ class Criteria:
         refits: how long refits last, and where they begin.
         race: which refits go on.
         selection: what is added and kept, and the verdict.
+        composition: what is added to a composed model.
         confirmation: what held-out recordings confirm.
     """
 
@@ -56,6 +60,7 @@ class Criteria:
     refits: Refits = REFITS
     race: Race = RACE
     selection: Selection = SELECTION
+    composition: Composition = COMPOSITION
     confirmation: Confirmation = CONFIRMATION
 
     @staticmethod

@@ -104,12 +104,6 @@ class Selection:
         "A learned element that leaves less of what the named effects leave shows that these are not the cause.",
         "Argument: a dozen free strengths lower any χ², but do not halve what the right kind of effect has left.",
     )
-    learned_saves: float = criterion(
-        0.5,
-        "share of the squared score",
-        "A learned element is kept only if it lowers χ² by more.",
-        "Calculation: the squared score is what one right direction saves to first order.",
-    )
     together: float = criterion(
         0.95,
         "share of the excess",

@@ -4,7 +4,7 @@ A rule is a function of a case, a value that holds all it needs to know. It retu
 the case, and otherwise whether it applies, the numbers that it compared, and the outcome. In a table, the first rule
 that applies decides. All rules that were asked are recorded in order, those too that did not apply.
 
-The tables stand in `phnn.diagnose.rules.search`, ``.verdict`` and ``.held_out``.
+The tables stand in `phnn.diagnose.rules.search`, ``.composition``, ``.verdict`` and ``.held_out``.
 
 | table | asked | outcomes |
 |---|---|---|
@@ -14,10 +14,12 @@ The tables stand in `phnn.diagnose.rules.search`, ``.verdict`` and ``.held_out``
 | ``search.FORM`` | of a model that leaves something | ``stop``, ``go on`` |
 | ``search.KEEP`` | of the last effect, the one before, … | ``keep``, ``withdraw`` |
 | ``verdict.VERDICT`` | of what the search has kept | ``named``, ``equivalent``, ``unknown`` |
-| ``verdict.LEARNED`` | of a learned element, where the verdict is ``unknown`` | ``in the model``, ``dropped`` |
+| ``composition.LEAVES`` | of a model that may be composed further | ``stop`` |
+| ``composition.GAIN`` | of one more element, by recordings that were left out | ``add``, ``leave out`` |
+| ``composition.CLAIM`` | of an element of a composed model | ``no name`` |
 | ``held_out.ELEMENT`` | of every element | see `phnn.diagnose.confirm.Outcome` |
 | ``held_out.MODEL`` | of all elements together | ``none``, ``unknown``, ``equivalent``, ``kept`` |
-| ``held_out.NAMELESS`` | of a model that names nothing | ``drop the learned element``, ``none`` |
+| ``held_out.NAMELESS`` | of a base model to which nothing is added | ``none`` |
 | ``held_out.REMAINDER`` | of what the final model leaves | ``immaterial`` |
 | ``held_out.NUMERICS`` | of the verdict ``named`` | ``equivalent`` |
 """

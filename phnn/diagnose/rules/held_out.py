@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 from phnn.diagnose.criteria import Confirmation, Criteria
-from phnn.diagnose.gain import Gain
 from phnn.diagnose.rules import Applied
+from phnn.identify.gain import Gain
 
 
 @dataclass(frozen=True)
@@ -140,38 +140,19 @@ def all_are_proven(case: ModelCase) -> Applied:
 
 @dataclass(frozen=True)
 class NamelessCase:
-    """A model that names nothing.
+    """A model that leaves something.
 
     Attributes:
-        before, after: held-out residual over noise of the base model and of that with a learned element; None without.
         share: of the noise that the strongest score explains; chi2: mean square that the model leaves [noise²].
     """
 
-    before: float | None
-    after: float | None
     share: float
     chi2: float
     criteria: Criteria
 
 
-def learned_element_does_not_help(case: NamelessCase) -> Applied | None:
-    """The held-out error does not fall with the learned element."""
-    if case.before is None or case.after is None:
-        return None
-    return Applied(case.after >= case.before, "drop the learned element", {"before": case.before, "after": case.after})
-
-
-def learned_element_is_kept(case: NamelessCase) -> Applied | None:
-    """The held-out error falls with the learned element."""
-    if case.before is None or case.after is None:
-        return None
-    return Applied(not case.after >= case.before, "in the model", {"before": case.before, "after": case.after})
-
-
-def mismatch_is_immaterial(case: NamelessCase) -> Applied | None:
+def mismatch_is_immaterial(case: NamelessCase) -> Applied:
     """What is significant explains less of the noise than matters, and so does the residual as a whole."""
-    if case.before is not None:
-        return None
     return Applied(_small(case), "none", _small_numbers(case))
 
 
@@ -226,6 +207,6 @@ MODEL = (
     not_all_are_proven,
     all_are_proven,
 )
-NAMELESS = (learned_element_does_not_help, learned_element_is_kept, mismatch_is_immaterial)
+NAMELESS = (mismatch_is_immaterial,)
 REMAINDER = (remainder_is_immaterial,)
 NUMERICS = (numerical_error_may_confound,)

@@ -79,27 +79,6 @@ def one_explanation(case: VerdictCase) -> Applied:
     return Applied(True, "named", {"effects": case.effects, "share": case.share})
 
 
-@dataclass(frozen=True)
-class LearnedCase:
-    """A learned element where no effect explains the mismatch: χ² that it saves, and that the score promised."""
-
-    saved: float
-    promised: float
-    rule: Selection
-
-
-def learned_element_saves_too_little(case: LearnedCase) -> Applied:
-    """Any dozen of strengths lowers χ²; this one does so by less than the score promised."""
-    least = case.rule.learned_saves * case.promised
-    return Applied(case.saved < least, "dropped", {"saved": case.saved, "least": least})
-
-
-def learned_element_helps(case: LearnedCase) -> Applied:
-    """The learned element saves what the score promised."""
-    least = case.rule.learned_saves * case.promised
-    return Applied(not case.saved < least, "in the model", {"saved": case.saved, "least": least})
-
-
 VERDICT = (
     remainder_lies_elsewhere,
     no_effect_explains_it,
@@ -109,4 +88,3 @@ VERDICT = (
     held_out_bring_nothing_new,
     one_explanation,
 )
-LEARNED = (learned_element_saves_too_little, learned_element_helps)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from phnn.diagnose.gain import correlation_length, gain
 from phnn.identify.evaluate import Evaluation, score_part
+from phnn.identify.gain import correlation_length, gain
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Own
 
@@ -43,8 +43,14 @@ def models(recordings: list[Recording], *outputs: list[np.ndarray]) -> list[Eval
     return found
 
 
-@pytest.mark.parametrize("colour", COLOURS)
-@pytest.mark.parametrize("shape", ["tone", "burst", "noise"])
+@pytest.mark.parametrize(
+    ("shape", "colour"),
+    [
+        pytest.param(shape, colour, marks=() if i == j else pytest.mark.slow)
+        for i, shape in enumerate(("tone", "burst", "noise"))
+        for j, colour in enumerate(COLOURS)
+    ],
+)
 def test_without_a_gain_the_error_falls_significantly_as_often_as_chance_says(colour: str, shape: str) -> None:
     rng = np.random.default_rng(11)
     size, count, level = 3000, 400, 0.05

@@ -1,0 +1,249 @@
+"""Compose the best model first, then ask which of its elements are proven.
+
+A model is grown element by element on some of the identification recordings, and the others of them choose
+(`phnn.identify.left_out`): of the refits that fit best, the one that predicts those best is added, as long as their
+error falls by more than chance and by more than a further element is worth. Candidates are effects of the catalogue and
+learned elements. Then every element has to show that it is still needed. What stands is refitted to all identification
+recordings. No name is claimed here, and no held-out recording is looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.finding import Finding
+from phnn.diagnose.locate import Location
+from phnn.diagnose.name import Candidate
+from phnn.diagnose.refit import refit
+from phnn.diagnose.retest import fit_with
+from phnn.diagnose.rules import Record
+from phnn.diagnose.rules.composition import GAIN, LEAVES, GainCase, LeavesCase
+from phnn.diagnose.scored import Scored, scored
+from phnn.diagnose.select import Selected
+from phnn.diagnose.trial import Trial, class_of
+from phnn.effects import Effect
+from phnn.ensemble import Executor
+from phnn.errors import PhnnError
+from phnn.identify.evaluate import Evaluation
+from phnn.identify.fit import Fit
+from phnn.identify.gain import Gain
+from phnn.identify.left_out import LeftOut, leave_out
+from phnn.identify.staged import fit_identified, stated_only
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a model may be composed of, and how.
+
+    Attributes:
+        base: the fit without any element, to all identification recordings.
+        effects: the catalogue; learned: elements without a name.
+        terminals: whether the input was measured at the port.
+        seed: of the null of the scores; executor: where candidates are refitted; criteria: what is added.
+    """
+
+    base: Fit
+    effects: Sequence[Effect]
+    learned: Sequence[Effect]
+    terminals: bool
+    seed: int
+    executor: Executor
+    criteria: Criteria
+
+
+@dataclass(frozen=True)
+class _Grown:
+    """A model on the recordings it is grown on, and what it predicts on all."""
+
+    findings: tuple[Finding, ...]
+    model: Scored
+    scores: Evaluation
+
+    @property
+    def fit(self) -> Fit:
+        return self.model.ground.fit
+
+    @property
+    def pair(self) -> tuple[Fit, Evaluation]:
+        return self.fit, self.scores
+
+
+def compose(
+    material: Material, searched: Selected, tried: Sequence[Trial], record: Record
+) -> tuple[tuple[Finding, ...], Fit]:
+    """Add elements to a model as long as recordings that were left out are predicted better.
+
+    Args:
+        material: what there is to choose from.
+        searched: what a search for effects has kept; it begins with those, too, that the search has withdrawn.
+        tried: refits of a first element, which are begun again from where they ended.
+        record: of the rules that are asked.
+
+    Returns:
+        The elements of the model, in order, and its fit to all identification recordings: those of ``searched`` where
+        nothing is added.
+    """
+    criteria, kept, final = material.criteria, searched.findings, searched.model.ground.fit
+    if record.decide(LEAVES, _leaves(searched.model, len(kept), criteria)) is not None:
+        return kept, final
+    start = searched.longest or searched
+    held = leave_out(final.plan, criteria.confirmation.held_out_blocks)
+    try:
+        base = _on(held, material.base)
+    except PhnnError:
+        return kept, final
+    begun = base if not start.findings else fit_with(base, start.findings, start.model.ground.fit.setup.values())
+    if begun is None:
+        return kept, final
+    here = _grown(material, held, start.findings, begun)
+    here = _still_needed(material, held, base, here, len(here.findings), record)
+    again = [] if here.findings else _ended(tried, material)
+    while record.decide(LEAVES, _leaves(here.model, len(here.findings), criteria)) is None:
+        further = _further(material, held, here, again, record)
+        if further is None:
+            break
+        here, again = _still_needed(material, held, base, further, len(further.findings) - 1, record), []
+    if not here.findings or _same(here.findings, kept):
+        return kept, final
+    whole = fit_with(material.base, here.findings, here.fit.setup.values())
+    if whole is None or whole.cost >= final.cost:
+        return kept, final
+    return here.findings, whole
+
+
+def _same(some: Sequence[Finding], others: Sequence[Finding]) -> bool:
+    """Whether two models have the same effects."""
+    return [f.trial.candidate.effect for f in some] == [f.trial.candidate.effect for f in others]
+
+
+def _leaves(model: Scored, elements: int, criteria: Criteria) -> LeavesCase:
+    return LeavesCase(model.ground.fit.chi2, model.naming.p_value, elements, criteria)
+
+
+def _on(held: LeftOut, fitted: Fit) -> Fit:
+    """A fit, made again on the recordings that models are grown on."""
+    plan = replace(held.growth, substeps=fitted.plan.substeps)
+    again = fit_identified(fitted.setup, plan, stated_only(fitted.held), origin=None)
+    return replace(again, alternatives=fitted.alternatives)
+
+
+def _grown(material: Material, held: LeftOut, findings: tuple[Finding, ...], fitted: Fit) -> _Grown:
+    every = (*material.effects, *material.learned)
+    model = scored(fitted, every, material.seed, terminals=material.terminals, criteria=material.criteria)
+    return _Grown(findings, model, held.scores(fitted))
+
+
+def _ended(tried: Sequence[Trial], material: Material) -> list[Candidate]:
+    """The best refits of an earlier search as candidates that begin where those ended."""
+    known = [(t.candidate, t.fit.setup.values()) for t in tried if t.fit is not None and t.cost < material.base.cost]
+    return [
+        replace(c, values={n: v[n] for n in c.effect.parameters}, others=())
+        for c, v in known[: material.criteria.composition.composed_refits]
+    ]
+
+
+def _further(
+    material: Material, held: LeftOut, here: _Grown, again: Sequence[Candidate], record: Record
+) -> _Grown | None:
+    """The model with the one more element that the left-out recordings choose; None where they ask for none."""
+    criteria = material.criteria
+    trials = refit(here.fit, _candidates(material, here, again), material.executor, criteria=criteria)
+    able = [t for t in trials if t.fit is not None and t.fit.cost < here.fit.cost]
+    found = _chosen(held, here, able[: criteria.composition.asked_of_selection], criteria, record)
+    if found is None:
+        return None
+    best, fitted, gained = found
+    ordered = [best, *(t for t in trials if t is not best)]
+    members = [t for t in class_of(ordered, here.model.significant, criteria.selection) if _named(material, t)]
+    finding = Finding(
+        best,
+        (best, *(t for t in members if t is not best)),
+        tuple(ordered),
+        here.model.naming,
+        level=criteria.selection.level,
+        gained=gained,
+        learned=not _named(material, best),
+    )
+    return _grown(material, held, (*here.findings, finding), fitted)
+
+
+def _chosen(
+    held: LeftOut, here: _Grown, able: Sequence[Trial], criteria: Criteria, record: Record
+) -> tuple[Trial, Fit, Gain] | None:
+    """The refit with which the left-out recordings are predicted best, as far as they ask for it.
+
+    What recordings add in a measure of their own is fitted to the very samples that choose, so that it comes last.
+    """
+    shown = [(t, t.fit, held.scores(t.fit)) for t in able if t.fit is not None]
+    shown.sort(key=lambda s: (s[1].setup.own != here.fit.setup.own, held.over_noise(s[2])))
+    own = [s for s in shown if s[1].setup.own != here.fit.setup.own]
+    for trial, fitted, scores in (*shown[:1], *own[:1]):
+        gained = held.gain(here.pair, (fitted, scores))
+        decided = record.decide(GAIN, GainCase(gained, criteria), trial.candidate.effect.name)
+        if decided is not None and decided.outcome == "add":
+            return trial, fitted, gained
+    return None
+
+
+def _named(material: Material, trial: Trial) -> bool:
+    return any(trial.candidate.effect is e for e in material.effects)
+
+
+def _candidates(material: Material, here: _Grown, again: Sequence[Candidate]) -> list[Candidate]:
+    """What may be added: effects begun again from earlier refits, those of the best scores, learned elements at the
+    places that explain most; best score first.
+
+    A score has one direction, and a learned element many: it is refitted however small its score is.
+    """
+    rule = material.criteria.composition
+    ranked = [c for c in here.model.naming.candidates if c.effect.can_be_added_to(here.fit.setup)]
+    begun = [_at(c, ranked) for c in again]
+    left = [c for c in ranked if all(c.effect is not b.effect for b in begun)]
+    named = [c for c in left if any(c.effect is e for e in material.effects)]
+    where = here.model.remaining
+    learned = [c for c in left if any(c.effect is e for e in material.learned)]
+    learned.sort(key=lambda c: -_explains(where, c.effect))
+    chosen = [*begun, *named[: max(rule.composed_refits - len(begun), 1)]]
+    most = max((c.score for c in chosen), default=0.0)
+    chosen += [replace(c, score=max(c.score, most)) for c in learned[: rule.learned_refits]]
+    return sorted(chosen, key=lambda c: -c.score)
+
+
+def _at(begun: Candidate, ranked: Sequence[Candidate]) -> Candidate:
+    """A candidate with its present score and the values at which it is begun again."""
+    found = next((c for c in ranked if c.effect is begun.effect), None)
+    return begun if found is None else replace(found, values=begun.values, others=(found.values,))
+
+
+def _explains(where: Location | None, effect: Effect) -> float:
+    """What functions at a learned element's place, of its kind where there are such, explain of what is left."""
+    if where is None:
+        return 0.0
+    return where.ranks.get(f"{effect.location}/{effect.kind}", where.ranks.get(effect.location, 0.0))
+
+
+def _still_needed(material: Material, held: LeftOut, base: Fit, grown: _Grown, asked: int, record: Record) -> _Grown:
+    """The model without those of its elements that the left-out recordings do not ask for.
+
+    Args:
+        asked: how many of them are asked, from the first on.
+    """
+    place, end = 0, len(grown.findings) - asked
+    while place < len(grown.findings) - end:
+        finding = grown.findings[place]
+        others = (*grown.findings[:place], *grown.findings[place + 1 :])
+        alone = fit_with(base, others, grown.fit.setup.values()) if others else base
+        if alone is None:
+            place += 1
+            continue
+        gained = held.gain((alone, held.scores(alone)), grown.pair)
+        decided = record.decide(GAIN, GainCase(gained, material.criteria), finding.trial.candidate.effect.name)
+        if decided is not None and decided.outcome == "add":
+            found = replace(finding, gained=gained)
+            grown = replace(grown, findings=(*grown.findings[:place], found, *grown.findings[place + 1 :]))
+            place += 1
+            continue
+        grown = _grown(material, held, others, alone)
+    return grown

@@ -1,0 +1,94 @@
+"""Rules of composing: whether a further element is added to a model, and which of them stay."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.rules import Applied
+from phnn.identify.gain import Gain
+
+
+@dataclass(frozen=True)
+class LeavesCase:
+    """What a model leaves on the recordings that it was grown on: mean square [noise²], p-value, number of elements."""
+
+    chi2: float
+    p_value: float
+    elements: int
+    criteria: Criteria
+
+
+def model_is_at_the_noise(case: LeavesCase) -> Applied:
+    """The model leaves no more than the noise floor is known to, or no more than chance."""
+    level, doubt = case.criteria.selection.level, case.criteria.selection.noise_doubt
+    numbers = {"residual_over_noise": math.sqrt(case.chi2), "noise_doubt": doubt, "p_value": case.p_value}
+    return Applied(case.chi2 < doubt**2 or case.p_value >= level, "stop", numbers)
+
+
+def model_has_enough_elements(case: LeavesCase) -> Applied:
+    """The model has as many elements as may be composed."""
+    most = case.criteria.composition.most_elements
+    return Applied(case.elements >= most, "stop", {"elements": case.elements, "most_elements": most})
+
+
+@dataclass(frozen=True)
+class GainCase:
+    """What one more element gains on the recordings that choose."""
+
+    found: Gain
+    criteria: Criteria
+
+
+def _numbers(case: GainCase) -> dict[str, float | None]:
+    rule, found = case.criteria.composition, case.found
+    numbers = {"before": found.before, "after": found.after, "p_value": found.falls, "blocks": float(found.blocks)}
+    numbers |= {"composed_share": rule.composed_share, "composed_level": rule.composed_level}
+    numbers |= {"composed_far": rule.composed_far, "composed_far_level": rule.composed_far_level}
+    return numbers | {"share_of_noise": found.share_of_noise, "material": case.criteria.confirmation.material}
+
+
+def element_predicts_better(case: GainCase) -> Applied:
+    """With the element, the recordings that were left out are predicted better: by what matters, not by chance."""
+    found, criteria = case.found, case.criteria
+    falls = criteria.composition.falls(found.before, found.after, found.falls)
+    matters = criteria.confirmation.falls(found.before, found.after, found.share_of_noise)
+    return Applied(falls and matters, "add", _numbers(case))
+
+
+def element_does_not_predict_better(case: GainCase) -> Applied:
+    """The recordings that were left out do not ask for the element."""
+    return Applied(True, "leave out", _numbers(case))
+
+
+@dataclass(frozen=True)
+class ClaimCase:
+    """One element of a composed model.
+
+    Attributes:
+        learned: it is a learned element; takes: mean square [noise²] that it takes from recordings that were left out.
+        leaves: mean square [noise²] that has no name: what the model leaves, and what elements without a name take.
+    """
+
+    learned: bool
+    takes: float
+    leaves: float
+    criteria: Criteria
+
+
+def learned_element_has_no_name(case: ClaimCase) -> Applied:
+    """A learned element stands for physics that no list has."""
+    return Applied(case.learned, "no name", {})
+
+
+def too_much_has_no_name(case: ClaimCase) -> Applied:
+    """What has no name is no small part of what the element takes: it may be what the element stands for."""
+    most = case.criteria.composition.claim_leaves
+    numbers = {"takes": case.takes, "leaves": case.leaves, "claim_leaves": most}
+    return Applied(case.leaves > most * case.takes, "no name", numbers)
+
+
+LEAVES = (model_is_at_the_noise, model_has_enough_elements)
+GAIN = (element_predicts_better, element_does_not_predict_better)
+CLAIM = (learned_element_has_no_name, too_much_has_no_name)
