@@ -11,7 +11,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.diagnose.criteria import REFITS
 from phnn.diagnose.ground import Ground
+from phnn.diagnose.strengths import started
 from phnn.effects import Scales
 from phnn.effects.learned import learned_elements
 from phnn.errors import PhnnError
@@ -43,7 +45,9 @@ def learn(ground: Ground, detail: str) -> Fit | None:
         return None
     own = [n for n in setup.free if n not in ground.fit.setup.parameters]
     try:
-        names = [*ground.fit.variables.names, *touched(ground.fit, setup, own)]
+        used = touched(ground.fit, setup, own)
+        names = [*ground.fit.variables.names, *used]
+        setup = started(setup, ground.plan, names, used, ground.fit, REFITS.longest_step)
         return fit(setup, ground.plan, names, ground.fit.held, 60, origin=ground.fit)
     except PhnnError:
         return None
