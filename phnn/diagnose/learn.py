@@ -11,7 +11,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.diagnose.criteria import REFITS
 from phnn.diagnose.ground import Ground
+from phnn.diagnose.strengths import started
 from phnn.effects import Scales
 from phnn.effects.learned import learned_elements
 from phnn.errors import PhnnError
@@ -25,17 +27,14 @@ Array = NDArray[np.float64]
 
 # The learned element of each kind that dictionaries know.
 _ELEMENTS = {"elastic": "learned_spring", "dissipative": "learned_damper", "memory": "learned_relaxation"}
-# Strengths at the start, as a share of those of the element's grid.
-_START = 0.01
 
 
 def learned_setup(setup: Setup, detail: str, scales: Scales) -> Setup | None:
-    """The setup with the learned element of a kind at strength almost zero; None where there is none of that kind."""
+    """The setup with the learned element of a kind at small strengths; None where there is none of that kind."""
     element = learned_elements().get(_ELEMENTS.get(detail, ""))
     if element is None or not element.can_be_added_to(setup):
         return None
-    values = element.scaled(element.grid(scales)[0], _START)
-    return replace(element.add_to(setup, values), name=f"{setup.name}+learned")
+    return replace(element.add_to(setup, element.grid(scales)[0]), name=f"{setup.name}+learned")
 
 
 @recalled
@@ -46,7 +45,9 @@ def learn(ground: Ground, detail: str) -> Fit | None:
         return None
     own = [n for n in setup.free if n not in ground.fit.setup.parameters]
     try:
-        names = [*ground.fit.variables.names, *touched(ground.fit, setup, own)]
+        used = touched(ground.fit, setup, own)
+        names = [*ground.fit.variables.names, *used]
+        setup = started(setup, ground.plan, names, used, ground.fit, REFITS.longest_step)
         return fit(setup, ground.plan, names, ground.fit.held, 60, origin=ground.fit)
     except PhnnError:
         return None

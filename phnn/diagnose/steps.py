@@ -12,6 +12,7 @@ from phnn.diagnose.criteria import REFITS, Refits
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.starts import clamped, large_starts
+from phnn.diagnose.strengths import started
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect
 from phnn.errors import PhnnError, SolverFailed
@@ -46,7 +47,10 @@ def _few_steps(
         origin = None
         if setup is base.setup:
             begun, origin = _adjusted(base, begun, limits.longest_step)
-        return fit(begun, base.plan.coarse(), names, base.held, evaluations, origin=origin)
+        plan = base.plan.coarse()
+        if effect.strengths:
+            begun = started(begun, plan, names, effect.strengths, origin, limits.longest_step)
+        return fit(begun, plan, names, base.held, evaluations, origin=origin)
     except PhnnError:
         return None
 

@@ -11,14 +11,14 @@ from phnn.laws.namespace import exp, log1p, maximum, minimum, real, shared, wher
 
 # Below this share of the reference speed every power is linear, so that friction (the power zero) has a slope at rest.
 SMOOTHED = 1e-2
-# Largest exponent: more would overflow for speeds far above the reference.
-_STEEPEST = 4.0
+# Largest exponent: more would leave the range of 32 bits at the ends of the parameters' ranges.
+_STEEPEST = 3.0
 _LOG_SMOOTHED = math.log(SMOOTHED)
 
 
 @shared
 def _power(speed: Any, exponent: Any, reference: Any) -> Any:
-    """``z (z² + ε²)^{(n − 1)/2}`` with ``z = v/v₀`` and ``0 ≤ n ≤ 4``: odd, rising, ``±|z|ⁿ`` for ``|z| ≫ ε``."""
+    """``z (z² + ε²)^{(n − 1)/2}`` with ``z = v/v₀`` and ``0 ≤ n ≤ 3``: odd, rising, ``±|z|ⁿ`` for ``|z| ≫ ε``."""
     z = speed / reference
     finer = z / SMOOTHED
     n = minimum(exponent, _STEEPEST + 0.0 * exponent)

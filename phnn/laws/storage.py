@@ -154,8 +154,14 @@ def saturating_spring_energy(x: Any, stiffness: Any, reach: Any) -> Any:
 
 
 def saturating_spring_mean_effort(a: Any, b: Any, stiffness: Any, reach: Any) -> Any:
-    """The straight spring less what stops of the same stiffness at ``±reach`` would add."""
-    return stiffness * (0.5 * (a + b) - _mean_depth(a - reach, b - reach) + _mean_depth(-a - reach, -b - reach))
+    """``k`` times the mean of ``clip(x, ±reach)``: that of the clipped ends, moved towards the end farther outside."""
+    limit = reach + 0.0 * (a + b)
+    inner_a = maximum(minimum(a + 0.0 * limit, limit), -limit)
+    inner_b = maximum(minimum(b + 0.0 * limit, limit), -limit)
+    apart = real(a) != real(b)
+    span = where(apart, b - a, 1.0 + 0.0 * limit)
+    outside = (b - inner_b) + (a - inner_a)
+    return 0.5 * stiffness * (inner_a + inner_b + (inner_b - inner_a) * (outside / span))
 
 
 _BENT = (NONNEGATIVE, ANY, POSITIVE)

@@ -55,7 +55,7 @@ EFFECT = Effect(
     one_sided=True,
     grid=grid,
     build=build,
-    rescale=within(dict.fromkeys(_STRENGTHS, (0.0, 1.0)), one_sided=True),
+    rescale=within(dict.fromkeys(_STRENGTHS, (0.0, 1.0))),
     parameters=(*_STRENGTHS, *_LEVELS),
     plausible=no_range(*_STRENGTHS, *_LEVELS),
     akin=("limit",),

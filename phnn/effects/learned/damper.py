@@ -7,14 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from phnn.effects.effect import Effect, Scales, has_motion, no_range, with_network
-from phnn.effects.learned.strengths import starts, stiffness_of, strength
+from phnn.effects.learned.strengths import of_any_size, starts, stiffness_of, strength
 from phnn.laws.resistor_damper import SMOOTHED
 from phnn.network.elements import Resistor
 from phnn.parameters import Parameter, constant
 from phnn.setup import Setup
 
 # A noticeable strength, and one that leaves the response proportional to it, as shares of stiffness × displacement.
-_NOTICEABLE, _SMALL = 1e-2, 1e-4
+_NOTICEABLE, _SMALL = 1e-2, 5e-4
 # Speeds at which frictions are half grown, as shares of the greatest speed in the slowest and in any recording.
 _STICKING, _SLIDING = 0.1, 0.1
 
@@ -93,6 +93,7 @@ EFFECT = Effect(
     one_sided=True,
     grid=grid,
     build=build,
+    rescale=of_any_size(_STRENGTHS),
     parameters=(*_STRENGTHS, *_CONSTANTS),
     plausible=no_range(*_STRENGTHS, *_CONSTANTS),
     applies=has_motion,

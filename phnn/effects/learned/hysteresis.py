@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from phnn.effects.effect import Effect, Scales, has_motion, no_range, with_network
-from phnn.effects.learned.strengths import NEARLY_ZERO, starts, stiffness_of, strength
+from phnn.effects.learned.strengths import NEARLY_ZERO, of_any_size, starts, stiffness_of, strength
 from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.parameters import constant
 from phnn.setup import Setup
@@ -18,7 +18,7 @@ _FIRST, _LAST = 0.02, 0.9
 # A cell slips faster than the fastest line by this factor, so that its loop does not depend on the rate.
 _FASTER = 30.0
 # A noticeable strength, and one that leaves the response proportional to it, as shares of the stiffness.
-_NOTICEABLE, _SMALL = 0.02, 1e-4
+_NOTICEABLE, _SMALL = 0.02, 1e-3
 
 _STRENGTHS = tuple(f"k_Y{i}" for i in _CELLS)
 _TRAVELS = tuple(f"x_Y{i}" for i in _CELLS)
@@ -70,6 +70,7 @@ EFFECT = Effect(
     one_sided=True,
     grid=grid,
     build=build,
+    rescale=of_any_size(_STRENGTHS),
     parameters=(*_STRENGTHS, *_TRAVELS, "tau_Y"),
     plausible=no_range(*_STRENGTHS, *_TRAVELS, "tau_Y"),
     applies=has_motion,

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from phnn.effects.effect import Effect, Scales, has_motion, no_range, with_network
-from phnn.effects.learned.strengths import NEARLY_ZERO, starts, stiffness_of, strength
+from phnn.effects.learned.strengths import NEARLY_ZERO, of_any_size, starts, stiffness_of, strength
 from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.parameters import constant
 from phnn.setup import Setup
@@ -16,7 +16,7 @@ _CELLS = tuple(str(i) for i in range(1, 7))
 # Shortest time, as a share of the fastest period.
 _SHORTEST = 0.3
 # A noticeable strength, and one that leaves the response proportional to it, as shares of the stiffness.
-_NOTICEABLE, _SMALL = 0.01, 1e-4
+_NOTICEABLE, _SMALL = 0.01, 1e-3
 
 _STRENGTHS = tuple(f"k_M{i}" for i in _CELLS)
 _TIMES = tuple(f"tau_M{i}" for i in _CELLS)
@@ -66,6 +66,7 @@ EFFECT = Effect(
     one_sided=True,
     grid=grid,
     build=build,
+    rescale=of_any_size(_STRENGTHS),
     parameters=(*_STRENGTHS, *_TIMES),
     plausible=no_range(*_STRENGTHS, *_TIMES),
     applies=has_motion,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from phnn.effects.effect import Effect, Scales, has_motion, no_range, with_network
-from phnn.effects.learned.strengths import starts, stiffness_of, strength
+from phnn.effects.learned.strengths import of_any_size, starts, stiffness_of, strength
 from phnn.network.elements import Coupling, Storage
 from phnn.parameters import constant
 from phnn.setup import Setup
@@ -60,6 +60,7 @@ EFFECT = Effect(
     one_sided=True,
     grid=grid,
     build=build,
+    rescale=of_any_size(_STRENGTHS),
     parameters=(*_STRENGTHS, *_PLACES),
     plausible=no_range(*_STRENGTHS, *_PLACES),
     applies=has_motion,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from phnn.parameters import Parameter
@@ -9,8 +10,6 @@ from phnn.setup import Setup
 
 # Strengths that a start does not stress, as a share of the others: not zero, where a bounded optimiser moves slowly.
 _FAINT = 0.1
-# A one-sided strength that the data ask to be negative starts at this share of the grid's.
-_LEAST_FACTOR = 1e-3
 # Lower bound of strengths by which a law divides, as a share of the typical strength: nothing that a recording shows.
 NEARLY_ZERO = 1e-9
 
@@ -53,18 +52,24 @@ def each(
     return [{**none, **dict.fromkeys(group, value), **constants} for group in groups]
 
 
-def within(
-    limits: Mapping[str, tuple[float, float]], one_sided: bool = False
-) -> Callable[[Mapping[str, float], float], dict[str, float]]:
-    """How to multiply strengths that have bounds on both sides: no farther than to these.
+def within(limits: Mapping[str, tuple[float, float]]) -> Callable[[Mapping[str, float], float], dict[str, float]]:
+    """How to multiply strengths: no farther than to their limits.
+
+    Where no strength can be negative, a negative factor leaves them as they are: the data ask for less of their sum,
+    which says nothing of each, and from next to its bounds a bounded optimiser hardly moves.
 
     Args:
         limits: lowest and highest value of every strength.
-        one_sided: only positive factors make sense.
     """
+    one_sided = all(low >= 0.0 for low, _ in limits.values())
 
     def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
-        by = max(factor, _LEAST_FACTOR) if one_sided else factor
-        return dict(values) | {n: min(max(by * values[n], low), high) for n, (low, high) in limits.items()}
+        by = 1.0 if one_sided and factor <= 0.0 else factor
+        return {**values, **{n: min(max(by * values[n], low), high) for n, (low, high) in limits.items()}}
 
     return rescale
+
+
+def of_any_size(names: Iterable[str]) -> Callable[[Mapping[str, float], float], dict[str, float]]:
+    """How to multiply strengths that cannot be negative and have no upper limit."""
+    return within(dict.fromkeys(names, (0.0, math.inf)))

@@ -1,0 +1,135 @@
+"""Learned elements are distilled to the formula that the plant had."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+from campaigns import recorded
+from effect_homes import BASE, SCALES
+from matplotlib.mathtext import MathTextParser
+
+from phnn.diagnose.distil import distil
+from phnn.diagnose.distil.response import element_force
+from phnn.diagnose.ground import Ground, prepare
+from phnn.diagnose.strengths import started
+from phnn.effects import Effect, effect
+from phnn.effects.learned import learned_elements
+from phnn.identify.fit import fit
+from phnn.identify.problem import Plan
+from phnn.laws import RESISTOR_LAWS
+from phnn.setup import Setup
+
+NOISE = 2e-8
+
+
+NAMES = [n for n in BASE.free if n != "m"]
+
+
+def recordings(plant: Setup) -> Plan:
+    """Three sines that a plant was driven by."""
+    t = np.arange(601) * 1e-4
+    drives = ((100.0, 75.0, 0.0), (150.0, 40.0, 20.0), (50.0, 75.0, 0.0))
+    return Plan(
+        tuple(
+            recorded(plant, f"sine_{i}", t, a * np.sin(2 * np.pi * f * t) * np.minimum(f * t, 1.0) + o, NOISE, i)
+            for i, (f, a, o) in enumerate(drives)
+        ),
+        {f"sine_{i}": 4 for i in range(len(drives))},
+        1,
+    )
+
+
+def learned_ground(plant: Setup, element: Effect) -> Ground:
+    """The base model with a learned element, fitted to a plant's own recordings."""
+    plan, names = recordings(plant), [*NAMES, *element.strengths]
+    setup = element.add_to(BASE, element.grid(SCALES)[0])
+    begun = started(setup, plan, names, element.strengths, None, 2.0)
+    return prepare(fit(begun, plan, names, {"m": "held"}, 20))
+
+
+def damped(strengths: Mapping[str, float]) -> Setup:
+    """The actuator with a damper of known strengths."""
+    element = learned_elements()["learned_damper"]
+    point = element.grid(SCALES)[0]
+    return element.add_to(BASE, point | dict.fromkeys(element.strengths, 0.0) | dict(strengths))
+
+
+def test_damping_that_grows_with_the_square_of_the_displacement() -> None:
+    element = learned_elements()["learned_damper"]
+    plant = damped({"F_q": 0.5})
+    ground = learned_ground(plant, element)
+    found = distil(ground, element)
+    assert found is not None
+    assert found.as_good
+    assert found.kind == "dissipative"
+    assert found.equation == r"F = b\,(1 + (q/q_0)^2)\,v"
+    assert "Viscous damping that grows with the square of the distance from zero" in found.words
+    (n, _), (m, (low, high)) = found.exponents["n_1"], found.exponents["m_1"]
+    assert (n, m) == (1.0, 2.0)
+    assert low <= 2.0 <= high
+    assert high - low < 0.2
+    b = BASE.parameters["b"].value
+    assert found.parameters["b"][0] == pytest.approx(b, rel=0.02)
+    # b (q/q₀)² v is F_q (q/q_D)² v/v_D.
+    values = plant.values()
+    doubled = values["q_D"] * np.sqrt(b * values["v_Dq"] / 0.5)
+    assert found.parameters["q_0"][0] == pytest.approx(doubled, rel=0.02)
+    for text in (found.equation, *found.others):
+        MathTextParser("path").parse(f"${text}$")
+
+
+def test_damping_that_differs_by_direction() -> None:
+    element = learned_elements()["learned_damper"]
+    found = distil(learned_ground(damped({"F_f3": 0.3}), element), element)
+    assert found is not None
+    assert found.as_good
+    assert found.equation.startswith(r"F = b_\pm v")
+    b = BASE.parameters["b"].value
+    ahead = b + 0.3 / SCALES.velocity
+    assert found.parameters["b_+"][0] == pytest.approx(ahead, rel=0.02)
+    assert found.parameters["b_-"][0] == pytest.approx(b, rel=0.02)
+    MathTextParser("path").parse(f"${found.equation}$")
+
+
+def test_a_spring_that_hardens_with_the_cube() -> None:
+    element = learned_elements()["learned_spring"]
+    cubic = effect("cubic_stiffness")
+    found = distil(learned_ground(cubic.add_to(BASE, {"kappa_3": 0.15, "q_0": SCALES.displacement}), element), element)
+    assert found is not None
+    assert found.exponents["n_1"][0] == 3.0
+    assert found.formula <= 1.02 * found.learned
+    assert found.words == "A force against the displacement that grows with its cube."
+    MathTextParser("path").parse(f"${found.equation}$")
+
+
+def test_the_force_of_an_element_is_that_of_its_laws() -> None:
+    element, q, v = learned_elements()["learned_damper"], np.array([1e-5, -3e-5]), np.array([0.02, -0.05])
+    setup = damped({"F_q": 0.4, "F_b4": 0.3})
+    p = setup.values()
+    drag = RESISTOR_LAWS["power_damper"].flow(v, q, 0.0, 0.3, 2.0, p["v_D3"])
+    bowl = 0.4 * (q / p["q_D"]) ** 2 * v / p["v_Dq"]
+    np.testing.assert_allclose(element_force(setup, element, q, v), drag + bowl, rtol=1e-12)
+
+
+def test_only_springs_and_dampers_have_a_grammar() -> None:
+    element = learned_elements()["learned_relaxation"]
+    ground = learned_ground(BASE, learned_elements()["learned_spring"])
+    assert distil(ground, element) is None
+
+
+@pytest.mark.parametrize("share", [1e-2, 10.0])
+def test_a_fit_of_strengths_needs_few_steps_wherever_they_begin(share: float) -> None:
+    element = learned_elements()["learned_damper"]
+    plan, names = recordings(damped({"F_f3": 0.3})), [*NAMES, *element.strengths]
+    setup = element.add_to(BASE, element.scaled(element.grid(SCALES)[0], share))
+    before = fit(setup, plan, names, {}, 1)
+    begun = started(setup, plan, names, element.strengths, None, 2.0)
+    found = fit(begun, plan, names, {}, 6)
+    assert np.sqrt(before.chi2) > 20.0
+    assert np.sqrt(found.chi2) < 2.0
+    assert found.setup.values()["F_f3"] == pytest.approx(0.3, rel=0.05)
+    # What lowers nothing changes nothing.
+    done = fit(found.setup, plan, names, {}, 40).setup
+    assert started(done, plan, names, element.strengths, None, 0.0).values()["F_f3"] == pytest.approx(0.3, rel=0.05)
