@@ -19,10 +19,8 @@ from phnn.warm import warm_up
 KERNELS = {
     "march": kernel._compiled,
     "quick march": quick._compiled,
-    "sensitivities": sweep._every_sensitivities,
-    "adjoint": sweep._every_adjoint,
-    "quick sensitivities": sweep._some_sensitivities,
-    "quick adjoint": sweep._some_adjoint,
+    "sensitivities": sweep._sensitivities,
+    "adjoint": sweep._adjoint,
 }
 
 

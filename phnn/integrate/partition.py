@@ -13,10 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from phnn.laws import RESISTOR_LAWS
 from phnn.network.elements import Network, Ratio, Resistor, Storage
 
 _LINEAR_STORAGES = ("capacitor", "spring")
 _LINEAR_RESISTORS = ("linear", "maxwell")
+# Their codes in the kernel's tables.
+LINEAR_RESISTOR_CODES = tuple(code for code, name in enumerate(RESISTOR_LAWS) if name in _LINEAR_RESISTORS)
 
 
 def junctions_of(network: Network) -> tuple[str, ...]:

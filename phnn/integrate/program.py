@@ -43,7 +43,7 @@ from phnn.integrate.tables import (
     rows_of,
     stack,
 )
-from phnn.integrate.uses import input_sets
+from phnn.integrate.uses import Uses, uses_of
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 from phnn.network.elements import Network, Ratio, Resistor, Storage
@@ -73,8 +73,7 @@ class Program:
         states: names of the storages, then of the memories; junctions, leaves: the storages that are one or the other.
         table: for the kernel, see `phnn.integrate.tables`.
         output: index of the measured storage.
-        uses: for every leaf and, last, for the junctions, which inputs their equations contain: states ``0…N−1``,
-            unknowns ``N…N+m−1``, then places in ``theta``.
+        uses: which inputs the equations of a step contain.
     """
 
     names: tuple[str, ...]
@@ -85,7 +84,7 @@ class Program:
     leaves: tuple[str, ...]
     table: Integers
     output: int
-    uses: tuple[frozenset[int], ...]
+    uses: Uses
 
     @cached_property
     def flow(self) -> int:
@@ -240,7 +239,7 @@ class _Builder:
         table = self._absolute(rows)
         return Program(
             self.names, self.constants, tuple(self.modules), self.states, junctions, leaves, table,
-            self.states.index(network.output), input_sets(table),
+            self.states.index(network.output), uses_of(table),
         )  # fmt: skip
 
     def _read(self, name: str) -> list[int]:

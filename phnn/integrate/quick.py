@@ -1,11 +1,12 @@
 """The march of the commonest networks with everything resolved beforehand: the same steps at a fraction of the price.
 
-One linear junction; leaves that hang on it through one ratio each and are lossless, or have an exact flow whose
-thresholds follow no state; linear resistors on the junction. Then a step is
+One linear junction; leaves that hang on it through one constant ratio each and are lossless, or have an exact flow;
+resistors on the junction; inlets on it whose ratios may follow memories. Then a step is
 
-    F(v̄) = (2/h)(v̄/s − p) + d v̄ + Σ_l a_l ē_l(a_l v̄) − Σ_p g_p ψ_p(ū_p)
+    F(v̄) = (2/h)(v̄/s − p) + d v̄ + Σ_r b_r φ_r(b_r v̄) + Σ_l a_l ē_l(a_l v̄) − Σ_p g_p ψ_p(ū_p)
 
-with constants for everything but the states. `phnn.integrate.step` holds the equations in general.
+with constants for nearly everything but the states, ``d`` of all linear resistors. `phnn.integrate.step` holds the
+equations in general.
 """
 
 from __future__ import annotations
@@ -32,9 +33,19 @@ from phnn.integrate.constants import (
     fill_constants,
     fill_gains,
 )
-from phnn.integrate.lookups import count, junction_storage, mean_effort, resistor_flow
+from phnn.integrate.lookups import (
+    count,
+    factor,
+    junction_storage,
+    mean_effort,
+    resistor_flow,
+    resistor_thresholds,
+)
+from phnn.integrate.memories import advance
+from phnn.integrate.partition import LINEAR_RESISTOR_CODES
 from phnn.integrate.program import Program
 from phnn.integrate.roots import extrapolated, make_root
+from phnn.integrate.step import EFFORT, FLOW, NEXT
 from phnn.integrate.tables import (
     EXACT,
     FACTORS,
@@ -42,25 +53,22 @@ from phnn.integrate.tables import (
     JUNCTION_INLETS,
     JUNCTION_RESISTORS,
     JUNCTIONS,
-    LEAF_RESISTORS,
     LEAVES,
     LOSSLESS,
     MEMORIES,
+    RATIO,
+    SIGN,
+    STORAGES,
     rows_of,
 )
-from phnn.laws import RESISTOR_LAWS
-from phnn.laws.leaf import rc_flow
+from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.namespace import TINY
 
 Array = NDArray[np.float64]
 
 GAIN = CONSTANTS
-# The rule of a lossless leaf whose law is not linear, beside those of the table.
-CURVED = -1
-# Linear resistors, whose conductance is their flow at one.
-_LINEAR = [code for code, name in enumerate(RESISTOR_LAWS) if name == "linear"]
-# What a network of this form has none of.
-_OTHERS = (FACTORS, GYRATORS, MEMORIES)
+# Beside the rules of the table: a lossless leaf whose law is not linear, a leaf whose thresholds follow something.
+_CURVED, _FOLLOWING = -1, -2
 
 
 @lru_cache(maxsize=512)
@@ -68,33 +76,73 @@ def serves(program: Program) -> bool:
     """Whether the steps of a program have the form above."""
     t = program.table
     junctions, leaves = rows_of(t, JUNCTIONS), rows_of(t, LEAVES)
-    if len(junctions) != 1 or not junctions[0, 1] or any(len(rows_of(t, kind)) for kind in _OTHERS):
-        return False
-    if not np.isin(rows_of(t, JUNCTION_RESISTORS)[:, 0], _LINEAR).all():
+    if len(junctions) != 1 or not junctions[0, 1] or len(rows_of(t, GYRATORS)):
         return False
     single = (leaves[:, 6] - leaves[:, 5] == 1) & (leaves[:, 8] == leaves[:, 7])
     closed = np.isin(leaves[:, 1], (LOSSLESS, EXACT))
-    return bool((single & closed).all()) and bool((rows_of(t, LEAF_RESISTORS)[:, 5] < 0).all())
+    inlets = range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1])
+    slow = t[rows_of(t, FACTORS)[:, 5], 2] >= 0
+    return bool((single & closed).all() and slow.all()) and set(program.uses.scaled) <= set(inlets)
+
+
+@inline
+def _read(t: Any, r: Any, y: Any, capacity: Any, gains: Any, kinds: Any, x: Any, h: Any, p: Any) -> Any:
+    """`phnn.integrate.step.read`."""
+    if r < 0:
+        return 0.0 * y
+    leaf = t[r, 0]
+    if t[r, 2] >= 0:
+        return x[t[r, 2]] + 0.0 * y
+    if leaf >= 0:
+        return x[kinds[leaf, 1]] + 0.5 * h * gains[leaf, GAIN] * y
+    return p + (y * capacity - p)
+
+
+@inline
+def _relaxation(c: Any, rho: Any, h: Any) -> Any:
+    """That of a leaf with slope ``rho``; the one of the slope before is kept in its constants ``c``."""
+    one, two = c[ONE] + 0.0 * rho, c[TWO] + 0.0 * rho
+    if rho.real != c[RHO]:
+        one, two = relaxation(h * (rho + c[LEAK]) * c[STIFFNESS])
+        c[RHO], c[ONE], c[TWO] = rho.real, one.real, two.real
+    elif rho.imag != 0.0:
+        one, two = relaxation(h * (rho + c[LEAK]) * c[STIFFNESS])
+    return one, two
 
 
 @inline
 def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
     """``F``, the size of its terms, and what the step leads to."""
-    t, theta, kinds, c, capacity, damping, drive, h, p = context
+    t, theta, kinds, c, capacity, damping, drive, h, p, others, ratios = context
     change = 2.0 * (y * capacity - p)
     rate = 1.0 / h
     force = change * rate + damping * y - drive
     size = (abs(change.real) + abs(p)) * rate + abs(damping * y.real) + abs(drive)
+    for other in range(others.shape[0]):
+        r, ratio = others[other], ratios[other]
+        q = _read(t, t[r, 5], y, capacity, c, kinds, x, h, p)
+        lost = ratio * resistor_flow(t, r, ratio * y, q, theta)
+        force += lost
+        size += abs(lost.real)
     for leaf in range(kinds.shape[0]):
         gain = c[leaf, GAIN]
         if kinds[leaf, 0] == LOSSLESS:
             moved = h * gain * y
             end = x[kinds[leaf, 1]] + moved
             mean = c[leaf, STIFFNESS] * (x[kinds[leaf, 1]] + 0.5 * moved)
-        elif kinds[leaf, 0] == CURVED:
+        elif kinds[leaf, 0] == _CURVED:
             start = x[kinds[leaf, 1]] + 0.0 * y
             end = start + h * gain * y
             mean = mean_effort(t, kinds[leaf, 1], start, end, theta)
+        elif kinds[leaf, 0] == _FOLLOWING:
+            r = kinds[leaf, 2]
+            q = _read(t, t[r, 5], y, capacity, c, kinds, x, h, p)
+            rho, low, high = resistor_thresholds(t, r, q, theta)
+            one, two = _relaxation(c[leaf], rho, h)
+            end, mean = rc_flow(
+                x[kinds[leaf, 1]], gain * y, h, c[leaf, STIFFNESS], rho, low, high, c[leaf, LEAK], one, two,
+                c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
+            )  # fmt: skip
         else:
             end, mean = rc_flow(
                 x[kinds[leaf, 1]], gain * y, h, c[leaf, STIFFNESS], c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH],
@@ -124,56 +172,100 @@ _root = inline(make_root(_value_at, _slope_at))
 
 
 @plain
-def resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: Any) -> Any:
-    """Fill the leaves' kinds and constants for steps of size ``h``; returns the junction's ``1/s`` and its damping.
+def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: Any, others: Any, ratios: Any) -> Any:
+    """Fill the constants of the leaves for steps of size ``h``; returns the junction's ``1/s`` and its damping.
 
     Args:
         g: gains; constants: (L+1, 9) memory.
-        kinds: (L, 2) filled with the rule and the storage of every leaf.
+        kinds: (L, 3) filled with the rule and the storage of every leaf, and the row of its first resistor.
         c: (L, 10) filled with its constants, see `phnn.integrate.constants`, and its ratio.
+        others: (R,) rows of the junction's resistors that are not linear; ratios: (R,) filled with theirs.
     """
     stay_outside()
     leaves = count(t, LEAVES)
     fill_constants(t, theta, h, constants)
     for leaf in range(leaves):
         row = t[0, LEAVES] + leaf
-        curved = t[row, 1] == LOSSLESS and t[row, 2] <= 0
-        kinds[leaf, 0], kinds[leaf, 1] = CURVED if curved else t[row, 1], t[row, 0]
+        kinds[leaf, 0], kinds[leaf, 1], kinds[leaf, 2] = t[row, 1], t[row, 0], t[row, 3]
         for i in range(CONSTANTS):
             c[leaf, i] = constants[leaf, i]
         c[leaf, GAIN] = g[t[row, 5]]
-    none = 0.0 * theta[0]
-    damping = none
+        if t[row, 1] == LOSSLESS and t[row, 2] <= 0:
+            kinds[leaf, 0] = _CURVED
+        if t[row, 1] == EXACT and t[t[row, 3], 5] >= 0:
+            kinds[leaf, 0] = _FOLLOWING
+            c[leaf, RHO] = np.nan
+    damping, other = 0.0, 0
     for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
-        b = none
+        b = 0.0
         for branch in range(t[r, 6], t[r, 7]):
             b += g[branch]
-        damping += b * b * resistor_flow(t, r, 1.0 + none, none, theta)
+        if other < others.shape[0] and others[other] == r:
+            ratios[other] = b
+            other += 1
+        else:
+            damping += b * b * resistor_flow(t, r, 1.0, 0.0, theta)
     return constants[leaves, CAPACITY], damping
+
+
+@plain
+def _scale(t: Any, theta: Any, x: Any, g: Any) -> None:
+    """Set the ratios of the inlets to what the memories make of them."""
+    stay_outside()
+    for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
+        g[r] = t[r, SIGN] * theta[t[r, RATIO]]
+    for f in range(t[0, FACTORS], t[0, FACTORS + 1]):
+        by = factor(t, f, x[t[t[f, 5], 2]], theta)
+        for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
+            if t[r, RATIO] == t[f, 6]:
+                g[r] *= by
+
+
+@plain
+def _remember(
+    t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, next_x: Any, means: Any, h: Any, y: Any, wj: Any, wx: Any
+) -> None:  # fmt: skip
+    """Advance the memories; ``y`` (1,), ``wj`` and ``wx`` are their memory, see `phnn.integrate.memories`."""
+    stay_outside()
+    storages = count(t, STORAGES)
+    y[0] = means[junction_storage(t, 0)]
+    wj[FLOW, 0] = y[0]
+    for k in range(storages):
+        wx[NEXT, k], wx[EFFORT, k] = next_x[k], means[k]
+    advance(t, theta, c, g, a, x, y, h, wj, wx)
+    for k in range(storages, x.shape[0]):
+        next_x[k], means[k] = wx[NEXT, k], wx[EFFORT, k]
 
 
 def _steps(
     t: Any, theta: Any, actions: Any, h: Any, states: Any, efforts: Any, g: Any, constants: Any, kinds: Any, c: Any,
-    perturbed: Any, ends: Any, means: Any,
+    perturbed: Any, ends: Any, means: Any, others: Any, ratios: Any, slow: Any,
 ) -> Any:  # fmt: skip
     """March; the last arguments are memory: ``perturbed`` is theta in complex numbers."""
     fill_gains(t, theta, g)
-    k = junction_storage(t, 0)
+    k, remembers = junction_storage(t, 0), count(t, MEMORIES) > 0
     slope, capacity, damping = 0.0, 0.0, 0.0
     for n in range(actions.shape[0]):
         if n == 0 or h[n] != h[n - 1]:
-            capacity, damping = resolve(t, theta, h[n], g, constants, kinds, c)
+            capacity, damping = _resolve(t, theta, h[n], g, constants, kinds, c, others, ratios)
             slope = 0.0
+        if count(t, FACTORS) > 0:
+            _scale(t, theta, states[n], g)
         drive = 0.0
         for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
             drive += g[r] * actions[n, t[r, 0]]
         p = states[n, k]
         y = extrapolated(efforts, n, k) if n > 0 else p / capacity
-        step = (kinds, c, capacity, damping, drive, h[n], p)
+        step = (kinds, c, capacity, damping, drive, h[n], p, others, ratios)
         around = ((t, theta, perturbed), step, states[n], states[n + 1], efforts[n], ends, means)
         y, slope = _root(y, 2.0 * capacity / h[n], slope, around)
         efforts[n, k] = y
         states[n + 1, k] = p + 2.0 * (y * capacity - p)
+        if remembers:
+            _remember(
+                t, theta, constants, g, actions[n], states[n], states[n + 1], efforts[n], h[n], slow[0], slow[1],
+                slow[2],
+            )  # fmt: skip
         if not np.isfinite(y):
             return n
     return actions.shape[0]
@@ -186,6 +278,9 @@ def march(program: Program, theta: Array, actions: Array, h: Array, states: Arra
     """`phnn.integrate.kernel.march` from the state in ``states[0]`` and under the actions of the ports."""
     t = program.table
     leaves, ends = len(rows_of(t, LEAVES)), np.zeros(states.shape[1], np.complex128)
-    memory = (np.zeros(len(t)), np.zeros((leaves + 1, CONSTANTS)), np.zeros((leaves, 2), np.int64))
+    memory = (np.zeros(len(t)), np.zeros((leaves + 1, CONSTANTS)), np.zeros((leaves, 3), np.int64))
     own = (*memory, np.zeros((leaves, CONSTANTS + 1)), theta.astype(np.complex128), ends, np.zeros_like(ends))
-    return int(_compiled(t, theta, actions, h, states, efforts, *own))
+    linear = np.isin(rows_of(t, JUNCTION_RESISTORS)[:, 0], LINEAR_RESISTOR_CODES)
+    others = t[0, JUNCTION_RESISTORS] + np.flatnonzero(~linear)
+    slow = (np.zeros(1), np.zeros((4, 1)), np.zeros((2, states.shape[1])))
+    return int(_compiled(t, theta, actions, h, states, efforts, *own, others, np.zeros(others.size), slow))

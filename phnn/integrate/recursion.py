@@ -53,7 +53,12 @@ def _solve_unknowns(p: Any, d: Any, force: Any, columns: Any, known: Any, matrix
             matrix[j, i] = by[n + i]
     for f in range(force.shape[0]):
         known[n + junction, first_force + f] += force[f]
-    eliminate(matrix, known[n:])
+    if m == 1:
+        inverse, row = 1.0 / matrix[0, 0], known[n]
+        for c in range(row.shape[0]):
+            row[c] *= inverse
+    else:
+        eliminate(matrix, known[n:])
 
 
 @inline

@@ -247,6 +247,35 @@ def branch_effort(t: Any, r: Any, g: Any, wj: Any) -> Any:
 
 
 @inline
+def _resistor_term(t: Any, r: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
+    effort = branch_effort(t, r, g, wj)
+    flow = resistor_flow(t, r, effort, read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
+    for b in range(t[r, 6], t[r, 7]):
+        _add(g[b] * flow, t[b, 0], wj)
+
+
+@inline
+def _gyrator_term(t: Any, r: Any, g: Any, wj: Any) -> None:
+    _add(-g[r] * wj[FLOW, t[r, 1]], t[r, 0], wj)
+
+
+@inline
+def _inlet_term(t: Any, r: Any, g: Any, a: Any, wj: Any) -> None:
+    _add(-g[r] * a[t[r, 0]], t[r, 1], wj)
+
+
+@inline
+def junction_term(t: Any, r: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
+    """Add what the junction resistor, gyrator or junction inlet in row ``r`` exerts."""
+    if r < t[0, JUNCTION_RESISTORS + 1]:
+        _resistor_term(t, r, theta, c, g, a, x, y, h, wj)
+    elif r < t[0, GYRATORS + 1]:
+        _gyrator_term(t, r, g, wj)
+    else:
+        _inlet_term(t, r, g, a, wj)
+
+
+@inline
 def junction_terms(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
     """``F`` without the leaves, the size of its terms, and ``z − p``."""
     rate = 1.0 / h
@@ -256,14 +285,11 @@ def junction_terms(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h
         wj[FORCE, j] = change * rate
         wj[SIZE, j] = (abs(change.real) + abs(x[junction_storage(t, j)].real)) * rate
     for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
-        effort = branch_effort(t, r, g, wj)
-        flow = resistor_flow(t, r, effort, read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
-        for b in range(t[r, 6], t[r, 7]):
-            _add(g[b] * flow, t[b, 0], wj)
+        _resistor_term(t, r, theta, c, g, a, x, y, h, wj)
     for r in range(t[0, GYRATORS], t[0, GYRATORS + 1]):
-        _add(-g[r] * wj[FLOW, t[r, 1]], t[r, 0], wj)
+        _gyrator_term(t, r, g, wj)
     for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
-        _add(-g[r] * a[t[r, 0]], t[r, 1], wj)
+        _inlet_term(t, r, g, a, wj)
 
 
 @inline

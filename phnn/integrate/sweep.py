@@ -1,64 +1,41 @@
 """Sweeps of the linearised march: forward sensitivities with many right-hand sides, and the adjoint.
 
 By the implicit function theorem the derivatives of a march obey `phnn.integrate.recursion`, whose local derivatives are
-taken of the very step that marched: by `phnn.integrate.linearise`, or by `phnn.integrate.pieces` where that one serves.
+taken of the very step that marched by `phnn.integrate.linearise`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate import linearise, pieces, quick
 from phnn.integrate.actions import action_derivatives, actions
 from phnn.integrate.compiled import loop_entry
-from phnn.integrate.linearise import Pattern, Run, pattern_of
+from phnn.integrate.linearise import derivatives_at
+from phnn.integrate.pattern import Pattern, Run, pattern_of
+from phnn.integrate.perturbed import Derivatives, new_derivatives
 from phnn.integrate.program import Program
 from phnn.integrate.recursion import make_adjoint, make_sensitivities
-from phnn.integrate.tables import PORTS, Integers, rows_of
+from phnn.integrate.tables import PORTS, rows_of
 
 Array = NDArray[np.float64]
 
-_general_sensitivities = make_sensitivities(linearise.derivatives_at)
-_general_adjoint = make_adjoint(linearise.derivatives_at)
-_quick_sensitivities = make_sensitivities(pieces.derivatives_at)
-_quick_adjoint = make_adjoint(pieces.derivatives_at)
+_sensitivity_steps = make_sensitivities(derivatives_at)
+_adjoint_steps = make_adjoint(derivatives_at)
 
 
 # What is cached has to stand in a module, which a function that another one has made does not.
 @loop_entry
-def _every_sensitivities(*arguments: Any) -> None:
-    _general_sensitivities(*arguments)
+def _sensitivities(*arguments: Any) -> None:
+    _sensitivity_steps(*arguments)
 
 
 @loop_entry
-def _every_adjoint(*arguments: Any) -> None:
-    _general_adjoint(*arguments)
-
-
-@loop_entry
-def _some_sensitivities(*arguments: Any) -> None:
-    _quick_sensitivities(*arguments)
-
-
-@loop_entry
-def _some_adjoint(*arguments: Any) -> None:
-    _quick_adjoint(*arguments)
-
-
-class _Sweeps(NamedTuple):
-    """The sweeps by one way to differentiate a step, and the memory for it."""
-
-    sensitivities: Callable[..., None]
-    adjoint: Callable[..., None]
-    memory: Callable[[Integers, Pattern, Array, Run], Any]
-
-
-_GENERAL = _Sweeps(_every_sensitivities, _every_adjoint, linearise.new_derivatives)
-_QUICK = _Sweeps(_some_sensitivities, _some_adjoint, pieces.new_pieces)
+def _adjoint(*arguments: Any) -> None:
+    _adjoint_steps(*arguments)
 
 
 def carrier(program: Program, port: int) -> int:
@@ -72,16 +49,15 @@ def carrier(program: Program, port: int) -> int:
 def _prepared(
     program: Program, theta: Array, active: NDArray[np.int64], states: Array, efforts: Array, u: Array, h: Array,
     pushed: Mapping[int, Array],
-) -> tuple[_Sweeps, Pattern, Run, Any]:  # fmt: skip
-    """The sweeps of a program with what they take: pattern, march and memory."""
-    sweeps = _QUICK if quick.serves(program) else _GENERAL
+) -> tuple[Pattern, Run, Derivatives]:  # fmt: skip
+    """What the sweeps of a program take: pattern, march and memory."""
     pattern = pattern_of(program, tuple(active.tolist()))
     in_laws = active[pattern.in_ports >= 0]
     by_port = action_derivatives(program, theta, u, in_laws)
     for k, action in pushed.items():
         by_port[pattern.in_ports[k]] = action
     run = Run(states, efforts, h, actions(program, theta, u), by_port)
-    return sweeps, pattern, run, sweeps.memory(program.table, pattern, theta, run)
+    return pattern, run, new_derivatives(program.table, pattern, theta, run)
 
 
 def sensitivities(
@@ -108,7 +84,7 @@ def sensitivities(
     Returns:
         (M, K + S + F + W) the output's derivatives.
     """
-    sweeps, pattern, run, memory = _prepared(program, theta, active, states, efforts, u, h, pushed or {})
+    pattern, run, memory = _prepared(program, theta, active, states, efforts, u, h, pushed or {})
     m, first_force = len(program.junctions), active.size + initial.size
     first_varied = first_force + forces.shape[1]
     out = np.empty((nodes.size, first_varied + varied.size))
@@ -116,7 +92,7 @@ def sensitivities(
     known[: states.shape[1], : start.shape[1]] = start
     known[initial, active.size + np.arange(initial.size)] = 1.0
     junction, following = program.junctions.index(program.states[program.flow]) if m else 0, np.zeros_like(known)
-    sweeps.sensitivities(
+    _sensitivities(
         program.table, pattern, memory, run, forces, (junction, first_force, first_varied, varied), weights, nodes,
         program.output, known, following, np.zeros((m, m)), out,
     )  # fmt: skip
@@ -142,12 +118,12 @@ def adjoint(
     Returns:
         (K,) ``dL/dθ`` of the window, and (N,) ``dL/dx`` at its first node but for that node's own cotangent.
     """
-    sweeps, pattern, run, memory = _prepared(program, theta, active, states, efforts, u, h, {})
+    pattern, run, memory = _prepared(program, theta, active, states, efforts, u, h, {})
     m = len(program.junctions)
     w = np.zeros(states.shape[1]) if carry is None else carry.copy()
-    gradient, pulled = np.zeros(active.size), np.zeros(pattern.in_junctions.size)
+    gradient, pulled = np.zeros(active.size), np.zeros(pattern.slot.size)
     room = np.zeros((0, 0)) if multipliers is None else multipliers
-    sweeps.adjoint(
+    _adjoint(
         program.table, pattern, memory, run, cotangent, w, gradient, room, pulled, np.zeros((m, 1)), np.zeros((m, m))
     )
     return gradient, w

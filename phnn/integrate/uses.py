@@ -1,38 +1,89 @@
 """Which inputs the equations of a step contain: the sparsity of its derivatives.
 
 Inputs are numbered: states ``0…N−1``, memories last, unknowns ``N…N+m−1``, then places in ``theta``. What drives a
-memory may be anything that a step contains, so that memories have no set.
+memory may be anything that a step contains.
 """
 
 from __future__ import annotations
 
-from phnn.integrate.dispatch import SCALARS, STORAGE_SCALARS
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from phnn.integrate.dispatch import SCALARS
+from phnn.integrate.partition import LINEAR_RESISTOR_CODES
 from phnn.integrate.tables import (
-    BRANCHES,
+    EXACT,
     FACTORS,
     GYRATORS,
     JUNCTION_INLETS,
     JUNCTION_RESISTORS,
     JUNCTIONS,
+    KINDS,
     LEAVES,
+    LOSSLESS,
     MEMORIES,
     PORTS,
     RATIO,
+    SOURCES,
     STORAGES,
     Integers,
     rows_of,
 )
-from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+
+Inputs = frozenset[int]
 
 
-def input_sets(table: Integers) -> tuple[frozenset[int], ...]:
-    """One set for every leaf and, last, one for the junctions."""
-    uses = _Uses(table)
-    leaves = [frozenset(uses.leaf(leaf)) for leaf in range(len(rows_of(table, LEAVES)))]
-    return (*leaves, frozenset(uses.junctions()))
+class Uses(NamedTuple):
+    """The inputs of every equation, and what the equations of a leaf are like.
+
+    Attributes:
+        leaves: of the end state and the mean effort of each leaf, and of what it exerts on its junctions.
+        currents: of each leaf's current alone; thresholds: of those of its first resistor where that reads something.
+        affine: by leaf, whether its ratios are constant, its junctions linear, and its flow exact or lossless.
+        plain, others: rows of junction resistors, gyrators and junction inlets: those that are linear in the flows with
+            constant factors, and the inputs of those that are not.
+        gains, scaled: inputs of all ratios that follow something, and the rows that have them.
+        memories, sources: of each memory's law alone, its state among them, and of every source that is no leaf.
+    """
+
+    leaves: tuple[Inputs, ...]
+    currents: tuple[Inputs, ...]
+    thresholds: tuple[Inputs, ...]
+    affine: tuple[bool, ...]
+    plain: tuple[int, ...]
+    others: Mapping[int, Inputs]
+    gains: Inputs
+    scaled: tuple[int, ...]
+    memories: tuple[Inputs, ...]
+    sources: tuple[Inputs, ...]
 
 
-class _Uses:
+def uses_of(table: Integers) -> Uses:
+    """What the equations of a table contain."""
+    found = _Finder(table)
+    leaves = range(len(rows_of(table, LEAVES)))
+    ranges = [range(table[0, k], table[0, k + 1]) for k in (JUNCTION_RESISTORS, GYRATORS, JUNCTION_INLETS)]
+    terms = [row for rows in ranges for row in rows]
+    plain = [row for row in terms if found.is_plain(row)]
+    ratios = (found.ratio(place) for place in found.modulated)
+    return Uses(
+        tuple(frozenset(found.leaf(leaf)) for leaf in leaves),
+        tuple(frozenset(found.current(leaf)) for leaf in leaves),
+        tuple(frozenset(found.thresholds(leaf)) for leaf in leaves),
+        tuple(found.is_affine(leaf) for leaf in leaves),
+        tuple(plain),
+        {row: frozenset(found.term(row)) for row in terms if row not in plain},
+        frozenset().union(*ratios),
+        tuple(np.flatnonzero(np.isin(table[:, RATIO], list(found.modulated))).tolist()),
+        tuple(frozenset(found.memory(k)) for k in range(len(rows_of(table, MEMORIES)))),
+        tuple(frozenset(found.source(row)) for row in rows_of(table, SOURCES)),
+    )
+
+
+class _Finder:
     """Collects the inputs of an equation along whatever it refers to."""
 
     def __init__(self, table: Integers) -> None:
@@ -42,18 +93,25 @@ class _Uses:
         self.unknown = len(self.storages) + len(rows_of(table, MEMORIES))
         self.theta = self.unknown + len(self.junction_rows)
         self.factors = rows_of(table, FACTORS)
+        self.modulated = {int(place) for place in self.factors[:, 6]}
 
-    def _law(self, row: Integers, laws: int, scalars: int = SCALARS) -> set[int]:
+    def _law(self, row: Integers, laws: Mapping[str, Any]) -> set[int]:
         """Places of a law's parameters; weights of neural laws are left to the torch module."""
-        return set() if row[0] >= laws else {self.theta + int(p) for p in row[1 : 1 + scalars]}
+        known = list(laws.values())
+        return {self.theta + int(p) for p in row[1 : 1 + len(known[row[0]].example)]} if row[0] < len(known) else set()
+
+    def _port(self, k: int) -> set[int]:
+        """Places of a port's law and of its padding, which may stand for what is pushed there."""
+        return {self.theta + int(p) for p in self.ports[k][1 : 1 + SCALARS]}
 
     def _storage(self, k: int) -> set[int]:
-        return self._law(self.storages[k], len(STORAGE_LAWS), STORAGE_SCALARS)
+        return self._law(self.storages[k], STORAGE_LAWS)
 
-    def _ratio(self, place: int) -> set[int]:
+    def ratio(self, place: int) -> set[int]:
+        """Inputs of a ratio."""
         found = {self.theta + int(place)}
         for row in self.factors[self.factors[:, 6] == place]:
-            found |= {self.theta + int(p) for p in row[1:5]} | self._read(row[5])
+            found |= self._law(row, FACTOR_LAWS) | self._read(row[5])
         return found
 
     def _flow(self, j: int) -> set[int]:
@@ -61,17 +119,23 @@ class _Uses:
         # The mean effort itself is the unknown of a linear junction; of others it follows from both end states.
         return {self.unknown + int(j)} | (set() if linear else {int(storage)} | self._storage(storage))
 
-    def _current(self, leaf: int) -> set[int]:
+    def current(self, leaf: int) -> set[int]:
+        """Inputs of a leaf's current."""
         found: set[int] = set()
-        first, last, first_inlet, last_inlet = self.leaf_rows[leaf, 5:9]
-        for row in self.table[first:last]:
-            found |= self._ratio(row[RATIO]) | self._flow(row[0])
-        for row in self.table[first_inlet:last_inlet]:
+        links, inlets = self._connections(leaf)
+        for row in links:
+            found |= self.ratio(row[RATIO]) | self._flow(row[0])
+        for row in inlets:
             found |= self._inlet(row)
         return found
 
+    def _connections(self, leaf: int) -> tuple[Integers, Integers]:
+        """Rows of a leaf's links and of its inlets."""
+        first, last, first_inlet, last_inlet = self.leaf_rows[leaf, 5:9]
+        return self.table[first:last], self.table[first_inlet:last_inlet]
+
     def _inlet(self, row: Integers) -> set[int]:
-        return self._ratio(row[RATIO]) | self._law(self.ports[row[0]], len(PORT_LAWS))
+        return self.ratio(row[RATIO]) | self._port(row[0])
 
     def _read(self, row: int) -> set[int]:
         if row < 0:
@@ -80,32 +144,73 @@ class _Uses:
         if memory >= 0:
             return {int(memory)}
         if leaf >= 0:
-            return {int(self.leaf_rows[leaf, 0])} | self._current(int(leaf))
+            return {int(self.leaf_rows[leaf, 0])} | self.current(int(leaf))
         storage = int(self.junction_rows[junction, 0])
         return {storage, self.unknown + int(junction)} | self._storage(storage)
 
     def _resistor(self, row: Integers) -> set[int]:
-        return self._law(row, len(RESISTOR_LAWS)) | self._read(row[5])
+        return self._law(row, RESISTOR_LAWS) | self._read(row[5])
 
     def leaf(self, leaf: int) -> set[int]:
         """Inputs of the end state and the mean effort of a leaf, and of what it exerts on its junctions."""
         row = self.leaf_rows[leaf]
-        found = {int(row[0])} | self._storage(row[0]) | self._current(leaf)
+        found = {int(row[0])} | self._storage(row[0]) | self.current(leaf)
         for resistor in self.table[row[3] : row[4]]:
-            found |= self._resistor(resistor) | self._ratio(resistor[RATIO])
+            found |= self._resistor(resistor) | self.ratio(resistor[RATIO])
         return found
 
-    def junctions(self) -> set[int]:
-        """Inputs of the terms of ``F`` that no leaf contributes."""
-        found: set[int] = set()
-        for j, row in enumerate(self.junction_rows):
-            found |= {int(row[0]), self.unknown + j} | self._storage(row[0])
-        for row in rows_of(self.table, JUNCTION_RESISTORS):
-            found |= self._resistor(row)
-        for row in rows_of(self.table, BRANCHES):
-            found |= self._ratio(row[RATIO]) | self._flow(row[0])
-        for row in rows_of(self.table, GYRATORS):
-            found |= self._ratio(row[RATIO]) | self._flow(row[1])
-        for row in rows_of(self.table, JUNCTION_INLETS):
-            found |= self._inlet(row)
+    def thresholds(self, leaf: int) -> set[int]:
+        """Inputs of the thresholds of a leaf's first resistor, where these follow something."""
+        row = self.leaf_rows[leaf]
+        follows = row[1] == EXACT and self.table[row[3], 5] >= 0
+        return self._resistor(self.table[row[3]]) if follows else set()
+
+    def is_affine(self, leaf: int) -> bool:
+        """Whether the current is linear in the flows, and nothing but an exact flow or a lossless one follows it."""
+        row, (links, inlets) = self.leaf_rows[leaf], self._connections(leaf)
+        constant = not self.modulated & {int(r[RATIO]) for r in (*links, *inlets)}
+        linear = all(self.junction_rows[r[0], 1] for r in links)
+        return bool(row[1] in (EXACT, LOSSLESS)) and constant and linear
+
+    def _branches(self, row: Integers) -> Integers:
+        return self.table[row[6] : row[7]]
+
+    def is_plain(self, place: int) -> bool:
+        """Whether a term of the junctions is linear in the flows, or in an action, with a constant factor."""
+        row, kind = self.table[place], self._kind(place)
+        if kind == JUNCTION_RESISTORS:
+            rows = self._branches(row)
+            linear = row[0] in LINEAR_RESISTOR_CODES and row[5] < 0
+            ends = rows[:, 0]
+        else:
+            rows, linear = row[None], True
+            ends = row[:2] if kind == GYRATORS else row[:0]
+        constant = not self.modulated & {int(r[RATIO]) for r in rows}
+        return bool(linear and constant and all(self.junction_rows[j, 1] for j in ends))
+
+    def _kind(self, place: int) -> int:
+        return int(np.searchsorted(self.table[0, :KINDS], place, side="right")) - 1
+
+    def term(self, place: int) -> set[int]:
+        """Inputs of a junction resistor's, a gyrator's or a junction inlet's term."""
+        row, kind = self.table[place], self._kind(place)
+        if kind == JUNCTION_INLETS:
+            return self._inlet(row)
+        if kind == GYRATORS:
+            return self.ratio(row[RATIO]) | self._flow(row[1])
+        found = self._resistor(row)
+        for branch in self._branches(row):
+            found |= self.ratio(branch[RATIO]) | self._flow(branch[0])
         return found
+
+    def memory(self, k: int) -> set[int]:
+        """Inputs of a memory's law but for what drives it."""
+        return {len(self.storages) + k} | self._law(rows_of(self.table, MEMORIES)[k], MEMORY_LAWS)
+
+    def source(self, row: Integers) -> set[int]:
+        """Inputs of what drives a memory; what comes from a leaf is known with the leaf."""
+        if row[1] >= 0:
+            return self.term(int(row[1]))
+        if row[3] >= 0:
+            return self._flow(int(row[3]))
+        return self._port(row[4]) if row[4] >= 0 else set()

@@ -14,6 +14,7 @@ from junctions import march, random_march, recording
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from phnn.effects import effect
 from phnn.effects.effect import bent_spring
 from phnn.errors import StructureViolated
 from phnn.integrate import kernel, quick
@@ -22,6 +23,8 @@ from phnn.integrate.partition import junctions_of
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.residual import check, power_balance
 from phnn.models.actuator import TABLE_1, from_paper, hrc
+from phnn.models.thermal import thermal_hrc
+from phnn.models.variants import hrlc
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Setup
@@ -318,26 +321,80 @@ def close(one: NDArray[np.float64], other: NDArray[np.float64], tolerance: float
     assert (np.abs(one - other) <= tolerance * np.abs(one).max(axis=0)).all()
 
 
-QUICK = [*(electrostrictive(h) for h in (0, 1, 2, 5)), bent(2)]
-NAMES = ["none", "one", "two", "five", "bent spring"]
+def braked(hysterons: int) -> Network:
+    """The same with drag on its mass."""
+    plain = electrostrictive(hysterons)
+    parameters = {**plain.parameters, **as_table([Parameter("b", 40.0)])}
+    return replace(plain, resistors=(*plain.resistors, DRAG), parameters=parameters)
 
 
-@pytest.mark.parametrize("network", QUICK, ids=NAMES)
-def test_the_quick_march_is_the_general_one(network: Network, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert not quick.serves(compile_network(replace(network, resistors=(*network.resistors[:-1], DRAG))))
-    one = marched(network)
+def following(law: str, reads: str, *values: float) -> Network:
+    """An actuator whose dead zones follow one of its states."""
+    plain = hrc(2)
+    more = [Parameter(f"kappa_{k}", value) for k, value in enumerate(values)]
+    names = tuple(p.name for p in more)
+    resistors = tuple(
+        replace(r, law=law, parameters=(*r.parameters, *names), modulated_by=reads) if r.law == "dead_zone" else r
+        for r in plain.resistors
+    )
+    return replace(plain, resistors=resistors, parameters={**plain.parameters, **as_table(more)})
+
+
+def self_heating(hysterons: int) -> Network:
+    """An actuator whose transducer ratio, that of its inlet and its hysterons, follows what its resistors dissipate."""
+    values = {"kappa_T": 0.3, "R_T": 2.0, "C_T": 1e-3, "T_a": 293.15, "T_s": 1.0}
+    return effect("self_heating").add_to(Setup(hrc(hysterons)), values).network
+
+
+def second_mode() -> Network:
+    """An actuator that carries a second mass: two junctions."""
+    return effect("second_mode").add_to(Setup(hrc(2)), {"m_2": 0.02, "k_2": 4e3, "b_2": 1.0}).network
+
+
+QUICK = {
+    **{name: electrostrictive(h) for name, h in (("none", 0), ("one", 1), ("two", 2), ("five", 5))},
+    "bent spring": bent(2),
+    "drag": braked(2),
+    "threshold that follows the displacement": following("following_dead_zone", "q", 0.4, 5e-5),
+    "threshold that follows the speed": following("rate_dependent_dead_zone", "p", 2.0, 0.1),
+    "inlet that follows a temperature": self_heating(0),
+}
+OTHER = {
+    "two junctions": second_mode(),
+    "inductor": hrlc(1).network(),
+    "hysterons that follow a temperature": self_heating(2),
+    "temperature": thermal_hrc(2),
+}
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_the_quick_march_is_the_general_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    one = marched(QUICK[name])
     assert quick.serves(one.program)
     monkeypatch.setattr(quick, "serves", lambda program: False)
-    other = marched(network)
+    other = marched(QUICK[name])
     close(one.states, other.states, 1e-10)
     close(one.efforts, other.efforts, 1e-10)
 
 
-@pytest.mark.parametrize("network", QUICK, ids=NAMES)
-def test_quick_derivatives_are_the_general_ones(network: Network, monkeypatch: pytest.MonkeyPatch) -> None:
-    run = marched(network)
+def test_the_quick_march_leaves_other_networks_alone() -> None:
+    assert not any(quick.serves(compile_network(network)) for network in OTHER.values())
+
+
+def in_full(program: Program) -> Program:
+    """The program with nothing known to be affine: its steps are differentiated block by block."""
+    uses, count = program.uses, len(program.states) + len(program.junctions)
+    everything = frozenset(range(count + len(program.names) + len(program.constants)))
+    others = {**dict.fromkeys(uses.plain, everything), **uses.others}
+    uses = uses._replace(affine=(False,) * len(program.leaves), plain=(), others=others)
+    return replace(program, uses=uses)
+
+
+@pytest.mark.parametrize("name", [*QUICK, *OTHER])
+def test_derivatives_by_pieces_are_those_in_full(name: str) -> None:
+    run = marched({**QUICK, **OTHER}[name])
     program = run.program
-    if len(program.leaves) == 3:
+    if name == "two":
         # Every piece occurs: rest, either side, and steps that meet a threshold.
         beyond = np.abs(run.states[:, 0] / TABLE_1["C_1"]) > TABLE_1["d_1"] / 2
         assert 50 < beyond.sum() < 450 and np.diff(beyond).sum() > 3
@@ -352,10 +409,9 @@ def test_quick_derivatives_are_the_general_ones(network: Network, monkeypatch: p
     given = (run.theta, active, run.states, run.efforts, run.u, run.h)
     cotangent = random.normal(size=run.states.shape)
     found = []
-    for serves in (True, False):
-        monkeypatch.setattr(quick, "serves", lambda program, serves=serves: serves)
-        multipliers = np.empty((500, n + 1))
-        back = sweeps.adjoint(program, *given, cotangent, multipliers)
-        found.append((sweeps.sensitivities(program, *given, *columns), *back, multipliers))
+    for by in (program, in_full(program)):
+        multipliers = np.empty((500, n + len(program.junctions)))
+        back = sweeps.adjoint(by, *given, cotangent, multipliers)
+        found.append((sweeps.sensitivities(by, *given, *columns), *back, multipliers))
     for one, two in zip(*found, strict=True):
         close(one, two, 1e-8)

@@ -1,0 +1,87 @@
+"""Pieces of leaves whose thresholds follow something: coefficients as elsewhere, thresholds step by step.
+
+They hold for one slope of the resistor. Where that moves, or a derivative of it, the step is differentiated in full.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from phnn.integrate.compiled import inline, plain, stay_outside
+from phnn.integrate.constants import LEAK, ONE, RHO, STIFFNESS, TWO
+from phnn.integrate.lookups import resistor_thresholds
+from phnn.integrate.perturbed import ABOVE, CROSSING, RESTING, STIFF, STORAGE, parameter, perturb, places_of
+from phnn.integrate.pieces import current_of, exert, fill, piece_of
+from phnn.integrate.prepared import prepare_leaf, prepare_pairs
+from phnn.integrate.step import junction_flows, read
+from phnn.integrate.tables import LEAVES
+from phnn.laws.leaf import relaxation
+from phnn.laws.namespace import TINY
+
+
+@inline
+def _thresholds(t: Any, p: Any, d: Any, i: Any, r: Any, h: Any) -> Any:
+    """``(ρ, lo, hi)`` of the resistor in row ``r`` with input ``i`` perturbed, or none."""
+    which, slot, act = p.active.shape[0], 0, 0
+    if i >= 0:
+        which, slot, act = places_of(p, d, i)
+        perturb(p, d, i, TINY)
+    junction_flows(t, d.theta, d.x, d.y, d.wj)
+    q = read(t, t[r, 5], d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
+    found = resistor_thresholds(t, r, q, d.theta)
+    if i >= 0:
+        perturb(p, d, i, 0.0)
+    return found
+
+
+@plain
+def _prepare_slope(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
+    """The pieces of a leaf for the slope that its resistor has in this step."""
+    stay_outside()
+    none, r = p.active.shape[0], t[t[0, LEAVES] + leaf, 3]
+    for k in range(none + 1):
+        rho, _, _ = _thresholds(t, p, d, d.x.shape[0] + d.y.shape[0] + k if k < none else -1, r, h)
+        c = d.c[k, leaf]
+        c[RHO] = rho
+        c[ONE], c[TWO] = relaxation(h * (rho + c[LEAK]) * c[STIFFNESS])
+        prepare_leaf(d, k, k < none, leaf, h)
+    d.slope[leaf] = d.c[none, leaf, RHO].real
+    for pair in range(p.first[leaf], p.first[leaf + 1]):
+        k = parameter(d, p.input[pair])
+        d.slopes[pair] = d.c[k, leaf, RHO].imag / TINY if k >= 0 else 0.0
+    prepare_pairs(t, p, d, leaf)
+
+
+@inline
+def following_leaf(t: Any, p: Any, d: Any, leaf: Any, mean: Any, h: Any) -> Any:
+    """`plain_leaf` of a leaf whose thresholds follow something, its state being loaded."""
+    r, own = t[t[0, LEAVES] + leaf, 3], d.values[leaf]
+    of = d.whole[p.active.shape[0], leaf]
+    rho, lower, upper = _thresholds(t, p, d, -1, r, h)
+    low, high = lower.real, upper.real
+    x, current = d.x[d.kinds[leaf, STORAGE]].real, current_of(t, d, leaf)
+    effort = own[STIFF] * x
+    if not low <= effort <= high or low == high:
+        if np.isnan(d.slope[leaf]):
+            _prepare_slope(t, p, d, leaf, h)
+        if rho.real != d.slope[leaf]:
+            return False
+    piece = piece_of(of, own, low, high, x, current)
+    if piece == CROSSING:
+        return False
+    slides = piece != RESTING
+    for pair in range(p.first[leaf], p.first[leaf + 1] if slides else p.first[leaf]):
+        d.thresholds[pair] = 0.0
+        if p.follows[pair]:
+            slope, lower, upper = _thresholds(t, p, d, p.input[pair], r, h)
+            if slope.imag / TINY != d.slopes[pair]:
+                return False
+            d.thresholds[pair] = (upper if piece == ABOVE else lower).imag / TINY
+    fill(t, p, d, leaf, piece, x, current, high if piece == ABOVE else low)
+    for pair in range(p.first[leaf], p.first[leaf + 1] if slides else p.first[leaf]):
+        d.by_leaf[pair] += of[piece, 2] * d.thresholds[pair]
+        d.by_mean[pair] += of[piece, 5] * d.thresholds[pair]
+    exert(t, p, d, leaf, mean)
+    return True

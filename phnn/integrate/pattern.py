@@ -1,0 +1,113 @@
+"""Where the derivatives of a step are not zero, as arrays that the compiled sweeps read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.integrate.program import Program
+from phnn.integrate.tables import PORTS, RATIO, rows_of
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Run(NamedTuple):
+    """A march, and how its ports' actions follow the parameters in their laws.
+
+    Attributes:
+        states: (n+1, N); efforts: (n, N); h: (n,) sizes of the steps [s].
+        actions: (n, P); by_port: (S, n, P) their derivatives.
+    """
+
+    states: Array
+    efforts: Array
+    h: Array
+    actions: Array
+    by_port: Array
+
+
+class Pattern(NamedTuple):
+    """Where the derivatives of a step by states, unknowns and some parameters are not zero, inputs in that order.
+
+    A leaf and an input that its equations contain are a *pair*; pairs are listed leaf by leaf, inputs increasing. Every
+    other list is cut in the same way: entries ``first[k]`` to ``first[k+1]`` belong to element ``k``.
+
+    Attributes:
+        active: (K,) places in theta.
+        in_ports: (K,) number of a parameter among those in port laws, −1 for the others.
+        first, input: of the pairs.
+        shifts: (pairs,) whether a parameter changes the leaf's current; follows: (pairs,) whether an input changes the
+            thresholds of a leaf that reads something.
+        affine: (L,) see `phnn.integrate.uses`; reads: (L,) whether thresholds read something.
+        plain: (R,) rows of the junctions' linear terms; terms: (T,) rows of the others, and their inputs.
+        slots: (G,) inputs that change a ratio, the first −1 for none; slot: (I,) the place of an input among them.
+        scaled: rows whose ratio follows something.
+        memory, source: inputs of every memory's law and of every source.
+    """
+
+    active: Integers
+    in_ports: Integers
+    first: Integers
+    input: Integers
+    shifts: NDArray[np.bool_]
+    follows: NDArray[np.bool_]
+    affine: NDArray[np.bool_]
+    reads: NDArray[np.bool_]
+    plain: Integers
+    terms: Integers
+    term_first: Integers
+    term_input: Integers
+    slots: Integers
+    slot: Integers
+    scaled: Integers
+    memory_first: Integers
+    memory_input: Integers
+    source_first: Integers
+    source_input: Integers
+
+
+@lru_cache(maxsize=256)
+def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
+    """The pattern of a program for the parameters at some places."""
+    table, uses, known = program.table, program.uses, len(program.states) + len(program.junctions)
+    inputs = [*range(known), *(known + place for place in active)]
+    in_ports = np.isin(active, rows_of(table, PORTS)[:, 1:5])
+    first, given = _listed(uses.leaves, inputs)
+    leaf = np.repeat(np.arange(len(uses.leaves)), np.diff(first))
+    names = np.array(inputs, dtype=np.int64)[given]
+    by_current = [name >= known and name in uses.currents[k] for k, name in zip(leaf, names, strict=True)]
+    by_threshold = [name in uses.thresholds[k] for k, name in zip(leaf, names, strict=True)]
+    ratios = {known + int(place) for place in table[1:, RATIO] if place >= 0}
+    slots = [i for i, name in enumerate(inputs) if name in ratios or name in uses.gains]
+    slot = np.zeros(len(inputs), dtype=np.int64)
+    slot[slots] = 1 + np.arange(len(slots))
+    return Pattern(
+        np.asarray(active, dtype=np.int64),
+        np.where(in_ports, np.cumsum(in_ports) - 1, -1),
+        first,
+        given,
+        np.array(by_current, dtype=np.bool_),
+        np.array(by_threshold, dtype=np.bool_),
+        np.array(uses.affine, dtype=np.bool_),
+        np.array([bool(found) for found in uses.thresholds], dtype=np.bool_),
+        np.array(uses.plain, dtype=np.int64),
+        np.array(list(uses.others), dtype=np.int64),
+        *_listed(uses.others.values(), inputs),
+        np.array([-1, *slots], dtype=np.int64),
+        slot,
+        np.array(uses.scaled, dtype=np.int64),
+        *_listed(uses.memories, inputs),
+        *_listed(uses.sources, inputs),
+    )
+
+
+def _listed(sets: Iterable[frozenset[int]], inputs: list[int]) -> tuple[Integers, Integers]:
+    """Where the list of every set begins, and all lists: numbers of the inputs that are in it."""
+    lists = [[i for i, name in enumerate(inputs) if name in found] for found in sets]
+    first = np.cumsum([0, *map(len, lists)])
+    return first.astype(np.int64), np.array([i for found in lists for i in found], dtype=np.int64)

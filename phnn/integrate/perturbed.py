@@ -1,0 +1,254 @@
+"""Blocks of a step differentiated in full: complex steps through the very functions that march.
+
+A step maps inputs — states, unknowns, parameters — to the end states of leaves and memories, the changes of junction
+states and the balance ``F``. Every leaf is a block, and so is every term of the junctions that is not linear;
+`phnn.integrate.uses` says which block contains which input, so that a block is perturbed by those alone.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.integrate.compiled import inline
+from phnn.integrate.constants import CONSTANTS
+from phnn.integrate.lookups import count, factor, is_linear, junction_storage
+from phnn.integrate.pattern import Pattern, Run
+from phnn.integrate.step import (
+    FORCE,
+    is_closed,
+    junction_flows,
+    junction_term,
+    leaf_closed,
+    leaf_moved,
+    leaf_search,
+    read,
+)
+from phnn.integrate.tables import FACTORS, JUNCTIONS, LEAVES, MEMORIES, RATIO, SIGN, Integers, rows_of
+from phnn.laws.namespace import TINY
+
+Array = NDArray[np.float64]
+
+# Of what its state, its current and its threshold lead to at the end of a step and on average.
+COEFFICIENTS = 6
+# Where a leaf spends a step.
+RESTING, ABOVE, BELOW, CROSSING = range(4)
+_PIECES = 3
+# How a leaf is differentiated: in full alone; by pieces where no threshold is met; by one piece without thresholds; as
+# a lossless leaf whose law is curved; by pieces whose thresholds follow something.
+WHOLE, PIECEWISE, ONE_PIECE, CURVED, FOLLOWING = range(5)
+# Columns of a leaf's kinds and of its values.
+STORAGE, KIND, ONLY_LINK, SHIFTS = range(4)
+STIFF, LEAKS, LOWER, UPPER, TIMES = range(5)
+
+
+class Derivatives(NamedTuple):
+    """Memory for the derivatives of one step by I inputs, K of them parameters.
+
+    Attributes:
+        theta, x, y: as of `phnn.integrate.step`, complex; wj: (4, m).
+        a: (1+S, P) actions, then perturbed by each parameter of a port law.
+        c: (K+1, L+m, 9) constants with one parameter perturbed each, and last with none.
+        g: (G, rows) ratios with none, then each of the inputs perturbed that change one.
+        found: (L, 4) what solves the leaves without a closed solution.
+        whole: (K+1, L, 3, 6) derivatives by each parameter, and last the values, of the coefficients of every piece.
+        affine: (pairs, 3, 8) the derivatives of each pair, end state and mean effort, as functions of state, of the
+            flow through the only link or the current where there are others, threshold and 1.
+        slope: (L,) of the resistor for which the pieces were prepared where it may follow something, NaN for none;
+            slopes: (pairs,) its derivatives; thresholds: (pairs,) those of the threshold in this step.
+        kinds: (L, 4) of a leaf: its storage, how it is differentiated, the junction of its only link (−1: it has others
+            or inlets), whether a parameter changes its current; values: (L, 5) its stiffness, leak and thresholds and
+            the ratio of that link.
+        by_ratio: (pairs,) the derivatives of that ratio; by_current: (pairs,) those of the current but for these.
+        junction: (m, m+1, I) the derivatives of the linear terms of ``F`` as functions of flows and 1;
+            change: (m, I) those of ``z − p`` by parameters as multiples of the junction's own flow.
+        flows: (m,) mean efforts of the junctions; todo: (L,) leaves to be differentiated in full.
+        by_leaf, by_mean: (pairs,) of the leaves' end states and mean efforts, as listed by the pattern.
+        by_force, by_change: (m, I) of ``F`` and of ``z − p``; by_memory: (M, I) of the memories' end states; by_drive:
+            (I,) of what drives one of them.
+    """
+
+    theta: Any
+    x: Any
+    y: Any
+    wj: Any
+    a: Any
+    c: Any
+    g: Any
+    found: Any
+    whole: Any
+    affine: Any
+    slope: Any
+    slopes: Any
+    thresholds: Any
+    kinds: Any
+    values: Any
+    by_ratio: Any
+    by_current: Any
+    junction: Any
+    change: Any
+    flows: Any
+    todo: Any
+    by_leaf: Any
+    by_mean: Any
+    by_force: Any
+    by_change: Any
+    by_memory: Any
+    by_drive: Any
+
+
+def new_derivatives(t: Integers, p: Pattern, theta: Array, run: Run) -> Derivatives:
+    """Memory for a network and a pattern."""
+    m, leaves, pairs, inputs = len(rows_of(t, JUNCTIONS)), len(rows_of(t, LEAVES)), p.input.size, p.slot.size
+    with_none, states = p.active.size + 1, run.states.shape[1]
+    return Derivatives(
+        theta.astype(np.complex128),
+        np.zeros(states, np.complex128),
+        np.zeros(m, np.complex128),
+        np.zeros((4, m), np.complex128),
+        np.zeros((1 + run.by_port.shape[0], run.actions.shape[1]), np.complex128),
+        np.zeros((with_none, leaves + m, CONSTANTS), np.complex128),
+        np.zeros((p.slots.size, t.shape[0]), np.complex128),
+        np.zeros((leaves, 4)),
+        np.zeros((with_none, leaves, _PIECES, COEFFICIENTS)),
+        np.zeros((pairs, _PIECES, COEFFICIENTS + 2)),
+        np.full(leaves, np.nan),
+        np.zeros(pairs),
+        np.zeros(pairs),
+        np.zeros((leaves, 4), np.int64),
+        np.zeros((leaves, 5)),
+        np.zeros(pairs),
+        np.zeros(pairs),
+        np.zeros((m, m + 1, inputs)),
+        np.zeros((m, inputs)),
+        np.zeros(m),
+        np.zeros(leaves, np.bool_),
+        np.zeros(pairs),
+        np.zeros(pairs),
+        np.zeros((m, inputs)),
+        np.zeros((m, inputs)),
+        np.zeros((len(rows_of(t, MEMORIES)), inputs)),
+        np.zeros(inputs),
+    )
+
+
+@inline
+def parameter(d: Any, i: Any) -> Any:
+    """Number of the parameter that input ``i`` is; negative for states and unknowns."""
+    return i - d.x.shape[0] - d.y.shape[0]
+
+
+@inline
+def perturb(p: Any, d: Any, i: Any, by: Any) -> None:
+    """Give input ``i`` an imaginary part; 0 takes it away again."""
+    k = parameter(d, i)
+    if k >= 0:
+        d.theta[p.active[k]] = complex(d.theta[p.active[k]].real, by)
+    elif i < d.x.shape[0]:
+        d.x[i] = complex(d.x[i].real, by)
+    else:
+        d.y[i - d.x.shape[0]] = complex(d.y[i - d.x.shape[0]].real, by)
+
+
+@inline
+def places_of(p: Any, d: Any, i: Any) -> Any:
+    """The rows of constants, ratios and actions that hold with input ``i`` perturbed."""
+    k = parameter(d, i)
+    return (k, p.slot[i], 1 + p.in_ports[k]) if k >= 0 else (p.active.shape[0], p.slot[i], 0)
+
+
+@inline
+def load_actions(d: Any, n: Any, run: Any) -> None:
+    """The actions of a step; only those by parameters of port laws are perturbed."""
+    for port in range(d.a.shape[1]):
+        d.a[0, port] = complex(run.actions[n, port], 0.0)
+        for s in range(run.by_port.shape[0]):
+            d.a[1 + s, port] = complex(run.actions[n, port], TINY * run.by_port[s, n, port])
+
+
+@inline
+def load(t: Any, d: Any, n: Any, run: Any) -> None:
+    """State and unknowns of a step."""
+    for k in range(d.x.shape[0]):
+        d.x[k] = complex(run.states[n, k], 0.0)
+    for j in range(d.y.shape[0]):
+        k = junction_storage(t, j)
+        d.y[j] = complex(run.efforts[n, k] if is_linear(t, j) else run.states[n + 1, k], 0.0)
+
+
+@inline
+def scale(t: Any, p: Any, d: Any, h: Any) -> None:
+    """Set the ratios that follow something to what they are in this step, see `phnn.integrate.step.modulate`."""
+    for s in range(p.slots.shape[0]):
+        i, g = p.slots[s], d.g[s]
+        which, act = p.active.shape[0], 0
+        if i >= 0:
+            which, _, act = places_of(p, d, i)
+            perturb(p, d, i, TINY)
+        junction_flows(t, d.theta, d.x, d.y, d.wj)
+        for place in range(p.scaled.shape[0]):
+            r = p.scaled[place]
+            g[r] = t[r, SIGN] * d.theta[t[r, RATIO]]
+        for f in range(t[0, FACTORS], t[0, FACTORS + 1]):
+            by = factor(t, f, read(t, t[f, 5], d.c[which], g, d.a[act], d.x, d.y, h, d.wj), d.theta)
+            for place in range(p.scaled.shape[0]):
+                r = p.scaled[place]
+                if t[r, RATIO] == t[f, 6]:
+                    g[r] *= by
+        if i >= 0:
+            perturb(p, d, i, 0.0)
+
+
+@inline
+def terms_in_full(t: Any, p: Any, d: Any, h: Any) -> None:
+    """Add the derivatives of the junctions' terms that are not linear."""
+    for term in range(p.terms.shape[0]):
+        for place in range(p.term_first[term], p.term_first[term + 1]):
+            i = p.term_input[place]
+            which, slot, act = places_of(p, d, i)
+            perturb(p, d, i, TINY)
+            junction_flows(t, d.theta, d.x, d.y, d.wj)
+            for j in range(d.y.shape[0]):
+                d.wj[FORCE, j] = 0.0
+            junction_term(t, p.terms[term], d.theta, d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
+            for j in range(d.y.shape[0]):
+                d.by_force[j, i] += d.wj[FORCE, j].imag / TINY
+            perturb(p, d, i, 0.0)
+
+
+@inline
+def leaf_in_full(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
+    """Fill the derivatives of a leaf."""
+    none, row = p.active.shape[0], t[0, LEAVES] + leaf
+    closed = is_closed(t, leaf)
+    found = (0.0, 0.0, 0.0, 0.0)
+    if not closed:
+        # Solved once, for all derivatives of the step.
+        junction_flows(t, d.theta, d.x, d.y, d.wj)
+        found = leaf_search(t, leaf, d.theta, d.c[none], d.g[0], d.a[0], d.x, d.y, h, d.wj)
+    for pair in range(p.first[leaf], p.first[leaf + 1]):
+        i = p.input[pair]
+        which, slot, act = places_of(p, d, i)
+        perturb(p, d, i, TINY)
+        junction_flows(t, d.theta, d.x, d.y, d.wj)
+        c, g, a = d.c[which], d.g[slot], d.a[act]
+        if closed:
+            end, mean = leaf_closed(t, leaf, d.theta, c, g, a, d.x, d.y, h, d.wj)
+        else:
+            end, mean = leaf_moved(t, leaf, d.theta, c, g, a, d.x, d.y, h, d.wj, found)
+        perturb(p, d, i, 0.0)
+        d.by_leaf[pair] = end.imag / TINY
+        d.by_mean[pair] = mean.imag / TINY
+        for r in range(t[row, 5], t[row, 6]):
+            d.by_force[t[r, 0], i] += (g[r] * mean).imag / TINY
+
+
+@inline
+def in_full(t: Any, p: Any, d: Any, n: Any, run: Any) -> None:
+    """Everything of step ``n`` that no piece serves."""
+    terms_in_full(t, p, d, run.h[n])
+    for leaf in range(count(t, LEAVES)):
+        if d.todo[leaf]:
+            leaf_in_full(t, p, d, leaf, run.h[n])

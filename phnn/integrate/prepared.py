@@ -1,0 +1,107 @@
+"""What many steps of a leaf have in common: the coefficients of its pieces, see `phnn.integrate.pieces`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from phnn.integrate.compiled import inline, plain, stay_outside
+from phnn.integrate.constants import HIGH, LEAK, LEAK_ONE, LEAK_TWO, LOW, ONE, RHO, STIFFNESS, TWO
+from phnn.integrate.perturbed import (
+    ABOVE,
+    CURVED,
+    FOLLOWING,
+    KIND,
+    LEAKS,
+    LOWER,
+    ONE_PIECE,
+    ONLY_LINK,
+    PIECEWISE,
+    RESTING,
+    SHIFTS,
+    STIFF,
+    STORAGE,
+    TIMES,
+    UPPER,
+    WHOLE,
+    parameter,
+)
+from phnn.integrate.tables import LEAVES, LOSSLESS
+from phnn.laws.leaf import resting, sliding
+from phnn.laws.namespace import TINY
+
+
+@inline
+def _term(piece: Any, h: Any, c: Any, term: Any) -> Any:
+    """One term of a piece as complex numbers: what a state, a current or a threshold of one leads to by itself."""
+    none, unit = 0.0 * c[STIFFNESS], 1.0 + 0.0 * c[STIFFNESS]
+    x, current, threshold = unit if term == 0 else none, unit if term == 1 else none, unit if term == 2 else none
+    if piece == RESTING:
+        return resting(x, current, h, c[STIFFNESS], c[LEAK], c[LEAK_ONE], c[LEAK_TWO])
+    return sliding(x, current, h, c[STIFFNESS], c[RHO], threshold, c[LEAK], c[ONE], c[TWO])
+
+
+@inline
+def part(z: Any, perturbed: Any) -> Any:
+    """The derivative along a perturbation, or the value where there is none."""
+    return z.imag / TINY if perturbed else z.real
+
+
+@plain
+def prepare_leaf(d: Any, k: Any, perturbed: Any, leaf: Any, h: Any) -> None:
+    """The coefficients of a leaf's pieces with parameter ``k`` perturbed."""
+    stay_outside()
+    for piece in range(3):
+        for term in range(3):
+            end, mean = _term(piece, h, d.c[k, leaf], term)
+            d.whole[k, leaf, piece, term] = part(end, perturbed)
+            d.whole[k, leaf, piece, 3 + term] = part(mean, perturbed)
+
+
+@plain
+def prepare_pairs(t: Any, p: Any, d: Any, leaf: Any) -> None:
+    """The derivatives of a leaf's pairs as far as they stay the same, its values being prepared."""
+    stay_outside()
+    row, none, n = t[0, LEAVES] + leaf, p.active.shape[0], d.x.shape[0]
+    only = d.kinds[leaf, ONLY_LINK] >= 0
+    times = d.values[leaf, TIMES] if only else 1.0
+    for pair in range(p.first[leaf], p.first[leaf + 1]):
+        i = p.input[pair]
+        k = parameter(d, i)
+        # By how much an unknown moves the current.
+        d.by_current[pair], d.by_ratio[pair] = 0.0, 0.0
+        for r in range(t[row, 5], t[row, 6]):
+            d.by_current[pair] += d.g[0, r].real if i == n + t[r, 0] else 0.0
+        if only and p.shifts[pair]:
+            d.by_ratio[pair] = d.g[p.slot[i], t[row, 5]].imag / TINY
+        for piece in range(3):
+            by, of = d.affine[pair, piece], d.whole[none, leaf, piece]
+            threshold = 0.0
+            if k >= 0 and piece != RESTING:
+                threshold = d.c[k, leaf, HIGH if piece == ABOVE else LOW].imag / TINY
+            for out in range(2):
+                for term in range(3):
+                    by[4 * out + term] = d.whole[k, leaf, piece, 3 * out + term] if k >= 0 else 0.0
+                by[4 * out + 1] = by[4 * out + 1] * times + of[3 * out + 1] * d.by_ratio[pair]
+                own = of[3 * out] if i == t[row, 0] else 0.0
+                by[4 * out + 3] = own + of[3 * out + 1] * d.by_current[pair] + of[3 * out + 2] * threshold
+
+
+@plain
+def prepare_values(t: Any, p: Any, d: Any, leaf: Any) -> None:
+    """What a leaf is and has, in one place."""
+    stay_outside()
+    row, c, kind, own = t[0, LEAVES] + leaf, d.c[p.active.shape[0], leaf], d.kinds[leaf], d.values[leaf]
+    kind[STORAGE], kind[ONLY_LINK], kind[SHIFTS] = t[row, 0], -1, 0
+    for pair in range(p.first[leaf], p.first[leaf + 1]):
+        if p.shifts[pair]:
+            kind[SHIFTS] = 1
+    if t[row, 6] - t[row, 5] == 1 and t[row, 8] == t[row, 7]:
+        # What parameters change of its ratio is among the coefficients.
+        kind[ONLY_LINK], kind[SHIFTS] = t[t[row, 5], 0], 0
+        own[TIMES] = d.g[0, t[row, 5]].real
+    kind[KIND] = WHOLE
+    if p.affine[leaf] and t[row, 1] == LOSSLESS:
+        kind[KIND] = ONE_PIECE if t[row, 2] > 0 else CURVED
+    elif p.affine[leaf]:
+        kind[KIND] = FOLLOWING if p.reads[leaf] else PIECEWISE
+    own[STIFF], own[LEAKS], own[LOWER], own[UPPER] = c[STIFFNESS].real, c[LEAK].real, c[LOW].real, c[HIGH].real
