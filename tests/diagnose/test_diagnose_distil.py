@@ -63,6 +63,7 @@ def test_damping_that_grows_with_the_square_of_the_displacement() -> None:
     found = distil(ground, element)
     assert found is not None
     assert found.as_good
+    assert found.first_order
     assert found.kind == "dissipative"
     assert found.equation == r"F = b\,(1 + (q/q_0)^2)\,v"
     assert "Viscous damping that grows with the square of the distance from zero" in found.words
@@ -134,5 +135,6 @@ def test_a_fit_of_strengths_needs_few_steps_wherever_they_begin(share: float) ->
     # What both directions have in common the base damper can take over.
     values = done.setup.values()
     assert values["F_f3"] - values["F_b3"] == pytest.approx(0.3, rel=0.05)
-    # At the minimum there is no better start.
-    assert fit(started(done.setup, plan, names, element.strengths, None, 2.0), plan, names, {}, 1).cost <= done.cost
+    # At the minimum there is no better start; a fit moves strengths off their bounds by its last digits.
+    again = fit(started(done.setup, plan, names, element.strengths, None, 2.0), plan, names, {}, 1)
+    assert again.cost <= done.cost * (1.0 + 1e-9)
