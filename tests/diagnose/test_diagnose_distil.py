@@ -33,7 +33,7 @@ def recordings(plant: Setup) -> Plan:
     drives = ((100.0, 75.0, 0.0), (150.0, 40.0, 20.0), (50.0, 75.0, 0.0))
     return Plan(
         tuple(
-            recorded(plant, f"sine_{i}", t, a * np.sin(2 * np.pi * f * t) * np.minimum(f * t, 1.0) + o, NOISE, i)
+            recorded(plant, f"sine_{i}", t, (a * np.sin(2 * np.pi * f * t) + o) * np.minimum(f * t, 1.0), NOISE, i)
             for i, (f, a, o) in enumerate(drives)
         ),
         {f"sine_{i}": 4 for i in range(len(drives))},
@@ -63,6 +63,7 @@ def test_damping_that_grows_with_the_square_of_the_displacement() -> None:
     found = distil(ground, element)
     assert found is not None
     assert found.as_good
+    assert found.first_order
     assert found.kind == "dissipative"
     assert found.equation == r"F = b\,(1 + (q/q_0)^2)\,v"
     assert "Viscous damping that grows with the square of the distance from zero" in found.words
@@ -129,7 +130,11 @@ def test_a_fit_of_strengths_needs_few_steps_wherever_they_begin(share: float) ->
     found = fit(begun, plan, names, {}, 6)
     assert np.sqrt(before.chi2) > 20.0
     assert np.sqrt(found.chi2) < 2.0
-    assert found.setup.values()["F_f3"] == pytest.approx(0.3, rel=0.05)
-    # What lowers nothing changes nothing.
-    done = fit(found.setup, plan, names, {}, 40).setup
-    assert started(done, plan, names, element.strengths, None, 0.0).values()["F_f3"] == pytest.approx(0.3, rel=0.05)
+    done = fit(found.setup, plan, names, {}, 40)
+    assert np.sqrt(done.chi2) < 1.05
+    # What both directions have in common the base damper can take over.
+    values = done.setup.values()
+    assert values["F_f3"] - values["F_b3"] == pytest.approx(0.3, rel=0.05)
+    # At the minimum there is no better start; a fit moves strengths off their bounds by its last digits.
+    again = fit(started(done.setup, plan, names, element.strengths, None, 2.0), plan, names, {}, 1)
+    assert again.cost <= done.cost * (1.0 + 1e-9)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from phnn.diagnose.criteria import RACE
 from phnn.diagnose.distil.grammar import TERMS, has_grammar
 from phnn.diagnose.distil.response import Target, target
 from phnn.diagnose.distil.search import Formula, best_formulas, tie_of, unit_responses
@@ -29,6 +30,8 @@ class Distilled:
             as a round number lies in its interval.
         learned, formula: residual over noise (root mean square) with the element and, to first order, the formula.
         as_good: whether the formula leaves no more than the element, but for what chance makes of it.
+        first_order: whether the element leaves so little that first order holds, and with it the intervals; else the
+            formula is a hint.
         others: equations that these recordings cannot tell from this one.
     """
 
@@ -40,6 +43,7 @@ class Distilled:
     learned: float
     formula: float
     as_good: bool
+    first_order: bool
     others: tuple[str, ...] = ()
 
 
@@ -80,6 +84,7 @@ def distil(ground: Ground, element: Effect) -> Distilled | None:
         learned=float(np.sqrt(fit.cost / size)),
         formula=float(np.sqrt(best.cost / size)),
         as_good=best.cost <= fit.cost + reach,
+        first_order=fit.chi2 <= RACE.large_residual**2,
         others=tuple(_equation(f) for f in rivals),
     )
 
