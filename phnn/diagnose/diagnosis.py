@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from phnn.diagnose.confirm import confirmed
 from phnn.diagnose.criteria import CRITERIA, Criteria
+from phnn.diagnose.distil import distil
 from phnn.diagnose.judge import Judgement, judge
 from phnn.diagnose.propose import NextExperiment, propose
 from phnn.diagnose.rules import Record
@@ -65,6 +66,15 @@ def learned(campaign: Campaign, setup: Setup) -> list[Effect]:
     """Learned elements that can exist in a setup."""
     found = [e for e in learned_elements().values() if e.applies(setup)]
     return [e for e in found if not (e.needs_command and campaign.voltage == "terminals")]
+
+
+def _distilled(judgement: Judgement) -> Judgement:
+    """The judgement with a formula for every learned element of its model, where there is one."""
+    ground = judgement.final_ground
+    findings = (
+        replace(f, description=distil(ground, f.trial.candidate.effect)) if f.learned else f for f in judgement.findings
+    )
+    return replace(judgement, findings=tuple(findings))
 
 
 def tied_members(judgement: Judgement) -> tuple[Trial, ...]:
@@ -133,6 +143,7 @@ def diagnose(
         return scored(fitted, catalogue_, chosen.seed, terminals=terminals, criteria=criteria)
 
     judgement, before, after = confirmed(judgement, base, campaign, criteria, score_again)
+    judgement = _distilled(judgement)
     if judgement.verdict == "named":
         record = Record(list(judgement.rules))
         decided = record.decide(NUMERICS, NumericsCase(judgement.naming.numerical, criteria))

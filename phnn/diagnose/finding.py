@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from phnn.diagnose.criteria import SELECTION
+from phnn.diagnose.distil import Distilled
 from phnn.diagnose.name import Naming
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect
@@ -26,7 +27,8 @@ class Finding:
         others_alone: the model with all other findings, fitted from the model that also has this one; None where it was
             not asked for, or cannot be fitted.
         gained: what it gains on identification recordings that were left out while it was found; None where none were.
-        learned: it is a learned element, which has no name.
+        learned: it is a learned element, which has no name; description: the formula that stands for it, where there is
+            one.
     """
 
     trial: Trial
@@ -39,6 +41,13 @@ class Finding:
     others_alone: Fit | None = None
     gained: Gain | None = None
     learned: bool = False
+    description: Distilled | None = None
+
+    @property
+    def described(self) -> Distilled | None:
+        """The formula of a learned element, if it explains as much as the element."""
+        found = self.description
+        return found if found is not None and found.as_good and found.first_order else None
 
     @property
     def evidence(self) -> tuple[float, float]:

@@ -141,14 +141,19 @@ def with_weights(program: Program, plant: NetworkPlant) -> Program:
     The adjoint leaves them to the torch module; a forward sweep by weights needs them in its pattern.
     """
     base = len(program.states) + len(program.junctions)
-    uses = [set(u) for u in program.uses]
+    leaves = [set(inputs) for inputs in program.uses.leaves]
+    others = {row: set(inputs) for row, inputs in program.uses.others.items()}
     for (kind, element), places in _weight_places(program, plant).items():
         owner = _owner(plant, kind, element)
+        weights = {base + p for p in places}
         # What belongs to a junction may stand in any equation.
-        mine = [program.leaves.index(owner)] if owner in program.leaves else range(len(uses))
-        for k in mine:
-            uses[k] |= {base + p for p in places}
-    return replace(program, uses=tuple(frozenset(u) for u in uses))
+        mine = [leaves[program.leaves.index(owner)]] if owner in program.leaves else [*leaves, *others.values()]
+        for inputs in mine:
+            inputs |= weights
+    uses = program.uses._replace(
+        leaves=tuple(map(frozenset, leaves)), others={row: frozenset(inputs) for row, inputs in others.items()}
+    )
+    return replace(program, uses=uses)
 
 
 def _weight_places(program: Program, plant: NetworkPlant) -> dict[tuple[str, str], range]:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.distil import Distilled
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import Judgement
 from phnn.identify.fit import Fit
@@ -38,18 +39,23 @@ def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
     claimed: dict[str, Any] = {"effect": effect.name, "status": _status(diagnosis, finding)}
     if finding.provisional:
         claimed = {"effect": "unknown", "status": "provisional", "nearest": None if finding.learned else effect.name}
+    found = finding.described
+    if found is not None:
+        claimed |= {"status": "described", "description": _description(found, effect.passive)}
+    said = effect.statement.format(**shown) if found is None else found.words
+    names = effect.strengths if finding.learned else effect.parameters
     return claimed | {
         "held_out": _held_out(finding),
         "share_explained": _share(finding),
         "location": effect.location,
         "equivalent_to": [t.candidate.effect.name for t in finding.members[1:]],
         "p_value": finding.evidence[1],
-        "statement": effect.statement.format(**shown)
+        "statement": said
         + ("" if anchored or not any(parameters[n].unit in FORCE_UNITS for n in effect.parameters) else _UP_TO_FACTOR)
         + (_PROVISIONAL if finding.provisional else ""),
-        "equation": effect.equation,
+        "equation": effect.equation if found is None else found.equation,
         "passive": effect.passive,
-        "parameters": _estimates(final, effect.parameters),
+        "parameters": _estimates(final, names),
     }
 
 
@@ -81,6 +87,19 @@ def _held_out(finding: Finding) -> dict[str, Any] | None:
     if found is None:
         return None
     return {"before": found.before, "after": found.after, "p_value": found.falls, "rms": found.rms}
+
+
+def _description(found: Distilled, passive: bool) -> dict[str, Any]:
+    """The formula of a learned element; exponents by their symbols, each with its 95 % interval."""
+    return {
+        "kind": found.kind,
+        "formula": found.equation,
+        "words": found.words,
+        "parameters": {n: {"value": value, "unit": unit} for n, (value, unit) in found.parameters.items()},
+        "exponents": {n: list(interval) for n, (_, interval) in found.exponents.items()},
+        "passive": passive,
+        "others": list(found.others),
+    }
 
 
 def _share(finding: Finding) -> float | None:

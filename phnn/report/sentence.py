@@ -107,7 +107,10 @@ def unknown_statement(judgement: Judgement) -> str:
 def _element(finding: Finding) -> str:
     """An element of a model whose name is not claimed, in words."""
     name = finding.trial.candidate.effect.name.replace("_", " ")
-    return f"a {name} element" if finding.learned else f"an element that acts like {name}"
+    if not finding.learned:
+        return f"an element that acts like {name}"
+    found = finding.described
+    return f"a {name}" if found is None else f"a {name} ({found.words.removesuffix('.')})"
 
 
 def unknown_character(judgement: Judgement) -> str:
