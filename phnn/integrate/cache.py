@@ -33,6 +33,7 @@ _SOURCES = (
     "integrate/lookups.py",
     "integrate/constants.py",
     "integrate/roots.py",
+    "integrate/terms.py",
     "integrate/step.py",
     "integrate/memories.py",
     "integrate/stages.py",

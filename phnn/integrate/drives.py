@@ -15,8 +15,8 @@ from phnn.integrate.constants import STIFFNESS
 from phnn.integrate.lookups import count, mean_effort, memory_decay, memory_rate, resistor_flow
 from phnn.integrate.perturbed import CURVED, KIND, ONLY_LINK, STIFF, STORAGE, parameter, perturb, places_of
 from phnn.integrate.pieces import current_of
-from phnn.integrate.step import FLOW, branch_effort, junction_flows, leaf_current, read
 from phnn.integrate.tables import LEAVES, MEMORIES, SOURCES, STORAGES
+from phnn.integrate.terms import FLOW, branch_effort, junction_flows, leaf_current, read
 from phnn.laws.memory import advanced
 from phnn.laws.namespace import TINY
 

@@ -15,8 +15,8 @@ from phnn.integrate.lookups import resistor_thresholds
 from phnn.integrate.perturbed import ABOVE, CROSSING, RESTING, STIFF, STORAGE, parameter, perturb, places_of
 from phnn.integrate.pieces import current_of, exert, fill, piece_of
 from phnn.integrate.prepared import prepare_leaf, prepare_pairs
-from phnn.integrate.step import junction_flows, read
 from phnn.integrate.tables import LEAVES
+from phnn.integrate.terms import junction_flows, read
 from phnn.laws.leaf import relaxation
 from phnn.laws.namespace import TINY
 

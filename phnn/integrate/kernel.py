@@ -16,8 +16,9 @@ from phnn.integrate.memories import advance
 from phnn.integrate.program import Program
 from phnn.integrate.roots import extrapolated
 from phnn.integrate.solve import prepare, rest_guess, solve_many, solve_one
-from phnn.integrate.step import EFFORT, NEXT, balance
+from phnn.integrate.step import balance
 from phnn.integrate.tables import JUNCTIONS, LEAVES, MEMORIES, rows_of
+from phnn.integrate.terms import EFFORT, NEXT
 
 Array = NDArray[np.float64]
 

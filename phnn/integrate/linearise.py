@@ -20,9 +20,8 @@ from phnn.integrate.perturbed import (
     CURVED,
     FOLLOWING,
     KIND,
-    ONE_PIECE,
-    PIECEWISE,
     STORAGE,
+    WHOLE,
     in_full,
     load,
     load_actions,
@@ -31,8 +30,8 @@ from phnn.integrate.perturbed import (
 )
 from phnn.integrate.pieces import curved_leaf, plain_leaf
 from phnn.integrate.prepared import part, prepare_leaf, prepare_pairs, prepare_values
-from phnn.integrate.step import FORCE, junction_change, junction_flows, junction_term
 from phnn.integrate.tables import JUNCTION_INLETS, LEAVES, MEMORIES
+from phnn.integrate.terms import FORCE, junction_change, junction_flows, junction_term
 from phnn.laws.namespace import TINY
 
 
@@ -132,25 +131,29 @@ def derivatives_at(t: Any, p: Any, d: Any, n: Any, run: Any, fresh: Any) -> None
         d.flows[j] = run.efforts[n, junction_storage(t, j)]
     load_actions(d, n, run)
     _linear_terms(t, p, d)
-    left = p.terms.shape[0] > 0 or p.scaled.shape[0] > 0
-    for leaf in range(count(t, LEAVES)):
+    leaves, remembers = count(t, LEAVES), count(t, MEMORIES) > 0
+    loaded = p.terms.shape[0] > 0 or p.scaled.shape[0] > 0 or remembers
+    for leaf in range(leaves):
+        loaded = loaded or d.kinds[leaf, KIND] in (WHOLE, FOLLOWING)
+    if loaded:
+        load(t, d, n, run)
+    if p.scaled.shape[0] > 0:
+        scale(t, p, d, h)
+    left = p.terms.shape[0] > 0
+    for leaf in range(leaves):
         k, kind = d.kinds[leaf, STORAGE], d.kinds[leaf, KIND]
-        done = kind == CURVED
-        if done:
-            curved_leaf(t, p, d, leaf, run.states[n, k], run.efforts[n, k], h)
-        elif kind in (PIECEWISE, ONE_PIECE):
-            done = plain_leaf(t, p, d, leaf, run.states[n, k], run.efforts[n, k])
+        x, mean, done = run.states[n, k], run.efforts[n, k], kind == CURVED
+        if kind == CURVED:
+            curved_leaf(t, p, d, leaf, x, mean, h)
+        elif kind == FOLLOWING:
+            done = following_leaf(t, p, d, leaf, mean, h)
+        elif kind != WHOLE:
+            done = plain_leaf(t, p, d, leaf, x, mean)
         d.todo[leaf] = not done
         left = left or not done
-    if left or count(t, MEMORIES) > 0:
+    if left and not loaded:
         load(t, d, n, run)
     if left:
-        if p.scaled.shape[0] > 0:
-            scale(t, p, d, h)
-        for leaf in range(count(t, LEAVES)):
-            if d.kinds[leaf, KIND] == FOLLOWING:
-                mean = run.efforts[n, d.kinds[leaf, STORAGE]]
-                d.todo[leaf] = not following_leaf(t, p, d, leaf, mean, h)
         in_full(t, p, d, n, run)
     for k in range(count(t, MEMORIES)):
         memories_by(t, p, d, k, n, run)

@@ -13,8 +13,8 @@ from typing import Any
 
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.lookups import count, mean_effort, memory_decay, memory_rate, resistor_flow
-from phnn.integrate.step import EFFORT, FLOW, NEXT, branch_effort, leaf_current, read
 from phnn.integrate.tables import LEAVES, MEMORIES, STORAGES
+from phnn.integrate.terms import EFFORT, FLOW, NEXT, branch_effort, leaf_current, read
 from phnn.laws.memory import advanced
 
 

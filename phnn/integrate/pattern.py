@@ -41,9 +41,9 @@ class Pattern(NamedTuple):
         active: (K,) places in theta.
         in_ports: (K,) number of a parameter among those in port laws, −1 for the others.
         first, input: of the pairs.
-        shifts: (pairs,) whether a parameter changes the leaf's current; follows: (pairs,) whether an input changes the
-            thresholds of a leaf that reads something.
-        affine: (L,) see `phnn.integrate.uses`; reads: (L,) whether thresholds read something.
+        shifts: (pairs,) whether an input changes the leaf's current, but for unknowns of junctions at a constant ratio;
+            follows: (pairs,) whether it changes the thresholds of a leaf that reads something.
+        affine, varies: (L,) see `phnn.integrate.uses`; reads: (L,) whether thresholds read something.
         plain: (R,) rows of the junctions' linear terms; terms: (T,) rows of the others, and their inputs.
         slots: (G,) inputs that change a ratio, the first −1 for none; slot: (I,) the place of an input among them.
         scaled: rows whose ratio follows something.
@@ -57,6 +57,7 @@ class Pattern(NamedTuple):
     shifts: NDArray[np.bool_]
     follows: NDArray[np.bool_]
     affine: NDArray[np.bool_]
+    varies: NDArray[np.bool_]
     reads: NDArray[np.bool_]
     plain: Integers
     terms: Integers
@@ -80,7 +81,9 @@ def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
     first, given = _listed(uses.leaves, inputs)
     leaf = np.repeat(np.arange(len(uses.leaves)), np.diff(first))
     names = np.array(inputs, dtype=np.int64)[given]
-    by_current = [name >= known and name in uses.currents[k] for k, name in zip(leaf, names, strict=True)]
+    by_current = [
+        (name >= known or uses.varies[k]) and name in uses.currents[k] for k, name in zip(leaf, names, strict=True)
+    ]
     by_threshold = [name in uses.thresholds[k] for k, name in zip(leaf, names, strict=True)]
     ratios = {known + int(place) for place in table[1:, RATIO] if place >= 0}
     slots = [i for i, name in enumerate(inputs) if name in ratios or name in uses.gains]
@@ -94,6 +97,7 @@ def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
         np.array(by_current, dtype=np.bool_),
         np.array(by_threshold, dtype=np.bool_),
         np.array(uses.affine, dtype=np.bool_),
+        np.array(uses.varies, dtype=np.bool_),
         np.array([bool(found) for found in uses.thresholds], dtype=np.bool_),
         np.array(uses.plain, dtype=np.int64),
         np.array(list(uses.others), dtype=np.int64),

@@ -16,17 +16,9 @@ from phnn.integrate.compiled import inline
 from phnn.integrate.constants import CONSTANTS
 from phnn.integrate.lookups import count, factor, is_linear, junction_storage
 from phnn.integrate.pattern import Pattern, Run
-from phnn.integrate.step import (
-    FORCE,
-    is_closed,
-    junction_flows,
-    junction_term,
-    leaf_closed,
-    leaf_moved,
-    leaf_search,
-    read,
-)
+from phnn.integrate.step import is_closed, leaf_closed, leaf_moved, leaf_search
 from phnn.integrate.tables import FACTORS, JUNCTIONS, LEAVES, MEMORIES, RATIO, SIGN, Integers, rows_of
+from phnn.integrate.terms import FORCE, junction_flows, junction_term, read
 from phnn.laws.namespace import TINY
 
 Array = NDArray[np.float64]
@@ -59,8 +51,8 @@ class Derivatives(NamedTuple):
         slope: (L,) of the resistor for which the pieces were prepared where it may follow something, NaN for none;
             slopes: (pairs,) its derivatives; thresholds: (pairs,) those of the threshold in this step.
         kinds: (L, 4) of a leaf: its storage, how it is differentiated, the junction of its only link (−1: it has others
-            or inlets), whether a parameter changes its current; values: (L, 5) its stiffness, leak and thresholds and
-            the ratio of that link.
+            or inlets, or the ratio follows something), whether an input shifts its current; values: (L, 5) its
+            stiffness, leak and thresholds and the ratio of that link.
         by_ratio: (pairs,) the derivatives of that ratio; by_current: (pairs,) those of the current but for these.
         junction: (m, m+1, I) the derivatives of the linear terms of ``F`` as functions of flows and 1;
             change: (m, I) those of ``z − p`` by parameters as multiples of the junction's own flow.

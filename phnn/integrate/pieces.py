@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from phnn.integrate.compiled import inline, plain, stay_outside
+from phnn.integrate.compiled import inline
 from phnn.integrate.lookups import mean_effort
 from phnn.integrate.perturbed import (
     ABOVE,
@@ -60,11 +60,13 @@ def piece_of(of: Any, own: Any, low: Any, high: Any, x: Any, current: Any) -> An
 
 @inline
 def _shift(t: Any, p: Any, d: Any, row: Any, i: Any) -> Any:
-    """How a parameter changes the current of the leaf in a row."""
+    """How an input changes the current of the leaf in a row."""
     _, slot, act = places_of(p, d, i)
     total = 0.0
     for r in range(t[row, 5], t[row, 6]):
         total += d.g[slot, r].imag / TINY * d.flows[t[r, 0]]
+        if i == d.x.shape[0] + t[r, 0]:
+            total += d.g[slot, r].real
     for r in range(t[row, 7], t[row, 8]):
         total += (d.g[slot, r] * d.a[act, t[r, 0]]).imag / TINY
     return total
@@ -88,10 +90,9 @@ def exert(t: Any, p: Any, d: Any, leaf: Any, exerted: Any) -> None:
                 d.by_force[t[r, 0], p.input[pair]] += d.g[p.slot[p.input[pair]], r].imag / TINY * exerted
 
 
-@plain
+@inline
 def _shifted(t: Any, p: Any, d: Any, leaf: Any, end: Any, mean: Any) -> None:
-    """Add what parameters do by way of the current; ``end`` and ``mean`` are the derivatives by it."""
-    stay_outside()
+    """Add what inputs do by way of the current; ``end`` and ``mean`` are the derivatives by it."""
     for pair in range(p.first[leaf], p.first[leaf + 1]):
         if p.shifts[pair]:
             d.by_current[pair] = _shift(t, p, d, t[0, LEAVES] + leaf, p.input[pair])

@@ -70,7 +70,7 @@ def prepare_pairs(t: Any, p: Any, d: Any, leaf: Any) -> None:
         # By how much an unknown moves the current.
         d.by_current[pair], d.by_ratio[pair] = 0.0, 0.0
         for r in range(t[row, 5], t[row, 6]):
-            d.by_current[pair] += d.g[0, r].real if i == n + t[r, 0] else 0.0
+            d.by_current[pair] += d.g[0, r].real if i == n + t[r, 0] and not p.varies[leaf] else 0.0
         if only and p.shifts[pair]:
             d.by_ratio[pair] = d.g[p.slot[i], t[row, 5]].imag / TINY
         for piece in range(3):
@@ -95,7 +95,7 @@ def prepare_values(t: Any, p: Any, d: Any, leaf: Any) -> None:
     for pair in range(p.first[leaf], p.first[leaf + 1]):
         if p.shifts[pair]:
             kind[SHIFTS] = 1
-    if t[row, 6] - t[row, 5] == 1 and t[row, 8] == t[row, 7]:
+    if t[row, 6] - t[row, 5] == 1 and t[row, 8] == t[row, 7] and not p.varies[leaf]:
         # What parameters change of its ratio is among the coefficients.
         kind[ONLY_LINK], kind[SHIFTS] = t[t[row, 5], 0], 0
         own[TIMES] = d.g[0, t[row, 5]].real

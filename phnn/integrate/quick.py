@@ -1,7 +1,7 @@
 """The march of the commonest networks with everything resolved beforehand: the same steps at a fraction of the price.
 
-One linear junction; leaves that hang on it through one constant ratio each and are lossless, or have an exact flow;
-resistors on the junction; inlets on it whose ratios may follow memories. Then a step is
+One linear junction; leaves that hang on it through one ratio each and are lossless, or have an exact flow; resistors
+and inlets on the junction. Ratios of leaves and inlets may follow memories. Then a step is
 
     F(v̄) = (2/h)(v̄/s − p) + d v̄ + Σ_r b_r φ_r(b_r v̄) + Σ_l a_l ē_l(a_l v̄) − Σ_p g_p ψ_p(ū_p)
 
@@ -45,7 +45,6 @@ from phnn.integrate.memories import advance
 from phnn.integrate.partition import LINEAR_RESISTOR_CODES
 from phnn.integrate.program import Program
 from phnn.integrate.roots import extrapolated, make_root
-from phnn.integrate.step import EFFORT, FLOW, NEXT
 from phnn.integrate.tables import (
     EXACT,
     FACTORS,
@@ -54,6 +53,7 @@ from phnn.integrate.tables import (
     JUNCTION_RESISTORS,
     JUNCTIONS,
     LEAVES,
+    LINKS,
     LOSSLESS,
     MEMORIES,
     RATIO,
@@ -61,6 +61,7 @@ from phnn.integrate.tables import (
     STORAGES,
     rows_of,
 )
+from phnn.integrate.terms import EFFORT, FLOW, NEXT
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.namespace import TINY
 
@@ -80,9 +81,9 @@ def serves(program: Program) -> bool:
         return False
     single = (leaves[:, 6] - leaves[:, 5] == 1) & (leaves[:, 8] == leaves[:, 7])
     closed = np.isin(leaves[:, 1], (LOSSLESS, EXACT))
-    inlets = range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1])
+    scalable = [row for kind in (LINKS, JUNCTION_INLETS) for row in range(t[0, kind], t[0, kind + 1])]
     slow = t[rows_of(t, FACTORS)[:, 5], 2] >= 0
-    return bool((single & closed).all() and slow.all()) and set(program.uses.scaled) <= set(inlets)
+    return bool((single & closed).all() and slow.all()) and set(program.uses.scaled) <= set(scalable)
 
 
 @inline
@@ -209,16 +210,20 @@ def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: 
 
 
 @plain
-def _scale(t: Any, theta: Any, x: Any, g: Any) -> None:
-    """Set the ratios of the inlets to what the memories make of them."""
+def _scale(t: Any, theta: Any, x: Any, g: Any, scaled: Any, c: Any) -> None:
+    """Set the ratios in some rows to what the memories make of them, and those of the leaves in their constants."""
     stay_outside()
-    for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
+    for place in range(scaled.shape[0]):
+        r = scaled[place]
         g[r] = t[r, SIGN] * theta[t[r, RATIO]]
     for f in range(t[0, FACTORS], t[0, FACTORS + 1]):
         by = factor(t, f, x[t[t[f, 5], 2]], theta)
-        for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
+        for place in range(scaled.shape[0]):
+            r = scaled[place]
             if t[r, RATIO] == t[f, 6]:
                 g[r] *= by
+    for leaf in range(c.shape[0]):
+        c[leaf, GAIN] = g[t[t[0, LEAVES] + leaf, 5]]
 
 
 @plain
@@ -240,6 +245,7 @@ def _remember(
 def _steps(
     t: Any, theta: Any, actions: Any, h: Any, states: Any, efforts: Any, g: Any, constants: Any, kinds: Any, c: Any,
     perturbed: Any, ends: Any, means: Any, others: Any, ratios: Any, slow: Any,
+    scaled: Any,
 ) -> Any:  # fmt: skip
     """March; the last arguments are memory: ``perturbed`` is theta in complex numbers."""
     fill_gains(t, theta, g)
@@ -250,7 +256,7 @@ def _steps(
             capacity, damping = _resolve(t, theta, h[n], g, constants, kinds, c, others, ratios)
             slope = 0.0
         if count(t, FACTORS) > 0:
-            _scale(t, theta, states[n], g)
+            _scale(t, theta, states[n], g, scaled, c)
         drive = 0.0
         for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
             drive += g[r] * actions[n, t[r, 0]]
@@ -283,4 +289,5 @@ def march(program: Program, theta: Array, actions: Array, h: Array, states: Arra
     linear = np.isin(rows_of(t, JUNCTION_RESISTORS)[:, 0], LINEAR_RESISTOR_CODES)
     others = t[0, JUNCTION_RESISTORS] + np.flatnonzero(~linear)
     slow = (np.zeros(1), np.zeros((4, 1)), np.zeros((2, states.shape[1])))
-    return int(_compiled(t, theta, actions, h, states, efforts, *own, others, np.zeros(others.size), slow))
+    scaled = np.array(program.uses.scaled, dtype=np.int64)
+    return int(_compiled(t, theta, actions, h, states, efforts, *own, others, np.zeros(others.size), slow, scaled))

@@ -19,7 +19,6 @@ from typing import Any
 
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import (
-    CAPACITY,
     HIGH,
     LEAK,
     LEAK_ONE,
@@ -35,7 +34,6 @@ from phnn.integrate.constants import (
 from phnn.integrate.lookups import (
     count,
     factor,
-    is_linear,
     junction_storage,
     mean_effort,
     resistor_flow,
@@ -45,55 +43,24 @@ from phnn.integrate.stages import make_gradient, make_radau
 from phnn.integrate.tables import (
     EXACT,
     FACTORS,
-    GYRATORS,
-    JUNCTION_INLETS,
-    JUNCTION_RESISTORS,
     JUNCTIONS,
     LEAVES,
     LOSSLESS,
     RADAU,
 )
+from phnn.integrate.terms import (
+    CHANGE,
+    EFFORT,
+    FLOW,
+    NEXT,
+    add,
+    junction_flows,
+    junction_terms,
+    leaf_current,
+    read,
+)
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.namespace import real
-
-# Rows of the two work arrays: per junction (4, m) and per storage (2, N).
-FLOW, CHANGE, FORCE, SIZE = range(4)
-NEXT, EFFORT = range(2)
-
-
-@inline
-def junction_change(t: Any, j: Any, c: Any, x: Any, y: Any) -> Any:
-    """``z_j − p_j``; of a linear storage ``2 (v̄/s − p)``, which takes no difference of end states."""
-    p = x[junction_storage(t, j)]
-    return 2.0 * (y[j] * c[count(t, LEAVES) + j, CAPACITY] - p) if is_linear(t, j) else y[j] - p
-
-
-@inline
-def leaf_current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
-    """``i_l``."""
-    row = t[0, LEAVES] + leaf
-    total = 0.0 * g[0]
-    for r in range(t[row, 5], t[row, 6]):
-        total += g[r] * wj[FLOW, t[r, 0]]
-    for r in range(t[row, 7], t[row, 8]):
-        total += g[r] * a[t[r, 0]]
-    return total
-
-
-@inline
-def read(t: Any, r: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
-    """Mid-step energy variable, or memory, that a law may read; 0 for none.
-
-    The ratios of a leaf that is read follow no energy variable; a memory is read as it is at the start of the step.
-    """
-    if r < 0:
-        return 0.0 * g[0]
-    leaf, j = t[r, 0], t[r, 1]
-    if t[r, 2] >= 0:
-        return x[t[r, 2]]
-    if leaf >= 0:
-        return x[t[t[0, LEAVES] + leaf, 0]] + 0.5 * h * leaf_current(t, leaf, g, a, wj)
-    return x[junction_storage(t, j)] + 0.5 * junction_change(t, j, c, x, y)
 
 
 @plain
@@ -224,80 +191,11 @@ def leaf_step(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: 
 
 
 @inline
-def _add(term: Any, j: Any, wj: Any) -> None:
-    wj[FORCE, j] += term
-    wj[SIZE, j] += abs(term.real)
-
-
-@inline
 def leaf_forces(t: Any, leaf: Any, g: Any, effort: Any, wj: Any) -> None:
     """Add what a leaf exerts on its junctions."""
     row = t[0, LEAVES] + leaf
     for r in range(t[row, 5], t[row, 6]):
-        _add(g[r] * effort, t[r, 0], wj)
-
-
-@inline
-def branch_effort(t: Any, r: Any, g: Any, wj: Any) -> Any:
-    """``b_rᵀ v̄`` of the junction resistor in row ``r``."""
-    effort = 0.0 * g[0]
-    for b in range(t[r, 6], t[r, 7]):
-        effort += g[b] * wj[FLOW, t[b, 0]]
-    return effort
-
-
-@inline
-def _resistor_term(t: Any, r: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
-    effort = branch_effort(t, r, g, wj)
-    flow = resistor_flow(t, r, effort, read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
-    for b in range(t[r, 6], t[r, 7]):
-        _add(g[b] * flow, t[b, 0], wj)
-
-
-@inline
-def _gyrator_term(t: Any, r: Any, g: Any, wj: Any) -> None:
-    _add(-g[r] * wj[FLOW, t[r, 1]], t[r, 0], wj)
-
-
-@inline
-def _inlet_term(t: Any, r: Any, g: Any, a: Any, wj: Any) -> None:
-    _add(-g[r] * a[t[r, 0]], t[r, 1], wj)
-
-
-@inline
-def junction_term(t: Any, r: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
-    """Add what the junction resistor, gyrator or junction inlet in row ``r`` exerts."""
-    if r < t[0, JUNCTION_RESISTORS + 1]:
-        _resistor_term(t, r, theta, c, g, a, x, y, h, wj)
-    elif r < t[0, GYRATORS + 1]:
-        _gyrator_term(t, r, g, wj)
-    else:
-        _inlet_term(t, r, g, a, wj)
-
-
-@inline
-def junction_terms(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
-    """``F`` without the leaves, the size of its terms, and ``z − p``."""
-    rate = 1.0 / h
-    for j in range(count(t, JUNCTIONS)):
-        change = junction_change(t, j, c, x, y)
-        wj[CHANGE, j] = change
-        wj[FORCE, j] = change * rate
-        wj[SIZE, j] = (abs(change.real) + abs(x[junction_storage(t, j)].real)) * rate
-    for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
-        _resistor_term(t, r, theta, c, g, a, x, y, h, wj)
-    for r in range(t[0, GYRATORS], t[0, GYRATORS + 1]):
-        _gyrator_term(t, r, g, wj)
-    for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
-        _inlet_term(t, r, g, a, wj)
-
-
-@inline
-def junction_flows(t: Any, theta: Any, x: Any, y: Any, wj: Any) -> None:
-    """Fill ``v̄``."""
-    for j in range(count(t, JUNCTIONS)):
-        k = junction_storage(t, j)
-        wj[FLOW, j] = y[j] if is_linear(t, j) else mean_effort(t, k, x[k], y[j], theta)
+        add(g[r] * effort, t[r, 0], wj)
 
 
 @inline

@@ -42,7 +42,8 @@ class Uses(NamedTuple):
     Attributes:
         leaves: of the end state and the mean effort of each leaf, and of what it exerts on its junctions.
         currents: of each leaf's current alone; thresholds: of those of its first resistor where that reads something.
-        affine: by leaf, whether its ratios are constant, its junctions linear, and its flow exact or lossless.
+        affine: by leaf, whether its junctions are linear, and its flow exact or lossless once ratios and thresholds are
+            known; varies: whether its ratios follow something.
         plain, others: rows of junction resistors, gyrators and junction inlets: those that are linear in the flows with
             constant factors, and the inputs of those that are not.
         gains, scaled: inputs of all ratios that follow something, and the rows that have them.
@@ -53,6 +54,7 @@ class Uses(NamedTuple):
     currents: tuple[Inputs, ...]
     thresholds: tuple[Inputs, ...]
     affine: tuple[bool, ...]
+    varies: tuple[bool, ...]
     plain: tuple[int, ...]
     others: Mapping[int, Inputs]
     gains: Inputs
@@ -74,6 +76,7 @@ def uses_of(table: Integers) -> Uses:
         tuple(frozenset(found.current(leaf)) for leaf in leaves),
         tuple(frozenset(found.thresholds(leaf)) for leaf in leaves),
         tuple(found.is_affine(leaf) for leaf in leaves),
+        tuple(found.varies(leaf) for leaf in leaves),
         tuple(plain),
         {row: frozenset(found.term(row)) for row in terms if row not in plain},
         frozenset().union(*ratios),
@@ -166,11 +169,16 @@ class _Finder:
         return self._resistor(self.table[row[3]]) if follows else set()
 
     def is_affine(self, leaf: int) -> bool:
-        """Whether the current is linear in the flows, and nothing but an exact flow or a lossless one follows it."""
-        row, (links, inlets) = self.leaf_rows[leaf], self._connections(leaf)
-        constant = not self.modulated & {int(r[RATIO]) for r in (*links, *inlets)}
-        linear = all(self.junction_rows[r[0], 1] for r in links)
-        return bool(row[1] in (EXACT, LOSSLESS)) and constant and linear
+        """Whether known ratios make the current linear in the unknowns, and its flow is exact or lossless."""
+        row, (links, _) = self.leaf_rows[leaf], self._connections(leaf)
+        # A law that is not linear, with a ratio that follows something, is differentiated in full.
+        plain = row[1] == EXACT or (row[1] == LOSSLESS and (row[2] > 0 or not self.varies(leaf)))
+        return bool(plain and all(self.junction_rows[r[0], 1] for r in links))
+
+    def varies(self, leaf: int) -> bool:
+        """Whether a ratio between a leaf and a junction or a port follows something."""
+        links, inlets = self._connections(leaf)
+        return bool(self.modulated & {int(r[RATIO]) for r in (*links, *inlets)})
 
     def _branches(self, row: Integers) -> Integers:
         return self.table[row[6] : row[7]]

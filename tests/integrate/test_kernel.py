@@ -346,6 +346,11 @@ def self_heating(hysterons: int) -> Network:
     return effect("self_heating").add_to(Setup(hrc(hysterons)), values).network
 
 
+def coupled() -> Network:
+    """An actuator whose transducer ratio follows its displacement."""
+    return effect("displacement_coupling").add_to(Setup(hrc(2)), {"kappa_a": 0.2, "q_a": 5e-5}).network
+
+
 def second_mode() -> Network:
     """An actuator that carries a second mass: two junctions."""
     return effect("second_mode").add_to(Setup(hrc(2)), {"m_2": 0.02, "k_2": 4e3, "b_2": 1.0}).network
@@ -358,12 +363,13 @@ QUICK = {
     "threshold that follows the displacement": following("following_dead_zone", "q", 0.4, 5e-5),
     "threshold that follows the speed": following("rate_dependent_dead_zone", "p", 2.0, 0.1),
     "inlet that follows a temperature": self_heating(0),
+    "hysterons that follow a temperature": self_heating(2),
+    "everything follows a temperature": thermal_hrc(2),
 }
 OTHER = {
     "two junctions": second_mode(),
     "inductor": hrlc(1).network(),
-    "hysterons that follow a temperature": self_heating(2),
-    "temperature": thermal_hrc(2),
+    "ratios that follow the displacement": coupled(),
 }
 
 
