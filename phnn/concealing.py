@@ -13,7 +13,7 @@ from rich.table import Table
 from phnn.commands import diagnose_into
 from phnn.errors import PhnnError
 from phnn.identify.base import Options
-from phnn.output import claim
+from phnn.output import claim, write_atomic
 from phnn.recordings import read
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any], overwrite: bool
     print(f"seed {chosen} (repeat with SEED={chosen}); one of {', '.join(EFFECTS)} is concealed", flush=True)
     with claim(out, "demo", (), ("recordings", "seal", "diagnosis"), overwrite=overwrite) as place:
         folder, seal_file = (place / "recordings").own_folder(), (place / "seal").own_folder() / "sealed.json"
-        digest = write_seal(generate(chosen, folder), seal_file)
+        digest = write_seal(generate(chosen, folder, write=write_atomic), seal_file, write_atomic)
         print(f"sealed the answer in {seal_file}, SHA-256 {digest}", flush=True)
         diagnosis = diagnose_into(read(folder), place / "diagnosis", Options.from_config(config), out / "diagnosis")
     sealed = open_seal(seal_file)

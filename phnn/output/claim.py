@@ -197,7 +197,8 @@ def _probe(root: Path) -> None:
 def _clean(root: Path) -> None:
     """Remove what a run that was killed has left half written; temporary names are 16 hexadecimal digits."""
     known = Record(root).digests()
-    folders = {root, root / FOLDER} | {(root / name).parent for name in known}
+    # Folders whose whole content is phnn's stand in the record by their own names.
+    folders = {root, root / FOLDER} | {(root / name).parent for name in known} | {root / name for name in known}
     for folder in folders:
         if not folder.is_dir() or folder.resolve() != folder:
             continue
