@@ -150,10 +150,14 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
         commands.compare(arguments.folder, arguments.out, arguments.manifest, config, **given)
     elif name == "modes":
         commands.modes(arguments.folder, arguments.out, arguments.manifest, config, **given)
-    elif name == "prove":
-        commands.prove(arguments.out, config, **given)
     else:
-        commands.demo(arguments.seed, arguments.out, config, **given)
+        # Only these two make recordings.
+        import phnn.concealing as concealing
+
+        if name == "prove":
+            concealing.prove(arguments.out, config, **given)
+        else:
+            concealing.demo(arguments.seed, arguments.out, config, **given)
 
 
 def _say(text: str) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import secrets
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,7 +18,6 @@ from phnn.check import check as check_recordings
 from phnn.diagnose.confirm import score_on_all
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.diagnosis import diagnose as run_diagnosis
-from phnn.errors import PhnnError
 from phnn.identify.base import Options, Progress, identify_base, prepare
 from phnn.identify.evaluate import Evaluation, evaluate, output_spread
 from phnn.identify.fit import Fit
@@ -37,11 +35,7 @@ from phnn.report.result import RESULTS, evidence, write_into
 from phnn.setup import Setup
 from phnn.simulate import check_names, measured_network, simulate
 
-if TYPE_CHECKING:
-    from phnn.prove.nulls import Count
-
 Config = Mapping[str, Any]
-_CLASS = 3
 _PIPE = 200
 
 
@@ -126,10 +120,11 @@ def diagnose(
     """Diagnose a folder; writes ``diagnosis.json``, ``report.html``, ``model/``, ``base/`` and ``figures/``."""
     campaign, options = read(folder, manifest, allow_outside=outside), Options.from_config(config)
     with claim(out, "diagnose", [folder], RESULTS, overwrite=overwrite) as place:
-        _diagnose(campaign, place, options, out)
+        diagnose_into(campaign, place, options, out)
 
 
-def _diagnose(campaign: Campaign, place: Place, options: Options, out: Path) -> Diagnosis:
+def diagnose_into(campaign: Campaign, place: Place, options: Options, out: Path) -> Diagnosis:
+    """Diagnose, write what `diagnose` writes, and print it; ``out`` is the place as the user calls it."""
     with _progress() as progress:
         diagnosis = run_diagnosis(campaign, options, progress, on_base=lambda fitted: _keep(fitted, place / "base"))
         progress("write the report")
@@ -272,71 +267,6 @@ def gather(folder: Path) -> pd.DataFrame:
         print(f"{name}: {reason}")
     print(f"results: {folder / 'runs.csv'}")
     return found
-
-
-def demo(seed: int | None, out: Path, config: Config, overwrite: bool = False) -> None:
-    """Conceal an effect, seal it, diagnose the recordings, open the seal.
-
-    Raises:
-        PhnnError: the sealed effect was neither named nor in a stated class of at most three.
-    """
-    from phnn.demo import EFFECTS, generate, open_seal, write_seal
-
-    chosen = secrets.randbelow(10_000) if seed is None else seed
-    print(f"seed {chosen} (repeat with SEED={chosen}); one of {', '.join(EFFECTS)} is concealed", flush=True)
-    with claim(out, "demo", (), ("recordings", "seal", "diagnosis"), overwrite=overwrite) as place:
-        folder, seal_file = (place / "recordings").own_folder(), (place / "seal").own_folder() / "sealed.json"
-        digest = write_seal(generate(chosen, folder), seal_file)
-        print(f"sealed the answer in {seal_file}, SHA-256 {digest}", flush=True)
-        diagnosis = _diagnose(read(folder), place / "diagnosis", Options.from_config(config), out / "diagnosis")
-    sealed = open_seal(seal_file)
-    j = diagnosis.judgement
-    claimed = j.claimed
-    named = [f.trial.candidate.effect.name for f in claimed]
-    members = list(dict.fromkeys(t.candidate.effect.name for f in claimed for t in f.members))
-    held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")
-    print(f"opened the seal: {sealed.effect}, residual {sealed.strength_over_noise:.3g} × noise, {sealed.parameters}")
-    print(f"held-out residual over noise: {held[0]:.3g} -> {held[1]:.3g}")
-    words = ("+".join(named) or j.verdict, ",".join(members) or "-")
-    print(f"sealed: {sealed.effect}  verdict: {j.verdict}  named: {words[0]}  class: {words[1]}", flush=True)
-    if sealed.effect not in named and not (sealed.effect in members and len(members) <= _CLASS):
-        raise PhnnError(f"the sealed effect {sealed.effect} was not found; see {out / 'diagnosis' / 'report.html'}")
-
-
-def prove(out: Path, config: Config, overwrite: bool = False) -> None:
-    """Conceal many effects, seal the answers, diagnose all, count; writes ``report.html``, tables and figures."""
-    from phnn.prove.nulls import counts
-    from phnn.prove.page import numbers, write_proof
-    from phnn.prove.run import claimed
-    from phnn.prove.run import prove as run_proof
-    from phnn.prove.settings import Settings as ProofSettings
-
-    settings = ProofSettings.from_config(config)
-    print(f"seed {settings.seed}", flush=True)
-    with claimed(out, settings, overwrite) as place:
-        outcomes, digest = run_proof(settings, place, lambda message: print(message, flush=True))
-        found = write_proof(outcomes, settings, digest, place)
-    table = Table("what", "share", "cases", "95 % interval", "target", title="proof")
-    for r in found:
-        if r.cases:
-            low, high = (f"{100 * v:.1f}" for v in r.interval)
-            table.add_row(r.label, f"{100 * r.share:.1f} %", f"{r.hits} of {r.cases}", f"{low} – {high} %", r.target)
-    console = Console()
-    console.print(table)
-    nulls = counts(outcomes)
-    if nulls:
-        console.print(_null_table(nulls))
-    for label, value, target in numbers(outcomes):
-        console.print(f"{label}: {value} (target {target})")
-    print(f"report: {out / 'report.html'}")
-
-
-def _null_table(nulls: Sequence[Count]) -> Table:
-    table = Table("nulls of", "cases", "right", "false names", "unknown", "failed", "seconds", title="nulls by family")
-    for c in nulls:
-        named = f"{c.named}: {c.false}" if c.named else "0"
-        table.add_row(c.family, *map(str, (c.cases, c.right, named, c.unknown, c.failed)), f"{c.seconds:.0f}")
-    return table
 
 
 def _note(fitted: Fit, name: str) -> str | None:

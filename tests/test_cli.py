@@ -34,8 +34,9 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, tuple[Any, ...]]]:
 
 
 def _install(monkeypatch: pytest.MonkeyPatch, stub: types.ModuleType) -> None:
-    monkeypatch.setitem(sys.modules, "phnn.commands", stub)
-    monkeypatch.setattr(phnn, "commands", stub, raising=False)
+    for module in ("commands", "concealing"):
+        monkeypatch.setitem(sys.modules, f"phnn.{module}", stub)
+        monkeypatch.setattr(phnn, module, stub, raising=False)
 
 
 def _failing(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:

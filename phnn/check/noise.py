@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phnn.recordings.excitation import Excitation
 from phnn.recordings.recording import Recording
+from phnn.signals.least_squares import residual
 from phnn.signals.noise import quantisation_step
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
+
+Array = NDArray[np.float64]
 
 # Harmonics of the drive in which periods may differ because the motion has not settled.
 _SETTLING = 3
@@ -35,22 +39,25 @@ def _between_periods(r: Recording, excitation: Excitation) -> Sample | None:
     start, lag = first + round(skip * size), round(whole // 2 * size)
     late = whole // 2 * size - lag
     y = r.y[start : min(last, r.y.size)]
-    times = np.arange(y.size) / size
-    waves = [
-        f(2.0 * np.pi * k * times) for k in range(1, min(_HARMONICS, int(0.4 * size)) + 1) for f in (np.cos, np.sin)
-    ]
-    design = np.column_stack([np.ones_like(times), *waves])
-    smooth = design @ np.linalg.lstsq(design, y, rcond=None)[0]
+    harmonics = min(_HARMONICS, int(0.4 * size))
+    smooth = y - residual(y, lambda rows: _waves(rows, size, harmonics))
     speed = np.gradient(smooth, r.dt)
     count = y.size - lag
-    changed = y[lag:] - y[:count]
     # Offset, trend, amplitude, what settles, and the fraction of a sample by which the periods miss each other.
-    low = waves[: 2 * _SETTLING]
-    slow = np.column_stack([np.ones(count), np.arange(count), smooth[:count], *(w[:count] for w in low)])
+    shapes = [np.arange(float(count)), smooth[:count]]
     if abs(late) > 1e-9:
-        slow = np.column_stack([slow, speed[:count], np.gradient(speed, r.dt)[:count]])
-    slow = slow / np.linalg.norm(slow, axis=0)
-    changed = changed - slow @ np.linalg.lstsq(slow, changed, rcond=None)[0]
+        shapes += [speed[:count], np.gradient(speed, r.dt)[:count]]
+    slow = [shape / np.sqrt(np.mean(shape**2)) for shape in shapes]
+    changed = residual(
+        y[lag:] - y[:count],
+        lambda rows: np.column_stack([*(shape[rows] for shape in slow), _waves(rows, size, min(_SETTLING, harmonics))]),
+    )
     return Sample(
         changed / np.sqrt(2.0), r.dt, speed[:count], quantisation_step(r.y), above=(_SETTLING + 1.5) / r.period
     )
+
+
+def _waves(rows: slice, size: float, harmonics: int) -> Array:
+    """(n, 1 + 2 K) a constant, cosines and sines of the first harmonics of ``size`` samples, at some samples."""
+    phase = 2.0 * np.pi / size * np.outer(np.arange(rows.start, rows.stop), np.arange(1, harmonics + 1))
+    return np.column_stack([np.ones(phase.shape[0]), np.cos(phase), np.sin(phase)])

@@ -13,7 +13,7 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.identify.evaluate import Evaluation, PartScore
-from phnn.output import Place, finite
+from phnn.output import Place, finite, same
 
 SCHEMA = "phnn.compared/1"
 FILE, OUTPUTS = "result.json", "outputs.npz"
@@ -76,19 +76,9 @@ def kept(name: str, folder: Path, made_with: Mapping[str, Any], recordings: str)
             content["facts"],
             content["substeps"],
         )
-        before = content["made_with"], content["recordings"], content["schema"]
+        before = {**content["made_with"], "recordings": content["recordings"], "schema": content["schema"]}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputRefused(f"{path}: cannot be read ({type(error).__name__}): delete {folder}") from error
-    _check_same(path, before, (json.loads(json.dumps(finite(made_with))), recordings, SCHEMA))
+    now = {**json.loads(json.dumps(finite(made_with))), "recordings": recordings, "schema": SCHEMA}
+    same(path, before, now, "take another --out, or resume=false to fit it anew")
     return found
-
-
-def _check_same(path: Path, before: tuple[Any, str, str], now: tuple[Any, str, str]) -> None:
-    """Refuse a result that would have come out differently now."""
-    remedy = "take another --out, or resume=false to fit it anew"
-    if before[1:] != now[1:]:
-        raise InputRefused(f"{path}: was made of other recordings or by another version: {remedy}")
-    for key in sorted(set(before[0]) | set(now[0])):
-        old, new = before[0].get(key), now[0].get(key)
-        if old != new:
-            raise InputRefused(f"{path}: was made with {key}={old}, now {key}={new}: {remedy}")

@@ -30,7 +30,7 @@ from phnn.learn.settings import Settings
 from phnn.learn.solvers import compiled, solver_for
 from phnn.learn.starts import plant_for
 from phnn.learn.windows import thinned
-from phnn.output import Place
+from phnn.output import Place, write_atomic
 from phnn.recordings import Campaign, read
 
 # Hysteron 1 of Table 1, slowed down until an explicit method can follow it: it relaxes at C/ϱ⁻¹ = 0.5 ms.
@@ -174,9 +174,10 @@ def _write_slow(folder: Path, noise_um: float, seed: int) -> None:
     sensor = np.random.default_rng(seed)
     actuator = with_hysterons(TABLE, 1, np.random.default_rng(seed)) | SLOW
     for excitation, q in zip(plan, simulate_all(actuator, plan), strict=True):
-        write_recording(folder / f"{excitation.name}.csv", excitation, measured(q, noise_um * 1e-6, 1e-9, sensor))
+        y = measured(q, noise_um * 1e-6, 1e-9, sensor)
+        write_recording(folder / f"{excitation.name}.csv", excitation, y, write_atomic)
     chosen = {e.name: "identification" if e.name in names else "confirmation" for e in plan}
-    write_manifest(folder / MANIFEST, actuator["m"], plan, chosen, _WEIGHING, hysterons=1)
+    write_manifest(folder / MANIFEST, actuator["m"], plan, chosen, _WEIGHING, hysterons=1, write=write_atomic)
 
 
 def _trained(name: str, case: Case, label: str, way: Way, campaign: Campaign, seed: int, progress: Progress) -> Outcome:

@@ -11,7 +11,7 @@ from phnn.demo.actuator import simulate_all
 from phnn.demo.base import draw_base
 from phnn.demo.concealed import EFFECTS, ON_REQUEST, described, draw
 from phnn.demo.excitation import Excitation
-from phnn.demo.folder import MANIFEST, measured, refuse_strangers, write_manifest, write_recording
+from phnn.demo.folder import MANIFEST, Writer, measured, refuse_strangers, write_manifest, write_recording
 from phnn.demo.listed import LOCATIONS
 from phnn.demo.plans import plan_of
 from phnn.demo.sealed import Sealed
@@ -21,7 +21,9 @@ from phnn.errors import InputRefused
 _TARGETS = (1.5, 10.0)  # residual over noise that an effect leaves
 
 
-def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "demo") -> Sealed:
+def generate(
+    seed: int, folder: Path, effect: str | None = None, plan: str = "demo", write: Writer = Path.write_bytes
+) -> Sealed:
     """Draw an actuator, an effect and its strength; simulate, add noise, write the recordings.
 
     Nothing in the folder tells the effect. The answer is returned: keep it with ``write_seal``, elsewhere.
@@ -31,6 +33,7 @@ def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "de
         folder: made if need be; gets ``NAME.csv`` per recording and ``recordings.yaml``.
         effect: one of ``EFFECTS`` or ``ON_REQUEST``; drawn if left out.
         plan: "demo" (12 recordings) or "short" (4).
+        write: puts each file on the disk.
 
     Raises:
         InputRefused: an unknown effect or plan, a negative seed, or a folder that holds files of others.
@@ -62,8 +65,8 @@ def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "de
 
     folder.mkdir(parents=True, exist_ok=True)
     for excitation, q in zip(excitations, outputs, strict=True):
-        write_recording(folder / f"{excitation.name}.csv", excitation, measured(q, noise, quantisation, sensor))
-    write_manifest(folder / MANIFEST, base["m"], excitations)
+        write_recording(folder / f"{excitation.name}.csv", excitation, measured(q, noise, quantisation, sensor), write)
+    write_manifest(folder / MANIFEST, base["m"], excitations, write=write)
     effects = () if name == "none" else (name,)
     location, stratum = tuple(LOCATIONS[n] for n in effects), "same" if effects else "none"
     return Sealed(

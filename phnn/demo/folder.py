@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,8 @@ from phnn.demo.excitation import Excitation
 from phnn.demo.noise import Noise
 from phnn.errors import InputRefused
 
+# What puts the content of a file on a disk. Whoever asks for recordings brings it: the package is not known here.
+Writer = Callable[[Path, bytes], object]
 MANIFEST = "recordings.yaml"
 _ZERO = 5e-6  # m, largest displacement zero of a recording
 
@@ -45,7 +47,7 @@ def reported(q: Array, noise: Noise, rng: np.random.Generator) -> Array:
     return rounded
 
 
-def write_recording(path: Path, excitation: Excitation, y: Array) -> None:
+def write_recording(path: Path, excitation: Excitation, y: Array, write: Writer = Path.write_bytes) -> None:
     """One csv with times, voltages and the displacements ``y``, (samples,), m."""
     t = excitation.t
     table = {
@@ -54,7 +56,7 @@ def write_recording(path: Path, excitation: Excitation, y: Array) -> None:
         # The least step is a whole number of nanometres: more decimals would only be rounding errors.
         "displacement_um": np.round(y * 1e6, 3),
     }
-    pd.DataFrame(table).to_csv(path, index=False)
+    write(path, pd.DataFrame(table).to_csv(index=False).encode())
 
 
 def write_manifest(
@@ -64,6 +66,7 @@ def write_manifest(
     uses: Mapping[str, str] | None = None,
     spread: float = ANCHOR,
     hysterons: int = 2,
+    write: Writer = Path.write_bytes,
 ) -> None:
     """What a person would say of the recordings: their starts, and the weighed mass.
 
@@ -72,6 +75,7 @@ def write_manifest(
         uses: by recording name, "identification" or "confirmation"; nothing is said where it is left out.
         spread: standard deviation of the weighing over the mass.
         hysterons: as a person would state them.
+        write: puts it on the disk.
     """
     recordings = []
     for excitation in plan:
@@ -91,4 +95,4 @@ def write_manifest(
         "voltage": "command",
         "recordings": recordings,
     }
-    path.write_text(OmegaConf.to_yaml(OmegaConf.create(manifest)), encoding="utf-8")
+    write(path, OmegaConf.to_yaml(OmegaConf.create(manifest)).encode())

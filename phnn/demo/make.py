@@ -17,7 +17,7 @@ from phnn.demo.concealed import Concealed, described
 from phnn.demo.conditions import PLAIN
 from phnn.demo.disturbance import Disturbance
 from phnn.demo.excitation import Excitation
-from phnn.demo.folder import MANIFEST, refuse_strangers, reported, write_manifest, write_recording
+from phnn.demo.folder import MANIFEST, Writer, refuse_strangers, reported, write_manifest, write_recording
 from phnn.demo.other_base import HYSTERONS, acts_on
 from phnn.demo.parameters import Array
 from phnn.demo.sealed import Sealed
@@ -57,7 +57,7 @@ class _Gauges:
         return float(residual) / case.noise.deviation, float(np.linalg.norm(self.white.left(outputs)))
 
 
-def make_case(case: Case, folder: Path) -> Sealed:
+def make_case(case: Case, folder: Path, write: Writer = Path.write_bytes) -> Sealed:
     """Find shapes and strengths, simulate, add noise, write the recordings; nothing in the folder tells the answer.
 
     Where no strength of a drawn shape reaches what is wanted, the shape is drawn again, ten times, then the case's
@@ -66,6 +66,7 @@ def make_case(case: Case, folder: Path) -> Sealed:
     Args:
         case: what to conceal.
         folder: made if need be; gets ``NAME.csv`` per recording and ``recordings.yaml``.
+        write: puts each file on the disk.
 
     Returns:
         The answer: keep it with ``write_seal``, elsewhere.
@@ -87,8 +88,8 @@ def make_case(case: Case, folder: Path) -> Sealed:
     reports = [reported(q, case.noise, sensor) for q in final.outputs]
     folder.mkdir(parents=True, exist_ok=True)
     for excitation, y in zip(plan, reports, strict=True):
-        write_recording(folder / f"{excitation.name}.csv", excitation, y)
-    write_manifest(folder / MANIFEST, case.stated_mass, plan, hysterons=case.stated_hysterons)
+        write_recording(folder / f"{excitation.name}.csv", excitation, y, write)
+    write_manifest(folder / MANIFEST, case.stated_mass, plan, hysterons=case.stated_hysterons, write=write)
     answer = _answer(case, choice, parts, redrawn, outputs, gauges)
     if case.family:
         answer = replace(answer, **_noise_as_made(case, reports, outputs, final.power))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from phnn.demo.folder import Writer
 from phnn.errors import InputRefused
 
 
@@ -94,8 +94,11 @@ _ON_REQUEST = (
 )
 
 
-def write_seal(sealed: Sealed, path: Path) -> str:
+def write_seal(sealed: Sealed, path: Path, write: Writer = Path.write_bytes) -> str:
     """Write the answer as json; it must lie outside the folder that is diagnosed.
+
+    Args:
+        write: puts it on the disk.
 
     Returns:
         The SHA-256 of the file, in hexadecimal: printed now, it proves later that the answer was not changed.
@@ -103,9 +106,7 @@ def write_seal(sealed: Sealed, path: Path) -> str:
     content = {n: v for n, v in asdict(sealed).items() if v or n not in _ON_REQUEST}
     data = (json.dumps(content, indent=2, sort_keys=True, allow_nan=False) + "\n").encode()
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_bytes(data)
-    os.replace(temporary, path)
+    write(path, data)
     return hashlib.sha256(data).hexdigest()
 
 

@@ -18,6 +18,7 @@ from phnn.demo.excitation import PEAK, Excitation, chirp, sine, step
 from phnn.demo.folder import MANIFEST, measured, refuse_strangers, write_manifest, write_recording
 from phnn.demo.strength import find_strength, ruler
 from phnn.errors import InputRefused
+from phnn.output import write_atomic
 
 IDENTIFICATION_HZ = (1.0, 50.0, 100.0, 150.0)
 VALIDATION_HZ = (10.0, 25.0, 75.0)
@@ -119,8 +120,8 @@ def write_recordings(
     folder.mkdir(parents=True, exist_ok=True)
     for excitation, q in zip(plan, outputs, strict=True):
         y = measured(q, conditions.noise_um * 1e-6, conditions.step_nm * 1e-9, sensor)
-        write_recording(folder / f"{excitation.name}.csv", excitation, y)
-    write_manifest(folder / MANIFEST, TABLE["m"], plan, uses, _WEIGHING)
+        write_recording(folder / f"{excitation.name}.csv", excitation, y, write_atomic)
+    write_manifest(folder / MANIFEST, TABLE["m"], plan, uses, _WEIGHING, write=write_atomic)
     return made
 
 

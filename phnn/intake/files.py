@@ -70,7 +70,10 @@ class Source:
         self.check_size(most, what)
         with self.open() as file:
             try:
-                content = file.read(most + 1)
+                # What is asked for is set aside at once, so not more than there is; a file may have grown since.
+                content = file.read(min(self.size, most) + 1)
+                if len(content) > self.size:
+                    content += file.read(most + 1 - len(content))
             except OSError as error:
                 raise InputRefused(f"{self.name}: cannot be read ({error.strerror}): copy it again") from error
         if len(content) > most:

@@ -11,6 +11,7 @@ from phnn.errors import InputRefused
 from phnn.intake.files import named_file
 from phnn.intake.limits import LIMITS
 from phnn.intake.yaml_file import load_yaml
+from phnn.output import same
 
 # Keys that say where a run lies or how long it may go on, not what it computes: they may differ when it resumes.
 FREE_TO_CHANGE = ("out", "folder", "manifest", "allow_outside", "resume", "checkpoint_every", "tensorboard", "base")
@@ -134,11 +135,4 @@ def settings_in(path: Path) -> dict[str, Any]:
 
 def check_same(before: Mapping[str, Any], now: Mapping[str, Any], where: Path) -> None:
     """Refuse to resume a run with settings that would have made it another one."""
-    for key in sorted(set(before) | set(now)):
-        if key not in FREE_TO_CHANGE and before.get(key) != now.get(key):
-            if key == "recordings":
-                raise InputRefused(f"{where}: was trained on other recordings: take another out, or resume=false")
-            raise InputRefused(
-                f"{where}: was trained with {key}={before.get(key)}, now {key}={now.get(key)}: take the former, "
-                "another out, or resume=false to begin anew"
-            )
+    same(where, before, now, "take the former, another out, or resume=false to begin anew", FREE_TO_CHANGE)

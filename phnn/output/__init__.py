@@ -5,5 +5,17 @@ from phnn.output.files import finite, write_atomic
 from phnn.output.names import file_name, unique_names
 from phnn.output.place import Place
 from phnn.output.record import sha256_of
+from phnn.output.sameness import same
 
-__all__ = ["Place", "apart", "claim", "file_name", "finished", "finite", "sha256_of", "unique_names", "write_atomic"]
+__all__ = [
+    "Place",
+    "apart",
+    "claim",
+    "file_name",
+    "finished",
+    "finite",
+    "same",
+    "sha256_of",
+    "unique_names",
+    "write_atomic",
+]

@@ -17,6 +17,7 @@ from phnn.errors import InputRefused, OutputFailed, OutputRefused, PhnnError
 from phnn.output.files import PART, finite, refusal, write_atomic
 from phnn.output.place import Place
 from phnn.output.record import FOLDER, Line, Record, foreign, is_empty
+from phnn.output.sameness import same
 
 INCOMPLETE = "INCOMPLETE.txt"
 _RUN, _LOCK, _PROBE = "run.json", "lock", "probe"
@@ -24,8 +25,6 @@ _RUN, _LOCK, _PROBE = "run.json", "lock", "probe"
 _LEAST_FREE = 8 << 20
 _PROBED = 64 << 10
 _SCHEMA = "phnn.run/1"
-# What hashes stand for, in words.
-_HASHES = {"recordings": "other recordings", "base": "another model to start from"}
 
 
 @contextmanager
@@ -63,33 +62,47 @@ def claim(
     new = not root.exists()
     _prepare(root)
     with _locked(root):
-        _probe(root)
-        _clean(root)
-        record = Record(root)
-        record.adopt()
-        _met(root, record, results, overwrite)
-        now = _complete(made_of)
+        record = _entered(root, results, overwrite)
+        run = {"schema": _SCHEMA, "command": command, "made_of": _complete(made_of)}
         before = _before(root)
         if resume:
-            _same(out, before, {"command": command, "made_of": now}, anew)
+            _go_on(out, before, run, anew)
         record.compact()
         place, earlier = Place(root, overwrite=overwrite, by=command, record=record), list(record.lines())
-        marked = (root / INCOMPLETE).exists()
-        _mark(root, {"schema": _SCHEMA, "command": command, "made_of": now, "complete": False})
-        (place / INCOMPLETE).write(_words(command, ()).encode())
-        try:
+        with _begun(place, run, before, new):
             yield place
-        except BaseException as error:
-            done = [line.name for line in record.lines()][len(earlier) + 1 :]
-            if isinstance(error, InputRefused) and not done and not marked:
-                _undo(place, before, new)
-            else:
-                _tell(place, _words(command, done))
-            raise
         if not resume:
             _forget(place, results, earlier, list(record.lines())[len(earlier) :])
-        _mark(root, {"schema": _SCHEMA, "command": command, "made_of": now, "complete": True})
+        _mark(root, {**run, "complete": True})
         (place / INCOMPLETE).remove()
+
+
+def _entered(root: Path, results: Sequence[str], overwrite: bool | None) -> Record:
+    """The record of a folder in which there is room, without halves of files, and without strangers in the way."""
+    _probe(root)
+    _clean(root)
+    record = Record(root)
+    record.adopt()
+    _met(root, record, results, overwrite)
+    return record
+
+
+@contextmanager
+def _begun(place: Place, run: Mapping[str, Any], before: Mapping[str, Any] | None, new: bool) -> Iterator[None]:
+    """Mark a run as begun. Where it stops the mark says what was finished, or goes where nothing was."""
+    root, record, command = place.root, place.record or Record(place.root), run["command"]
+    marked, earlier = (root / INCOMPLETE).exists(), len(list(record.lines()))
+    _mark(root, {**run, "complete": False})
+    (place / INCOMPLETE).write(_words(command, ()).encode())
+    try:
+        yield
+    except BaseException as error:
+        done = [line.name for line in record.lines()][earlier + 1 :]
+        if isinstance(error, InputRefused) and not done and not marked:
+            _undo(place, before, new)
+        else:
+            _tell(place, _words(command, done))
+        raise
 
 
 @contextmanager
@@ -118,7 +131,7 @@ def finished(out: Path, command: str, made_of: Mapping[str, Any], anew: str = ""
     """
     root = _resolved(out)
     before = _before(root)
-    _same(out, before, {"command": command, "made_of": _complete(made_of)}, anew)
+    _go_on(out, before, {"command": command, "made_of": _complete(made_of)}, anew)
     return before is not None and before.get("complete") is True
 
 
@@ -184,7 +197,8 @@ def _probe(root: Path) -> None:
 def _clean(root: Path) -> None:
     """Remove what a run that was killed has left half written; temporary names are 16 hexadecimal digits."""
     known = Record(root).digests()
-    folders = {root, root / FOLDER} | {(root / name).parent for name in known}
+    # Folders whose whole content is phnn's stand in the record by their own names.
+    folders = {root, root / FOLDER} | {(root / name).parent for name in known} | {root / name for name in known}
     for folder in folders:
         if not folder.is_dir() or folder.resolve() != folder:
             continue
@@ -217,19 +231,14 @@ def _before(root: Path) -> dict[str, Any] | None:
     return content if isinstance(content, dict) and content.get("schema") == _SCHEMA else None
 
 
-def _same(out: Path, before: Mapping[str, Any] | None, now: Mapping[str, Any], anew: str) -> None:
+def _go_on(out: Path, before: Mapping[str, Any] | None, now: Mapping[str, Any], anew: str) -> None:
     """Refuse to go on with what was made of something else."""
     if before is None:
         return
     remedy = "take another --out" + (f", or {anew} to begin anew" if anew else "")
     if before.get("command") != now["command"]:
         raise OutputRefused(f"{out}: holds results of phnn {before.get('command')}: {remedy}")
-    old, new = before.get("made_of") or {}, now["made_of"]
-    for key in sorted(set(old) | set(new)):
-        if old.get(key) != new.get(key):
-            shown = "" if key in _HASHES else f" ({key}: {old.get(key)} before, {new.get(key)} now)"
-            what = _HASHES.get(key, "other settings")
-            raise OutputRefused(f"{out}: was made with {what}{shown}: {remedy}")
+    same(out, before.get("made_of") or {}, now["made_of"], remedy)
 
 
 def _mark(root: Path, content: Mapping[str, Any]) -> None:

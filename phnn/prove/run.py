@@ -19,7 +19,7 @@ from phnn.demo import Sealed, make_case, open_seal, write_seal
 from phnn.effects import catalogue
 from phnn.ensemble import executor
 from phnn.errors import OutputFailed, OutputRefused, PhnnError
-from phnn.output import Place, claim
+from phnn.output import Place, claim, write_atomic
 from phnn.prove.cases import Task, tasks
 from phnn.prove.fast import score_folder
 from phnn.prove.full import diagnose_folder
@@ -97,8 +97,8 @@ def _sealed(room: Room, task: Task) -> None:
     """Make the recordings of a case; the seal comes last, so that it stands for both."""
     folder = room.recordings(task)
     shutil.rmtree(folder, ignore_errors=True)
-    sealed: Sealed = make_case(task.case(), folder)
-    write_seal(sealed, room.seal(task))
+    sealed: Sealed = make_case(task.case(), folder, write_atomic)
+    write_seal(sealed, room.seal(task), write_atomic)
 
 
 def _answered(room: Room, settings: Settings, task: Task) -> None:

@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from phnn.signals.least_squares import residual
+from phnn.signals.long_spline import spline
 from phnn.signals.noise import longest_hold
 
 _UNLIKE = 0.3  # mismatch that a signal must reach before a return counts as a period
@@ -117,22 +120,22 @@ def _snapped(period: float, count: int) -> float:
 def _mismatches(x: np.ndarray, most: int) -> np.ndarray:
     """``(most+1,)`` mismatch of ``x`` with itself at whole lags."""
     n = x.size
-    spectrum = np.fft.rfft(x, 2 * n)
-    cross = np.fft.irfft(np.abs(spectrum) ** 2)[: most + 1]
+    spectrum = np.abs(np.fft.rfft(x, 2 * n))
+    spectrum **= 2
+    # A copy, so that the other half of the lags is freed.
+    cross = np.fft.irfft(spectrum)[: most + 1].copy()
+    del spectrum
     squares = np.concatenate(([0.0], np.cumsum(x * x)))
-    lags = np.arange(most + 1)
-    energy = squares[n - lags] + (squares[n] - squares[lags])
-    return np.asarray((energy - 2.0 * cross) / (n - lags) / (2.0 * float(x.var())))
+    energy = squares[n - most :][::-1] + (squares[n] - squares[: most + 1])
+    return np.asarray((energy - 2.0 * cross) / (n - np.arange(most + 1)) / (2.0 * float(x.var())))
 
 
 def _refined(x: np.ndarray, lag: float, reach: float) -> tuple[float, float]:
     """The lag of least mismatch within ``reach`` samples, and that mismatch."""
-    from scipy.interpolate import CubicSpline
     from scipy.optimize import minimize_scalar
 
     stride = max(1, x.size // 20_000)  # some thousands of samples settle it
-    k = np.arange(x.size)
-    curve = CubicSpline(k, x)
+    k, curve = np.arange(x.size), spline(x)
     variance = 2.0 * float(x.var())
 
     def mismatch(at: float) -> float:
@@ -146,11 +149,14 @@ def _refined(x: np.ndarray, lag: float, reach: float) -> tuple[float, float]:
     return min(((float(best.x), float(best.fun)), (whole, mismatch(whole))), key=lambda pair: pair[1])
 
 
-def _sine_misfit(x: np.ndarray, frequency: float) -> float:
+def _sine_misfit(x: NDArray[np.float64], frequency: float) -> float:
     """Share of the variance of ``x`` that a sine of that frequency (cycles per sample) leaves."""
-    phase = 2.0 * np.pi * frequency * np.arange(x.size)
-    basis = np.column_stack([np.ones(x.size), np.sin(phase), np.cos(phase)])
-    rest = x - basis @ np.linalg.lstsq(basis, x, rcond=None)[0]
+
+    def waves(rows: slice) -> NDArray[np.float64]:
+        phase = 2.0 * np.pi * frequency * np.arange(rows.start, rows.stop)
+        return np.column_stack([np.ones(phase.size), np.sin(phase), np.cos(phase)])
+
+    rest = residual(x, waves)
     return float(rest @ rest) / max(float(np.sum((x - x.mean()) ** 2)), 1e-300)
 
 
@@ -159,7 +165,7 @@ def _single_sine(x: np.ndarray) -> float | None:
     from scipy.optimize import minimize_scalar
 
     stride = max(1, x.size // 1000)
-    thin = x[::stride]
+    thin = np.asarray(x[::stride], dtype=float)
     grid = np.geomspace(0.3, 3.0, 24) / thin.size
     coarse = [_sine_misfit(thin, float(f)) for f in grid]
     i = int(np.argmin(coarse))

@@ -90,6 +90,8 @@ def _drafts(files: Files, entry: Entry, said: Manifest, need_output: bool) -> li
     u_name, y_names = _roles(entry, channels, said, table, need_output)
     pieces = segmented(entry, channels, table)
     size = next(iter(channels.values())).values.size
+    # The channels have copies of what is needed.
+    table = replace(table, columns=())
     checks.not_too_many(len(pieces) * len(y_names), size * len(y_names), files.home)
     return [_draft(piece, table, channels, (u_name, y_name), said) for piece in pieces for y_name in y_names]
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
+from phnn.output import file_name
 from phnn.report.document import Document
 from phnn.report.evidence import Evidence, Trace
 from phnn.report.figures import (
@@ -57,8 +57,7 @@ class _Counter:
 
     def drawing(self, stem: str, title: str, alt: str, figure: Figure) -> Drawing:
         self.count += 1
-        name = re.sub(r"[^A-Za-z0-9._-]+", "-", stem).strip("-.")[:80]
-        return Drawing(f"{self.count:02d}-{name}.png", title, alt, png(figure))
+        return Drawing(file_name(f"{self.count:02d}-{stem}", ".png"), title, alt, png(figure))
 
 
 def _worst_first(traces: Sequence[Trace], document: Document) -> list[Trace]:

@@ -138,11 +138,14 @@ def _folded(plant: Callable[[Array], Array], f: Array, rate: float) -> Array:
 
 def _gain(power: Array, shape: Array, shares: Array) -> tuple[float, float]:
     """Twice the gain of the log likelihood over white noise, its level free, and the share at which it is largest."""
-    spectra = 1.0 + shares[:, None] * (shape - 1.0)
-    level = np.mean(power / spectra, axis=1)
-    found = 2.0 * (power.size * (np.log(power.mean()) - np.log(level)) - np.log(spectra).sum(axis=1))
+    found = []
+    # One by one: all of them together would take some hundred times the memory of the spectrum.
+    for share in shares:
+        spectrum = 1.0 + share * (shape - 1.0)
+        gain = power.size * (np.log(power.mean()) - np.log(np.mean(power / spectrum))) - np.log(spectrum).sum()
+        found.append(2.0 * float(gain))
     best = int(np.argmax(found))
-    return float(found[best]), float(shares[best])
+    return found[best], float(shares[best])
 
 
 def _jitter(x: Array, speed: Array | None) -> float | None:

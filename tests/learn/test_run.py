@@ -74,7 +74,7 @@ def test_a_network_is_trained_scored_and_stored(tmp_path: Path) -> None:
     # The run is over: it stays as it is, file by file, whatever is tried.
     before = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
     assert train(settings) == content
-    with pytest.raises(InputRefused, match=r"config\.yaml: was trained with seed=0, now seed=1"):
+    with pytest.raises(InputRefused, match=r"config\.yaml: was made with other settings \(seed: 0 before, 1 now\)"):
         train(settings_of(folder, out, *QUICK, "gauss_newton=3", "substeps=2", "seed=1"))
     other = settings_of(written(tmp_path / "other", (30.0, 50.0)), out, *QUICK, "gauss_newton=3", "substeps=2")
     with pytest.raises(InputRefused, match=r"was made with other recordings: take another --out, or resume=false"):

@@ -282,3 +282,12 @@ def test_beginning_anew_is_never_going_on(tmp_path: Path) -> None:
         (place / "answer").write(b"1")
     with pytest.raises(InputRefused, match="seed: 1 before, 2 now"):
         claim(tmp_path, "prove", made_of={"seed": 2}, resume=True, overwrite=True).__enter__()
+
+
+def test_halves_of_files_go_from_folders_of_its_own_too(tmp_path: Path) -> None:
+    with claim(tmp_path, "demo", (), ("recordings",)) as place:
+        folder = (place / "recordings").own_folder()
+        (folder / "a.csv").write_bytes(b"1")
+    (folder / f".{'0a' * 8}.part").write_bytes(b"half")
+    with claim(tmp_path, "demo", (), ("recordings",)) as place:
+        assert [p.name for p in (place / "recordings").own_folder().iterdir()] == ["a.csv"]

@@ -15,7 +15,7 @@ import pytest
 from report_example import NOISE, make_document, make_evidence, make_trace
 
 from phnn.errors import InputRefused, OutputFailed
-from phnn.output import Place, claim
+from phnn.output import Place, claim, file_name
 from phnn.report import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace, write_report
 
 VERDICTS = ("named", "equivalent", "unknown", "none")
@@ -180,7 +180,7 @@ def test_names_from_outside_are_escaped(tmp_path: Path) -> None:
     assert all(target.startswith(("data:", "#")) for target in page.fetched)
     assert name in page.text
     for path in (tmp_path / "figures").iterdir():
-        assert re.fullmatch(r"[A-Za-z0-9._-]+\.png", path.name)
+        assert path.name == file_name(path.name) and not set(path.name) & set("<>\"'&$`\\/:*?|")
 
 
 def test_a_model_that_failed_and_a_recording_without_noise_are_drawn(tmp_path: Path) -> None:
