@@ -86,7 +86,8 @@ def test_document_has_the_keys_that_others_read(case: str) -> None:
     for scores in (*content["fit"]["before"].values(), *content["fit"]["after"].values()):
         assert set(scores) == {"fit_percent", "rmse", "residual_over_noise"}
     for entry in content["missing"]:
-        assert set(entry) - {"nearest"} == MISSING
+        assert set(entry) - {"nearest", "description"} == MISSING
+        assert ("description" in entry) == (entry["status"] == "described")
         assert ("nearest" in entry) == (entry["effect"] == "unknown")
         assert entry["status"] in ("named", "equivalent", "described", "provisional")
         assert entry["held_out"] is None or set(entry["held_out"]) == {"before", "after", "p_value", "rms"}
@@ -185,6 +186,27 @@ def test_what_has_no_name_is_in_the_model_where_it_helps(case: str, place: str) 
         assert entry["effect"] == "unknown"
         assert bool(entry["parameters"]) is bool(found.judgement.findings)
     assert bool(content["fit"]["after"]) is bool(found.judgement.findings)
+
+
+def test_drag_that_the_catalogue_lacks_is_described_by_its_law() -> None:
+    """Nothing but a drift to choose from: a learned damper takes its place, and a formula that of the damper."""
+    content = document(made("unknown"))
+    (entry,) = content["missing"]
+    assert entry["status"] == "described" and entry["nearest"] is None
+    found = entry["description"]
+    assert set(found) == {"kind", "formula", "words", "parameters", "exponents", "passive", "others"}
+    assert found["kind"] == "dissipative" and found["passive"]
+    assert found["words"] in entry["statement"] and found["formula"] == entry["equation"]
+    assert "square of the speed" in found["words"]
+    ((low, high),) = found["exponents"].values()
+    assert low < 2.0 < high and high - low < 0.2
+    assert found_better(content)
+
+
+def found_better(content: dict[str, Any]) -> bool:
+    """Whether every held-out part is fitted better than before."""
+    before, after = content["fit"]["before"], content["fit"]["after"]
+    return all(after[n]["residual_over_noise"] < before[n]["residual_over_noise"] for n in content["fit"]["held_out"])
 
 
 def test_a_refit_that_ended_above_the_base_model_has_failed() -> None:
