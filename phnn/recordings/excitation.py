@@ -13,6 +13,7 @@ from phnn.signals.noise import longest_hold
 
 _UNLIKE = 0.3  # mismatch that a signal must reach before a return counts as a period
 _ALIKE = 1e-3  # mismatch of a noisy repetition
+_LONG = 2**17  # samples from which on memory counts
 _EXACT = 1e-4  # mismatch accepted where only two periods bear witness
 
 
@@ -119,11 +120,15 @@ def _snapped(period: float, count: int) -> float:
 
 def _mismatches(x: np.ndarray, most: int) -> np.ndarray:
     """``(most+1,)`` mismatch of ``x`` with itself at whole lags."""
+    from scipy.fft import next_fast_len
+
     n = x.size
-    spectrum = np.abs(np.fft.rfft(x, 2 * n))
+    # A length with a large prime factor is transformed by way of much longer ones.
+    length = 2 * n if n <= _LONG else int(next_fast_len(2 * n, real=True))
+    spectrum = np.abs(np.fft.rfft(x, length))
     spectrum **= 2
     # A copy, so that the other half of the lags is freed.
-    cross = np.fft.irfft(spectrum)[: most + 1].copy()
+    cross = np.fft.irfft(spectrum, length)[: most + 1].copy()
     del spectrum
     squares = np.concatenate(([0.0], np.cumsum(x * x)))
     energy = squares[n - most :][::-1] + (squares[n] - squares[: most + 1])
