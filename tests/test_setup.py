@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from phnn.effects import Effect, effect, in_all_forms
+from phnn.effects import Effect, Scales, effect, in_all_forms
+from phnn.effects.learned import learned_elements
 from phnn.errors import InputRefused, StructureViolated
 from phnn.models.actuator import from_paper
 from phnn.network.elements import Port
@@ -59,11 +60,16 @@ def test_a_source_has_a_port_of_its_own() -> None:
 
 def test_every_kind_has_an_effect_or_a_model() -> None:
     setups = [built(form) for name in CHAIN for form in in_all_forms([effect(name)])]
+    setups += [e.add_to(Setup(from_paper()), e.grid(SIZES)[0]) for e in learned_elements().values()]
     assert {b.kind for s in setups for b in s.amplifier} | {"bouc_wen"} == set(AMPLIFIERS)
     assert {b.kind for s in setups for b in s.sensor} == set(SENSORS)
     assert {b.kind for s in setups for b in s.sources} == set(SOURCES)
 
 
+SIZES = Scales(
+    voltage=75.0, displacement=1e-4, velocity=1e-2, stiffness=2.5e4, transducer=0.046, slowest=1.0, fastest=100.0,
+    duration=3.0, noise=5e-8,
+)  # fmt: skip
 CHAIN = {
     "amplifier_lowpass": {"tau_a": 1e-3},
     "amplifier_saturation": {"V_max": 20.0},

@@ -149,7 +149,8 @@ def test_training_that_only_fails_says_what_to_do(tmp_path: Path, monkeypatch: p
 def test_a_checkpoint_of_other_settings_is_refused(tmp_path: Path) -> None:
     settings = settings_of(tmp_path, adam=1, lbfgs=0, gauss_newton=0)
     trained(objective_of("neural"), settings)
-    with pytest.raises(InputRefused, match=r"trained with rate=0\.01, now rate=0\.1: take the former.*resume=false"):
+    refused = r"other settings \(rate: 0\.01 before, 0\.1 now\): take the former.*resume=false"
+    with pytest.raises(InputRefused, match=refused):
         trained(objective_of("neural"), replace(settings, rate=0.1))
     assert len(trained(objective_of("neural"), replace(settings, rate=0.1, resume=False)).rows) == 1
     # A run that has ended is not trained again.
