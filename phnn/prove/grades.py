@@ -4,7 +4,8 @@ Nothing missing:
     ``none``. Beside a background its names are exact too, and ``unknown`` counts as a class if the held-out error
     really falls: a background is physics that acts in the recordings, but leaves less than the noise.
 Effects missing:
-    their names, or a stated class of at most `CLASS` with each of them; names of the background may stand beside.
+    their names, or a stated class of at most `CLASS` with each of them; names of the background may stand beside, and
+    so may elements of the model that claim no name.
 Effects whose names are withheld:
     ``unknown`` at their location, tied with at most two others.
 Another hysteresis than that of hysterons, nothing concealed:
@@ -90,7 +91,9 @@ def grade(sealed: Sealed, said: Said) -> str:
     beside = [
         _beside(c, where, sealed, truth, background) for c, where in zip(said.classes, said.locations, strict=True)
     ]
-    told = [c for c, aside in zip(said.classes, beside, strict=True) if not aside]
+    # Beside names, an element without one is a part of the model and claims nothing.
+    claims = [c[0] != "unknown" or not said.names for c in said.classes]
+    told = [c for c, aside, claim in zip(said.classes, beside, claims, strict=True) if claim and not aside]
     if sealed.stratum == "outside":
         unknown = said.verdict == "unknown" and said.located(true_places(sealed)) != "no"
         return EXACT if unknown else WRONG

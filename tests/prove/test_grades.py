@@ -103,6 +103,16 @@ def test_effects_in_another_hysteresis_are_graded_by_name_or_place(answer: Said,
     assert grade(OTHER_CREEP, answer) == wanted
 
 
+def test_an_element_without_a_name_claims_nothing_beside_names() -> None:
+    nameless = ("unknown", "delay", "sensor_lag", "slew_limit", "base_motion")
+    assert grade(CREEP, said("named", ("creep",), nameless)) == EXACT
+    assert grade(CREEP, said("equivalent", ("creep", "delay"), ("unknown",))) == IN_CLASS
+    # It stands for no name, and a wrong one is no better for it.
+    assert grade(CREEP, said("unknown", ("unknown", "creep"))) == WRONG
+    assert grade(CREEP, said("named", ("delay",), ("unknown", "creep"))) == WRONG
+    assert grade(NOTHING, said("unknown", ("unknown",))) == WRONG
+
+
 def test_what_is_expected_of_another_hysteresis() -> None:
     assert expected(replace(OTHER, hysterons=3, stated_hysterons=2)) == ()
     assert (true_places(OTHER), true_places(OTHER_CREEP)) == (("hysteron",), ("mechanical", "hysteron"))
