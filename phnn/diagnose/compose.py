@@ -11,9 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from phnn.diagnose.criteria import Criteria
-from phnn.diagnose.finding import Finding
+from phnn.diagnose.finding import Finding, effects_of
 from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.refit import refit
@@ -58,15 +59,19 @@ class Material:
 
 @dataclass(frozen=True)
 class _Grown:
-    """A model on the recordings it is grown on, and what it predicts on all."""
+    """A model fitted to the recordings it is grown on, and what it predicts on all."""
 
     findings: tuple[Finding, ...]
-    model: Scored
+    fit: Fit
     scores: Evaluation
+    material: Material
 
-    @property
-    def fit(self) -> Fit:
-        return self.model.ground.fit
+    @cached_property
+    def model(self) -> Scored:
+        """With its scores, which take longest: only of a model that may be composed further."""
+        own = self.material
+        every = (*own.effects, *own.learned)
+        return scored(self.fit, every, own.seed, terminals=own.terminals, criteria=own.criteria)
 
     @property
     def pair(self) -> tuple[Fit, Evaluation]:
@@ -118,7 +123,7 @@ def compose(
 
 def _same(some: Sequence[Finding], others: Sequence[Finding]) -> bool:
     """Whether two models have the same effects."""
-    return [f.trial.candidate.effect for f in some] == [f.trial.candidate.effect for f in others]
+    return effects_of(some) == effects_of(others)
 
 
 def _leaves(model: Scored, elements: int, criteria: Criteria) -> LeavesCase:
@@ -133,9 +138,7 @@ def _on(held: LeftOut, fitted: Fit) -> Fit:
 
 
 def _grown(material: Material, held: LeftOut, findings: tuple[Finding, ...], fitted: Fit) -> _Grown:
-    every = (*material.effects, *material.learned)
-    model = scored(fitted, every, material.seed, terminals=material.terminals, criteria=material.criteria)
-    return _Grown(findings, model, held.scores(fitted))
+    return _Grown(findings, fitted, held.scores(fitted), material)
 
 
 def _ended(tried: Sequence[Trial], material: Material) -> list[Candidate]:
@@ -162,15 +165,15 @@ def _further(
         return None
     best, fitted, gained = found
     ordered = [best, *(t for t in trials if t is not best)]
-    members = [t for t in class_of(ordered, here.model.significant, criteria.selection) if _named(material, t)]
+    alike = class_of(ordered, here.model.significant, criteria.selection)
     finding = Finding(
         best,
-        (best, *(t for t in members if t is not best)),
+        (best, *(t for t in alike if t is not best and _named(material, t.candidate))),
         tuple(ordered),
         here.model.naming,
         level=criteria.selection.level,
         gained=gained,
-        learned=not _named(material, best),
+        learned=not _named(material, best.candidate),
     )
     return _grown(material, held, (*here.findings, finding), fitted)
 
@@ -193,8 +196,9 @@ def _chosen(
     return None
 
 
-def _named(material: Material, trial: Trial) -> bool:
-    return any(trial.candidate.effect is e for e in material.effects)
+def _named(material: Material, candidate: Candidate) -> bool:
+    """Whether a candidate belongs to the catalogue."""
+    return any(candidate.effect is e for e in material.effects)
 
 
 def _candidates(material: Material, here: _Grown, again: Sequence[Candidate]) -> list[Candidate]:
@@ -207,9 +211,9 @@ def _candidates(material: Material, here: _Grown, again: Sequence[Candidate]) ->
     ranked = [c for c in here.model.naming.candidates if c.effect.can_be_added_to(here.fit.setup)]
     begun = [_at(c, ranked) for c in again]
     left = [c for c in ranked if all(c.effect is not b.effect for b in begun)]
-    named = [c for c in left if any(c.effect is e for e in material.effects)]
+    named = [c for c in left if _named(material, c)]
     where = here.model.remaining
-    learned = [c for c in left if any(c.effect is e for e in material.learned)]
+    learned = [c for c in left if not _named(material, c)]
     learned.sort(key=lambda c: -_explains(where, c.effect))
     chosen = [*begun, *named[: max(rule.composed_refits - len(begun), 1)]]
     most = max((c.score for c in chosen), default=0.0)

@@ -103,9 +103,7 @@ def confirmed(
     if judgement.location is None:
         return judgement, before, before
     after, tested = _tested(judgement, before, campaign, criteria, record)
-    while harmful := [t for t in tested if not _helps(t, criteria.confirmation)]:
-        if len(tested) == 1:
-            break
+    while len(tested) > 1 and (harmful := [t for t in tested if not _helps(t, criteria.confirmation)]):
         judgement = _dropped(judgement, min(harmful, key=lambda t: t.shown.share_of_noise), score_again)
         after, tested = _tested(judgement, before, campaign, criteria, record)
     claimed = [t for t in tested if not t.finding.provisional]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from phnn.diagnose.confirm import confirmed
@@ -58,13 +58,12 @@ def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) 
     Args:
         without: effects that are left out.
     """
-    found = [e for e in catalogue().values() if e not in without and e.applies(setup)]
-    return [e for e in in_all_forms(found) if not (e.needs_command and campaign.voltage == "terminals")]
+    return _possible(campaign, setup, [e for e in catalogue().values() if e not in without])
 
 
-def learned(campaign: Campaign, setup: Setup) -> list[Effect]:
-    """Learned elements that can exist in a setup."""
-    found = [e for e in learned_elements().values() if e.applies(setup)]
+def _possible(campaign: Campaign, setup: Setup, effects: Iterable[Effect]) -> list[Effect]:
+    """Those of some effects that can exist, in all forms."""
+    found = in_all_forms(e for e in effects if e.applies(setup))
     return [e for e in found if not (e.needs_command and campaign.voltage == "terminals")]
 
 
@@ -135,7 +134,7 @@ def diagnose(
     progress(f"largest score {found.naming.statistic:.3g}: locate and name")
     judgement = judge(
         found, catalogue_, chosen.seed, max(1, chosen.max_effects), campaign.held_out_is_new, refits, criteria,
-        learned(campaign, base.setup), progress,
+        _possible(campaign, base.setup, learned_elements().values()), progress,
     )  # fmt: skip
     progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
 

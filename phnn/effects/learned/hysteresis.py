@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales, has_motion, no_range, with_network
-from phnn.effects.learned.strengths import NEARLY_ZERO, of_any_size, starts, stiffness_of, strength
-from phnn.network.elements import Coupling, Resistor, Storage
+from phnn.effects.effect import Effect, Scales, has_motion, no_range
+from phnn.effects.learned.ladder import with_ladder
+from phnn.effects.learned.strengths import of_any_size, starts
 from phnn.parameters import constant
 from phnn.setup import Setup
 
@@ -26,22 +26,11 @@ _TRAVELS = tuple(f"x_Y{i}" for i in _CELLS)
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``F += −Σ kᵢ sᵢ``, ``ṡᵢ = v − (sᵢ − clip(sᵢ, ±xᵢ))/τ``: springs with a dead-zone resistor, ``J[s, p] = 1``."""
-    typical = _NOTICEABLE * stiffness_of(setup)
-    cells = [(f"learned_stop_{i}", f"k_Y{i}", f"x_Y{i}") for i in _CELLS]
-    least = NEARLY_ZERO * typical
-    parameters = [
-        strength(k, max(values[k], least), "N/m", typical, "stiffness of a learned yielding cell", least)
-        for k in _STRENGTHS
-    ]
-    parameters += [constant(x, values[x], "m", "displacement after which a learned cell slips") for x in _TRAVELS]
-    parameters.append(constant("tau_Y", values["tau_Y"], "s", "time in which a learned cell slips"))
-    network = setup.network.extend(
-        storages=tuple(Storage(s, "spring", (k,), "m") for s, k, _ in cells),
-        resistors=tuple(Resistor(s, "yielding", {s: 1.0}, (k, x, "tau_Y")) for s, k, x in cells),
-        couplings=tuple(Coupling(s, "p", 1.0) for s, _, _ in cells),
-        parameters=tuple(parameters),
-    )
-    return with_network(setup, network)
+    cells = {f"learned_stop_{i}": (f"k_Y{i}", f"x_Y{i}", "tau_Y") for i in _CELLS}
+    constants = [constant(x, values[x], "m", "displacement after which a learned cell slips") for x in _TRAVELS]
+    constants.append(constant("tau_Y", values["tau_Y"], "s", "time in which a learned cell slips"))
+    words = "stiffness of a learned yielding cell"
+    return with_ladder(setup, cells, "yielding", values, _NOTICEABLE, words, constants)
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales, has_motion, no_range, with_network
-from phnn.effects.learned.strengths import NEARLY_ZERO, of_any_size, starts, stiffness_of, strength
-from phnn.network.elements import Coupling, Resistor, Storage
+from phnn.effects.effect import Effect, Scales, has_motion, no_range
+from phnn.effects.learned.ladder import with_ladder
+from phnn.effects.learned.strengths import of_any_size, starts
 from phnn.parameters import constant
 from phnn.setup import Setup
 
@@ -24,21 +24,10 @@ _TIMES = tuple(f"tau_M{i}" for i in _CELLS)
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``F += −Σ kᵢ sᵢ``, ``ṡᵢ = v − sᵢ/τᵢ``: storages with ``J[s, p] = 1`` and a linear resistor each."""
-    typical = _NOTICEABLE * stiffness_of(setup)
-    cells = [(f"learned_cell_{i}", f"k_M{i}", f"tau_M{i}") for i in _CELLS]
-    least = NEARLY_ZERO * typical
-    parameters = [
-        strength(k, max(values[k], least), "N/m", typical, "stiffness of a learned relaxing spring", least)
-        for k in _STRENGTHS
-    ]
-    parameters += [constant(t, values[t], "s", "time in which a learned spring relaxes") for t in _TIMES]
-    network = setup.network.extend(
-        storages=tuple(Storage(s, "spring", (k,), "m") for s, k, _ in cells),
-        resistors=tuple(Resistor(s, "maxwell", {s: 1.0}, (k, tau)) for s, k, tau in cells),
-        couplings=tuple(Coupling(s, "p", 1.0) for s, _, _ in cells),
-        parameters=tuple(parameters),
-    )
-    return with_network(setup, network)
+    cells = {f"learned_cell_{i}": (f"k_M{i}", f"tau_M{i}") for i in _CELLS}
+    times = [constant(t, values[t], "s", "time in which a learned spring relaxes") for t in _TIMES]
+    words = "stiffness of a learned relaxing spring"
+    return with_ladder(setup, cells, "maxwell", values, _NOTICEABLE, words, times)
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
