@@ -20,7 +20,7 @@ from phnn.diagnose.locate import (
     strongest_times,
 )
 from phnn.diagnose.name import Candidate
-from phnn.diagnose.picture import Picture, missing_force, picture
+from phnn.diagnose.picture import Picture, learned_picture, missing_force, picture
 from phnn.diagnose.rules import Applied
 from phnn.diagnose.symptoms import seen, symptoms
 from phnn.diagnose.trial import tie
@@ -165,6 +165,7 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
         found = picture(ground, where) if where is not None else None
         if found is not None:
             curves.append(_curve(found, ground is not j.ground))
+    curves[1:1] = [_curve(law, False) for law in _learned_laws(j)]
     return Evidence(
         traces=tuple(_traces(diagnosis)),
         curves=tuple(curves[:2] if j.findings else curves[:1]),
@@ -178,6 +179,17 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
         symptoms=_symptoms(diagnosis),
         rules=tuple(_rule(r) for r in j.rules),
     )
+
+
+def _learned_laws(j: Judgement) -> list[Picture]:
+    """The laws of learned one-ports of the kind that the location shows, on the axis of its functions."""
+    where, values = j.location, j.final.setup.values()
+    if where is None or where.name != "mechanical":
+        return []
+    effects = [f.trial.candidate.effect for f in j.findings if f.learned]
+    here = [e for e in effects if (e.location, e.kind) == (where.name, where.detail)]
+    alone = [e.add_to(j.ground.fit.setup, {n: values[n] for n in e.parameters}) for e in here]
+    return [learned_picture(j.ground, where, setup) for setup in alone]
 
 
 def _rule(found: Applied) -> RuleRow:

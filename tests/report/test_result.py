@@ -201,6 +201,11 @@ def test_drag_that_the_catalogue_lacks_is_described_by_its_law() -> None:
     ((low, high),) = found["exponents"].values()
     assert low < 2.0 < high and high - low < 0.2
     assert found_better(content)
+    law = evidence(made("unknown")).curves[1]
+    assert law.title.startswith("learned one-port")
+    # Drag takes energy from the motion, forwards and backwards, and grows faster than the speed.
+    assert np.all(law.x * law.y <= 0.0)
+    assert abs(law.y[-1]) > 3.0 * abs(float(np.interp(0.5 * law.x[-1], law.x, law.y)))
 
 
 def found_better(content: dict[str, Any]) -> bool:
