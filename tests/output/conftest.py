@@ -1,0 +1,41 @@
+"""A folder in which every command can be run."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Iterator
+
+import campaigns
+import numpy as np
+import pandas as pd
+import pytest
+from small_runs import GENTLE, ROOT, VALUES, Runner
+
+from phnn.models.actuator import hrc
+from phnn.models.store import save
+from phnn.setup import Setup
+
+
+@pytest.fixture(scope="module")
+def runner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runner]:
+    """A folder with recordings and models, and what runs commands in it."""
+    home = tmp_path_factory.mktemp("kills")
+    setup = Setup(hrc(1, VALUES), name="phs")
+    for name, frequencies in (("gentle", (30.0, 50.0, 80.0, 120.0)), ("fewer", (30.0, 80.0))):
+        (home / name).mkdir()
+        for k, f in enumerate(frequencies):
+            t = np.arange(161) / 160.0 / f
+            r = campaigns.recorded(setup, f"sine_{f:.0f}", t, 75.0 * np.sin(2.0 * np.pi * f * t), 60e-9, k)
+            table = pd.DataFrame({"time_s": r.t, "voltage_V": r.u, "displacement_m": r.y})
+            table.to_csv(home / name / f"{r.name}.csv", index=False)
+        (home / name / "recordings.yaml").write_text(GENTLE)
+    save(setup, home / "model", 2)
+    save(setup.with_values({"k": 2.2e4}), home / "other", 2)
+    (home / "modes").mkdir()
+    structure = runpy.run_path(str(ROOT / "tests" / "modal" / "structure.py"))
+    structure["write_folder"](home / "modes", "none", 3, levels=(0.7,))
+    made = Runner(home)
+    yield made
+    assert made.process.stdin is not None
+    made.process.stdin.close()
+    made.process.wait()

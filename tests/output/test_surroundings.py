@@ -1,0 +1,115 @@
+"""Every command where the disk fills up under it, and where the usual surroundings are missing."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from small_runs import MARK, ROOT, RUNS, Runner, differing, given, results
+
+DISK = 64 << 20
+# Bytes that are left when the disk fills up.
+ROOM = (0, 1 << 13, 1 << 15)
+SURROUNDINGS = {
+    "no home": {"HOME": None, "USER": None, "LOGNAME": None},
+    "no folder for temporary files": {"TMPDIR": "/nowhere", "TMP": "/nowhere", "TEMP": "/nowhere"},
+    "ASCII": {"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": None},
+}
+
+
+def quick(names: object, first: str) -> list[object]:
+    """Parameters of which only one runs in the fast suite."""
+    return [n if n == first else pytest.param(n, marks=pytest.mark.slow) for n in names]
+
+
+def clean(runner: Runner, verb: str) -> dict[str, object]:
+    """What a command leaves that nothing has disturbed."""
+    out = runner.home / "undisturbed" / verb
+    if not out.exists():
+        assert runner.run(given(RUNS[verb][0], out)) == 0, runner.told.read_text()
+    return results(out)
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Path]:
+    """A small disk of its own."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", f"size={DISK}", "none", str(folder)]
+    if shutil.which("mount") is None or subprocess.run(command, capture_output=True).returncode:
+        pytest.skip("no rights to mount a small disk")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+def fill(disk: Path, out: Path, room: int, ended: threading.Event) -> None:
+    """Leave only so much room as soon as a command has begun to write."""
+    while not (out / MARK).exists() and not ended.is_set():
+        time.sleep(1e-3)
+    (disk / "filler").write_bytes(bytes(max(shutil.disk_usage(disk).free - room, 0)))
+
+
+@pytest.mark.parametrize("verb", quick(RUNS, "predict"))
+def test_a_disk_that_fills_up_under_a_command_loses_nothing(runner: Runner, disk: Path, verb: str) -> None:
+    wanted, full = clean(runner, verb), 0
+    for room in ROOM:
+        out, ended = disk / f"out_{room}", threading.Event()
+        filling = threading.Thread(target=fill, args=(disk, out, room, ended))
+        filling.start()
+        status = runner.run(given(RUNS[verb][0], out))
+        ended.set()
+        filling.join()
+        text, case = runner.told.read_text(), f"{verb}, {room} bytes"
+        left = results(out)
+        assert "Traceback" not in text and "internal error" not in text, (case, text)
+        if status:
+            full += 1
+            assert status == 1 and "the disk is full" in text, (case, status, text)
+            assert MARK in left, case
+        else:
+            assert left == wanted, (case, differing(left, wanted))
+        assert not list(out.rglob("*.part")), case
+        (disk / "filler").unlink()
+        assert runner.run(given(RUNS[verb][0], out)) == 0, (case, runner.told.read_text())
+        assert results(out) == wanted, (case, differing(results(out), wanted))
+    assert full, verb
+
+
+def command(verb: str, out: Path, changed: dict[str, str | None], runner: Runner, stdout: str = "") -> tuple[int, str]:
+    """Exit status and messages of a command in a process of its own, with these variables changed or removed."""
+    # Compiled code is kept where it is now, whatever HOME is: what a missing one changes is tested beside the cache.
+    kept = os.environ.get("PHNN_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "PHNN_CACHE_DIR": kept} | changed
+    done = subprocess.run(
+        ["sh", "-c", f'exec "$@" {stdout}', "sh", sys.executable, "-m", "phnn.cli", *given(RUNS[verb][0], out)],
+        env={n: v for n, v in environment.items() if v is not None},
+        cwd=runner.home,
+        capture_output=True,
+    )
+    return done.returncode, done.stderr.decode()
+
+
+@pytest.mark.parametrize("verb", quick(RUNS, "predict"))
+@pytest.mark.parametrize("missing", SURROUNDINGS)
+def test_a_command_needs_no_surroundings(runner: Runner, verb: str, missing: str) -> None:
+    out = runner.home / "surroundings" / missing / verb
+    status, text = command(verb, out, SURROUNDINGS[missing], runner)
+    assert status == 0 and "Traceback" not in text, text
+    wanted = clean(runner, verb)
+    assert results(out) == wanted, differing(results(out), wanted)
+
+
+@pytest.mark.parametrize("verb", quick(RUNS, "predict"))
+def test_a_command_whose_output_nobody_reads_ends_its_work(runner: Runner, verb: str) -> None:
+    out = runner.home / "closed" / verb
+    status, text = command(verb, out, {}, runner, ">&-")
+    assert status == 0 and not text, text
+    wanted = clean(runner, verb)
+    assert results(out) == wanted, differing(results(out), wanted)
