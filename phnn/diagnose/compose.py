@@ -74,6 +74,10 @@ class _Grown:
         return scored(self.fit, every, own.seed, terminals=own.terminals, criteria=own.criteria)
 
     @property
+    def leaves(self) -> LeavesCase:
+        return LeavesCase(self.fit.chi2, len(self.findings), lambda: self.model.naming.p_value, self.material.criteria)
+
+    @property
     def pair(self) -> tuple[Fit, Evaluation]:
         return self.fit, self.scores
 
@@ -94,7 +98,8 @@ def compose(
         nothing is added.
     """
     criteria, kept, final = material.criteria, searched.findings, searched.model.ground.fit
-    if record.decide(LEAVES, _leaves(searched.model, len(kept), criteria)) is not None:
+    asked = LeavesCase(final.chi2, len(kept), lambda: searched.model.naming.p_value, criteria)
+    if record.decide(LEAVES, asked) is not None:
         return kept, final
     start = searched.longest or searched
     held = leave_out(final.plan, criteria.confirmation.held_out_blocks)
@@ -108,7 +113,7 @@ def compose(
     here = _grown(material, held, start.findings, begun)
     here = _still_needed(material, held, base, here, len(here.findings), record)
     again = [] if here.findings else _ended(tried, material)
-    while record.decide(LEAVES, _leaves(here.model, len(here.findings), criteria)) is None:
+    while record.decide(LEAVES, here.leaves) is None:
         further = _further(material, held, here, again, record)
         if further is None:
             break
@@ -124,10 +129,6 @@ def compose(
 def _same(some: Sequence[Finding], others: Sequence[Finding]) -> bool:
     """Whether two models have the same effects."""
     return effects_of(some) == effects_of(others)
-
-
-def _leaves(model: Scored, elements: int, criteria: Criteria) -> LeavesCase:
-    return LeavesCase(model.ground.fit.chi2, model.naming.p_value, elements, criteria)
 
 
 def _on(held: LeftOut, fitted: Fit) -> Fit:

@@ -15,6 +15,7 @@ from phnn.diagnose.spectra import Spectra, spectra_of
 from phnn.effects import Effect, Scales
 from phnn.errors import SolverFailed
 from phnn.identify.fit import Fit, carried
+from phnn.identify.looks import first_look
 from phnn.identify.nuisances import without_nuisances
 from phnn.identify.problem import Plan
 from phnn.recordings.recording import Recording, dominant_frequency
@@ -87,6 +88,16 @@ class Ground:
             return simulate(self.fit.setup, recording, plan.steps_of(recording), initial=initial).y
 
         return plan.each(run)
+
+    def first_look(self) -> Ground:
+        """The ground as a few recordings show it that lie far apart, the fit as it is."""
+        few = first_look(self.plan)
+        if few is self.plan:
+            return self
+        taken = [i for i, r in enumerate(self.plan.recordings) if r in few.recordings]
+        rows = np.concatenate([np.arange(s.start, s.stop) for s in (self.slices[i] for i in taken)])
+        fitted = replace(self.fit, plan=few, residual=self.fit.residual[rows], jacobian=self.fit.jacobian[rows])
+        return replace(self, fit=fitted, trajectories=tuple(self.trajectories[i] for i in taken))
 
     @property
     def spectra(self) -> Spectra:

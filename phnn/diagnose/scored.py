@@ -53,6 +53,9 @@ def scored(
 ) -> Scored:
     """Score the catalogue and the generic functions on a model.
 
+    Where it leaves a large residual that no noise explains, a few recordings that lie far apart say as well as all of
+    them what may be missing; the numerical error is asked of all.
+
     Args:
         fitted: the base model, or one with effects.
         effects: the catalogue entries that can exist in this setup.
@@ -61,16 +64,27 @@ def scored(
         terminals: whether the input was measured at the port.
         criteria: for the noise, for locations and for what is significant.
     """
-    ground, generic, naming = _scores(fitted, tuple(effects), seed, error, terminals, criteria.noise)
+    large = fitted.chi2 > criteria.race.large_residual**2
+    few = large and error is None
+    ground, generic, naming = _scores(fitted, tuple(effects), seed, error, terminals, criteria.noise, few)
     return Scored(ground, generic, naming, criteria)
 
 
 @recalled
 def _scores(
-    fitted: Fit, effects: tuple[Effect, ...], seed: int, error: NumericalError | None, terminals: bool, noise: Noise
+    fitted: Fit,
+    effects: tuple[Effect, ...],
+    seed: int,
+    error: NumericalError | None,
+    terminals: bool,
+    noise: Noise,
+    few: bool,
 ) -> tuple[Ground, Responses, Naming]:
     ground = prepare(fitted, terminals, noise)
     generic = responses(ground)
+    if few:
+        look = ground.first_look()
+        return ground, generic, score(look, effects, generic if look is ground else responses(look), seed)
     return ground, generic, score(ground, effects, generic, seed, error.error if error is not None else None)
 
 

@@ -26,6 +26,27 @@ REFUSED = 2
 WITH_MODEL, WITH_OUT = ("predict",), ("predict", "identify", "diagnose", "compare", "modes")
 
 
+@dataclass
+class Tally:
+    """What all attacks of this process took."""
+
+    inputs: int = 0
+    seconds: float = 0.0
+    memory: int = 0
+
+
+TALLY = Tally()
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """How many inputs were tried, and what the worst of them took."""
+    if TALLY.inputs:
+        terminalreporter.write_line(
+            f"attacks: {TALLY.inputs} inputs, at most {TALLY.seconds:.1f} s, and {TALLY.memory / 1e6:.0f} MB of memory "
+            "beyond twice the size of the input"
+        )
+
+
 @dataclass(frozen=True)
 class Outcome:
     """Exit status, what was printed, and the names of what was written."""
@@ -95,8 +116,12 @@ def attack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Attack:
         # On a terminal they would stand between the lines of the answer.
         assert not [str(w.message) for w in warned if issubclass(w.category, RuntimeWarning | UserWarning)]
         assert seen(tmp_path, out) == before, "an input was changed, or something was written beside --out"
+        beyond = peak() - memory - 2 * size
+        TALLY.inputs, TALLY.seconds, TALLY.memory = (
+            TALLY.inputs + 1, max(TALLY.seconds, seconds), max(TALLY.memory, beyond)
+        )  # fmt: skip
         assert seconds < LONGEST_S, f"{seconds:.1f} s"
-        assert peak() - memory < 2 * size + MEMORY, f"{(peak() - memory) / 1e6:.0f} MB more"
+        assert beyond < MEMORY, f"{beyond / 1e6:.0f} MB beyond twice the size"
         return outcome
 
     return run

@@ -37,7 +37,7 @@ KEEP_CASE = search.KeepCase(0.95, 9.0, remains=True, first=True, located=True, o
 KEPT = verdict.VerdictCase(1, 1, 0.99, 1.0, False, 0.0, None, True, RULE)
 MODEL_CASE = held_out.ModelCase(2, 0, 0, 2, share=0.99, remains=False, criteria=CRITERIA)
 SMALL = held_out.NamelessCase(0.05, 1.0, CRITERIA)
-LEFT = composition.LeavesCase(4.0, 1e-4, 1, CRITERIA)
+LEFT = composition.LeavesCase(4.0, 1, lambda: 1e-4, CRITERIA)
 COMPOSED = composition.ClaimCase(False, takes=4.0, leaves=0.1, criteria=CRITERIA)
 LARGE, SLIGHT = a_gain(5.0, 1.0), a_gain(1.010, 1.008)
 
@@ -66,7 +66,7 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (VERDICT, replace(KEPT, new_in_held_out=False), "held_out_bring_nothing_new", "equivalent"),
     (VERDICT, KEPT, "one_explanation", "named"),
     (LEAVES, replace(LEFT, chi2=1.01), "model_is_at_the_noise", "stop"),
-    (LEAVES, replace(LEFT, p_value=0.2), "model_is_at_the_noise", "stop"),
+    (LEAVES, replace(LEFT, p_value=lambda: 0.2), "model_leaves_no_more_than_chance", "stop"),
     (LEAVES, replace(LEFT, elements=5), "model_has_enough_elements", "stop"),
     (GAIN, composition.GainCase(LARGE, CRITERIA), "element_predicts_better", "add"),
     (GAIN, composition.GainCase(SLIGHT, CRITERIA), "element_does_not_predict_better", "leave out"),

@@ -64,8 +64,8 @@ def distil(ground: Ground, element: Effect) -> Distilled | None:
     """
     if not has_grammar(element.kind) or not element.strengths:
         return None
-    goal = target(ground, element)
-    found = best_formulas(goal, TERMS[element.kind])
+    goal, few = target(ground, element), ground.first_look()
+    found = best_formulas(goal, goal if few is ground else target(few, element), TERMS[element.kind])
     if not found:
         return None
     best, fit = found[0], ground.fit

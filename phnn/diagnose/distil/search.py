@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 # Formulas of one and of two terms that are refined after the grid, and steps of a refinement.
 _SINGLES, _PAIRS, _STEPS = 3, 4, 15
+# Formulas that are fitted to all recordings after a race on few.
+_LAST = 3
 # Probability that an interval contains its number.
 _SHARE = 0.95
 # A term of which base parameters leave less than this share of its square is one of theirs.
@@ -67,9 +69,17 @@ class Formula:
         return list(zip(self.terms, map(float, self.sizes), np.split(self.shapes, ends[:-1]), strict=True))
 
 
-def best_formulas(goal: Target, terms: Sequence[Term]) -> list[Formula]:
-    """Formulas of one and two terms, least price first; empty where no term explains anything."""
-    found = [_rounded(goal, _refined(goal, f)) for f in _on_grid(goal, terms)]
+def best_formulas(goal: Target, look: Target, terms: Sequence[Term]) -> list[Formula]:
+    """Formulas of one and two terms, least price first; empty where no term explains anything.
+
+    Args:
+        look: the target as few recordings show it, on which formulas race for a place among the last.
+    """
+    begun = [_refined(look, f) for f in _on_grid(look, terms)]
+    if look is not goal:
+        begun = sorted(begun, key=lambda f: f.cost + tie_of(look, f) * f.numbers)[:_LAST]
+        begun = [_refined(goal, f) for f in begun]
+    found = [_rounded(goal, f) for f in begun]
     found = [f for f in found if np.all(f.sizes != 0.0)]
     if not found:
         return []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from phnn.diagnose.criteria import Criteria
@@ -12,19 +13,30 @@ from phnn.identify.gain import Gain
 
 @dataclass(frozen=True)
 class LeavesCase:
-    """What a model leaves on the recordings that it was grown on: mean square [noise²], p-value, number of elements."""
+    """What a model leaves on the recordings that it was grown on.
+
+    Attributes:
+        chi2: mean square [noise²]; elements: how many the model has.
+        p_value: gives the p-value, which takes long.
+    """
 
     chi2: float
-    p_value: float
     elements: int
+    p_value: Callable[[], float]
     criteria: Criteria
 
 
 def model_is_at_the_noise(case: LeavesCase) -> Applied:
-    """The model leaves no more than the noise floor is known to, or no more than chance."""
-    level, doubt = case.criteria.selection.level, case.criteria.selection.noise_doubt
-    numbers = {"residual_over_noise": math.sqrt(case.chi2), "noise_doubt": doubt, "p_value": case.p_value}
-    return Applied(case.chi2 < doubt**2 or case.p_value >= level, "stop", numbers)
+    """The model leaves no more than the noise floor is known to."""
+    doubt = case.criteria.selection.noise_doubt
+    numbers = {"residual_over_noise": math.sqrt(case.chi2), "noise_doubt": doubt}
+    return Applied(case.chi2 < doubt**2, "stop", numbers)
+
+
+def model_leaves_no_more_than_chance(case: LeavesCase) -> Applied:
+    """What the model leaves is no more than chance would."""
+    level, p_value = case.criteria.selection.level, case.p_value()
+    return Applied(p_value >= level, "stop", {"p_value": p_value, "level": level})
 
 
 def model_has_enough_elements(case: LeavesCase) -> Applied:
@@ -89,6 +101,6 @@ def too_much_has_no_name(case: ClaimCase) -> Applied:
     return Applied(case.leaves > most * case.takes, "no name", numbers)
 
 
-LEAVES = (model_is_at_the_noise, model_has_enough_elements)
+LEAVES = (model_is_at_the_noise, model_has_enough_elements, model_leaves_no_more_than_chance)
 GAIN = (element_predicts_better, element_does_not_predict_better)
 CLAIM = (learned_element_has_no_name, too_much_has_no_name)
