@@ -11,6 +11,7 @@ from junctions import recording
 
 from phnn.configuration import config_folder
 from phnn.effects import Effect, Scales, catalogue
+from phnn.effects.formulas import formulas
 from phnn.effects.learned import learned_elements
 from phnn.integrate.residual import check, power_balance
 from phnn.laws import STORAGE_LAWS
@@ -66,6 +67,7 @@ OTHERS = {
 }
 EFFECTS = list(catalogue().values())
 LEARNED = list(learned_elements().values())
+FORMULAS = list(formulas().values())
 OF_ACTUATOR = [e for e in EFFECTS if e.can_be_added_to(BASE)]
 
 

@@ -22,5 +22,7 @@ DOMAINS: Mapping[str, tuple[Domain, ...]] = {
     "knee": (ANY, ANY),
     "dead_band": (ANY, NONNEGATIVE),
     "cubic": (ANY, ANY, POSITIVE),
+    "clock": (ANY, POSITIVE),
+    "drifting_gain": (ANY, ANY, POSITIVE),
     "tone": (ANY, ANY, NONNEGATIVE),
 }

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from phnn.chain.knee import bent, kneed
 from phnn.chain.lag import lag
 from phnn.chain.play import play
+from phnn.chain.time import clock, drifting_gain
 from phnn.laws.namespace import absolute
 
 Array = NDArray[Any]
@@ -53,6 +54,8 @@ SENSORS: dict[str, Callable[..., Array]] = {
     "play": play,
     "knee": knee,
     "cubic": cubic,
+    "clock": clock,
+    "drifting_gain": drifting_gain,
 }
 REMEMBERING = ("lag", "play")
 """Blocks whose output depends on what was between the samples."""

@@ -17,6 +17,7 @@ from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.finding import Finding, effects_of
 from phnn.diagnose.locate import Location
 from phnn.diagnose.name import Candidate
+from phnn.diagnose.place import of_its_kinds
 from phnn.diagnose.refit import refit
 from phnn.diagnose.retest import fit_with
 from phnn.diagnose.rules import Record
@@ -232,7 +233,7 @@ def _explains(where: Location | None, effect: Effect) -> float:
     """What functions at a learned element's place, of its kind where there are such, explain of what is left."""
     if where is None:
         return 0.0
-    return where.ranks.get(f"{effect.location}/{effect.kind}", where.ranks.get(effect.location, 0.0))
+    return max(of_its_kinds(where, effect), default=where.ranks.get(effect.location, 0.0))
 
 
 def _still_needed(material: Material, held: LeftOut, base: Fit, grown: _Grown, asked: int, record: Record) -> _Grown:

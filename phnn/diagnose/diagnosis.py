@@ -8,16 +8,19 @@ from dataclasses import dataclass, replace
 
 from phnn.diagnose.confirm import confirmed
 from phnn.diagnose.criteria import CRITERIA, Criteria
-from phnn.diagnose.distil import distil
+from phnn.diagnose.distil import Distilled, distil, has_grammar
+from phnn.diagnose.distil.refitted import refitted_formula
+from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import Judgement, judge
 from phnn.diagnose.propose import NextExperiment, propose
+from phnn.diagnose.retest import fit_with
 from phnn.diagnose.rules import Record
 from phnn.diagnose.rules.held_out import NUMERICS, NumericsCase
 from phnn.diagnose.scored import Scored, scored
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
-from phnn.ensemble import executor
+from phnn.ensemble import Executor, executor
 from phnn.identify.base import Options, Progress, identify_base, quiet, refined, single
 from phnn.identify.evaluate import Evaluation
 from phnn.identify.fit import Fit
@@ -67,13 +70,19 @@ def _possible(campaign: Campaign, setup: Setup, effects: Iterable[Effect]) -> li
     return [e for e in found if not (e.needs_command and campaign.voltage == "terminals")]
 
 
-def _distilled(judgement: Judgement) -> Judgement:
+def _distilled(judgement: Judgement, executor: Executor, criteria: Criteria) -> Judgement:
     """The judgement with a formula for every learned element of its model, where there is one."""
-    ground = judgement.final_ground
-    findings = (
-        replace(f, description=distil(ground, f.trial.candidate.effect)) if f.learned else f for f in judgement.findings
-    )
-    return replace(judgement, findings=tuple(findings))
+    ground, found = judgement.final_ground, judgement.findings
+
+    def formula(finding: Finding) -> Distilled | None:
+        element, fit = finding.trial.candidate.effect, ground.fit
+        if has_grammar(element.kind):
+            return distil(ground, element)
+        others = [f for f in found if f is not finding]
+        alone = fit_with(judgement.ground.fit, others, fit.setup.values()) if others else judgement.ground.fit
+        return None if alone is None else refitted_formula(fit, alone, element, executor, criteria)
+
+    return replace(judgement, findings=tuple(replace(f, description=formula(f)) if f.learned else f for f in found))
 
 
 def tied_members(judgement: Judgement) -> tuple[Trial, ...]:
@@ -142,7 +151,7 @@ def diagnose(
         return scored(fitted, catalogue_, chosen.seed, terminals=terminals, criteria=criteria)
 
     judgement, before, after = confirmed(judgement, base, campaign, criteria, score_again)
-    judgement = _distilled(judgement)
+    judgement = _distilled(judgement, refits, criteria)
     if judgement.verdict == "named":
         record = Record(list(judgement.rules))
         decided = record.decide(NUMERICS, NumericsCase(judgement.naming.numerical, criteria))

@@ -211,6 +211,11 @@ def _sensor_gain(trajectory: Trajectory, scales: Scales) -> Array:
     return _drifts(trajectory.t, scales) * (trajectory.y / scales.displacement)[:, None]
 
 
+def _sensor_clock(trajectory: Trajectory, scales: Scales) -> Array:
+    velocity = np.gradient(trajectory.y, trajectory.t) if trajectory.t.size > 1 else np.zeros_like(trajectory.y)
+    return _drifts(trajectory.t, scales) * (velocity / scales.velocity)[:, None]
+
+
 def _drifts(t: Array, scales: Scales) -> Array:
     x = t / scales.duration
     return np.column_stack([x, x**2])
@@ -279,6 +284,7 @@ GROUPS = (
     Group("sensor", "nonlinear", OUTPUT, _of_output(_sensor_static), _Q, _sensor_static),
     Group("sensor", "lag or play", OUTPUT, _sensor_memory),
     Group("sensor", "gain that drifts", OUTPUT, _sensor_gain),
+    Group("sensor", "clock", OUTPUT, _sensor_clock),
     Group("sensor", "drift", OUTPUT, _drift, "time [s]", _drifts),
     Group("environment", "lines", OUTPUT, _lines),
 )  # fmt: skip

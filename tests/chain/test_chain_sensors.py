@@ -100,8 +100,16 @@ def test_wide_play_shows_nothing_and_none_shows_all() -> None:
     np.testing.assert_array_equal(play(sine(20.0), T, 0.0), sine(20.0))
 
 
+def test_a_fast_clock_reads_a_sine_too_early_and_a_drifting_gain_scales_it() -> None:
+    y = SENSORS["clock"](sine(11.0), T, 0.02, 1.0)
+    np.testing.assert_allclose(y, np.sin(2.0 * np.pi * 11.0 * 0.98 * T), atol=1e-6)
+    y = SENSORS["drifting_gain"](sine(11.0), T, 0.3, -0.1, 0.5)
+    np.testing.assert_allclose(y, sine(11.0) * (1.0 + 0.3 * T / 0.5 - 0.1 * (T / 0.5) ** 2), atol=1e-15)
+
+
 VALUES = {"drift": (0.3,), "lag": (4e-3,), "polynomial": (0.3, -0.2), "rectification": (), "play": (0.15,),
-          "knee": (0.3, 0.4), "cubic": (0.1, -0.08, 0.7)}  # fmt: skip
+          "knee": (0.3, 0.4), "cubic": (0.1, -0.08, 0.7),
+          "clock": (0.02, 0.6), "drifting_gain": (0.1, -0.05, 0.6)}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", SENSORS)

@@ -15,6 +15,7 @@ from effect_homes import (
     ACTUATOR,
     BASE,
     EFFECTS,
+    FORMULAS,
     LEARNED,
     OF_ACTUATOR,
     OTHERS,
@@ -34,6 +35,7 @@ import phnn.effects
 from phnn.derivatives import output_derivatives
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.effect import LOCATIONS, has_spring
+from phnn.effects.formulas import formulas
 from phnn.effects.learned import learned_elements
 from phnn.errors import InputRefused
 from phnn.laws import STORAGE_LAWS
@@ -41,7 +43,7 @@ from phnn.units import quantity
 
 torch.set_num_threads(1)
 
-FORMS = in_all_forms([*EFFECTS, *LEARNED])
+FORMS = in_all_forms([*EFFECTS, *LEARNED, *FORMULAS])
 every = pytest.mark.parametrize("effect_", FORMS, ids=["-".join((e.name, *e.parameters)) for e in FORMS])
 
 
@@ -61,10 +63,10 @@ def test_what_needs_a_part_does_not_apply_without_it() -> None:
 @every
 class TestEveryEffect:
     def test_it_is_filed_under_its_name(self, effect_: Effect) -> None:
-        learned = effect_ in LEARNED
-        place = f"learned.{effect_.name.removeprefix('learned_')}" if learned else effect_.name
-        module = importlib.import_module(f"phnn.effects.{place}")
-        assert module.EFFECT is (learned_elements() if learned else catalogue())[effect_.name]
+        places = ("", catalogue()), ("learned.", learned_elements()), ("formulas.", formulas())
+        folder, members = next((f, m) for f, m in places if effect_.name in m)
+        module = importlib.import_module(f"phnn.effects.{folder}{effect_.name.removeprefix('learned_')}")
+        assert module.EFFECT is members[effect_.name]
         assert effect_ in (module.EFFECT, *module.EFFECT.forms)
         assert (effect_.location, effect_.kind) == (module.EFFECT.location, module.EFFECT.kind)
         assert not effect_.forms or effect_ is module.EFFECT
@@ -217,7 +219,7 @@ def test_order_of_two_effects_of_the_network_does_not_matter() -> None:
 
 
 def test_the_catalogue_lists_every_file() -> None:
-    files = {m.name for m in pkgutil.iter_modules(phnn.effects.__path__)} - {"effect", "learned"}
+    files = {m.name for m in pkgutil.iter_modules(phnn.effects.__path__)} - {"effect", "formulas", "learned"}
     assert set(catalogue()) == files
 
 
@@ -251,7 +253,7 @@ def test_two_forms_of_an_effect_exclude_each_other() -> None:
 
 
 def test_neighbours_are_in_the_catalogue() -> None:
-    for member in (*EFFECTS, *LEARNED):
+    for member in (*EFFECTS, *LEARNED, *FORMULAS):
         assert set(member.neighbours) <= set(catalogue()), member.name
 
 

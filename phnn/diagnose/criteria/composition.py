@@ -21,10 +21,10 @@ class Composition:
         6, "candidates", "Effects of the catalogue that are refitted for one further element.", "Choice: of cost."
     )
     learned_refits: int = criterion(
-        8,
+        9,
         "candidates",
         "Learned elements that are refitted beside them, those at the places that explain most.",
-        "Argument: there are eight, and where the residual is large the place is not sure before a refit.",
+        "Argument: there are nine, and where the residual is large the place is not sure before a refit.",
     )
     asked_of_selection: int = criterion(
         4,

@@ -1,0 +1,67 @@
+"""Formulas for learned elements of the measuring chain: each is refitted in the element's place."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from phnn.diagnose.criteria import CRITERIA, Criteria
+from phnn.diagnose.distil.distilled import Distilled
+from phnn.diagnose.ground import prepare
+from phnn.diagnose.name import score
+from phnn.diagnose.refit import refit
+from phnn.diagnose.trial import Trial, simplest_first, tie
+from phnn.effects import Effect
+from phnn.effects.formulas import formulas_for
+from phnn.ensemble import SERIAL, Executor
+from phnn.identify.fit import Fit
+from phnn.units import quantity
+
+# Of a null that nobody asks for: formulas are ranked, not tested.
+_SEED = 0
+
+
+def refitted_formula(
+    final: Fit, alone: Fit, element: Effect, executor: Executor = SERIAL, criteria: Criteria = CRITERIA
+) -> Distilled | None:
+    """The formula that explains most in the place of a learned element; of those that explain as much, the simplest.
+
+    Args:
+        final: the fit with the element; alone: that with all other elements of the model.
+        element: a learned element.
+        executor: where formulas are refitted.
+
+    Returns:
+        None where there is no formula for the element, or none can be fitted.
+    """
+    effects = [f for f in formulas_for(element) if f.can_be_added_to(alone.setup)]
+    if not effects:
+        return None
+    naming = score(prepare(alone).first_look(), effects, None, _SEED)
+    trials = [t for t in refit(alone, naming.candidates, executor, criteria=criteria) if t.fit is not None]
+    if not trials:
+        return None
+    reach = tie(final, criteria.selection.tie)
+    least = min(t.cost for t in trials)
+    best = simplest_first([t for t in trials if t.cost <= least + reach])[0]
+    return _distilled(best, trials, final, element, reach)
+
+
+def _distilled(best: Trial, trials: list[Trial], final: Fit, element: Effect, reach: float) -> Distilled | None:
+    effect, fit = best.candidate.effect, best.fit
+    if fit is None:
+        return None
+    parameters = {n: fit.setup.parameters[n] for n in effect.parameters}
+    shown = {n: quantity(p.value, p.unit) for n, p in parameters.items()}
+    size = final.residual.size
+    return Distilled(
+        kind=element.kind,
+        equation=effect.equation,
+        words=effect.statement.format(**shown),
+        parameters={n: (p.value, p.unit) for n, p in parameters.items() if not p.fixed},
+        exponents={},
+        learned=float(np.sqrt(final.cost / size)),
+        formula=float(np.sqrt(fit.cost / size)),
+        as_good=fit.cost <= final.cost + reach,
+        first_order=True,
+        others=tuple(t.candidate.effect.equation for t in trials if t is not best and t.cost <= best.cost + reach),
+    )

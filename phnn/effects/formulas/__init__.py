@@ -1,0 +1,25 @@
+"""Formulas for learned elements: physics that is described where a learned element has found it, and never named.
+
+Each is an ordinary `Effect` with few parameters, at the location and of the kind of the learned element that it may
+stand for. None of them is in the catalogue, so that none takes part in a search.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+from phnn.effects import gathered, in_all_forms
+from phnn.effects.effect import Effect
+
+__all__ = ["formulas", "formulas_for"]
+
+
+@cache
+def formulas() -> dict[str, Effect]:
+    """All formulas by name."""
+    return gathered(__name__, __path__)
+
+
+def formulas_for(element: Effect) -> list[Effect]:
+    """Those that may stand for a learned element, in all forms."""
+    return [f for f in in_all_forms(formulas().values()) if (f.location, f.kind) == (element.location, element.kind)]
