@@ -11,10 +11,12 @@ from effect_homes import BASE, SCALES
 from matplotlib.mathtext import MathTextParser
 
 from phnn.diagnose.distil import distil
+from phnn.diagnose.distil.refitted import refitted_formula
 from phnn.diagnose.distil.response import element_force
 from phnn.diagnose.ground import Ground, prepare
 from phnn.diagnose.strengths import started
 from phnn.effects import Effect, effect
+from phnn.effects.formulas import formulas, formulas_for
 from phnn.effects.learned import learned_elements
 from phnn.identify.fit import fit
 from phnn.identify.problem import Plan
@@ -138,3 +140,32 @@ def test_a_fit_of_strengths_needs_few_steps_wherever_they_begin(share: float) ->
     # At the minimum there is no better start; a fit moves strengths off their bounds by its last digits.
     again = fit(started(done.setup, plan, names, element.strengths, None, 2.0), plan, names, {}, 1)
     assert again.cost <= done.cost * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("learned", "formula", "values", "said"),
+    [
+        ("learned_amplifier", "amplifier_dead_band", {"delta_U": 0.6, "a_U": 1.0}, "dead band"),
+        ("learned_amplifier", "amplifier_knee", {"a_K": 0.15, "U_K": -45.0}, "beyond -45"),
+        ("learned_sensor_over_time", "sensor_clock", {"kappa_Z": 3e-4, "one_Z": 1.0}, "clock"),
+        ("learned_sensor_over_time", "sensor_gain_drift", {"kappa_G": -0.02, "bend_G": 0.0, "T_G": 0.06}, "gain"),
+    ],
+)
+def test_a_formula_of_the_measuring_chain_is_found_in_the_place_of_a_learned_element(
+    learned: str, formula: str, values: Mapping[str, float], said: str
+) -> None:
+    element = learned_elements()[learned]
+    plant = formulas()[formula].add_to(BASE, values)
+    final = learned_ground(plant, element).fit
+    alone = fit(BASE, final.plan, NAMES, {"m": "held"}, 20)
+    found = refitted_formula(final, alone, element)
+    assert found is not None
+    assert found.as_good
+    assert found.formula == pytest.approx(1.0, abs=0.1)
+    assert said in found.words
+    for name, (value, _) in found.parameters.items():
+        assert value == pytest.approx(values[name], rel=0.03)
+
+
+def test_what_has_no_formula_stays_a_curve() -> None:
+    assert not formulas_for(learned_elements()["learned_relaxation"])
