@@ -141,9 +141,8 @@ def _refitted(search: _Search, last: Selected) -> list[Trial]:
     able = able[: rule.further_refits if last.findings else rule.first_refits]
     search.progress(f"refit {len(able)} candidates for element {len(last.findings) + 1}")
     # Where these explain little, the base model may have taken over so much that score and place deceive: then all of
-    # the catalogue is tried. What is left beside a first effect is the work of composing.
-    hidden = () if last.findings else last.model.naming.candidates
-    trials = refit(last.model.ground.fit, able, search.executor, hidden, criteria)
+    # the catalogue is tried.
+    trials = refit(last.model.ground.fit, able, search.executor, last.model.naming.candidates, criteria)
     return in_place(_compared(trials, own_parameters(last.findings), rule), here, rule)
 
 
