@@ -74,6 +74,24 @@ class Judgement:
         """The elements whose names are claimed."""
         return tuple(f for f in self.findings if not f.provisional)
 
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Where the mismatch is, the likeliest place first; empty for ``none``.
+
+        Of a name that is claimed, or a formula that describes the mismatch, it is the element's: a refit knows better
+        than local functions did before. So it is of an element without either where the model leaves nothing. Several
+        elements at different places are no tie.
+        """
+        if self.location is None:
+            return ()
+        if self.claimed:
+            return tuple(dict.fromkeys(t.candidate.effect.location for t in self.claimed[0].members))
+        able = [f for f in self.findings if f.described is not None or self.remainder_location is None]
+        most = max(able, key=lambda f: f.gained.rms if f.gained is not None else 0.0, default=None)
+        if most is not None:
+            return (most.trial.candidate.effect.location,)
+        return (self.location.name, *self.location.tied)
+
 
 def judge(
     found: Scored,

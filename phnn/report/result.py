@@ -140,13 +140,11 @@ def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
     j = diagnosis.judgement
     if j.location is None:
         return None
-    # A refit that names an effect knows better where it is than the dictionary did before.
-    # Several findings at different places are no tie.
-    named = list(dict.fromkeys(t.candidate.effect.location for f in j.claimed[:1] for t in f.members))
+    name, *tied = j.places
     return {
-        "name": named[0] if named else j.location.name,
+        "name": name,
         "detail": j.location.detail,
-        "tied": named[1:] if named else list(j.location.tied),
+        "tied": tied,
         "dictionary": [j.location.name, *j.location.tied],
         "scores": {n: round(s, 4) for n, s in j.location.scores.items()},
         "ranks": {n: round(j.location.ranks[n], 4) for n in j.location.scores},

@@ -94,8 +94,10 @@ def _with_members(finding: Finding) -> str:
 
 def unknown_statement(judgement: Judgement) -> str:
     """What is said where something is real and no name for it is proven."""
-    where = judgement.location
-    place = f"the {where.name} location ({where.detail})" if where else "a location that could not be told"
+    where, place = judgement.location, "a location that could not be told"
+    if where is not None:
+        first = judgement.places[0]
+        place = f"the {first} location" + (f" ({where.detail})" if first == where.name else "")
     real = f"Something real is left out at {place}."
     held = [_element(f) for f in judgement.findings]
     if not held:

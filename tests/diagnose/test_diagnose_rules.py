@@ -66,7 +66,7 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (VERDICT, replace(KEPT, new_in_held_out=False), "held_out_bring_nothing_new", "equivalent"),
     (VERDICT, KEPT, "one_explanation", "named"),
     (LEAVES, replace(LEFT, chi2=1.01), "model_is_at_the_noise", "stop"),
-    (LEAVES, replace(LEFT, p_value=lambda: 0.2), "model_leaves_no_more_than_chance", "stop"),
+    (LEAVES, replace(LEFT, chi2=3.0, p_value=lambda: 0.2), "model_leaves_no_more_than_chance", "stop"),
     (LEAVES, replace(LEFT, elements=5), "model_has_enough_elements", "stop"),
     (GAIN, composition.GainCase(LARGE, CRITERIA), "element_predicts_better", "add"),
     (GAIN, composition.GainCase(SLIGHT, CRITERIA), "element_does_not_predict_better", "leave out"),
@@ -161,3 +161,10 @@ def test_a_criterion_moves_the_rule_that_reads_it() -> None:
         decided = Record().decide(ELEMENT, replace(found, rule=changed))
         assert decided is not None and decided.outcome == "immaterial"
     assert {f.name for f in fields(Applied)} == {"rule", "applies", "outcome", "numbers", "element"}
+
+
+def test_a_large_remainder_is_composed_further_even_where_it_may_be_chance() -> None:
+    def never() -> float:
+        raise AssertionError("scores take long and are not asked for")
+
+    assert Record().decide(LEAVES, replace(LEFT, chi2=5.0, p_value=never)) is None

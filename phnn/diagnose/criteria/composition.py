@@ -32,6 +32,14 @@ class Composition:
         "The best refits that the selection recordings choose from.",
         "Choice: a refit that fits clearly worse where it was made predicts no better.",
     )
+    composed_beyond: float = criterion(
+        2.0,
+        "noise rms",
+        "A model that leaves more is composed further even where what it leaves may be chance.",
+        "Calculation: no doubt about the noise level is greater than a factor of two, and a remainder that is coherent "
+        "over short recordings has no small p-value.",
+        origin=1.0,
+    )
     composed_share: float = criterion(
         0.05,
         "share of the excess",

@@ -34,9 +34,13 @@ def model_is_at_the_noise(case: LeavesCase) -> Applied:
 
 
 def model_leaves_no_more_than_chance(case: LeavesCase) -> Applied:
-    """What the model leaves is no more than chance would."""
-    level, p_value = case.criteria.selection.level, case.p_value()
-    return Applied(p_value >= level, "stop", {"p_value": p_value, "level": level})
+    """What the model leaves is no more than chance would, nor more than any doubt about the noise level."""
+    level, most = case.criteria.selection.level, case.criteria.composition.composed_beyond
+    numbers = {"residual_over_noise": math.sqrt(case.chi2), "composed_beyond": most}
+    if case.chi2 > most**2:
+        return Applied(False, "stop", numbers)
+    p_value = case.p_value()
+    return Applied(p_value >= level, "stop", {**numbers, "p_value": p_value, "level": level})
 
 
 def model_has_enough_elements(case: LeavesCase) -> Applied:
