@@ -34,6 +34,7 @@ from phnn.diagnose.judge import Immaterial, Judgement, immaterial, unexplained
 from phnn.diagnose.name import Naming
 from phnn.diagnose.retest import without
 from phnn.diagnose.rules import Record
+from phnn.diagnose.rules.composition import CLAIM, ClaimCase
 from phnn.diagnose.rules.held_out import ELEMENT, MODEL, NAMELESS, REMAINDER, ElementCase, ModelCase, NamelessCase
 from phnn.diagnose.scored import Scored
 from phnn.diagnose.select import share_of
@@ -106,6 +107,7 @@ def confirmed(
     while len(tested) > 1 and (harmful := [t for t in tested if not _helps(t, criteria.confirmation)]):
         judgement = _dropped(judgement, min(harmful, key=lambda t: t.shown.share_of_noise), score_again)
         after, tested = _tested(judgement, before, campaign, criteria, record)
+    tested = _without_doubtful_names(tested, criteria, record)
     claimed = [t for t in tested if not t.finding.provisional]
     decided = record.decide(MODEL, _model_case(judgement, claimed, criteria)) if claimed else None
     if decided is not None and decided.outcome == "none":
@@ -130,6 +132,29 @@ def _helps(tested: Tested, rule: Confirmation) -> bool:
         return True
     open_ = tested.outcome is Outcome.PROVISIONAL and shown.after <= shown.before
     return open_ or rule.falls(shown.before, shown.after, shown.share_of_noise)
+
+
+def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record: Record) -> list[Tested]:
+    """The elements, none of them with a name beside a learned element at its own place that takes much as well.
+
+    Both together may be one thing that has no name.
+    """
+
+    def takes(t: Tested) -> float:
+        return max(t.shown.before**2 - t.shown.after**2, 0.0)
+
+    def asked(t: Tested) -> Tested:
+        effect = t.finding.trial.candidate.effect
+        beside = [
+            o for o in tested if o.finding.learned and o.finding.trial.candidate.effect.location == effect.location
+        ]
+        if t.finding.provisional or not beside:
+            return t
+        case = ClaimCase(t.finding.learned, takes(t), sum(map(takes, beside)), criteria)
+        doubtful = record.decide(CLAIM, case, effect.name) is not None
+        return replace(t, finding=replace(t.finding, provisional=True)) if doubtful else t
+
+    return [asked(t) for t in tested]
 
 
 def _model_case(judgement: Judgement, tested: Sequence[Tested], criteria: Criteria) -> ModelCase:
