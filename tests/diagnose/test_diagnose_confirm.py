@@ -17,6 +17,7 @@ from phnn.diagnose.judge import Judgement
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.trial import Trial
 from phnn.effects import effect
+from phnn.effects.learned import learned_elements
 from phnn.identify.evaluate import Evaluation, score_part
 from phnn.identify.fit import Fit
 from phnn.identify.gain import Gain
@@ -265,3 +266,19 @@ def test_a_mismatch_without_a_name_is_told_only_where_it_matters(level: float, s
     if found.immaterial is not None:
         assert found.immaterial.candidate is None
         assert found.immaterial.share_of_noise == pytest.approx(statistic / np.sqrt(base.residual.size))
+
+
+@pytest.mark.parametrize(("takes", "names"), [(2.0, []), (0.3, ["quadratic_drag"])])
+def test_a_name_falls_beside_a_learned_element_at_its_place_that_takes_as_much(takes: float, names: list[str]) -> None:
+    world = World()
+    base, final = world.fit(5.0, 5.0), world.fit(0.0, 0.0)
+    learned = learned_elements()["learned_damper"]
+    trial = Trial(Candidate(learned, {}, (), 10.0, 1e-3), final)
+    beside = Finding(trial, (trial,), (trial,), mock.Mock(), learned=True, provisional=True)
+    judgement = nameless(base, final, ())
+    judgement = replace(judgement, verdict="named", findings=(finding("quadratic_drag", final), beside))
+    alone = {"quadratic_drag": world.fit(4.0, 4.0), "learned_damper": world.fit(takes, takes)}
+    found, *_ = world.confirm(judgement, alone)
+    assert found.final is final
+    assert [f.trial.candidate.effect.name for f in found.claimed] == names
+    assert found.verdict == ("named" if names else "unknown")
