@@ -57,5 +57,5 @@ SENSORS: dict[str, Callable[..., Array]] = {
     "clock": clock,
     "drifting_gain": drifting_gain,
 }
-REMEMBERING = ("lag", "play")
+REMEMBERING = ("lag", "play", "clock")
 """Blocks whose output depends on what was between the samples."""

@@ -60,11 +60,13 @@ class Material:
 
 @dataclass(frozen=True)
 class _Grown:
-    """A model fitted to the recordings it is grown on, and what it predicts on all."""
+    """A model fitted to the recordings it is grown on, what it predicts on all, and its residual over noise on those
+    that choose."""
 
     findings: tuple[Finding, ...]
     fit: Fit
     scores: Evaluation
+    left: float
     material: Material
 
     @cached_property
@@ -76,7 +78,9 @@ class _Grown:
 
     @property
     def leaves(self) -> LeavesCase:
-        return LeavesCase(self.fit.chi2, len(self.findings), lambda: self.model.naming.p_value, self.material.criteria)
+        """Few recordings may be fitted by much, so that those that choose have their say."""
+        most = max(self.fit.chi2, self.left**2)
+        return LeavesCase(most, len(self.findings), lambda: self.model.naming.p_value, self.material.criteria)
 
     @property
     def pair(self) -> tuple[Fit, Evaluation]:
@@ -140,7 +144,8 @@ def _on(held: LeftOut, fitted: Fit) -> Fit:
 
 
 def _grown(material: Material, held: LeftOut, findings: tuple[Finding, ...], fitted: Fit) -> _Grown:
-    return _Grown(findings, fitted, held.scores(fitted), material)
+    scores = held.scores(fitted)
+    return _Grown(findings, fitted, scores, held.over_noise(scores), material)
 
 
 def _ended(tried: Sequence[Trial], material: Material) -> list[Candidate]:
@@ -158,8 +163,10 @@ def _further(
     """The model with the one more element that the left-out recordings choose; None where they ask for none."""
     criteria = material.criteria
     candidates = _candidates(material, here, again)
-    left, many = held.over_noise(here.scores), len(candidates)
-    material.progress(f"{left:.3g} × noise on recordings that choose; refit {many} candidates for a further element")
+    many = len(candidates)
+    material.progress(
+        f"{here.left:.3g} × noise on recordings that choose; refit {many} candidates for a further element"
+    )
     trials = refit(here.fit, candidates, material.executor, criteria=criteria)
     able = [t for t in trials if t.fit is not None and t.fit.cost < here.fit.cost]
     found = _chosen(held, here, able[: criteria.composition.asked_of_selection], criteria, record)
@@ -218,8 +225,9 @@ def _candidates(material: Material, here: _Grown, again: Sequence[Candidate]) ->
     learned = [c for c in left if not _named(material, c)]
     learned.sort(key=lambda c: -_explains(where, c.effect))
     chosen = [*begun, *named[: max(rule.composed_refits - len(begun), 1)]]
-    most = max((c.score for c in chosen), default=0.0)
-    chosen += [replace(c, score=max(c.score, most)) for c in learned[: rule.learned_refits]]
+    learned = learned[: rule.learned_refits]
+    most = max((c.score for c in (*chosen, *learned)), default=0.0)
+    chosen += [replace(c, score=most) for c in learned]
     return sorted(chosen, key=lambda c: -c.score)
 
 

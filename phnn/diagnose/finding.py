@@ -50,6 +50,15 @@ class Finding:
         return found if found is not None and found.as_good and found.first_order else None
 
     @property
+    def share(self) -> float | None:
+        """Share of the excess over the noise that it takes on identification recordings which took no part in finding
+        it; None where none were left out for that."""
+        found = self.gained
+        if found is None or not found.before > 1.0:
+            return None
+        return (found.before**2 - found.after**2) / (found.before**2 - 1.0)
+
+    @property
     def evidence(self) -> tuple[float, float]:
         """Statistic and p-value: of its own score, or the supremum's where only a refit has shown it."""
         own = self.trial.candidate

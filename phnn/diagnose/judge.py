@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from phnn.diagnose.compose import Material, compose
-from phnn.diagnose.criteria import CRITERIA, Criteria
+from phnn.diagnose.criteria import CRITERIA, SELECTION, Criteria
 from phnn.diagnose.finding import Finding, effects_of
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.learn import learn
@@ -79,14 +79,14 @@ class Judgement:
         """Where the mismatch is, the likeliest place first; empty for ``none``.
 
         Of a name that is claimed, or a formula that describes the mismatch, it is the element's: a refit knows better
-        than local functions did before. So it is of an element without either where the model leaves nothing. Several
-        elements at different places are no tie.
+        than local functions did before. So it is of an element without either that explains well. Several elements at
+        different places are no tie.
         """
         if self.location is None:
             return ()
         if self.claimed:
             return tuple(dict.fromkeys(t.candidate.effect.location for t in self.claimed[0].members))
-        able = [f for f in self.findings if f.described is not None or self.remainder_location is None]
+        able = [f for f in self.findings if f.described is not None or (f.share or 0.0) > SELECTION.explains_well]
         most = max(able, key=lambda f: f.gained.rms if f.gained is not None else 0.0, default=None)
         if most is not None:
             return (most.trial.candidate.effect.location,)

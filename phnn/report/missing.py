@@ -46,7 +46,7 @@ def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
     names = effect.strengths if finding.learned else effect.parameters
     return claimed | {
         "held_out": _held_out(finding),
-        "share_explained": _share(finding),
+        "share_explained": finding.share,
         "location": effect.location,
         "equivalent_to": [t.candidate.effect.name for t in finding.members[1:]],
         "p_value": finding.evidence[1],
@@ -100,15 +100,6 @@ def _description(found: Distilled, passive: bool) -> dict[str, Any]:
         "passive": passive,
         "others": list(found.others),
     }
-
-
-def _share(finding: Finding) -> float | None:
-    """Share of the excess over the noise that an element takes on identification recordings which took no part in
-    finding it; null where none were left out for that."""
-    found = finding.gained
-    if found is None or not found.before > 1.0:
-        return None
-    return (found.before**2 - found.after**2) / (found.before**2 - 1.0)
 
 
 def _nameless(j: Judgement) -> dict[str, Any]:

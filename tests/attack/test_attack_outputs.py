@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -132,35 +130,6 @@ def test_a_folder_without_rights_is_met_before_the_work(place: Path, capsys: pyt
 
 def command(place: Path, out: Path) -> list[str]:
     return [sys.executable, "-m", "phnn.cli", "predict", str(place / "model"), str(place / "rec"), "--out", str(out)]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("verb", ["predict", "identify"])
-def test_a_run_that_is_stopped_leaves_a_mark_and_runs_again(place: Path, stop: signal.Signals, verb: str) -> None:
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    arguments = command(place, place / "out")
-    if verb == "identify":
-        arguments[3:6] = ["identify", str(campaigns.concealed()[0])]
-        arguments += ["starts=1"]
-    began = time.monotonic()
-    clean = [str(place / "clean") if a == str(place / "out") else a for a in arguments]
-    subprocess.run(clean, env=environment, check=True, capture_output=True)
-    seconds = time.monotonic() - began
-    rng = np.random.default_rng(7)
-    for moment in rng.uniform(0.0, seconds, size=6):
-        shutil.rmtree(place / "out", ignore_errors=True)
-        running = subprocess.Popen(
-            arguments, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-        )
-        time.sleep(moment)
-        running.send_signal(stop)
-        _, told = running.communicate()
-        assert "internal error" not in told
-        found = seen(place / "out") if (place / "out").is_dir() else {}
-        assert not found or running.returncode == 0 or "INCOMPLETE.txt" in found, (moment, sorted(found))
-        subprocess.run(arguments, env=environment, check=True, capture_output=True)
-        assert seen(place / "out") == seen(place / "clean")
 
 
 def test_poor_surroundings_are_enough(place: Path) -> None:

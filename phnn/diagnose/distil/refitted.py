@@ -40,7 +40,10 @@ def refitted_formula(
     trials = [t for t in refit(alone, naming.candidates, executor, criteria=criteria) if t.fit is not None]
     if not trials:
         return None
-    reach = tie(final, criteria.selection.tie)
+    rule, left = criteria.selection, max(final.cost - final.residual.size, 0.0)
+    # A remainder that is no noise may favour either, as in `phnn.diagnose.trial.class_of`.
+    doubtful = rule.tie_of_remainder * left if final.chi2 > rule.small_residual**2 else 0.0
+    reach = max(tie(final, rule.tie), doubtful)
     least = min(t.cost for t in trials)
     best = simplest_first([t for t in trials if t.cost <= least + reach])[0]
     return _distilled(best, trials, final, element, reach)

@@ -13,10 +13,10 @@ from phnn.identify.gain import Gain
 
 @dataclass(frozen=True)
 class LeavesCase:
-    """What a model leaves on the recordings that it was grown on.
+    """What a model leaves on the recordings that it was grown on, and on those that choose.
 
     Attributes:
-        chi2: mean square [noise²]; elements: how many the model has.
+        chi2: larger mean square of the two [noise²]; elements: how many the model has.
         p_value: gives the p-value, which takes long.
     """
 
