@@ -57,7 +57,8 @@ class Selection:
     small_residual: float = criterion(
         1.1,
         "noise rms",
-        "A residual below it ends the search; above it, refits are compared with the remainder in mind.",
+        "A residual below it ends the search, and is told as immaterial where nothing predicts recordings better; "
+        "above it, refits are compared with the remainder in mind.",
         "Calculation: what is left has a fifth of the noise's power. " + STUDIED,
         origin=1.0,
     )

@@ -152,8 +152,10 @@ class NamelessCase:
 
 
 def mismatch_is_immaterial(case: NamelessCase) -> Applied:
-    """What is significant explains less of the noise than matters, and so does the residual as a whole."""
-    return Applied(_small(case), "none", _small_numbers(case))
+    """Nothing predicts recordings better, and what is significant explains less of the noise than matters, or the
+    residual as a whole is hardly above it."""
+    least = case.criteria.selection.small_residual
+    return Applied(_small(case) or case.chi2 < least**2, "none", {**_small_numbers(case), "small_residual": least})
 
 
 def remainder_is_immaterial(case: NamelessCase) -> Applied:
