@@ -21,7 +21,7 @@ from phnn.diagnose.place import of_its_kinds
 from phnn.diagnose.refit import refit
 from phnn.diagnose.retest import fit_with
 from phnn.diagnose.rules import Record
-from phnn.diagnose.rules.composition import GAIN, LEAVES, GainCase, LeavesCase
+from phnn.diagnose.rules.composition import GAIN, KEPT, LEAVES, WHOLE, GainCase, LeavesCase, WholeCase
 from phnn.diagnose.scored import Scored, scored
 from phnn.diagnose.select import Selected
 from phnn.diagnose.trial import Trial, class_of
@@ -34,6 +34,11 @@ from phnn.identify.fit import Fit
 from phnn.identify.gain import Gain
 from phnn.identify.left_out import LeftOut, leave_out
 from phnn.identify.staged import fit_identified, stated_only
+
+# A refit, its fit and what that predicts.
+_Shown = tuple[Trial, Fit, Evaluation]
+# Rounds of adding an element, and of asking which are still needed, per element of the largest model.
+_ROUNDS = 2
 
 
 @dataclass(frozen=True)
@@ -118,7 +123,9 @@ def compose(
     here = _grown(material, held, start.findings, begun)
     here = _still_needed(material, held, base, here, len(here.findings), record)
     again = [] if here.findings else _ended(tried, material)
-    while record.decide(LEAVES, here.leaves) is None:
+    for _ in range(_ROUNDS * criteria.composition.most_elements):
+        if record.decide(LEAVES, here.leaves) is not None:
+            break
         further = _further(material, held, here, again, record)
         if further is None:
             break
@@ -126,7 +133,7 @@ def compose(
     if not here.findings or _same(here.findings, kept):
         return kept, final
     whole = fit_with(material.base, here.findings, here.fit.setup.values())
-    if whole is None or whole.cost >= final.cost:
+    if record.decide(WHOLE, WholeCase(None if whole is None else whole.cost, final.cost)) is not None or whole is None:
         return kept, final
     return here.findings, whole
 
@@ -169,7 +176,7 @@ def _further(
     )
     trials = refit(here.fit, candidates, material.executor, criteria=criteria)
     able = [t for t in trials if t.fit is not None and t.fit.cost < here.fit.cost]
-    found = _chosen(held, here, able[: criteria.composition.asked_of_selection], criteria, record)
+    found = _chosen(material, held, here, able[: criteria.composition.asked_of_selection], record)
     if found is None:
         return None
     best, fitted, gained = found
@@ -187,19 +194,36 @@ def _further(
     return _grown(material, held, (*here.findings, finding), fitted)
 
 
+def _ordered(material: Material, held: LeftOut, here: _Grown, shown: Sequence[_Shown]) -> list[_Shown]:
+    """Refits in the order in which the left-out recordings are asked for them."""
+    rule = material.criteria.confirmation
+    best = min(shown, key=lambda s: held.over_noise(s[2]), default=None)
+
+    def rank(s: _Shown) -> tuple[bool, bool, bool, int, float]:
+        assert best is not None
+        between = held.gain((s[1], s[2]), (best[1], best[2]))
+        worse = rule.falls(between.before, between.after, between.share_of_noise)
+        candidate = s[0].candidate
+        simple = () if worse else (not _named(material, candidate), len(candidate.effect.all_strengths))
+        learned, size = simple or (True, 0)
+        return s[1].setup.own != here.fit.setup.own, worse, learned, size, held.over_noise(s[2])
+
+    return sorted(shown, key=rank)
+
+
 def _chosen(
-    held: LeftOut, here: _Grown, able: Sequence[Trial], criteria: Criteria, record: Record
+    material: Material, held: LeftOut, here: _Grown, able: Sequence[Trial], record: Record
 ) -> tuple[Trial, Fit, Gain] | None:
     """The refit with which the left-out recordings are predicted best, as far as they ask for it.
 
-    What recordings add in a measure of their own is fitted to the very samples that choose, so that it comes last.
+    Of those that predict as well, effects of the catalogue come before learned elements, which bend to the noise more
+    easily, and few parameters before many. Where one is not asked for, the next may be. What recordings add in a
+    measure of their own is fitted to the very samples that choose, so that it comes last.
     """
     shown = [(t, t.fit, held.scores(t.fit)) for t in able if t.fit is not None]
-    shown.sort(key=lambda s: (s[1].setup.own != here.fit.setup.own, held.over_noise(s[2])))
-    own = [s for s in shown if s[1].setup.own != here.fit.setup.own]
-    for trial, fitted, scores in (*shown[:1], *own[:1]):
+    for trial, fitted, scores in _ordered(material, held, here, shown):
         gained = held.gain(here.pair, (fitted, scores))
-        decided = record.decide(GAIN, GainCase(gained, criteria), trial.candidate.effect.name)
+        decided = record.decide(GAIN, GainCase(gained, material.criteria), trial.candidate.effect.name)
         if decided is not None and decided.outcome == "add":
             return trial, fitted, gained
     return None
@@ -245,7 +269,7 @@ def _explains(where: Location | None, effect: Effect) -> float:
 
 
 def _still_needed(material: Material, held: LeftOut, base: Fit, grown: _Grown, asked: int, record: Record) -> _Grown:
-    """The model without those of its elements that the left-out recordings do not ask for.
+    """The model without those of its elements without which the left-out recordings are predicted as well.
 
     Args:
         asked: how many of them are asked, from the first on.
@@ -259,8 +283,8 @@ def _still_needed(material: Material, held: LeftOut, base: Fit, grown: _Grown, a
             place += 1
             continue
         gained = held.gain((alone, held.scores(alone)), grown.pair)
-        decided = record.decide(GAIN, GainCase(gained, material.criteria), finding.trial.candidate.effect.name)
-        if decided is not None and decided.outcome == "add":
+        decided = record.decide(KEPT, GainCase(gained, material.criteria), finding.trial.candidate.effect.name)
+        if decided is not None and decided.outcome == "keep":
             found = replace(finding, gained=gained)
             grown = replace(grown, findings=(*grown.findings[:place], found, *grown.findings[place + 1 :]))
             place += 1

@@ -3,7 +3,9 @@
 An element is what the model has and the model without it, refitted, has not. Its name stands only if the error on
 held-out recordings falls, by more than chance would make it fall and by more than is worth telling. Each element needs
 its own gain: of a chain of elements none is carried by the others. As each passes on its own, no element is named
-wrongly more often than the level says, and no correction for their number is due.
+wrongly more often than the level says, and no correction for their number is due. An element that makes the held-out
+error larger is taken out, and the others are asked again; what the first look has not proven is then proven only below
+the level over the number of all questions.
 
 | on held-out recordings | the element is |
 |---|---|
@@ -60,7 +62,7 @@ class Tested:
     """One element: what it gains on held-out and on identification recordings, and what follows.
 
     Attributes:
-        alone: the model without it, or the base model where that cannot be fitted.
+        alone: the model without it; the model itself where that cannot be fitted.
         held_out: None where nothing was held out.
     """
 
@@ -104,9 +106,14 @@ def confirmed(
     if judgement.location is None:
         return judgement, before, before
     after, tested = _tested(judgement, before, campaign, criteria, record)
+    doubted = {t.finding.trial.candidate.effect for t in tested if t.outcome not in (Outcome.PROVEN, Outcome.OPEN)}
+    looks = len(tested)
     while len(tested) > 1 and (harmful := [t for t in tested if not _helps(t, criteria.confirmation)]):
         judgement = _dropped(judgement, min(harmful, key=lambda t: t.shown.share_of_noise), score_again)
         after, tested = _tested(judgement, before, campaign, criteria, record)
+        looks += len(tested)
+        level = criteria.confirmation.held_out_level / looks
+        tested = [_no_surer(t, level) if t.finding.trial.candidate.effect in doubted else t for t in tested]
     tested = _without_doubtful_names(tested, criteria, record)
     claimed = [t for t in tested if not t.finding.provisional]
     decided = record.decide(MODEL, _model_case(judgement, claimed, criteria)) if claimed else None
@@ -120,6 +127,15 @@ def confirmed(
         judgement = _nameless(judgement, tested, criteria, record)
         after = before if judgement.final is base else after
     return replace(judgement, rules=tuple(record.asked)), before, after
+
+
+def _no_surer(tested: Tested, level: float) -> Tested:
+    """An element that the first look has not proven is proven by a later one only below a level that all looks share
+    (Bonferroni)."""
+    held = tested.held_out
+    proven = tested.outcome is Outcome.PROVEN and held is not None and held.falls is not None and held.falls < level
+    doubtful = tested.outcome in (Outcome.PROVEN, Outcome.OPEN) and not proven
+    return replace(tested, outcome=Outcome.PROVISIONAL) if doubtful else tested
 
 
 def _helps(tested: Tested, rule: Confirmation) -> bool:
@@ -211,7 +227,9 @@ def _tested(
         alone = finding.others_alone
         if alone is None and others:
             alone = without(base, others, finding, final, criteria.selection.tie)
-        # What cannot be fitted without an element is compared with the base model.
+        if alone is None and others:
+            tested.append(_untold(finding, final, after, campaign, rule))
+            continue
         alone = alone or base
         shown = before if alone is base else score_on_all(alone, campaign)
         held_out, identified = (
@@ -222,6 +240,16 @@ def _tested(
         outcome = outcome_of(held_out, identified, rule, record, finding.trial.candidate.effect.name)
         tested.append(Tested(finding, outcome, alone, held_out, identified))
     return after, tested
+
+
+def _untold(finding: Finding, final: Fit, after: Evaluation, campaign: Campaign, rule: Confirmation) -> Tested:
+    """An element without which the others cannot be fitted: it stays, and nothing is known of what it gains."""
+    held_out, identified = (
+        gain(after, after, campaign.recordings, use, rule.held_out_blocks, (final.setup.own, final.setup.own))
+        for use in ("confirmation", "identification")
+    )
+    assert identified is not None
+    return Tested(finding, Outcome.PROVISIONAL, final, held_out, identified)
 
 
 def _dropped(judgement: Judgement, fallen: Tested, score_again: Callable[[Fit], Scored]) -> Judgement:

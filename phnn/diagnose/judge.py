@@ -185,13 +185,12 @@ def _composed(
     if fitted is not model.ground.fit:
         terminals = asked.found.ground.terminals
         model = scored(fitted, material.effects, material.seed, terminals=terminals, criteria=criteria)
-        # A name goes with an element that the composed model does without.
-        named = named if set(effects_of(named)) <= set(effects_of(findings)) else ()
-        if not named and (claimed := _claimed(findings, model, criteria, record)):
+        word, named = "unknown", ()
+        # Whatever had a name before has to claim it anew beside what was added.
+        if claimed := _claimed(findings, model, criteria, record):
             share = share_of(asked.found.ground.fit, fitted, asked.found.naming)
             word, _ = _word(asked, Selected(claimed, model, share), record)
             named = claimed if word != "unknown" else ()
-        word = word if named else "unknown"
     names = effects_of(named)
     kept = tuple(replace(f, provisional=f.trial.candidate.effect not in names) for f in findings)
     return word, model, kept
@@ -200,10 +199,12 @@ def _composed(
 def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, record: Record) -> tuple[Finding, ...]:
     """Elements of a composed model beside which what has no name is small, the weakest asked first.
 
-    What an element takes that has no name has none either.
+    What an element takes that has no name has none either. A remainder beyond any doubt about the noise counts even
+    where it may be chance.
     """
-    doubt = criteria.selection.noise_doubt
-    nameless = max(model.ground.fit.chi2 / doubt**2 - 1.0, 0.0) if model.significant else 0.0
+    doubt, chi2 = criteria.selection.noise_doubt, model.ground.fit.chi2
+    counts = model.significant or chi2 > criteria.composition.composed_beyond**2
+    nameless = max(chi2 / doubt**2 - 1.0, 0.0) if counts else 0.0
     takes = [f.gained.before**2 - f.gained.after**2 if f.gained is not None else 0.0 for f in findings]
     weakest_first = sorted(zip(takes, findings, strict=True), key=lambda pair: (not pair[1].learned, pair[0]))
     claimed = []

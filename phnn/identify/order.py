@@ -20,7 +20,7 @@ MOST_HYSTERONS = 4
 # Where none is better than the next, and where the recordings cannot be divided.
 DEFAULT_HYSTERONS = 2
 # A further hysteron has to take this share of the excess over the noise, and with such a p-value: three parameters
-# more, chosen among few models. Too few independent blocks of time for a p-value decide nothing.
+# more, chosen among few models. Too few independent blocks of time for a p-value leave the default.
 _SHARE, _LEVEL, _FEWEST_BLOCKS = 0.05, 0.00135, 8
 
 
@@ -39,7 +39,7 @@ def hysterons_needed(
     least = max((int(n.rpartition("_")[2]) for n in known if n.startswith(("C_", "rho_", "d_"))), default=1)
     held = leave_out(plan, _FEWEST_BLOCKS)
     best: tuple[Fit, Evaluation] | None = None
-    chosen = DEFAULT_HYSTERONS
+    chosen = max(least, DEFAULT_HYSTERONS)
     for count in range(least, max(least, MOST_HYSTERONS) + 1):
         progress(f"how many hysterons: try {count}")
         try:
@@ -47,7 +47,7 @@ def hysterons_needed(
         except PhnnError:
             break
         further = fitted, held.scores(fitted)
-        if best is not None and not _better(held, best, further):
+        if best is not None and not _better(held, best, further, count):
             break
         best, chosen = further, count
         if held.over_noise(further[1]) <= 1.0:
@@ -55,8 +55,13 @@ def hysterons_needed(
     return chosen
 
 
-def _better(held: LeftOut, fewer: tuple[Fit, Evaluation], more: tuple[Fit, Evaluation]) -> bool:
-    """Whether one more hysteron predicts what was left out clearly better."""
+def _better(held: LeftOut, fewer: tuple[Fit, Evaluation], more: tuple[Fit, Evaluation], count: int) -> bool:
+    """Whether one more hysteron, ``count`` of them then, predicts what was left out clearly better.
+
+    Recordings too short for a test decide nothing: there the default stays, if it predicts no worse.
+    """
     found = held.gain(fewer, more)
     taken, excess = found.before**2 - found.after**2, max(found.before**2 - 1.0, 0.0)
+    if found.falls is None:
+        return count <= DEFAULT_HYSTERONS and taken >= 0.0
     return taken > _SHARE * excess and found.falls is not None and found.falls < _LEVEL

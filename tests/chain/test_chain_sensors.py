@@ -104,7 +104,18 @@ def test_a_fast_clock_reads_a_sine_too_early_and_a_drifting_gain_scales_it() -> 
     y = SENSORS["clock"](sine(11.0), T, 0.02, 1.0)
     np.testing.assert_allclose(y, np.sin(2.0 * np.pi * 11.0 * 0.98 * T), atol=1e-6)
     y = SENSORS["drifting_gain"](sine(11.0), T, 0.3, -0.1, 0.5)
-    np.testing.assert_allclose(y, sine(11.0) * (1.0 + 0.3 * T / 0.5 - 0.1 * (T / 0.5) ** 2), atol=1e-15)
+    s = np.minimum(T / 0.5, 1.0)
+    np.testing.assert_allclose(y, sine(11.0) * (1.0 + 0.3 * s - 0.1 * s**2), atol=1e-15)
+
+
+def test_a_slow_clock_holds_what_it_knows_beyond_the_last_sample() -> None:
+    found = SENSORS["clock"](sine(11.0), T, -0.5, 1.0)
+    assert np.abs(found).max() < 1.5
+    late = 1.5 * T > 2.0 * T[-1] - T[-2]
+    assert np.unique(found[late]).size == 1
+    stepped = SENSORS["clock"](sine(11.0), T, complex(-0.5, 1e-20), 1.0)
+    assert np.array_equal(np.real(stepped), found)
+    assert not np.imag(stepped[late]).any()
 
 
 VALUES = {"drift": (0.3,), "lag": (4e-3,), "polynomial": (0.3, -0.2), "rectification": (), "play": (0.15,),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from phnn.diagnose import confirm
-from phnn.diagnose.confirm import Outcome, confirmed, outcome_of
+from phnn.diagnose.confirm import Outcome, _no_surer, confirmed, outcome_of
 from phnn.diagnose.criteria import CRITERIA, Confirmation
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import Judgement
@@ -174,6 +174,24 @@ def test_every_element_of_a_chain_needs_a_gain_of_its_own() -> None:
     assert found.verdict == "named" and named(found) == ["creep"]
     assert found.final is alone and found.final_ground is world.again
     assert after is world.scores(alone, None)
+
+
+def test_an_element_without_which_the_others_cannot_be_fitted_is_not_proven() -> None:
+    world = World()
+    base, final = world.fit(5.0, 5.0), world.fit(0.0, 0.1)
+    found, *_ = world.judge(base, final, (None, world.fit(1.0, 1.0)))  # type: ignore[arg-type]
+    assert found.final is final
+    assert [f.provisional for f in found.findings] == [True, False]
+
+
+@pytest.mark.parametrize(("p_value", "proven"), [(1e-3, False), (1e-6, True)])
+def test_a_second_look_proves_what_the_first_did_not_only_below_a_level_that_all_looks_share(
+    p_value: float, proven: bool
+) -> None:
+    tested = confirm.Tested(mock.Mock(), Outcome.PROVEN, mock.Mock(), a_gain(3.0, 1.0, p_value), a_gain(3.0, 1.0))
+    assert (_no_surer(tested, 0.01 / 20).outcome is Outcome.PROVEN) == proven
+    fallen = replace(tested, outcome=Outcome.REFUTED)
+    assert _no_surer(fallen, 0.01 / 20).outcome is Outcome.REFUTED
 
 
 def test_models_without_an_element_that_the_search_has_fitted_are_not_fitted_again() -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -10,15 +12,17 @@ from campaigns import recorded
 from effect_homes import BASE, SCALES
 from matplotlib.mathtext import MathTextParser
 
-from phnn.diagnose.distil import distil
+from phnn.diagnose.distil import distil, refitted
 from phnn.diagnose.distil.refitted import refitted_formula
 from phnn.diagnose.distil.response import element_force
 from phnn.diagnose.ground import Ground, prepare
+from phnn.diagnose.name import Candidate
 from phnn.diagnose.strengths import started
+from phnn.diagnose.trial import Trial
 from phnn.effects import Effect, effect
 from phnn.effects.formulas import formulas, formulas_for
 from phnn.effects.learned import learned_elements
-from phnn.identify.fit import fit
+from phnn.identify.fit import Fit, fit
 from phnn.identify.problem import Plan
 from phnn.laws import RESISTOR_LAWS
 from phnn.setup import Setup
@@ -165,6 +169,25 @@ def test_a_formula_of_the_measuring_chain_is_found_in_the_place_of_a_learned_ele
     assert said in found.words
     for name, (value, _) in found.parameters.items():
         assert value == pytest.approx(values[name], rel=0.03)
+
+
+@pytest.mark.parametrize(("takes", "described"), [(0.0, False), (0.5, False), (0.95, True)])
+def test_a_formula_describes_only_what_it_takes_most_of(takes: float, described: bool) -> None:
+    element, formula = learned_elements()["learned_sensor_over_time"], formulas()["sensor_gain_drift"]
+    point = formula.grid(SCALES)[0]
+    known = fit(formula.add_to(BASE, point), learned_ground(BASE, element).fit.plan, NAMES, {"m": "held"}, 1)
+    # A weak element: it takes less than two fits in doubt differ by.
+    without, learned = 10.0, 9.9
+
+    def leaving(rms: float) -> Fit:
+        return replace(known, residual=np.full(known.residual.size, rms))
+
+    formed = leaving(float(np.sqrt(without**2 - takes * (without**2 - learned**2))))
+    trial = Trial(Candidate(formula, dict(point), (), 1.0, 1e-3), formed)
+    with mock.patch.object(refitted, "refit", lambda *a, **k: [trial]):
+        found = refitted_formula(leaving(learned), leaving(without), element)
+    assert found is not None
+    assert found.as_good == described
 
 
 def test_what_has_no_formula_stays_a_curve() -> None:

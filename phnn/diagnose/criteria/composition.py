@@ -64,6 +64,13 @@ class Composition:
         "Largest p-value of a fall that is far.",
         "Argument: what is left by a wrong model scatters more than noise does, so that a test of it is weak.",
     )
+    far_above: float = criterion(
+        1.05,
+        "noise rms",
+        "A fall from less is never far.",
+        "Calculation: what lies below is a tenth of the noise's power, as little as the noise floor may be wrong by.",
+        origin=1.0,
+    )
     claim_leaves: float = criterion(
         0.05,
         "share of what it takes",
@@ -80,7 +87,8 @@ class Composition:
         """
         taken = before**2 - after**2
         excess = max(before**2 - 1.0, 0.0)
-        if taken > self.composed_far * excess:
+        # Near the noise floor, which is not known better, no fall is far.
+        if before > self.far_above and taken > self.composed_far * excess:
             return p_value is None or p_value < self.composed_far_level
         return p_value is not None and taken > self.composed_share * excess and p_value < self.composed_level
 

@@ -83,7 +83,7 @@ def distil(ground: Ground, element: Effect) -> Distilled | None:
         exponents=_exponents(best),
         learned=float(np.sqrt(fit.cost / size)),
         formula=float(np.sqrt(best.cost / size)),
-        as_good=best.cost <= fit.cost + reach,
+        as_good=best.cost <= fit.cost + reach and _stays_passive(goal, best),
         first_order=fit.chi2 <= RACE.large_residual**2,
         others=tuple(_equation(f) for f in rivals),
     )
@@ -95,6 +95,14 @@ class Written(NamedTuple):
     equation: str
     words: str
     parameters: dict[str, tuple[float, str]]
+
+
+def _stays_passive(goal: Target, formula: Formula) -> bool:
+    """Whether every positive parameter of the base model stays positive beside a formula."""
+    terms = [(term, shapes) for term, _, shapes in formula.by_term]
+    values = goal.moved_base(unit_responses(goal, terms), formula.sizes)
+    parameters = goal.ground.fit.setup.parameters
+    return all(value > 0.0 for name, value in values.items() if parameters[name].positive)
 
 
 def _equation(formula: Formula) -> str:

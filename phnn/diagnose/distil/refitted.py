@@ -18,6 +18,8 @@ from phnn.units import quantity
 
 # Of a null that nobody asks for: formulas are ranked, not tested.
 _SEED = 0
+# A formula has to take this share of what the learned element takes.
+_MOST = 0.8
 
 
 def refitted_formula(
@@ -46,10 +48,14 @@ def refitted_formula(
     reach = max(tie(final, rule.tie), doubtful)
     least = min(t.cost for t in trials)
     best = simplest_first([t for t in trials if t.cost <= least + reach])[0]
-    return _distilled(best, trials, final, element, reach)
+    return _distilled(best, trials, (alone, final), element, reach)
 
 
-def _distilled(best: Trial, trials: list[Trial], final: Fit, element: Effect, reach: float) -> Distilled | None:
+def _distilled(
+    best: Trial, trials: list[Trial], around: tuple[Fit, Fit], element: Effect, reach: float
+) -> Distilled | None:
+    """A formula as it describes what an element takes between the fits without and with it."""
+    alone, final = around
     effect, fit = best.candidate.effect, best.fit
     if fit is None:
         return None
@@ -64,7 +70,7 @@ def _distilled(best: Trial, trials: list[Trial], final: Fit, element: Effect, re
         exponents={},
         learned=float(np.sqrt(final.cost / size)),
         formula=float(np.sqrt(fit.cost / size)),
-        as_good=fit.cost <= final.cost + reach,
+        as_good=fit.cost <= final.cost + reach and alone.cost - fit.cost >= _MOST * (alone.cost - final.cost),
         first_order=True,
         others=tuple(t.candidate.effect.equation for t in trials if t is not best and t.cost <= best.cost + reach),
     )

@@ -62,10 +62,15 @@ class Target:
 
     def moved(self, columns: Array, sizes: Array, name: str) -> float:
         """Value [SI] of a base parameter beside forces of given sizes with the responses ``columns`` (N, T)."""
+        return self.moved_base(columns, sizes)[name]
+
+    def moved_base(self, columns: Array, sizes: Array) -> dict[str, float]:
+        """The same of every base parameter."""
         shift = np.linalg.lstsq(self.base, self.wanted - columns @ sizes, rcond=None)[0]
-        p = self.ground.fit.setup.parameters[name]
+        parameters = self.ground.fit.setup.parameters
+        found = ((parameters[n], float(z)) for n, z in zip(self.names, shift, strict=True) if n in parameters)
         # Forces are linear in the value, not in its logarithm.
-        return p.value + p.slope(p.value) * float(shift[self.names.index(name)])
+        return {p.name: p.value + p.slope(p.value) * z for p, z in found}
 
     def free(self, columns: Array) -> Array:
         """Columns without what base parameters can take over."""

@@ -99,12 +99,50 @@ def learned_element_has_no_name(case: ClaimCase) -> Applied:
 
 
 def too_much_has_no_name(case: ClaimCase) -> Applied:
-    """What has no name is no small part of what the element takes: it may be what the element stands for."""
+    """What has no name is no small part of what the element takes: it may be what the element stands for.
+
+    An element that was never asked for takes nothing.
+    """
     most = case.criteria.composition.claim_leaves
     numbers = {"takes": case.takes, "leaves": case.leaves, "claim_leaves": most}
-    return Applied(case.leaves > most * case.takes, "no name", numbers)
+    return Applied(case.takes <= 0.0 or case.leaves > most * case.takes, "no name", numbers)
 
 
 LEAVES = (model_is_at_the_noise, model_has_enough_elements, model_leaves_no_more_than_chance)
+
+
+def element_is_still_needed(case: GainCase) -> Applied:
+    """Without the element, the recordings that were left out are predicted worse by what matters.
+
+    Unlike for adding, no p-value is asked: an element that was added goes only if nothing is lost with it.
+    """
+    found, criteria = case.found, case.criteria
+    taken = found.before**2 - found.after**2
+    share = taken > criteria.composition.composed_share * max(found.before**2 - 1.0, 0.0)
+    matters = criteria.confirmation.falls(found.before, found.after, found.share_of_noise)
+    return Applied(share and matters, "keep", _numbers(case))
+
+
+@dataclass(frozen=True)
+class WholeCase:
+    """A composed model refitted to all identification recordings, and the model of the search.
+
+    Attributes:
+        composed: sum of squares [noise²]; None where it cannot be fitted.
+        searched: the same of the model of the search.
+    """
+
+    composed: float | None
+    searched: float
+
+
+def composed_model_fits_no_better(case: WholeCase) -> Applied:
+    """On all identification recordings together the composed model fits no better than that of the search."""
+    worse = case.composed is None or case.composed >= case.searched
+    return Applied(worse, "model of the search", {"composed": case.composed, "searched": case.searched})
+
+
 GAIN = (element_predicts_better, element_does_not_predict_better)
+KEPT = (element_is_still_needed, element_does_not_predict_better)
+WHOLE = (composed_model_fits_no_better,)
 CLAIM = (learned_element_has_no_name, too_much_has_no_name)
