@@ -20,6 +20,7 @@ from phnn.diagnose.scored import Scored, scored
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
+from phnn.effects.places import attached
 from phnn.ensemble import Executor, executor
 from phnn.identify.base import Options, Progress, identify_base, quiet, refined, single
 from phnn.identify.evaluate import Evaluation
@@ -65,8 +66,8 @@ def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) 
 
 
 def _possible(campaign: Campaign, setup: Setup, effects: Iterable[Effect]) -> list[Effect]:
-    """Those of some effects that can exist, in all forms."""
-    found = in_all_forms(e for e in effects if e.applies(setup))
+    """Those of some effects that can exist, in all forms and at every place."""
+    found = in_all_forms(a for e in effects for a in attached(e, setup) if a.applies(setup))
     return [e for e in found if not (e.needs_command and campaign.voltage == "terminals")]
 
 

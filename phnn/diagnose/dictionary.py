@@ -23,7 +23,8 @@ from phnn.diagnose.filters import (
     stop_operator,
 )
 from phnn.effects import Scales
-from phnn.effects.effect import DEAD_ZONES
+from phnn.network.elements import Network
+from phnn.network.roles import capacitances, charges, dampings, hysterons, ratios, thresholds
 from phnn.recordings.driving import input_before
 from phnn.simulate import Trajectory
 
@@ -40,8 +41,8 @@ class Group:
 
     Attributes:
         location: canonical location; detail: which kind of element there.
-        enters: `FORCE`, `VOLTAGE` or `OUTPUT`; or `PARAMETER`: the functions scale the parameters whose names begin
-            with one of ``varies``, as a law or a transformer that is modulated would.
+        enters: `FORCE`, `VOLTAGE` or `OUTPUT`; or `PARAMETER`: the functions scale the parameters that ``varies`` finds
+            in a network, as a law or a transformer that is modulated would.
         functions: ``(trajectory, scales) -> (n or N, F)``; zero for zero motion.
         axis: name of the variable against which the learned function is drawn, with its unit; empty where the
             functions have memory and no static picture.
@@ -55,8 +56,12 @@ class Group:
     functions: Callable[[Trajectory, Scales], Array]
     axis: str = ""
     static: Callable[[Array, Scales], Array] | None = None
-    varies: tuple[str, ...] = ()
+    varies: Callable[[Network], list[str]] | None = None
     searched: bool = False
+
+    def varied(self, network: Network) -> list[str]:
+        """Names of the parameters that its functions scale in a network."""
+        return self.varies(network) if self.varies is not None else []
 
 
 def _elastic(q: Array, scales: Scales) -> Array:
@@ -123,15 +128,13 @@ def _hysteron(trajectory: Trajectory, scales: Scales) -> Array:
 def _leakage(trajectory: Trajectory, scales: Scales) -> Array:
     times = np.geomspace(1.0 / scales.fastest, scales.duration, 4)
     network, h = trajectory.setup.network, trajectory.h
-    thresholds = {
-        n: network.parameters[r.parameters[1]].value for r in network.resistors if r.law in DEAD_ZONES for n in r.on
-    }
+    widths = {n: network.parameters[r.parameters[1]].value for r in hysterons(network) for n in r.on}
     columns = []
     for i in _electrical_leaves(trajectory):
         e = trajectory.efforts[:, i] / scales.voltage
         columns += [low_pass(e, h, t, float(e[0])) for t in times]
         # What leaked away while a hysteron held is made up for as soon as it gives way.
-        limit = thresholds.get(network.storages[i].name, np.inf) / scales.voltage
+        limit = widths.get(network.storages[i].name, np.inf) / scales.voltage
         columns.append(integral_while_within(e, h, limit) / scales.duration)
     return np.column_stack(columns) if columns else np.zeros((trajectory.velocity.size, 0))
 
@@ -141,8 +144,9 @@ def _by_charge(trajectory: Trajectory, scales: Scales) -> Array:
 
 
 def _electrical_leaves(trajectory: Trajectory) -> list[int]:
-    storages = trajectory.setup.network.storages
-    return [i for i in trajectory.program.dissipative if storages[i].unit == "C"]
+    network = trajectory.setup.network
+    charged = charges(network)
+    return [i for i in trajectory.program.dissipative if network.storages[i].name in charged]
 
 
 def _coupling(u: Array, scales: Scales) -> Array:
@@ -258,7 +262,7 @@ GROUPS = (
     Group("mechanical", "dissipative", FORCE, _of_velocity(_dissipative), _V, _dissipative),
     Group(
         "mechanical", "damping that follows the displacement", PARAMETER, _of_displacement(_by_displacement), _Q,
-        _by_displacement, ("b",),
+        _by_displacement, dampings,
     ),
     Group("mechanical", "memory", FORCE, _memory, _T, _after_a_step),
     Group("mechanical", "mode", FORCE, _modes),
@@ -266,21 +270,21 @@ GROUPS = (
     Group("hysteron", "shape", FORCE, _hysteron),
     Group(
         "hysteron", "threshold that follows the displacement", PARAMETER, _of_displacement(_by_displacement), _Q,
-        _by_displacement, ("d_",),
+        _by_displacement, thresholds,
     ),
-    Group("hysteron", "threshold that follows the rate", PARAMETER, _of_velocity(_by_speed), _V, _by_speed, ("d_",)),
-    Group("hysteron", "capacitance that follows the charge", PARAMETER, _by_charge, "", None, ("C_",)),
+    Group("hysteron", "threshold that follows the rate", PARAMETER, _of_velocity(_by_speed), _V, _by_speed, thresholds),
+    Group("hysteron", "capacitance that follows the charge", PARAMETER, _by_charge, "", None, capacitances),
     Group("electrical", "leakage", FORCE, _leakage),
     Group("coupling", "force against voltage", FORCE, _of_voltage(_coupling), _U, _coupling),
     Group(
         "coupling", "ratio that follows the displacement", PARAMETER, _of_displacement(_by_displacement), _Q,
-        _by_displacement, ("alpha",),
+        _by_displacement, ratios,
     ),
-    Group("coupling", "ratio that follows past voltage", PARAMETER, _polarisation, "", None, ("alpha",)),
+    Group("coupling", "ratio that follows past voltage", PARAMETER, _polarisation, "", None, ratios),
     Group("amplifier", "lag", VOLTAGE, _amplifier_lag, _T, _lag_after_a_step),
     Group("amplifier", "limit", VOLTAGE, _of_voltage(_amplifier_limit), _U, _amplifier_limit),
     Group("amplifier", "slew", VOLTAGE, _amplifier_slew),
-    Group("thermal", "ratio that follows the warmth", PARAMETER, _warmth, "", None, ("alpha",)),
+    Group("thermal", "ratio that follows the warmth", PARAMETER, _warmth, "", None, ratios),
     Group("sensor", "nonlinear", OUTPUT, _of_output(_sensor_static), _Q, _sensor_static),
     Group("sensor", "lag or play", OUTPUT, _sensor_memory),
     Group("sensor", "gain that drifts", OUTPUT, _sensor_gain),

@@ -16,6 +16,7 @@ from phnn.diagnose.ground import Ground
 from phnn.diagnose.strengths import started
 from phnn.effects import Scales
 from phnn.effects.learned import learned_elements
+from phnn.effects.places import attached
 from phnn.errors import PhnnError
 from phnn.identify.fit import Fit, fit, variables_from
 from phnn.identify.problem import Problem
@@ -31,7 +32,8 @@ _ELEMENTS = {"elastic": "learned_spring", "dissipative": "learned_damper", "memo
 
 def learned_setup(setup: Setup, detail: str, scales: Scales) -> Setup | None:
     """The setup with the learned element of a kind at small strengths; None where there is none of that kind."""
-    element = learned_elements().get(_ELEMENTS.get(detail, ""))
+    generic = learned_elements().get(_ELEMENTS.get(detail, ""))
+    element = None if generic is None else attached(generic, setup)[0]
     if element is None or not element.can_be_added_to(setup):
         return None
     return replace(element.add_to(setup, element.grid(scales)[0]), name=f"{setup.name}+learned")

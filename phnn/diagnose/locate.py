@@ -19,7 +19,7 @@ from phnn.diagnose.criteria import LOCATING, Locating
 from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.lines import course_share, line_share
-from phnn.effects.effect import has_dead_zones, has_transducer
+from phnn.network.roles import hysterons, ratios
 from phnn.simulate import Trajectory
 
 Array = NDArray[np.float64]
@@ -129,7 +129,7 @@ def _responses_of(trajectory: Trajectory, ground: Ground) -> tuple[Array, NDArra
     scales = ground.scales
     owners: dict[str, list[int]] = {FORCE: [], PARAMETER: [], OUTPUT: []}
     forces, varied, outputs = [], [], []
-    parameters = trajectory.setup.network.parameters
+    network = trajectory.setup.network
     for index, group in enumerate(GROUPS):
         functions = group.functions(trajectory, scales)
         if not _exists(group, ground):
@@ -138,9 +138,8 @@ def _responses_of(trajectory: Trajectory, ground: Ground) -> tuple[Array, NDArra
             outputs.append(functions * scales.displacement)
             owners[OUTPUT] += [index] * functions.shape[1]
         elif group.enters == PARAMETER:
-            slow = {n for m in trajectory.setup.network.memories for n in m.parameters}
-            names = [n for n in parameters if n.startswith(group.varies) and n not in slow]
-            varied += [(n, parameters[n].value * f) for n in names for f in functions.T]
+            names = group.varied(network)
+            varied += [(n, network.parameters[n].value * f) for n in names for f in functions.T]
             owners[PARAMETER] += [index] * (functions.shape[1] * len(names))
         else:
             unit = scales.stiffness * scales.displacement
@@ -153,11 +152,11 @@ def _responses_of(trajectory: Trajectory, ground: Ground) -> tuple[Array, NDArra
 
 def _exists(group: Group, ground: Ground) -> bool:
     """Whether the system has such a place: hysterons, a transducer, an amplifier whose command was recorded."""
-    setup = ground.fit.setup
+    network = ground.fit.setup.network
     if group.location in ("hysteron", "electrical"):
-        return has_dead_zones(setup)
+        return bool(hysterons(network))
     if group.location in ("coupling", "thermal"):
-        return has_transducer(setup)
+        return bool(ratios(network))
     return not (group.location == "amplifier" and ground.terminals)
 
 

@@ -40,12 +40,12 @@ def picture(ground: Ground, location: Location) -> Picture | None:
     group = GROUPS[location.group]
     if not location.weights.size:
         return None
-    scales = ground.scales
+    scales, varied = ground.scales, group.varied(ground.fit.setup.network)
     unit, label = {
         FORCE: (scales.stiffness * scales.displacement, "missing force [N]"),
         VOLTAGE: (scales.voltage, "missing voltage [V]"),
         OUTPUT: (1e9 * scales.displacement, "missing displacement [nm]"),
-        PARAMETER: (1.0, f"relative change of {'…, '.join(group.varies)}…" if group.varies else "relative change"),
+        PARAMETER: (1.0, " ".join(["relative change", *(["of", ", ".join(varied)] if varied else [])])),
     }[group.enters]
     title = f"{location.name}: {location.detail}"
     if group.static is None:

@@ -56,8 +56,8 @@ def fitted_in_words(ground: Ground, location: Location) -> str:
     if not location.weights.size or not np.any(location.weights):
         return ""
     acts = f"What the functions fitted there make is {_ACTS[group.enters]}"
-    if group.enters == PARAMETER and group.varies:
-        acts += f" {', '.join(f'{name}…' if name.endswith('_') else name for name in group.varies)}"
+    if varied := group.varied(ground.fit.setup.network):
+        acts += f" {', '.join(varied)}"
     if group.static is None or drawn is None:
         return f"{acts} that depends {_HISTORY.get(location.detail, 'on the past')}.{_work(ground, location, group)}"
     if group.axis.startswith("time after"):

@@ -6,16 +6,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import DEAD_ZONES, Effect, Plausible, Scales, has_dead_zones, with_network
+from phnn.effects.effect import Effect, Plausible, Scales, has_dead_zones, with_network
 from phnn.network.elements import Resistor
+from phnn.network.roles import charges
 from phnn.parameters import positive
 from phnn.setup import Setup
 
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``Q̇_i = α v − h_i⁻¹(e_i) − G e_i``: a linear resistor beside every dead zone."""
-    found = (name for r in setup.network.resistors if r.law in DEAD_ZONES for name in r.on)
-    leaks = tuple(Resistor(f"leakage_{name}", "linear", {name: 1.0}, ("G",)) for name in dict.fromkeys(found))
+    leaks = tuple(Resistor(f"leakage_{n}", "linear", {n: 1.0}, ("G",)) for n in charges(setup.network))
     conductance = positive("G", values["G"], "S", "leakage of the hysterons' capacitors", 1e8)
     return with_network(setup, setup.network.extend(resistors=leaks, parameters=(conductance,)))
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from phnn.errors import InputRefused
 from phnn.network.elements import Network, Port, Storage
+from phnn.network.roles import hysterons
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Setup
 
@@ -16,8 +17,6 @@ LOCATIONS = (
 )  # fmt: skip
 # Storage laws of a spring that can be bent, or bent further.
 SPRINGS = ("spring", "quadratic_spring", "cubic_spring")
-# Resistor laws of hysterons: nothing flows between two thresholds.
-DEAD_ZONES = ("dead_zone", "following_dead_zone", "rate_dependent_dead_zone", "thermal_dead_zone")
 
 
 @dataclass(frozen=True)
@@ -88,10 +87,8 @@ def always(setup: Setup) -> bool:
 
 
 def has_motion(setup: Setup) -> bool:
-    """The output is a displacement ``q`` that a momentum ``p`` moves: forces can act on it."""
-    network = setup.network
-    moves = any({c.to, c.of} == {"q", "p"} for c in network.couplings)
-    return network.output == "q" and "p" in network.storage_names and moves
+    """A momentum ``p`` moves the displacement ``q``: forces can act on it."""
+    return any({c.to, c.of} == {"q", "p"} for c in setup.network.couplings)
 
 
 def has_spring(setup: Setup) -> bool:
@@ -102,7 +99,7 @@ def has_spring(setup: Setup) -> bool:
 
 def has_dead_zones(setup: Setup) -> bool:
     """Some resistor has a dead zone: there are hysterons."""
-    return any(r.law in DEAD_ZONES for r in setup.network.resistors)
+    return bool(hysterons(setup.network))
 
 
 def has_plain_dead_zones(setup: Setup) -> bool:
@@ -125,6 +122,10 @@ def has_tanks(setup: Setup) -> bool:
 @dataclass(frozen=True)
 class Effect:
     """A member of the catalogue.
+
+    Its law is written for a displacement ``q`` that a momentum ``p`` moves, with stiffness ``k`` and damping ``b``, for
+    a port ``voltage`` that acts on it with the ratio ``alpha``, and hysterons ``Q_i`` with ``C_i``, ``rho_i``, ``d_i``;
+    `phnn.effects.places` finds what has these roles in a network of other names.
 
     Attributes:
         name: canonical name.
@@ -152,6 +153,7 @@ class Effect:
         searched: its parameter that is a frequency to be found in the spectrum of what the model leaves.
         rescale: how to multiply the strength where that is more than multiplying parameters.
         forms: the same physics by other laws, under the same name, at the same place and of the same kind.
+        place: displacement of the motion that it acts on, where that is not the measured one.
         plausible: where each of its parameters lies in actuators that exist, or that no range is known.
     """
 
@@ -180,6 +182,12 @@ class Effect:
     forms: tuple[Effect, ...] = ()
     plausible: Mapping[str, Plausible] = field(default_factory=dict, compare=False)
     strengths: tuple[str, ...] = ()
+    place: str = ""
+
+    @property
+    def canonical(self) -> str:
+        """Name in the catalogue, whatever the place."""
+        return self.name.removesuffix(f" at {self.place}") if self.place else self.name
 
     @property
     def all_strengths(self) -> tuple[str, ...]:

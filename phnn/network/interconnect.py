@@ -6,12 +6,12 @@ What the ports exchange leaves one system as it enters the other: the joint ``J`
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
 from phnn.errors import StructureViolated
 from phnn.network.elements import Coupling, Memory, Network, Port, Ratio, Resistor, Storage
+from phnn.network.relabel import relabelled
 from phnn.parameters import Parameter, as_table
 
 Kind = Literal["feedback"] | Storage | Resistor
@@ -75,38 +75,10 @@ def interconnect(
 def renamed(network: Network, prefix: str) -> Network:
     """The network with a prefix to the names of its storages, resistors, ports, memories and parameters."""
 
-    def ratio(given: Ratio) -> Ratio:
-        return prefix + given if isinstance(given, str) else given
+    def labelled(name: str) -> str:
+        return prefix + name
 
-    def names(given: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(prefix + n for n in given)
-
-    def vector(on: Mapping[str, Ratio]) -> dict[str, Ratio]:
-        return {prefix + n: ratio(r) for n, r in on.items()}
-
-    return Network(
-        tuple(replace(s, name=prefix + s.name, parameters=names(s.parameters)) for s in network.storages),
-        tuple(
-            replace(
-                r, name=prefix + r.name, on=vector(r.on), parameters=names(r.parameters),
-                modulated_by=None if r.modulated_by is None else prefix + r.modulated_by,
-            )
-            for r in network.resistors
-        ),
-        tuple(Coupling(prefix + c.to, prefix + c.of, ratio(c.ratio)) for c in network.couplings),
-        tuple(
-            replace(p, name=prefix + p.name, on=vector(p.on), parameters=names(p.parameters)) for p in network.ports
-        ),
-        {prefix + n: replace(p, name=prefix + n) for n, p in network.parameters.items()},
-        prefix + network.output,
-        tuple(
-            replace(m, ratio=prefix + m.ratio, by=prefix + m.by, parameters=names(m.parameters))
-            for m in network.modulations
-        ),
-        tuple(
-            replace(m, name=prefix + m.name, parameters=names(m.parameters), of=names(m.of)) for m in network.memories
-        ),
-    )  # fmt: skip
+    return relabelled(network, labelled, labelled)
 
 
 def _own(network: Network) -> tuple[Memory, ...]:

@@ -9,6 +9,7 @@ from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.distil import Distilled
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import Judgement
+from phnn.effects.places import place_of
 from phnn.identify.fit import Fit
 from phnn.identify.staged import fixes_common_factor
 from phnn.report.sentence import unknown_character, unknown_statement
@@ -36,9 +37,13 @@ def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
     parameters = final.setup.parameters
     shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in effect.parameters}
     # A provisional element belongs to the model, and its name is not claimed.
-    claimed: dict[str, Any] = {"effect": effect.name, "status": _status(diagnosis, finding)}
+    claimed: dict[str, Any] = {"effect": effect.canonical, "status": _status(diagnosis, finding)}
     if finding.provisional:
-        claimed = {"effect": "unknown", "status": "provisional", "nearest": None if finding.learned else effect.name}
+        claimed = {
+            "effect": "unknown",
+            "status": "provisional",
+            "nearest": None if finding.learned else effect.canonical,
+        }
     found = finding.described
     if found is not None:
         claimed |= {"status": "described", "description": _description(found, effect.passive)}
@@ -48,6 +53,7 @@ def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
         "held_out": _held_out(finding),
         "share_explained": finding.share,
         "location": effect.location,
+        "place": place_of(effect, diagnosis.base.setup.network),
         "equivalent_to": [t.candidate.effect.name for t in finding.members[1:]],
         "p_value": finding.evidence[1],
         "statement": said
@@ -116,6 +122,7 @@ def _nameless(j: Judgement) -> dict[str, Any]:
         "held_out": None,
         "share_explained": None,
         "location": where.name if where else "mechanical",
+        "place": None,
         "equivalent_to": [],
         "p_value": j.naming.p_value,
         "statement": f"{unknown_statement(j)} {unknown_character(j)}".strip(),

@@ -34,7 +34,7 @@ KEYS = {
 FURTHER = {"units", "kernel_residual", "rules", "criteria", "noise"}
 MISSING = {
     "effect", "status", "held_out", "location", "equivalent_to", "p_value", "statement", "equation", "passive",
-    "parameters", "share_explained",
+    "parameters", "share_explained", "place",
 }  # fmt: skip
 
 CASES = {

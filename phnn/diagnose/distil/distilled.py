@@ -14,6 +14,7 @@ from phnn.diagnose.distil.search import Formula, best_formulas, tie_of, unit_res
 from phnn.diagnose.distil.words import in_words
 from phnn.diagnose.ground import Ground
 from phnn.effects import Effect
+from phnn.network.roles import motions
 from phnn.units import quantity
 
 
@@ -117,7 +118,8 @@ def _equation(formula: Formula) -> str:
 def _beside_the_damper(goal: Target, formula: Formula) -> Written | None:
     """One viscous term together with the linear damper of the base model; None where it is something else."""
     network = goal.ground.fit.setup.network
-    linear = [r.parameters[0] for r in network.resistors if r.law == "linear" and dict(r.on) == {"p": 1.0}]
+    moving = [{m.momentum: 1.0} for m in motions(network)[:1]]
+    linear = [r.parameters[0] for r in network.resistors if r.law == "linear" and dict(r.on) in moving]
     (term, size, shapes), *others = formula.by_term
     viscous = term.kind == "dissipative" and formula.fixed[0] and shapes[0] == 1.0
     if others or not viscous or len(linear) != 1 or linear[0] not in goal.names:

@@ -1,0 +1,137 @@
+"""Attach effects to a network by what its parts do, whatever they are called.
+
+The law of an effect is written for role names (see `phnn.effects.effect.Effect`). An attached effect builds it under
+these names and gives the network its own names back. Where a network has several motions, an effect of mechanics or of
+the surroundings comes once for each of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from phnn.effects.effect import Effect, Scales, Special
+from phnn.effects.places.names import Roles, roles_of
+from phnn.network.elements import Network
+from phnn.network.roles import charges, motions
+from phnn.setup import Setup
+
+_AT_EVERY_MOTION = ("mechanical", "environment")
+
+Values = Mapping[str, float]
+
+
+def attached(effect: Effect, setup: Setup) -> list[Effect]:
+    """An effect as it can be added to a setup, once for every place where it may act; the measured motion comes first.
+
+    Args:
+        setup: without any effect: what is in it already has no role of its own.
+    """
+    found = motions(setup.network)
+    places = found[1:] if effect.location in _AT_EVERY_MOTION else ()
+    measured = found[0] if found else None
+    return [_at(effect, roles_of(setup.network, measured)), *(_at(effect, roles_of(setup.network, m)) for m in places)]
+
+
+def place_of(effect: Effect, network: Network) -> str:
+    """The element or port of a network at which an effect acts; several are separated by commas."""
+    driven, measured = (p.name for p in network.ports[:1]), (m.displacement for m in motions(network)[:1])
+    if effect.location in ("amplifier", "coupling", "thermal"):
+        return next(driven, "")
+    if effect.location in ("hysteron", "electrical") and charges(network):
+        return ", ".join(charges(network))
+    if effect.location == "sensor":
+        return network.output
+    return effect.place or next(measured, network.output)
+
+
+def _at(effect: Effect, roles: Roles) -> Effect:
+    """The effect with its law, values and parameters under the names of a network."""
+    if roles.plain:
+        return effect
+    names = {n: roles.added(n) for n in effect.parameters}
+    statement = effect.statement
+    for role, name in names.items():
+        statement = statement.replace("{" + role + "}", "{" + name + "}")
+    where = f" at {roles.place}" if roles.place else ""
+    return replace(
+        effect,
+        name=effect.name + where,
+        place=roles.place,
+        statement=f"At {roles.place}: {statement}" if roles.place else statement,
+        build=_Built(effect.build, roles),
+        applies=_Asked(effect.applies, roles),
+        grid=_Probed(effect.grid, roles),
+        rescale=None if effect.rescale is None else _Scaled(effect.rescale, roles),
+        exchanged=None if effect.exchanged is None else _Exchanged(effect.exchanged, roles),
+        contains=tuple(Special(s.name + where, _Derived(s.values, roles)) for s in effect.contains),
+        strength=None if effect.strength is None else names[effect.strength],
+        strengths=tuple(names[n] for n in effect.strengths),
+        parameters=tuple(names.values()),
+        plausible={
+            names[n]: replace(p, over=roles.parameter(p.over) if p.over else "") for n, p in effect.plausible.items()
+        },
+        neighbours=tuple(n + where for n in effect.neighbours),
+        forms=tuple(_at(form, roles) for form in effect.forms),
+    )
+
+
+# Values and not closures: an attached effect is compared, and sent to other processes.
+
+
+@dataclass(frozen=True)
+class _Built:
+    law: Callable[[Setup, Values], Setup]
+    roles: Roles
+
+    def __call__(self, setup: Setup, values: Values) -> Setup:
+        return self.roles.outwards(self.law(self.roles.inwards(setup), self.roles.by_role(values)))
+
+
+@dataclass(frozen=True)
+class _Asked:
+    condition: Callable[[Setup], bool]
+    roles: Roles
+
+    @property
+    def __doc__(self) -> str | None:  # type: ignore[override]
+        return self.condition.__doc__
+
+    def __call__(self, setup: Setup) -> bool:
+        return self.condition(self.roles.inwards(setup))
+
+
+@dataclass(frozen=True)
+class _Probed:
+    points: Callable[[Scales], list[dict[str, float]]]
+    roles: Roles
+
+    def __call__(self, scales: Scales) -> list[dict[str, float]]:
+        return [self.roles.by_name(point) for point in self.points(scales)]
+
+
+@dataclass(frozen=True)
+class _Scaled:
+    change: Callable[[Values, float], dict[str, float]]
+    roles: Roles
+
+    def __call__(self, values: Values, factor: float) -> dict[str, float]:
+        return self.roles.by_name(self.change(self.roles.by_role(values), factor))
+
+
+@dataclass(frozen=True)
+class _Derived:
+    values: Callable[[Values], dict[str, float]]
+    roles: Roles
+
+    def __call__(self, values: Values) -> dict[str, float]:
+        return self.roles.by_name(self.values(self.roles.by_role(values)))
+
+
+@dataclass(frozen=True)
+class _Exchanged:
+    values: Callable[[Values], Sequence[dict[str, float]]]
+    roles: Roles
+
+    def __call__(self, values: Values) -> list[dict[str, float]]:
+        return [self.roles.by_name(v) for v in self.values(self.roles.by_role(values))]
