@@ -53,7 +53,12 @@ class LeftOut:
 def leave_out(plan: Plan, fewest_blocks: int) -> LeftOut:
     """Divide the identification recordings of a plan."""
     whole = [_identified(r) for r in plan.recordings]
-    parts, _, _ = divide([Candidate(r.name, r.t.size, r.dt, excitation_of(r.drive, r.dt), None) for r in whole])
+    parts, _, _ = divide(
+        [
+            Candidate(r.name, r.t.size, r.dt, excitation_of(r.drive, r.dt), None, r.start.state == "unknown")
+            for r in whole
+        ]
+    )
     divided = tuple(replace(r, parts=parts[r.name]) for r in whole)
     growth = tuple(r for r in divided if r.mask("identification").any())
     return LeftOut(replace(plan, recordings=growth), replace(plan, recordings=divided), fewest_blocks)

@@ -4,7 +4,9 @@
 
 The displacement zero and the own parts of the setup (lines, slow courses) enter linearly; they are projected out of
 residual and derivatives (variable projection), so that no optimiser sees them. Initial states of recordings with an
-unknown start are variables beside ``θ``, and so are the instants at which an input jumps between two samples.
+unknown start are variables beside ``θ``, and so are the instants at which an input jumps between two samples. An
+initial state has a prior, see `phnn.identify.begun`: what the samples do not show of it stays near to what the model
+knows of its own motion.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed
+from phnn.identify.begun import Expected, expected_start
 from phnn.identify.nuisances import without_nuisances
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Recording
@@ -92,6 +95,7 @@ class Variables:
         scales: (L+1,) typical size of each state.
         origin: initial states to which the scaled changes are added, by recording; those of other recordings are held.
         instants: (G,) starting values of the instants of jumps, in sample intervals, by recording.
+        expected: what is known of an initial state before its samples are seen, by recording.
     """
 
     names: tuple[str, ...]
@@ -99,6 +103,7 @@ class Variables:
     scales: Array
     origin: Mapping[str, Array]
     instants: Mapping[str, Array] = field(default_factory=dict)
+    expected: Mapping[str, Expected] = field(default_factory=dict)
 
     def start(self, setup: Setup) -> Array:
         """``z`` of a setup, initial states at their origin."""
@@ -129,6 +134,19 @@ class Variables:
         if recording.name not in self.unknown:
             return self.origin.get(recording.name)
         return self.origin[recording.name] + z[self._states_of(recording)] * self.scales
+
+    def prior(self, z: Array) -> Array:
+        """(P, K+1) derivatives of ``(x₀ − mean)/spread`` of every estimated initial state by ``z``, and these numbers
+        themselves: rows beside those of the samples."""
+        size = self.scales.size
+        rows = np.zeros((len(self.unknown) * size, z.size + 1))
+        for i, name in enumerate(self.unknown):
+            first, known = len(self.names) + i * size, self.expected[name]
+            mine = slice(i * size, (i + 1) * size)
+            rows[mine, first : first + size] = np.diag(self.scales / known.spread)
+            state = self.origin[name] + z[first : first + size] * self.scales
+            rows[mine, -1] = (state - known.mean) / known.spread
+        return rows
 
     def timed(self, recording: Recording, z: Array) -> Recording:
         """The recording with the instants of its jumps at ``z``."""
@@ -172,8 +190,10 @@ def variables_of(setup: Setup, plan: Plan, names: Sequence[str]) -> Variables:
         return Variables(tuple(names), (), np.zeros(0), {}, instants)
     trajectories = {r.name: _first_guess(setup, r, plan.steps_of(r)) for r in unknown}
     spread = np.max([np.ptp(t.states, axis=0) for t in trajectories.values()], axis=0)
-    origin = {n: t.states[0].copy() for n, t in trajectories.items()}
-    return Variables(tuple(names), tuple(trajectories), np.where(spread > 0.0, spread, 1.0), origin, instants)
+    scales = np.where(spread > 0.0, spread, 1.0)
+    expected = {n: expected_start(t, scales) for n, t in trajectories.items()}
+    origin = {n: e.mean for n, e in expected.items()}
+    return Variables(tuple(names), tuple(trajectories), scales, origin, instants, expected)
 
 
 def _first_guess(setup: Setup, recording: Recording, substeps: int) -> Trajectory:
@@ -239,7 +259,7 @@ class Problem:
         """
         turned = np.zeros(z.size + 1)
         try:
-            turned[-1] = np.linalg.norm(self.residual(z))
+            turned[-1] = np.hypot(np.linalg.norm(self.residual(z)), np.linalg.norm(self.variables.prior(z)[:, -1]))
         except SolverFailed:
             turned[-1] = _FAILED * np.sqrt(self.samples)
         return turned
@@ -251,7 +271,7 @@ class Problem:
         """
         squares = self.plan.each(lambda _, both: np.linalg.qr(both, mode="r"), self._with_derivatives(z))
         # A jump outside the samples that are fitted has no derivative; an optimiser crawls on a singular matrix.
-        stacked = np.concatenate([*squares, np.diag(np.append(self._weak, 0.0))])
+        stacked = np.concatenate([*squares, self.variables.prior(z), np.diag(np.append(self._weak, 0.0))])
         square = np.asarray(np.linalg.qr(stacked, mode="r"))
         if not np.isfinite(square).all():
             raise SolverFailed("the derivatives of the output are not finite; narrow the bounds of the parameters")

@@ -13,18 +13,39 @@ from phnn.recordings.recording import Part
 
 _HELD_OUT_SHARE = 0.28  # of the recordings
 _NUISANCE_SHARE, _NUISANCE_LEAST = 0.02, 50
+# Of a recording that starts nobody knows how, where its input has no swing after which a hysteresis has forgotten.
+_UNKNOWN_SHARE = 0.2
 _SAME = 0.05  # amplitudes and frequencies nearer than this are no new ones
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """What the choice needs to know of a recording; ``use`` is what the manifest demands, ``None`` if nothing."""
+    """What the choice needs to know of a recording.
+
+    Attributes:
+        use: what the manifest demands, ``None`` if nothing.
+        begun: nobody knows in which state it starts.
+    """
 
     name: str
     size: int
     dt: float
     excitation: Excitation
     use: str | None
+    begun: bool = False
+
+    @property
+    def head(self) -> int:
+        """Samples that are spent on zero and initial state where the recording is held out: at most half of them.
+
+        From an unknown start it is a whole swing of the input, for by then a hysteresis has forgotten what was before.
+        """
+        least = max(_NUISANCE_LEAST, int(np.ceil(_NUISANCE_SHARE * self.size)))
+        if self.begun:
+            slowest = self.excitation.low_Hz
+            swing = 1.0 / (slowest * self.dt) if slowest > 0.0 else _UNKNOWN_SHARE * self.size
+            least = max(least, int(np.ceil(swing)))
+        return min(least, self.size // 2)
 
 
 def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ...]], bool, tuple[str, ...]]:
@@ -51,19 +72,21 @@ def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ..
         note = f"Held out for confirmation, chosen here within the span of the others: {', '.join(sorted(held))}."
     if not held:
         note += " No result can be confirmed on recordings that were not used."
-    parts_by_name = {c.name: whole_parts(c.name, c.size, c.name in held) for c in candidates}
+    parts_by_name = {c.name: whole_parts(c, c.name in held) for c in candidates}
     new = brings_new([c for c in candidates if c.name in held], [c for c in candidates if c.name not in held])
     if held:
         note += f" They bring {'an' if new else 'no'} amplitude or frequency that identification lacks."
     return parts_by_name, new, (note,)
 
 
-def whole_parts(name: str, size: int, held_out: bool) -> tuple[Part, ...]:
+def whole_parts(one: Candidate, held_out: bool) -> tuple[Part, ...]:
     """The parts of a recording that serves one use; a held-out one spends its head on zero and initial state."""
     if not held_out:
-        return (Part(name, 0, size, "identification"),)
-    head = min(max(_NUISANCE_LEAST, int(np.ceil(_NUISANCE_SHARE * size))), size // 2)
-    return Part(f"{name}[start]", 0, head, "nuisance"), Part(name, head, size, "confirmation")
+        return (Part(one.name, 0, one.size, "identification"),)
+    return (
+        Part(f"{one.name}[start]", 0, one.head, "nuisance"),
+        Part(one.name, one.head, one.size, "confirmation"),
+    )
 
 
 def split_one(one: Candidate) -> tuple[tuple[Part, ...], str]:

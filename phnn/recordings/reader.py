@@ -108,7 +108,9 @@ def _draft(
     start = entry.start or _default_start(u, *ports.values())
     before = start.input_before if start.state == "rest" else None
     if y_name is not None:
-        checks.input_moves(drive, before, f"{u_name} ({channels[u_name].label})", where)
+        if start.state != "unknown":
+            # What began before the first sample may go on under a constant input.
+            checks.input_moves(drive, before, f"{u_name} ({channels[u_name].label})", where)
         label = f"{y_name} ({channels[y_name].label})"
         checks.output_moves(y, label, where)
         checks.not_clipped(drive, y, label, channels[y_name].factor, where)
@@ -227,11 +229,13 @@ def _excitation(drive: np.ndarray, dt: float, entry: Entry, table: Table, where:
 
 
 def _divided(drafts: list[_Draft], need_output: bool) -> tuple[Mapping[str, tuple[Part, ...]], bool, tuple[str, ...]]:
+    candidates = [
+        Candidate(r.name, r.t.size, r.dt, d.excitation, d.use, r.start.state == "unknown")
+        for d, r in ((d, d.recording) for d in drafts)
+    ]
     if not need_output:
-        return {d.recording.name: whole_parts(d.recording.name, d.recording.t.size, True) for d in drafts}, False, ()
-    return divide(
-        [Candidate(d.recording.name, d.recording.t.size, d.recording.dt, d.excitation, d.use) for d in drafts]
-    )
+        return {c.name: whole_parts(c, True) for c in candidates}, False, ()
+    return divide(candidates)
 
 
 def _extent(recordings: tuple[Recording, ...]) -> str:

@@ -244,3 +244,15 @@ def test_emps_and_silverbox_by_manifest(tmp_path: Path) -> None:
 def test_play_helper_has_hysteresis() -> None:
     u = np.array([0.0, 2.0, 0.0])
     assert play(u, 1.0).tolist() == [0.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("frequency", "size", "head"),
+    [(1.0, 5000, 1000), (0.1, 5000, 2500), (100.0, 5000, 100), (0.0, 5000, 1000), (1.0, 60, 30)],
+)
+def test_an_unknown_start_takes_a_swing_of_the_input_from_what_is_scored(
+    frequency: float, size: int, head: int
+) -> None:
+    kind = "sine" if frequency else "steps"
+    e = Excitation(kind, frequency, frequency, 1.0, None, 1.0, (0, size))
+    assert Candidate("a", size, 1e-3, e, None, begun=True).head == head
