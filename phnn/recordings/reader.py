@@ -22,7 +22,7 @@ from phnn.recordings.recording import ACTUATOR, Campaign, Part, Recording, Start
 from phnn.recordings.sampling import on_grid
 from phnn.recordings.segments import segmented
 from phnn.recordings.table import Table, Where, beside
-from phnn.recordings.units import UNITS
+from phnn.recordings.units import known_unit
 from phnn.signals.noise import WHITE, NoiseFloor, noise_floor
 from phnn.signals.pooling import pooled
 
@@ -136,7 +136,7 @@ def _draft(
 
 
 def _si(channel: Channel) -> str:
-    return UNITS[channel.unit][0]
+    return known_unit(channel.unit).si
 
 
 def _recording(
@@ -203,7 +203,7 @@ def _sampled(
         checks.interval(dt, table.where)
         return dt, values, where, []
     time = channels["time"]
-    dt, values, note = on_grid(time.values[first:last], UNITS[time.unit][1], values, where)
+    dt, values, note = on_grid(time.values[first:last], known_unit(time.unit).factor, values, where)
     return dt, values, where, [f"{entry.name or printable(Path(entry.file).stem)}: {note}."] if note else []
 
 
