@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from phnn.effects.effect import Effect, Plausible, Scales
-from phnn.parameters import Parameter
+from phnn.parameters import signed
 from phnn.setup import COURSES, Block, Setup
 
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``y = q + r t`` with the time of the recording."""
     rate = values["drift_rate"]
-    parameter = Parameter("drift_rate", rate, "m/s", -1.0, 1.0, typical=1e-8, description="rate of the sensor's drift")
+    parameter = signed("drift_rate", rate, "m/s", 1.0, 1e-8, "rate of the sensor's drift")
     return setup.with_block("sensor", Block("drift", ("drift_rate",)), (parameter,))
 
 
