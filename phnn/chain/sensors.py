@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from phnn.chain.knee import bent, kneed
 from phnn.chain.lag import lag
 from phnn.chain.play import play
+from phnn.chain.rate import rate
 from phnn.chain.time import clock, drifting_gain
 from phnn.laws.namespace import absolute
 
@@ -49,6 +50,7 @@ def cubic(y: Array, t: Array, square: Any, cube: Any, level: Any) -> Array:
 SENSORS: dict[str, Callable[..., Array]] = {
     "drift": drift,
     "lag": lag,
+    "rate": rate,
     "polynomial": polynomial,
     "rectification": rectification,
     "play": play,
@@ -57,5 +59,5 @@ SENSORS: dict[str, Callable[..., Array]] = {
     "clock": clock,
     "drifting_gain": drifting_gain,
 }
-REMEMBERING = ("lag", "play", "clock")
+REMEMBERING = ("lag", "play", "clock", "rate")
 """Blocks whose output depends on what was between the samples."""

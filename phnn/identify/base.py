@@ -114,6 +114,7 @@ def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
     if "network" in campaign.setup:
         return Prepared(plan, "network", 0, _described(campaign))
     single(campaign.recordings, "this model has one input and one output")
+    displacement_shown(campaign.recordings)
     model = str(campaign.setup.get("model", "piezo_actuator"))
     stated = campaign.setup.get("hysterons") if model in ("piezo_actuator", "hrc") else 0
     hysterons = None if stated is None else int(stated)
@@ -172,6 +173,20 @@ def single(recordings: Sequence[Recording], why: str) -> None:
         raise InputRefused(
             f"{several[0]}: several inputs or outputs (`ports`, `outputs` in recordings.yaml), but {why}: describe the "
             f"system as a network and use phnn check, identify and predict, or give one input and one output"
+        )
+
+
+def displacement_shown(recordings: Sequence[Recording]) -> None:
+    """Refuse sensors of the velocity, from which the stages of an actuator's identification cannot begin.
+
+    Raises:
+        InputRefused: names one.
+    """
+    rates = [r.source for r in recordings if r.sensor.derivative]
+    if rates:
+        raise InputRefused(
+            f"{rates[0]}: its sensor measures a velocity (`sensor: {{derivative: true}}`), but this model is "
+            f"identified from displacements: describe the actuator as a network, setup: {{network: FILE.yaml}}"
         )
 
 
