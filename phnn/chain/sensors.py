@@ -32,6 +32,11 @@ def polynomial(y: Array, t: Array, square: Any, cube: Any) -> Array:
     return np.asarray(y * (1.0 + y * (square + y * cube)))
 
 
+def zero(y: Array, t: Array, offset: Any) -> Array:
+    """``y + y₀``: a sensor whose zero is the same in all recordings."""
+    return np.asarray(y + offset)
+
+
 def rectification(y: Array, t: Array) -> Array:
     """``|y|``: a sensor that knows no sign."""
     return np.asarray(absolute(y))
@@ -53,6 +58,7 @@ SENSORS: dict[str, Callable[..., Array]] = {
     "rate": rate,
     "polynomial": polynomial,
     "rectification": rectification,
+    "zero": zero,
     "play": play,
     "knee": knee,
     "cubic": cubic,

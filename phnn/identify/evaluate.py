@@ -64,10 +64,11 @@ class Evaluation:
 def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluation:
     """Simulate all recordings of a plan and score their parts.
 
-    The zero of a recording comes from its identification part where it has one, else from its nuisance part; so does
-    the initial state of a recording whose start is unknown and that took no part in the fit. The own parts of the setup
-    are fitted to the whole recording, scored or not: nothing predicts them, so what is left beside them is what a model
-    can be held to. The same holds for the instants at which the input jumps, unless the fit has estimated them.
+    The zero of a recording comes from its identification part where it has one, else from its nuisance part, unless it
+    is a parameter that all recordings share. The initial state of a recording whose start is unknown and that took no
+    part in the fit comes from the same part. The own parts of the setup are fitted to the whole recording, scored or
+    not: nothing predicts them, so what is left beside them is what a model can be held to. The same holds for the
+    instants at which the input jumps, unless the fit has estimated them.
 
     Args:
         initial: initial states estimated by the fit, by recording name.
@@ -86,9 +87,10 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
         if setup.own != NOTHING:
             # From all samples: a stretch shorter than a period could not tell them from the zero.
             y = y + _own_parts(setup, recording, y)
-        hidden = beyond_limit(recording, y, mask)
-        counted = mask if hidden is None else mask & ~hidden
-        y = y + np.mean((recording.y - y)[counted if counted.any() else mask])
+        if recording.offset == "own":
+            hidden = beyond_limit(recording, y, mask)
+            counted = mask if hidden is None else mask & ~hidden
+            y = y + np.mean((recording.y - y)[counted if counted.any() else mask])
         return recording.sensor.limited(np.asarray(y))
 
     outputs = plan.each(one)

@@ -69,6 +69,8 @@ def without_nuisances(
 ) -> Array:
     """The masked rows of (N, …) without their mean and own parts: what the recording's nuisances cannot explain.
 
+    The mean stays where the zero of the output is a parameter that recordings share.
+
     Args:
         hidden: (N,) samples of no weight, see `phnn.identify.censoring.beyond_limit`; their rows are zero.
     """
@@ -78,7 +80,7 @@ def without_nuisances(
         out[counted[mask]] = without_nuisances(values, counted, recording, own)
         return out
     inside = values[mask]
-    if inside.size:
+    if inside.size and recording.offset == "own":
         inside -= inside.mean(axis=0)
     if own == NOTHING or not inside.size:
         return inside
@@ -98,11 +100,12 @@ def _own_basis(recording: Recording, own: Own, mask: bytes) -> Array:
 
 def constant_and_own(error: Array, rows: NDArray[np.bool_], recording: Recording, own: Own) -> Array:
     """(N,) zero and own parts of a recording, fitted to some rows of an error (N,); zero where there are no rows."""
+    zero = float(recording.offset == "own")
     if not rows.any():
         return np.zeros(error.size)
     if own == NOTHING:
-        return np.full(error.size, error[rows].mean())
-    columns = np.column_stack([np.ones(recording.t.size), own_columns(recording, own)])
+        return np.full(error.size, zero * error[rows].mean())
+    columns = np.column_stack([np.full(recording.t.size, zero), own_columns(recording, own)])
     return np.asarray(columns @ np.linalg.lstsq(columns[rows], error[rows], rcond=_RANK)[0])
 
 

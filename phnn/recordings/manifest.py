@@ -21,11 +21,12 @@ MODELS = ("piezo_actuator", "hrc", "linear", "bouc_wen")
 STATES = ("rest", "unknown", "periodic")
 INPUTS = ("cubic", "band_limited", "linear", "zero_order")
 USES = ("identification", "confirmation")
+OFFSETS = ("own", "shared")
 VOLTAGES = ("command", "terminals")
 
 _SHARED = (
     "columns", "variables", "sample_rate_hz", "start", "periodic", "input", "rise_time_s", "segments", "ports",
-    "outputs", "axes", "sensor",
+    "outputs", "axes", "sensor", "offset",
 )  # fmt: skip
 _TOP = ("setup", "known", "voltage", *_SHARED, "recordings")
 _EACH = ("file", "name", *_SHARED, "jumps_at_s", "slice", "use")
@@ -42,7 +43,7 @@ class Entry:
         beside: further files whose columns stand beside those of the first.
         ports: inputs at further ports of the network; outputs: several outputs, by the storage that is measured.
         axes: what the axes of an array are, of `phnn.recordings.columns.AXES`.
-        sensor: what is known of the sensor.
+        sensor: what is known of the sensor; offset: whether the zero of the output is its own or shared.
     """
 
     file: str = ""
@@ -62,6 +63,7 @@ class Entry:
     outputs: Mapping[str, Column] = field(default_factory=dict)
     axes: tuple[str, ...] = ()
     sensor: Sensor = PLAIN
+    offset: str = "own"
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -165,6 +167,8 @@ def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
         entry = replace(entry, axes=axes_of(item["axes"], f"{where}: axes"))
     if "sensor" in item:
         entry = replace(entry, sensor=sensor_of(item["sensor"], f"{where}: sensor"))
+    if "offset" in item:
+        entry = replace(entry, offset=choice(item["offset"], OFFSETS, f"{where}: offset"))
     if "slice" in item:
         entry = replace(entry, slice=_slice(item["slice"], f"{where}: slice"))
     if "use" in item:

@@ -171,6 +171,7 @@ def _recording(
         channels={},
         source=file,
         sensor=entry.sensor,
+        offset=entry.offset,
     )
 
 

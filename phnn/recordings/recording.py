@@ -79,6 +79,7 @@ class Recording:
         instants_declared: they are stated, not to be estimated.
         rise: how long a jump of the input takes, s.
         sensor: what is known of the sensor.
+        offset: ``"own"``, the zero of the output belongs to the recording, or ``"shared"``: all have one.
     """
 
     name: str
@@ -101,6 +102,7 @@ class Recording:
     instants_declared: bool = False
     rise: float = 0.0
     sensor: Sensor = PLAIN
+    offset: str = "own"
 
     @property
     def drive(self) -> np.ndarray:
