@@ -22,6 +22,7 @@ from phnn.integrate.rest import equilibrium
 from phnn.network.elements import Network
 from phnn.recordings.driving import Driving, driving_of, input_before, settled
 from phnn.recordings.recording import Recording
+from phnn.sensing import sensing
 from phnn.setup import Block, Setup
 from phnn.signals.reconstruct import mean_input
 
@@ -105,6 +106,7 @@ def simulate(
     Raises:
         SolverFailed: no root of the step equation was found, with the time; no steady cycle, with what moves on.
     """
+    setup = sensing(setup, recording)
     network = measured_network(setup.network, recording)
     program = compile_network(network)
     theta = program.theta(network)

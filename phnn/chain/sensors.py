@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from phnn.chain.knee import bent, kneed
 from phnn.chain.lag import lag
 from phnn.chain.play import play
+from phnn.chain.rate import rate
 from phnn.chain.time import clock, drifting_gain
 from phnn.laws.namespace import absolute
 
@@ -29,6 +30,11 @@ def drift(y: Array, t: Array, rate: Any) -> Array:
 def polynomial(y: Array, t: Array, square: Any, cube: Any) -> Array:
     """``y + a₂ y² + a₃ y³``: a static characteristic that is not straight."""
     return np.asarray(y * (1.0 + y * (square + y * cube)))
+
+
+def zero(y: Array, t: Array, offset: Any) -> Array:
+    """``y + y₀``: a sensor whose zero is the same in all recordings."""
+    return np.asarray(y + offset)
 
 
 def rectification(y: Array, t: Array) -> Array:
@@ -49,13 +55,15 @@ def cubic(y: Array, t: Array, square: Any, cube: Any, level: Any) -> Array:
 SENSORS: dict[str, Callable[..., Array]] = {
     "drift": drift,
     "lag": lag,
+    "rate": rate,
     "polynomial": polynomial,
     "rectification": rectification,
+    "zero": zero,
     "play": play,
     "knee": knee,
     "cubic": cubic,
     "clock": clock,
     "drifting_gain": drifting_gain,
 }
-REMEMBERING = ("lag", "play", "clock")
+REMEMBERING = ("lag", "play", "clock", "rate")
 """Blocks whose output depends on what was between the samples."""

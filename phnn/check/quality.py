@@ -39,13 +39,20 @@ def quantisation(recording: Recording, excitation: Excitation) -> list[Finding]:
 
 
 def limits(recording: Recording, excitation: Excitation) -> list[Finding]:
-    """Samples that stand at the output's extremes, as where a converter ends; many more of them reading refuses."""
+    """Samples that stand at the output's extremes, as where a converter ends; many more of them reading refuses.
+
+    Where the manifest says that the sensor saturates there, they are data.
+    """
     y = recording.y
-    at = max(int(np.sum(y == y.max())), int(np.sum(y == y.min())))
+    unexplained = y[recording.sensor.at_limit(y) == 0]
+    at = max((int(np.sum(unexplained == x)) for x in (y.max(), y.min())), default=0)
     holds = float(np.mean(np.diff(recording.drive) == 0.0))
     if at <= max(3, _SHARE * y.size) or quantisation_step(y) > 0.0 or holds > 0.5:
         return []
-    text = f"{at} samples stand at the output's extreme value: if the sensor's range ends there, choose a larger one"
+    text = (
+        f"{at} samples stand at the output's extreme value: if the sensor's range ends there, choose a larger one, or "
+        f"say so in recordings.yaml, sensor: {{saturates: [LEAST, LARGEST]}}"
+    )
     return [Finding("limits", WARNING, text, {"samples": float(at)})]
 
 

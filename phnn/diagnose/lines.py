@@ -85,7 +85,10 @@ def own_score(ground: Ground, own: Own, colour: Colour) -> tuple[float, float]:
     """Normal deviates of the residual's power along the recordings' own parts, out of the noise as stated and as the
     residual has it; zero where no recording can show them."""
     setup, recordings = ground.fit.setup, ground.plan.recordings
-    columns = [without_nuisances(own_columns(r, own), r.mask("identification"), r, setup.own) for r in recordings]
+    columns = [
+        without_nuisances(own_columns(r, own), r.mask("identification"), r, setup.own, hidden)
+        for r, hidden in zip(recordings, ground.hidden, strict=True)
+    ]
     parts = [np.linalg.svd(c, full_matrices=False)[:2] for c in columns]
     largest = max(size.max(initial=0.0) for _, size in parts)
     alone = block_diag(*(basis[:, size > _RANK * largest] for basis, size in parts))

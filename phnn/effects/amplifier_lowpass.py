@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from phnn.effects.effect import Effect, Plausible, Scales
-from phnn.parameters import Parameter
+from phnn.parameters import time_constant
 from phnn.setup import Block, Setup
 
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``τ V̇ = u − V`` before the port."""
     tau = values["tau_a"]
-    parameter = Parameter("tau_a", tau, "s", 1e-9, 10.0, positive=True, description="time constant of the amplifier")
+    parameter = time_constant("tau_a", tau, "time constant of the amplifier")
     return setup.with_block("amplifier", Block("lowpass", ("tau_a",)), (parameter,))
 
 

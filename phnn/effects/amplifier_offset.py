@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from phnn.effects.effect import Effect, Plausible, Scales
-from phnn.parameters import Parameter
+from phnn.parameters import signed
 from phnn.setup import Block, Setup
 
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``V = u + V₀`` before the port, from long before the recording on: rest is at ``V₀`` too."""
-    parameter = Parameter("V_0", values["V_0"], "V", -1e3, 1e3, typical=0.1, description="offset of the amplifier")
+    parameter = signed("V_0", values["V_0"], "V", 1e3, 0.1, "offset of the amplifier")
     return setup.with_block("amplifier", Block("offset", ("V_0",)), (parameter,))
 
 

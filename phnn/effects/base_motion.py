@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from phnn.effects.effect import Effect, Plausible, Scales, has_motion, no_range, with_network
 from phnn.network.elements import Port
-from phnn.parameters import Parameter, positive
+from phnn.parameters import positive, signed
 from phnn.setup import Setup, Source
 
 
@@ -23,8 +23,8 @@ def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     return with_network(setup, network).with_source(
         Source("tone", "base", names),
         (
-            Parameter("A_c", values["A_c"], "N", -1e6, 1e6, typical=size, description="cosine part of the base force"),
-            Parameter("A_s", values["A_s"], "N", -1e6, 1e6, typical=size, description="sine part of the base force"),
+            signed("A_c", values["A_c"], "N", 1e6, size, "cosine part of the base force"),
+            signed("A_s", values["A_s"], "N", 1e6, size, "sine part of the base force"),
             positive("f_b", values["f_b"], "Hz", "frequency of the base motion", 1e3),
         ),
     )

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from phnn.effects.effect import Effect, Plausible, Scales
-from phnn.parameters import Parameter
+from phnn.parameters import time_constant
 from phnn.setup import Block, Setup
 
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``V(t) = u(t − τ)`` before the port."""
     tau = values["tau_d"]
-    parameter = Parameter("tau_d", tau, "s", 1e-9, 10.0, positive=True, description="delay of the voltage")
+    parameter = time_constant("tau_d", tau, "delay of the voltage")
     return setup.with_block("amplifier", Block("delay", ("tau_d",)), (parameter,))
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from phnn.effects.effect import Effect, Plausible, Scales, bent_port, has_transducer, with_network
-from phnn.parameters import Parameter
+from phnn.parameters import signed
 from phnn.setup import Setup
 
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """The voltage port acts through ``ψ(V) = V + ε V²/2``; its conjugate current gains the factor ``1 + ε V``."""
-    extra = Parameter("epsilon", values["epsilon"], "1/V", -1.0, 1.0, typical=1e-3, description="electrostriction")
+    extra = signed("epsilon", values["epsilon"], "1/V", 1.0, 1e-3, "electrostriction")
     return with_network(setup, bent_port(setup.network, "electrostriction", (extra,)))
 
 

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from phnn.effects.effect import Effect, Plausible, Scales
-from phnn.parameters import Parameter
+from phnn.parameters import signed
 from phnn.setup import COURSES, Block, Setup
 
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``y = q + r t`` with the time of the recording."""
     rate = values["drift_rate"]
-    parameter = Parameter("drift_rate", rate, "m/s", -1.0, 1.0, typical=1e-8, description="rate of the sensor's drift")
+    parameter = signed("drift_rate", rate, "m/s", 1.0, 1e-8, "rate of the sensor's drift")
     return setup.with_block("sensor", Block("drift", ("drift_rate",)), (parameter,))
 
 
@@ -38,8 +38,10 @@ def grid_wandering(scales: Scales) -> list[dict[str, float]]:
 
 
 def wandering(setup: Setup) -> bool:
-    """The sensor neither drifts straight on nor has a course of its own in every recording yet."""
-    return steady(setup) and "drift_rate" not in setup.parameters
+    """The sensor neither drifts straight on nor has a course of its own in every recording yet, nor is its zero known
+    to be one and the same in all recordings."""
+    shared = any(block.kind == "zero" for block in setup.sensor)
+    return steady(setup) and "drift_rate" not in setup.parameters and not shared
 
 
 _STRAIGHT = Effect(

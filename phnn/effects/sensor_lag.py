@@ -7,14 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from phnn.effects.effect import Effect, Plausible, Scales
-from phnn.parameters import Parameter
+from phnn.parameters import time_constant
 from phnn.setup import Block, Setup
 
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``τ ẏ = q − y`` behind the network, settled at the first sample."""
     tau = values["tau_y"]
-    parameter = Parameter("tau_y", tau, "s", 1e-9, 10.0, positive=True, description="time constant of the sensor")
+    parameter = time_constant("tau_y", tau, "time constant of the sensor")
     return setup.with_block("sensor", Block("lag", ("tau_y",)), (parameter,))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from phnn.effects.effect import Effect, Scales, no_range
-from phnn.parameters import Parameter
+from phnn.parameters import signed
 from phnn.setup import Block, Setup
 
 # Typical values where a coefficient starts at zero: a hundredth over a tenth of a millimetre.
@@ -16,8 +16,8 @@ def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``y = q + a₂ q² + a₃ q³`` behind the network."""
     square, cube = values["a_2"], values["a_3"]
     parameters = (
-        Parameter("a_2", square, "1/m", -1e9, 1e9, typical=abs(square) or _SQUARE, description="quadratic error"),
-        Parameter("a_3", cube, "1/m^2", -1e15, 1e15, typical=abs(cube) or _CUBE, description="cubic error"),
+        signed("a_2", square, "1/m", 1e9, abs(square) or _SQUARE, "quadratic error"),
+        signed("a_3", cube, "1/m^2", 1e15, abs(cube) or _CUBE, "cubic error"),
     )
     return setup.with_block("sensor", Block("polynomial", ("a_2", "a_3")), parameters)
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
+from phnn.identify.censoring import beyond_limit
 from phnn.identify.nuisances import without_nuisances
 from phnn.identify.problem import Problem
 from phnn.recordings.recording import Recording
@@ -36,7 +37,8 @@ def residual_by_anchors(problem: Problem, z: Array, names: tuple[str, ...]) -> A
     own = problem.template.own
 
     def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
-        changes = without_nuisances(output_derivatives(trajectory, names), mask, recording, own)
+        hidden = beyond_limit(recording, trajectory.y, mask, own)
+        changes = without_nuisances(output_derivatives(trajectory, names), mask, recording, own, hidden)
         return np.asarray(changes / -recording.noise)
 
     return np.concatenate(problem.plan.each(one, problem.trajectories(z), problem.masks))

@@ -24,6 +24,7 @@ from phnn.identify.staged import (
     stated_only,
 )
 from phnn.identify.stalled import resumed
+from phnn.identify.zero import is_shared, with_own_zeros, with_shared_zero
 from phnn.intake.names import printable
 from phnn.integrate.program import compile_network
 from phnn.models.actuator import hrc
@@ -111,9 +112,11 @@ def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
             inputs for a model of one.
     """
     plan = identification_plan(campaign, workers)
+    is_shared(campaign.recordings)
     if "network" in campaign.setup:
         return Prepared(plan, "network", 0, _described(campaign))
     single(campaign.recordings, "this model has one input and one output")
+    displacement_shown(campaign.recordings)
     model = str(campaign.setup.get("model", "piezo_actuator"))
     stated = campaign.setup.get("hysterons") if model in ("piezo_actuator", "hrc") else 0
     hysterons = None if stated is None else int(stated)
@@ -144,21 +147,25 @@ def _described(campaign: Campaign) -> Setup:
 def identify_base(campaign: Campaign, options: Options, progress: Progress = quiet) -> tuple[Fit, NumericalError]:
     """Fit the campaign's base model; the sub-steps are chosen on the way and checked at the end."""
     prepared = prepare(campaign, options.workers)
+    if not is_shared(campaign.recordings):
+        return settled(_begun(prepared, campaign, options, progress), options.error_bound_sigma)
+    own = replace(prepared, plan=with_own_zeros(prepared.plan))
+    first = with_shared_zero(_begun(own, campaign, options, progress), prepared.plan)
+    return settled(first, options.error_bound_sigma)
+
+
+def _begun(prepared: Prepared, campaign: Campaign, options: Options, progress: Progress) -> Fit:
+    """A first fit of the base model, from no starting values or those of a network's file."""
     plan, model, hysterons = prepared.plan, prepared.model, prepared.hysterons
     if prepared.described is not None:
         progress(f"identify the network of {prepared.described.name}")
-        return settled(
-            identify_network(prepared.described, plan, campaign.known, options.starts, options.seed),
-            options.error_bound_sigma,
-        )
+        return identify_network(prepared.described, plan, campaign.known, options.starts, options.seed)
     if model == "bouc_wen":
-        return settled(identify_bouc_wen(plan, campaign, options, progress), options.error_bound_sigma)
+        return identify_bouc_wen(plan, campaign, options, progress)
     if hysterons is None:
         hysterons = hysterons_needed(plan, campaign.known, options.starts, options.seed, progress)
     progress(f"identify {model} with {hysterons} hysterons")
-    return settled(
-        identify_actuator(plan, campaign.known, hysterons, options.starts, options.seed), options.error_bound_sigma
-    )
+    return identify_actuator(plan, campaign.known, hysterons, options.starts, options.seed)
 
 
 def single(recordings: Sequence[Recording], why: str) -> None:
@@ -172,6 +179,20 @@ def single(recordings: Sequence[Recording], why: str) -> None:
         raise InputRefused(
             f"{several[0]}: several inputs or outputs (`ports`, `outputs` in recordings.yaml), but {why}: describe the "
             f"system as a network and use phnn check, identify and predict, or give one input and one output"
+        )
+
+
+def displacement_shown(recordings: Sequence[Recording]) -> None:
+    """Refuse sensors of the velocity, from which the stages of an actuator's identification cannot begin.
+
+    Raises:
+        InputRefused: names one.
+    """
+    rates = [r.source for r in recordings if r.sensor.derivative]
+    if rates:
+        raise InputRefused(
+            f"{rates[0]}: its sensor measures a velocity (`sensor: {{derivative: true}}`), but this model is "
+            f"identified from displacements: describe the actuator as a network, setup: {{network: FILE.yaml}}"
         )
 
 

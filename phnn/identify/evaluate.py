@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
+from phnn.identify.censoring import beyond_limit
 from phnn.identify.fit import fit
-from phnn.identify.nuisances import own_parts
+from phnn.identify.nuisances import constant_and_own, own_parts
 from phnn.identify.problem import Plan, Problem, Variables, aperiodic
 from phnn.recall import recalled
 from phnn.recordings.driving import unknown_instants
@@ -63,10 +64,11 @@ class Evaluation:
 def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluation:
     """Simulate all recordings of a plan and score their parts.
 
-    The zero of a recording comes from its identification part where it has one, else from its nuisance part; so does
-    the initial state of a recording whose start is unknown and that took no part in the fit. The own parts of the setup
-    are fitted to the whole recording, scored or not: nothing predicts them, so what is left beside them is what a model
-    can be held to. The same holds for the instants at which the input jumps, unless the fit has estimated them.
+    The zero of a recording comes from its identification part where it has one, else from its nuisance part, unless it
+    is a parameter that all recordings share. The initial state of a recording whose start is unknown and that took no
+    part in the fit comes from the same part. The own parts of the setup are fitted to the whole recording, scored or
+    not: nothing predicts them, so what is left beside them is what a model can be held to. The same holds for the
+    instants at which the input jumps, unless the fit has estimated them.
 
     Args:
         initial: initial states estimated by the fit, by recording name.
@@ -84,9 +86,12 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
         mask = next(m for m in masks if m.any())
         if setup.own != NOTHING:
             # From all samples: a stretch shorter than a period could not tell them from the zero.
-            y = y + own_parts(recording.y - y, slice(None), recording, setup.own)
-        y = y + np.mean((recording.y - y)[mask])
-        return np.asarray(y)
+            y = y + _own_parts(setup, recording, y)
+        if recording.offset == "own":
+            hidden = beyond_limit(recording, y, mask)
+            counted = mask if hidden is None else mask & ~hidden
+            y = y + np.mean((recording.y - y)[counted if counted.any() else mask])
+        return recording.sensor.limited(np.asarray(y))
 
     outputs = plan.each(one)
     parts = [
@@ -96,6 +101,14 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
         if use != "nuisance"
     ]
     return Evaluation({r.name: y for r, y in zip(plan.recordings, outputs, strict=True)}, tuple(parts))
+
+
+def _own_parts(setup: Setup, recording: Recording, y: Array) -> Array:
+    """(N,) what a recording adds of its own to the model's output ``y``, up to a constant."""
+    hidden = beyond_limit(recording, y, np.ones(recording.t.size, dtype=bool), setup.own)
+    if hidden is None:
+        return own_parts(recording.y - y, slice(None), recording, setup.own)
+    return constant_and_own(recording.y - y, ~hidden, recording, setup.own)
 
 
 def with_instants(setup: Setup, recording: Recording, substeps: int, initial: Array | None) -> tuple[Recording, Array]:

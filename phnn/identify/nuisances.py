@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,10 +64,23 @@ def own_size(recording: Recording, own: Own) -> int:
     return 2 * len(_held(recording, own.lines)) + _slow(recording, own.courses)
 
 
-def without_nuisances(values: Array, mask: Array, recording: Recording, own: Own = NOTHING) -> Array:
-    """The masked rows of (N, …) without their mean and own parts: what the recording's nuisances cannot explain."""
+def without_nuisances(
+    values: Array, mask: NDArray[Any], recording: Recording, own: Own = NOTHING, hidden: NDArray[np.bool_] | None = None
+) -> Array:
+    """The masked rows of (N, …) without their mean and own parts: what the recording's nuisances cannot explain.
+
+    The mean stays where the zero of the output is a parameter that recordings share.
+
+    Args:
+        hidden: (N,) samples of no weight, see `phnn.identify.censoring.beyond_limit`; their rows are zero.
+    """
+    if hidden is not None and hidden.any():
+        counted = mask & ~hidden
+        out = np.zeros((int(mask.sum()), *values.shape[1:]))
+        out[counted[mask]] = without_nuisances(values, counted, recording, own)
+        return out
     inside = values[mask]
-    if inside.size:
+    if inside.size and recording.offset == "own":
         inside -= inside.mean(axis=0)
     if own == NOTHING or not inside.size:
         return inside
@@ -82,6 +96,17 @@ def _own_basis(recording: Recording, own: Own, mask: bytes) -> Array:
         return np.zeros((columns.shape[0], 0))
     left, size, _ = np.linalg.svd(columns - columns.mean(axis=0), full_matrices=False)
     return np.asarray(left[:, size > _RANK * np.sqrt(columns.shape[0])])
+
+
+def constant_and_own(error: Array, rows: NDArray[np.bool_], recording: Recording, own: Own) -> Array:
+    """(N,) zero and own parts of a recording, fitted to some rows of an error (N,); zero where there are no rows."""
+    zero = float(recording.offset == "own")
+    if not rows.any():
+        return np.zeros(error.size)
+    if own == NOTHING:
+        return np.full(error.size, zero * error[rows].mean())
+    columns = np.column_stack([np.full(recording.t.size, zero), own_columns(recording, own)])
+    return np.asarray(columns @ np.linalg.lstsq(columns[rows], error[rows], rcond=_RANK)[0])
 
 
 def own_parts(error: Array, rows: slice, recording: Recording, own: Own) -> Array:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.identify.censoring import beyond_limit
 from phnn.identify.fit import Fit
 from phnn.identify.nuisances import without_nuisances
 from phnn.identify.problem import Plan
@@ -56,7 +57,9 @@ def substeps_for(setup: Setup, plan: Plan, bound: float, initial: Mapping[str, A
         coarse = run(recording, steps)
         while steps < MAX_SUBSTEPS:
             fine = run(recording, 2 * steps)
-            change = without_nuisances(coarse - fine, recording.mask("identification"), recording, setup.own)
+            mask = recording.mask("identification")
+            hidden = beyond_limit(recording, fine, mask, setup.own)
+            change = without_nuisances(coarse - fine, mask, recording, setup.own, hidden)
             if 4.0 / 3.0 * np.linalg.norm(change) / recording.noise <= share:
                 break
             steps, coarse = 2 * steps, fine
@@ -80,7 +83,8 @@ def numerical_error(fit: Fit) -> NumericalError:
         if recording.interpolation == "cubic":
             reconstruction = simulate(fit.setup, recording, steps, method="quintic", initial=initial).y - base
         mask = recording.mask("identification")
-        return without_nuisances(solver + reconstruction, mask, recording, fit.setup.own) / recording.noise
+        hidden = beyond_limit(recording, base, mask, fit.setup.own)
+        return without_nuisances(solver + reconstruction, mask, recording, fit.setup.own, hidden) / recording.noise
 
     parts = plan.each(one)
     error = np.concatenate(parts)

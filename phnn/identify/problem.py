@@ -6,7 +6,7 @@ The displacement zero and the own parts of the setup (lines, slow courses) enter
 residual and derivatives (variable projection), so that no optimiser sees them. Initial states of recordings with an
 unknown start are variables beside ``θ``, and so are the instants at which an input jumps between two samples. An
 initial state has a prior, see `phnn.identify.begun`: what the samples do not show of it stays near to what the model
-knows of its own motion.
+knows of its own motion. Samples at a limit of the sensor are censored (`phnn.identify.censoring`).
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed
 from phnn.identify.begun import Expected, expected_start
+from phnn.identify.censoring import beyond_limit
 from phnn.identify.nuisances import without_nuisances
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Recording
@@ -297,7 +298,8 @@ class Problem:
                 raw = output_derivatives(trajectory, self.variables.names, tuple(initial), instants=instants)
                 columns = self.variables.columns(setup, recording, raw)
                 both = np.column_stack([columns, trajectory.y - recording.y])
-                inside = without_nuisances(both, mask, recording, setup.own)
+                hidden = beyond_limit(recording, trajectory.y, mask, setup.own)
+                inside = without_nuisances(both, mask, recording, setup.own, hidden)
                 inside /= -recording.noise
                 return inside
 
@@ -308,5 +310,6 @@ class Problem:
 def weighted_residual(trajectory: Trajectory, mask: Array) -> Array:
     """``(y − ŷ)/σ`` on the masked samples without what zero and own parts explain."""
     recording = trajectory.recording
-    error = recording.y - trajectory.y
-    return without_nuisances(error, mask, recording, trajectory.setup.own) / recording.noise
+    error, own = recording.y - trajectory.y, trajectory.setup.own
+    hidden = beyond_limit(recording, trajectory.y, mask, own)
+    return without_nuisances(error, mask, recording, own, hidden) / recording.noise

@@ -184,7 +184,8 @@ def static_gain(recordings: Sequence[Recording]) -> float:
     """
     chosen = max(recordings, key=lambda r: float(np.ptp(r.y)))
     span = _input_range(chosen)
-    if np.ptp(chosen.u) > 0.0 and np.cov(chosen.u, chosen.y)[0, 1] < 0.0:
+    signed = not chosen.sensor.rectified and np.ptp(chosen.u) > 0.0
+    if signed and np.cov(chosen.u, chosen.y)[0, 1] < 0.0:
         raise InputRefused(
             f"{chosen.source}: the displacement falls where the voltage rises; give one of them `scale: -1` under "
             "columns in recordings.yaml"

@@ -39,6 +39,7 @@ class Limits:
     yaml_values: int = _limit(200_000, "1", "values with every alias written out; aliases of aliases multiply")
     depth: int = _limit(32, "levels", "lists and mappings within one another, in yaml and json; recursion is finite")
     digits: int = _limit(18, "1", "digits of a whole number; longer ones fit no 64 bits")
+    unit_characters: int = _limit(40, "1", "a unit is shorter; its names are looked up one by one")
     model_bytes: int = _limit(16 * _MIB, "bytes", "a model of learned laws with thousands of units is smaller")
     checkpoint_bytes: int = _limit(_GIB, "bytes", "a checkpoint holds a few copies of a model's weights")
     elements: int = _limit(256, "1", "elements, bonds or parameters of a network; its equations are solved by symbols")

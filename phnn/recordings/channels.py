@@ -11,7 +11,7 @@ from phnn.errors import InputRefused
 from phnn.recordings import checks
 from phnn.recordings.columns import Column
 from phnn.recordings.table import Table
-from phnn.recordings.units import QUANTITIES, UNITS, check_unit, parse_name, spelled, to_si
+from phnn.recordings.units import QUANTITIES, check_unit, find_unit, known_unit, parse_name, suits, to_si
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ def _channel(table: Table, quantity: str, said: Column, name: str) -> Channel | 
     unit = _unit(table, index, quantity, said.unit)
     values = table.numbers(index)
     checks.finite(values, f"{name} ({label})", table.where)
-    return Channel(to_si(said.scale * values, unit), label, unit, said.scale * UNITS[unit][1])
+    return Channel(to_si(said.scale * values, unit), label, unit, said.scale * known_unit(unit).factor)
 
 
 def _by_name(table: Table, quantity: str, unit: str | None) -> int | None:
@@ -61,7 +61,7 @@ def _by_name(table: Table, quantity: str, unit: str | None) -> int | None:
     parsed = [parse_name(name) if name else None for name in table.names]
     named = [(i, p[1]) for i, p in enumerate(parsed) if p is not None and p[0] == quantity]
     # a name such as voltage_monitor belongs to another column where voltage_V stands beside it
-    known = [i for i, u in named if u in UNITS] or [i for i, _ in named]
+    known = [i for i, u in named if suits(quantity, u)] or [i for i, _ in named]
     if len(known) > 1:
         names = ", ".join(table.names[i] for i in known)
         raise InputRefused(
@@ -75,7 +75,7 @@ def _unit(table: Table, index: int, quantity: str, stated: str | None) -> str:
     parsed = parse_name(table.names[index]) if table.names[index] else None
     named = parsed[1] if parsed is not None and parsed[0] == quantity else None
     where = f"{table.where}: {table.label(index)}"
-    if stated is not None and named in UNITS and spelled(stated) != named:
+    if stated is not None and suits(quantity, named) and find_unit(stated) != find_unit(named or ""):
         raise InputRefused(
             f"{where}: the name says {named}, recordings.yaml says {stated}: make them agree, or leave out the latter"
         )

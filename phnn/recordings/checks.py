@@ -14,7 +14,6 @@ from phnn.intake.files import shown_bytes
 from phnn.intake.limits import LIMITS, available_memory
 from phnn.intake.names import printable
 from phnn.recordings.table import Where
-from phnn.signals.noise import quantisation_step
 
 FEWEST_SAMPLES = 50
 # Bytes that any machine has; to ask for what is available takes time.
@@ -22,8 +21,6 @@ _MUCH = 10**8
 # Characters of a path in a message.
 _SHOWN = 200
 LARGEST_JITTER = 0.01  # of the sampling interval
-LARGEST_CLIPPED_SHARE = 0.02
-SHORTEST_CLIPPED_RUN = 5
 LARGEST_VALUE = 1e30
 # What varies by less is constant, in any unit; its squares would be no numbers any more.
 SMALLEST_RANGE = 1e-60
@@ -250,50 +247,3 @@ def like_an_actuator(size: float, quantity: str, label: str, where: Where) -> No
             f"{least:g} and {most:g} {unit}: correct the unit, or describe another system as a network, "
             f"setup: {{network: FILE.yaml}} in recordings.yaml"
         )
-
-
-def not_clipped(u: np.ndarray, y: np.ndarray, label: str, factor: float, where: Where) -> None:
-    """Refuse an output stuck at its exact extreme while the input moves on (a sensor out of range).
-
-    A run counts where it is 5 samples or longer, where the input moves during it, and where a parabola through
-    the samples on both sides of it passes well beyond the extreme: a resolved reversal that the sensor merely
-    quantises does not. A play, which comes to its plateau gently and leaves it steeply, is no clipping either.
-    ``factor`` turns the file's numbers into SI.
-    """
-    step = quantisation_step(y)
-    for extreme, name in ((float(y.max()), "largest"), (float(y.min()), "smallest")):
-        runs = [run for run in _runs(y == extreme) if _is_clipped(u, y, run, step)]
-        stuck = sum(last - first for first, last in runs)
-        if stuck > LARGEST_CLIPPED_SHARE * y.size:
-            raise InputRefused(
-                f"{where}: {label}, {where.row(runs[0][0])}: clipped, {stuck} samples ({stuck / y.size:.1%}) sit "
-                f"exactly at the {name} value {extreme / factor:.6g} while the input moves on: record again within the "
-                f"sensor's range, or leave these stretches out with `slice` in recordings.yaml"
-            )
-
-
-def _runs(stuck: np.ndarray) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], stuck.astype(int), [0]))))
-    pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
-    return [(first, last) for first, last in pairs if last - first >= SHORTEST_CLIPPED_RUN]
-
-
-def _is_clipped(u: np.ndarray, y: np.ndarray, run: tuple[int, int], step: float) -> bool:
-    first, last = run
-    side = max(4, (last - first) // 2)
-    if first < side or last + side > y.size:
-        return False  # nothing on one side to judge by
-    least = max(3.0 * step, 5e-4 * float(np.ptp(y)))
-    inside = u[first:last]
-    share = float(np.quantile(inside, 0.9) - np.quantile(inside, 0.1)) / max(float(np.ptp(u)), 1e-300)
-    if share * float(np.ptp(y)) < least:
-        return False
-    near = max(4, side // 4)
-    arrival, departure = abs(y[first] - y[first - near]), abs(y[last + near - 1] - y[last - 1])
-    if arrival < 0.4 * departure:
-        return False
-    k = np.r_[first - side : first, last : last + side]
-    middle = 0.5 * (first + last - 1)
-    parabola = np.polyfit(k - middle, y[k], 2)
-    overshoot = np.abs(np.polyval(parabola, np.arange(first, last) - middle) - y[first])
-    return float(overshoot.max()) > least

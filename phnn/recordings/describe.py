@@ -49,6 +49,10 @@ def facts(r: Recording) -> list[tuple[str, str]]:
             ("output", " to ".join(quantity(v, unit, 4) for v in (r.y.min(), r.y.max()))),
             ("noise floor", f"{quantity(r.noise, unit)} from {r.noise_source}{colour}"),
         ]
+    if (known := r.sensor.words(r.y)) and np.isfinite(r.y).all():
+        found.append(("sensor", known))
+    if r.offset == "shared":
+        found.append(("zero", "shared with other recordings"))
     at_rest = f"rest, input {r.start.input_before:g} before"
     found.append(("start", at_rest if r.start.state == "rest" else r.start.state))
     if r.channels:

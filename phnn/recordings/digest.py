@@ -13,7 +13,19 @@ def digest(campaign: Campaign) -> str:
     """SHA-256, in hexadecimal, of all that fits and scores see of the recordings: samples, uses, starts, anchors."""
     found = hashlib.sha256()
     for r in campaign.recordings:
-        facts = (r.name, r.start, r.interpolation, r.parts, r.noise, r.period, r.units, r.measures, r.rise)
+        facts = (
+            r.name,
+            r.start,
+            r.interpolation,
+            r.parts,
+            r.noise,
+            r.period,
+            r.units,
+            r.measures,
+            r.rise,
+            r.sensor,
+            r.offset,
+        )
         found.update(repr((*facts, r.instants_declared, sorted(r.channels), sorted(r.further))).encode())
         others = [values for _, values in (*sorted(r.channels.items()), *sorted(r.further.items()))]
         instants = [] if r.instants is None else [r.instants]

@@ -14,17 +14,19 @@ from phnn.intake.limits import LIMITS
 from phnn.intake.yaml_file import load_yaml
 from phnn.recordings.columns import Column, axes_of, columns_of, named_of, variables_of
 from phnn.recordings.recording import Anchor, Start
+from phnn.recordings.sensor import PLAIN, Sensor, sensor_of
 from phnn.recordings.values import choice, flag, keys_of, label, mapping, number, shown, text
 
 MODELS = ("piezo_actuator", "hrc", "linear", "bouc_wen")
 STATES = ("rest", "unknown", "periodic")
 INPUTS = ("cubic", "band_limited", "linear", "zero_order")
 USES = ("identification", "confirmation")
+OFFSETS = ("own", "shared")
 VOLTAGES = ("command", "terminals")
 
 _SHARED = (
     "columns", "variables", "sample_rate_hz", "start", "periodic", "input", "rise_time_s", "segments", "ports",
-    "outputs", "axes",
+    "outputs", "axes", "sensor", "offset",
 )  # fmt: skip
 _TOP = ("setup", "known", "voltage", *_SHARED, "recordings")
 _EACH = ("file", "name", *_SHARED, "jumps_at_s", "slice", "use")
@@ -41,6 +43,7 @@ class Entry:
         beside: further files whose columns stand beside those of the first.
         ports: inputs at further ports of the network; outputs: several outputs, by the storage that is measured.
         axes: what the axes of an array are, of `phnn.recordings.columns.AXES`.
+        sensor: what is known of the sensor; offset: whether the zero of the output is its own or shared.
     """
 
     file: str = ""
@@ -59,6 +62,8 @@ class Entry:
     ports: Mapping[str, Column] = field(default_factory=dict)
     outputs: Mapping[str, Column] = field(default_factory=dict)
     axes: tuple[str, ...] = ()
+    sensor: Sensor = PLAIN
+    offset: str = "own"
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -160,6 +165,10 @@ def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
         entry = replace(entry, outputs=named_of(item["outputs"], "output", f"{where}: outputs"))
     if "axes" in item:
         entry = replace(entry, axes=axes_of(item["axes"], f"{where}: axes"))
+    if "sensor" in item:
+        entry = replace(entry, sensor=sensor_of(item["sensor"], f"{where}: sensor"))
+    if "offset" in item:
+        entry = replace(entry, offset=choice(item["offset"], OFFSETS, f"{where}: offset"))
     if "slice" in item:
         entry = replace(entry, slice=_slice(item["slice"], f"{where}: slice"))
     if "use" in item:

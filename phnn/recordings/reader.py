@@ -13,6 +13,7 @@ from phnn.intake.names import printable
 from phnn.recordings import checks
 from phnn.recordings.array_files import read_axes
 from phnn.recordings.channels import Channel, select, unused
+from phnn.recordings.clipping import not_clipped
 from phnn.recordings.driving import with_declared
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.folder import READERS, Files
@@ -21,9 +22,10 @@ from phnn.recordings.partition import Candidate, divide, whole_parts
 from phnn.recordings.recording import ACTUATOR, Campaign, Part, Recording, Start, Units, drive_of
 from phnn.recordings.sampling import on_grid
 from phnn.recordings.segments import segmented
+from phnn.recordings.sensor import Sensor, check_unit_of_limits, longest_free
 from phnn.recordings.table import Table, Where, beside
-from phnn.recordings.units import UNITS
-from phnn.signals.noise import WHITE, NoiseFloor, noise_floor
+from phnn.recordings.units import known_unit
+from phnn.signals.noise import FROM_PERIODS, WHITE, NoiseFloor, noise_floor
 from phnn.signals.pooling import pooled
 
 FURTHER = ("current", "charge", "force", "temperature")
@@ -113,7 +115,8 @@ def _draft(
             checks.input_moves(drive, before, f"{u_name} ({channels[u_name].label})", where)
         label = f"{y_name} ({channels[y_name].label})"
         checks.output_moves(y, label, where)
-        checks.not_clipped(drive, y, label, channels[y_name].factor, where)
+        check_unit_of_limits(entry.sensor, _si(channels[y_name]), label, where)
+        not_clipped(drive, y, label, channels[y_name].factor, where, entry.sensor)
         if _is_actuator(said):
             checks.like_an_actuator(float(np.ptp(y)), "displacement", channels[y_name].label, where)
     if _is_actuator(said):
@@ -138,7 +141,7 @@ def _draft(
 
 
 def _si(channel: Channel) -> str:
-    return UNITS[channel.unit][0]
+    return known_unit(channel.unit).si
 
 
 def _recording(
@@ -154,7 +157,7 @@ def _recording(
 ) -> tuple[NoiseFloor, Recording]:
     floor = NoiseFloor(float("nan"), "no output recorded", WHITE)
     if np.isfinite(y).all():
-        floor = noise_floor(drive, y, dt, excitation.period, excitation.span, start.state == "periodic")
+        floor = _noise(drive, y, dt, start, entry.sensor, excitation)
     return floor, Recording(
         name=name,
         t=dt * np.arange(u.size),
@@ -169,7 +172,23 @@ def _recording(
         period=excitation.period,
         channels={},
         source=file,
+        sensor=entry.sensor,
+        offset=entry.offset,
     )
+
+
+def _noise(
+    drive: np.ndarray, y: np.ndarray, dt: float, start: Start, sensor: Sensor, excitation: Excitation
+) -> NoiseFloor:
+    """The noise floor of an output; where a sensor saturates, samples at the limit carry no noise."""
+    stuck = sensor.at_limit(y) != 0
+    floor = noise_floor(drive, y, dt, excitation.period, excitation.span, start.state == "periodic")
+    if not stuck.any():
+        return floor
+    first, last = longest_free(stuck)
+    if not floor.source.startswith(FROM_PERIODS) and last - first >= checks.FEWEST_SAMPLES:
+        return noise_floor(drive[first:last], y[first:last], dt)
+    return replace(floor, value=floor.value / max(1.0 - float(stuck.mean()), 1.0 / y.size) ** 0.5)
 
 
 def _is_actuator(said: Manifest) -> bool:
@@ -205,7 +224,7 @@ def _sampled(
         checks.interval(dt, table.where)
         return dt, values, where, []
     time = channels["time"]
-    dt, values, note = on_grid(time.values[first:last], UNITS[time.unit][1], values, where)
+    dt, values, note = on_grid(time.values[first:last], known_unit(time.unit).factor, values, where)
     return dt, values, where, [f"{entry.name or printable(Path(entry.file).stem)}: {note}."] if note else []
 
 

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from phnn.recordings.sensor import PLAIN, Sensor
+
 
 class Units(NamedTuple):
     """SI units of what a recording has as input and as output."""
@@ -76,6 +78,8 @@ class Recording:
             may share one (`phnn.recordings.driving`). None where nothing is known: the samples do not tell.
         instants_declared: they are stated, not to be estimated.
         rise: how long a jump of the input takes, s.
+        sensor: what is known of the sensor.
+        offset: ``"own"``, the zero of the output belongs to the recording, or ``"shared"``: all have one.
     """
 
     name: str
@@ -97,6 +101,8 @@ class Recording:
     instants: np.ndarray | None = None
     instants_declared: bool = False
     rise: float = 0.0
+    sensor: Sensor = PLAIN
+    offset: str = "own"
 
     @property
     def drive(self) -> np.ndarray:

@@ -20,7 +20,7 @@ from phnn.intake.limits import LIMITS
 from phnn.recordings.lines import Lines, read_lines
 from phnn.recordings.rows import NUMBER, Dialect, parsed
 from phnn.recordings.table import REMEDY_COMMA, Table
-from phnn.recordings.units import UNITS, parse_name, spelled
+from phnn.recordings.units import find_unit, parse_name
 
 _MARKS = "#%"
 # Lines that are looked at to recognise the columns.
@@ -151,7 +151,7 @@ def _words(line: str, dialect: Dialect, width: int) -> list[str]:
 
 def _is_unit(cell: str) -> bool:
     """Whether a cell is a unit, with or without brackets, or empty."""
-    return not cell or (cell[0] in "([" and cell[-1] in ")]") or spelled(cell) in UNITS
+    return not cell or (cell[0] in "([" and cell[-1] in ")]") or find_unit(cell) is not None
 
 
 def _with_unit(name: str, unit: str) -> str:

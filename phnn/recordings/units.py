@@ -1,43 +1,22 @@
-"""Units at the boundary: everything inside the package is SI."""
+"""Units at the boundary: everything inside the package is SI. The library `pint` knows the units."""
 
 from __future__ import annotations
 
 import difflib
 import re
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from phnn.errors import InputRefused
+from phnn.intake.limits import LIMITS
 
-# unit as written -> (SI unit, factor, offset): SI value = factor * number + offset
-UNITS: dict[str, tuple[str, float, float]] = {
-    "s": ("s", 1.0, 0.0),
-    "ms": ("s", 1e-3, 0.0),
-    "us": ("s", 1e-6, 0.0),
-    "min": ("s", 60.0, 0.0),
-    "V": ("V", 1.0, 0.0),
-    "mV": ("V", 1e-3, 0.0),
-    "kV": ("V", 1e3, 0.0),
-    "m": ("m", 1.0, 0.0),
-    "mm": ("m", 1e-3, 0.0),
-    "um": ("m", 1e-6, 0.0),
-    "nm": ("m", 1e-9, 0.0),
-    "A": ("A", 1.0, 0.0),
-    "mA": ("A", 1e-3, 0.0),
-    "uA": ("A", 1e-6, 0.0),
-    "nA": ("A", 1e-9, 0.0),
-    "C": ("C", 1.0, 0.0),
-    "uC": ("C", 1e-6, 0.0),
-    "nC": ("C", 1e-9, 0.0),
-    "N": ("N", 1.0, 0.0),
-    "mN": ("N", 1e-3, 0.0),
-    "kN": ("N", 1e3, 0.0),
-    "K": ("K", 1.0, 0.0),
-    "degC": ("K", 1.0, 273.15),
-    "1": ("1", 1.0, 0.0),
-}
+if TYPE_CHECKING:
+    import pint
 
-# quantity -> its SI unit; None: any unit of the table (systems other than the actuator)
+# quantity -> its SI unit; None: any unit (systems other than the actuator)
 QUANTITIES: dict[str, str | None] = {
     "time": "s",
     "voltage": "V",
@@ -50,16 +29,111 @@ QUANTITIES: dict[str, str | None] = {
     "output": None,
 }
 
-# Units in words, as headers of instruments have them.
-_WORDS = {"second": "s", "seconds": "s", "sec": "s", "volt": "V", "volts": "V", "micron": "um", "microns": "um"}
+# Spellings that pint does not know, or knows as something else: newton metre is "number_meter", a textile unit, to it.
+_WORDS = {"sec": "s", "second": "s", "seconds": "s", "volt": "V", "volts": "V", "micron": "um", "microns": "um"}
+_NEWTON_METRE = re.compile(r"(?<![A-Za-z])([munkM]?)Nm(?![A-Za-z])")
+# Symbols that are constants of nature to pint: a column output_c is hardly in multiples of the speed of light.
+_CONSTANT = re.compile(r"(?<![A-Za-z_])[cek](?![A-Za-z_])")
+# Names of SI units for people; a unit that is none of them is told in powers of them, such as m³/s.
+_SI = (
+    "s",
+    "m",
+    "kg",
+    "A",
+    "K",
+    "rad",
+    "mol",
+    "cd",
+    "Hz",
+    "N",
+    "Pa",
+    "J",
+    "W",
+    "C",
+    "V",
+    "ohm",
+    "S",
+    "F",
+    "H",
+    "T",
+    "Wb",
+)
 
 _NAME = re.compile(r"^\s*([A-Za-z]+)\s*(?:_(\S+)|[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
+# A product such as `kg m2`, with exponents of one digit, so that no power is large; then what it is divided by.
+_FACTOR = r"(?:[A-Za-zΩÅ°%]+(?:_[A-Za-z0-9]+)*(?:(?:\^|\*\*)?-?[1-9]|[²³])?)"
+_PRODUCT = rf"{_FACTOR}(?: ?[*·. ] ?{_FACTOR})*"
+_UNIT = re.compile(rf"(?:1|{_PRODUCT})(?: ?/ ?(?:{_FACTOR}|\({_PRODUCT}\)))*(?: ?[*·. ] ?{_FACTOR})*")
+_POWER = re.compile(r"(?<=[A-Za-zΩÅ°])(-?[1-9])")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit as it was written: SI value = ``factor`` × number + ``offset``, in the SI unit ``si``."""
+
+    si: str
+    factor: float
+    offset: float
 
 
 def spelled(unit: str) -> str:
-    """The table's spelling of a unit: both Unicode micro signs become ``u``, ``°C`` becomes ``degC``, words symbols."""
+    """One spelling of a unit: both Unicode micro signs become ``u``, ``°C`` becomes ``degC``, words symbols."""
     bare = unit.strip().replace("\u00b5", "u").replace("\u03bc", "u").replace("\u00b0C", "degC")
     return _WORDS.get(bare.lower(), bare)
+
+
+@lru_cache(maxsize=256)
+def find_unit(text: str) -> Unit | None:
+    """The unit of a text such as ``um``, ``m3/s`` or ``N s/m``; None where it is none.
+
+    The text is a product of names with exponents of one digit; pint never sees anything else.
+    """
+    name = spelled(text)
+    if len(name) > LIMITS.unit_characters or _UNIT.fullmatch(name) is None or _CONSTANT.search(name):
+        return None
+    name = _POWER.sub(r"**\1", _NEWTON_METRE.sub(r"\1N*m", name))
+    registry = _registry()
+    try:
+        parsed = registry.Unit(name.replace("·", "*").replace(".", "*").replace("****", "**"))
+        return _as_si(registry, parsed)
+    except Exception:  # pint has several of its own for a text that is no unit, and raises those of Python besides
+        return None
+
+
+def _as_si(registry: pint.UnitRegistry[Any], unit: pint.Unit) -> Unit | None:
+    """The unit in SI; None where numbers in it are not proportional to SI values (decibels)."""
+    si = registry.Unit("dimensionless")
+    for name, power in unit._units.items():
+        si *= _named(registry, str(name)) ** power
+    if len(unit._units) != 1:
+        total = _base(registry, si)
+        wanted = (registry.Unit(name) for name in ("dimensionless", *filter(None, QUANTITIES.values())))
+        si = next((u for u in wanted if _base(registry, u) == total), si)
+    zero, one, two = (float(registry.Quantity(x, unit).to(si).magnitude) for x in (0.0, 1.0, 2.0))
+    if abs((two - one) - (one - zero)) > 1e-9 * abs(two - zero):
+        return None
+    factor = one if zero == 0.0 else float((registry.Quantity(1.0, unit) - registry.Quantity(0.0, unit)).to(si).m)
+    return Unit(format(si, "~P") or "1", factor, zero)
+
+
+def _named(registry: pint.UnitRegistry[Any], name: str) -> pint.Unit:
+    """The SI unit of a single unit, with a name of its own where it has one: N for lbf."""
+    base = _base(registry, registry.Unit(name.removeprefix("delta_")))
+    return next((u for u in map(registry.Unit, _SI) if _base(registry, u) == base), base)
+
+
+def _base(registry: pint.UnitRegistry[Any], unit: pint.Unit) -> pint.Unit:
+    """A unit in powers of kilogram, metre, second, …"""
+    return registry.Unit(registry.Quantity(1.0, unit).to_base_units().units)
+
+
+@lru_cache(maxsize=1)
+def _registry() -> pint.UnitRegistry[Any]:
+    import pint  # takes a second with its definitions: only where something is read
+
+    registry: pint.UnitRegistry[Any] = pint.UnitRegistry()
+    registry.formatter.default_sort_func = None  # N·m, as it was written
+    return registry
 
 
 def parse_name(header: str) -> tuple[str, str | None] | None:
@@ -75,17 +149,27 @@ def parse_name(header: str) -> tuple[str, str | None] | None:
     return match[1].lower(), spelled(unit) if unit else None
 
 
+def suits(quantity: str, unit: str | None) -> bool:
+    """Whether a text is a unit of the quantity."""
+    found = find_unit(unit) if unit else None
+    return found is not None and QUANTITIES[quantity] in (None, found.si)
+
+
 def accepted(quantity: str) -> str:
-    """The units a quantity may have, for messages."""
+    """Examples of the units that a quantity may have, for messages."""
     si = QUANTITIES[quantity]
-    return ", ".join(name for name, (base, _, _) in UNITS.items() if si is None or base == si)
+    if si is None:
+        return "V, N, m/s, rad, Pa, L/min, degC, 1 and any other physical unit"
+    if si == "K":
+        return "K, degC, degF"
+    return f"{si}, m{si}, u{si}, n{si}, k{si} and any other unit of {si}"
 
 
 def check_unit(quantity: str, unit: str | None, where: str) -> str:
-    """The unit in the table's spelling.
+    """The unit in its common spelling.
 
     Raises:
-        InputRefused: no unit, a unit that is not in the table, or one of another quantity.
+        InputRefused: no unit, a text that is no unit, or a unit of another quantity.
     """
     if unit is None:
         raise InputRefused(
@@ -93,25 +177,42 @@ def check_unit(quantity: str, unit: str | None, where: str) -> str:
             f"({quantity}_{accepted(quantity).split(',')[0]}) or write it in recordings.yaml, "
             f"columns: {{{quantity}: {{unit: ...}}}}; accepted: {accepted(quantity)}"
         )
-    name = spelled(unit)
-    if name not in UNITS:
-        near = difflib.get_close_matches(name, UNITS, n=1, cutoff=0.3)
-        alike = [u for u in UNITS if u.lower() == name.lower()] or near
-        hint = f" (did you mean {alike[0]}?)" if alike else ""
+    name, si = spelled(unit), QUANTITIES[quantity]
+    found = find_unit(name)
+    if found is None:
         raise InputRefused(
-            f"{where}: unknown unit {unit!r} for the {quantity}{hint}: accepted are {accepted(quantity)}"
+            f"{where}: unknown unit {unit[: LIMITS.unit_characters]!r} for the {quantity}{_hint(quantity, name)}: "
+            f"accepted are {accepted(quantity)}"
         )
-    si = QUANTITIES[quantity]
-    if si is not None and UNITS[name][0] != si:
+    if si is not None and found.si != si:
         raise InputRefused(
-            f"{where}: the {quantity} cannot be in {unit} (that is a unit of {UNITS[name][0]}): accepted are "
+            f"{where}: the {quantity} cannot be in {unit} (that is a unit of {found.si}): accepted are "
             f"{accepted(quantity)}; a column that is proportional to it takes `scale` and the unit after scaling, "
             f"in recordings.yaml"
         )
     return name
 
 
+def _hint(quantity: str, name: str) -> str:
+    """The unit of the quantity that was probably meant, in brackets."""
+    if len(name) > LIMITS.unit_characters:
+        return ""
+    si = QUANTITIES[quantity] or "V"
+    common = [f"{prefix}{si}" for prefix in ("", "m", "u", "n", "k")] if si != "K" else ["K", "degC", "degF"]
+    known = [*common, *(n for n in dir(_registry()) if len(n) > 1 and n.isalpha())]
+    alike = [u for u in known if u.lower() == name.lower()] or difflib.get_close_matches(name, known, n=3, cutoff=0.6)
+    meant = next((u for u in alike if suits(quantity, u)), None)
+    return f" (did you mean {meant}?)" if meant else ""
+
+
 def to_si(values: np.ndarray, unit: str) -> np.ndarray:
-    """Numbers in ``unit`` (a key of ``UNITS``) as SI values, same shape."""
-    _, factor, offset = UNITS[unit]
-    return np.asarray(values, dtype=float) * factor + offset
+    """Numbers in ``unit`` (a text that `find_unit` knows) as SI values, same shape."""
+    found = known_unit(unit)
+    return np.asarray(values, dtype=float) * found.factor + found.offset
+
+
+def known_unit(unit: str) -> Unit:
+    """The unit of a text that `check_unit` accepted."""
+    found = find_unit(unit)
+    assert found is not None, unit
+    return found

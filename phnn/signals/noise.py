@@ -19,6 +19,7 @@ _FEWEST_PERIODS = 3  # after the first one, which holds the transient
 _FEWEST_AT_REST = 200
 _LEAST_SHARE_OF_RANGE = 1e-6
 _ORDERS = range(1, 9)
+FROM_PERIODS = "period-to-period differences"
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +104,7 @@ def from_periods(y: np.ndarray, period: float, skip: int = 1) -> NoiseFloor | No
     variance = float(np.median(variances) if variances.size >= 8 else np.mean(variances))
     correlation = _correlation(pieces)
     variance *= _white_loss(shapes[-1]) / _loss(shapes[-1], correlation)
-    source = f"period-to-period differences over {variances.size + 1} cycles"
+    source = f"{FROM_PERIODS} over {variances.size + 1} cycles"
     return NoiseFloor(sqrt(variance / 2.0), source, correlation)
 
 

@@ -56,7 +56,9 @@ def test_no_time_and_no_rate(tmp_path: Path) -> None:
     ("header", "words"),
     [
         ("time_s,voltage_V,displacement", ("displacement", "no unit", "displacement_m")),
-        ("time_s,voltage_V,displacement_furlong", ("unknown unit 'furlong'", "um")),
+        ("time_s,voltage_V,displacement_furlong", ("displacement_furlong", "correct the unit")),
+        ("time_s,voltage_V,displacement_umm", ("unknown unit 'umm'", "um")),
+        ("time_s,voltage_V,displacement_Um", ("unknown unit 'Um'", "did you mean um?")),
         ("time_s,voltage_v,displacement_m", ("unknown unit 'v'", "did you mean V?")),
         ("time_s,voltage_V,displacement_V", ("displacement cannot be in V",)),
         ("time_m,voltage_V,displacement_m", ("time cannot be in m",)),

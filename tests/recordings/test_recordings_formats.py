@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,21 +17,25 @@ from recordings_example import output, refused, sine, write
 from phnn.recordings import read
 from phnn.recordings.reader import READERS
 from phnn.recordings.text_files import read_text
-from phnn.recordings.units import QUANTITIES, UNITS, parse_name, to_si
+from phnn.recordings.units import QUANTITIES, accepted, find_unit, known_unit, parse_name, suits, to_si
 
 STATED = "columns: {time: {column: 0, unit: s}, voltage: {column: 1, unit: V}, displacement: {column: 2, unit: m}}\n"
 
 
-def units_of(si: str) -> list[str]:
-    return [name for name, (base, _, _) in UNITS.items() if base == si]
+OF_EACH = {
+    "s": ["s", "ms", "us", "min", "h"],
+    "V": ["V", "mV", "kV", "J/C"],
+    "m": ["m", "mm", "um", "nm", "in", "ft"],
+    "K": ["K", "degC", "degF"],
+}
 
 
 @settings(max_examples=60, deadline=None)
 @given(
-    time=st.sampled_from(units_of("s")),
-    voltage=st.sampled_from(units_of("V")),
-    displacement=st.sampled_from(units_of("m")),
-    temperature=st.sampled_from(units_of("K")),
+    time=st.sampled_from(OF_EACH.get("s")),
+    voltage=st.sampled_from(OF_EACH.get("V")),
+    displacement=st.sampled_from(OF_EACH.get("m")),
+    temperature=st.sampled_from(OF_EACH.get("K")),
     order=st.permutations(range(4)),
     brackets=st.booleans(),
     seed=st.integers(0, 1000),
@@ -43,9 +48,9 @@ def test_round_trip_with_random_units(
     channels["temperature"] = (np.linspace(290.0, 300.0, t.size), temperature)
     names, columns = [], []
     for name, (values, unit) in channels.items():
-        _, factor, offset = UNITS[unit]
+        known = known_unit(unit)
         names.append(f"{name} [{unit}]" if brackets else f"{name}_{unit}")
-        columns.append((values - offset) / factor)
+        columns.append((values - known.offset) / known.factor)
     with tempfile.TemporaryDirectory() as folder:
         rows = np.column_stack([columns[i] for i in order])
         head = ",".join(names[i] for i in order)
@@ -58,11 +63,84 @@ def test_round_trip_with_random_units(
 
 
 @pytest.mark.parametrize(
-    ("unit", "value", "expected"),
-    [("min", 2.0, 120.0), ("kV", 1.5, 1500.0), ("nm", 3.0, 3e-9), ("degC", 20.0, 293.15), ("nC", 1.0, 1e-9)],
+    ("unit", "value", "expected", "si"),
+    [
+        ("min", 2.0, 120.0, "s"),
+        ("kV", 1.5, 1500.0, "V"),
+        ("nm", 3.0, 3e-9, "m"),
+        ("micron", 3.0, 3e-6, "m"),
+        ("\u00b5m", 3.0, 3e-6, "m"),
+        ("in", 1.0, 0.0254, "m"),
+        ("degC", 20.0, 293.15, "K"),
+        ("\u00b0F", 212.0, 373.15, "K"),
+        ("nC", 1.0, 1e-9, "C"),
+        ("lbf", 1.0, 4.4482216152605, "N"),
+        ("lbf/in", 2.0, 2 * 4.4482216152605 / 0.0254, "N/m"),
+        ("Nm", 2.0, 2.0, "N·m"),
+        ("mN.m", 2.0, 2e-3, "N·m"),
+        ("N s/m", 2.0, 2.0, "N·s/m"),
+        ("m3/s", 2.0, 2.0, "m³/s"),
+        ("m³/h", 3600.0, 1.0, "m³/s"),
+        ("L/min", 60.0, 1e-3, "m³/s"),
+        ("mm/s^2", 2.0, 2e-3, "m/s²"),
+        ("m s-2", 2.0, 2.0, "m/s²"),
+        ("V/(m s)", 2.0, 2.0, "V/m/s"),
+        ("rad", 2.0, 2.0, "rad"),
+        ("deg/s", 180.0, np.pi, "rad/s"),
+        ("rpm", 60.0, 2 * np.pi, "rad/s"),
+        ("kHz", 1.0, 1e3, "Hz"),
+        ("bar", 1.0, 1e5, "Pa"),
+        ("%", 50.0, 0.5, "1"),
+        ("mV/V", 2.0, 2e-3, "1"),
+        ("1", 2.0, 2.0, "1"),
+        ("1/s", 2.0, 2.0, "1/s"),
+    ],
 )
-def test_units(unit: str, value: float, expected: float) -> None:
-    assert to_si(np.array([value]), unit)[0] == pytest.approx(expected, rel=1e-15)
+def test_units(unit: str, value: float, expected: float, si: str) -> None:
+    assert to_si(np.array([value]), unit)[0] == pytest.approx(expected, rel=1e-13)
+    assert known_unit(unit).si == si
+
+
+@pytest.mark.parametrize("unit", ["um", "us", "nm", "mV", "uC", "mA", "kN", "mm", "ms", "uA", "nA", "nC", "mN"])
+def test_a_prefix_is_exactly_a_power_of_ten(unit: str) -> None:
+    assert known_unit(unit).factor == float({"u": "1e-6", "m": "1e-3", "n": "1e-9", "k": "1e3"}[unit[0]])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *(
+            "m**9999999",
+            "m**9**9",
+            "m^99",
+            "m" * 10**6,
+            "(" * 10**5,
+            "m*" * 10**5,
+            "m" + "/s" * 10**5,
+            "m e9",
+            "1e999 m",
+        ),
+        *(
+            "__import__('os')",
+            "m.__class__",
+            "lambda: 1",
+            "0/0",
+            "1/0",
+            "m/0",
+            "V\nm",
+            "V\x00",
+            "\x1b[31m",
+            "",
+            " ",
+            "m m_",
+        ),
+        *("dB", "dBm", "monitor", "V V V V V V V V V V V V V V V V V V V V V V", "c", "k", "e", "nan", "inf", "m³²"),
+    ],
+)
+def test_texts_that_are_no_units_are_refused_at_once(text: str) -> None:
+    start = time.perf_counter()
+    assert find_unit(text) is None
+    assert time.perf_counter() - start < 2.0  # the first one loads the definitions
 
 
 @pytest.mark.parametrize(
@@ -83,7 +161,9 @@ def test_names(name: str, parsed: tuple[str, str | None] | None) -> None:
 
 
 def test_every_quantity_has_a_unit() -> None:
-    assert {si for si in QUANTITIES.values() if si} <= {base for base, _, _ in UNITS.values()}
+    for quantity in QUANTITIES:
+        for unit in accepted(quantity).split(" and ")[0].split(", "):
+            assert suits(quantity, unit)
 
 
 def recorded(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

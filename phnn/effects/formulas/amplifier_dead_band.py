@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from phnn.effects.effect import Effect, Scales, no_range
-from phnn.parameters import Parameter, constant
+from phnn.parameters import Parameter, constant, signed
 from phnn.setup import Block, Setup
 
 _BAND, _SHARE = "delta_U", "a_U"
 
 
 def _added(setup: Setup, values: Mapping[str, float], share: Parameter) -> Setup:
-    band = Parameter(_BAND, values[_BAND], "V", 0.0, 1e3, typical=0.1, description="half width of the dead band")
+    band = replace(signed(_BAND, values[_BAND], "V", 1e3, 0.1, "half width of the dead band"), lower=0.0)
     return setup.with_block("amplifier", Block("dead_band", (share.name, _BAND)), (share, band))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from phnn.effects.effect import Effect, Scales, no_range
-from phnn.parameters import Parameter
+from phnn.parameters import Parameter, signed
 from phnn.setup import Block, Setup
 
 _SHARE, _LEVEL = "a_K", "U_K"
@@ -14,7 +14,7 @@ _SHARE, _LEVEL = "a_K", "U_K"
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``V = u − a max(u − U, 0)`` for ``U > 0`` and mirrored for ``U < 0``."""
     share = Parameter(_SHARE, values[_SHARE], "1", 0.0, 1.0, typical=0.1, description="gain lost beyond a level")
-    level = Parameter(_LEVEL, values[_LEVEL], "V", -1e4, 1e4, typical=1.0, description="level of the lost gain")
+    level = signed(_LEVEL, values[_LEVEL], "V", 1e4, 1.0, "level of the lost gain")
     return setup.with_block("amplifier", Block("knee", (_SHARE, _LEVEL)), (share, level))
 
 

@@ -1,0 +1,75 @@
+"""A tank that overflows into the next one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+from phnn.effects.effect import Effect, Scales, has_tanks, no_range, with_network
+from phnn.network.elements import Network, Resistor
+from phnn.parameters import positive
+from phnn.setup import Setup
+
+
+def _pipe(network: Network) -> tuple[Resistor, str] | None:
+    """The pipe into the measured tank, and the tank that it comes from; None where there is none."""
+    for resistor in network.resistors:
+        others = [name for name in resistor.on if name != network.output]
+        if network.output in resistor.on and len(others) == 1:
+            return resistor, others[0]
+    return None
+
+
+def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """``Q += r max(C Δp − V_s, 0)`` beside the pipe into the measured tank: a resistor that opens above a head."""
+    network = setup.network
+    found = _pipe(network)
+    assert found is not None
+    pipe, above = found
+    (capacity,) = next(s.parameters for s in network.storages if s.name == above)
+    rim = replace(pipe, name="spill_over", law="overflow", parameters=("r_s", "V_s", capacity))
+    return with_network(
+        setup,
+        network.extend(
+            resistors=(rim,),
+            parameters=(
+                positive("r_s", values["r_s"], "1/s", "rate at which what stands above the rim runs over", 1e8),
+                positive("V_s", values["V_s"], "m³", "volume of the tank above up to its rim", 1e4),
+            ),
+        ),
+    )
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """A weak spill at shares and multiples of the largest measured volume, for that of the tank above is not known."""
+    rate = 1e-3 * 2.0 * math.pi * scales.fastest
+    return [{"r_s": rate, "V_s": share * scales.displacement} for share in (0.2, 0.5, 0.8, 1.2, 2.0)]
+
+
+def applies(setup: Setup) -> bool:
+    """A pipe leads from another tank into the measured one."""
+    return has_tanks(setup) and _pipe(setup.network) is not None
+
+
+EFFECT = Effect(
+    name="spill_over",
+    location="mechanical",
+    kind="dissipative",
+    equation=r"Q = \dots + r_s \max(C \Delta p - V_s, 0)",
+    statement="The tank above overflows into the measured one: beyond a volume of {V_s} what is too much runs over at "
+    "a rate of {r_s}.",
+    fingerprint="After a large inflow the measured level rises faster than the pipe between the tanks allows.",
+    separation="Filling at several steady flows: the measured level follows the inflow at once where the tank above "
+    "runs over, and late where it does not.",
+    references=("White 2011, Fluid Mechanics, sec. 10.7 (weirs, linearised)",),
+    passive=True,
+    strength="r_s",
+    one_sided=True,
+    grid=grid,
+    build=build,
+    parameters=("r_s", "V_s"),
+    plausible=no_range("r_s", "V_s"),
+    applies=applies,
+    neighbours=("overflow", "turbulent_orifice"),
+)

@@ -1,0 +1,71 @@
+"""A zero of the output that all recordings share is a parameter of the model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from junctions import recording
+
+from phnn.configuration import config_folder
+from phnn.errors import InputRefused
+from phnn.identify.base import Options, identify_base
+from phnn.identify.evaluate import evaluate
+from phnn.identify.problem import Plan
+from phnn.models.network_file import load_network
+from phnn.recordings import read
+from phnn.recordings.recording import Campaign, Part, Recording, Start
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+NETWORK = config_folder() / "network" / "mass_spring_damper.yaml"
+MODEL, ZERO, NOISE = Setup(load_network(NETWORK)), 0.05, 1e-3
+
+
+def recorded(name: str, use: str, offset: str = "shared") -> Recording:
+    rng = np.random.default_rng(sum(map(ord, name)))
+    t = 0.05 * np.arange(400)
+    force = np.repeat(rng.uniform(-1.0, 1.0, 40), 10)
+    blank = recording(t, force, Start("rest", force[0]), interpolation="zero_order", offset=offset)
+    y = simulate(MODEL, blank).y + ZERO + NOISE * rng.standard_normal(t.size)
+    return replace(blank, name=name, y=y, noise=NOISE, parts=(Part(name, 0, t.size, use),))
+
+
+def campaign(*recordings: Recording) -> Campaign:
+    return Campaign(recordings, {"network": str(NETWORK)}, {}, "terminals", (), True, "made")
+
+
+def test_a_shared_zero_is_estimated_once_and_predicts_what_is_held_out() -> None:
+    held = recorded("c", "confirmation")
+    fitted, _ = identify_base(
+        campaign(recorded("a", "identification"), recorded("b", "identification"), held), Options(workers=1, starts=1)
+    )
+    value, spread = fitted.setup.parameters["y_0"].value, fitted.std()["y_0"]
+    assert abs(value - ZERO) < 4.0 * spread
+    assert 0.5 < spread / (NOISE / np.sqrt(800)) < 3.0
+    plan = Plan((held,), workers=1)
+    (score,) = evaluate(fitted.setup, plan, {}).parts
+    assert score.residual_over_noise < 1.1
+    moved = replace(held, y=held.y + 10.0 * NOISE)
+    (score,) = evaluate(fitted.setup, Plan((moved,), workers=1), {}).parts
+    assert score.residual_over_noise == pytest.approx(10.0, rel=0.1)
+
+
+def test_zeros_of_their_own_stay_out_of_the_model() -> None:
+    fitted, _ = identify_base(campaign(recorded("a", "identification", "own")), Options(workers=1, starts=1))
+    assert set(fitted.setup.parameters) == set(MODEL.parameters)
+
+
+def test_recordings_share_a_zero_all_or_none() -> None:
+    mixed = campaign(recorded("a", "identification"), recorded("b", "identification", "own"))
+    with pytest.raises(InputRefused, match="b has a zero of its own, a shares one"):
+        identify_base(mixed, Options(workers=1))
+
+
+def test_the_manifest_says_it(tmp_path: Path) -> None:
+
+    (tmp_path / "recordings.yaml").write_text("offset: common\n")
+    with pytest.raises(InputRefused, match="offset: 'common' is not known: accepted are own, shared"):
+        read(tmp_path)
