@@ -110,8 +110,8 @@ def _draft(
     start = entry.start or _default_start(u, *ports.values())
     before = start.input_before if start.state == "rest" else None
     if y_name is not None:
-        if start.state != "unknown":
-            # What began before the first sample may go on under a constant input.
+        if entry.start is None or start.state != "unknown":
+            # What is said to have begun before the first sample may go on under a constant input.
             checks.input_moves(drive, before, f"{u_name} ({channels[u_name].label})", where)
         label = f"{y_name} ({channels[y_name].label})"
         checks.output_moves(y, label, where)
