@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
+from string import ascii_uppercase
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnose.menu import Experiment
 from phnn.diagnose.questions import Question
+from phnn.diagnose.rival import Rival
 
 Array = NDArray[np.float64]
 
@@ -47,16 +50,16 @@ class NextExperiment:
     groups: tuple[tuple[str, ...], ...] = ()
 
 
-def why_it_separates(
-    questions: Sequence[Question], pairs: Sequence[tuple[str, str]], apart: Array, needed: float
-) -> str:
+def why_it_separates(questions: Sequence[Question], apart: Array, needed: float) -> str:
     """Which models compete, how far the recording moves them apart, and which it does not tell apart.
 
     Args:
-        pairs: names of the models, in words; apart: (P,) their separations.
+        apart: (P,) separations of all pairs of models, question by question.
         needed: from where on they are told apart.
     """
-    competing = "".join(f"{_competing(q)} " for q in questions if q.element)
+    short = _short([m for q in questions for m in q.models])
+    competing = "".join(f"{_competing(q, short)} " for q in questions if q.element)
+    pairs = [f"{short[id(a)]} and {short[id(b)]}" for q in questions for a, b in combinations(q.models, 2)]
     told = [(pair, s) for pair, s in zip(pairs, apart, strict=True) if s >= needed]
     start = f"{competing}With their parameters refitted as far as the recordings at hand allow, the models of "
     end = f"× noise over the whole recording; {_two(needed)} are needed to tell two models apart"
@@ -64,17 +67,23 @@ def why_it_separates(
         pair, s = min(zip(pairs, apart, strict=True), key=lambda item: item[1])
         times = math.ceil((needed / s) ** 2) if s > 0.0 else 0
         often = f": make it {times} times" if 0 < times < _OFTEN else ""
-        return f"{start}{_both(pair)} differ there by {_two(s)} {end}{often}."
+        return f"{start}{pair} differ there by {_two(s)} {end}{often}."
     pair, s = min(told, key=lambda item: item[1])
-    rest = [_both(pair) for pair, value in zip(pairs, apart, strict=True) if value < needed]
+    rest = [pair for pair, value in zip(pairs, apart, strict=True) if value < needed]
     but = f" It does not tell apart {'; '.join(rest)}." if rest else ""
     least = " least: by" if len(told) > 1 else " by"
-    return f"{start}{_both(pair)} differ there{least} {_two(s)} {end}.{but}"
+    return f"{start}{pair} differ there{least} {_two(s)} {end}.{but}"
 
 
-def _competing(question: Question) -> str:
+def _short(models: Sequence[Rival]) -> dict[int, str]:
+    """What a model is called after it was introduced, by its id: a formula by a letter."""
+    letters = iter(ascii_uppercase)
+    return {id(m): f"formula {next(letters)}" if m.is_formula else m.words for m in models}
+
+
+def _competing(question: Question, short: Mapping[int, str]) -> str:
     """What may stand in the place of an element without a name."""
-    first, *others = [m.words for m in question.models]
+    first, *others = [m.words + f" ({short[id(m)]})" * m.is_formula for m in question.models]
     own = question.element.replace("_", " ")
     element = f"The element {own}" if first == own else f"The element {own}, described as {first},"
     return f"{element} has no proven name: in its place {_listed(others)} explains these recordings nearly as well."
@@ -99,10 +108,6 @@ def why_it_measures(question: Question, times: float, needed: float) -> str:
 
 def _listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
-
-
-def _both(pair: tuple[str, str]) -> str:
-    return " and ".join(pair)
 
 
 def _two(value: float) -> str:

@@ -59,7 +59,6 @@ def propose(questions: Sequence[Question], ground: Ground, variances: float = SE
     asked = [q for q in questions if len(q.models) > 1]
     if not asked:
         return _measure(questions[0], ground) if questions else None
-    pairs = [(a.words, b.words) for q in asked for a, b in combinations(q.models, 2)]
     needed = math.sqrt(max(tie(q.models[0].fit, variances) for q in asked))
     noise = ground.scales.noise
     found = [(e, s) for e in menu(ground) if (s := separations([q.models for q in asked], e, noise)) is not None]
@@ -72,7 +71,7 @@ def propose(questions: Sequence[Question], ground: Ground, variances: float = SE
     return NextExperiment(
         recording=experiment.words,
         separates=tuple(dict.fromkeys(n for group in groups for n in group)),
-        why=why_it_separates(asked, pairs, apart, needed),
+        why=why_it_separates(asked, apart, needed),
         separation=_merit(apart, needed)[1],
         needed=needed,
         experiment=experiment,

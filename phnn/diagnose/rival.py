@@ -86,9 +86,14 @@ class Rival(ABC):
     own: tuple[int, ...]
 
     @property
+    def is_formula(self) -> bool:
+        """Whether its name is a formula in words."""
+        return " " in self.name
+
+    @property
     def words(self) -> str:
         """Its name in a sentence; a formula in quotation marks."""
-        return f"“{self.name}”" if " " in self.name else self.name.replace("_", " ")
+        return f"“{self.name}”" if self.is_formula else self.name.replace("_", " ")
 
     @abstractmethod
     def predicted(self, bench: Bench) -> Predicted:
