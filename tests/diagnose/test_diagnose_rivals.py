@@ -27,6 +27,8 @@ from phnn.effects.learned import learned_elements
 from phnn.identify.fit import Fit, fit
 from phnn.identify.problem import Plan
 from phnn.recordings.recording import Recording
+from phnn.report.following import no_proposal
+from phnn.report.result import document
 from phnn.setup import Setup
 from phnn.simulate import simulate
 
@@ -181,6 +183,17 @@ def test_a_whole_diagnosis_without_a_name_says_what_to_record_next() -> None:
     assert asked[0].element.replace("_", " ") in made.proposal.why
     # Drag shows at speed, whatever it is called.
     assert made.proposal.experiment.kind == "near-resonance sine"
+
+
+def test_the_report_of_an_element_without_a_name_has_a_proposal_or_a_reason() -> None:
+    made = campaigns.diagnosis("quadratic_drag", "sensor_drift")
+    content = document(made)["next_experiment"]
+    assert content["aim"] in ("separate", "measure")
+    assert content["separates"] == [n for group in content["groups"] for n in group]
+    assert no_proposal(made) == ""
+    alone = tuple(replace(f, members=f.members[:1]) for f in made.judgement.findings)
+    bare = replace(made, judgement=replace(made.judgement, findings=alone), proposal=None)
+    assert no_proposal(bare).startswith("No recording is proposed for what has no name")
 
 
 def test_what_fits_as_well_in_the_place_of_an_element_is_its_rival() -> None:

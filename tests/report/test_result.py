@@ -245,15 +245,6 @@ def test_places_that_are_tied_have_a_proposal_or_a_reason() -> None:
     assert len(set(places)) == len(places) and set(places) <= {"mechanical", "sensor"}
 
 
-def test_an_element_without_a_name_has_a_proposal_or_a_reason() -> None:
-    found = made("unknown")
-    content = document(found)["next_experiment"]
-    assert content["separates"] == [n for group in content["groups"] for n in group]
-    alone = tuple(replace(f, members=f.members[:1]) for f in found.judgement.findings)
-    bare = replace(found, judgement=replace(found.judgement, findings=alone), proposal=None)
-    assert no_proposal(bare).startswith("No recording is proposed for what has no name")
-
-
 def test_an_unknown_is_told_what_comes_nearest_if_anything_does() -> None:
     found = made("found")
     nameless = replace(found, judgement=replace(found.judgement, verdict="unknown", findings=()))
