@@ -10,7 +10,7 @@ import numpy as np
 from phnn.demo import Case, Sealed
 from phnn.demo.actuator import NEUTRAL, simulate
 from phnn.demo.excitation import Excitation, Piece
-from phnn.demo.folder import MANIFEST, measured, write_manifest, write_recording
+from phnn.demo.folder import MANIFEST, reported, write_manifest, write_recording
 from phnn.diagnose.menu import Experiment
 from phnn.recordings import Campaign
 
@@ -41,8 +41,7 @@ def add(case: Case, answer: Sealed, campaign: Campaign, proposed: Experiment) ->
     """Record it into the folder of the case, for identification; the others keep their use."""
     folder = Path(campaign.folder)
     driven = excitation(proposed)
-    noise = case.noise
-    y = measured(output(answer, driven), noise.deviation, noise.step, case.stream("next"), noise.colour)
+    y = reported(output(answer, driven), case.noise, case.stream("next"))
     write_recording(folder / f"{driven.name}.csv", driven, y)
     held = {r.name for r in campaign.recordings if r.mask("confirmation").any()}
     plan = (*case.recordings, driven)

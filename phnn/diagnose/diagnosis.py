@@ -11,13 +11,14 @@ from phnn.diagnose.criteria import CRITERIA, Criteria
 from phnn.diagnose.distil import Distilled, distil, has_grammar
 from phnn.diagnose.distil.refitted import refitted_formula
 from phnn.diagnose.finding import Finding
+from phnn.diagnose.following import NextExperiment
 from phnn.diagnose.judge import Judgement, judge
-from phnn.diagnose.propose import NextExperiment, propose
+from phnn.diagnose.propose import propose
+from phnn.diagnose.questions import questions
 from phnn.diagnose.retest import fit_with
 from phnn.diagnose.rules import Record
 from phnn.diagnose.rules.held_out import NUMERICS, NumericsCase
 from phnn.diagnose.scored import Scored, scored
-from phnn.diagnose.trial import Trial
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
@@ -37,7 +38,7 @@ class Diagnosis:
     campaign: what was diagnosed; base: the fitted base model; error: its numerical error.
     judgement: verdict, location, effects, remainder.
     before, after: scores of the base and the final model on all recordings, held-out ones among them.
-    proposal: the next recording, where a class of effects remains.
+    proposal: the next recording, where something is tied or has no name.
     kernel_residual: largest relative residual that the torch module finds in the compiled simulations of both models.
     options, seconds: how it was made; criteria: with which thresholds.
     """
@@ -84,20 +85,6 @@ def _distilled(judgement: Judgement, executor: Executor, criteria: Criteria) -> 
         return None if alone is None else refitted_formula(fit, alone, element, executor, criteria)
 
     return replace(judgement, findings=tuple(replace(f, description=formula(f)) if f.learned else f for f in found))
-
-
-def tied_members(judgement: Judgement) -> tuple[Trial, ...]:
-    """Refitted models that the recordings cannot tell apart: a class of effects, or where nothing is named and places
-    are tied, the best model of each place that fits better than the base model."""
-    members = next((f.members for f in judgement.findings if len(f.members) > 1), ())
-    location = judgement.location
-    if members or judgement.findings or location is None or not location.tied:
-        return members
-    able = [t for t in judgement.tried if t.fit is not None and t.cost < judgement.ground.fit.cost]
-    best: dict[str, Trial] = {}
-    for trial in sorted(able, key=lambda t: t.cost):
-        best.setdefault(trial.candidate.effect.location, trial)
-    return tuple(best[place] for place in (location.name, *location.tied) if place in best)
 
 
 def diagnose(
@@ -160,7 +147,7 @@ def diagnose(
         judgement = replace(judgement, verdict=verdict, rules=tuple(record.asked))
     grounds = {id(g): g for g in (judgement.ground, judgement.final_ground)}.values()
     residual = max(check(t) for g in grounds for t in g.trajectories)
-    proposal = propose(tied_members(judgement), judgement.ground, criteria.selection.tie)
+    proposal = propose(questions(judgement, criteria), judgement.ground, criteria.selection.tie)
     seconds = time.monotonic() - began
     return Diagnosis(
         campaign, base, error, judgement, before, after, proposal, residual, chosen, seconds, criteria

@@ -14,7 +14,7 @@ from phnn.diagnose.trial import Trial, class_of, fair_cost, tie
 from phnn.ensemble import Executor
 from phnn.errors import PhnnError
 from phnn.identify.fit import Fit
-from phnn.identify.staged import fit_identified, stated_only
+from phnn.identify.staged import EVALUATIONS, fit_identified, stated_only
 
 
 def retested(
@@ -92,12 +92,19 @@ def without(
     return best
 
 
-def fit_with(base: Fit, findings: Sequence[Finding], values: Mapping[str, float]) -> Fit | None:
-    """The base model with some effects, fitted from parameter values."""
+def fit_with(
+    base: Fit, findings: Sequence[Finding], values: Mapping[str, float], evaluations: int = EVALUATIONS
+) -> Fit | None:
+    """The base model with some effects, fitted from parameter values.
+
+    Args:
+        evaluations: bound on the simulations of all recordings.
+    """
     setup = base.setup.with_values({n: values[n] for n in base.setup.free})
-    for f in findings:
-        setup = f.trial.candidate.effect.add_to(setup, values)
     try:
-        return fit_identified(setup, base.plan, stated_only(base.held), origin=base, keep=own_parameters(findings))
+        for f in findings:
+            setup = f.trial.candidate.effect.add_to(setup, values)
+        held = stated_only(base.held)
+        return fit_identified(setup, base.plan, held, evaluations, base, own_parameters(findings))
     except PhnnError:
         return None

@@ -31,6 +31,8 @@ _UNIDENTIFIED = "these recordings do not identify it"
 _QUICK = 10
 _FULL = 50
 _FINALISTS = 5
+# Bound on the simulations of the whole plan in a fit.
+EVALUATIONS = 60
 
 
 @recalled
@@ -114,7 +116,7 @@ def fit_identified(
     setup: Setup,
     plan: Plan,
     held: Mapping[str, str],
-    max_evaluations: int = 60,
+    max_evaluations: int = EVALUATIONS,
     origin: Fit | None = None,
     keep: Sequence[str] = (),
     tolerance: float = TOLERANCE,

@@ -115,6 +115,8 @@ class NextExperiment:
     why: str
     needed: float | None = None  # separation from which two models are told apart, in noise units
     menu: tuple[tuple[str, float | None], ...] = ()  # smallest separation by recording of the menu, largest first
+    groups: tuple[tuple[str, ...], ...] = ()  # what it separates, by tie or by element
+    aim: str = "separate"  # or "measure": separations are factors by which standard errors shrink
 
 
 @dataclass(frozen=True)
@@ -290,7 +292,16 @@ def _next_experiment(value: Any) -> NextExperiment | None:
         why=_text(value.get("why")),
         needed=finite(value.get("needed")),
         menu=_descending({str(n): finite(s) for n, s in _mapping(value.get("menu")).items()}),
+        groups=_groups(value),
+        aim=_text(value.get("aim")) or "separate",
     )
+
+
+def _groups(value: Mapping[str, Any]) -> tuple[tuple[str, ...], ...]:
+    """What a recording separates, by question; one group where only the names are known."""
+    given = value.get("groups")
+    groups = tuple(_texts(g) for g in given) if isinstance(given, Sequence) and not isinstance(given, str) else ()
+    return groups or tuple(g for g in (_texts(value.get("separates")),) if g)
 
 
 def read_document(document: Mapping[str, Any]) -> Document:

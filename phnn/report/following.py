@@ -7,13 +7,18 @@ from typing import Any
 import pandas as pd
 
 from phnn.check import check
-from phnn.diagnose.diagnosis import Diagnosis, tied_members
-from phnn.diagnose.propose import NextExperiment
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.following import NextExperiment
+from phnn.diagnose.questions import tied_members
 from phnn.output import Place
 from phnn.report.formatting import listing
 from phnn.setup import Setup
 
 WAVEFORM = "next_experiment.csv"
+_UNMEASURED = (
+    "No recording is proposed for what has no name: nothing else that was tried explains these recordings nearly as "
+    "well, and no recording of the menu can be simulated or says more about the element itself."
+)
 
 
 def next_experiment(proposal: NextExperiment | None) -> dict[str, Any] | None:
@@ -28,6 +33,8 @@ def next_experiment(proposal: NextExperiment | None) -> dict[str, Any] | None:
         "separation": proposal.separation,
         "needed": proposal.needed,
         "menu": dict(proposal.menu),
+        "aim": proposal.aim,
+        "groups": [list(g) for g in proposal.groups],
         "kind": e.kind,
         "duration_s": e.duration,
         "sample_rate_hz": e.rate,
@@ -49,8 +56,10 @@ def no_proposal(diagnosis: Diagnosis) -> str:
     j = diagnosis.judgement
     members = tied_members(j)
     tied_places = not j.findings and j.location is not None and j.location.tied
-    if diagnosis.proposal is not None or not (members or tied_places):
+    if diagnosis.proposal is not None:
         return ""
+    if not (members or tied_places):
+        return _UNMEASURED if any(f.provisional for f in j.findings) else ""
     names = [t.candidate.effect.name.replace("_", " ") for t in members]
     if len(members) < 2:
         start = (

@@ -60,11 +60,13 @@ def no_proposal_sentence(document: Document, why: str) -> str:
     """What is said where no further recording is proposed.
 
     Args:
-        why: the reason where something is tied, as the diagnosis knows it.
+        why: the reason where something is tied or has no name, as the diagnosis knows it.
     """
+    if why:
+        return why
     if not tied(document):
         return "No further recording is proposed: no two models are left to be told apart."
-    return why or "No recording was found that tells apart what is tied: no two refitted models stand for it."
+    return "No recording was found that tells apart what is tied: no two refitted models stand for it."
 
 
 def equivalence_sentence(missing: Missing) -> str:

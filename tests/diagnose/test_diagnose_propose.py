@@ -20,6 +20,7 @@ from phnn.diagnose.ground import Ground, prepare
 from phnn.diagnose.menu import Experiment, Stretch, menu, resonance
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.propose import left, propose
+from phnn.diagnose.questions import Question, of_trials
 from phnn.diagnose.trial import Trial, class_of, tie
 from phnn.effects import catalogue
 from phnn.identify.base import Options
@@ -77,7 +78,7 @@ def test_a_delay_and_a_lag_are_told_apart_by_the_recording_that_is_proposed() ->
     ]
     true, false = members
     assert len(class_of(sorted(members, key=lambda t: t.cost), False)) == 2
-    found = propose(members, g)
+    found = propose([Question(of_trials(members))], g)
     assert found is not None
     assert found.separation > found.needed
     assert found.separates == ("delay", "sensor_lag")
@@ -173,13 +174,13 @@ def test_no_class_no_proposal() -> None:
     members = [
         Trial(Candidate(catalogue()[n], {}, (), 10.0, 1e-5), f) for n, f in zip(names, fits, strict=True)
     ]  # fmt: skip
-    found = propose(members, g)
+    found = propose([Question(of_trials(members))], g)
     assert found is not None
     assert found.recording in [e.words for e in menu(g)]
     assert found.menu[found.experiment.kind] == max(found.menu.values())
     # Drag needs speed to show itself.
     assert found.experiment.kind == "near-resonance sine"
     assert found.separates == names
-    assert propose(members[:1], g) is None
-    assert propose([members[0], Trial(members[1].candidate, None)], g) is None
-    assert propose([members[0], members[0]], g) is None
+    assert propose([], g) is None
+    assert len(of_trials([members[0], Trial(members[1].candidate, None)])) == 1
+    assert propose([Question(of_trials([members[0], members[0]]))], g) is None

@@ -16,7 +16,8 @@ import pytest
 
 from phnn.diagnose.confirm import confirmed
 from phnn.diagnose.criteria import CRITERIA
-from phnn.diagnose.diagnosis import Diagnosis, tied_members
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.questions import tied_members
 from phnn.effects import catalogue
 from phnn.effects.effect import LOCATIONS
 from phnn.identify.evaluate import evaluate
@@ -105,8 +106,8 @@ def test_document_has_the_keys_that_others_read(case: str) -> None:
             assert set(row) == {"residual_over_noise"}
     if content["next_experiment"] is not None:
         assert set(content["next_experiment"]) == {
-            "recording", "separates", "why", "separation", "needed", "menu", "kind", "duration_s", "sample_rate_hz",
-            "input", "stretches",
+            "recording", "separates", "why", "separation", "needed", "menu", "aim", "groups", "kind", "duration_s",
+            "sample_rate_hz", "input", "stretches",
         }  # fmt: skip
     assert {"phnn", "numpy", "torch"} <= set(content["versions"])
     assert all(not isinstance(v, float) or math.isfinite(v) for v in walk(content))

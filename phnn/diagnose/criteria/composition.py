@@ -78,6 +78,13 @@ class Composition:
         "Argument: what remains may be an effect of its own, for which the element stands in part. " + STUDIED,
     )
 
+    asked_elements: int = criterion(
+        3,
+        "elements",
+        "Elements, those that take most, of which a proposed recording is asked; each has rivals of its own.",
+        "Choice: of cost; one recording hardly answers more.",
+    )
+
     def falls(self, before: float, after: float, p_value: float | None) -> bool:
         """Whether an error on selection recordings falls enough.
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from phnn.diagnose.criteria import RACE
 from phnn.diagnose.distil.grammar import TERMS, has_grammar
+from phnn.diagnose.distil.model import formula_rival
 from phnn.diagnose.distil.response import Target, target
 from phnn.diagnose.distil.search import Formula, best_formulas, tie_of, unit_responses
 from phnn.diagnose.distil.words import in_words
 from phnn.diagnose.ground import Ground
+from phnn.diagnose.rival import Rival
 from phnn.effects import Effect
 from phnn.network.roles import motions
 from phnn.units import quantity
@@ -34,6 +37,8 @@ class Distilled:
         first_order: whether the element leaves so little that first order holds, and with it the intervals; else the
             formula is a hint.
         others: equations that these recordings cannot tell from this one.
+        models: models with this formula and with the others in the place of the element; empty where the formula is no
+            more than a hint.
     """
 
     kind: str
@@ -46,6 +51,7 @@ class Distilled:
     as_good: bool
     first_order: bool
     others: tuple[str, ...] = ()
+    models: tuple[Rival, ...] = field(default=(), compare=False, repr=False)
 
 
 def distil(ground: Ground, element: Effect) -> Distilled | None:
@@ -76,6 +82,8 @@ def distil(ground: Ground, element: Effect) -> Distilled | None:
         _equation(best), in_words(best, quantity(ground.scales.displacement, "m")), _parameters(best, goal)
     )
     rivals = [f for f in found[1:] if f.price <= best.price + reach and len(f.terms) <= len(best.terms)]
+    as_good = best.cost <= fit.cost + reach and _stays_passive(goal, best)
+    first_order = fit.chi2 <= RACE.large_residual**2
     return Distilled(
         kind=element.kind,
         equation=written.equation,
@@ -84,10 +92,23 @@ def distil(ground: Ground, element: Effect) -> Distilled | None:
         exponents=_exponents(best),
         learned=float(np.sqrt(fit.cost / size)),
         formula=float(np.sqrt(best.cost / size)),
-        as_good=best.cost <= fit.cost + reach and _stays_passive(goal, best),
-        first_order=fit.chi2 <= RACE.large_residual**2,
+        as_good=as_good,
+        first_order=first_order,
         others=tuple(_equation(f) for f in rivals),
+        models=_models(goal, element, [best, *rivals], written.words) if as_good and first_order else (),
     )
+
+
+def _models(goal: Target, element: Effect, formulas: Sequence[Formula], words: str) -> tuple[Rival, ...]:
+    """Models with one of the formulas each.
+
+    Args:
+        words: of the first formula.
+    """
+    reference = quantity(goal.ground.scales.displacement, "m")
+    said = [words, *(in_words(f, reference) for f in formulas[1:])]
+    names = [f"{text[0].lower()}{text[1:]}".removesuffix(".") for text in said]
+    return tuple(formula_rival(goal, element, f, name) for f, name in zip(formulas, names, strict=True))
 
 
 class Written(NamedTuple):

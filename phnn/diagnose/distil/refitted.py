@@ -9,6 +9,7 @@ from phnn.diagnose.distil.distilled import Distilled
 from phnn.diagnose.ground import prepare
 from phnn.diagnose.name import score
 from phnn.diagnose.refit import refit
+from phnn.diagnose.rival import refitted_rival
 from phnn.diagnose.trial import Trial, simplest_first, tie
 from phnn.effects import Effect
 from phnn.effects.formulas import formulas_for
@@ -62,6 +63,9 @@ def _distilled(
     parameters = {n: fit.setup.parameters[n] for n in effect.parameters}
     shown = {n: quantity(p.value, p.unit) for n, p in parameters.items()}
     size = final.residual.size
+    as_good = fit.cost <= final.cost + reach and alone.cost - fit.cost >= _MOST * (alone.cost - final.cost)
+    tied = [t for t in trials if t is not best and t.cost <= best.cost + reach]
+    models = [(t.candidate.effect, t.fit) for t in (best, *tied) if as_good and t.fit is not None]
     return Distilled(
         kind=element.kind,
         equation=effect.equation,
@@ -70,7 +74,8 @@ def _distilled(
         exponents={},
         learned=float(np.sqrt(final.cost / size)),
         formula=float(np.sqrt(fit.cost / size)),
-        as_good=fit.cost <= final.cost + reach and alone.cost - fit.cost >= _MOST * (alone.cost - final.cost),
+        as_good=as_good,
         first_order=True,
-        others=tuple(t.candidate.effect.equation for t in trials if t is not best and t.cost <= best.cost + reach),
+        others=tuple(t.candidate.effect.equation for t in tied),
+        models=tuple(refitted_rival(e.name, f, e.parameters) for e, f in models),
     )

@@ -90,9 +90,14 @@ def target(ground: Ground, element: Effect) -> Target:
     return Target(ground, base, left, fit.residual + learned, np.linalg.qr(base)[0])
 
 
+def pushed(trajectory: Trajectory, forces: Columns) -> Array:
+    """(N, F) changes of the output [m] by forces that resist the motion of a trajectory."""
+    pushes = -forces(trajectory.mid_displacement, trajectory.velocity)
+    return output_derivatives(trajectory, (), (), np.ascontiguousarray(pushes))
+
+
 def _responses(ground: Ground, forces: Columns) -> Array:
     def one(_: Recording, trajectory: Trajectory) -> Array:
-        pushes = -forces(trajectory.mid_displacement, trajectory.velocity)
-        return output_derivatives(trajectory, (), (), np.ascontiguousarray(pushes))
+        return pushed(trajectory, forces)
 
     return ground.stack(ground.plan.each(one, ground.trajectories))

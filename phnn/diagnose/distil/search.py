@@ -12,8 +12,9 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from phnn.diagnose.distil.grammar import NAMED, Term
-from phnn.diagnose.distil.response import Target
+from phnn.diagnose.distil.response import Columns, Target
 from phnn.diagnose.trial import tie
+from phnn.effects import Scales
 from phnn.identify.covariance import scatter
 from phnn.laws.namespace import TINY
 
@@ -97,13 +98,21 @@ def tie_of(goal: Target, formula: Formula) -> float:
 
 def unit_responses(goal: Target, terms: Sequence[tuple[Term, Array]]) -> Array:
     """(N, T) responses to terms of size one with the given shapes."""
-    scales = goal.ground.scales
+    return goal.columns(forces_of(goal.ground.scales, terms))
+
+
+def forces_of(scales: Scales, terms: Sequence[tuple[Term, Array]]) -> Columns:
+    """Terms of size one with the given shapes, as forces along displacements and velocities.
+
+    Args:
+        scales: of the reference displacement and speed.
+    """
 
     def forces(q: Array, v: Array) -> Array:
         s = q / scales.displacement
         return np.column_stack([term.force(s, v, scales.velocity, *shapes) for term, shapes in terms])
 
-    return goal.columns(forces)
+    return forces
 
 
 def _on_grid(goal: Target, terms: Sequence[Term]) -> list[Formula]:
@@ -140,15 +149,16 @@ def _begun(points: Sequence[tuple[Term, Array]], columns: Array, wanted: Array, 
 
 def _with_slopes(goal: Target, formula: Formula) -> tuple[Array, Array]:
     """(N, T) unit responses, and (N, S) derivatives of the whole response by the shapes that are free."""
-    moved: list[tuple[Term, Array]] = [(term, shapes) for term, _, shapes in formula.by_term]
-    owners = []
-    for t, (term, _, shapes) in enumerate(formula.by_term):
-        for k in range(shapes.size):
-            moved.append((_slope_of(term, k), shapes))
-            owners.append(t)
-    found, count = goal.free(unit_responses(goal, moved)), len(formula.terms)
+    found, count = goal.free(unit_responses(goal, in_slopes(formula))), len(formula.terms)
+    owners = np.repeat(np.arange(count), [len(t.shapes) for t in formula.terms])
     slopes = found[:, count:] * formula.sizes[owners]
     return found[:, :count], slopes[:, [not f for f in formula.fixed]]
+
+
+def in_slopes(formula: Formula) -> list[tuple[Term, Array]]:
+    """The terms of a formula and, behind them, the derivative of each by each of its shapes; all of size one."""
+    moved: list[tuple[Term, Array]] = [(term, shapes) for term, _, shapes in formula.by_term]
+    return moved + [(_slope_of(t, k), shapes) for t, _, shapes in formula.by_term for k in range(shapes.size)]
 
 
 def _slope_of(term: Term, k: int) -> Term:
