@@ -19,21 +19,19 @@ from phnn.diagnose.confirm import score_on_all
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.diagnosis import diagnose as run_diagnosis
 from phnn.identify.base import Options, Progress, identify_base, prepare
-from phnn.identify.evaluate import Evaluation, evaluate, output_spread
+from phnn.identify.evaluate import Evaluation
 from phnn.identify.fit import Fit
-from phnn.identify.problem import Plan
 from phnn.intake.names import printable
 from phnn.models.store import load, save
-from phnn.network.elements import Network
 from phnn.output import Place, claim, finite, unique_names
+from phnn.prediction import document, predicted
 from phnn.recordings import Campaign, read
-from phnn.recordings.recording import Recording
 from phnn.report import console_summary
 from phnn.report.checked import write_check
-from phnn.report.formatting import interval
+from phnn.report.formatting import interval, percent, ratio
+from phnn.report.formatting import quantity as shown
 from phnn.report.result import RESULTS, evidence, write_into
-from phnn.setup import Setup
-from phnn.simulate import check_names, measured_network, simulate
+from phnn.simulate import check_names
 
 Config = Mapping[str, Any]
 _PIPE = 200
@@ -150,40 +148,47 @@ def _keep(fitted: Fit, place: Place) -> None:
 def predict(
     model: Path, folder: Path, out: Path, manifest: Path | None, outside: bool = False, overwrite: bool = False
 ) -> None:
-    """Simulate the recordings of a folder with a stored model; writes one ``NAME.csv`` per recording.
+    """Simulate the recordings of a folder with a stored model; writes one ``NAME.csv`` per recording and
+    ``predict.json`` with fit %, RMSE and residual over noise wherever the output was recorded.
 
     Where the input jumps between two samples, a further column says how uncertain that makes the output.
     """
     setup, substeps = load(model, outside)
     campaign = read(folder, manifest, need_output=False, allow_outside=outside)
     check_names(setup.network, campaign.recordings)
-    files = unique_names((r.name for r in campaign.recordings), ".csv")
-    with claim(out, "predict", [model, folder], tuple(files.values()), overwrite=overwrite) as place:
+    files, found = unique_names((r.name for r in campaign.recordings), ".csv"), []
+    results = (*files.values(), "predict.json")
+    with claim(out, "predict", [model, folder], results, overwrite=overwrite) as place:
         for recording in campaign.recordings:
             name = files[recording.name]
-            (place / name).write(_predicted(setup, recording, substeps).to_csv(index=False).encode())
+            one = predicted(setup, recording, substeps, recording.name in campaign.held_out)
+            (place / name).write(one.table.to_csv(index=False).encode())
+            found.append(one)
             print(out / name)
+        content = document(found, files, printable(str(model)))
+        (place / "predict.json").write_json(content)
+    _show_scores(content)
+    print(f"results: {out / 'predict.json'}")
 
 
-def _predicted(setup: Setup, recording: Recording, substeps: int) -> pd.DataFrame:
-    """Time and simulated output of a recording, and the output's uncertainty where its input jumps between samples."""
-    plan = Plan((recording,), {recording.name: substeps}, workers=1)
-    if bool(np.isfinite(recording.y).all()):
-        y = evaluate(setup, plan, {}).outputs[recording.name]
-    else:
-        y = simulate(setup, recording, substeps).y
-    column = _column(measured_network(setup.network, recording))
-    table = pd.DataFrame({"time_s": recording.t, column: y})
-    spread = output_spread(setup, recording, substeps)
-    if spread is not None:
-        table[f"{column}_std"] = spread
-    return table
+def _show_scores(content: Mapping[str, Any]) -> None:
+    """Print the scores of `predict`; nothing where no output was recorded."""
+    if not content["totals"]:
+        return
+    table = Table("recording", "use", "fit %", "RMSE", "residual over noise")
+    for name, row in content["recordings"].items():
+        if row["samples"]:
+            table.add_row(escape(name), "held out" if row["held_out"] else "", *_score_cells(row))
+    table.add_section()
+    for name, row in content["totals"].items():
+        table.add_row(f"{name.replace('_', ' ')} ({row['recordings']})", "", *_score_cells(row))
+    console = Console()
+    (console if console.is_terminal else Console(width=_PIPE)).print(table)
 
 
-def _column(network: Network) -> str:
-    """Name of the output's column, with its unit."""
-    unit = next(s.unit for s in network.storages if s.name == network.output)
-    return "displacement_m" if unit == "m" else f"output_{unit.replace(' ', '')}"
+def _score_cells(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Fit %, RMSE with its unit and residual over noise; a dash where one is undefined."""
+    return percent(row["fit_percent"], 2), shown(row["rmse"], row["unit"] or ""), ratio(row["residual_over_noise"])
 
 
 def compare(

@@ -76,6 +76,7 @@ class Recording:
             may share one (`phnn.recordings.driving`). None where nothing is known: the samples do not tell.
         instants_declared: they are stated, not to be estimated.
         rise: how long a jump of the input takes, s.
+        noise_found: False where the recording shows no noise; ``noise`` then only weights the fit.
     """
 
     name: str
@@ -97,6 +98,7 @@ class Recording:
     instants: np.ndarray | None = None
     instants_declared: bool = False
     rise: float = 0.0
+    noise_found: bool = True
 
     @property
     def drive(self) -> np.ndarray:
@@ -173,6 +175,7 @@ class Campaign:
         notes: what was understood, in sentences.
         held_out_is_new: the confirmation parts bring an amplitude or a frequency that identification lacks.
         folder: where the recordings lie.
+        held_out: names of the recordings that the manifest marks with ``use: confirmation``.
     """
 
     recordings: tuple[Recording, ...]
@@ -182,6 +185,7 @@ class Campaign:
     notes: tuple[str, ...]
     held_out_is_new: bool
     folder: str
+    held_out: frozenset[str] = frozenset()
 
 
 def dominant_frequency(recording: Recording) -> float:

@@ -27,13 +27,16 @@ class NoiseFloor:
 
     ``correlation`` is ``(K,)``, lags ``0..K-1``, first entry 1; ``[1.0]`` when white or unknown.
     ``coefficient`` is that of first-order noise seen in a part of the spectrum only, zero where such a part was taken
-    as white, and ``None`` where more of the noise was seen.
+    as white, and ``None`` where more of the noise was seen. ``found`` is False where the recording shows no noise:
+    ``value`` is then a small share of the output's range, by which fits are weighted but against which nothing can be
+    judged.
     """
 
     value: float
     source: str
     correlation: np.ndarray
     coefficient: float | None = None
+    found: bool = True
 
 
 def noise_floor(
@@ -64,7 +67,8 @@ def noise_floor(
         found = NoiseFloor(step / sqrt(12.0), f"quantisation in steps of {step:.3g}", WHITE)
     least = _LEAST_SHARE_OF_RANGE * float(np.ptp(y))
     if found.value < least:
-        found = NoiseFloor(least, "no noise found; taken as a millionth of the output's range", WHITE)
+        source = "no noise floor was found; fits are weighted by a millionth of the output's range"
+        found = NoiseFloor(least, source, WHITE, found=False)
     return found
 
 
