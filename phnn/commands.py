@@ -28,8 +28,8 @@ from phnn.prediction import document, predicted
 from phnn.recordings import Campaign, read
 from phnn.report import console_summary
 from phnn.report.checked import write_check
-from phnn.report.formatting import interval, percent, ratio
-from phnn.report.formatting import quantity as shown
+from phnn.report.formatting import interval
+from phnn.report.predicted import score_table
 from phnn.report.result import RESULTS, evidence, write_into
 from phnn.simulate import check_names
 
@@ -65,6 +65,19 @@ def check(
     if out is not None:
         with claim(out, "check", [folder], ("check.json", "check.html"), overwrite=overwrite) as place:
             write_check(checked, place)
+
+
+def template(folder: Path, out: Path | None, outside: bool = False) -> None:
+    """Print a first manifest for a folder of unknown layout, or write it into a new file."""
+    from phnn.template import template as first_manifest
+    from phnn.template import write_template
+
+    with _progress():
+        if out is None:
+            text = first_manifest(folder, outside)
+        else:
+            write_template(folder, out, outside)
+    print(text.rstrip() if out is None else f"written: {out}; correct what is marked as guessed")
 
 
 def identify(
@@ -167,28 +180,11 @@ def predict(
             print(out / name)
         content = document(found, files, printable(str(model)))
         (place / "predict.json").write_json(content)
-    _show_scores(content)
+    table = score_table(content)
+    if table is not None:
+        console = Console()
+        (console if console.is_terminal else Console(width=_PIPE)).print(table)
     print(f"results: {out / 'predict.json'}")
-
-
-def _show_scores(content: Mapping[str, Any]) -> None:
-    """Print the scores of `predict`; nothing where no output was recorded."""
-    if not content["totals"]:
-        return
-    table = Table("recording", "use", "fit %", "RMSE", "residual over noise")
-    for name, row in content["recordings"].items():
-        if row["samples"]:
-            table.add_row(escape(name), "held out" if row["held_out"] else "", *_score_cells(row))
-    table.add_section()
-    for name, row in content["totals"].items():
-        table.add_row(f"{name.replace('_', ' ')} ({row['recordings']})", "", *_score_cells(row))
-    console = Console()
-    (console if console.is_terminal else Console(width=_PIPE)).print(table)
-
-
-def _score_cells(row: Mapping[str, Any]) -> tuple[str, str, str]:
-    """Fit %, RMSE with its unit and residual over noise; a dash where one is undefined."""
-    return percent(row["fit_percent"], 2), shown(row["rmse"], row["unit"] or ""), ratio(row["residual_over_noise"])
 
 
 def compare(
