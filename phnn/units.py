@@ -15,3 +15,11 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
     value = float(f"{value:.{digits}g}")
     power = min(max(3 * math.floor(math.log10(abs(value)) / 3), -15), 9)
     return f"{value / 10.0**power:.{digits}g} {_PREFIXES[power]}{unit}"
+
+
+def duration(seconds: float) -> str:
+    """A time as people say it: ``0.4 ms``, ``27 min``, ``3.5 h``."""
+    for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.2g} {unit}"
+    return quantity(seconds, "s", 2)

@@ -17,6 +17,9 @@ _FINE, _COARSE = 0.1, 2.0
 _SHARE = 2e-3
 # Drift over standard error, and over the noise, from which it is worth a word and a warning.
 _SURE, _MUCH = 5.0, 2.0
+# Stretches from which on a transient is told from a drift; share of a change that a transient may make in their second
+# half, where a steady drift makes half of it.
+_TELLING, _LATE = 4, 0.2
 # Inputs that differ by less than this share of their range are equal.
 _LEVEL = 0.01
 
@@ -67,8 +70,18 @@ def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
     values = {"change": change, "standard_error": error}
     if abs(change) < _MUCH * recording.noise:
         return [Finding("drift", NOTE, text, values)]
-    remedy = "creep, heating or a drifting sensor; a long rest at zero voltage tells them apart"
-    return [Finding("drift", WARNING, f"{text}: {remedy}", values)]
+    later = float(np.ptp(means[means.size // 2 :]))
+    if means.size >= _TELLING and later < max(_SURE * error, _LATE * abs(change)):
+        early = "nearly all of it in the first half: what the start left dies away so, and so does creep"
+        return [Finding("drift", NOTE, f"{text}, {early}", values)]
+    causes = "creep, heating or a drifting sensor; a"
+    if means.size < _TELLING and excitation.period is not None and recording.start.state != "periodic":
+        causes = "what the start left, creep, heating or a drifting sensor; more periods and a"
+    return [Finding("drift", WARNING, f"{text}: {causes} long rest at {_zero(recording)} tells them apart", values)]
+
+
+def _zero(recording: Recording) -> str:
+    return "zero voltage" if recording.units.input == "V" else "the input zero"
 
 
 def comes_back(u: np.ndarray) -> bool:

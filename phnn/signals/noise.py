@@ -17,6 +17,9 @@ from phnn.signals.silent import silent_deviation
 WHITE = np.array([1.0])
 _FEWEST_PERIODS = 3  # after the first one, which holds the transient
 _FEWEST_AT_REST = 200
+_SETTLING = 0.4  # share of a rest that is left to what still moves
+# Samples of a rest that is long enough to show the noise.
+LONG_REST = int(np.ceil(_FEWEST_AT_REST / (1.0 - _SETTLING)))
 _LEAST_SHARE_OF_RANGE = 1e-6
 _ORDERS = range(1, 9)
 
@@ -156,7 +159,7 @@ def _loss(basis: np.ndarray, correlation: np.ndarray) -> float:
 def from_rest(u: np.ndarray, y: np.ndarray) -> NoiseFloor | None:
     """From the longest stretch of constant input, its settled part, trend removed; ``None`` without one."""
     first, last = longest_hold(u)
-    first += int(0.4 * (last - first))
+    first += int(_SETTLING * (last - first))
     n = last - first
     if n < _FEWEST_AT_REST:
         return None

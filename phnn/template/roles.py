@@ -44,6 +44,12 @@ _UNEVEN = 0.5
 _UNIT = re.compile(r"^(.*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])]\s*$", re.DOTALL)
 
 
+def known_unit(text: str | None) -> tuple[str, float] | None:
+    """SI unit and factor of a unit; None where phnn does not know it."""
+    found = UNITS.get(spelled(text)) if text else None
+    return (found[0], found[1]) if found is not None else None
+
+
 @dataclass(frozen=True, eq=False)
 class Seen:
     """One column of numbers.
@@ -64,12 +70,12 @@ class Seen:
         if bracketed is not None:
             return bracketed[1], spelled(bracketed[2])
         head, _, tail = self.name.rpartition("_")
-        return (head, spelled(tail)) if head and spelled(tail) in UNITS else (self.name, None)
+        return (head, spelled(tail)) if head and known_unit(tail) is not None else (self.name, None)
 
     @property
     def unit(self) -> str | None:
         """The unit that the name gives, where phnn knows it."""
-        return self._parts[1] if self._parts[1] in UNITS else None
+        return self._parts[1] if known_unit(self._parts[1]) is not None else None
 
     @property
     def words(self) -> frozenset[str]:
@@ -183,9 +189,10 @@ def unstated(table: Table, stated: Sequence[str]) -> dict[str, tuple[int, str]]:
         known = parse_name(name) if name else None
         if known is not None and known[0] not in stated:
             found.setdefault(known[0], []).append((i, known[1]))
-    doubtful = {q: some for q, some in found.items() if len(some) > 1 or some[0][1] not in UNITS}
+    doubtful = {q: some for q, some in found.items() if len(some) > 1 or known_unit(some[0][1]) is None}
     return {
-        q: (some[0][0], some[0][1] if some[0][1] in UNITS else QUANTITIES[q] or "1") for q, some in doubtful.items()
+        q: (i, unit if unit is not None and known_unit(unit) is not None else QUANTITIES[q] or "1")
+        for q, ((i, unit), *_) in doubtful.items()
     }
 
 
@@ -195,7 +202,8 @@ def _time(columns: Sequence[Seen]) -> Role | None:
     found = named or next(iter(sorted(evenly, key=lambda c: c.counts)), None)
     if found is None:
         return None
-    known = found.unit is not None and UNITS[found.unit][0] == "s"
+    unit = known_unit(found.unit)
+    known = unit is not None and unit[0] == "s"
     return Role(found, str(found.unit) if known else "s", named is not None, known)
 
 
@@ -211,9 +219,10 @@ def _like_an_actuator(u: Seen, y: Seen) -> bool:
     for column, quantity in ((u, "voltage"), (y, "displacement")):
         if column.words & _OTHER_SYSTEMS:
             return False
-        if column.unit is not None:
+        known = known_unit(column.unit)
+        if known is not None:
             least, most, unit = ACTUATORS[quantity]
-            si, factor, _ = UNITS[column.unit]
+            si, factor = known
             size = float(np.abs(column.values).max() if quantity == "voltage" else np.ptp(column.values))
             if si != unit or not least <= factor * size <= most:
                 return False
@@ -224,4 +233,5 @@ def _length(column: Seen) -> str:
     """The unit in which the numbers of a column would be a stroke that piezo actuators have, micrometres first."""
     shortest, longest = 1e-9, 1e-3
     size = float(np.ptp(column.values))
-    return next((u for u in ("um", "m", "mm", "nm") if shortest <= size * UNITS[u][1] <= longest), "um")
+    factors = {"um": 1e-6, "m": 1.0, "mm": 1e-3, "nm": 1e-9}
+    return next((u for u, factor in factors.items() if shortest <= size * factor <= longest), "um")

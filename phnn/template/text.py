@@ -11,8 +11,7 @@ import numpy as np
 from phnn.intake.names import message
 from phnn.recordings.manifest import DEFAULT_SETUP, TOP_KEYS
 from phnn.recordings.table import Table
-from phnn.recordings.units import UNITS
-from phnn.template.roles import INPUT, OUTPUT, TIME, Layout, Role, unstated
+from phnn.template.roles import INPUT, OUTPUT, TIME, Layout, Role, known_unit, unstated
 from phnn.units import quantity
 
 # The sample rate that is written where no column is a time.
@@ -151,7 +150,8 @@ def _extent(f: Found) -> str:
     u, y = f.layout.input, f.layout.output
     said = f"{u.column.values.size} samples"
     if f.layout.time is not None:
-        step = float(np.median(np.diff(f.layout.time.column.values))) * UNITS[f.layout.time.unit][1]
+        unit = known_unit(f.layout.time.unit)
+        step = float(np.median(np.diff(f.layout.time.column.values))) * (unit[1] if unit is not None else 1.0)
         said += f", one every {quantity(step, 's')}"
     sizes = (f"{what} {_range(role)}" for what, role in ((INPUT, u), (OUTPUT, y)))
     return f"{said}; {'; '.join(sizes)}"
