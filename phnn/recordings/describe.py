@@ -47,7 +47,10 @@ def facts(r: Recording) -> list[tuple[str, str]]:
         colour = "" if r.noise_correlation.size == 1 else f", correlated over {r.noise_correlation.size} samples"
         found += [
             ("output", " to ".join(quantity(v, unit, 4) for v in (r.y.min(), r.y.max()))),
-            ("noise floor", f"{quantity(r.noise, unit)} from {r.noise_source}{colour}"),
+            (
+                "noise floor",
+                f"{quantity(r.noise, unit)} from {r.noise_source}{colour}" if r.noise_found else r.noise_source,
+            ),
         ]
     at_rest = f"rest, input {r.start.input_before:g} before"
     found.append(("start", at_rest if r.start.state == "rest" else r.start.state))

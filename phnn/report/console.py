@@ -95,6 +95,6 @@ def console_summary(document: Mapping[str, Any], evidence: Evidence) -> Renderab
     if following is not None:
         why = f" – {following.why}" if following.why else ""
         parts.append(Text(f"record next: {following.recording}{why}"))
-    elif tied(content):
+    elif tied(content) or evidence.no_proposal:
         parts.append(Text(f"record next: {no_proposal_sentence(content, evidence.no_proposal)}"))
     return Group(*parts)

@@ -60,9 +60,9 @@ def no_proposal_sentence(document: Document, why: str) -> str:
     """What is said where no further recording is proposed.
 
     Args:
-        why: the reason where something is tied, as the diagnosis knows it.
+        why: the reason where something is tied or has no proven name, as the diagnosis knows it.
     """
-    if not tied(document):
+    if not tied(document) and not why:
         return "No further recording is proposed: no two models are left to be told apart."
     return why or "No recording was found that tells apart what is tied: no two refitted models stand for it."
 

@@ -195,9 +195,9 @@ def test_beside_a_tie_stands_a_proposal_or_why_there_is_none(changes: dict[str, 
     assert verdicts.tied(content) is tied
     for evidence in (EMPTY, replace(EMPTY, no_proposal="Because nothing on the menu moves them apart.")):
         told = verdicts.no_proposal_sentence(content, evidence.no_proposal)
-        assert ("No further recording is proposed" in told) is not tied
-        assert not (tied and evidence.no_proposal) or told == evidence.no_proposal
-        assert ("record next" in _printed(document, evidence)) is tied
+        assert ("No further recording is proposed" in told) is not (tied or bool(evidence.no_proposal))
+        assert not evidence.no_proposal or told == evidence.no_proposal
+        assert ("record next" in _printed(document, evidence)) is (tied or bool(evidence.no_proposal))
 
 
 def test_names_are_not_read_as_markup() -> None:
