@@ -22,4 +22,4 @@ def duration(seconds: float) -> str:
     for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
         if seconds >= 2.0 * size:
             return f"{seconds / size:.2g} {unit}"
-    return quantity(seconds, "s", 2)
+    return quantity(float(f"{seconds:.2g}"), "s")

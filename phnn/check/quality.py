@@ -30,6 +30,13 @@ def quantisation(recording: Recording, excitation: Excitation) -> list[Finding]:
     if step == 0.0 or not recording.noise > 0.0:
         return []
     share = step / recording.noise
+    if not recording.noise_found:
+        # There is no noise to hold the steps against.
+        return [
+            Finding(
+                "quantisation", NOTE, f"output in steps of {quantity(step, recording.units.output)}", {"step": step}
+            )
+        ]
     if share < _FINE:
         return []
     text = f"output in steps of {quantity(step, recording.units.output)}, {share:.2g} times the noise"
@@ -55,8 +62,11 @@ def limits(recording: Recording, excitation: Excitation) -> list[Finding]:
 def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
     """Change of the output's mean from period to period, or between rests at one input, with its standard error.
 
-    The first period is left out, for what the start left dies away in it.
+    The first period is left out, for what the start left dies away in it. Without a noise floor nothing is
+    significant.
     """
+    if not recording.noise_found:
+        return []
     means, spread = _levels(recording, excitation)
     if means.size < 2:
         return []

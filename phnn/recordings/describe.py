@@ -12,10 +12,12 @@ from phnn.units import quantity
 def describe(campaign: Campaign) -> str:
     """Per recording: rate, length, ranges, start, excitation, noise floor and its source, use; then the notes."""
     count = len(campaign.recordings)
+    volts = all(r.units.input == "V" for r in campaign.recordings)
+    drive, place = ("voltage", "measured at the terminals") if volts else ("input", "measured where it enters")
     setup = ", ".join(f"{key} {value}" for key, value in campaign.setup.items())
     lines = [
         f"{campaign.folder}: {count} recording{'s' if count != 1 else ''}; {setup}; "
-        f"the voltage is {'the command' if campaign.voltage == 'command' else 'measured at the terminals'}",
+        f"the {drive} is {'the command' if campaign.voltage == 'command' else place}",
         "",
     ]
     for recording in campaign.recordings:

@@ -12,6 +12,7 @@ from phnn.diagnose.select import share_of
 from phnn.diagnose.vocabulary import vocabulary_of
 from phnn.diagnose.words import fitted_in_words
 from phnn.identify.evaluate import Evaluation
+from phnn.report.domain_words import MOVING, NETWORK
 from phnn.report.formatting import listing, percent
 from phnn.units import quantity
 
@@ -122,9 +123,9 @@ def unknown_statement(judgement: Judgement) -> str:
     if where is not None:
         first = judgement.places[0]
         place = f"the {first} location" + (f" ({where.detail})" if first == where.name else "")
-        if first == "mechanical" and not vocabulary_of(judgement.ground.fit.setup.network).mechanical:
-            # The name is that of a group of functions; where nothing moves it is no word for a person.
-            place = f"an element of the network ({where.detail})"
+        moves = vocabulary_of(judgement.ground.fit.setup.network).output_unit in MOVING
+        if first == "mechanical" and not moves:
+            place = f"a location {NETWORK} ({where.detail})"
     real = f"Something real is left out at {place}."
     held = [_element(f) for f in judgement.findings]
     if not held:

@@ -113,6 +113,15 @@ def test_steps_of_the_converter(step: float, severity: str) -> None:
     assert noticed.values["step"] == pytest.approx(step, rel=1e-6)
 
 
+def test_without_a_noise_floor_nothing_is_held_against_it() -> None:
+    clean = sine(cycles=10)
+    moving = with_output(recording(clean.u, 1e-8 * np.round(clean.y / 1e-8)), 4e-7 * np.round(clean.t, 1))
+    assert "drift" in found(moving)
+    bare = found(replace(moving, noise_found=False))
+    assert "drift" not in bare
+    assert not any("noise" in f.text for f in bare.values())
+
+
 def test_samples_at_the_end_of_the_range() -> None:
     clean = sine(cycles=6)
     noticed = found(recording(clean.u, np.minimum(clean.y, np.quantile(clean.y, 0.99))))["limits"]

@@ -14,6 +14,8 @@ from phnn.diagnose.locate import Location
 from phnn.diagnose.picture import picture
 from phnn.diagnose.vocabulary import vocabulary_of
 from phnn.diagnose.words import fitted_in_words
+from phnn.report.document import read_document
+from phnn.report.domain_words import in_own_words
 
 MECHANICAL = ("force", "displacement", "velocity", " N", "µm", " nm", "m/s", "motion", "acceleration")
 
@@ -34,7 +36,9 @@ def at(group: int, ground: Ground) -> Location:
     """A location whose group of functions has some strengths."""
     count = GROUPS[group].functions(ground.trajectories[0], ground.scales).shape[1]
     weights = np.random.default_rng(group).normal(size=count)
-    return Location(GROUPS[group].location, GROUPS[group].detail, (), {}, {}, {}, group, weights, 1e-4 * np.eye(count))
+    return Location(
+        GROUPS[group].location, GROUPS[group].detail, (), {}, {}, {}, group, weights, np.diag(1e-4 * np.ones(count))
+    )
 
 
 @pytest.mark.parametrize("group", [i for i, g in enumerate(GROUPS) if g.detail in ("elastic", "dissipative", "shape")])
@@ -56,6 +60,20 @@ def test_sizes_have_the_prefix_that_suits() -> None:
     told = fitted_in_words(large, at(0, ground))
     assert "at 19.1 m it has reached" in told
     assert "µm" not in told
+
+
+def test_a_place_where_nothing_moves_is_not_called_mechanical() -> None:
+    told = {
+        "verdict": "unknown",
+        "location": {"name": "mechanical", "scores": {"mechanical": 0.9, "sensor": 0.1}, "tied": ["sensor"]},
+        "missing": [{"effect": "unknown", "location": "mechanical"}],
+        "remainder": {"verdict": "unknown", "location": "mechanical"},
+    }
+    for units, shown in (({"output": "m"}, "mechanical"), ({"output": "V"}, "inside the network")):
+        found = in_own_words(read_document(told | {"units": units}))
+        assert found.location is not None and found.remainder is not None
+        assert found.location.name == found.location.scores[0][0] == shown
+        assert found.missing[0].location == found.remainder.location == shown
 
 
 @pytest.mark.parametrize(
