@@ -174,6 +174,7 @@ def score_part(recording: Recording, y: Array, first: int, last: int, name: str,
     measured, model = recording.y[first:last], y[first:last]
     error = measured - model
     rmse = float(np.sqrt(np.mean(error**2)))
-    span = float(np.linalg.norm(measured - measured.mean()))
+    # The mean of a constant is rounded: what is left of it beside the mean is no motion.
+    span = float(np.linalg.norm(measured - measured.mean())) if np.ptp(measured) > 0.0 else 0.0
     fit_percent = 100.0 * (1.0 - float(np.linalg.norm(error)) / span) if span > 0.0 else float("nan")
     return PartScore(name, use, fit_percent, rmse, rmse / recording.noise)

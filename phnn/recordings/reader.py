@@ -61,14 +61,15 @@ def read(
     recordings = tuple(
         replace(
             d.recording, parts=parts[d.recording.name], noise=f.value, noise_source=f.source,
-            noise_correlation=f.correlation,
+            noise_correlation=f.correlation, noise_found=f.found,
         )
         for d, f in zip(drafts, pooled([d.floor for d in drafts]), strict=True)
     )  # fmt: skip
     notes = (_extent(recordings), *_columns(drafts), *(note for d in drafts for note in d.notes), *notes)
     if left:
         notes = (*notes, f"Left alone, no recordings: {', '.join(left)}.")
-    return Campaign(recordings, said.setup, said.known, said.voltage, notes, new, printable(str(home)))
+    held = frozenset(d.recording.name for d in drafts if d.use == "confirmation")
+    return Campaign(recordings, said.setup, said.known, said.voltage, notes, new, printable(str(home)), held)
 
 
 @dataclass(frozen=True, eq=False)
