@@ -171,8 +171,8 @@ def _predicted(setup: Setup, recording: Recording, substeps: int) -> pd.DataFram
     if bool(np.isfinite(recording.y).all()):
         y = evaluate(setup, plan, {}).outputs[recording.name]
     else:
-        y = simulate(setup, recording, substeps).y
-    column = _column(measured_network(setup.network, recording))
+        y = recording.sensor.limited(simulate(setup, recording, substeps).y)
+    column = _column(measured_network(setup.network, recording), recording)
     table = pd.DataFrame({"time_s": recording.t, column: y})
     spread = output_spread(setup, recording, substeps)
     if spread is not None:
@@ -180,8 +180,10 @@ def _predicted(setup: Setup, recording: Recording, substeps: int) -> pd.DataFram
     return table
 
 
-def _column(network: Network) -> str:
+def _column(network: Network, recording: Recording) -> str:
     """Name of the output's column, with its unit."""
+    if recording.sensor.derivative:
+        return f"output_{recording.units.output}"
     unit = next(s.unit for s in network.storages if s.name == network.output)
     return "displacement_m" if unit == "m" else f"output_{unit.replace(' ', '')}"
 

@@ -80,6 +80,7 @@ class Recording:
         rise: how long a jump of the input takes, s.
         sensor: what is known of the sensor.
         offset: ``"own"``, the zero of the output belongs to the recording, or ``"shared"``: all have one.
+        gain: ``"unknown"`` where the first input is known up to one factor that all recordings share.
     """
 
     name: str
@@ -103,6 +104,7 @@ class Recording:
     rise: float = 0.0
     sensor: Sensor = PLAIN
     offset: str = "own"
+    gain: str = "known"
 
     @property
     def drive(self) -> np.ndarray:
