@@ -15,6 +15,7 @@ from phnn.identify.base import Options, identify_base
 from phnn.identify.evaluate import evaluate
 from phnn.identify.problem import Plan
 from phnn.models.network_file import load_network
+from phnn.models.store import load, save
 from phnn.recordings import read
 from phnn.recordings.recording import Anchor, Campaign, Part, Recording, Start
 from phnn.setup import Setup
@@ -94,3 +95,13 @@ def test_the_manifest_says_that_a_gain_is_unknown(tmp_path: Path) -> None:
         manifest.write_text(f"columns: {{{wrong}}}\n")
         with pytest.raises(InputRefused, match=words):
             read(tmp_path)
+
+
+def test_a_model_with_zero_and_gain_is_kept_by_a_file(tmp_path: Path) -> None:
+    run = replace(recorded("a", "identification"), gain="unknown")
+    fitted, _ = identify_base(
+        replace(campaign(run), known={"m": Anchor(MODEL.parameters["m"].value)}), Options(workers=1, starts=1)
+    )
+    save(fitted.setup, tmp_path, 1)
+    again, _ = load(tmp_path)
+    np.testing.assert_array_equal(simulate(again, run).y, simulate(fitted.setup, run).y)
