@@ -103,8 +103,8 @@ def predicted(setup: Setup, recording: Recording, substeps: int, held_out: bool 
     if bool(np.isfinite(recording.y).all()):
         y = evaluate(setup, Plan((recording,), {recording.name: substeps}, workers=1), {}).outputs[recording.name]
     else:
-        y = simulate(setup, recording, substeps).y
-    column = _column(measured_network(setup.network, recording))
+        y = recording.sensor.limited(simulate(setup, recording, substeps).y)
+    column = _column(measured_network(setup.network, recording), recording)
     table = pd.DataFrame({"time_s": recording.t, column: y})
     spread = output_spread(setup, recording, substeps)
     if spread is not None:
@@ -112,8 +112,10 @@ def predicted(setup: Setup, recording: Recording, substeps: int, held_out: bool 
     return Predicted(recording, y, table, held_out)
 
 
-def _column(network: Network) -> str:
+def _column(network: Network, recording: Recording) -> str:
     """Name of the output's column, with its unit."""
+    if recording.sensor.derivative:
+        return f"output_{recording.units.output}"
     unit = next(s.unit for s in network.storages if s.name == network.output)
     return "displacement_m" if unit == "m" else f"output_{unit.replace(' ', '')}"
 

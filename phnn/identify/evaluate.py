@@ -76,6 +76,8 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
 
     def one(recording: Recording) -> Array:
         own = initial.get(recording.name)
+        if not setup.has_zero and recording.offset != "own":
+            recording = replace(recording, offset="own")
         nuisance, steps = recording.mask("nuisance"), plan.steps_of(recording)
         if own is None and (recording.start.state == "unknown" or aperiodic(recording)) and nuisance.any():
             own = initial_from_nuisance(setup, recording, steps)

@@ -56,6 +56,8 @@ def facts(r: Recording) -> list[tuple[str, str]]:
         ]
     if (known := r.sensor.words(r.y)) and np.isfinite(r.y).all():
         found.append(("sensor", known))
+    if r.gain == "unknown":
+        found.append(("gain", "of the input unknown, one factor is estimated"))
     if r.offset == "shared":
         found.append(("zero", "shared with other recordings"))
     at_rest = f"rest, input {r.start.input_before:g} before"

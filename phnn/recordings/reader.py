@@ -131,7 +131,8 @@ def _draft(
     floor, recording = _recording(name, printable(", ".join(entry.files)), dt, u, y, start, entry, excitation, drive)
     further = {q: values[q] for q in FURTHER if q in values and q != u_name}
     units = Units(_si(channels[u_name]), _si(channels[y_name]) if y_name is not None else ACTUATOR.output)
-    full = replace(recording, channels=further, units=units, further=ports, measures=measures or "")
+    gain = entry.columns[u_name].gain if u_name in entry.columns else recording.gain
+    full = replace(recording, channels=further, units=units, further=ports, measures=measures or "", gain=gain)
     recording = with_declared(full, entry.jumps_at_s, entry.rise_time_s)
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
     spare = unused(table, channels)

@@ -81,6 +81,7 @@ class Recording:
         sensor: what is known of the sensor.
         offset: ``"own"``, the zero of the output belongs to the recording, or ``"shared"``: all have one.
         noise_found: False where the recording shows no noise; ``noise`` then only weights the fit.
+        gain: ``"unknown"`` where the first input is known up to one factor that all recordings share.
     """
 
     name: str
@@ -105,6 +106,7 @@ class Recording:
     sensor: Sensor = PLAIN
     offset: str = "own"
     noise_found: bool = True
+    gain: str = "known"
 
     @property
     def drive(self) -> np.ndarray:
