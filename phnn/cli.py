@@ -80,6 +80,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     check = _add_command(commands, "check", "say what is understood of a folder of recordings")
+    template = _add_command(commands, "template", "write a first recordings.yaml for a folder of unknown layout")
     identify = _add_command(commands, "identify", "fit the base model")
     diagnose = _add_command(commands, "diagnose", "find out what the base model leaves out")
     predict = _add_command(commands, "predict", "simulate recordings with a model that was written earlier")
@@ -93,6 +94,9 @@ def _parser() -> argparse.ArgumentParser:
     for command in (check, identify, diagnose, predict, compare, modes):
         command.add_argument("folder", type=Path, metavar="FOLDER", help="folder of recordings")
         command.add_argument("--manifest", type=Path, metavar="FILE", help="recordings.yaml that lies elsewhere")
+    template.add_argument("folder", type=Path, metavar="FOLDER", help="folder of recordings")
+    template.add_argument("--out", type=Path, metavar="FILE", help="a new file to write; printed if left out")
+    for command in (check, template, identify, diagnose, predict, compare, modes):
         command.add_argument(
             "--allow-outside", action="store_true", help="read files outside FOLDER that it names, links or refers to"
         )
@@ -138,6 +142,8 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
     given |= {"overwrite": True} if getattr(arguments, "overwrite", False) else {}
     if name == "check":
         commands.check(arguments.folder, arguments.manifest, arguments.out, **given)
+    elif name == "template":
+        commands.template(arguments.folder, arguments.out, **given)
     elif name == "identify":
         commands.identify(arguments.folder, arguments.out, arguments.manifest, config, **given)
     elif name == "diagnose":

@@ -19,21 +19,19 @@ from phnn.diagnose.confirm import score_on_all
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.diagnosis import diagnose as run_diagnosis
 from phnn.identify.base import Options, Progress, identify_base, prepare
-from phnn.identify.evaluate import Evaluation, evaluate, output_spread
+from phnn.identify.evaluate import Evaluation
 from phnn.identify.fit import Fit
-from phnn.identify.problem import Plan
 from phnn.intake.names import printable
 from phnn.models.store import load, save
-from phnn.network.elements import Network
 from phnn.output import Place, claim, finite, unique_names
+from phnn.prediction import document, predicted
 from phnn.recordings import Campaign, read
-from phnn.recordings.recording import Recording
 from phnn.report import console_summary
 from phnn.report.checked import write_check
 from phnn.report.formatting import interval
+from phnn.report.predicted import score_table
 from phnn.report.result import RESULTS, evidence, write_into
-from phnn.setup import Setup
-from phnn.simulate import check_names, measured_network, simulate
+from phnn.simulate import check_names
 
 Config = Mapping[str, Any]
 _PIPE = 200
@@ -67,6 +65,19 @@ def check(
     if out is not None:
         with claim(out, "check", [folder], ("check.json", "check.html"), overwrite=overwrite) as place:
             write_check(checked, place)
+
+
+def template(folder: Path, out: Path | None, outside: bool = False) -> None:
+    """Print a first manifest for a folder of unknown layout, or write it into a new file."""
+    from phnn.template import template as first_manifest
+    from phnn.template import write_template
+
+    with _progress():
+        if out is None:
+            text = first_manifest(folder, outside)
+        else:
+            write_template(folder, out, outside)
+    print(text.rstrip() if out is None else f"written: {out}; correct what is marked as guessed")
 
 
 def identify(
@@ -150,40 +161,30 @@ def _keep(fitted: Fit, place: Place) -> None:
 def predict(
     model: Path, folder: Path, out: Path, manifest: Path | None, outside: bool = False, overwrite: bool = False
 ) -> None:
-    """Simulate the recordings of a folder with a stored model; writes one ``NAME.csv`` per recording.
+    """Simulate the recordings of a folder with a stored model; writes one ``NAME.csv`` per recording and
+    ``predict.json`` with fit %, RMSE and residual over noise wherever the output was recorded.
 
     Where the input jumps between two samples, a further column says how uncertain that makes the output.
     """
     setup, substeps = load(model, outside)
     campaign = read(folder, manifest, need_output=False, allow_outside=outside)
     check_names(setup.network, campaign.recordings)
-    files = unique_names((r.name for r in campaign.recordings), ".csv")
-    with claim(out, "predict", [model, folder], tuple(files.values()), overwrite=overwrite) as place:
+    files, found = unique_names((r.name for r in campaign.recordings), ".csv"), []
+    results = (*files.values(), "predict.json")
+    with claim(out, "predict", [model, folder], results, overwrite=overwrite) as place:
         for recording in campaign.recordings:
             name = files[recording.name]
-            (place / name).write(_predicted(setup, recording, substeps).to_csv(index=False).encode())
+            one = predicted(setup, recording, substeps, recording.name in campaign.held_out)
+            (place / name).write(one.table.to_csv(index=False).encode())
+            found.append(one)
             print(out / name)
-
-
-def _predicted(setup: Setup, recording: Recording, substeps: int) -> pd.DataFrame:
-    """Time and simulated output of a recording, and the output's uncertainty where its input jumps between samples."""
-    plan = Plan((recording,), {recording.name: substeps}, workers=1)
-    if bool(np.isfinite(recording.y).all()):
-        y = evaluate(setup, plan, {}).outputs[recording.name]
-    else:
-        y = simulate(setup, recording, substeps).y
-    column = _column(measured_network(setup.network, recording))
-    table = pd.DataFrame({"time_s": recording.t, column: y})
-    spread = output_spread(setup, recording, substeps)
-    if spread is not None:
-        table[f"{column}_std"] = spread
-    return table
-
-
-def _column(network: Network) -> str:
-    """Name of the output's column, with its unit."""
-    unit = next(s.unit for s in network.storages if s.name == network.output)
-    return "displacement_m" if unit == "m" else f"output_{unit.replace(' ', '')}"
+        content = document(found, files, printable(str(model)))
+        (place / "predict.json").write_json(content)
+    table = score_table(content)
+    if table is not None:
+        console = Console()
+        (console if console.is_terminal else Console(width=_PIPE)).print(table)
+    print(f"results: {out / 'predict.json'}")
 
 
 def compare(

@@ -91,6 +91,11 @@ class Setup:
         """Names of the parameters that may be estimated."""
         return tuple(n for n, p in self.parameters.items() if not p.fixed)
 
+    @property
+    def has_zero(self) -> bool:
+        """Whether the zero of the output is a parameter, and no recording has one of its own."""
+        return any(block.kind == "zero" for block in self.sensor)
+
     def values(self) -> dict[str, float]:
         """Parameter values by name, SI."""
         return {n: p.value for n, p in self.parameters.items()}

@@ -11,5 +11,15 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
     """``3.2e-7`` and ``s`` become ``0.32 µs``; compound units take no prefix."""
     if value == 0.0 or not math.isfinite(value) or unit == "1" or len(unit) > 2 or unit == "kg" or unit[-1] in "²³":
         return f"{value:.{digits}g}" if unit == "1" else f"{value:.{digits}g} {unit}"
+    # What rounds up to the next power of a thousand has the next prefix.
+    value = float(f"{value:.{digits}g}")
     power = min(max(3 * math.floor(math.log10(abs(value)) / 3), -15), 9)
     return f"{value / 10.0**power:.{digits}g} {_PREFIXES[power]}{unit}"
+
+
+def duration(seconds: float) -> str:
+    """A time as people say it: ``0.4 ms``, ``27 min``, ``3.5 h``."""
+    for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.2g} {unit}"
+    return quantity(float(f"{seconds:.2g}"), "s")

@@ -27,7 +27,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, tuple[Any, ...]]]:
         return lambda *arguments: seen.append((name, arguments))
 
     stub = types.ModuleType("phnn.commands")
-    for name in ("check", "identify", "diagnose", "predict", "compare", "demo"):
+    for name in ("check", "template", "identify", "diagnose", "predict", "compare", "demo"):
         setattr(stub, name, recorder(name))
     _install(monkeypatch, stub)
     return seen
@@ -52,8 +52,10 @@ def test_arguments_reach_the_commands(calls: list[tuple[str, tuple[Any, ...]]]) 
     assert cli.main(["check", "data", "--manifest", "m.yaml"]) == 0
     assert cli.main(["predict", "model", "data", "--out", "o"]) == 0
     assert cli.main(["demo", "--seed", "3"]) == 0
+    assert cli.main(["template", "data"]) == 0
     assert calls[0] == ("check", (Path("data"), Path("m.yaml"), None))
     assert calls[1] == ("predict", (Path("model"), Path("data"), Path("o"), None))
+    assert calls[3] == ("template", (Path("data"), None))
     name, (seed, out, config) = calls[2]
     assert (name, seed, out, config["max_effects"]) == ("demo", 3, Path("out/demo"), 3)
 

@@ -87,6 +87,11 @@ def offset(fine: Array, h: Array, before: Any, voltage: Any) -> Array:
     return np.asarray(fine + voltage)
 
 
+def gain(fine: Array, h: Array, before: Any, factor: Any) -> Array:
+    """``V = γ u``: a drive of unknown gain."""
+    return np.asarray(factor * fine)
+
+
 def knee(fine: Array, h: Array, before: Any, share: Any, level: Any) -> Array:
     """`phnn.chain.knee.kneed`: less gain beyond a level on one side."""
     return kneed(fine, share, level)
@@ -107,6 +112,7 @@ AMPLIFIERS: dict[str, Callable[..., Array]] = {
     "bouc_wen": bouc_wen,
     "delay": delay,
     "slew_limit": slew_limit,
+    "gain": gain,
     "offset": offset,
     "knee": knee,
     "dead_band": dead_band,

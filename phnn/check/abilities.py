@@ -5,15 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from phnn.check.quality import comes_back
 from phnn.recordings.excitation import Excitation
-from phnn.recordings.recording import Campaign, Recording
-from phnn.signals.noise import longest_hold
+from phnn.recordings.recording import ACTUATOR, Campaign, Recording
+from phnn.signals.breaks import find_jumps
+from phnn.signals.noise import LONG_REST, longest_hold
+from phnn.units import duration
 
 # Amplitudes and frequencies that count as different; a hold that counts as long, in shortest periods.
 _AMPLITUDES, _FREQUENCIES, _HOLD = 1.4, 8.0, 3.0
 # Content of a periodic input, in multiples of its fundamental, above which it is a multisine.
 _LINES = 30.0
+# A jump of the input over its range that is a step; samples at rest before a recording that begins with one.
+_STEP, _BEFORE = 0.2, 4
 
 
 @dataclass(frozen=True)
@@ -68,7 +74,8 @@ class _Set:
     def broad(self) -> bool:
         """A step, a sweep, noise or a multisine: content above the sines."""
         wide = [e for e in self.excitations if e.kind == "periodic" and e.high_Hz > _LINES * e.low_Hz]
-        return bool(wide) or any(e.kind in ("steps", "chirp", "broadband") for e in self.excitations)
+        kinds = any(e.kind in ("steps", "chirp", "broadband") for e in self.excitations)
+        return bool(wide) or kinds or any(_steps(r) for r in self.recordings)
 
     def port(self) -> bool:
         """What goes into the actuator was measured: its voltage at the terminals, its current or its charge."""
@@ -76,46 +83,82 @@ class _Set:
 
     def repeats(self) -> bool:
         """Two periods of something, or a rest: the noise is known from repetition."""
-        return any(e.cycles >= 2.0 for e in self.excitations) or any(_hold(r) > 0.0 for r in self.recordings)
+        again = any(e.period is not None and e.cycles >= 2.0 for e in self.excitations)
+        return again or any(_hold(r) > 0.0 for r in self.recordings)
+
+    def words(self) -> dict[str, str]:
+        """What the texts below are filled with: the input's name, and a rest that is long enough to show the noise."""
+        volts = all(r.units.input == "V" for r in self.recordings)
+        interval = max((r.dt for r in self.recordings), default=0.0)
+        rest = f"{LONG_REST} samples ({duration(LONG_REST * interval)})"
+        return {"input": "voltage" if volts else "input", "rest": rest}
 
 
-_ABILITIES: tuple[tuple[str, Callable[[_Set], bool], str], ...] = (
-    (
+@dataclass(frozen=True)
+class _Question:
+    """What recordings may show.
+
+    Attributes:
+        actuator: in the words of a piezo actuator; other: of any other system, empty where it is no question there.
+        test: whether they show it; record: what to record where they do not.
+    """
+
+    actuator: str
+    other: str
+    test: Callable[[_Set], bool]
+    record: str
+
+
+_QUESTIONS = (
+    _Question(
         "what depends on the amplitude: bent springs, stops, saturation, friction against hysteresis",
+        "what depends on the amplitude: laws that are not linear, limits, thresholds",
         _Set.amplitudes, "the same sine at a third and at two thirds of the amplitude",
     ),
-    (
+    _Question(
         "what depends on the rate: lags, delays, drag, thresholds that follow the rate",
+        "what depends on the rate: lags, delays, losses that are not linear",
         _Set.frequencies, "the same amplitude at a tenth or at ten times the frequency",
     ),
-    (
+    _Question(
         "slow memory: creep, leakage, self-heating",
-        _Set.hold, "a step to a constant voltage, held ten times as long as the slowest period",
+        "slow memory: what leaks, warms up or settles slowly",
+        _Set.hold, "a step to a constant {input}, held ten times as long as the slowest period",
     ),
-    (
+    _Question(
         "a drifting sensor against creep",
-        _Set.returns, "a rest at zero voltage after the excitation, as long as the excitation itself",
+        "a drifting sensor against slow memory",
+        _Set.returns, "a rest at zero {input} after the excitation, as long as the excitation itself",
     ),
-    (
+    _Question(
         "resonances, and a second mode",
+        "resonances, and further modes",
         _Set.broad, "a sweep or a step, sampled at least ten times as fast as the resonance",
     ),
-    (
-        "the amplifier against the actuator",
+    _Question(
+        "the amplifier against the actuator", "",
         _Set.port, "the voltage at the actuator's terminals, its current or its charge",
     ),
-    (
+    _Question(
         "the noise, from what repeats or rests",
-        _Set.repeats, "three periods or more of every sine, or a second of rest before each recording",
+        "the noise, from what repeats or rests",
+        _Set.repeats, "three periods or more of every sine, or a rest of {rest} before each recording",
     ),
 )  # fmt: skip
 
 
 def abilities(campaign: Campaign, excitations: Mapping[Recording, Excitation]) -> list[Ability]:
-    """Every question that recordings may answer, in the order in which they are worth asking."""
+    """Every question that recordings may answer, in the order in which they are worth asking, in the words of the
+    system: a network of the user's own is asked for nothing that only an actuator has."""
     chosen = [r for r in campaign.recordings if r.mask("identification").any()]
+    actuator = "network" not in campaign.setup and all(r.units == ACTUATOR for r in chosen)
     offered = _Set(chosen, [excitations[r] for r in chosen], campaign.voltage)
-    return [Ability(shows, test(offered), record) for shows, test, record in _ABILITIES]
+    words = offered.words()
+    return [
+        Ability(shows, q.test(offered), q.record.format(**words))
+        for q in _QUESTIONS
+        if (shows := q.actuator if actuator else q.other)
+    ]
 
 
 def _near(a: Excitation, b: Excitation) -> bool:
@@ -123,6 +166,15 @@ def _near(a: Excitation, b: Excitation) -> bool:
     if "steps" in (a.kind, b.kind):
         return a.kind == b.kind
     return min(a.high_Hz, b.high_Hz) >= 0.7 * max(a.low_Hz, b.low_Hz)
+
+
+def _steps(recording: Recording) -> bool:
+    """Whether an input jumps somewhere, at the first sample perhaps, by a good part of its range."""
+    u = recording.drive
+    if recording.start.state == "rest" and not recording.further:
+        u = np.append([recording.start.input_before] * _BEFORE, u)
+    jumps = find_jumps(u)
+    return bool(np.any(np.abs(u[jumps] - u[jumps - 1]) > _STEP * np.ptp(u)))
 
 
 def _hold(recording: Recording) -> float:

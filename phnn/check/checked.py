@@ -58,7 +58,7 @@ class Checked:
             "recordings": {
                 r.name: {
                     "source": r.source, "sample_rate_hz": 1.0 / r.dt, "samples": int(r.t.size),
-                    "noise_floor": r.noise if np.isfinite(r.noise) else None,
+                    "noise_floor": r.noise if np.isfinite(r.noise) and r.noise_found else None,
                     "noise": self.noise[r.name].document() if r.name in self.noise else None,
                     "start": r.start.state, "period_s": r.period,
                     "findings": [asdict(f) for f in self.findings[r.name]],

@@ -17,6 +17,9 @@ _FINE, _COARSE = 0.1, 2.0
 _SHARE = 2e-3
 # Drift over standard error, and over the noise, from which it is worth a word and a warning.
 _SURE, _MUCH = 5.0, 2.0
+# Stretches from which on a transient is told from a drift; share of a change that a transient may make in their second
+# half, where a steady drift makes half of it.
+_TELLING, _LATE = 4, 0.2
 # Inputs that differ by less than this share of their range are equal.
 _LEVEL = 0.01
 
@@ -27,6 +30,13 @@ def quantisation(recording: Recording, excitation: Excitation) -> list[Finding]:
     if step == 0.0 or not recording.noise > 0.0:
         return []
     share = step / recording.noise
+    if not recording.noise_found:
+        # There is no noise to hold the steps against.
+        return [
+            Finding(
+                "quantisation", NOTE, f"output in steps of {quantity(step, recording.units.output)}", {"step": step}
+            )
+        ]
     if share < _FINE:
         return []
     text = f"output in steps of {quantity(step, recording.units.output)}, {share:.2g} times the noise"
@@ -59,8 +69,11 @@ def limits(recording: Recording, excitation: Excitation) -> list[Finding]:
 def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
     """Change of the output's mean from period to period, or between rests at one input, with its standard error.
 
-    The first period is left out, for what the start left dies away in it.
+    The first period is left out, for what the start left dies away in it. Without a noise floor nothing is
+    significant.
     """
+    if not recording.noise_found:
+        return []
     means, spread = _levels(recording, excitation)
     if means.size < 2:
         return []
@@ -74,8 +87,18 @@ def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
     values = {"change": change, "standard_error": error}
     if abs(change) < _MUCH * recording.noise:
         return [Finding("drift", NOTE, text, values)]
-    remedy = "creep, heating or a drifting sensor; a long rest at zero voltage tells them apart"
-    return [Finding("drift", WARNING, f"{text}: {remedy}", values)]
+    later = float(np.ptp(means[means.size // 2 :]))
+    if means.size >= _TELLING and later < max(_SURE * error, _LATE * abs(change)):
+        early = "nearly all of it in the first half: what the start left dies away so, and so does creep"
+        return [Finding("drift", NOTE, f"{text}, {early}", values)]
+    causes = "creep, heating or a drifting sensor; a"
+    if means.size < _TELLING and excitation.period is not None and recording.start.state != "periodic":
+        causes = "what the start left, creep, heating or a drifting sensor; more periods and a"
+    return [Finding("drift", WARNING, f"{text}: {causes} long rest at {_zero(recording)} tells them apart", values)]
+
+
+def _zero(recording: Recording) -> str:
+    return "zero voltage" if recording.units.input == "V" else "the input zero"
 
 
 def comes_back(u: np.ndarray) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -16,6 +17,7 @@ from phnn.compare.models import Bench
 from phnn.compare.settings import Settings
 from phnn.experiment.recordings import Conditions, Made, comparison_plan, write_recordings
 from phnn.identify.base import Progress, quiet, single
+from phnn.identify.zero import own_zeros
 from phnn.output import Place, claim
 from phnn.recordings import Campaign, read
 from phnn.report.figures import Drawing
@@ -64,6 +66,8 @@ def _claimed(
 def _compare(campaign: Campaign, place: Place, settings: Settings, progress: Progress, origin: str = "") -> Table:
     """The comparison in a claimed folder; the origin of the recordings is for the page of markdown."""
     single(campaign.recordings, "a comparison follows one input to one output")
+    # Not every model that is compared has a parameter for a shared zero.
+    campaign = replace(campaign, recordings=own_zeros(campaign.recordings))
     bench = Bench(campaign, settings, place, progress)
     results = []
     for model in settings.models:

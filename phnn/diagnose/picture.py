@@ -11,6 +11,7 @@ from phnn.diagnose.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.learn import learned_force
 from phnn.diagnose.locate import Location
+from phnn.diagnose.vocabulary import Vocabulary, vocabulary_of
 from phnn.effects import Scales
 from phnn.setup import Setup
 
@@ -41,10 +42,12 @@ def picture(ground: Ground, location: Location) -> Picture | None:
     if not location.weights.size:
         return None
     scales, varied = ground.scales, group.varied(ground.fit.setup.network)
+    words = vocabulary_of(ground.fit.setup.network)
+    length, small = (1e9, "nm") if words.mechanical else (1.0, words.output_unit)
     unit, label = {
-        FORCE: (scales.stiffness * scales.displacement, "missing force [N]"),
-        VOLTAGE: (scales.voltage, "missing voltage [V]"),
-        OUTPUT: (1e9 * scales.displacement, "missing displacement [nm]"),
+        FORCE: (scales.stiffness * scales.displacement, f"missing {_labelled(words.effort, words.effort_unit)}"),
+        VOLTAGE: (scales.voltage, f"missing {_labelled(words.source, words.source_unit)}"),
+        OUTPUT: (length * scales.displacement, f"missing {_labelled(words.output, small)}"),
         PARAMETER: (1.0, " ".join(["relative change", *(["of", ", ".join(varied)] if varied else [])])),
     }[group.enters]
     title = f"{location.name}: {location.detail}"
@@ -56,7 +59,7 @@ def picture(ground: Ground, location: Location) -> Picture | None:
     count = functions.shape[1]
     weights, covariance = location.weights[:count], location.weight_covariance[:count, :count]
     std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", functions, covariance, functions), 0.0))
-    shown, axis = _micrometres(x, group.axis)
+    shown, axis = _shown(x, group.axis, words)
     return Picture(shown, unit * (functions @ weights), unit * std, axis, label, title)
 
 
@@ -69,12 +72,26 @@ def learned_picture(ground: Ground, location: Location, learned: Setup) -> Pictu
     group, scales = GROUPS[location.group], ground.scales
     x = _axis(group.axis, scales)
     force = learned_force(ground.fit.setup, learned, x, scales.displacement)
-    shown, axis = _micrometres(x, group.axis)
-    return Picture(shown, force, None, axis, "force on the mass [N]", f"learned one-port: {location.detail}")
+    words = vocabulary_of(ground.fit.setup.network)
+    shown, axis = _shown(x, group.axis, words)
+    label = "force on the mass [N]" if words.mechanical else _labelled(words.effort, words.effort_unit)
+    return Picture(shown, force, None, axis, label, f"learned one-port: {location.detail}")
 
 
-def _micrometres(x: Array, axis: str) -> tuple[Array, str]:
-    return (1e6 * x, "displacement [µm]") if axis == "displacement [m]" else (x, axis)
+def _labelled(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def _shown(x: Array, axis: str, words: Vocabulary) -> tuple[Array, str]:
+    """An axis in the words and units of the system; displacements in micrometres."""
+    name = axis.partition(" [")[0]
+    if name == "displacement":
+        return (
+            (1e6 * x, f"{words.output} [µm]") if words.mechanical else (x, _labelled(words.output, words.output_unit))
+        )
+    if name == "velocity":
+        return x, _labelled(words.rate, words.rate_unit)
+    return (x, _labelled(words.source, words.source_unit)) if name == "voltage" else (x, axis)
 
 
 def _axis(axis: str, scales: Scales) -> Array:
@@ -103,8 +120,13 @@ def _cycle(ground: Ground, location: Location, unit: float, label: str, title: s
         window = slice(0, last)
     step = max(1, (window.stop - window.start) // 600)
     q = trajectory.mid_displacement[window][::step]
-    shown, axis = _micrometres(q, "displacement [m]")
+    shown, axis = _shown(q, "displacement [m]", vocabulary_of(ground.fit.setup.network))
     return Picture(shown, signal[window][::step], None, axis, label, title)
+
+
+def is_effort(location: Location) -> bool:
+    """Whether what was fitted at a location acts as a force: without an anchor its size is known up to one factor."""
+    return GROUPS[location.group].enters == FORCE
 
 
 def missing_force(ground: Ground, location: Location, index: int) -> Array | None:

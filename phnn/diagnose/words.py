@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,7 @@ from phnn.diagnose.dictionary import FORCE, OUTPUT, PARAMETER, VOLTAGE, Group
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.locate import Location, group_of
 from phnn.diagnose.picture import Picture, learned_picture, picture
+from phnn.diagnose.vocabulary import vocabulary_of
 from phnn.setup import Setup
 from phnn.units import quantity
 
@@ -21,25 +24,27 @@ _ONE_PORTS = {
     "memory": "springs in series with dampers: dissipative, with a memory of where it was",
 }
 _ACTS = {
-    FORCE: "a missing force",
-    VOLTAGE: "a missing voltage",
-    OUTPUT: "a missing displacement at the sensor",
+    FORCE: "a missing {effort}",
+    VOLTAGE: "a missing {source}",
+    OUTPUT: "a missing {output} at the sensor",
     PARAMETER: "a change of parameters",
 }
 # What functions without a static picture depend on, by the detail of their group.
 _HISTORY = {
-    "mode": "on the acceleration and its past",
-    "ringing mode": "on the acceleration long before, at the frequency where the error is largest",
-    "shape": "on the history of the displacement, as a hysteron does",
+    "mode": "on the rate at which the {rate} changes, and on its past",
+    "ringing mode": "on the rate at which the {rate} changed long before, at the frequency where the error is largest",
+    "shape": "on the history of the {output}, as a hysteron does",
     "leakage": "on the past of the voltages that the hysterons hold",
-    "slew": "on the rate of the voltage",
-    "ratio that follows past voltage": "on how high the voltage was before",
+    "slew": "on the rate of the {source}",
+    "ratio that follows past voltage": "on how high the {source} was before",
     "ratio that follows the warmth": "on how much energy was dissipated before",
-    "lag or play": "on the rate of the displacement and on its turning points",
+    "lag or play": "on the rate of the {output} and on its turning points",
     "lines": "on time alone, in lines",
     "capacitance that follows the charge": "on the voltages that the hysterons hold",
-    "gain that drifts": "on the displacement, the more or the less of it the later it is",
+    "gain that drifts": "on the {output}, the more or the less of it the later it is",
 }
+# Units of pictures whose sizes are said in the unit that suits.
+_LENGTHS = {"µm": 1e-6, "nm": 1e-9}
 # Share of the work done either way that must be left over for a force to be called dissipative, or active.
 _LOSSY = 0.2
 
@@ -55,18 +60,21 @@ def fitted_in_words(ground: Ground, location: Location) -> str:
     drawn, group = picture(ground, location), group_of(location)
     if not location.weights.size or not np.any(location.weights):
         return ""
-    acts = f"What the functions fitted there make is {_ACTS[group.enters]}"
-    if varied := group.varied(ground.fit.setup.network):
+    network = ground.fit.setup.network
+    own = asdict(vocabulary_of(network))
+    acts = f"What the functions fitted there make is {_ACTS[group.enters].format(**own)}"
+    if varied := group.varied(network):
         acts += f" {', '.join(varied)}"
     if group.static is None or drawn is None:
-        return f"{acts} that depends {_HISTORY.get(location.detail, 'on the past')}.{_work(ground, location, group)}"
+        past = _HISTORY.get(location.detail, "on the past").format(**own)
+        return f"{acts} that depends {past}.{_work(ground, location, group)}"
     if group.axis.startswith("time after"):
         return f"{acts} that depends on the past. {_curve_in_words(drawn)}"
     variable = _split(drawn.x_label)[0]
     if group.axis.startswith("time"):
         return f"{acts} that depends on time alone, as a drift does."
     # A straight line is a stiffness or a gain, and the base has these; a damper's line is part of its law.
-    plain = drawn if variable == "velocity" else _bent(drawn)
+    plain = drawn if group.axis.startswith("velocity") else _bent(drawn)
     return f"{acts} that depends on the {variable}. {_curve_in_words(plain)}"
 
 
@@ -81,7 +89,9 @@ def _split(label: str) -> tuple[str, str]:
 
 
 def _spoken(value: float, unit: str) -> str:
-    return f"{value:.3g} {unit}".strip() if unit in ("µm", "nm", "") else quantity(value, unit)
+    if unit in _LENGTHS:
+        return quantity(value * _LENGTHS[unit], "m")
+    return quantity(value, unit) if unit else f"{value:.3g}"
 
 
 def _curve_in_words(drawn: Picture) -> str:
@@ -111,7 +121,7 @@ def _work(ground: Ground, location: Location, group: Group) -> str:
         done, moved = done + float(power.sum()), moved + float(np.abs(power).sum())
     share = done / max(moved, 1e-300)
     if share < -_LOSSY:
-        return " Over the recordings it takes energy from the motion: it is dissipative."
+        return " Over the recordings it takes energy away: it is dissipative."
     if share > _LOSSY:
-        return " Over the recordings it feeds energy into the motion: no passive element does that by itself."
+        return " Over the recordings it feeds energy in: no passive element does that by itself."
     return " Over the recordings it gives back about what it takes: it is nearly conservative."

@@ -40,8 +40,7 @@ def grid_wandering(scales: Scales) -> list[dict[str, float]]:
 def wandering(setup: Setup) -> bool:
     """The sensor neither drifts straight on nor has a course of its own in every recording yet, nor is its zero known
     to be one and the same in all recordings."""
-    shared = any(block.kind == "zero" for block in setup.sensor)
-    return steady(setup) and "drift_rate" not in setup.parameters and not shared
+    return steady(setup) and "drift_rate" not in setup.parameters and not setup.has_zero
 
 
 _STRAIGHT = Effect(

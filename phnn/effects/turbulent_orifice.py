@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from phnn.effects.effect import Effect, Scales, has_tanks, no_range, with_network
@@ -11,12 +11,36 @@ from phnn.parameters import as_table, constant, positive
 from phnn.setup import Setup
 
 
+def is_pipe(resistor: Resistor) -> bool:
+    """It joins tanks."""
+    return resistor.law == "linear" and len(resistor.on) > 1
+
+
+def is_outlet(resistor: Resistor) -> bool:
+    """It drains a single tank."""
+    return resistor.law == "linear" and len(resistor.on) == 1
+
+
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """Every linear pipe gets an orifice: ``g Δp = Q (1 + κ |Q|/Q_t)``, for large flows ``Q ∝ √|Δp|``."""
+    return _narrowed(setup, values, lambda resistor: resistor.law == "linear")
+
+
+def build_outlets(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """The same of pipes that drain a single tank."""
+    return _narrowed(setup, values, is_outlet)
+
+
+def build_pipes(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """The same of pipes that join tanks."""
+    return _narrowed(setup, values, is_pipe)
+
+
+def _narrowed(setup: Setup, values: Mapping[str, float], where: Callable[[Resistor], bool]) -> Setup:
     network = setup.network
 
     def narrowed(resistor: Resistor) -> Resistor:
-        if resistor.law != "linear":
+        if not where(resistor):
             return resistor
         return replace(resistor, law="turbulent", parameters=(*resistor.parameters, "kappa_t", "Q_t"))
 
@@ -39,7 +63,13 @@ def applies(setup: Setup) -> bool:
     return has_tanks(setup) and any(r.law == "linear" for r in setup.network.resistors)
 
 
-EFFECT = Effect(
+def has_both(setup: Setup) -> bool:
+    """Of the linear pipes some join tanks and some drain a single one."""
+    linear = setup.network.resistors
+    return has_tanks(setup) and any(map(is_pipe, linear)) and any(map(is_outlet, linear))
+
+
+_EVERYWHERE = Effect(
     name="turbulent_orifice",
     location="mechanical",
     kind="dissipative",
@@ -59,4 +89,23 @@ EFFECT = Effect(
     plausible=no_range("kappa_t", "Q_t"),
     applies=applies,
     neighbours=("overflow",),
+)
+EFFECT = replace(
+    _EVERYWHERE,
+    forms=(
+        replace(
+            _EVERYWHERE,
+            statement="The outlet is an orifice in which the flow is turbulent: at a flow of {Q_t} it resists by the "
+            "share {kappa_t} more than in proportion, and large flows go with the root of the head.",
+            build=build_outlets,
+            applies=has_both,
+        ),
+        replace(
+            _EVERYWHERE,
+            statement="Between the tanks is an orifice in which the flow is turbulent: at a flow of {Q_t} it resists "
+            "by the share {kappa_t} more than in proportion, and large flows go with the root of the head.",
+            build=build_pipes,
+            applies=has_both,
+        ),
+    ),
 )

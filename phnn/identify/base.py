@@ -24,7 +24,7 @@ from phnn.identify.staged import (
     stated_only,
 )
 from phnn.identify.stalled import resumed
-from phnn.identify.zero import is_shared, with_own_zeros, with_shared_zero
+from phnn.identify.zero import is_shared, with_own_zeros, with_shared_zero, with_unknown_gain
 from phnn.intake.names import printable
 from phnn.integrate.program import compile_network
 from phnn.models.actuator import hrc
@@ -115,6 +115,7 @@ def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
     is_shared(campaign.recordings)
     if "network" in campaign.setup:
         return Prepared(plan, "network", 0, _described(campaign))
+    gain_known(campaign.recordings)
     single(campaign.recordings, "this model has one input and one output")
     displacement_shown(campaign.recordings)
     model = str(campaign.setup.get("model", "piezo_actuator"))
@@ -141,7 +142,7 @@ def _described(campaign: Campaign) -> Setup:
         raise InputRefused(f"{printable(path.name)}: {error}") from error
     if not setup.network.ports:
         raise InputRefused(f"{printable(path.name)}: no source for the recorded input: add an element of type Se or Sf")
-    return setup
+    return with_unknown_gain(setup, campaign.recordings)
 
 
 def identify_base(campaign: Campaign, options: Options, progress: Progress = quiet) -> tuple[Fit, NumericalError]:
@@ -179,6 +180,20 @@ def single(recordings: Sequence[Recording], why: str) -> None:
         raise InputRefused(
             f"{several[0]}: several inputs or outputs (`ports`, `outputs` in recordings.yaml), but {why}: describe the "
             f"system as a network and use phnn check, identify and predict, or give one input and one output"
+        )
+
+
+def gain_known(recordings: Sequence[Recording]) -> None:
+    """Refuse an unknown gain where the model has one of its own, the transducer's.
+
+    Raises:
+        InputRefused: names a recording.
+    """
+    unknown = [r.source for r in recordings if r.gain == "unknown"]
+    if unknown:
+        raise InputRefused(
+            f"{unknown[0]}: gain: unknown: this model's transducer ratio takes up any factor of the input already, "
+            f"leave `gain` out; electrical values then hold for the recorded numbers as volts"
         )
 
 

@@ -76,6 +76,8 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
 
     def one(recording: Recording) -> Array:
         own = initial.get(recording.name)
+        if not setup.has_zero and recording.offset != "own":
+            recording = replace(recording, offset="own")
         nuisance, steps = recording.mask("nuisance"), plan.steps_of(recording)
         if own is None and (recording.start.state == "unknown" or aperiodic(recording)) and nuisance.any():
             own = initial_from_nuisance(setup, recording, steps)
@@ -174,6 +176,7 @@ def score_part(recording: Recording, y: Array, first: int, last: int, name: str,
     measured, model = recording.y[first:last], y[first:last]
     error = measured - model
     rmse = float(np.sqrt(np.mean(error**2)))
-    span = float(np.linalg.norm(measured - measured.mean()))
+    # The mean of a constant is rounded: what is left of it beside the mean is no motion.
+    span = float(np.linalg.norm(measured - measured.mean())) if np.ptp(measured) > 0.0 else 0.0
     fit_percent = 100.0 * (1.0 - float(np.linalg.norm(error)) / span) if span > 0.0 else float("nan")
     return PartScore(name, use, fit_percent, rmse, rmse / recording.noise)

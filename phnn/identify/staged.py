@@ -33,6 +33,8 @@ _FULL = 50
 _FINALISTS = 5
 # Bound on the simulations of the whole plan in a fit.
 EVALUATIONS = 60
+# Bins of the input over which an output is averaged; share of its way that leads down where it falls throughout.
+_GAIN_BINS, _DOWNHILL = 12, 0.8
 
 
 @recalled
@@ -182,17 +184,31 @@ def static_gain(recordings: Sequence[Recording]) -> float:
     """Displacement per volt from the recording with the largest output.
 
     Raises:
-        InputRefused: the output falls where the input rises.
+        InputRefused: the output falls, all the way, where the input rises.
     """
     chosen = max(recordings, key=lambda r: float(np.ptp(r.y)))
     span = _input_range(chosen)
-    signed = not chosen.sensor.rectified and np.ptp(chosen.u) > 0.0
-    if signed and np.cov(chosen.u, chosen.y)[0, 1] < 0.0:
+    if not chosen.sensor.rectified and falls_throughout(chosen.u, chosen.y):
         raise InputRefused(
-            f"{chosen.source}: the displacement falls where the voltage rises; give one of them `scale: -1` under "
-            "columns in recordings.yaml"
+            f"{chosen.source}: the output falls where the input rises; give one of them `scale: -1` under columns in "
+            "recordings.yaml"
         )
     return float(np.ptp(chosen.y) / span)
+
+
+def falls_throughout(u: Array, y: Array) -> bool:
+    """Whether an output (N,) falls with the input (N,) over its whole range, and not only on a part of it.
+
+    Means of the output over bins of the input take both branches of a loop together. They fall if nearly all their way
+    leads down: a loop that is widened or lags behind does so, a butterfly, which falls and rises again, does not.
+    """
+    if np.ptp(u) == 0.0:
+        return False
+    place = np.minimum(((u - u.min()) / np.ptp(u) * _GAIN_BINS).astype(int), _GAIN_BINS - 1)
+    count = np.bincount(place, minlength=_GAIN_BINS)
+    means = np.bincount(place, y, _GAIN_BINS)[count > 0] / count[count > 0]
+    way = np.diff(means)
+    return bool(way.sum() < -_DOWNHILL * np.abs(way).sum())
 
 
 def _input_range(recording: Recording) -> float:

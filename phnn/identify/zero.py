@@ -1,4 +1,4 @@
-"""One zero of the output for all recordings that share it: a parameter of the model, not of each recording."""
+"""What recordings share and nobody knows, as parameters of the model: the zero of the output, the gain of the input."""
 
 from __future__ import annotations
 
@@ -11,17 +11,22 @@ from phnn.errors import InputRefused
 from phnn.identify.fit import Fit
 from phnn.identify.problem import Plan
 from phnn.identify.staged import fit_identified, stated_only
-from phnn.parameters import signed
+from phnn.parameters import positive, signed
 from phnn.recordings.recording import Recording
-from phnn.setup import Block
+from phnn.setup import Block, Setup
 from phnn.simulate import simulate
 
-ZERO = "y_0"
+ZERO, GAIN = "y_0", "gamma_u"
 
 
 def with_own_zeros(plan: Plan) -> Plan:
     """The plan in which every recording has a zero of its own, for the search of starting values."""
-    return replace(plan, recordings=tuple(replace(r, offset="own") for r in plan.recordings))
+    return replace(plan, recordings=own_zeros(plan.recordings))
+
+
+def own_zeros(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """Recordings, each with a zero of its own."""
+    return tuple(replace(r, offset="own") for r in recordings)
 
 
 def is_shared(recordings: Sequence[Recording]) -> bool:
@@ -56,5 +61,23 @@ def with_shared_zero(first: Fit, plan: Plan) -> Fit:
     unit = plan.recordings[0].units.output
     parameter = signed(ZERO, start, unit, 10.0 * reach, reach, "zero of the output, common to all recordings")
     setup = first.setup.with_block("sensor", Block("zero", (ZERO,)), (parameter,))
-    plan = replace(plan, substeps=first.plan.substeps)
-    return fit_identified(setup, plan, stated_only(first.held), origin=first, keep=(ZERO,))
+    plan, held = replace(plan, substeps=first.plan.substeps), stated_only(first.held)
+    return fit_identified(setup, plan, held, origin=first, keep=(ZERO,))
+
+
+def with_unknown_gain(setup: Setup, recordings: Sequence[Recording]) -> Setup:
+    """The setup behind a drive of unknown gain, where the recordings say so.
+
+    Raises:
+        InputRefused: some have a known gain and some do not.
+    """
+    unknown = [r for r in recordings if r.gain == "unknown"]
+    if not unknown:
+        return setup
+    if len(unknown) < len(recordings):
+        other = next(r for r in recordings if r.gain == "known")
+        raise InputRefused(
+            f"{other.source}: the gain of {other.name} is known, that of {unknown[0].name} is not: give both the same "
+            f"in recordings.yaml"
+        )
+    return setup.with_block("amplifier", Block("gain", (GAIN,)), (positive(GAIN, 1.0, "1", "gain of the input", 1e9),))

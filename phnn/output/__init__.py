@@ -1,7 +1,7 @@
 """Where results go: one folder claimed for one run, whole files, names that stay inside it."""
 
 from phnn.output.claim import apart, claim, finished
-from phnn.output.files import finite, write_atomic
+from phnn.output.files import finite, write_atomic, write_new
 from phnn.output.names import file_name, unique_names
 from phnn.output.place import Place
 from phnn.output.record import sha256_of
@@ -18,4 +18,5 @@ __all__ = [
     "sha256_of",
     "unique_names",
     "write_atomic",
+    "write_new",
 ]

@@ -44,6 +44,36 @@ def write_atomic(path: Path, content: bytes) -> None:
         raise refusal(path, error) from error
 
 
+def write_new(path: Path, content: bytes) -> None:
+    """Write ``content`` to a path at which there is nothing yet, whole or not at all; nothing is ever replaced.
+
+    Raises:
+        OutputRefused: there is a file, folder or link of that name, or the folder is absent or cannot be written to.
+        OutputFailed: the disk is full.
+    """
+    taken = OutputRefused(f"{path}: is there already and stays as it is: name a new file for --out")
+    if os.path.lexists(path):
+        raise taken
+    try:
+        # Exclusive: a file that appears meanwhile is not replaced, a link not followed.
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+    except FileExistsError as error:
+        raise taken from error
+    except (OSError, ValueError) as error:
+        cause = getattr(error, "strerror", None) or str(error)
+        raise OutputRefused(f"{path}: cannot be written ({cause}): name a file in a folder that exists") from error
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+    except BaseException as error:
+        path.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise refusal(path, error) from error
+        raise
+
+
 def refusal(path: Path, error: OSError) -> OutputRefused | OutputFailed:
     """What is said where a file or folder cannot be written."""
     if error.errno in _FULL:

@@ -52,7 +52,8 @@ def any_recordings(files: Sequence[Path], left: Sequence[str], folder: Path) -> 
     found = f"; it holds {', '.join(left[:8])}" if left else "; it is empty"
     raise InputRefused(
         f"folder {printable(str(folder))}: no recordings in it{found}: add .csv files with columns "
-        f"time_s, voltage_V, displacement_um, or describe the files in recordings.yaml"
+        f"time_s, voltage_V, displacement_um, or describe the files in recordings.yaml (`phnn template` writes a first "
+        f"one)"
     )
 
 

@@ -10,16 +10,22 @@ from phnn.errors import InputRefused
 from phnn.recordings.units import QUANTITIES, check_unit
 from phnn.recordings.values import choice, keys_of, label, mapping, number, shown
 
+DRIVING = ("input", "voltage", "force")
+GAINS = ("known", "unknown")
 AXES = ("time", "channel", "realisation", "period")
 
 
 @dataclass(frozen=True)
 class Column:
-    """Where a quantity is found and how it is read: SI value = unit(scale × number)."""
+    """Where a quantity is found and how it is read: SI value = unit(scale × number).
+
+    ``gain`` is ``"unknown"`` where the number is proportional to what drives the system by an unknown factor.
+    """
 
     place: int | str | None = None
     unit: str | None = None
     scale: float = 1.0
+    gain: str = "known"
 
 
 def columns_of(value: Any, inherited: Mapping[str, Column], where: str) -> dict[str, Column]:
@@ -66,7 +72,7 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
     if isinstance(said, (int, str)) and not isinstance(said, bool):
         said = {"column": said}
     content = mapping(said, where)
-    keys_of(content, ("column", "unit", "scale"), where)
+    keys_of(content, ("column", "unit", "scale", *(("gain",) if quantity in DRIVING else ())), where)
     column = inherited
     if "column" in content:
         place = content["column"]
@@ -77,6 +83,8 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
         column = replace(column, place=place)
     if "unit" in content:
         column = replace(column, unit=check_unit(quantity, str(content["unit"]), where))
+    if "gain" in content:
+        column = replace(column, gain=choice(content["gain"], GAINS, f"{where}: gain"))
     if "scale" in content:
         scale = number(content["scale"], f"{where}: scale")
         if scale == 0.0:

@@ -12,10 +12,12 @@ from phnn.units import quantity
 def describe(campaign: Campaign) -> str:
     """Per recording: rate, length, ranges, start, excitation, noise floor and its source, use; then the notes."""
     count = len(campaign.recordings)
+    volts = all(r.units.input == "V" for r in campaign.recordings)
+    drive, place = ("voltage", "measured at the terminals") if volts else ("input", "measured where it enters")
     setup = ", ".join(f"{key} {value}" for key, value in campaign.setup.items())
     lines = [
         f"{campaign.folder}: {count} recording{'s' if count != 1 else ''}; {setup}; "
-        f"the voltage is {'the command' if campaign.voltage == 'command' else 'measured at the terminals'}",
+        f"the {drive} is {'the command' if campaign.voltage == 'command' else place}",
         "",
     ]
     for recording in campaign.recordings:
@@ -47,10 +49,15 @@ def facts(r: Recording) -> list[tuple[str, str]]:
         colour = "" if r.noise_correlation.size == 1 else f", correlated over {r.noise_correlation.size} samples"
         found += [
             ("output", " to ".join(quantity(v, unit, 4) for v in (r.y.min(), r.y.max()))),
-            ("noise floor", f"{quantity(r.noise, unit)} from {r.noise_source}{colour}"),
+            (
+                "noise floor",
+                f"{quantity(r.noise, unit)} from {r.noise_source}{colour}" if r.noise_found else r.noise_source,
+            ),
         ]
     if (known := r.sensor.words(r.y)) and np.isfinite(r.y).all():
         found.append(("sensor", known))
+    if r.gain == "unknown":
+        found.append(("gain", "of the input unknown, one factor is estimated"))
     if r.offset == "shared":
         found.append(("zero", "shared with other recordings"))
     at_rest = f"rest, input {r.start.input_before:g} before"

@@ -13,20 +13,9 @@ def digest(campaign: Campaign) -> str:
     """SHA-256, in hexadecimal, of all that fits and scores see of the recordings: samples, uses, starts, anchors."""
     found = hashlib.sha256()
     for r in campaign.recordings:
-        facts = (
-            r.name,
-            r.start,
-            r.interpolation,
-            r.parts,
-            r.noise,
-            r.period,
-            r.units,
-            r.measures,
-            r.rise,
-            r.sensor,
-            r.offset,
-        )
-        found.update(repr((*facts, r.instants_declared, sorted(r.channels), sorted(r.further))).encode())
+        facts = (r.name, r.start, r.interpolation, r.parts, r.noise, r.period, r.units, r.measures, r.rise)
+        known = (r.sensor, r.offset, r.gain, r.instants_declared)
+        found.update(repr((*facts, *known, sorted(r.channels), sorted(r.further))).encode())
         others = [values for _, values in (*sorted(r.channels.items()), *sorted(r.further.items()))]
         instants = [] if r.instants is None else [r.instants]
         for values in (r.t, r.u, r.y, r.noise_correlation, *others, *instants):

@@ -15,6 +15,7 @@ _UNLIKE = 0.3  # mismatch that a signal must reach before a return counts as a p
 _ALIKE = 1e-3  # mismatch of a noisy repetition
 _LONG = 2**17  # samples from which on memory counts
 _EXACT = 1e-4  # mismatch accepted where only two periods bear witness
+_DISTURBED = 0.01  # share of its variance that a recorded sine may have beside the sine: noise, steps, a slow trend
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,9 @@ def excitation_of(u: np.ndarray, dt: float) -> Excitation:
     sweep = _sweep(x)
     if sweep is not None:
         return Excitation("chirp", sweep[0] / dt, sweep[1] / dt, amplitude, None, 0.0, span)
+    frequency = _disturbed_sine(x)
+    if frequency is not None:
+        return Excitation("sine", frequency / dt, frequency / dt, amplitude, None, x.size * frequency, span)
     return Excitation("broadband", *_band(x, dt), amplitude, None, 0.0, span)
 
 
@@ -177,6 +181,17 @@ def _single_sine(x: np.ndarray) -> float | None:
     bounds = (float(grid[max(i - 1, 0)]), float(grid[min(i + 1, grid.size - 1)]))
     best = minimize_scalar(lambda f: _sine_misfit(thin, float(f)), bounds=bounds, method="bounded")
     return float(best.x) / stride if best.fun < 1e-4 else None
+
+
+def _disturbed_sine(x: NDArray[np.float64]) -> float | None:
+    """Frequency in cycles per sample of a sine that noise keeps from repeating exactly; ``None`` for other signals."""
+    from scipy.optimize import minimize_scalar
+
+    power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size))) ** 2
+    peak = int(np.argmax(power[1:])) + 1
+    bounds = (max(peak - 1.0, 0.3) / x.size, (peak + 1.0) / x.size)
+    best = minimize_scalar(lambda f: _sine_misfit(x, float(f)), bounds=bounds, method="bounded")
+    return float(best.x) if best.fun < _DISTURBED else None
 
 
 def _few_levels(u: np.ndarray) -> bool:

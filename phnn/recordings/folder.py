@@ -47,8 +47,7 @@ class Files:
 
     def entries(self) -> tuple[list[Entry], list[str]]:
         """The entries to read, and the files left alone, each with its reason where that is not plain."""
-        said = self.said
-        present = [p for p in list_folder(self.home) if not p.name.startswith(".") and p.name != "recordings.yaml"]
+        said, present = self.said, self._present()
         if said.path is not None:
             present = [p for p in present if _real(p) != _real(said.path)]
         if said.entries is not None:
@@ -69,6 +68,29 @@ class Files:
                 left.append(_shown(path) + reason)
         checks.any_recordings(chosen, left, self.home)
         return [replace(said.common, file=path.name) for path in chosen], left
+
+    def possible(self) -> tuple[list[Path], list[str]]:
+        """The files that may be recordings, whatever describes them, and what else lies there, in words."""
+        present = self._present()
+        chosen = [p for p in present if self._numbers(p)]
+        checks.not_too_many(len(chosen), 0, self.home)
+        return chosen, [_shown(p) for p in present if p not in chosen]
+
+    def _present(self) -> list[Path]:
+        """What lies in the folder, without its manifest and hidden files."""
+        return [p for p in list_folder(self.home) if not p.name.startswith(".") and p.name != "recordings.yaml"]
+
+    def _numbers(self, path: Path) -> bool:
+        """Whether a file has a known format and, where that is text, columns of numbers; a csv is meant to have."""
+        kind = path.suffix.lower()
+        if kind not in READERS or not os.path.isfile(path):
+            return False
+        if kind == ".csv" or READERS[kind] is not read_text:
+            return True
+        try:
+            return looks_like_numbers(self.source(path.name))
+        except InputRefused:
+            return True
 
     def _no_recording(self, path: Path) -> str | None:
         """Why a file found in the folder is no recording, in words to follow its name; ``None`` if it is one."""

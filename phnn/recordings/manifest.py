@@ -84,6 +84,8 @@ class Manifest:
 
 
 DEFAULT_SETUP: Mapping[str, Any] = {"model": "piezo_actuator", "hysterons": 2}
+# What a manifest may say of the whole folder.
+TOP_KEYS = frozenset(_TOP)
 
 
 def load_manifest(folder: Path, path: Path | None, outside: bool = False) -> Manifest:

@@ -61,14 +61,15 @@ def read(
     recordings = tuple(
         replace(
             d.recording, parts=parts[d.recording.name], noise=f.value, noise_source=f.source,
-            noise_correlation=f.correlation,
+            noise_correlation=f.correlation, noise_found=f.found,
         )
         for d, f in zip(drafts, pooled([d.floor for d in drafts]), strict=True)
     )  # fmt: skip
     notes = (_extent(recordings), *_columns(drafts), *(note for d in drafts for note in d.notes), *notes)
     if left:
         notes = (*notes, f"Left alone, no recordings: {', '.join(left)}.")
-    return Campaign(recordings, said.setup, said.known, said.voltage, notes, new, printable(str(home)))
+    held = frozenset(d.recording.name for d in drafts if d.use == "confirmation")
+    return Campaign(recordings, said.setup, said.known, said.voltage, notes, new, printable(str(home)), held)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +131,8 @@ def _draft(
     floor, recording = _recording(name, printable(", ".join(entry.files)), dt, u, y, start, entry, excitation, drive)
     further = {q: values[q] for q in FURTHER if q in values and q != u_name}
     units = Units(_si(channels[u_name]), _si(channels[y_name]) if y_name is not None else ACTUATOR.output)
-    full = replace(recording, channels=further, units=units, further=ports, measures=measures or "")
+    gain = entry.columns[u_name].gain if u_name in entry.columns else recording.gain
+    full = replace(recording, channels=further, units=units, further=ports, measures=measures or "", gain=gain)
     recording = with_declared(full, entry.jumps_at_s, entry.rise_time_s)
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
     spare = unused(table, channels)

@@ -80,6 +80,8 @@ class Recording:
         rise: how long a jump of the input takes, s.
         sensor: what is known of the sensor.
         offset: ``"own"``, the zero of the output belongs to the recording, or ``"shared"``: all have one.
+        noise_found: False where the recording shows no noise; ``noise`` then only weights the fit.
+        gain: ``"unknown"`` where the first input is known up to one factor that all recordings share.
     """
 
     name: str
@@ -103,6 +105,8 @@ class Recording:
     rise: float = 0.0
     sensor: Sensor = PLAIN
     offset: str = "own"
+    noise_found: bool = True
+    gain: str = "known"
 
     @property
     def drive(self) -> np.ndarray:
@@ -179,6 +183,7 @@ class Campaign:
         notes: what was understood, in sentences.
         held_out_is_new: the confirmation parts bring an amplitude or a frequency that identification lacks.
         folder: where the recordings lie.
+        held_out: names of the recordings that the manifest marks with ``use: confirmation``.
     """
 
     recordings: tuple[Recording, ...]
@@ -188,6 +193,7 @@ class Campaign:
     notes: tuple[str, ...]
     held_out_is_new: bool
     folder: str
+    held_out: frozenset[str] = frozenset()
 
 
 def dominant_frequency(recording: Recording) -> float:

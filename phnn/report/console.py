@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from phnn.report.document import Document, Missing, Score, read_document
+from phnn.report.domain_words import in_own_words
 from phnn.report.evidence import Evidence
 from phnn.report.formatting import Unit, display_unit, interval, listing, p_value, percent, ratio, with_error, words
 from phnn.report.verdicts import equivalence_sentence, headline, no_proposal_sentence, remainder_sentence, tied
@@ -81,7 +82,7 @@ def console_summary(document: Mapping[str, Any], evidence: Evidence) -> Renderab
     Raises:
         InputRefused: the verdict is none of the four.
     """
-    content = read_document(document)
+    content = in_own_words(read_document(document))
     chance = f"  {p_value(content.p_value)}" if content.p_value is not None else ""
     verdict = Text.assemble("verdict: ", (content.verdict, _STYLES[content.verdict]), chance)
     parts: list[RenderableType] = [Text(headline(content, evidence.verdict_sentence), style="bold"), verdict]

@@ -128,6 +128,7 @@ class NoiseRow:
     source: str
     colour: str
     notes: tuple[str, ...]
+    found: bool = True  # False where the recording shows no noise: nothing can be held against its floor
 
 
 @dataclass(frozen=True)
@@ -186,17 +187,19 @@ def _text(value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def _score(value: Any) -> Score:
+def _score(value: Any, floorless: bool) -> Score:
     entry = _mapping(value)
-    return Score(finite(entry.get("fit_percent")), finite(entry.get("rmse")), finite(entry.get("residual_over_noise")))
+    over_noise = None if floorless else finite(entry.get("residual_over_noise"))
+    return Score(finite(entry.get("fit_percent")), finite(entry.get("rmse")), over_noise)
 
 
-def _fits(value: Any) -> tuple[FitRow, ...]:
+def _fits(value: Any, noise: Sequence[NoiseRow]) -> tuple[FitRow, ...]:
     entry = _mapping(value)
     before, after = _mapping(entry.get("before")), _mapping(entry.get("after"))
     held_out = set(_texts(entry.get("held_out")))
     names = list(dict.fromkeys([*before, *after]))
-    rows = [FitRow(n, n in held_out, _score(before.get(n)), _score(after.get(n))) for n in names]
+    bare = {n: _without_floor(noise, n) for n in names}
+    rows = [FitRow(n, n in held_out, _score(before.get(n), bare[n]), _score(after.get(n), bare[n])) for n in names]
     return tuple(sorted(rows, key=lambda row: not row.held_out))
 
 
@@ -236,21 +239,29 @@ def _held_out(value: Any) -> HeldOut | None:
 
 def _noise(value: Any) -> tuple[NoiseRow, ...]:
     return tuple(
-        NoiseRow(str(n), finite(e.get("rms")), _text(e.get("source")), _text(e.get("colour")), _texts(e.get("notes")))
+        NoiseRow(
+            str(n), finite(e.get("rms")), _text(e.get("source")), _text(e.get("colour")), _texts(e.get("notes")),
+            e.get("found") is not False,
+        )
         for n, item in _mapping(value).items()
         if (e := _mapping(item))
-    )
+    )  # fmt: skip
+
+
+def _without_floor(noise: Sequence[NoiseRow], name: str) -> bool:
+    """Whether no noise floor was found for a recording or a part of one, such as ``loops[confirmation]``."""
+    return any(not row.found and (name == row.name or name.startswith(f"{row.name}[")) for row in noise)
 
 
 def _descending(items: Mapping[str, float | None]) -> tuple[tuple[str, float | None], ...]:
     return tuple(sorted(items.items(), key=lambda item: (item[1] is None, -(item[1] or 0.0))))
 
 
-def _location(value: Any) -> Location | None:
+def _location(value: Any, noise: Sequence[NoiseRow]) -> Location | None:
     if not isinstance(value, Mapping):
         return None
     recordings = {
-        str(name): finite(_mapping(item).get("residual_over_noise"))
+        str(name): None if _without_floor(noise, str(name)) else finite(_mapping(item).get("residual_over_noise"))
         for name, item in _mapping(value.get("recordings")).items()
     }
     scores = {str(name): finite(item) for name, item in _mapping(value.get("scores")).items()}
@@ -265,12 +276,12 @@ def _location(value: Any) -> Location | None:
     )
 
 
-def _remainder(value: Any) -> Remainder | None:
+def _remainder(value: Any, floorless: bool) -> Remainder | None:
     if not isinstance(value, Mapping):
         return None
     return Remainder(
         _text(value.get("verdict")),
-        finite(value.get("residual_over_noise")),
+        None if floorless else finite(value.get("residual_over_noise")),
         finite(value.get("p_value")),
         _text(value.get("location")),
         _immaterial(value.get("immaterial")),
@@ -316,18 +327,18 @@ def read_document(document: Mapping[str, Any]) -> Document:
     if verdict not in VERDICTS:
         raise InputRefused(f"diagnosis.json: verdict is {verdict!r}: it must be one of {', '.join(VERDICTS)}")
     test, units = _mapping(document.get("test")), _mapping(document.get("units"))
-    seed, missing = document.get("seed"), document.get("missing")
+    seed, missing, noise = document.get("seed"), document.get("missing"), _noise(document.get("noise"))
     return Document(
         verdict=str(verdict),
         statistic=finite(test.get("statistic")),
         p_value=finite(test.get("p_value")),
         candidate=_text(test.get("candidate")),
         missing=tuple(_missing(item) for item in missing) if isinstance(missing, Sequence) else (),
-        remainder=_remainder(document.get("remainder")),
-        location=_location(document.get("location")),
+        remainder=_remainder(document.get("remainder"), any(not row.found for row in noise)),
+        location=_location(document.get("location"), noise),
         noise_floor=tuple((str(n), finite(v)) for n, v in _mapping(document.get("noise_floor")).items()),
         numerical_error_sigma=finite(document.get("numerical_error_sigma")),
-        fits=_fits(document.get("fit")),
+        fits=_fits(document.get("fit"), noise),
         next_experiment=_next_experiment(document.get("next_experiment")),
         versions=tuple((str(n), _text(v)) for n, v in _mapping(document.get("versions")).items()),
         seed=_text(seed),
@@ -335,5 +346,5 @@ def read_document(document: Mapping[str, Any]) -> Document:
         input_unit=_text(units.get("input")) or "V",
         output_unit=_text(units.get("output")) or "m",
         immaterial=_immaterial(test.get("immaterial")),
-        noise=_noise(document.get("noise")),
+        noise=noise,
     )

@@ -15,6 +15,7 @@ from scipy.signal import periodogram
 
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.dictionary import GROUPS
+from phnn.diagnose.vocabulary import vocabulary_of
 from phnn.effects import Effect
 from phnn.report.formatting import display_unit
 from phnn.report.support import Fingerprint
@@ -72,9 +73,10 @@ def _samples(diagnosis: Diagnosis, trajectory: Trajectory, variable: str) -> _Sa
     if variable == _HOLD:
         x, sign = since_a_step(r.t, r.u)
     else:
+        lengths, speeds = (1e6, 1e3) if vocabulary_of(trajectory.setup.network).mechanical else (1.0, 1.0)
         x = {
-            "displacement": 1e6 * trajectory.mid_displacement[steps],
-            "velocity": 1e3 * trajectory.velocity[steps],
+            "displacement": lengths * trajectory.mid_displacement[steps],
+            "velocity": speeds * trajectory.velocity[steps],
             "voltage": r.u,
             _ELAPSED: r.t,
         }[variable]
@@ -111,11 +113,17 @@ def _over_variable(samples: list[_Samples], variable: str, diagnosis: Diagnosis)
     units = diagnosis.campaign.recordings[0].units
     unit = display_unit(float(np.abs(b[kept]).max()), units.output)
     middles = np.sqrt(edges[1:] * edges[:-1]) if logarithmic else 0.5 * (edges[1:] + edges[:-1])
-    labels = {"displacement": "µm", "velocity": "mm/s", "voltage": units.input, _ELAPSED: "s", _HOLD: "s"}
+    own = vocabulary_of(diagnosis.base.setup.network)
+    small = ("µm", "mm/s") if own.mechanical else (own.output_unit, own.rate_unit)
+    labels = {
+        "displacement": f"{own.output} ({small[0]})",
+        "velocity": f"{own.rate} ({small[1]})",
+        "voltage": f"{own.source} ({units.input})",
+    }
     sizes = [v[kept] / unit.scale for v in (b, b_std, a, a_std)]
     shown = "residual, in the direction of the step" if logarithmic else "residual"
     return Fingerprint(
-        middles[kept], sizes[0], sizes[1], sizes[2], sizes[3], f"{variable} ({labels[variable]})",
+        middles[kept], sizes[0], sizes[1], sizes[2], sizes[3], labels.get(variable, f"{variable} (s)"),
         f"{shown} ({unit.name})", logarithmic, 0.0,
     )  # fmt: skip
 

@@ -15,10 +15,8 @@ from phnn.report.formatting import listing
 from phnn.setup import Setup
 
 WAVEFORM = "next_experiment.csv"
-_UNMEASURED = (
-    "No recording is proposed for what has no name: nothing else that was tried explains these recordings nearly as "
-    "well, and no recording of the menu can be simulated or says more about the element itself."
-)
+# Recordings that are asked for at a time.
+_LACKS = 3
 
 
 def next_experiment(proposal: NextExperiment | None) -> dict[str, Any] | None:
@@ -56,10 +54,10 @@ def no_proposal(diagnosis: Diagnosis) -> str:
     j = diagnosis.judgement
     members = tied_members(j)
     tied_places = not j.findings and j.location is not None and j.location.tied
-    if diagnosis.proposal is not None:
+    if diagnosis.proposal is not None or j.verdict == "none":
         return ""
     if not (members or tied_places):
-        return _UNMEASURED if any(f.provisional for f in j.findings) else ""
+        return _further(diagnosis) if j.verdict == "unknown" else ""
     names = [t.candidate.effect.name.replace("_", " ") for t in members]
     if len(members) < 2:
         start = (
@@ -72,9 +70,25 @@ def no_proposal(diagnosis: Diagnosis) -> str:
             f"{listing(names)} differ once their parameters adapt, or none of it can be simulated."
         )
     told = [f"For {n}: {t.candidate.effect.separation}" for n, t in zip(names[:2], members, strict=False)]
-    lacks = [a.record for a in check(diagnosis.campaign).abilities if not a.able]
-    also = f"These recordings also lack: {'; '.join(lacks[:3])}." if lacks else ""
+    lacks = _lacks(diagnosis)
+    also = f"These recordings also lack: {'; '.join(lacks)}." if lacks else ""
     return " ".join(x for x in (start, *told, also) if x)
+
+
+def _further(diagnosis: Diagnosis) -> str:
+    """What to record where nothing is tied and yet no name is proven."""
+    lacks = _lacks(diagnosis)
+    if not lacks:
+        return ""
+    return (
+        "No two models are left between which a recording could be computed to decide, and yet no name is proven. "
+        f"Recordings that these lack would narrow it down: {'; '.join(lacks)}."
+    )
+
+
+def _lacks(diagnosis: Diagnosis) -> list[str]:
+    """What `phnn check` misses most among the recordings."""
+    return [a.record for a in check(diagnosis.campaign).abilities if not a.able][:_LACKS]
 
 
 def write_waveform(proposal: NextExperiment | None, setup: Setup, place: Place) -> None:

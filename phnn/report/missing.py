@@ -9,6 +9,8 @@ from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.distil import Distilled
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import Judgement
+from phnn.diagnose.picture import is_effort
+from phnn.diagnose.vocabulary import vocabulary_of
 from phnn.effects.places import place_of
 from phnn.identify.fit import Fit
 from phnn.identify.staged import fixes_common_factor
@@ -27,7 +29,7 @@ def missing_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     if j.verdict == "none":
         return []
     if not j.findings:
-        return [_nameless(j)]
+        return [_nameless(j, fixes_common_factor(diagnosis.campaign.known))]
     return [_entry(diagnosis, f) for f in j.findings]
 
 
@@ -108,13 +110,19 @@ def _description(found: Distilled, passive: bool) -> dict[str, Any]:
     }
 
 
-def _nameless(j: Judgement) -> dict[str, Any]:
-    """What is real, where nothing that was tried predicts recordings better."""
+def _nameless(j: Judgement, anchored: bool) -> dict[str, Any]:
+    """What is real, where nothing that was tried predicts recordings better.
+
+    Args:
+        anchored: forces are known in newtons, not only up to one common factor.
+    """
     best = min(j.tried, key=lambda t: t.cost, default=None)
     # A refit that ended above the base model has failed, and is near to nothing.
     helps = best is not None and best.cost < j.ground.fit.cost
     nearest = best.candidate.effect.name if best is not None and helps else None
     where = j.location
+    free = where is not None and not anchored and is_effort(where)
+    factor = _UP_TO_FACTOR if free and vocabulary_of(j.ground.fit.setup.network).mechanical else ""
     return {
         "effect": "unknown",
         "status": "provisional",
@@ -125,7 +133,7 @@ def _nameless(j: Judgement) -> dict[str, Any]:
         "place": None,
         "equivalent_to": [],
         "p_value": j.naming.p_value,
-        "statement": f"{unknown_statement(j)} {unknown_character(j)}".strip(),
+        "statement": f"{unknown_statement(j)} {unknown_character(j)}".strip() + factor,
         "equation": "",
         "passive": False,
         "parameters": {},

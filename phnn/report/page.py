@@ -16,7 +16,7 @@ from phnn.report.figures import Drawing
 from phnn.report.formatting import Unit, display_unit, finite
 from phnn.report.formula import formula, symbol
 from phnn.report.gallery import Gallery
-from phnn.report.shares import Shares
+from phnn.report.shares import Shares, base_note
 
 _SHOWN = 8
 
@@ -107,6 +107,7 @@ def render_page(
         gallery=gallery,
         shares=shares,
         unsupplied=unsupplied,
+        base_note=base_note(shares),
         headline=verdicts.headline(document, evidence.verdict_sentence),
         test_sentence=verdicts.test_sentence(document),
         remainder_sentence=verdicts.remainder_sentence(document.remainder, document.immaterial is not None),

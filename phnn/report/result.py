@@ -20,7 +20,7 @@ from phnn.diagnose.locate import (
     strongest_times,
 )
 from phnn.diagnose.name import Candidate
-from phnn.diagnose.picture import Picture, learned_picture, missing_force, picture
+from phnn.diagnose.picture import Picture, is_effort, learned_picture, missing_force, picture
 from phnn.diagnose.rules import Applied
 from phnn.diagnose.symptoms import seen, symptoms
 from phnn.diagnose.trial import tie
@@ -78,7 +78,7 @@ def write_into(diagnosis: Diagnosis, place: Place, shown: Evidence | None = None
 def document(diagnosis: Diagnosis) -> dict[str, Any]:
     """``diagnosis.json`` as a mapping; numbers that are not finite become null."""
     j = diagnosis.judgement
-    names = {p.name: p.use for p in diagnosis.before.parts}
+    names, noise = {p.name: p.use for p in diagnosis.before.parts}, noise_statements(diagnosis)
     content = {
         "schema": SCHEMA,
         "verdict": j.verdict,
@@ -86,7 +86,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "missing": missing_entries(diagnosis),
         "remainder": _remainder(j, diagnosis.criteria.selection.level),
         "location": _location(diagnosis),
-        "noise": {n: s.document() for n, s in noise_statements(diagnosis).items()},
+        "noise": {r.name: noise[r.name].document() | {"found": r.noise_found} for r in diagnosis.campaign.recordings},
         "noise_floor": {r.name: r.noise for r in diagnosis.campaign.recordings},
         "numerical_error_sigma": diagnosis.error.sigma,
         "kernel_residual": diagnosis.kernel_residual,
@@ -161,8 +161,9 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
     left = j.remainder_location if j.remainder_immaterial is None else None
     for ground, where in ((j.ground, j.location), (j.final_ground, left)):
         found = picture(ground, where) if where is not None else None
-        if found is not None:
-            curves.append(_curve(found, ground is not j.ground))
+        if where is not None and found is not None:
+            free = is_effort(where) and not fixes_common_factor(diagnosis.campaign.known)
+            curves.append(_curve(found, ground is not j.ground, free))
     curves[1:1] = [_curve(law, False) for law in _learned_laws(j)]
     return Evidence(
         traces=tuple(_traces(diagnosis)),
@@ -201,9 +202,11 @@ def _symptoms(diagnosis: Diagnosis) -> tuple[str, ...]:
     return symptom_sentences(symptoms(seen(diagnosis.judgement.ground)), unit)
 
 
-def _curve(found: Picture, remainder: bool) -> Curve:
+def _curve(found: Picture, remainder: bool, free: bool = False) -> Curve:
+    """The picture for the report; ``free`` where its size is known up to one common factor."""
     title = found.title + (" (what remains)" if remainder else "")
-    return Curve(found.x, found.y, found.std, found.x_label, found.y_label, title)
+    label = found.y_label + (", up to one common factor" if free else "")
+    return Curve(found.x, found.y, found.std, found.x_label, label, title)
 
 
 def _traces(diagnosis: Diagnosis) -> list[Trace]:
@@ -258,7 +261,8 @@ def _candidates(j: Judgement, level: float) -> list[CandidateRow]:
         if refits[name].cost > j.ground.fit.cost + tie(j.ground.fit):
             return "the refit failed: it ended above the base model, which it contains"
         if not j.findings:
-            return "refitted; explains too little"
+            moved = refits[name].cost < j.ground.fit.cost - tie(j.ground.fit)
+            return "refitted; explains too little" if moved else "refitted; leaves as much as the base model"
         return "refitted; fits worse"
 
     return [

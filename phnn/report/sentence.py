@@ -3,32 +3,45 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import Immaterial, Judgement
 from phnn.diagnose.select import share_of
+from phnn.diagnose.vocabulary import vocabulary_of
 from phnn.diagnose.words import fitted_in_words
+from phnn.identify.evaluate import Evaluation
+from phnn.report.domain_words import MOVING, NETWORK
+from phnn.report.formatting import listing, percent
 from phnn.units import quantity
 
 # Share of the excess that is worth a word about what is not the answer.
 _NEAR = 0.5
+# Recordings that are listed by name.
+_NAMED = 3
 
 
 def sentence(diagnosis: Diagnosis) -> str:
     """The verdict for a person."""
     j = diagnosis.judgement
     held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")
+    bare = [r.name for r in diagnosis.campaign.recordings if not r.noise_found]
     change = f"On held-out recordings the residual goes from {held[0]:.3g} to {held[1]:.3g} × noise."
     if math.isnan(held[0]):
         change = "No recording was held out to confirm it."
+    elif bare:
+        fits = (mean_fit(e, "confirmation") for e in (diagnosis.before, diagnosis.after))
+        change = (
+            f"On held-out recordings the fit goes from {' to '.join(percent(f, 2) for f in fits)} %. {floorless(bare)}"
+        )
     if j.immaterial is not None:
         return immaterial_statement(j.immaterial, diagnosis.campaign.recordings[0].units.output)
     if j.verdict == "none":
-        return (
-            f"Nothing is missing that these recordings could show: the base model leaves "
-            f"{diagnosis.base.chi2**0.5:.3g} × noise."
-        )
+        stands = f"leaves {diagnosis.base.chi2**0.5:.3g} × noise."
+        if bare:
+            stands = f"fits by {percent(mean_fit(diagnosis.before, 'identification'), 2)} %. {floorless(bare)}"
+        return f"Nothing is missing that these recordings could show: the base model {stands}"
     if j.verdict == "unknown":
         return f"{unknown_statement(j)} {_nearest(j)}{change}"
     claimed = j.claimed
@@ -51,6 +64,18 @@ def sentence(diagnosis: Diagnosis) -> str:
     left = j.remainder is not None and j.remainder.p_value < level and j.remainder_immaterial is None
     rest = " More remains." if left else ""
     return f"{start} {change}{_provisional(j)}{rest}"
+
+
+def mean_fit(scores: Evaluation, use: str) -> float | None:
+    """Mean fit % over the parts of one use; None where it is defined for none."""
+    found = [p.fit_percent for p in scores.parts if p.use == use and math.isfinite(p.fit_percent)]
+    return sum(found) / len(found) if found else None
+
+
+def floorless(names: Sequence[str]) -> str:
+    """What is said where recordings show no noise: a ratio to a floor that was not found would pretend one."""
+    more = " and others" if len(names) > _NAMED else ""
+    return f"No noise floor was found in {listing(names[:_NAMED])}{more}, so that nothing is compared with the noise."
 
 
 def immaterial_statement(found: Immaterial, unit: str) -> str:
@@ -81,10 +106,10 @@ def _nearest(judgement: Judgement) -> str:
     if share < _NEAR:
         return ""
     name = best.candidate.effect.name.replace("_", " ")
-    return (
-        f"Nearest comes {name}, which would explain {100.0 * min(share, 1.0):.0f} % of what is not noise and leave "
-        f"{best.fit.chi2**0.5:.3g} × noise. "
-    )
+    left = f" and leave {best.fit.chi2**0.5:.3g} × noise"
+    if not all(r.noise_found for r in judgement.ground.plan.recordings):
+        left = ""
+    return f"Nearest comes {name}, which would explain {100.0 * min(share, 1.0):.0f} % of what is not noise{left}. "
 
 
 def _with_members(finding: Finding) -> str:
@@ -98,6 +123,9 @@ def unknown_statement(judgement: Judgement) -> str:
     if where is not None:
         first = judgement.places[0]
         place = f"the {first} location" + (f" ({where.detail})" if first == where.name else "")
+        moves = vocabulary_of(judgement.ground.fit.setup.network).output_unit in MOVING
+        if first == "mechanical" and not moves:
+            place = f"a location {NETWORK} ({where.detail})"
     real = f"Something real is left out at {place}."
     held = [_element(f) for f in judgement.findings]
     if not held:

@@ -1,4 +1,4 @@
-"""The energy ledger as fractions of what was supplied."""
+"""The energy ledger as fractions of the largest flow: of what was supplied, unless something else moved more."""
 
 from __future__ import annotations
 
@@ -8,16 +8,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from phnn.report.evidence import LedgerRow
+from phnn.report.formatting import listing
 
 _MOST = 6  # dissipators told apart; the smallest others are joined
+SUPPLIED = "supplied"
 
 
 @dataclass(frozen=True)
 class Shares:
-    """One recording: the share of each kind; ``kinds`` is the same, in the same order, for every row."""
+    """One recording: the share of each kind; ``kinds`` is the same, in the same order, for every row.
+
+    Attributes:
+        base: the flow whose energy is one: ``supplied``, ``stored``, ``unexplained`` or a dissipator.
+    """
 
     recording: str
     parts: Mapping[str, float]
+    base: str = SUPPLIED
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -25,32 +32,52 @@ class Shares:
         return tuple(self.parts)
 
     def share(self, kind: str) -> float:
-        """Fraction of the supplied energy; zero where it is not finite."""
+        """Fraction of the energy of the base; zero where it is not finite."""
         value = self.parts.get(kind, 0.0)
         return value if np.isfinite(value) else 0.0
 
 
 def ledger_shares(rows: Sequence[LedgerRow]) -> tuple[tuple[Shares, ...], tuple[str, ...]]:
-    """Fractions for each recording, and the names of recordings that were supplied with no net energy.
+    """Fractions for each recording, and the names of recordings in which no energy flows.
 
-    The fractions are free of the common factor that voltage and displacement leave open.
+    The fractions are free of the common factor that voltage and displacement leave open. What was supplied may be the
+    small difference of what flows in and back: the largest flow is the base, so that no fraction exceeds one.
     """
-    usable = [row for row in rows if np.isfinite(row.supplied) and row.supplied > 0.0]
+    bases = {id(row): _base(row) for row in rows}
+    usable = [row for row in rows if bases[id(row)][1] > 0.0]
     skipped = tuple(row.recording for row in rows if row not in usable)
     largest: dict[str, float] = {}
     for row in usable:
         for name, energy in row.dissipated.items():
-            largest[name] = max(largest.get(name, 0.0), abs(energy) / row.supplied)
+            largest[name] = max(largest.get(name, 0.0), abs(energy) / bases[id(row)][1])
     kept = list(largest)
     if len(kept) > _MOST:
         chosen = set(sorted(kept, key=lambda name: -largest[name])[: _MOST - 1])
         kept = [name for name in kept if name in chosen]
     result = []
     for row in usable:
-        parts = {name: row.dissipated.get(name, 0.0) / row.supplied for name in kept}
+        base, size = bases[id(row)]
+        parts = {name: row.dissipated.get(name, 0.0) / size for name in kept}
         if len(kept) < len(largest):
-            parts["other losses"] = sum(e for n, e in row.dissipated.items() if n not in parts) / row.supplied
-        parts["stored"] = row.stored / row.supplied
-        parts["unexplained"] = row.unexplained / row.supplied
-        result.append(Shares(row.recording, parts))
+            parts["other losses"] = sum(e for n, e in row.dissipated.items() if n not in parts) / size
+        parts["stored"] = row.stored / size
+        parts["unexplained"] = row.unexplained / size
+        result.append(Shares(row.recording, parts, base))
     return tuple(result), skipped
+
+
+def _base(row: LedgerRow) -> tuple[str, float]:
+    """The largest flow of a recording and its energy; 0 where none is finite. What was supplied comes first."""
+    flows = {SUPPLIED: row.supplied, **row.dissipated, "stored": row.stored, "unexplained": row.unexplained}
+    sizes = {name: abs(energy) for name, energy in flows.items() if np.isfinite(energy)}
+    name = max(sizes, key=lambda n: sizes[n], default=SUPPLIED)
+    return name, sizes.get(name, 0.0)
+
+
+def base_note(shares: Sequence[Shares]) -> str:
+    """Says where the fractions are not those of the energy supplied; empty where all are."""
+    other = [s for s in shares if s.base != SUPPLIED]
+    if not other:
+        return ""
+    listed = listing(f"{s.recording} ({s.base.replace('_', ' ')})" for s in other)
+    return f"Fractions are those of the largest flow where that is not the energy supplied: {listed}."

@@ -60,7 +60,7 @@ def no_proposal_sentence(document: Document, why: str) -> str:
     """What is said where no further recording is proposed.
 
     Args:
-        why: the reason where something is tied or has no name, as the diagnosis knows it.
+        why: the reason where something is tied or has no proven name, as the diagnosis knows it.
     """
     if why:
         return why

@@ -7,6 +7,7 @@ from typing import Any
 
 from phnn.output import Place
 from phnn.report.document import read_document
+from phnn.report.domain_words import in_own_words
 from phnn.report.evidence import Evidence
 from phnn.report.shares import ledger_shares
 
@@ -28,7 +29,7 @@ def write_report(document: Mapping[str, Any], evidence: Evidence, place: Place) 
     from phnn.report.gallery import draw_gallery
     from phnn.report.page import render_page
 
-    content = read_document(document)
+    content = in_own_words(read_document(document))
     shares, unsupplied = ledger_shares(evidence.ledger)
     gallery = draw_gallery(content, evidence, shares)
     page = render_page(content, evidence, gallery, shares, unsupplied)

@@ -17,6 +17,9 @@ from phnn.signals.silent import silent_deviation
 WHITE = np.array([1.0])
 _FEWEST_PERIODS = 3  # after the first one, which holds the transient
 _FEWEST_AT_REST = 200
+_SETTLING = 0.4  # share of a rest that is left to what still moves
+# Samples of a rest that is long enough to show the noise.
+LONG_REST = int(np.ceil(_FEWEST_AT_REST / (1.0 - _SETTLING)))
 _LEAST_SHARE_OF_RANGE = 1e-6
 _ORDERS = range(1, 9)
 FROM_PERIODS = "period-to-period differences"
@@ -28,13 +31,16 @@ class NoiseFloor:
 
     ``correlation`` is ``(K,)``, lags ``0..K-1``, first entry 1; ``[1.0]`` when white or unknown.
     ``coefficient`` is that of first-order noise seen in a part of the spectrum only, zero where such a part was taken
-    as white, and ``None`` where more of the noise was seen.
+    as white, and ``None`` where more of the noise was seen. ``found`` is False where the recording shows no noise:
+    ``value`` is then a small share of the output's range, by which fits are weighted but against which nothing can be
+    judged.
     """
 
     value: float
     source: str
     correlation: np.ndarray
     coefficient: float | None = None
+    found: bool = True
 
 
 def noise_floor(
@@ -65,7 +71,8 @@ def noise_floor(
         found = NoiseFloor(step / sqrt(12.0), f"quantisation in steps of {step:.3g}", WHITE)
     least = _LEAST_SHARE_OF_RANGE * float(np.ptp(y))
     if found.value < least:
-        found = NoiseFloor(least, "no noise found; taken as a millionth of the output's range", WHITE)
+        source = "no noise floor was found; fits are weighted by a millionth of the output's range"
+        found = NoiseFloor(least, source, WHITE, found=False)
     return found
 
 
@@ -153,7 +160,7 @@ def _loss(basis: np.ndarray, correlation: np.ndarray) -> float:
 def from_rest(u: np.ndarray, y: np.ndarray) -> NoiseFloor | None:
     """From the longest stretch of constant input, its settled part, trend removed; ``None`` without one."""
     first, last = longest_hold(u)
-    first += int(0.4 * (last - first))
+    first += int(_SETTLING * (last - first))
     n = last - first
     if n < _FEWEST_AT_REST:
         return None

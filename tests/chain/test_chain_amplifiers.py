@@ -179,6 +179,7 @@ VALUES = {
     "delay": (7.3e-3,),
     "slew_limit": (700.0,),
     "offset": (1.5,),
+    "gain": (1.3,),
     "knee": (0.3, 4.0),
     "dead_band": (0.7, 2.5),
 }

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from phnn.chain.midpoints import midpoints
-from phnn.chain.sensors import SENSORS, drift, lag, play, polynomial, rectification
+from phnn.chain.sensors import SENSORS, drift, lag, play, polynomial, rate, rectification
 from phnn.laws.namespace import TINY
 
 T = np.arange(601) * 1e-3
@@ -22,6 +22,11 @@ def sine(frequency: float, amplitude: float = 1.0) -> np.ndarray:
 
 def test_drift_adds_a_ramp() -> None:
     np.testing.assert_allclose(drift(np.ones(3), np.array([0.0, 2.0, 4.0]), 0.5), [1.0, 2.0, 3.0])
+
+
+def test_the_rate_of_a_parabola_is_exact_at_uneven_times() -> None:
+    t = np.array([0.0, 0.3, 0.4, 0.9, 1.0])
+    np.testing.assert_allclose(rate(1.0 + 2.0 * t - 3.0 * t**2, t), 2.0 - 6.0 * t, atol=1e-12)
 
 
 def test_a_polynomial_and_a_rectifier_act_sample_by_sample() -> None:
@@ -119,7 +124,7 @@ def test_a_slow_clock_holds_what_it_knows_beyond_the_last_sample() -> None:
 
 
 VALUES = {"drift": (0.3,), "lag": (4e-3,), "polynomial": (0.3, -0.2), "rectification": (), "play": (0.15,),
-          "knee": (0.3, 0.4), "cubic": (0.1, -0.08, 0.7),
+          "knee": (0.3, 0.4), "rate": (), "zero": (0.3,), "cubic": (0.1, -0.08, 0.7),
           "clock": (0.02, 0.6), "drifting_gain": (0.1, -0.05, 0.6)}  # fmt: skip
 
 

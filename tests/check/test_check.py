@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from phnn.models.network_file import load_network
 from phnn.models.store import save
 from phnn.recordings import read
 from phnn.recordings.excitation import excitation_of
-from phnn.recordings.recording import Campaign, Part, Recording, Start
+from phnn.recordings.recording import Campaign, Part, Recording, Start, Units
 from phnn.setup import Setup
 
 DT, NOISE, GAIN = 1e-4, 2e-8, 5e-7
@@ -94,12 +95,31 @@ def test_drift_from_period_to_period_and_between_rests() -> None:
     assert found(moved)["drift"].values["change"] == pytest.approx(1e-7, rel=0.05)
 
 
+def test_what_the_start_leaves_is_no_drift() -> None:
+    clean = sine(8.0, cycles=10)
+    settling = 4e-7 * np.exp(-8.0 * clean.t)
+    noticed = found(with_output(clean, settling))["drift"]
+    assert noticed.severity == "note"
+    assert "what the start left" in noticed.text
+    few = sine(8.0, cycles=3)
+    assert "what the start left" in found(with_output(few, 2e-6 * np.exp(-8.0 * few.t)))["drift"].text
+
+
 @pytest.mark.parametrize(("step", "severity"), [(1e-8, "note"), (1e-7, "warning")])
 def test_steps_of_the_converter(step: float, severity: str) -> None:
     clean = sine()
     noticed = found(recording(clean.u, step * np.round(clean.y / step)))["quantisation"]
     assert noticed.severity == severity
     assert noticed.values["step"] == pytest.approx(step, rel=1e-6)
+
+
+def test_without_a_noise_floor_nothing_is_held_against_it() -> None:
+    clean = sine(cycles=10)
+    moving = with_output(recording(clean.u, 1e-8 * np.round(clean.y / 1e-8)), 4e-7 * np.round(clean.t, 1))
+    assert "drift" in found(moving)
+    bare = found(replace(moving, noise_found=False))
+    assert "drift" not in bare
+    assert not any("noise" in f.text for f in bare.values())
 
 
 def test_samples_at_the_end_of_the_range() -> None:
@@ -119,6 +139,51 @@ def test_what_recordings_can_show() -> None:
     assert shown(sine(), sine(90.0)) == [False, True, False, False, False, False, True]
     assert shown(sine(), held) == [False, False, True, True, True, False, True]
     assert shown(sine(), voltage="terminals")[5]
+
+
+def test_a_step_beside_other_motion_shows_resonances() -> None:
+    def resonances(r: Recording) -> bool:
+        return next(a.able for a in check(campaign(r)).abilities if "resonances" in a.shows)
+
+    t = DT * np.arange(6000)
+    slow = 20.0 * np.sin(2.0 * np.pi * 5.0 * t)
+    assert not resonances(recording(slow, GAIN * slow))
+    stepped = slow + 87.0 * (t > 0.31)
+    assert resonances(recording(stepped, GAIN * stepped))
+    # A record that begins with its step.
+    assert resonances(recording(87.0 + slow, GAIN * (87.0 + slow)))
+    assert not resonances(replace(recording(87.0 + slow, GAIN * (87.0 + slow)), start=Start("unknown")))
+
+
+def test_what_to_record_is_said_in_the_words_and_the_time_of_the_system() -> None:
+    t = 4.0 * np.arange(600)
+    u = 3.0 + np.sin(2.0 * np.pi * t / 900.0) + 0.3 * np.sin(2.0 * np.pi * t / 431.0)
+    slow = replace(recording(u, 0.1 * u, dt=4.0), units=Units("m³/s", "m"))
+    tanks = Campaign((slow,), {"network": "tanks.yaml"}, {}, "command", (), False, "made")
+    said = [f"{a.shows}; {a.record}" for a in check(tanks).abilities]
+    for word in ("actuator", "spring", "voltage", "second of rest", "creep"):
+        assert not any(word in text for text in said), word
+    assert any("334 samples (22 min)" in text for text in said)
+    of_actuator = check(campaign(sine())).abilities
+    assert any("the amplifier against the actuator" in a.shows for a in of_actuator)
+    assert any("334 samples (33 ms)" in a.record for a in of_actuator)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(2.3, 40.0), st.floats(0.03, 0.06), st.integers(0, 50))
+def test_a_sine_in_noise_is_a_sine(cycles: float, noise: float, seed: int) -> None:
+    t = np.arange(1500) / 1500.0
+    u = np.sin(2.0 * np.pi * cycles * t) + noise * np.random.default_rng(seed).standard_normal(t.size)
+    found = excitation_of(u, 1e-3)
+    assert found.kind == "sine"
+    assert found.low_Hz == pytest.approx(cycles / 1.5, rel=0.02)
+
+
+def test_what_is_no_sine_stays_broadband() -> None:
+    rng = np.random.default_rng(5)
+    t = np.arange(4000) / 4000.0
+    for u in (rng.standard_normal(4000), np.sin(40.0 * t) + np.sin(57.0 * t), np.sin(2e2 * t) * (1.0 + 0.5 * t)):
+        assert excitation_of(u, 1e-3).kind == "broadband"
 
 
 def multisine(seed: int, noise: float = NOISE, tones: tuple[float, ...] = ()) -> Recording:

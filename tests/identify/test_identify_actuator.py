@@ -18,7 +18,7 @@ from phnn.identify.evaluate import evaluate
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import MAX_SUBSTEPS, NumericalError, numerical_error, substeps_for
 from phnn.identify.problem import Plan
-from phnn.identify.staged import identify_actuator
+from phnn.identify.staged import falls_throughout, identify_actuator
 from phnn.models.actuator import hrc
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Campaign, Part, Recording, Start
@@ -197,3 +197,21 @@ def test_search_for_starts_ends_where_the_truth_does(effect: str) -> None:
     # With an effect left out the best base model is some way off, but no start may end far above it.
     found, _ = identify_base(campaigns.campaign(effect), Options(starts=4))
     assert found.chi2**0.5 < 1.2 * campaigns.base(effect).chi2 ** 0.5
+
+
+@pytest.mark.parametrize(("loop", "falls"), [("widened", True), ("lagging", True), ("butterfly", False), ("up", False)])
+def test_another_sign_is_advised_only_where_the_output_falls_throughout(loop: str, falls: bool) -> None:
+    phase = 2.0 * np.pi * np.arange(4000) / 1000.0
+    u, y = np.sin(phase), -np.sin(phase)
+    if loop == "lagging":
+        y = -np.sin(phase - 0.7)
+    elif loop == "widened":
+        y = y + 0.2 * np.sign(np.cos(phase)) * (1.0 - u**2)
+    elif loop == "butterfly":
+        # Strain of a ferroelectric: it falls with the field until the polarisation turns, and then rises; a little more
+        # on one side, so that input and output are correlated negatively.
+        y = np.abs(u - 0.3 * np.sign(np.cos(phase))) - 0.15 * u
+        assert np.cov(u, y)[0, 1] < 0.0
+    elif loop == "up":
+        y = -y
+    assert falls_throughout(u, y) is falls

@@ -142,7 +142,7 @@ def test_a_check_knows_of_further_inputs(folder: Path, capsys: pytest.CaptureFix
     assert "driven too at force_2" in text
     # What another input does is no lead of an output over this one.
     assert "leads the input" not in text
-    assert "resonances, and a second mode" in text.split("They cannot show")[0]
+    assert "resonances, and further modes" in text.split("They cannot show")[0]
 
 
 def rewritten(folder: Path, target: Path, *changes: tuple[str, str]) -> Path:

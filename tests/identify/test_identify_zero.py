@@ -15,8 +15,9 @@ from phnn.identify.base import Options, identify_base
 from phnn.identify.evaluate import evaluate
 from phnn.identify.problem import Plan
 from phnn.models.network_file import load_network
+from phnn.models.store import load, save
 from phnn.recordings import read
-from phnn.recordings.recording import Campaign, Part, Recording, Start
+from phnn.recordings.recording import Anchor, Campaign, Part, Recording, Start
 from phnn.setup import Setup
 from phnn.simulate import simulate
 
@@ -69,3 +70,38 @@ def test_the_manifest_says_it(tmp_path: Path) -> None:
     (tmp_path / "recordings.yaml").write_text("offset: common\n")
     with pytest.raises(InputRefused, match="offset: 'common' is not known: accepted are own, shared"):
         read(tmp_path)
+
+
+def test_an_unknown_gain_of_the_input_is_estimated() -> None:
+    run = recorded("a", "identification", "own")
+    halved = replace(run, u=0.5 * run.u, start=Start("rest", 0.5 * run.start.input_before), gain="unknown")
+    known = replace(campaign(halved), known={"m": Anchor(MODEL.parameters["m"].value)})
+    fitted, _ = identify_base(known, Options(workers=1, starts=1))
+    assert fitted.setup.parameters["gamma_u"].value == pytest.approx(2.0, rel=0.01)
+    assert fitted.setup.parameters["k"].value == pytest.approx(MODEL.parameters["k"].value, rel=0.01)
+    with pytest.raises(InputRefused, match="takes up any factor"):
+        identify_base(replace(known, setup={"model": "piezo_actuator"}, known={}), Options(workers=1))
+
+
+def test_the_manifest_says_that_a_gain_is_unknown(tmp_path: Path) -> None:
+    t = 1e-3 * np.arange(200)
+    rows = np.column_stack([t, np.sin(40.0 * t), np.cos(40.0 * t)])
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="time_s,input_V,output_V", comments="")
+    manifest = tmp_path / "recordings.yaml"
+    manifest.write_text(f"setup: {{network: {NETWORK.name}}}\ncolumns: {{input: {{gain: unknown}}}}\n")
+    (tmp_path / NETWORK.name).write_text(NETWORK.read_text())
+    assert read(tmp_path).recordings[0].gain == "unknown"
+    for wrong, words in (("input: {gain: maybe}", "gain: 'maybe' is not known"), ("output: {gain: unknown}", "'gain'")):
+        manifest.write_text(f"columns: {{{wrong}}}\n")
+        with pytest.raises(InputRefused, match=words):
+            read(tmp_path)
+
+
+def test_a_model_with_zero_and_gain_is_kept_by_a_file(tmp_path: Path) -> None:
+    run = replace(recorded("a", "identification"), gain="unknown")
+    fitted, _ = identify_base(
+        replace(campaign(run), known={"m": Anchor(MODEL.parameters["m"].value)}), Options(workers=1, starts=1)
+    )
+    save(fitted.setup, tmp_path, 1)
+    again, _ = load(tmp_path)
+    np.testing.assert_array_equal(simulate(again, run).y, simulate(fitted.setup, run).y)

@@ -155,7 +155,8 @@ def test_noise_free_recordings_have_a_positive_floor() -> None:
     t, u = sine(5.0, 75.0, cycles=6)
     found = floor_of(t, u, 1e-6 * u)
     assert found.value == pytest.approx(1e-6 * np.ptp(1e-6 * u))
-    assert "no noise found" in found.source
+    assert "no noise floor was found" in found.source
+    assert not found.found
 
 
 def test_quantisation_is_a_lower_bound() -> None:

@@ -14,6 +14,7 @@ import campaigns
 import numpy as np
 import pytest
 
+from phnn.check import check
 from phnn.diagnose.confirm import confirmed
 from phnn.diagnose.criteria import CRITERIA
 from phnn.diagnose.diagnosis import Diagnosis
@@ -23,6 +24,7 @@ from phnn.effects.effect import LOCATIONS
 from phnn.identify.evaluate import evaluate
 from phnn.identify.problem import Plan
 from phnn.models.store import load
+from phnn.report.document import read_document
 from phnn.report.following import no_proposal
 from phnn.report.result import document, evidence, write
 from phnn.report.sentence import sentence
@@ -243,6 +245,32 @@ def test_places_that_are_tied_have_a_proposal_or_a_reason() -> None:
     assert all(t.cost < j.ground.fit.cost for t in members)
     places = [t.candidate.effect.location for t in members]
     assert len(set(places)) == len(places) and set(places) <= {"mechanical", "sensor"}
+
+
+def test_an_unknown_without_a_tie_is_told_what_its_recordings_lack() -> None:
+    found = made("found")
+    j = found.judgement
+    assert j.location is not None
+    nameless = replace(j, verdict="unknown", findings=(), tried=(), location=replace(j.location, tied=()))
+    lacking = replace(found, judgement=nameless, proposal=None)
+    lacks = [a.record for a in check(found.campaign).abilities if not a.able]
+    assert lacks
+    assert all(record in no_proposal(lacking) for record in lacks[:3])
+    assert no_proposal(replace(lacking, judgement=replace(nameless, verdict="none"))) == ""
+
+
+def test_nothing_is_held_against_a_noise_floor_that_was_not_found(tmp_path: Path) -> None:
+    found = made("found")
+    first, *others = found.campaign.recordings
+    bare = replace(found, campaign=replace(found.campaign, recordings=(replace(first, noise_found=False), *others)))
+    assert "× noise" in sentence(found)
+    assert "× noise" not in sentence(bare)
+    assert f"No noise floor was found in {first.name}" in sentence(bare)
+    shown = read_document(document(bare))
+    for row in shown.fits:
+        known = not row.name.startswith(first.name)
+        assert (row.before.residual_over_noise is not None) is known
+        assert row.before.fit_percent is not None
 
 
 def test_an_unknown_is_told_what_comes_nearest_if_anything_does() -> None:

@@ -1,4 +1,4 @@
-"""Where the supplied energy went: one bar for each recording, fractions of what was supplied."""
+"""Where the energy went: one bar for each recording, fractions of what was supplied or of the largest flow."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from phnn.report.figures.style import CATEGORIES, INK, literal, new_figure, quiet_grid
 from phnn.report.formatting import words
-from phnn.report.shares import Shares
+from phnn.report.shares import SUPPLIED, Shares
 
 
 def _by_rows(items: list[Any], columns: int) -> list[Any]:
@@ -53,7 +53,8 @@ def draw_ledger(rows: Sequence[Shares]) -> Figure:
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     quiet_grid(axes, "x")
-    axes.set_xlabel("share of the energy supplied (%)")
+    supplied = all(row.base == SUPPLIED for row in rows)
+    axes.set_xlabel(f"share of the {'energy supplied' if supplied else 'largest flow of energy'} (%)")
     handles = _by_rows(axes.get_legend_handles_labels()[0], 4)
     axes.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2)
     return figure

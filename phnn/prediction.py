@@ -1,0 +1,161 @@
+"""Simulate recordings with a stored model, and score it where their outputs were recorded.
+
+The scores are those of every other command, with ``y`` the recorded and ``ŷ`` the simulated output:
+
+    fit % = 100 (1 − ‖y − ŷ‖ / ‖y − mean(y)‖),    RMSE = ‖y − ŷ‖ / √N,    residual over noise = RMSE / σ
+
+The first samples of a recording give the displacement zero and, where the start is unknown, the initial state: they
+are not scored. ``σ`` is the noise floor of the recording itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from phnn.identify.evaluate import evaluate, output_spread, score_part
+from phnn.identify.problem import Plan
+from phnn.network.elements import Network
+from phnn.recordings.recording import Recording
+from phnn.setup import Setup
+from phnn.simulate import measured_network, simulate
+
+Array = NDArray[np.float64]
+
+SCHEMA = "phnn.predict/1"
+_NO_OUTPUT = "no output was recorded: nothing to compare the prediction with"
+_CONSTANT = "the scored output is constant, so that fit % is undefined"
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """One recording as a model predicts it.
+
+    Attributes:
+        recording: what was recorded.
+        y: (N,) simulated output, SI.
+        table: ``time_s``, the simulated output and, where the input jumps between samples, its standard error.
+        held_out: the manifest marks the recording with ``use: confirmation``.
+    """
+
+    recording: Recording
+    y: Array
+    table: pd.DataFrame
+    held_out: bool
+
+    @property
+    def scored(self) -> slice:
+        """The samples that are scored; none where no output was recorded."""
+        if not np.isfinite(self.recording.y).all():
+            return slice(0, 0)
+        first = next((p.first for p in self.recording.parts if p.use == "confirmation"), 0)
+        return slice(first, self.recording.t.size)
+
+    @property
+    def error(self) -> Array:
+        """(n,) recorded minus simulated output of the scored samples, SI."""
+        return np.asarray((self.recording.y - self.y)[self.scored])
+
+    @property
+    def spread(self) -> Array:
+        """(n,) recorded output of the scored samples without its mean, SI."""
+        y = self.recording.y[self.scored]
+        # The mean of a constant is rounded.
+        return np.asarray(y - (y.mean() if np.ptp(y) > 0.0 else y))
+
+    def document(self, file: str) -> dict[str, Any]:
+        """The entry of ``predict.json``; what is undefined is None.
+
+        Args:
+            file: name of the table's file.
+        """
+        r, rows = self.recording, self.scored
+        entry: dict[str, Any] = {"file": file, "held_out": self.held_out, "samples": rows.stop - rows.start}
+        if not entry["samples"]:
+            return entry | dict.fromkeys(("fit_percent", "rmse", "residual_over_noise")) | {"notes": [_NO_OUTPUT]}
+        score = score_part(r, self.y, rows.start, rows.stop, r.name, "confirmation")
+        notes = [] if np.isfinite(score.fit_percent) else [_CONSTANT]
+        return entry | {
+            "fit_percent": score.fit_percent,
+            "rmse": score.rmse,
+            "unit": r.units.output,
+            "residual_over_noise": score.residual_over_noise if r.noise_found else None,
+            "noise_floor": r.noise if r.noise_found else None,
+            "noise_source": r.noise_source,
+            "scored_from_s": float(r.t[rows.start]),
+            "notes": notes,
+        }
+
+
+def predicted(setup: Setup, recording: Recording, substeps: int, held_out: bool = False) -> Predicted:
+    """Simulate one recording.
+
+    Where its output was recorded, zero and initial state come from its first samples; else it starts from rest.
+
+    Args:
+        substeps: integration steps in a sample interval.
+    """
+    if bool(np.isfinite(recording.y).all()):
+        y = evaluate(setup, Plan((recording,), {recording.name: substeps}, workers=1), {}).outputs[recording.name]
+    else:
+        y = recording.sensor.limited(simulate(setup, recording, substeps).y)
+    column = _column(measured_network(setup.network, recording), recording)
+    table = pd.DataFrame({"time_s": recording.t, column: y})
+    spread = output_spread(setup, recording, substeps)
+    if spread is not None:
+        table[f"{column}_std"] = spread
+    return Predicted(recording, y, table, held_out)
+
+
+def _column(network: Network, recording: Recording) -> str:
+    """Name of the output's column, with its unit."""
+    if recording.sensor.derivative:
+        return f"output_{recording.units.output}"
+    unit = next(s.unit for s in network.storages if s.name == network.output)
+    return "displacement_m" if unit == "m" else f"output_{unit.replace(' ', '')}"
+
+
+def totals(found: Sequence[Predicted]) -> dict[str, dict[str, Any]]:
+    """Scores over all recordings that have an output and, where the manifest marks some as held out, over these and
+    over the others; empty where there is nothing to score."""
+    scored = [p for p in found if p.error.size]
+    groups = {"all": scored}
+    if any(p.held_out for p in scored):
+        groups["held_out"] = [p for p in scored if p.held_out]
+        groups["others"] = [p for p in scored if not p.held_out]
+    return {name: _total(some) for name, some in groups.items() if some}
+
+
+def _total(some: Sequence[Predicted]) -> dict[str, Any]:
+    """Scores over several recordings.
+
+    RMSE and fit % are those of all samples together, each recording about its own mean; they need one unit. Residual
+    over noise is the root mean square over the recordings that have a noise floor. What is undefined is None.
+    """
+    units = {p.recording.units.output for p in some}
+    squares = sum(float(p.error @ p.error) for p in some)
+    moved = sum(float(p.spread @ p.spread) for p in some)
+    one = len(units) == 1
+    over_noise = [float(np.mean(p.error**2)) / p.recording.noise**2 for p in some if p.recording.noise_found]
+    return {
+        "recordings": len(some),
+        "fit_percent": 100.0 * (1.0 - float(np.sqrt(squares / moved))) if one and moved > 0.0 else None,
+        "rmse": float(np.sqrt(squares / sum(p.error.size for p in some))) if one else None,
+        "unit": units.pop() if one else None,
+        "residual_over_noise": float(np.sqrt(np.mean(over_noise))) if over_noise else None,
+    }
+
+
+def document(found: Sequence[Predicted], files: dict[str, str], model: str) -> dict[str, Any]:
+    """The content of ``predict.json``.
+
+    Args:
+        files: names of the tables' files by recording; model: where the model lies.
+    """
+    entries = {p.recording.name: p.document(files[p.recording.name]) for p in found}
+    return {"schema": SCHEMA, "model": model, "recordings": entries, "totals": totals(found)}

@@ -1,0 +1,31 @@
+"""A document in the words of the system that was recorded: `mechanical` is a word for what moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from phnn.report.document import Document
+
+# Units of outputs that move, and what the location `mechanical` is called where nothing does.
+MOVING = ("m", "rad")
+NETWORK = "inside the network"
+
+
+def in_own_words(document: Document) -> Document:
+    """The document with its locations as they are said to a person; names in ``diagnosis.json`` stay as they are."""
+    if document.output_unit in MOVING:
+        return document
+
+    def said(name: str) -> str:
+        return NETWORK if name == "mechanical" else name
+
+    where, left = document.location, document.remainder
+    if where is not None:
+        scores = tuple((said(name), score) for name, score in where.scores)
+        where = replace(where, name=said(where.name), tied=tuple(map(said, where.tied)), scores=scores)
+    return replace(
+        document,
+        location=where,
+        remainder=None if left is None else replace(left, location=said(left.location)),
+        missing=tuple(replace(m, location=said(m.location)) for m in document.missing),
+    )

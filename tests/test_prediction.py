@@ -1,0 +1,143 @@
+"""What `phnn predict` says of recordings whose output is known."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from phnn.cli import main
+from phnn.models.actuator import hrc
+from phnn.models.store import save
+from phnn.setup import Setup
+
+VALUES = {"m": 1.0e-3, "k": 2.0e4, "b": 6.0, "alpha": 0.04, "C_1": 5.0e-7, "rho_1": 1.0e-3, "d_1": 8.0}
+NOISE, RATE, SAMPLES = 50e-9, 20_000.0, 2_000
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("stored")
+    save(Setup(hrc(1, VALUES)), folder / "model", 1)
+    return folder / "model"
+
+
+def sine(frequency: float = 40.0) -> pd.DataFrame:
+    t = np.arange(SAMPLES) / RATE
+    return pd.DataFrame({"time_s": t, "voltage_V": 60.0 * np.sin(2.0 * np.pi * frequency * t)})
+
+
+def strict(path: Path) -> dict[str, Any]:
+    """json without NaN and infinity, which its standard does not know."""
+
+    def refuse(word: str) -> None:
+        raise AssertionError(f"{word} in {path}")
+
+    content: dict[str, Any] = json.loads(path.read_text(), parse_constant=refuse)
+    return content
+
+
+def predict(model: Path, folder: Path, out: Path) -> dict[str, Any]:
+    assert main(["predict", str(model), str(folder), "--out", str(out)]) == 0
+    return strict(out / "predict.json")
+
+
+@pytest.fixture
+def recorded(model: Path, tmp_path: Path) -> Path:
+    """Two recordings of the stored model itself with white noise, one of them marked as held out."""
+    inputs, folder, rng = tmp_path / "inputs", tmp_path / "recorded", np.random.default_rng(3)
+    inputs.mkdir()
+    folder.mkdir()
+    for name, frequency in (("a", 40.0), ("b", 60.0)):
+        sine(frequency).to_csv(inputs / f"{name}.csv", index=False)
+    predict(model, inputs, tmp_path / "clean")
+    for name, frequency in (("a", 40.0), ("b", 60.0)):
+        y = pd.read_csv(tmp_path / "clean" / f"{name}.csv")["displacement_m"]
+        sine(frequency).assign(displacement_m=y + 1e-6 + NOISE * rng.normal(size=SAMPLES)).to_csv(
+            folder / f"{name}.csv", index=False
+        )
+    (folder / "recordings.yaml").write_text("recordings:\n  - a.csv\n  - {file: b.csv, use: confirmation}\n")
+    return folder
+
+
+def test_scores_follow_their_formulas(
+    model: Path, recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = predict(model, recorded, tmp_path / "out")
+    for name in ("a", "b"):
+        row = content["recordings"][name]
+        y, found = (
+            pd.read_csv(folder / f"{name}.csv")["displacement_m"].to_numpy() for folder in (recorded, tmp_path / "out")
+        )
+        first = round(row["scored_from_s"] * RATE)
+        assert row["samples"] == SAMPLES - first
+        error, y = (y - found)[first:], y[first:]
+        assert row["rmse"] == pytest.approx(np.sqrt(np.mean(error**2)))
+        assert row["unit"] == "m"
+        assert row["fit_percent"] == pytest.approx(100.0 * (1.0 - np.linalg.norm(error) / np.linalg.norm(y - y.mean())))
+        assert row["residual_over_noise"] == pytest.approx(row["rmse"] / row["noise_floor"])
+        assert row["residual_over_noise"] == pytest.approx(1.0, abs=0.1)
+    printed = capsys.readouterr().out
+    for word in ("fit %", "RMSE", "nm", "residual over noise", "held out", "predict.json"):
+        assert word in printed
+
+
+def test_recordings_held_out_by_the_manifest_are_counted_apart(model: Path, recorded: Path, tmp_path: Path) -> None:
+    content = predict(model, recorded, tmp_path / "out")
+    rows, totals = content["recordings"], content["totals"]
+    assert {n: r["held_out"] for n, r in rows.items()} == {"a": False, "b": True}
+    assert {n: t["recordings"] for n, t in totals.items()} == {"all": 2, "held_out": 1, "others": 1}
+    for total, name in (("held_out", "b"), ("others", "a")):
+        for key in ("fit_percent", "rmse", "residual_over_noise"):
+            assert totals[total][key] == pytest.approx(rows[name][key])
+    assert totals["all"]["residual_over_noise"] == pytest.approx(
+        np.sqrt(np.mean([r["residual_over_noise"] ** 2 for r in rows.values()]))
+    )
+    (recorded / "recordings.yaml").unlink()
+    assert set(predict(model, recorded, tmp_path / "other")["totals"]) == {"all"}
+
+
+def test_without_an_output_there_is_no_score(
+    model: Path, recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (recorded / "recordings.yaml").unlink()
+    sine(50.0).to_csv(recorded / "input_only.csv", index=False)
+    content = predict(model, recorded, tmp_path / "out")
+    row = content["recordings"]["input_only"]
+    assert row["fit_percent"] is row["rmse"] is row["residual_over_noise"] is None
+    assert "no output" in row["notes"][0]
+    assert content["totals"]["all"]["recordings"] == 2
+    for name in ("a", "b"):
+        (recorded / f"{name}.csv").unlink()
+    capsys.readouterr()
+    assert predict(model, recorded, tmp_path / "alone")["totals"] == {}
+    assert "fit %" not in capsys.readouterr().out
+
+
+def test_a_constant_output_has_no_fit(model: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "rest"
+    folder.mkdir()
+    # It moves within the samples that give zero and initial state, and rests in those that are scored.
+    y = np.where(np.arange(SAMPLES) < 20, 0.3e-6, 0.1e-6)
+    sine().assign(displacement_m=y).to_csv(folder / "a.csv", index=False)
+    content = predict(model, folder, tmp_path / "out")
+    row = content["recordings"]["a"]
+    assert row["fit_percent"] is None
+    assert row["rmse"] > 0.0
+    assert any("constant" in note for note in row["notes"])
+    assert content["totals"]["all"]["fit_percent"] is None
+
+
+def test_no_ratio_is_made_up_where_no_noise_floor_was_found(model: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "smooth"
+    folder.mkdir()
+    table = sine()
+    table.assign(displacement_m=1e-6 * table["voltage_V"]).to_csv(folder / "a.csv", index=False)
+    row = predict(model, folder, tmp_path / "out")["recordings"]["a"]
+    assert row["residual_over_noise"] is None
+    assert row["noise_floor"] is None
+    assert "no noise floor was found" in row["noise_source"]
