@@ -193,7 +193,7 @@ def test_the_report_of_an_element_without_a_name_has_a_proposal_or_a_reason() ->
     assert no_proposal(made) == ""
     alone = tuple(replace(f, members=f.members[:1]) for f in made.judgement.findings)
     bare = replace(made, judgement=replace(made.judgement, findings=alone), proposal=None)
-    assert no_proposal(bare).startswith("No recording is proposed for what has no name")
+    assert no_proposal(bare).startswith("No two models are left")
 
 
 def test_what_fits_as_well_in_the_place_of_an_element_is_its_rival() -> None:
