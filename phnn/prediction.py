@@ -18,8 +18,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from phnn.identify.evaluate import evaluate, output_spread, score_part
+from phnn.identify.evaluate import evaluate, score_part
 from phnn.identify.problem import Plan
+from phnn.identify.spread import output_spread
 from phnn.network.elements import Network
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup

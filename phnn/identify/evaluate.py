@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.derivatives import output_derivatives
 from phnn.identify.censoring import beyond_limit
 from phnn.identify.fit import fit
 from phnn.identify.nuisances import constant_and_own, own_parts
 from phnn.identify.problem import Plan, Problem, Variables, aperiodic
+from phnn.identify.start import estimated_start
 from phnn.recall import recalled
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Part, Recording
@@ -21,8 +21,6 @@ from phnn.simulate import simulate
 
 Array = NDArray[np.float64]
 
-# Samples beyond those that are fitted: an input between samples depends on the ones after it.
-_BEYOND = 200
 # Evaluations for the instants of jumps: few, for the output is nearly linear in them.
 _INSTANTS = 15
 
@@ -80,7 +78,7 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
             recording = replace(recording, offset="own")
         nuisance, steps = recording.mask("nuisance"), plan.steps_of(recording)
         if own is None and (recording.start.state == "unknown" or aperiodic(recording)) and nuisance.any():
-            own = initial_from_nuisance(setup, recording, steps)
+            own = estimated_start(setup, recording, steps)
         if recording.instants is None or recording.mask("confirmation").any():
             recording, _ = with_instants(setup, recording, steps, own)
         y = simulate(setup, recording, steps, initial=own).y
@@ -132,44 +130,6 @@ def with_instants(setup: Setup, recording: Recording, substeps: int, initial: Ar
     problem = Problem(setup, plan, Variables((), (), np.zeros(0), held, {recording.name: unknown}))
     found = fit(setup, plan, (), max_evaluations=_INSTANTS, begun=problem)
     return replace(recording, instants=found.plan.recordings[0].instants), found.scatter.covariance
-
-
-def output_spread(setup: Setup, recording: Recording, substeps: int) -> Array | None:
-    """(N,) standard error of a prediction by the unknown instants of the input's jumps; None where it has none.
-
-    Without a recorded output each jump may lie anywhere in its sample interval.
-    """
-    unknown = unknown_instants(recording)
-    if not unknown.size:
-        return None
-    timed, covariance = with_instants(setup, recording, substeps, None)
-    if covariance.size:
-        columns = output_derivatives(simulate(setup, timed, substeps), (), instants=True)
-        return np.asarray(np.sqrt(np.einsum("ng,gh,nh->n", columns, covariance, columns)))
-    total = np.zeros(recording.t.size)
-    for g, assumed in enumerate(unknown):
-        # Over a whole interval the output is not linear in the instant: its ends are compared.
-        first, last = (np.where(np.arange(unknown.size) == g, end, unknown) for end in (0.0, 1.0))
-        ends = [simulate(setup, replace(recording, instants=at), substeps).y for at in (first, last)]
-        total += (ends[1] - ends[0]) ** 2 * (1.0 / 12.0 + (assumed - 0.5) ** 2)
-    return np.sqrt(total)
-
-
-def initial_from_nuisance(setup: Setup, recording: Recording, substeps: int) -> Array | None:
-    """Initial state of one recording estimated from its nuisance part alone, the model held.
-
-    A slow course is left aside, for over so short a part it looks like a motion that dies away.
-    """
-    setup = replace(setup, own=setup.own._replace(courses=0))
-    last = int(np.flatnonzero(recording.mask("nuisance"))[-1]) + 1 + _BEYOND
-    # Which lines a recording can hold is asked of the whole of it.
-    plan = Plan((recording if setup.own.lines else _until(recording, last),), {recording.name: substeps}, workers=1)
-    return fit(setup, plan, (), max_evaluations=15, use="nuisance").initial(recording.name)
-
-
-def _until(recording: Recording, last: int) -> Recording:
-    """The samples before ``last``: what comes later takes time to simulate and tells nothing of the initial state."""
-    return recording.only(slice(last))
 
 
 def score_part(recording: Recording, y: Array, first: int, last: int, name: str, use: str) -> PartScore:

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from phnn.derivatives import output_derivatives
 from phnn.effects import effect
 from phnn.errors import InputRefused
-from phnn.identify.evaluate import evaluate, output_spread, with_instants
+from phnn.identify.evaluate import evaluate, with_instants
 from phnn.identify.fit import fit
 from phnn.identify.problem import Plan
+from phnn.identify.spread import output_spread
 from phnn.models import from_paper
 from phnn.recordings.driving import driving_of, unknown_instants, with_declared
 from phnn.recordings.recording import Part, Recording, Start
