@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from phnn.identify.evaluate import evaluate, score_part
 from phnn.identify.problem import Plan
 from phnn.identify.spread import output_spread
+from phnn.identify.start import expected_of
 from phnn.network.elements import Network
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
@@ -96,7 +97,8 @@ class Predicted:
 def predicted(setup: Setup, recording: Recording, substeps: int, held_out: bool = False) -> Predicted:
     """Simulate one recording.
 
-    Where its output was recorded, zero and initial state come from its first samples; else it starts from rest.
+    Where its output was recorded, zero and initial state come from its first samples. Else it begins as its start says,
+    and from an unknown start in the state that is expected.
 
     Args:
         substeps: integration steps in a sample interval.
@@ -104,7 +106,8 @@ def predicted(setup: Setup, recording: Recording, substeps: int, held_out: bool 
     if bool(np.isfinite(recording.y).all()):
         y = evaluate(setup, Plan((recording,), {recording.name: substeps}, workers=1), {}).outputs[recording.name]
     else:
-        y = recording.sensor.limited(simulate(setup, recording, substeps).y)
+        begun = expected_of(setup, recording, substeps)
+        y = recording.sensor.limited(simulate(setup, recording, substeps, initial=begun).y)
     column = _column(measured_network(setup.network, recording), recording)
     table = pd.DataFrame({"time_s": recording.t, column: y})
     spread = output_spread(setup, recording, substeps)

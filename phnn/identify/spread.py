@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
 from phnn.identify.evaluate import with_instants
+from phnn.identify.start import estimated_start, expected_of
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
@@ -25,14 +26,24 @@ def output_spread(setup: Setup, recording: Recording, substeps: int) -> Array | 
     unknown = unknown_instants(recording)
     if not unknown.size:
         return None
-    timed, covariance = with_instants(setup, recording, substeps, None)
+    begun = _start(setup, recording, substeps)
+    timed, covariance = with_instants(setup, recording, substeps, begun)
     if covariance.size:
-        columns = output_derivatives(simulate(setup, timed, substeps), (), instants=True)
+        columns = output_derivatives(simulate(setup, timed, substeps, initial=begun), (), instants=True)
         return np.asarray(np.sqrt(np.einsum("ng,gh,nh->n", columns, covariance, columns)))
     total = np.zeros(recording.t.size)
     for g, assumed in enumerate(unknown):
         # Over a whole interval the output is not linear in the instant: its ends are compared.
         first, last = (np.where(np.arange(unknown.size) == g, end, unknown) for end in (0.0, 1.0))
-        ends = [simulate(setup, replace(recording, instants=at), substeps).y for at in (first, last)]
+        ends = [simulate(setup, replace(recording, instants=at), substeps, initial=begun).y for at in (first, last)]
         total += (ends[1] - ends[0]) ** 2 * (1.0 / 12.0 + (assumed - 0.5) ** 2)
     return np.sqrt(total)
+
+
+def _start(setup: Setup, recording: Recording, substeps: int) -> Array | None:
+    """(N,) the estimated or expected state in which a recording begins; None where its start says it."""
+    if recording.start.state != "unknown":
+        return None
+    if recording.mask("nuisance").any() and np.isfinite(recording.y).all():
+        return estimated_start(setup, recording, substeps)
+    return expected_of(setup, recording, substeps)

@@ -33,6 +33,12 @@ def estimated_start(setup: Setup, recording: Recording, substeps: int) -> Array 
     return _fitted(setup, plan, last, _ENOUGH).initial(recording.name)
 
 
+def expected_of(setup: Setup, recording: Recording, substeps: int) -> Array | None:
+    """(N,) the state in which a recording is expected to begin before its samples are seen; None where that is said."""
+    known = variables_of(setup, Plan((recording,), {recording.name: substeps}, workers=1), ()).expected
+    return known[recording.name].mean if recording.name in known else None
+
+
 def _cost(fitted: Fit) -> float:
     return fitted.cost
 

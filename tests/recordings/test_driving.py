@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from phnn.configuration import config_folder
 from phnn.derivatives import output_derivatives
 from phnn.effects import effect
 from phnn.errors import InputRefused
@@ -17,6 +18,7 @@ from phnn.identify.fit import fit
 from phnn.identify.problem import Plan
 from phnn.identify.spread import output_spread
 from phnn.models import from_paper
+from phnn.models.network_file import load_network
 from phnn.recordings.driving import driving_of, unknown_instants, with_declared
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
@@ -211,3 +213,12 @@ def test_instants_of_another_reconstruction_are_not_taken_for_those_of_this_one(
     stale = replace(recording(u), instants=np.array([0.2, 0.4]), interpolation="linear")
     assert unknown_instants(stale).size == 0
     assert np.isfinite(simulate(Setup(from_paper()), stale, 1).y).all()
+
+
+def test_jumps_are_placed_where_nothing_rests() -> None:
+    # A mass without a spring has no rest under a force; a square wave drives it from an unknown start.
+    setup = Setup(load_network(config_folder() / "network" / "mass_damper.yaml"))
+    u = 40.0 * np.sign(np.sin(0.02 * np.arange(600.0) + 0.3))
+    spread = output_spread(setup, replace(recording(u), start=Start("unknown")), 1)
+    assert spread is not None
+    assert np.isfinite(spread).all()
