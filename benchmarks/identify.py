@@ -30,7 +30,7 @@ from benchmarks.ladder import Choice, Solver, choose
 from benchmarks.reference import reference
 from benchmarks.table import RESULTS, Contender, goal, machine, rows, show, timed, write_csv
 from phnn.identify.fit import fit
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.staged import identify_actuator
 from phnn.recordings.recording import Anchor, Recording
 

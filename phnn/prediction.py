@@ -19,7 +19,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from phnn.identify.evaluate import evaluate, score_part
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.spread import output_spread
 from phnn.identify.start import expected_of
 from phnn.network.elements import Network

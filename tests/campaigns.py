@@ -20,7 +20,7 @@ from phnn.effects import catalogue
 from phnn.identify.base import Options, identification_plan
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import numerical_error
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import Campaign, read

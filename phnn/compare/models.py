@@ -16,7 +16,7 @@ from phnn.compare.trained import Trained, train
 from phnn.diagnose.confirm import score_on_all
 from phnn.identify.base import Progress, identification_plan, identify_base, identify_bouc_wen
 from phnn.identify.fit import Fit
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.staged import identify_actuator
 from phnn.learn.passivity import violations
 from phnn.learn.plant import LatentPlant, NetworkPlant, Plant

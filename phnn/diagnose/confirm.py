@@ -43,7 +43,7 @@ from phnn.diagnose.select import share_of
 from phnn.identify.evaluate import Evaluation, evaluate
 from phnn.identify.fit import Fit
 from phnn.identify.gain import Gain, gain
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.recordings.recording import Campaign
 
 
@@ -130,12 +130,12 @@ def confirmed(
 
 
 def _no_surer(tested: Tested, level: float) -> Tested:
-    """An element that the first look has not proven is proven by a later one only below a level that all looks share
-    (Bonferroni)."""
+    """What the first look has not proven is proven by a later one only below a level that all looks share."""
     held = tested.held_out
-    proven = tested.outcome is Outcome.PROVEN and held is not None and held.falls is not None and held.falls < level
-    doubtful = tested.outcome in (Outcome.PROVEN, Outcome.OPEN) and not proven
-    return replace(tested, outcome=Outcome.PROVISIONAL) if doubtful else tested
+    if tested.outcome is Outcome.PROVEN and held is not None and held.falls is not None and held.falls < level:
+        return tested
+    surer = tested.outcome in (Outcome.PROVEN, Outcome.OPEN)
+    return replace(tested, outcome=Outcome.PROVISIONAL) if surer else tested
 
 
 def _helps(tested: Tested, rule: Confirmation) -> bool:
@@ -244,10 +244,8 @@ def _tested(
 
 def _untold(finding: Finding, final: Fit, after: Evaluation, campaign: Campaign, rule: Confirmation) -> Tested:
     """An element without which the others cannot be fitted: it stays, and nothing is known of what it gains."""
-    held_out, identified = (
-        gain(after, after, campaign.recordings, use, rule.held_out_blocks, (final.setup.own, final.setup.own))
-        for use in ("confirmation", "identification")
-    )
+    own, uses = (final.setup.own, final.setup.own), ("confirmation", "identification")
+    held_out, identified = (gain(after, after, campaign.recordings, u, rule.held_out_blocks, own) for u in uses)
     assert identified is not None
     return Tested(finding, Outcome.PROVISIONAL, final, held_out, identified)
 

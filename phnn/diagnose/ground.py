@@ -17,7 +17,7 @@ from phnn.errors import SolverFailed
 from phnn.identify.fit import Fit, carried
 from phnn.identify.looks import first_look
 from phnn.identify.nuisances import without_nuisances
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.network.elements import Network
 from phnn.network.roles import drive_ratio, motions
 from phnn.recordings.recording import Recording, dominant_frequency

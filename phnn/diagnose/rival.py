@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
 from phnn.identify.fit import Fit, variables_from
-from phnn.identify.problem import Problem, Variables
+from phnn.identify.problem import Problem
 from phnn.identify.staged import stated_only
+from phnn.identify.variables import Variables
 from phnn.recordings.recording import Recording
 from phnn.simulate import Trajectory, simulate
 

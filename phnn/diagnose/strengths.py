@@ -9,7 +9,8 @@ from scipy.optimize import lsq_linear
 
 from phnn.errors import SolverFailed
 from phnn.identify.fit import Fit, variables_from
-from phnn.identify.problem import Plan, Problem
+from phnn.identify.plan import Plan
+from phnn.identify.problem import Problem
 from phnn.setup import Setup
 
 # Shares of the step that are tried, the longest first.

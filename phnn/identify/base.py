@@ -14,7 +14,8 @@ from phnn.identify.described import identify_network
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import NumericalError, numerical_error, substeps_for
 from phnn.identify.order import MOST_HYSTERONS, hysterons_needed
-from phnn.identify.problem import Plan, Problem, Variables
+from phnn.identify.plan import Plan
+from phnn.identify.problem import Problem
 from phnn.identify.staged import (
     check_known,
     fit_identified,
@@ -24,6 +25,7 @@ from phnn.identify.staged import (
     stated_only,
 )
 from phnn.identify.stalled import resumed
+from phnn.identify.variables import Variables
 from phnn.identify.zero import is_shared, with_own_zeros, with_shared_zero, with_unknown_gain
 from phnn.intake.names import printable
 from phnn.integrate.program import compile_network

@@ -9,7 +9,7 @@ import numpy as np
 
 from phnn.errors import PhnnError
 from phnn.identify.fit import Fit, distinct_optima
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.staged import check_known, fit_identified, held_at
 from phnn.recordings.recording import Anchor
 from phnn.setup import Setup

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from phnn.identify.censoring import beyond_limit
 from phnn.identify.fit import fit
 from phnn.identify.nuisances import constant_and_own, own_parts
-from phnn.identify.problem import Plan, Problem, Variables, aperiodic
+from phnn.identify.plan import Plan
+from phnn.identify.problem import Problem
 from phnn.identify.start import estimated_start
+from phnn.identify.variables import Variables, aperiodic
 from phnn.recall import recalled
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Part, Recording

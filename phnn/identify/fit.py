@@ -15,7 +15,9 @@ from scipy.stats import t as student
 
 from phnn.identify.anchors import estimates_by_anchors, held_anchors, residual_by_anchors
 from phnn.identify.covariance import Scatter, bread, scatter
-from phnn.identify.problem import Plan, Problem, Variables, variables_of
+from phnn.identify.plan import Plan
+from phnn.identify.problem import Problem
+from phnn.identify.variables import Variables, variables_of
 from phnn.recordings.driving import unknown_instants
 from phnn.setup import Setup
 

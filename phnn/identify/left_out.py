@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from phnn.identify.evaluate import Evaluation, evaluate
 from phnn.identify.fit import Fit
 from phnn.identify.gain import Gain, gain
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import Candidate, divide
 from phnn.recordings.recording import Recording

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.recordings.recording import Recording, dominant_frequency
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from phnn.identify.censoring import beyond_limit
 from phnn.identify.fit import Fit
 from phnn.identify.nuisances import without_nuisances
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.recall import recalled
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup

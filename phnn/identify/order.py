@@ -12,7 +12,7 @@ from phnn.errors import PhnnError
 from phnn.identify.evaluate import Evaluation
 from phnn.identify.fit import Fit
 from phnn.identify.left_out import LeftOut, leave_out
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.staged import identify_actuator
 from phnn.recordings.recording import Anchor
 

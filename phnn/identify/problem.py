@@ -11,21 +11,15 @@ knows of its own motion. Samples at a limit of the sensor are censored (`phnn.id
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
-from dataclasses import dataclass, field, replace
-from functools import cache
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed
-from phnn.identify.begun import Expected, expected_start
 from phnn.identify.censoring import beyond_limit
 from phnn.identify.nuisances import without_nuisances
-from phnn.recordings.driving import unknown_instants
+from phnn.identify.plan import Plan
+from phnn.identify.variables import Variables
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from phnn.simulate import Trajectory, simulate
@@ -35,179 +29,6 @@ Array = NDArray[np.float64]
 _FAILED = 1e6
 # Weight of the present value of an instant, where the output of a seen jump weighs hundreds.
 _WEAK = 1e-3
-
-
-@dataclass(frozen=True)
-class Plan:
-    """Which recordings are simulated how.
-
-    Attributes:
-        recordings: those that take part.
-        substeps: by recording name.
-        workers: threads; the compiled march releases the interpreter lock.
-        anchors: standard deviations [SI] of parameters known from elsewhere, by name; what is estimated beside a held
-            anchor inherits its uncertainty.
-    """
-
-    recordings: tuple[Recording, ...]
-    substeps: Mapping[str, int] = field(default_factory=dict)
-    workers: int = 2
-    anchors: Mapping[str, float] = field(default_factory=dict)
-
-    def steps_of(self, recording: Recording) -> int:
-        """Sub-steps of a recording, 1 where nothing was chosen."""
-        return self.substeps.get(recording.name, 1)
-
-    def each(self, function: Callable[..., Any], *sequences: Sequence[Any]) -> list[Any]:
-        """Apply a function to every recording (and matching entries of the sequences), in threads."""
-        tasks = list(zip(self.recordings, *sequences, strict=True))
-        if self.workers < 2 or len(tasks) < 2:
-            return [function(*task) for task in tasks]
-        # The longest first: one that comes last would leave the other threads idle.
-        order = sorted(range(len(tasks)), key=lambda i: -self.recordings[i].t.size * self.steps_of(self.recordings[i]))
-        waiting = {i: _threads(self.workers).submit(function, *tasks[i]) for i in order}
-        try:
-            # All are awaited before the first failure is passed on: none may work on behind the caller's back.
-            wait(waiting.values())
-        except BaseException:
-            for task in waiting.values():
-                task.cancel()
-            raise
-        return [waiting[i].result() for i in range(len(tasks))]
-
-    def coarse(self) -> Plan:
-        """The same recordings with a quarter of the sub-steps, for first looks."""
-        return replace(self, substeps={r.name: max(1, self.steps_of(r) // 4) for r in self.recordings})
-
-
-@cache
-def _threads(count: int) -> ThreadPoolExecutor:
-    """Threads that are kept: a fit asks for them a thousand times."""
-    return ThreadPoolExecutor(count)
-
-
-@dataclass(frozen=True)
-class Variables:
-    """The vector an optimiser moves: estimation coordinates ``z`` of parameters, scaled initial states, instants.
-
-    Attributes:
-        names: parameters.
-        unknown: names of the recordings whose initial state is estimated.
-        scales: (L+1,) typical size of each state.
-        origin: initial states to which the scaled changes are added, by recording; those of other recordings are held.
-        instants: (G,) starting values of the instants of jumps, in sample intervals, by recording.
-        expected: what is known of an initial state before its samples are seen, by recording.
-    """
-
-    names: tuple[str, ...]
-    unknown: tuple[str, ...]
-    scales: Array
-    origin: Mapping[str, Array]
-    instants: Mapping[str, Array] = field(default_factory=dict)
-    expected: Mapping[str, Expected] = field(default_factory=dict)
-
-    def start(self, setup: Setup) -> Array:
-        """``z`` of a setup, initial states at their origin."""
-        parameters = setup.parameters
-        z = [parameters[n].to_coordinate(parameters[n].value) for n in self.names]
-        states = np.zeros(len(self.unknown) * self.scales.size)
-        return np.concatenate([z, states, *self.instants.values()])
-
-    def bounds(self, setup: Setup) -> tuple[Array, Array]:
-        """Bounds declared on the parameters; initial states are free; a jump stays within its sample interval."""
-        pairs = [setup.parameters[n].coordinate_bounds for n in self.names]
-        free = np.full(len(self.unknown) * self.scales.size, np.inf)
-        within = np.ones(sum(x.size for x in self.instants.values()))
-        lower = np.concatenate([[p[0] for p in pairs], -free, 0.0 * within])
-        return lower, np.concatenate([[p[1] for p in pairs], free, within])
-
-    def setup(self, template: Setup, z: Array) -> Setup:
-        """The setup at ``z``."""
-        parameters = template.parameters
-        values = {}
-        for n, c in zip(self.names, z[: len(self.names)], strict=True):
-            p = parameters[n]
-            values[n] = float(np.clip(p.from_coordinate(float(c)), p.lower, p.upper))
-        return template.with_values(values)
-
-    def initial(self, recording: Recording, z: Array) -> Array | None:
-        """Initial state of a recording at ``z``; None where its start says it."""
-        if recording.name not in self.unknown:
-            return self.origin.get(recording.name)
-        return self.origin[recording.name] + z[self._states_of(recording)] * self.scales
-
-    def prior(self, z: Array) -> Array:
-        """(P, K+1) derivatives of ``(x₀ − mean)/spread`` of every estimated initial state by ``z``, and these numbers
-        themselves: rows beside those of the samples."""
-        size = self.scales.size
-        rows = np.zeros((len(self.unknown) * size, z.size + 1))
-        for i, name in enumerate(self.unknown):
-            first, known = len(self.names) + i * size, self.expected[name]
-            mine = slice(i * size, (i + 1) * size)
-            rows[mine, first : first + size] = np.diag(self.scales / known.spread)
-            state = self.origin[name] + z[first : first + size] * self.scales
-            rows[mine, -1] = (state - known.mean) / known.spread
-        return rows
-
-    def timed(self, recording: Recording, z: Array) -> Recording:
-        """The recording with the instants of its jumps at ``z``."""
-        if recording.name not in self.instants:
-            return recording
-        return replace(recording, instants=np.clip(z[self._instants_of(recording)], 0.0, 1.0))
-
-    def columns(self, setup: Setup, recording: Recording, derivatives: Array) -> Array:
-        """Derivatives by parameters, instants and initial states of a recording put into their places in ``z``."""
-        count = len(self.names)
-        slopes = np.array([setup.parameters[n].slope(setup.parameters[n].value) for n in self.names])
-        if not self.unknown and not self.instants:
-            return np.asarray(derivatives * slopes)
-        out = np.zeros((derivatives.shape[0], self.start(setup).size))
-        out[:, :count] = derivatives[:, :count] * slopes
-        if recording.name in self.instants:
-            own = self.instants[recording.name].size
-            out[:, self._instants_of(recording)] = derivatives[:, count : count + own]
-        if recording.name in self.unknown:
-            out[:, self._states_of(recording)] = derivatives[:, derivatives.shape[1] - self.scales.size :] * self.scales
-        return out
-
-    def _states_of(self, recording: Recording) -> slice:
-        first = len(self.names) + self.unknown.index(recording.name) * self.scales.size
-        return slice(first, first + self.scales.size)
-
-    def _instants_of(self, recording: Recording) -> slice:
-        first = len(self.names) + len(self.unknown) * self.scales.size
-        for name, values in self.instants.items():
-            if name == recording.name:
-                return slice(first, first + values.size)
-            first += values.size
-        raise KeyError(recording.name)
-
-
-def variables_of(setup: Setup, plan: Plan, names: Sequence[str]) -> Variables:
-    """The variables of a fit: the named parameters, initial states where a start is unknown, instants of jumps."""
-    instants = {r.name: x for r in plan.recordings if (x := unknown_instants(r)).size}
-    unknown = [r for r in plan.recordings if r.start.state == "unknown" or aperiodic(r)]
-    if not unknown:
-        return Variables(tuple(names), (), np.zeros(0), {}, instants)
-    trajectories = {r.name: _first_guess(setup, r, plan.steps_of(r)) for r in unknown}
-    spread = np.max([np.ptp(t.states, axis=0) for t in trajectories.values()], axis=0)
-    scales = np.where(spread > 0.0, spread, 1.0)
-    expected = {n: expected_start(t, scales) for n, t in trajectories.items()}
-    origin = {n: e.mean for n, e in expected.items()}
-    return Variables(tuple(names), tuple(trajectories), scales, origin, instants, expected)
-
-
-def _first_guess(setup: Setup, recording: Recording, substeps: int) -> Trajectory:
-    """A simulation from rest under the first input; from nothing stored where that input lets nothing rest."""
-    try:
-        return simulate(setup, recording, substeps)
-    except SolverFailed:
-        return simulate(setup, recording, substeps, initial=np.zeros(len(setup.network.state_names)))
-
-
-def aperiodic(recording: Recording) -> bool:
-    """Whether a recording is said to start in a steady cycle of which it holds no whole one: its start is unknown."""
-    return recording.start.state == "periodic" and not recording.cycle
 
 
 class Problem:

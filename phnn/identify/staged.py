@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from phnn.errors import InputRefused, PhnnError
 from phnn.identify.fit import TOLERANCE, Fit, distinct_optima, fit, unidentified, variables_from
 from phnn.identify.looks import first_look
-from phnn.identify.problem import Plan, Problem
+from phnn.identify.plan import Plan
+from phnn.identify.problem import Problem
 from phnn.models.actuator import hrc
 from phnn.recall import recalled
 from phnn.recordings.driving import input_before

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.identify.fit import Fit, fit
-from phnn.identify.problem import Plan, Problem, Variables, variables_of
+from phnn.identify.plan import Plan
+from phnn.identify.problem import Problem
+from phnn.identify.variables import Variables, variables_of
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.identify.fit import Fit
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.staged import fit_identified, stated_only
 from phnn.parameters import positive, signed
 from phnn.recordings.recording import Recording

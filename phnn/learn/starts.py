@@ -13,7 +13,7 @@ from torch import Tensor
 
 from phnn.errors import InputRefused
 from phnn.identify.base import Options, identification_plan, identify_base
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.staged import (
     drive_amplitude,
     held_by_statement,

@@ -23,7 +23,7 @@ from phnn.effects import Effect, effect
 from phnn.effects.formulas import formulas, formulas_for
 from phnn.effects.learned import learned_elements
 from phnn.identify.fit import Fit, fit
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.laws import RESISTOR_LAWS
 from phnn.setup import Setup
 

@@ -24,7 +24,7 @@ from phnn.diagnose.questions import Question, of_trials
 from phnn.diagnose.trial import Trial, class_of, tie
 from phnn.effects import catalogue
 from phnn.identify.base import Options
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import read

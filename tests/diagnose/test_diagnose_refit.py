@@ -19,7 +19,7 @@ from phnn.diagnose.starts import has_large_starts, large_starts
 from phnn.diagnose.trial import Trial, class_of
 from phnn.effects import catalogue, effect
 from phnn.identify.fit import Fit
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.setup import Setup

@@ -25,7 +25,7 @@ from phnn.diagnose.trial import Trial, tie
 from phnn.effects import effect
 from phnn.effects.learned import learned_elements
 from phnn.identify.fit import Fit, fit
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.recordings.recording import Recording
 from phnn.report.following import no_proposal
 from phnn.report.result import document

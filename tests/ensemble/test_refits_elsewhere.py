@@ -27,7 +27,7 @@ from phnn.errors import InputRefused
 from phnn.identify.base import Options
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import numerical_error
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Recording, Start

@@ -17,7 +17,7 @@ from phnn.identify.base import Options, identification_plan, identify_base, iden
 from phnn.identify.evaluate import evaluate
 from phnn.identify.fit import Fit
 from phnn.identify.numerics import MAX_SUBSTEPS, NumericalError, numerical_error, substeps_for
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.staged import falls_throughout, identify_actuator
 from phnn.models.actuator import hrc
 from phnn.models.bouc_wen import bouc_wen

@@ -12,7 +12,7 @@ import pytest
 from phnn.effects import effect
 from phnn.identify.base import identification_plan
 from phnn.identify.fit import Fit, fit
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.staged import held_at
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Anchor

@@ -10,7 +10,9 @@ from campaigns import recorded
 
 from phnn.identify.begun import expected_start
 from phnn.identify.evaluate import evaluate
-from phnn.identify.problem import Plan, Problem, variables_of
+from phnn.identify.plan import Plan
+from phnn.identify.problem import Problem
+from phnn.identify.variables import variables_of
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup

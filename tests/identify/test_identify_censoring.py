@@ -14,7 +14,9 @@ from phnn.derivatives import output_derivatives
 from phnn.identify.censoring import beyond_limit
 from phnn.identify.evaluate import evaluate
 from phnn.identify.fit import Fit, fit
-from phnn.identify.problem import Plan, Problem, variables_of
+from phnn.identify.plan import Plan
+from phnn.identify.problem import Problem
+from phnn.identify.variables import variables_of
 from phnn.models.network_file import load_network
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.recordings.sensor import Sensor

@@ -10,7 +10,9 @@ import pytest
 
 from phnn.identify.fit import fit, unidentified, variables_from
 from phnn.identify.nuisances import without_nuisances
-from phnn.identify.problem import Plan, Problem, variables_of
+from phnn.identify.plan import Plan
+from phnn.identify.problem import Problem
+from phnn.identify.variables import variables_of
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.simulate import simulate
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phnn.identify.looks import first_look
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup

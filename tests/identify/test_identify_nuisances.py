@@ -13,7 +13,9 @@ from phnn.effects import effect
 from phnn.identify.evaluate import evaluate
 from phnn.identify.fit import fit
 from phnn.identify.nuisances import course_columns, line_columns, own_columns, own_parts, own_size, without_nuisances
-from phnn.identify.problem import Plan, Problem, variables_of
+from phnn.identify.plan import Plan
+from phnn.identify.problem import Problem
+from phnn.identify.variables import variables_of
 from phnn.models.actuator import from_paper
 from phnn.recordings.recording import Part, Recording
 from phnn.setup import Own, Setup

@@ -12,7 +12,7 @@ from junctions import recording
 from phnn.configuration import config_folder
 from phnn.effects import Effect, effect, in_all_forms
 from phnn.identify.fit import fit
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.models.network_file import load_network
 from phnn.recordings.recording import Part, Start
 from phnn.setup import Setup

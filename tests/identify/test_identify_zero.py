@@ -13,7 +13,7 @@ from phnn.configuration import config_folder
 from phnn.errors import InputRefused
 from phnn.identify.base import Options, identify_base
 from phnn.identify.evaluate import evaluate
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.models.network_file import load_network
 from phnn.models.store import load, save
 from phnn.recordings import read

@@ -15,7 +15,7 @@ from phnn.effects import effect
 from phnn.errors import InputRefused
 from phnn.identify.evaluate import evaluate, with_instants
 from phnn.identify.fit import fit
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.spread import output_spread
 from phnn.models import from_paper
 from phnn.models.network_file import load_network

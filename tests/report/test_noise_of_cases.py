@@ -14,7 +14,7 @@ from phnn.demo import draw_case, make_case
 from phnn.demo.actuator import simulate_all
 from phnn.diagnose.confirm import score_on_all
 from phnn.identify.base import identification_plan
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.identify.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import Campaign, read

@@ -22,7 +22,7 @@ from phnn.diagnose.questions import tied_members
 from phnn.effects import catalogue
 from phnn.effects.effect import LOCATIONS
 from phnn.identify.evaluate import evaluate
-from phnn.identify.problem import Plan
+from phnn.identify.plan import Plan
 from phnn.models.store import load
 from phnn.report.document import read_document
 from phnn.report.following import no_proposal

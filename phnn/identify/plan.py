@@ -1,0 +1,60 @@
+"""Which recordings take part in a fit, and how finely they are simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any
+
+from phnn.recordings.recording import Recording
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Which recordings are simulated how.
+
+    Attributes:
+        recordings: those that take part.
+        substeps: by recording name.
+        workers: threads; the compiled march releases the interpreter lock.
+        anchors: standard deviations [SI] of parameters known from elsewhere, by name; what is estimated beside a held
+            anchor inherits its uncertainty.
+    """
+
+    recordings: tuple[Recording, ...]
+    substeps: Mapping[str, int] = field(default_factory=dict)
+    workers: int = 2
+    anchors: Mapping[str, float] = field(default_factory=dict)
+
+    def steps_of(self, recording: Recording) -> int:
+        """Sub-steps of a recording, 1 where nothing was chosen."""
+        return self.substeps.get(recording.name, 1)
+
+    def each(self, function: Callable[..., Any], *sequences: Sequence[Any]) -> list[Any]:
+        """Apply a function to every recording (and matching entries of the sequences), in threads."""
+        tasks = list(zip(self.recordings, *sequences, strict=True))
+        if self.workers < 2 or len(tasks) < 2:
+            return [function(*task) for task in tasks]
+        # The longest first: one that comes last would leave the other threads idle.
+        order = sorted(range(len(tasks)), key=lambda i: -self.recordings[i].t.size * self.steps_of(self.recordings[i]))
+        waiting = {i: _threads(self.workers).submit(function, *tasks[i]) for i in order}
+        try:
+            # All are awaited before the first failure is passed on: none may work on behind the caller's back.
+            wait(waiting.values())
+        except BaseException:
+            for task in waiting.values():
+                task.cancel()
+            raise
+        return [waiting[i].result() for i in range(len(tasks))]
+
+    def coarse(self) -> Plan:
+        """The same recordings with a quarter of the sub-steps, for first looks."""
+        return replace(self, substeps={r.name: max(1, self.steps_of(r) // 4) for r in self.recordings})
+
+
+@cache
+def _threads(count: int) -> ThreadPoolExecutor:
+    """Threads that are kept: a fit asks for them a thousand times."""
+    return ThreadPoolExecutor(count)
