@@ -135,7 +135,8 @@ def compose(
     whole = fit_with(material.base, here.findings, here.fit.setup.values())
     if record.decide(WHOLE, WholeCase(None if whole is None else whole.cost, final.cost)) is not None or whole is None:
         return kept, final
-    return here.findings, whole
+    # What the search has fitted without an element has elements that are none of this model's.
+    return tuple(replace(f, others_alone=None) for f in here.findings), whole
 
 
 def _same(some: Sequence[Finding], others: Sequence[Finding]) -> bool:

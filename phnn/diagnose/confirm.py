@@ -57,6 +57,9 @@ class Outcome(Enum):
     REFUTED = "refuted"
 
 
+_SURE = (Outcome.PROVEN, Outcome.OPEN)
+
+
 @dataclass(frozen=True)
 class Tested:
     """One element: what it gains on held-out and on identification recordings, and what follows.
@@ -106,7 +109,7 @@ def confirmed(
     if judgement.location is None:
         return judgement, before, before
     after, tested = _tested(judgement, before, campaign, criteria, record)
-    doubted = {t.finding.trial.candidate.effect for t in tested if t.outcome not in (Outcome.PROVEN, Outcome.OPEN)}
+    doubted = {t.finding.trial.candidate.effect for t in tested if t.outcome not in _SURE}
     looks = len(tested)
     while len(tested) > 1 and (harmful := [t for t in tested if not _helps(t, criteria.confirmation)]):
         judgement = _dropped(judgement, min(harmful, key=lambda t: t.shown.share_of_noise), score_again)
@@ -134,8 +137,7 @@ def _no_surer(tested: Tested, level: float) -> Tested:
     held = tested.held_out
     if tested.outcome is Outcome.PROVEN and held is not None and held.falls is not None and held.falls < level:
         return tested
-    surer = tested.outcome in (Outcome.PROVEN, Outcome.OPEN)
-    return replace(tested, outcome=Outcome.PROVISIONAL) if surer else tested
+    return replace(tested, outcome=Outcome.PROVISIONAL) if tested.outcome in _SURE else tested
 
 
 def _helps(tested: Tested, rule: Confirmation) -> bool:
@@ -144,7 +146,7 @@ def _helps(tested: Tested, rule: Confirmation) -> bool:
     Whether it has a name is another question.
     """
     shown = tested.shown
-    if tested.outcome in (Outcome.PROVEN, Outcome.OPEN):
+    if tested.outcome in _SURE:
         return True
     open_ = tested.outcome is Outcome.PROVISIONAL and shown.after <= shown.before
     return open_ or rule.falls(shown.before, shown.after, shown.share_of_noise)
@@ -202,7 +204,7 @@ def _shown(tested: Sequence[Tested], nameless: bool = False) -> tuple[Finding, .
         replace(
             t.finding,
             held_out=t.held_out,
-            provisional=nameless or t.finding.provisional or t.outcome not in (Outcome.PROVEN, Outcome.OPEN),
+            provisional=nameless or t.finding.provisional or t.outcome not in _SURE,
         )
         for t in tested
     )

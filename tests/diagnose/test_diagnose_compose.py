@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 from unittest import mock
@@ -18,6 +18,7 @@ from phnn.diagnose.finding import Finding
 from phnn.diagnose.judge import _Asked, _claimed, _composed
 from phnn.diagnose.name import Candidate
 from phnn.diagnose.rules import Record
+from phnn.diagnose.rules.composition import LeavesCase
 from phnn.diagnose.trial import Trial
 from phnn.effects import Effect, effect
 from phnn.effects.learned import learned_elements
@@ -178,3 +179,25 @@ class TestTheNumberOfHysterons:
 
     def test_is_never_below_what_an_anchor_asks_for(self) -> None:
         assert self.chosen({}, 1e-6, ("rho_3",)) == 3
+
+
+def test_a_composed_model_forgets_what_the_search_fitted_without_an_element() -> None:
+    world = World({"": 5.0, "A": 3.0, "AC": 1.0})
+    stale = replace(a_finding(NAMED["A"]), others_alone=world.fit("AC"))
+    model = mock.Mock(ground=mock.Mock(fit=SimpleNamespace(chi2=9.0, cost=2e5, plan=None)))
+    searched: Any = SimpleNamespace(findings=(), longest=None, model=model)
+    grown = _Grown((stale,), world.fit("A"), "A", 1.0, MATERIAL_ON_BASE)  # type: ignore[arg-type]
+    patched: dict[str, Any] = {
+        "leave_out": lambda *a: world, "_on": lambda *a: world.fit(""), "_grown": lambda *a: grown,
+        "_still_needed": lambda *a: grown, "fit_with": lambda *a: world.fit("A"),
+    }  # fmt: skip
+    with (
+        mock.patch.multiple(composing, **patched),
+        mock.patch.object(_Grown, "leaves", property(lambda s: LeavesCase(1.0, 1, lambda: 1.0, CRITERIA))),
+    ):
+        findings, _ = composing.compose(MATERIAL_ON_BASE, searched, (), Record())
+    assert [f.trial.candidate.effect.name for f in findings] == ["creep"]
+    assert all(f.others_alone is None for f in findings)
+
+
+MATERIAL_ON_BASE: Any = SimpleNamespace(base=None, effects=[], criteria=CRITERIA, progress=None)
