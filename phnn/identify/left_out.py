@@ -13,7 +13,7 @@ from phnn.identify.fit import Fit
 from phnn.identify.gain import Gain, gain
 from phnn.identify.plan import Plan
 from phnn.recordings.excitation import excitation_of
-from phnn.recordings.partition import Candidate, divide
+from phnn.recordings.partition import candidate_of, divide
 from phnn.recordings.recording import Recording
 
 # Inside this module and its evaluations, the left-out samples serve as "confirmation" samples do.
@@ -53,12 +53,7 @@ class LeftOut:
 def leave_out(plan: Plan, fewest_blocks: int) -> LeftOut:
     """Divide the identification recordings of a plan."""
     whole = [_identified(r) for r in plan.recordings]
-    parts, _, _ = divide(
-        [
-            Candidate(r.name, r.t.size, r.dt, excitation_of(r.drive, r.dt), None, r.start.state == "unknown")
-            for r in whole
-        ]
-    )
+    parts, _, _ = divide([candidate_of(r, excitation_of(r.drive, r.dt)) for r in whole])
     divided = tuple(replace(r, parts=parts[r.name]) for r in whole)
     growth = tuple(r for r in divided if r.mask("identification").any())
     return LeftOut(replace(plan, recordings=growth), replace(plan, recordings=divided), fewest_blocks)

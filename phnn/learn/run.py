@@ -31,7 +31,7 @@ from phnn.output import Place, claim, finished, sha256_of
 from phnn.recordings import Campaign, read
 from phnn.recordings.digest import digest
 from phnn.recordings.excitation import excitation_of
-from phnn.recordings.partition import Candidate, choose
+from phnn.recordings.partition import candidate_of, choose
 from phnn.setup import Setup
 
 CONFIG, METRICS = "config.yaml", "metrics.json"
@@ -136,7 +136,7 @@ def validation_names(campaign: Campaign, given: Sequence[str] | None) -> tuple[s
             raise InputRefused(f"validation: no recording {name} for identification among {[r.name for r in chosen]}")
     if given is not None or len(chosen) < _LEAST:
         return tuple(given or ())
-    return tuple(sorted(choose([Candidate(r.name, r.t.size, r.dt, excitation_of(r.u, r.dt), None) for r in chosen])))
+    return tuple(sorted(choose([candidate_of(r, excitation_of(r.u, r.dt)) for r in chosen])))
 
 
 def _initial(objective: Objective) -> dict[str, torch.Tensor]:

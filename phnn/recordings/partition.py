@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.recordings.excitation import Excitation
-from phnn.recordings.recording import Part
+from phnn.recordings.recording import Part, Recording
 
 _HELD_OUT_SHARE = 0.28  # of the recordings
 _NUISANCE_SHARE, _NUISANCE_LEAST = 0.02, 50
+# An input that moves by less than this share of its range in the head of a recording stands still there.
+_STILL = 0.05
 # Of a recording that starts nobody knows how, where its input has no swing after which a hysteresis has forgotten.
 _UNKNOWN_SHARE = 0.2
 _SAME = 0.05  # amplitudes and frequencies nearer than this are no new ones
@@ -25,6 +27,7 @@ class Candidate:
     Attributes:
         use: what the manifest demands, ``None`` if nothing.
         begun: nobody knows in which state it starts.
+        still: its input hardly moves in its head, so that nothing there tells zero and initial state apart.
     """
 
     name: str
@@ -33,6 +36,7 @@ class Candidate:
     excitation: Excitation
     use: str | None
     begun: bool = False
+    still: bool = False
 
     @property
     def head(self) -> int:
@@ -46,6 +50,14 @@ class Candidate:
             swing = 1.0 / (slowest * self.dt) if slowest > 0.0 else _UNKNOWN_SHARE * self.size
             least = max(least, int(np.ceil(swing)))
         return min(least, self.size // 2)
+
+
+def candidate_of(recording: Recording, excitation: Excitation, use: str | None = None) -> Candidate:
+    """What the choice needs to know of a recording."""
+    begun, u = recording.start.state == "unknown", recording.drive
+    one = Candidate(recording.name, recording.t.size, recording.dt, excitation, use, begun)
+    still = begun and np.ptp(u[: one.head]) <= _STILL * np.ptp(u)
+    return replace(one, still=bool(still))
 
 
 def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ...]], bool, tuple[str, ...]]:
@@ -144,7 +156,10 @@ def _spread_over(group: Sequence[Candidate], count: int) -> list[Candidate]:
 
 
 def _worth_keeping(one: Candidate, everyone: Sequence[Candidate]) -> int:
-    """0: interpolated by the rest, 1: repeats another, 2: smallest amplitude, 3: an extreme, 4: unique in kind."""
+    """0: interpolated by the rest, 1: repeats another, 2: smallest amplitude, 3: an extreme, 4: unique in kind, or of
+    no use to confirm, as its first samples tell nothing of its start."""
+    if one.still:
+        return 4
     tones = [c for c in everyone if c.excitation.kind in ("sine", "periodic")]
     others = [c for c in everyone if c is not one]
     if any(_alike(one, other) for other in others):

@@ -18,7 +18,7 @@ from phnn.recordings.driving import with_declared
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.folder import READERS, Files
 from phnn.recordings.manifest import Entry, Manifest, load_manifest
-from phnn.recordings.partition import Candidate, divide, whole_parts
+from phnn.recordings.partition import candidate_of, divide, whole_parts
 from phnn.recordings.recording import ACTUATOR, Campaign, Part, Recording, Start, Units, drive_of
 from phnn.recordings.sampling import on_grid
 from phnn.recordings.segments import segmented
@@ -250,10 +250,7 @@ def _excitation(drive: np.ndarray, dt: float, entry: Entry, table: Table, where:
 
 
 def _divided(drafts: list[_Draft], need_output: bool) -> tuple[Mapping[str, tuple[Part, ...]], bool, tuple[str, ...]]:
-    candidates = [
-        Candidate(r.name, r.t.size, r.dt, d.excitation, d.use, r.start.state == "unknown")
-        for d, r in ((d, d.recording) for d in drafts)
-    ]
+    candidates = [candidate_of(d.recording, d.excitation, d.use) for d in drafts]
     if not need_output:
         return {c.name: whole_parts(c, True) for c in candidates}, False, ()
     return divide(candidates)

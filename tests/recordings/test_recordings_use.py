@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,8 @@ from scipy.signal import chirp
 
 from phnn.recordings import describe, read
 from phnn.recordings.excitation import Excitation, excitation_of, find_period
-from phnn.recordings.partition import Candidate, choose, divide
+from phnn.recordings.partition import Candidate, candidate_of, choose, divide
+from phnn.recordings.recording import Part, Recording, Start
 
 SHARED = Path(__file__).parents[3] / "shared" / "recordings"
 
@@ -256,3 +258,24 @@ def test_an_unknown_start_takes_a_swing_of_the_input_from_what_is_scored(
     kind = "sine" if frequency else "steps"
     e = Excitation(kind, frequency, frequency, 1.0, None, 1.0, (0, size))
     assert Candidate("a", size, 1e-3, e, None, begun=True).head == head
+
+
+def test_a_slice_whose_first_samples_tell_nothing_of_its_start_is_not_held_out() -> None:
+    size = 4000
+    step = Excitation("steps", 0.0, 0.0, 37.5, None, 0.0, (0, size))
+    late, early = (
+        recorded_input(75.0 * (np.arange(size) < size * share), "late" if share > 0.5 else "early")
+        for share in (0.7, 0.02)
+    )
+    assert candidate_of(late, step).still
+    assert not candidate_of(early, step).still
+    assert not candidate_of(replace(late, start=Start("rest", 0.0)), step).still
+    others = [replace(candidate_of(early, step), name=name) for name in ("a", "b", "c")]
+    parts, _, _ = divide([candidate_of(late, step), *others])
+    assert [p.use for p in parts["late"]] == ["identification"]
+
+
+def recorded_input(u: np.ndarray, name: str) -> Recording:
+    t = 1e-3 * np.arange(u.size)
+    parts = (Part(name, 0, u.size, "identification"),)
+    return Recording(name, t, u, 1e-6 * u, Start("unknown"), "cubic", parts, 1e-8, "stated", np.ones(1), None, {}, name)
