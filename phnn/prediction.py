@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from phnn.identify.evaluate import evaluate, score_part
 from phnn.identify.plan import Plan
 from phnn.identify.spread import output_spread
-from phnn.identify.start import expected_of
+from phnn.identify.start import likely_start
 from phnn.network.elements import Network
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
@@ -106,7 +106,7 @@ def predicted(setup: Setup, recording: Recording, substeps: int, held_out: bool 
     if bool(np.isfinite(recording.y).all()):
         y = evaluate(setup, Plan((recording,), {recording.name: substeps}, workers=1), {}).outputs[recording.name]
     else:
-        begun = expected_of(setup, recording, substeps)
+        begun = likely_start(setup, recording, substeps)
         y = recording.sensor.limited(simulate(setup, recording, substeps, initial=begun).y)
     column = _column(measured_network(setup.network, recording), recording)
     table = pd.DataFrame({"time_s": recording.t, column: y})

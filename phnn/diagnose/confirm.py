@@ -227,12 +227,11 @@ def _tested(
     for finding in judgement.findings:
         others = tuple(f for f in judgement.findings if f is not finding)
         alone = finding.others_alone
-        if alone is None and others:
-            alone = without(base, others, finding, final, criteria.selection.tie)
-        if alone is None and others:
+        if alone is None:
+            alone = without(base, others, finding, final, criteria.selection.tie) if others else base
+        if alone is None:
             tested.append(_untold(finding, final, after, campaign, rule))
             continue
-        alone = alone or base
         shown = before if alone is base else score_on_all(alone, campaign)
         held_out, identified = (
             gain(shown, after, campaign.recordings, use, rule.held_out_blocks, (alone.setup.own, final.setup.own))

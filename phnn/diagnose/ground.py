@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from phnn.diagnose.criteria import NOISE, Noise
 from phnn.diagnose.spectra import Spectra, spectra_of
 from phnn.effects import Effect, Scales
+from phnn.effects.places import values_by_role
 from phnn.errors import SolverFailed
 from phnn.identify.fit import Fit, carried
 from phnn.identify.looks import first_look
 from phnn.identify.nuisances import without_nuisances
 from phnn.identify.plan import Plan
-from phnn.network.elements import Network
-from phnn.network.roles import drive_ratio, motions
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.simulate import Trajectory, simulate
 
@@ -143,27 +142,19 @@ def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:
     """Sizes met in the recordings."""
     recordings = fit.plan.recordings
     frequencies = [f for r in recordings if (f := dominant_frequency(r)) > 0.0]
-    stiffness, ratio = _stiffness_and_ratio(fit.setup.network)
+    known = values_by_role(fit.setup.network)
     return Scales(
         voltage=max(float(np.abs(r.u).max()) for r in recordings),
         displacement=max(float(np.abs(t.mid_displacement).max()) for t in trajectories),
         velocity=max(float(np.quantile(np.abs(t.velocity), 0.999)) for t in trajectories),
-        stiffness=stiffness,
-        transducer=ratio,
+        # A spring that is there for the position alone has no stiffness to measure forces in.
+        stiffness=known.get("k") or 1.0,
+        transducer=known.get("alpha", 1.0),
         slowest=min(frequencies),
         fastest=max(frequencies),
         duration=max(float(r.t[-1]) for r in recordings),
         noise=float(np.median([r.noise for r in recordings])),
     )
-
-
-def _stiffness_and_ratio(network: Network) -> tuple[float, float]:
-    """Of the measured motion [N/m], [N/V]; one where it has none."""
-    found = motions(network)[:1]
-    springs = [n for m in found for s in network.storages if s.name == m.displacement for n in s.parameters[:1]]
-    ratios = [n for m in found if (n := drive_ratio(network, m.momentum)) is not None]
-    stiffness, ratio = (network.parameters[n[0]].value if n else 1.0 for n in (springs, ratios))
-    return stiffness if stiffness > 0.0 else 1.0, ratio
 
 
 def direction(ground: Ground, effect: Effect, values: Mapping[str, float]) -> Array:

@@ -14,7 +14,7 @@ from phnn.identify.nuisances import constant_and_own, own_parts
 from phnn.identify.plan import Plan
 from phnn.identify.problem import Problem
 from phnn.identify.start import estimated_start
-from phnn.identify.variables import Variables, aperiodic
+from phnn.identify.variables import Variables
 from phnn.recall import recalled
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Part, Recording
@@ -79,7 +79,7 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
         if not setup.has_zero and recording.offset != "own":
             recording = replace(recording, offset="own")
         nuisance, steps = recording.mask("nuisance"), plan.steps_of(recording)
-        if own is None and (recording.start.state == "unknown" or aperiodic(recording)) and nuisance.any():
+        if own is None and nuisance.any():
             own = estimated_start(setup, recording, steps)
         if recording.instants is None or recording.mask("confirmation").any():
             recording, _ = with_instants(setup, recording, steps, own)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
 from phnn.identify.evaluate import with_instants
-from phnn.identify.start import estimated_start, expected_of
+from phnn.identify.start import likely_start
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
@@ -26,7 +26,7 @@ def output_spread(setup: Setup, recording: Recording, substeps: int) -> Array | 
     unknown = unknown_instants(recording)
     if not unknown.size:
         return None
-    begun = _start(setup, recording, substeps)
+    begun = likely_start(setup, recording, substeps)
     timed, covariance = with_instants(setup, recording, substeps, begun)
     if covariance.size:
         columns = output_derivatives(simulate(setup, timed, substeps, initial=begun), (), instants=True)
@@ -38,12 +38,3 @@ def output_spread(setup: Setup, recording: Recording, substeps: int) -> Array | 
         ends = [simulate(setup, replace(recording, instants=at), substeps, initial=begun).y for at in (first, last)]
         total += (ends[1] - ends[0]) ** 2 * (1.0 / 12.0 + (assumed - 0.5) ** 2)
     return np.sqrt(total)
-
-
-def _start(setup: Setup, recording: Recording, substeps: int) -> Array | None:
-    """(N,) the estimated or expected state in which a recording begins; None where its start says it."""
-    if recording.start.state != "unknown":
-        return None
-    if recording.mask("nuisance").any() and np.isfinite(recording.y).all():
-        return estimated_start(setup, recording, substeps)
-    return expected_of(setup, recording, substeps)

@@ -24,7 +24,8 @@ _DRAWN, _FEW, _ENOUGH, _SEED = 5, 12, 60, 0
 
 
 def estimated_start(setup: Setup, recording: Recording, substeps: int) -> Array | None:
-    """(N,) initial state of a recording with a head that is not scored, estimated from that head."""
+    """(N,) initial state of a recording with a head that is not scored, estimated from that head; None where its start
+    says it."""
     setup, plan = _head_of(setup, recording, substeps)
     variables = variables_of(setup, plan, ())
     if not variables.unknown:
@@ -35,8 +36,11 @@ def estimated_start(setup: Setup, recording: Recording, substeps: int) -> Array 
     return _fitted(setup, plan, last, _ENOUGH).initial(recording.name)
 
 
-def expected_of(setup: Setup, recording: Recording, substeps: int) -> Array | None:
-    """(N,) the state in which a recording is expected to begin before its samples are seen; None where that is said."""
+def likely_start(setup: Setup, recording: Recording, substeps: int) -> Array | None:
+    """(N,) the state in which a recording begins: estimated where its output was recorded and has a head, else the one
+    that is expected before any sample is seen; None where its start says it."""
+    if recording.mask("nuisance").any() and np.isfinite(recording.y).all():
+        return estimated_start(setup, recording, substeps)
     known = variables_of(setup, Plan((recording,), {recording.name: substeps}, workers=1), ()).expected
     return known[recording.name].mean if recording.name in known else None
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.residual_noise import difference
 from phnn.diagnose.scored import SIGNIFICANT
-from phnn.effects.places import roles_of
-from phnn.network.roles import capacitances, motions
+from phnn.effects.places import values_by_role
+from phnn.network.roles import capacitances
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from phnn.signals.noise import quantisation_step
@@ -67,13 +67,11 @@ def plant_gain(setup: Setup) -> Callable[[Array], Array] | None:
 
     None where the model has no such parameters.
     """
-    network = setup.network
-    known = setup.values()
-    values = roles_of(network, next(iter(motions(network)), None)).by_role(known)
+    network, values = setup.network, values_by_role(setup.network)
     if not {"m", "k", "b"} <= set(values):
         return None
     alpha = values.get("alpha", 0.0)
-    stiffness = values["k"] + alpha**2 * sum(1.0 / known[n] for n in capacitances(network))
+    stiffness = values["k"] + alpha**2 * sum(1.0 / network.parameters[n].value for n in capacitances(network))
 
     def gain(f: Array) -> Array:
         omega = 2.0 * np.pi * f

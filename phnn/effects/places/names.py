@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from phnn.network.elements import Network
 from phnn.network.relabel import relabelled
-from phnn.network.roles import Motion, drive_ratio, hysterons
+from phnn.network.roles import Motion, drive_ratio, hysterons, motions
 from phnn.setup import Block, Setup, Source
 
 # No law refers to a name that begins like this.
@@ -107,6 +107,12 @@ def roles_of(network: Network, motion: Motion | None) -> Roles:
     taken = {*network.state_names, *(r.name for r in network.resistors), *(p.name for p in network.ports)}
     place = "" if motion is None or motion.displacement == network.output else motion.displacement
     return Roles(_once(elements), _once(parameters), frozenset(taken | set(network.parameters)), place)
+
+
+def values_by_role(network: Network) -> dict[str, float]:
+    """Values of a network's parameters, those of its measured motion and its hysterons by their roles."""
+    known = {n: p.value for n, p in network.parameters.items()}
+    return roles_of(network, next(iter(motions(network)), None)).by_role(known)
 
 
 def _once(pairs: list[tuple[str, str]]) -> Pairs:
