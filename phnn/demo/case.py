@@ -18,7 +18,7 @@ from phnn.demo.plans import PLANS, VARIED, plan_of
 from phnn.demo.strata import STRATA, Choice, in_turn
 from phnn.errors import InputRefused
 
-_EACH = 2.0  # residual over noise that either effect of a pair leaves at least
+_EACH = 2.0  # residual over noise that each effect of a pair or triple leaves at least
 _COLOURED = 1.0 / 3.0  # of all cases
 _COLOURS = (0.3, 0.8)  # coefficient of first-order noise
 _HYSTERONS = 2  # of Table 1
@@ -104,11 +104,11 @@ def draw_case(
         seed: 0 or more.
         stratum: "none": nothing; "same": one listed effect in the form the catalogue gives it;
             "other": one listed effect in another form;
-            "pair": two listed effects that differ in kind;
+            "pair", "triple": two or three listed effects that differ in kind;
             "outside": one that no catalogue lists, or a listed one whose name is withheld.
         plan: see `phnn.demo.plans.plan_of`.
-        levels: residual over noise that an effect alone leaves beyond a refit of the base model; log-uniform. Either
-            effect of a pair leaves at least twice the noise.
+        levels: residual over noise that an effect alone leaves beyond a refit of the base model; log-uniform. Each
+            effect of a pair or triple leaves at least twice the noise.
         deltas: noncentralities to draw from instead of ``levels``; log-uniform.
         noise: ``FAMILY`` or ``FAMILY:AMOUNT``, see `phnn.demo.noise.Noise`; if left out, one case in three has noise of
             first order, the others have white noise. Deviation and, but for the family ``quantised``, least step stay
@@ -127,14 +127,15 @@ def draw_case(
     low, high = levels if deltas is None else deltas
     if not 0.0 < low <= high < math.inf:
         raise InputRefused(f"from {low} to {high}: give two positive numbers, the smaller one first")
-    if stratum == "pair" and deltas is None:
+    order = in_turn(stratum, seed, conditions.base)
+    effects = len(order[0].effects)
+    if effects > 1 and deltas is None:
         low, high = max(low, _EACH), max(high, _EACH)
     rng = _stream(seed, stratum, "choices")
     base = draw_base(rng)
     deviation, step = float(rng.uniform(20e-9, 80e-9)), int(rng.integers(5, 21)) * 1e-9
-    targets = tuple(float(np.exp(rng.uniform(math.log(low), math.log(high)))) for _ in range(2))
+    targets = tuple(float(np.exp(rng.uniform(math.log(low), math.log(high)))) for _ in range(max(effects, 2)))
     colour = float(rng.uniform(*_COLOURS)) if rng.random() < _COLOURED else 0.0
-    order = in_turn(stratum, seed, conditions.base)
     made, family = Noise(deviation, step, colour), ""
     if noise is not None:
         made, family = of_family(noise, made, _stream(seed, stratum, "noise")), noise.partition(":")[0]
@@ -144,7 +145,7 @@ def draw_case(
     elif hysterons != _HYSTERONS:
         base = with_hysterons(base, hysterons, _stream(seed, stratum, "hysterons"))
     return Case(
-        seed, stratum, order, plan, base, made, targets[: len(order[0].effects)], deltas is not None, family,
+        seed, stratum, order, plan, base, made, targets[:effects], deltas is not None, family,
         conditions, hysterons, conditions.stated_number(hysterons, _stream(seed, stratum, "order")),
         conditions.stated_mass(base["m"], _stream(seed, stratum, "anchor")),
     )  # fmt: skip

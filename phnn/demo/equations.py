@@ -19,8 +19,7 @@ from phnn.demo.parameters import FORCE_STEP, Array
 
 Q_0 = 100e-6  # m, displacement that the dimensionless strengths refer to
 _TRACKS = 1e-8  # s, within which a slew-limited amplifier that has caught up follows its command
-_CELLS = 8  # of logarithmic creep, evenly spaced over _DECADES
-_DECADES = 4.0
+_DECADES = 4.0  # that the time constants of creep with several of them span
 _FOLLOWS = 2e-6  # s, within which a play that its displacement has caught follows the envelope
 
 
@@ -197,15 +196,15 @@ def _friction(x: Array, v: float, w: Any, out: Array) -> float:
 
 @njit(cache=True)
 def _memory(x: Array, v: float, w: Any, out: Array) -> float:
-    """A Maxwell cell ``ṡ = v − s/τ``, eight of them spaced in log τ, and Bouc–Wen ``ż = v (1 − [vz > 0] |z/z_w|ⁿ)``."""
+    """Maxwell cells ``ṡ = v − s/τ``, one or several spaced in log τ, and Bouc–Wen ``ż = v (1 − [vz > 0] |z/z_w|ⁿ)``."""
     force = 0.0
     if w.k_s != 0.0:
         out[4] = v - x[4] / w.tau_s
         force += w.k_s * x[4]
     if w.at_cells > 0:
-        for j in range(_CELLS):
+        for j in range(int(w.cells_l)):
             cell = w.at_cells + j
-            out[cell] = v - x[cell] / (w.tau_l * 10.0 ** (_DECADES * j / (_CELLS - 1)))
+            out[cell] = v - x[cell] / (w.tau_l * 10.0 ** (_DECADES * j / (w.cells_l - 1.0)))
             force += w.k_l * x[cell]
     if w.at_wen > 0:
         z = x[w.at_wen]

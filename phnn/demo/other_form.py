@@ -18,6 +18,13 @@ def log_creep(rng: Rng, base: Base, plan: Plan) -> Concealed:
     return Concealed("creep", 2e-3 * base["k"], 0.3 * base["k"], lambda z: {"k_l": z, "tau_l": shortest})
 
 
+def three_creep_times(rng: Rng, base: Base, plan: Plan) -> Concealed:
+    """Three Maxwell cells of one stiffness, their time constants two decades apart."""
+    shortest = log_uniform(rng, 1e-3, 1e-2)
+    shape = {"tau_l": shortest, "cells_l": 3.0}
+    return Concealed("creep", 5e-3 * base["k"], 0.6 * base["k"], lambda z: {"k_l": z, **shape})
+
+
 def lugre_friction(rng: Rng, base: Base, plan: Plan) -> Concealed:
     """Bristles: ``F z/z_l``, ``ż = v − |v| z/(z_l g)``, ``g = 1 + (r − 1) exp(−(v/v_st)²)``."""
     shape = {
@@ -148,4 +155,5 @@ FORMS = {
     "random_walk_drift": ("sensor_drift", random_walk_drift),
     "exponential_drift": ("sensor_drift", exponential_drift),
     "exponential_coupling": ("displacement_coupling", exponential_coupling),
+    "three_creep_times": ("creep", three_creep_times),
 }

@@ -37,6 +37,7 @@ NEUTRAL = {
     "tau_s": 1.0,
     "k_l": 0.0,
     "tau_l": 1.0,
+    "cells_l": 8.0,
     "kappa_2": 0.0,
     "kappa_3": 0.0,
     "kappa_5": 0.0,

@@ -46,6 +46,12 @@ class Choice:
         return drawn(name, rng, base, plan)
 
 
+def _together(number: int) -> tuple[Choice, ...]:
+    """Sets of listed effects of which any two may be paired."""
+    sets = combinations(LISTED, number)
+    return tuple(Choice(s) for s in sets if all(may_be_paired(*pair) for pair in combinations(s, 2)))
+
+
 _ROUNDS: dict[str, Callable[[], tuple[Choice, ...]]] = {
     "none": lambda: (Choice(),),
     "same": lambda: tuple(Choice((name,)) for name in LISTED),
@@ -54,7 +60,8 @@ _ROUNDS: dict[str, Callable[[], tuple[Choice, ...]]] = {
         *(Choice((name,), withheld=(name,)) for name in LISTED),
         *(Choice((name,), "unlisted") for name in UNLISTED),
     ),
-    "pair": lambda: tuple(Choice(pair) for pair in combinations(LISTED, 2) if may_be_paired(*pair)),
+    "pair": lambda: _together(2),
+    "triple": lambda: _together(3),
 }
 STRATA = tuple(_ROUNDS)
 

@@ -12,7 +12,7 @@ from phnn.errors import InputRefused
 from phnn.prove.families import family
 
 FAST, FULL = "fast", "full"
-STRATA = ("none", "same", "other", "outside", "pair")
+STRATA = ("none", "same", "other", "outside", "pair", "triple")
 GROUPS = ("fast_none", "fast_weak", *STRATA, "few")
 NULLS = "nulls"
 
@@ -24,7 +24,7 @@ class Settings:
     Attributes:
         seed: every case follows from it and its own number.
         fast_none, fast_weak: cases of the fast tier, which ends with the score.
-        none, same, other, outside, pair: cases of the full tier by stratum.
+        none, same, other, outside, pair, triple: cases of the full tier by stratum.
         few: how many of the full tier's cases of the stratum ``same`` have few recordings.
         nulls: cases of the full tier with nothing concealed, for each of ``null_families``.
         only: groups of cases to take part; empty for all.
@@ -45,6 +45,7 @@ class Settings:
     other: int
     outside: int
     pair: int
+    triple: int
     few: int
     nulls: int
     only: tuple[str, ...]

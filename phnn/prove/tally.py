@@ -79,6 +79,7 @@ def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
         rate("other form: remainder flagged", of("other"), lambda o: o.remainder == "unknown", "–"),
         rate("outside: unknown at the right location", of("outside"), lambda o: o.grade != WRONG, "≥ 85 %"),
         rate("pairs: both", of("pair"), lambda o: o.grade != WRONG, "≥ 80 %"),
+        rate("triples: all three", of("triple"), lambda o: o.grade != WRONG, "≥ 60 %"),
         rate("few recordings: right, or in a stated class", [o for o in full if o.group == "few"],
              lambda o: o.grade != WRONG, "–"),
         rate("nothing missing: false alarms, score stage", [o for o in nothing if o.tier == FAST],

@@ -34,6 +34,7 @@ def test_it_changes_the_output_and_vanishes_with_its_strength(form: str) -> None
     [
         # Eight cells that relax slowly against the recording are springs.
         ({"k_l": 50.0, "tau_l": 1e6}, {"k": TABLE["k"] + 400.0}),
+        ({"k_l": 50.0, "tau_l": 1e6, "cells_l": 3.0}, {"k": TABLE["k"] + 150.0}),
         # Friction that does not fall with the velocity is that of the catalogue.
         ({"F_c": 0.02, "r_s": 2.0, "v_st": 1e6}, {"F_c": 0.04}),
         # A stop of any power that is not reached does nothing.
