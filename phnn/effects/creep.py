@@ -59,4 +59,5 @@ EFFECT = Effect(
     },
     applies=has_motion,
     neighbours=("extra_hysteron", "sensor_drift"),
+    at_most=3,
 )

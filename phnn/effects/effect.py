@@ -154,6 +154,8 @@ class Effect:
         rescale: how to multiply the strength where that is more than multiplying parameters.
         forms: the same physics by other laws, under the same name, at the same place and of the same kind.
         place: displacement of the motion that it acts on, where that is not the measured one.
+        at_most: how many of it may act at one place, 1 to 3; which: "second" or "third", empty for the first.
+        after: parameters of the one before, which has to be there already.
         plausible: where each of its parameters lies in actuators that exist, or that no range is known.
     """
 
@@ -183,11 +185,19 @@ class Effect:
     plausible: Mapping[str, Plausible] = field(default_factory=dict, compare=False)
     strengths: tuple[str, ...] = ()
     place: str = ""
+    at_most: int = 1
+    which: str = ""
+    after: tuple[str, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """Name in the catalogue and place, whichever of several it is."""
+        return self.name.removeprefix(f"{self.which} ") if self.which else self.name
 
     @property
     def canonical(self) -> str:
         """Name in the catalogue, whatever the place."""
-        return self.name.removesuffix(f" at {self.place}") if self.place else self.name
+        return self.title.removesuffix(f" at {self.place}") if self.place else self.title
 
     @property
     def all_strengths(self) -> tuple[str, ...]:
@@ -212,8 +222,10 @@ class Effect:
         return dict(values) | {name: values[name] * factor for name in self.all_strengths}
 
     def can_be_added_to(self, setup: Setup) -> bool:
-        """Whether it applies to the setup and is not in it already, under its own parameter names."""
-        return self.applies(setup) and not set(self.parameters) & set(setup.parameters)
+        """Whether it applies to the setup, which has the one before it, and is not in it already, under its own
+        parameter names."""
+        there = set(setup.parameters)
+        return self.applies(setup) and set(self.after) <= there and not set(self.parameters) & there
 
     def add_to(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         """The setup with this effect at the given parameter values (SI).

@@ -56,7 +56,7 @@ def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
         "share_explained": finding.share,
         "location": effect.location,
         "place": place_of(effect, diagnosis.base.setup.network),
-        "equivalent_to": [t.candidate.effect.name for t in finding.members[1:]],
+        "equivalent_to": list(dict.fromkeys(t.candidate.effect.title for t in finding.members[1:])),
         "p_value": finding.evidence[1],
         "statement": said
         + ("" if anchored or not any(parameters[n].unit in FORCE_UNITS for n in effect.parameters) else _UP_TO_FACTOR)

@@ -35,7 +35,9 @@ def renamed(setup: Setup) -> Setup:
 @every
 def test_other_names_change_nothing_but_names(effect_: Effect) -> None:
     where = home(effect_)
-    assert attached(effect_, where.setup)[0] is effect_
+    known = attached(effect_, where.setup)[0]
+    assert replace(known, contains=effect_.contains) == effect_
+    assert known.contains[: len(effect_.contains)] == effect_.contains
     other = renamed(where.setup)
     mine = attached(effect_, other)[0]
     assert mine.canonical == effect_.name
@@ -83,7 +85,7 @@ def test_values_that_are_exchanged_have_the_names_of_the_network() -> None:
     assert plain.exchanged is not None
     found, expected = mine.exchanged(setup.values()), plain.exchanged(known.values())
     assert [{strange(n): v for n, v in values.items()} for values in expected] == found
-    (creep,), (special,) = plain.contains, mine.contains
+    creep, special = plain.contains[0], mine.contains[0]
     theirs = attached(catalogue()["creep"], base)[0].parameters
     assert dict(zip(theirs, (creep.values(known.values())[n] for n in ("k_s", "tau_s")), strict=True)).items() <= (
         special.values(setup.values()).items()
@@ -106,7 +108,9 @@ def test_what_effects_add_is_no_motion_of_its_own() -> None:
 
 @pytest.mark.parametrize("name", ["cubic_stiffness", "quadratic_drag", "creep", "contact_stop", "coulomb_friction"])
 def test_a_mechanical_effect_comes_once_for_every_motion(name: str) -> None:
-    here, there = attached(catalogue()[name], TWO_MASSES)
+    every_one = attached(catalogue()[name], TWO_MASSES)
+    here, there = (e for e in every_one if not e.which)
+    assert len(every_one) == 2 * catalogue()[name].at_most
     assert (here.name, here.place, place_of(here, TWO_MASSES.network)) == (name, "", "q_1")
     assert (there.name, there.canonical, there.place) == (f"{name} at q_2", name, "q_2")
     assert there.statement.startswith("At q_2: ")
@@ -118,6 +122,45 @@ def test_a_mechanical_effect_comes_once_for_every_motion(name: str) -> None:
     turned = attached(catalogue()[name], replace(TWO_MASSES, network=replace(TWO_MASSES.network, output="q_2")))[0]
     assert turned.place == ""
     assert turned.parameters == here.parameters
+
+
+@pytest.mark.parametrize("base", [ACTUATOR.setup, renamed(ACTUATOR.setup), TWO_MASSES], ids=["stage", "renamed", "two"])
+@pytest.mark.parametrize("effect_", [e for e in OF_ACTUATOR if e.at_most > 1], ids=lambda e: e.name)
+def test_several_of_one_effect_add_up_in_any_order(effect_: Effect, base: Setup) -> None:
+    every_one = attached(effect_, base)
+    of_a_place = [e for e in every_one if e.place == every_one[-1].place]
+    assert [e.which for e in of_a_place] == ["", "second", "third"][: effect_.at_most]
+    assert {e.canonical for e in of_a_place} == {effect_.name}
+    first, second = of_a_place[:2]
+    assert first.can_be_added_to(base)
+    assert not second.can_be_added_to(base)
+    # Two equal relaxing springs are one of twice their stiffness.
+    values = {"k_s": 40.0, "tau_s": 0.02}
+    named = [dict(zip(e.parameters, values.values(), strict=True)) for e in (first, second)]
+    one = first.add_to(base, named[0])
+    assert second.can_be_added_to(one)
+    assert not second.can_be_added_to(second.add_to(one, named[1]))
+    both = [second.add_to(one, named[1]), first.add_to(second.add_to(base, named[1]), named[0])]
+    double = first.add_to(base, {**named[0], first.parameters[0]: 80.0})
+    expected = run(double).y
+    for setup in both:
+        assert np.max(np.abs(run(setup).y - expected)) < 1e-9 * np.max(np.abs(expected))
+
+
+def test_what_contains_an_effect_contains_the_further_ones() -> None:
+    for base in (ACTUATOR.setup, renamed(ACTUATOR.setup)):
+        mine = attached(catalogue()["extra_hysteron"], base)[0]
+        assert mine.special == ("creep", "second creep", "third creep")
+        values = mine.add_to(
+            base,
+            point(catalogue()["extra_hysteron"])
+            if base is ACTUATOR.setup
+            else dict(zip(mine.parameters, point(catalogue()["extra_hysteron"]).values(), strict=True)),
+        ).values()
+        once, again = (case.values(values) for case in mine.contains[:2])
+        creeps = attached(catalogue()["creep"], base)
+        assert set(creeps[1].parameters) <= set(again)
+        assert [once[n] for n in creeps[0].parameters] == [again[n] for n in creeps[1].parameters]
 
 
 def test_what_is_not_mechanical_comes_once() -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from phnn.effects import catalogue
 from phnn.effects.effect import Effect, Scales, Special
 from phnn.effects.places.names import Roles, roles_of
 from phnn.network.elements import Network
@@ -17,12 +18,14 @@ from phnn.network.roles import charges, motions
 from phnn.setup import Setup
 
 _AT_EVERY_MOTION = ("mechanical", "environment")
+_FURTHER = ("second", "third")
 
 Values = Mapping[str, float]
 
 
 def attached(effect: Effect, setup: Setup) -> list[Effect]:
-    """An effect as it can be added to a setup, once for every place where it may act; the measured motion comes first.
+    """An effect as it can be added to a setup, for every place where it may act, each as often as it may act there; the
+    measured motion comes first.
 
     Args:
         setup: without any effect: what is in it already has no role of its own.
@@ -30,7 +33,32 @@ def attached(effect: Effect, setup: Setup) -> list[Effect]:
     found = motions(setup.network)
     places = found[1:] if effect.location in _AT_EVERY_MOTION else ()
     measured = found[0] if found else None
-    return [_at(effect, roles_of(setup.network, measured)), *(_at(effect, roles_of(setup.network, m)) for m in places)]
+    at = [roles_of(setup.network, motion) for motion in (measured, *places)]
+    return [e for roles in at for e in _as_often_as_it_may(effect, roles)]
+
+
+def _as_often_as_it_may(effect: Effect, roles: Roles) -> list[Effect]:
+    """All of an effect that may act at one place; each is added after the one before."""
+    found = [_at(effect, roles)]
+    for which in _FURTHER[: effect.at_most - 1]:
+        one = _at(effect, replace(roles, which=which))
+        found.append(replace(one, name=f"{which} {found[0].name}", which=which, after=found[-1].parameters))
+    contains = tuple(s for case in found[0].contains for s in (case, *_further(case, roles)))
+    return [replace(e, contains=contains) if contains else e for e in found]
+
+
+def _further(case: Special, roles: Roles) -> list[Special]:
+    """A special case, where one like it is there already."""
+    several = next(e for e in catalogue().values() if e.name == case.name.removesuffix(_where(roles)))
+    names = [roles.added(n) for n in several.parameters]
+    further = [(which, replace(roles, which=which)) for which in _FURTHER[: several.at_most - 1]]
+    return [
+        Special(
+            f"{which} {case.name}",
+            _Named(case.values, tuple(zip(names, map(r.added, several.parameters), strict=True))),
+        )
+        for which, r in further
+    ]
 
 
 def place_of(effect: Effect, network: Network) -> str:
@@ -45,6 +73,11 @@ def place_of(effect: Effect, network: Network) -> str:
     return effect.place or next(measured, network.output)
 
 
+def _where(roles: Roles) -> str:
+    """What an effect's name ends with."""
+    return f" at {roles.place}" if roles.place else ""
+
+
 def _at(effect: Effect, roles: Roles) -> Effect:
     """The effect with its law, values and parameters under the names of a network."""
     if roles.plain:
@@ -53,7 +86,7 @@ def _at(effect: Effect, roles: Roles) -> Effect:
     statement = effect.statement
     for role, name in names.items():
         statement = statement.replace("{" + role + "}", "{" + name + "}")
-    where = f" at {roles.place}" if roles.place else ""
+    where = _where(roles)
     return replace(
         effect,
         name=effect.name + where,
@@ -135,3 +168,13 @@ class _Exchanged:
 
     def __call__(self, values: Values) -> list[dict[str, float]]:
         return [self.roles.by_name(v) for v in self.values(self.roles.by_role(values))]
+
+
+@dataclass(frozen=True)
+class _Named:
+    values: Callable[[Values], dict[str, float]]
+    names: tuple[tuple[str, str], ...]
+
+    def __call__(self, values: Values) -> dict[str, float]:
+        other = dict(self.names)
+        return {other.get(n, n): v for n, v in self.values(values).items()}

@@ -25,25 +25,34 @@ class Roles:
         elements, parameters: pairs of a role and the name that has it.
         taken: all names of the network, which nothing that is added may have.
         place: displacement of the motion, where that is not the measured one.
+        which: of several like it something is that an effect adds, "second" or "third"; empty for the first.
     """
 
     elements: Pairs
     parameters: Pairs
     taken: frozenset[str]
     place: str = ""
+    which: str = ""
 
     @property
     def plain(self) -> bool:
         """Whether every name is that of its role."""
-        return not self.place and all(role == name for role, name in (*self.elements, *self.parameters))
+        return not self._set_apart and all(role == name for role, name in (*self.elements, *self.parameters))
+
+    @property
+    def _set_apart(self) -> bool:
+        """Whether all that an effect adds is named differently from what its law says."""
+        return bool(self.place or self.which)
 
     @property
     def _ending(self) -> str:
-        return f"_at_{self.place}" if self.place else "_added"
+        where = f"_at_{self.place}" if self.place else ""
+        which = f"_{self.which}" if self.which else ""
+        return where + which or "_added"
 
     def added(self, name: str) -> str:
         """Name of something that an effect adds."""
-        return name + self._ending if self.place or name in self.taken else name
+        return name + self._ending if self._set_apart or name in self.taken else name
 
     def parameter(self, role: str) -> str:
         """Name of the parameter with a role, or of one that an effect adds."""
@@ -76,7 +85,7 @@ class Roles:
         if name not in self.taken and name.endswith(self._ending):
             return name.removesuffix(self._ending)
         # What effects have added at the measured motion has the names of their laws already.
-        return _ELSEWHERE + name if self.place or name in self.taken else name
+        return _ELSEWHERE + name if self._set_apart or name in self.taken else name
 
     def _name(self, pairs: Pairs, role: str) -> str:
         if role.startswith(_ELSEWHERE):
