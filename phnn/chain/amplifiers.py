@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from phnn.chain.bouc_wen import bouc_wen
 from phnn.chain.delay import delay
 from phnn.chain.knee import banded, kneed
+from phnn.chain.lowpass import lowpass, second_order_lowpass
 from phnn.integrate.compiled import entry
 from phnn.laws.namespace import absolute, exp, log1p, maximum, minimum, real, where
 
@@ -23,25 +24,6 @@ Array = NDArray[Any]
 
 # A ratio whose powers vanish, while its logarithm exists.
 _LEAST = 1e-100
-
-
-def lowpass(fine: Array, h: Array, before: float, tau: Any) -> Array:
-    """``τ V̇ = u − V`` exactly for an input that is linear between the points of the sub-steps."""
-    z = 0.5 * h / tau
-    a = exp(-z)
-    mean = (1.0 - a) / z
-    return np.asarray(_first_order(fine + 0.0 * tau, a, mean - a, 1.0 - mean, before + 0.0 * tau))
-
-
-def _first_order_loop(fine: Any, a: Any, b0: Any, b1: Any, state: Any) -> Any:
-    out = np.empty_like(fine)
-    for n in range(fine.shape[0]):
-        out[n, 0] = state
-        state = a[n] * state + b0[n] * fine[n, 0] + b1[n] * fine[n, 1]
-        out[n, 1] = state
-        state = a[n] * state + b0[n] * fine[n, 1] + b1[n] * fine[n, 2]
-        out[n, 2] = state
-    return out
 
 
 def saturation(fine: Array, h: Array, before: float, limit: Any) -> Array:
@@ -102,11 +84,11 @@ def dead_band(fine: Array, h: Array, before: Any, share: Any, level: Any) -> Arr
     return banded(fine, share, level)
 
 
-_first_order = entry(_first_order_loop)
 _limited = entry(_limited_loop)
 
 AMPLIFIERS: dict[str, Callable[..., Array]] = {
     "lowpass": lowpass,
+    "second_order_lowpass": second_order_lowpass,
     "saturation": saturation,
     "soft_saturation": soft_saturation,
     "bouc_wen": bouc_wen,

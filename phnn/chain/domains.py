@@ -8,6 +8,7 @@ from phnn.domain import ANY, NONNEGATIVE, POSITIVE, Domain
 
 DOMAINS: Mapping[str, tuple[Domain, ...]] = {
     "lowpass": (POSITIVE,),
+    "second_order_lowpass": (POSITIVE, POSITIVE),
     "saturation": (POSITIVE,),
     "soft_saturation": (POSITIVE, POSITIVE),
     "bouc_wen": (POSITIVE, ANY, ANY, ANY),

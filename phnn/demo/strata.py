@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
 
+import numpy as np
+
 from phnn.demo.concealed import Concealed
 from phnn.demo.inner import Base, Plan, Rng
 from phnn.demo.listed import LISTED, LOCATIONS, drawn, may_be_paired
@@ -52,6 +54,11 @@ def _together(number: int) -> tuple[Choice, ...]:
     return tuple(Choice(s) for s in sets if all(may_be_paired(*pair) for pair in combinations(s, 2)))
 
 
+def _mixed(every: tuple[Choice, ...]) -> tuple[Choice, ...]:
+    """In an order in which neighbours share no more effects than others do, always the same."""
+    return tuple(every[i] for i in np.random.default_rng(0).permutation(len(every)))
+
+
 _ROUNDS: dict[str, Callable[[], tuple[Choice, ...]]] = {
     "none": lambda: (Choice(),),
     "same": lambda: tuple(Choice((name,)) for name in LISTED),
@@ -61,7 +68,7 @@ _ROUNDS: dict[str, Callable[[], tuple[Choice, ...]]] = {
         *(Choice((name,), "unlisted") for name in UNLISTED),
     ),
     "pair": lambda: _together(2),
-    "triple": lambda: _together(3),
+    "triple": lambda: _mixed(_together(3)),
 }
 STRATA = tuple(_ROUNDS)
 

@@ -1,11 +1,12 @@
-"""An amplifier that lags behind its command."""
+"""An amplifier that lags behind its command, as a low-pass of first or of second order."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from phnn.effects.effect import Effect, Plausible, Scales
-from phnn.parameters import time_constant
+from phnn.parameters import Parameter, time_constant
 from phnn.setup import Block, Setup
 
 
@@ -22,7 +23,21 @@ def grid(scales: Scales) -> list[dict[str, float]]:
     return [{"tau_a": unit * share} for share in (1e-3, 0.1, 1.0, 10.0)]
 
 
-EFFECT = Effect(
+def build_second_order(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """``τ² V̈ + 2ζ τ V̇ + V = u`` before the port."""
+    added = (
+        time_constant("tau_a", values["tau_a"], "time constant of the amplifier"),
+        Parameter("zeta_a", values["zeta_a"], "1", 0.05, 20.0, positive=True, description="damping of the amplifier"),
+    )
+    return setup.with_block("amplifier", Block("second_order_lowpass", ("tau_a", "zeta_a")), added)
+
+
+def grid_second_order(scales: Scales) -> list[dict[str, float]]:
+    """The same time constants, well damped and less."""
+    return [{"tau_a": point["tau_a"], "zeta_a": zeta} for point in grid(scales) for zeta in (0.5, 1.0)]
+
+
+_FIRST_ORDER = Effect(
     name="amplifier_lowpass",
     location="amplifier",
     kind="lag",
@@ -42,4 +57,23 @@ EFFECT = Effect(
     plausible={"tau_a": Plausible(1e-7, 1e-2, "amplifiers of capacitive loads have bandwidths of 20 Hz to 1 MHz")},
     needs_command=True,
     neighbours=("delay", "sensor_lag"),
+)
+EFFECT = replace(
+    _FIRST_ORDER,
+    forms=(
+        replace(
+            _FIRST_ORDER,
+            equation=r"\tau_a^2 \ddot{V} + 2 \zeta_a \tau_a \dot{V} + V = u",
+            statement="The amplifier does not follow its command at once: it is a low-pass of second order with a time "
+            "constant of {tau_a} and a damping of {zeta_a}.",
+            build=build_second_order,
+            grid=grid_second_order,
+            strength="tau_a",
+            parameters=("tau_a", "zeta_a"),
+            plausible={
+                "tau_a": Plausible(1e-7, 1e-2, "amplifiers of capacitive loads have bandwidths of 20 Hz to 1 MHz"),
+                "zeta_a": Plausible(0.3, 2.0, "power amplifiers are tuned to overshoot by no more than a third"),
+            },
+        ),
+    ),
 )

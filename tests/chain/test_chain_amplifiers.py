@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from phnn.chain.amplifiers import AMPLIFIERS, bouc_wen, delay, lowpass, offset, saturation, slew_limit, soft_saturation
+from phnn.chain.amplifiers import AMPLIFIERS, bouc_wen, delay, offset, saturation, slew_limit, soft_saturation
+from phnn.chain.lowpass import lowpass, second_order_lowpass
 from phnn.laws.namespace import TINY
 from phnn.models.bouc_wen import TABLE_2
 from phnn.signals.reconstruct import mean_input
@@ -40,6 +41,28 @@ def test_lowpass_solves_its_equation(tau: float) -> None:
     assert np.abs(got[:, 1] - exact).max() < 1e-2
     np.testing.assert_allclose(got[1:, 0], got[:-1, 2], rtol=1e-14)
     assert got[0, 0] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("tau", [1e-6, 2e-3, 0.05, 30.0])
+@pytest.mark.parametrize("zeta", [0.2, 0.999999, 1.0, 1.000001, 4.0, 600.0])
+def test_second_order_lowpass_solves_its_equation(tau: float, zeta: float) -> None:
+    got = second_order_lowpass(command(FINE_T), H, 3.0, tau, zeta)
+
+    def change(t: float, v: Any) -> list[float]:
+        return [v[1] / tau, (command(t) - v[0] - 2.0 * zeta * v[1]) / tau]
+
+    exact = solve_ivp(change, (0.0, 0.4), [3.0, 0.0], "Radau", FINE_T[:, 1], rtol=1e-9, atol=1e-9).y[0]
+    assert np.abs(got[:, 1] - exact).max() < 1e-2
+    np.testing.assert_allclose(got[1:, 0], got[:-1, 2], rtol=1e-14)
+
+
+@pytest.mark.parametrize("zeta", [0.3, 1.0 - 1e-9, 1.0 + 1e-9, 2.0])
+def test_derivatives_of_a_second_order_lowpass_around_critical_damping(zeta: float) -> None:
+    fine, step = command(FINE_T), 1e-5
+    got = np.imag(second_order_lowpass(fine, H, 3.0, 2e-3, complex(zeta, TINY))) / TINY
+    ends = [second_order_lowpass(fine, H, 3.0, 2e-3, zeta + s) for s in (step, -step)]
+    wanted = (ends[0] - ends[1]) / (2.0 * step)
+    np.testing.assert_allclose(got, wanted, atol=1e-6 * np.abs(wanted).max())
 
 
 def test_lowpass_is_exact_for_a_ramp_and_after_a_jump() -> None:
@@ -173,6 +196,7 @@ def test_an_offset_is_added() -> None:
 
 VALUES = {
     "lowpass": (2e-3,),
+    "second_order_lowpass": (2e-3, 0.6),
     "saturation": (12.5,),
     "soft_saturation": (30.0, 3.0),
     "bouc_wen": (0.0087, 0.006, 0.014, 40.0),
