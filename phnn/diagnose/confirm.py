@@ -40,6 +40,7 @@ from phnn.diagnose.rules.composition import CLAIM, ClaimCase
 from phnn.diagnose.rules.held_out import ELEMENT, MODEL, NAMELESS, REMAINDER, ElementCase, ModelCase, NamelessCase
 from phnn.diagnose.scored import Scored
 from phnn.diagnose.select import share_of
+from phnn.effects import Effect
 from phnn.identify.evaluate import Evaluation, evaluate
 from phnn.identify.fit import Fit
 from phnn.identify.gain import Gain, gain
@@ -155,7 +156,7 @@ def _helps(tested: Tested, rule: Confirmation) -> bool:
 def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record: Record) -> list[Tested]:
     """The elements, none of them with a name beside a learned element at its own place that takes much as well.
 
-    Both together may be one thing that has no name.
+    Both together may be one thing that has no name, unless the learned one is more of the same.
     """
 
     def takes(t: Tested) -> float:
@@ -163,9 +164,7 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
 
     def asked(t: Tested) -> Tested:
         effect = t.finding.trial.candidate.effect
-        beside = [
-            o for o in tested if o.finding.learned and o.finding.trial.candidate.effect.location == effect.location
-        ]
+        beside = [o for o in tested if o.finding.learned and _may_be_part_of(o.finding.trial.candidate.effect, effect)]
         if t.finding.provisional or not beside:
             return t
         case = ClaimCase(t.finding.learned, takes(t), sum(map(takes, beside)), criteria)
@@ -173,6 +172,11 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
         return replace(t, finding=replace(t.finding, provisional=True)) if doubtful else t
 
     return [asked(t) for t in tested]
+
+
+def _may_be_part_of(learned: Effect, effect: Effect) -> bool:
+    """Whether a learned element may take what an effect stands for: at its place, and not more of the same."""
+    return learned.location == effect.location and not learned.is_more_of(effect)
 
 
 def _model_case(judgement: Judgement, tested: Sequence[Tested], criteria: Criteria) -> ModelCase:

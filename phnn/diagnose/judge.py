@@ -199,21 +199,23 @@ def _composed(
 def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, record: Record) -> tuple[Finding, ...]:
     """Elements of a composed model beside which what has no name is small, the weakest asked first.
 
-    What an element takes that has no name has none either. A remainder beyond any doubt about the noise counts even
-    where it may be chance.
+    What an element takes that has no name has none either, unless it is more of the same. A remainder beyond any doubt
+    about the noise counts even where it may be chance.
     """
     doubt, chi2 = criteria.selection.noise_doubt, model.ground.fit.chi2
     counts = model.significant or chi2 > criteria.composition.composed_beyond**2
     nameless = max(chi2 / doubt**2 - 1.0, 0.0) if counts else 0.0
     takes = [f.gained.before**2 - f.gained.after**2 if f.gained is not None else 0.0 for f in findings]
     weakest_first = sorted(zip(takes, findings, strict=True), key=lambda pair: (not pair[1].learned, pair[0]))
-    claimed = []
+    claimed: list[Finding] = []
+    unclaimed: list[tuple[Effect, float]] = []
     for taken, finding in weakest_first:
-        case = ClaimCase(finding.learned, taken, nameless, criteria)
-        if record.decide(CLAIM, case, finding.trial.candidate.effect.name) is None:
+        effect = finding.trial.candidate.effect
+        others = sum(took for other, took in unclaimed if not other.is_more_of(effect))
+        if record.decide(CLAIM, ClaimCase(finding.learned, taken, nameless + others, criteria), effect.name) is None:
             claimed.append(finding)
         else:
-            nameless += taken
+            unclaimed.append((effect, taken))
     return tuple(f for f in findings if f in claimed)
 
 

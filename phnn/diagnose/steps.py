@@ -25,6 +25,8 @@ from phnn.setup import Setup
 
 Array = NDArray[np.float64]
 
+# Shares of a strength from which a refit that has failed is begun again.
+_WEAKER = (0.1, 0.01)
 # Shares of the step that makes room for an effect.
 _SHARES = (1.0, 0.3)
 
@@ -87,9 +89,9 @@ def _adjusted(base: Fit, begun: Setup, longest: float) -> tuple[Setup, Fit]:
 
 
 def from_several_starts(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
-    """Further steps from there and from other starts: shapes of the effect, and other optima of the base."""
+    """Further steps from there and from other starts: shapes of the effect, weaker ones, other optima of the base."""
     candidate, effect = trial.candidate, trial.candidate.effect
-    starts = [(base.setup, v) for v in candidate.others[: limits.other_starts]]
+    starts = [(base.setup, v) for v in (*candidate.others[: limits.other_starts], *_weaker(base, trial))]
     starts += [(setup, candidate.values) for setup in base.alternatives]
     tried = [_few_steps(base, effect, setup, values, limits.second_evaluations, limits) for setup, values in starts]
     ends = [f for f in (*tried, further_steps(base, trial, limits)) if f is not None]
@@ -97,6 +99,17 @@ def from_several_starts(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit
         return None
     best, alternatives = distinct_optima(ends)
     return replace(best, alternatives=alternatives)
+
+
+def _weaker(base: Fit, trial: Trial) -> list[dict[str, float]]:
+    """Weaker starts where the first one has failed: a model that contains the base model never fits worse.
+
+    What scores extrapolate to may lie beyond a threshold that only a small strength leaves untouched.
+    """
+    if trial.fit is not None and trial.fit.cost <= base.cost:
+        return []
+    effect, values = trial.candidate.effect, trial.candidate.values
+    return [v for v in (effect.scaled(values, share) for share in _WEAKER) if v != values]
 
 
 def from_large_starts(ground: Ground, base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:

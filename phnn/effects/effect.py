@@ -156,6 +156,7 @@ class Effect:
         place: displacement of the motion that it acts on, where that is not the measured one.
         at_most: how many of it may act at one place, 1 to 3; which: "second" or "third", empty for the first.
         after: parameters of the one before, which has to be there already.
+        several_of: name of the effect that a learned element is several of, and nothing else.
         plausible: where each of its parameters lies in actuators that exist, or that no range is known.
     """
 
@@ -188,6 +189,7 @@ class Effect:
     at_most: int = 1
     which: str = ""
     after: tuple[str, ...] = ()
+    several_of: str = ""
 
     @property
     def title(self) -> str:
@@ -198,6 +200,10 @@ class Effect:
     def canonical(self) -> str:
         """Name in the catalogue, whatever the place."""
         return self.title.removesuffix(f" at {self.place}") if self.place else self.title
+
+    def is_more_of(self, other: Effect) -> bool:
+        """Whether a learned element is the same physics as another effect at the same place."""
+        return self.several_of == other.canonical and self.place == other.place
 
     @property
     def all_strengths(self) -> tuple[str, ...]:

@@ -83,6 +83,9 @@ class Problem:
         try:
             turned[-1] = np.hypot(np.linalg.norm(self.residual(z)), np.linalg.norm(self.variables.prior(z)[:, -1]))
         except SolverFailed:
+            turned[-1] = np.inf
+        # The optimiser needs numbers: what cannot be simulated, or overflows, is far from any optimum.
+        if not np.isfinite(turned[-1]):
             turned[-1] = _FAILED * np.sqrt(self.samples)
         return turned
 

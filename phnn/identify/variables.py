@@ -18,6 +18,9 @@ from phnn.simulate import Trajectory, simulate
 
 Array = NDArray[np.float64]
 
+# Standard deviations: an initial state that is farther off than that imitates what the model lacks.
+_FARTHEST = 20.0
+
 
 @dataclass(frozen=True)
 class Variables:
@@ -47,12 +50,15 @@ class Variables:
         return np.concatenate([z, states, *self.instants.values()])
 
     def bounds(self, setup: Setup) -> tuple[Array, Array]:
-        """Bounds declared on the parameters; initial states are free; a jump stays within its sample interval."""
+        """Bounds declared on the parameters; an initial state stays within `_FARTHEST` of what is expected, or where it
+        is, if that is farther; a jump stays within its sample interval."""
         pairs = [setup.parameters[n].coordinate_bounds for n in self.names]
-        free = np.full(len(self.unknown) * self.scales.size, np.inf)
+        reach = [(e.mean - self.origin[n], _FARTHEST * e.spread) for n, e in self.expected.items()]
+        states = [np.zeros((2, 0))] + [np.stack([middle - far, middle + far]) / self.scales for middle, far in reach]
+        least, most = np.concatenate(states, axis=1)
         within = np.ones(sum(x.size for x in self.instants.values()))
-        lower = np.concatenate([[p[0] for p in pairs], -free, 0.0 * within])
-        return lower, np.concatenate([[p[1] for p in pairs], free, within])
+        lower = np.concatenate([[p[0] for p in pairs], np.minimum(least, 0.0), 0.0 * within])
+        return lower, np.concatenate([[p[1] for p in pairs], np.maximum(most, 0.0), within])
 
     def setup(self, template: Setup, z: Array) -> Setup:
         """The setup at ``z``."""

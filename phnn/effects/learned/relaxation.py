@@ -57,6 +57,7 @@ EFFECT = Effect(
     build=build,
     rescale=of_any_size(_STRENGTHS),
     parameters=(*_STRENGTHS, *_TIMES),
+    several_of="creep",
     plausible=no_range(*_STRENGTHS, *_TIMES),
     applies=has_motion,
     neighbours=("creep", "sensor_drift"),
