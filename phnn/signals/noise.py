@@ -37,7 +37,8 @@ class NoiseFloor:
     ``coefficient`` is that of first-order noise seen in a part of the spectrum only, zero where such a part was taken
     as white, and ``None`` where more of the noise was seen. ``found`` is False where the recording shows no noise:
     ``value`` is then a small share of the output's range, by which fits are weighted but against which nothing can be
-    judged. ``interval`` holds the deviation with 95 % where it was estimated from one spectrum.
+    judged. ``interval`` holds the deviation with 95 % where it was estimated from one spectrum. ``smaller`` is the
+    floor of white noise where colour alone makes it larger.
     """
 
     value: float
@@ -46,6 +47,7 @@ class NoiseFloor:
     coefficient: float | None = None
     found: bool = True
     interval: tuple[float, float] | None = None
+    smaller: NoiseFloor | None = None
 
 
 def noise_floor(
@@ -180,7 +182,7 @@ def from_rest(u: np.ndarray, y: np.ndarray) -> NoiseFloor | None:
     rest = y[first:last] - trend(k)
     sigma = sqrt(float(rest @ rest) / (n - 4))
     above, _ = _plateau(y[first:last])
-    if sigma > 1.5 * above and _lag_one(rest) > 0.9:
+    if sigma > 1.5 * above and float(rest[1:] @ rest[:-1]) > 0.9 * float(rest @ rest):
         return None  # it still moves smoothly: this is settling, not noise
     return NoiseFloor(sigma, f"{n} samples at rest", _correlation([rest]))
 
@@ -249,7 +251,10 @@ def from_one_spectrum(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
     if known.low <= simple.value <= known.high and UPPER not in simple.source:
         return replace(simple, interval=interval)
     correlation = correlation_of(known.coefficient) if known.coefficient else WHITE
-    return NoiseFloor(known.value, known.words(dt), correlation, None, interval=interval)
+    smaller = None
+    if simple.value < known.value and UPPER not in simple.source:
+        smaller = replace(simple, interval=(min(simple.value, interval[0]), interval[1]))
+    return NoiseFloor(known.value, known.words(dt), correlation, None, interval=interval, smaller=smaller)
 
 
 def _plateau(y: np.ndarray) -> tuple[float, int]:
@@ -270,10 +275,6 @@ def _spread(values: np.ndarray) -> float:
             break
         sigma = sqrt(float(kept @ kept) / kept.size) / 0.98652
     return sigma
-
-
-def _lag_one(values: np.ndarray) -> float:
-    return float(values[1:] @ values[:-1]) / max(float(values @ values), 1e-300)
 
 
 def _correlation(pieces: list[np.ndarray]) -> np.ndarray:

@@ -32,14 +32,30 @@ def pooled(floors: Sequence[NoiseFloor], kinds: Sequence[Hashable] | None = None
         if floor.interval is not None and floor.found and floor.coefficient is None:
             groups.setdefault(name, []).append(i)
     for group in groups.values():
-        shared = alike([common[i].value for i in group], [common[i].interval or (0.0, 0.0) for i in group])
-        if shared is None or len(shared.members) < 2:
-            continue
-        for k in shared.members:
-            i = group[k]
-            source = f"{common[i].source}, shared by {len(shared.members)} recordings that do not differ in it"
-            common[i] = replace(common[i], value=shared.value, source=source, interval=shared.interval)
+        for i, floor in zip(group, _sharing([common[i] for i in group]), strict=True):
+            common[i] = floor
     return common
+
+
+def _sharing(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
+    """The floors of one kind: one for those that are not proven different.
+
+    One spectrum hardly tells coloured noise from what the signal leaves there. Where others of the kind do not agree on
+    it the smaller floor stands, with an interval that holds both.
+    """
+    shared = alike([f.value for f in floors], [f.interval or (0.0, 0.0) for f in floors])
+    if len(floors) == 1:
+        return list(floors)
+    if shared is None:
+        return [f.smaller or f for f in floors]
+
+    def of(k: int, floor: NoiseFloor) -> NoiseFloor:
+        if k not in shared.members:
+            return floor.smaller or floor
+        source = f"{floor.source}, shared by {len(shared.members)} recordings that do not differ in it"
+        return replace(floor, value=shared.value, source=source, interval=shared.interval, smaller=None)
+
+    return [of(k, floor) for k, floor in enumerate(floors)]
 
 
 class Shared(NamedTuple):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -55,10 +57,12 @@ WHAT = [
 ]  # fmt: skip
 
 
-def covered(drive: str, noise: str, draws: range) -> tuple[int, int]:
-    """In how many draws the interval holds the truth, and in how many there is one."""
+def covered(drive: str, noise: str, draws: range, most: int = 40) -> tuple[int, int]:
+    """In how many draws the interval holds the truth, and in how many there is one, at most so many."""
     right = given = 0
     for seed in draws:
+        if given == most:
+            break
         rng = np.random.default_rng(seed)
         u = driven(drive, rng)
         y, truth = noisy(actuator(u), noise, rng)
@@ -78,8 +82,9 @@ def test_intervals_hold_the_truth() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("drive", "noise"), WHAT)
 def test_intervals_hold_the_truth_in_nine_draws_of_ten(drive: str, noise: str) -> None:
-    right, given = covered(drive, noise, range(1000, 1040))
-    assert given >= 8 and right >= 0.9 * given, (right, given)
+    # Where the input reaches the highest frequencies, few recordings show the noise.
+    right, given = covered(drive, noise, range(1000, 1240))
+    assert given >= 20 and right >= 0.9 * given, (right, given)
 
 
 def test_what_follows_the_input_is_no_noise() -> None:
@@ -131,6 +136,9 @@ def test_one_that_differs_keeps_its_own_floor() -> None:
     found = pooled(floors, ["a"] * 4)
     assert [f.value for f in found] == pytest.approx([1.003] * 2 + [2.0] + [1.003], rel=1e-3)
     assert "shared by 3" in found[0].source and found[2] is floors[2]
+    # Where nothing agrees with coloured noise, the smaller floor of white noise stands.
+    white = floor_of(1.0)
+    assert pooled([floor_of(1.0), replace(floor_of(2.0), smaller=white)], ["a"] * 2)[1] is white
     # Other outputs and rates have floors of their own.
     assert pooled(floors[:2], ["a", "b"]) == floors[:2]
 
