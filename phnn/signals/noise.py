@@ -239,8 +239,7 @@ def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
 def from_one_spectrum(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
     """From the highest frequencies, corrected where `spectral_noise.estimated` can be trusted and disagrees.
 
-    What lies in its interval stays. White noise is told from first-order noise there, and what follows the input from
-    noise. A floor from frequencies about which the input is silent stays as well.
+    What lies in its interval stays, and so does a floor from frequencies about which the input is silent.
     """
     simple = from_high_band(u, y, dt)
     known = estimated(u, y)
@@ -253,7 +252,7 @@ def from_one_spectrum(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
     correlation = correlation_of(known.coefficient) if known.coefficient else WHITE
     smaller = None
     if simple.value < known.value and UPPER not in simple.source:
-        smaller = replace(simple, interval=(min(simple.value, interval[0]), interval[1]))
+        smaller = replace(simple, interval=(min(simple.value, known.low), interval[1]))
     return NoiseFloor(known.value, known.words(dt), correlation, None, interval=interval, smaller=smaller)
 
 
