@@ -22,16 +22,16 @@ from phnn.identify.base import Options, Progress, identify_base, prepare
 from phnn.identify.evaluate import Evaluation
 from phnn.identify.fit import Fit
 from phnn.intake.names import printable
-from phnn.models.store import load, save
+from phnn.models.store import save
 from phnn.output import Place, claim, finite, unique_names
-from phnn.prediction import document, predicted
+from phnn.prediction import document
+from phnn.predictor import predictor
 from phnn.recordings import Campaign, read
 from phnn.report import console_summary
 from phnn.report.checked import write_check
 from phnn.report.formatting import interval
 from phnn.report.predicted import score_table
 from phnn.report.result import RESULTS, evidence, write_into
-from phnn.simulate import check_names
 
 Config = Mapping[str, Any]
 _PIPE = 200
@@ -166,15 +166,14 @@ def predict(
 
     Where the input jumps between two samples, a further column says how uncertain that makes the output.
     """
-    setup, substeps = load(model, outside)
+    simulator = predictor(model, outside)
     campaign = read(folder, manifest, need_output=False, allow_outside=outside)
-    check_names(setup.network, campaign.recordings)
+    predictions = simulator(campaign)
     files, found = unique_names((r.name for r in campaign.recordings), ".csv"), []
     results = (*files.values(), "predict.json")
     with claim(out, "predict", [model, folder], results, overwrite=overwrite) as place:
-        for recording in campaign.recordings:
-            name = files[recording.name]
-            one = predicted(setup, recording, substeps, recording.name in campaign.held_out)
+        for one in predictions:
+            name = files[one.recording.name]
             (place / name).write(one.table.to_csv(index=False).encode())
             found.append(one)
             print(out / name)
@@ -211,13 +210,14 @@ def modes(
     """Find the modes of a structure and what moves with amplitude; see `phnn.report.modes` for what it writes."""
     from phnn.modal.experiment import study_of
     from phnn.modal.settings import Settings
-    from phnn.modal.store import model_document
+    from phnn.modal.store import channels_of, model_document
     from phnn.modal.study import study_modes
     from phnn.report.modes import RESULTS as MODES
     from phnn.report.modes import show, write_modes
 
     settings = Settings.from_config(config)
     study = study_of(read(folder, manifest, allow_outside=outside))
+    channels = channels_of(study)
     with (
         claim(out, "modes", [folder], MODES, overwrite=overwrite) as place,
         _progress() as progress,
@@ -226,7 +226,7 @@ def modes(
             study,
             settings,
             progress,
-            lambda name, fit: (place / "models" / f"{name}.json").write_json(model_document(fit)),
+            lambda name, fit: (place / "models" / f"{name}.json").write_json(model_document(fit, channels)),
         )
         progress("write the report")
         write_modes(result, str(folder), place)

@@ -43,19 +43,22 @@ class Predicted:
         y: (N,) simulated output, SI.
         table: ``time_s``, the simulated output and, where the input jumps between samples, its standard error.
         held_out: the manifest marks the recording with ``use: confirmation``.
+        whole: all samples are scored, for the first ones give no initial state.
     """
 
     recording: Recording
     y: Array
     table: pd.DataFrame
     held_out: bool
+    whole: bool = False
 
     @property
     def scored(self) -> slice:
         """The samples that are scored; none where no output was recorded."""
         if not np.isfinite(self.recording.y).all():
             return slice(0, 0)
-        first = next((p.first for p in self.recording.parts if p.use == "confirmation"), 0)
+        parts = () if self.whole else self.recording.parts
+        first = next((p.first for p in parts if p.use == "confirmation"), 0)
         return slice(first, self.recording.t.size)
 
     @property

@@ -59,6 +59,7 @@ class Checked:
                 r.name: {
                     "source": r.source, "sample_rate_hz": 1.0 / r.dt, "samples": int(r.t.size),
                     "noise_floor": r.noise if np.isfinite(r.noise) and r.noise_found else None,
+                    "noise_interval_95": list(r.noise_interval) if r.noise_interval else None,
                     "noise": self.noise[r.name].document() if r.name in self.noise else None,
                     "start": r.start.state, "period_s": r.period,
                     "findings": [asdict(f) for f in self.findings[r.name]],

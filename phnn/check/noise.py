@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from phnn.recordings.excitation import Excitation
 from phnn.recordings.recording import Recording
 from phnn.signals.least_squares import residual
-from phnn.signals.noise import quantisation_step
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
+from phnn.signals.quantisation import quantisation_step
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import numpy as np
 from phnn.check.finding import NOTE, WARNING, Finding
 from phnn.recordings.excitation import Excitation
 from phnn.recordings.recording import Recording
-from phnn.signals.noise import quantisation_step
+from phnn.signals.quantisation import quantisation_step
 from phnn.units import quantity
 
 # Steps of a share of the noise are not worth a word; steps of several times the noise hide it, whose own deviation

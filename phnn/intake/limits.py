@@ -26,6 +26,9 @@ class Limits:
     memory_share: float = _limit(0.25, "1", "share of the available memory for one file; checks keep a few copies")
     file_bytes: int = _limit(4 * _GIB, "bytes", "no recording is larger; a sparse file may claim any size")
     text_bytes: int = _limit(_GIB // 2, "bytes", "a text takes several times its size while it is read")
+    json_bytes: int = _limit(
+        64 * _MIB, "bytes", "a json recording is converted number by number, a few million a second"
+    )
     unpacked_bytes: int = _limit(_GIB // 4, "bytes", "packed numbers may take as much beyond the size of their file")
     line_characters: int = _limit(100_000, "1", "a row of a table is shorter; a file without line ends has one line")
     columns: int = _limit(64, "1", "columns of an array; more are samples along the wrong axis")

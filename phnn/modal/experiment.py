@@ -53,7 +53,8 @@ class Study:
 
     Attributes:
         dt: s; inputs, outputs: their names; units: of input and output.
-        levels: experiments by amplitude, in ascending order.
+        levels: experiments by amplitude, in ascending order; each has some for identification.
+        apart: amplitudes that are held out as a whole, in ascending order; never used to fit or to choose.
         left_out: experiments of identification that were not used, with the reason.
     """
 
@@ -63,6 +64,7 @@ class Study:
     units: tuple[str, str]
     levels: tuple[tuple[Experiment, ...], ...]
     left_out: Mapping[str, str]
+    apart: tuple[tuple[Experiment, ...], ...] = ()
 
     @property
     def frequencies(self) -> Array:
@@ -95,35 +97,41 @@ def study_of(campaign: Campaign) -> Study:
         InputRefused: a recording is not periodic or has no output, recordings differ in rate, period, inputs, outputs
             or units, one is partly held out, or those at some amplitude cannot tell the inputs apart.
     """
-    grouped: dict[str, list[Recording]] = {}
+    grouped = experiments_of(campaign)
     for r in campaign.recordings:
-        _check(r)
-        grouped.setdefault(r.name.removesuffix(f".{r.measures}") if r.measures else r.name, []).append(r)
+        _check_output(r)
     first = next(iter(grouped.values()))
     _check_alike(grouped, first)
     noticed = contaminated(campaign.recordings, {r: excitation_of(r.drive, r.dt) for r in campaign.recordings})
     experiments, left_out = [], {}
     for name, views in grouped.items():
-        found = _experiment(name, views)
+        found = experiment_of(name, views)
         reasons = [f.text for r in views for f in noticed[r.name]]
         if reasons and not found.held_out:
             left_out[name] = reasons[0]
         else:
             experiments.append(found)
+    levels = _levels(experiments)
     study = Study(
         dt=first[0].dt,
         inputs=("input", *first[0].further),
         outputs=tuple(r.measures or "output" for r in first),
         units=(first[0].units.input, first[0].units.output),
-        levels=_levels(experiments),
+        levels=tuple(level for level in levels if not all(e.held_out for e in level)),
         left_out=left_out,
+        apart=tuple(level for level in levels if all(e.held_out for e in level)),
     )
+    if not study.levels:
+        raise InputRefused(
+            f"{campaign.folder}: no experiment is left for identification ({len(left_out)} left out as contaminated): "
+            f"record some again, or say `use: identification` for others in recordings.yaml"
+        )
     for level in range(len(study.levels)):
         _check_level(study, level, campaign.folder)
     return study
 
 
-def _check(r: Recording) -> None:
+def _check_periodic(r: Recording) -> None:
     if r.start.state != "periodic":
         raise InputRefused(
             f"{r.source}: recording {r.name!r} is not said to be in a periodic steady state: modes are read off "
@@ -139,6 +147,9 @@ def _check(r: Recording) -> None:
             f"{r.source}: recording {r.name!r} has an input that is linear between samples, which modes are not read "
             f"off: say `input: band_limited` or `input: zero_order`, whichever is nearer"
         )
+
+
+def _check_output(r: Recording) -> None:
     if not np.isfinite(r.y).all():
         raise InputRefused(f"{r.source}: recording {r.name!r} has no output: leave it out")
 
@@ -184,7 +195,25 @@ def _check_alike(grouped: Mapping[str, Sequence[Recording]], first: Sequence[Rec
             )
 
 
-def _experiment(name: str, views: Sequence[Recording]) -> Experiment:
+def experiments_of(campaign: Campaign) -> dict[str, list[Recording]]:
+    """The recordings of a campaign by their experiment: one for each output.
+
+    Raises:
+        InputRefused: one is not periodic.
+    """
+    grouped: dict[str, list[Recording]] = {}
+    for r in campaign.recordings:
+        _check_periodic(r)
+        grouped.setdefault(r.name.removesuffix(f".{r.measures}") if r.measures else r.name, []).append(r)
+    return grouped
+
+
+def experiment_of(name: str, views: Sequence[Recording]) -> Experiment:
+    """The mean period of recordings that share their inputs.
+
+    Raises:
+        InputRefused: they are partly held out.
+    """
     size = views[0].cycle
     y = np.stack([_periods(r.y, size) for r in views], axis=-1)
     u = np.stack([_periods(x, size).mean(axis=0) for x in (views[0].u, *views[0].further.values())], axis=-1)

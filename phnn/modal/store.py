@@ -3,27 +3,60 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import InputRefused
-from phnn.modal.elements import PortElement
+from phnn.intake.limits import LIMITS
+from phnn.intake.names import printable
+from phnn.modal.confirm import Score
+from phnn.modal.elements import SLOW, SOFTENING, STATEMENTS, STOP, PortElement
+from phnn.modal.experiment import Experiment, Study
 from phnn.modal.fit import ModalFit
+from phnn.modal.judge import DESCRIBED, PROVISIONAL, UNKNOWN, Candidate
 from phnn.modal.model import ModalModel
-from phnn.modal.study import Candidate, Result
+from phnn.modal.study import Result
+from phnn.models.typed import a_count, a_list, a_name, a_number, an_object, brief
 
 Array = NDArray[np.float64]
 
-MODEL_SCHEMA, STUDY_SCHEMA = "phnn.modal-model/1", "phnn.modes/1"
+MODEL_SCHEMA, STUDY_SCHEMA = "phnn.modal-model/2", "phnn.modes/2"
 
 
-def model_document(fit: ModalFit) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Channels:
+    """What a model is driven at and what it observes: names of inputs and outputs in their order, and their units."""
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    units: Mapping[str, str]
+
+
+class StoredModes(NamedTuple):
+    """A model and the channels that it was fitted to."""
+
+    fit: ModalFit
+    channels: Channels
+
+
+def _plain(channels: Channels) -> dict[str, Any]:
+    return {"inputs": list(channels.inputs), "outputs": list(channels.outputs), "units": dict(channels.units)}
+
+
+def channels_of(study: Study) -> Channels:
+    """The channels of a study."""
+    return Channels(study.inputs, study.outputs, dict(zip(("input", "output"), study.units, strict=True)))
+
+
+def model_document(fit: ModalFit, channels: Channels) -> dict[str, Any]:
     """All that is needed to simulate the model again, SI."""
     m = fit.model
     return {
         "schema": MODEL_SCHEMA,
+        **_plain(channels),
         "dt_s": fit.dt,
         "frequency_Hz": (m.omega / (2.0 * np.pi)).tolist(),
         "damping_ratio": m.zeta.tolist(),
@@ -39,68 +72,155 @@ def model_document(fit: ModalFit) -> dict[str, Any]:
     }
 
 
-def model_from(document: Mapping[str, Any]) -> ModalFit:
-    """The model of a document.
+def model_from(document: Mapping[str, Any]) -> StoredModes:
+    """The model of a document; what is returned is passive at its ports, whatever the document says.
 
     Raises:
-        InputRefused: it is not such a document, or something in it is missing.
+        InputRefused: it is not such a document, something in it is missing, or a value lies outside its domain.
     """
     if document.get("schema") != MODEL_SCHEMA:
-        raise InputRefused(f"schema {document.get('schema')!r} is not {MODEL_SCHEMA!r}: give a file of phnn modes")
+        raise InputRefused(f"schema {brief(document.get('schema'))} is not {MODEL_SCHEMA!r}: give a file of phnn modes")
     try:
-        ports = np.array(document["ports"], dtype=float)
-        shape = ports.shape[1], -1
-        k, thresholds = (
-            np.array(document[n], dtype=float).reshape(shape) if np.size(document[n]) else np.zeros((shape[0], 0))
-            for n in ("parameters", "thresholds")
+        return _model(document)
+    except KeyError as error:
+        raise InputRefused(f"the model is incomplete (no {error}): run phnn modes again") from error
+    except (ValueError, TypeError, OverflowError) as error:
+        raise InputRefused(f"the model is damaged ({printable(str(error))}): run phnn modes again") from error
+
+
+def _model(document: Mapping[str, Any]) -> StoredModes:
+    inputs, outputs = (tuple(a_name(n, x) for n in a_list(document[x], x)) for x in ("inputs", "outputs"))
+    names = tuple(a_name(n, "element") for n in a_list(document["element"], "element"))
+    for name in names:
+        if name not in STATEMENTS:
+            raise ValueError(f"unknown element {brief(name)}; there are {', '.join(STATEMENTS)}")
+    modes, ports = len(a_list(document["frequency_Hz"], "frequency_Hz")), len(inputs)
+    parts = len(a_list(document["kinds"], "kinds"))
+    if not modes or not ports or not outputs:
+        raise ValueError("a model has one mode, one input and one output at least")
+    kinds = np.array([a_count(k, "kinds", STOP, SLOW) for k in document["kinds"]], dtype=np.int64)
+    element = PortElement(names, kinds, _numbers(document, "reach", parts))
+    frequency = _numbers(document, "frequency_Hz", modes)
+    zeta, k = _numbers(document, "damping_ratio", modes), _numbers(document, "parameters", ports, parts)
+    thresholds = _numbers(document, "thresholds", ports, parts)
+    if frequency.min() <= 0.0 or not 0.0 < zeta.min() <= zeta.max() < 1.0:
+        raise ValueError("frequencies are positive and damping ratios lie between 0 and 1")
+    if k.size and k.min() < 0.0:
+        raise ValueError("weights of parts are 0 or more")
+    if not (thresholds[:, np.isin(kinds, (STOP, SOFTENING, SLOW))] > 0.0).all():
+        raise ValueError("thresholds of parts are positive")
+    delay = _numbers(document, "delay_s", len(outputs))
+    model = ModalModel(
+        2.0 * np.pi * frequency, zeta, _numbers(document, "ports", modes, ports), delay, element, k, thresholds
+    )
+    dt = a_number(document["dt_s"], "dt_s")
+    if dt <= 0.0 or model.substeps(dt) > LIMITS.substeps:
+        raise ValueError(
+            f"dt_s = {dt:g} asks for {model.substeps(max(dt, 0.0))} steps a sample, at most {LIMITS.substeps}"
         )
-        kinds, reach = np.array(document["kinds"], dtype=np.int64), np.array(document["reach"], dtype=float)
-        element = PortElement(tuple(document["element"]), kinds, reach)
-        model = ModalModel(
-            2.0 * np.pi * np.array(document["frequency_Hz"], dtype=float),
-            np.array(document["damping_ratio"], dtype=float), ports, np.array(document["delay_s"], dtype=float),
-            element, k, thresholds,
-        )  # fmt: skip
-        shapes = np.array(document["shapes"], dtype=float)
-        return ModalFit(model, shapes, float(document["dt_s"]), float(document["left_of_fitted"]) ** 2)
-    except (KeyError, ValueError, IndexError, TypeError) as error:
-        raise InputRefused(f"the model is incomplete ({error!r}): run phnn modes again") from error
+    shapes = _numbers(document, "shapes", len(outputs), 2 * modes + ports)
+    cost = a_number(document["left_of_fitted"], "left_of_fitted") ** 2
+    units = {n: a_name(u, n) for n, u in an_object(document["units"], "units").items()}
+    channels = Channels(inputs, outputs, {n: units[n] for n in ("input", "output")})
+    return StoredModes(ModalFit(model, shapes, dt, cost), channels)
+
+
+def _numbers(document: Mapping[str, Any], name: str, *shape: int) -> Array:
+    """Finite numbers of a given shape. Raises ValueError where they are none."""
+
+    def nested(value: Any, sizes: tuple[int, ...]) -> Any:
+        if not sizes:
+            return a_number(value, name)
+        found = a_list(value, name)
+        if len(found) != sizes[0]:
+            raise ValueError(f"{name} has {len(found)} entries where {sizes[0]} belong")
+        return [nested(v, sizes[1:]) for v in found]
+
+    return np.array(nested(document[name], shape), dtype=float).reshape(shape)
 
 
 def study_document(result: Result) -> dict[str, Any]:
     """The study as plain data, SI."""
-    study = result.study
+    study, channels = result.study, channels_of(result.study)
     return {
         "schema": STUDY_SCHEMA,
         "verdict": result.verdict,
+        "missing": _missing(result),
         "elements": list(result.final.element.names),
         "class": [list(m.element.names) for m in result.members],
-        "inputs": list(study.inputs),
-        "outputs": list(study.outputs),
-        "units": {"input": study.units[0], "output": study.units[1]},
+        **_plain(channels),
         "sampling_interval_s": study.dt,
         "left_out": dict(study.left_out),
         "could_not_be_marched": list(result.failed),
         "chosen_by_what_was_fitted": result.fitted_choose,
         "levels": [
-            {
-                "amplitude": level[0].amplitude,
-                "experiments": [e.name for e in level],
-                "held_out": [e.name for e in level if e.held_out],
+            _level(level)
+            | {
                 "linear_alone": {
                     "frequency_Hz": sorted((result.alone[i].model.omega / (2.0 * np.pi)).tolist()),
                     "choosing_error": float(result.alone_by[i]),
-                    "held_out_rmse": result.held_out[result.alone[i]][i],
+                    "held_out_rmse": _rmse(result.held_out[result.alone[i]].levels[i]),
                 },
             }
             for i, level in enumerate(study.levels)
         ],
+        "held_out_levels": [_level(level) for level in study.apart],
         "models": {c.element.name: _candidate(c, result) for c in result.candidates},
     }
 
 
+def _level(level: tuple[Experiment, ...]) -> dict[str, Any]:
+    return {
+        "amplitude": level[0].amplitude,
+        "experiments": [e.name for e in level],
+        "held_out": [e.name for e in level if e.held_out],
+    }
+
+
+def _missing(result: Result) -> list[dict[str, Any]]:
+    """One entry for each element beyond the linear model, as in ``diagnosis.json``."""
+    share = result.judgement.share_explained
+    if share is None:
+        return []
+    before, after = result.held_out[result.candidates[0].fit], result.held_out[result.final.fit]
+    shared: dict[str, Any] = {
+        "place": "every port",
+        "location": "mechanical",
+        "share_explained": share,
+        "held_out": {"before": _shares(before.all), "after": _shares(after.all)},
+        "passive": True,
+    }
+    names = result.final.element.names
+    if result.verdict == UNKNOWN:
+        status = DESCRIBED if names else PROVISIONAL
+        return [
+            shared | {"effect": UNKNOWN, "nearest": n, "status": status, "equivalent_to": [], "statement": _told(n)}
+            for n in names or (None,)
+        ]
+    rivals = sorted({n for m in result.members for n in m.element.names} - set(names))
+    return [
+        shared | {"effect": n, "status": result.verdict, "equivalent_to": rivals, "statement": _told(n)} for n in names
+    ]
+
+
+def _told(name: str | None) -> str:
+    return STATEMENTS[name] if name else "no element at the ports helps"
+
+
+def _rmse(score: Score | None) -> list[float] | None:
+    return score.rmse if score else None
+
+
+def _shares(scores: tuple[Score | None, ...]) -> list[float | None]:
+    return [s.share if s else None for s in scores]
+
+
 def _candidate(candidate: Candidate, result: Result) -> dict[str, Any]:
+    held = result.held_out[candidate.fit]
     return {
         "choosing_error": candidate.by_level.tolist(),
-        "held_out_rmse": list(result.held_out[candidate.fit]),
+        "held_out_rmse": [_rmse(s) for s in held.levels],
+        "held_out_share": _shares(held.levels),
+        "held_out_levels_rmse": [_rmse(s) for s in held.apart],
+        "held_out_levels_share": _shares(held.apart),
     }

@@ -2,56 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import SolverFailed
+from phnn.modal.confirm import HeldOut, held_out_scores
 from phnn.modal.elements import LINEAR, PortElement, elements
 from phnn.modal.experiment import Experiment, Study
 from phnn.modal.fit import ModalFit, fit_modes
+from phnn.modal.judge import Candidate, Judgement, judged, serves, worth
 from phnn.modal.model import ModalModel
 from phnn.modal.response import first_modes
 from phnn.modal.settings import Settings
 
 Array = NDArray[np.float64]
 
-NONE, NAMED, CLASS, UNKNOWN, ONE_LEVEL = "none", "named", "class", "unknown", "one_level"
-# One linear model is as good as one for each amplitude up to this factor; elements are named that take away this
-# share of what it costs to be linear; a further one must take away this share, and leave less of every experiment.
-_AS_GOOD, _EXPLAINS, _FURTHER = 1.1, 0.5, 0.01
 # Weights of a further element at the start, over those that it would begin with alone.
 _GENTLY = 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """One model for all amplitudes.
-
-    Attributes:
-        fit: the fitted model.
-        left: by amplitude, what it leaves of each experiment that chooses, over what was measured.
-    """
-
-    fit: ModalFit
-    left: tuple[Array, ...]
-
-    @property
-    def element(self) -> PortElement:
-        """What its ports have."""
-        return self.fit.model.element
-
-    @property
-    def by_level(self) -> Array:
-        """(L,) mean over the experiments of an amplitude."""
-        return np.array([np.sqrt((x**2).mean()) for x in self.left])
-
-    @property
-    def error(self) -> float:
-        """All amplitudes together."""
-        return float(np.sqrt((self.by_level**2).mean()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +31,9 @@ class Result:
     Attributes:
         study: what was studied; alone: a linear model for each amplitude; alone_by: (L,) their errors.
         candidates: one model for all amplitudes each, the linear one first.
-        verdict: ``none``, ``named``, ``class``, ``unknown`` or ``one_level``.
-        members: models that the verdict cannot tell from each other, the best first.
+        judgement: the verdict and the models that it is about.
         failed: models that could not be marched.
-        held_out: by fit and amplitude, (O,) root mean square errors on what is held out; None where nothing is, or
-            where a model cannot be marched.
+        held_out: by fit, the scores on what is held out.
         fitted_choose: whether, at some amplitude, there was nothing to choose by but what was fitted.
     """
 
@@ -73,15 +41,24 @@ class Result:
     alone: tuple[ModalFit, ...]
     alone_by: Array
     candidates: tuple[Candidate, ...]
-    verdict: str
-    members: tuple[Candidate, ...]
+    judgement: Judgement
     failed: tuple[str, ...]
-    held_out: Mapping[ModalFit, tuple[list[float] | None, ...]]
+    held_out: Mapping[ModalFit, HeldOut]
     fitted_choose: bool
 
     @property
+    def verdict(self) -> str:
+        """``none``, ``named``, ``equivalent`` or ``unknown``."""
+        return self.judgement.verdict
+
+    @property
+    def members(self) -> tuple[Candidate, ...]:
+        """Models that the verdict is about, the best first."""
+        return self.judgement.members
+
+    @property
     def final(self) -> Candidate:
-        """The model that stands at the end: the best that is named, otherwise the linear one."""
+        """The model that stands at the end, with or without a name: the best, or the linear one."""
         return self.members[0] if self.members else self.candidates[0]
 
 
@@ -104,13 +81,14 @@ def study_modes(
     first = search.tried(start)
     if first is None:
         raise SolverFailed("the linear model of the lowest amplitude cannot be marched: look at its recordings")
-    if len(alone) > 1 and not _serves(first, alone_by):
+    if len(alone) > 1 and not serves(first, alone_by):
         search.grow(start, first)
-    verdict, members = judged(list(search.found.values()), alone_by)
+    judgement = judged(list(search.found.values()), alone_by)
     few = any(set(_choosing(study, i, settings)) == set(study.identification(i)) for i in range(len(alone)))
     candidates = tuple(search.found.values())
-    held = {fit: _held_out(fit, study) for fit in (*alone, *(c.fit for c in candidates))}
-    return Result(study, tuple(alone), alone_by, candidates, verdict, members, tuple(search.failed), held, few)
+    # Nothing is decided behind this line.
+    held = {fit: held_out_scores(fit, study) for fit in (*alone, *(c.fit for c in candidates))}
+    return Result(study, tuple(alone), alone_by, candidates, judgement, tuple(search.failed), held, few)
 
 
 class _Search:
@@ -149,55 +127,15 @@ class _Search:
             begin = best.fit.model if best.element.names else start
             tried = [t for t in (self.tried(_with(begin, e, self.study)) for e in rest) if t is not None]
             further = min(tried, key=lambda c: c.error, default=best)
-            if further is best or (best.element.names and not _worth(further, best, linear)):
+            if further is best or (best.element.names and not worth(further, best, linear)):
                 return
             for name in best.element.names:
                 fewer = self.tried(_without(further.fit.model, name))
-                if fewer is not None and not _worth(further, fewer, linear):
+                if fewer is not None and not worth(further, fewer, linear):
                     further = fewer
             if further.element.names == best.element.names:
                 return
             best = further
-
-
-def judged(candidates: Sequence[Candidate], alone_by: Array) -> tuple[str, tuple[Candidate, ...]]:
-    """The verdict, and the models that it names, the best first.
-
-    A further element counts where it is worth its room; models of one size belong to one class unless the best one
-    leaves less of every single experiment.
-
-    Args:
-        candidates: the linear one first; alone_by: (L,) errors of a linear model for each amplitude.
-    """
-    if alone_by.size == 1:
-        return ONE_LEVEL, ()
-    linear = candidates[0]
-    if _serves(linear, alone_by):
-        return NONE, ()
-    best = linear
-    for size in range(1, 1 + max(len(c.element.names) for c in candidates)):
-        further = min((c for c in candidates if len(c.element.names) == size), key=lambda c: c.error, default=best)
-        if _worth(further, best, linear):
-            best = further
-    # What the linear model leaves more than one for each amplitude does is what there is to explain.
-    wanted = linear.error**2 - float((alone_by**2).mean())
-    if best is linear or linear.error**2 - best.error**2 < _EXPLAINS * wanted:
-        return UNKNOWN, ()
-    kin = [c for c in candidates if len(c.element.names) == len(best.element.names)]
-    lowest = np.concatenate(best.left)
-    members = [c for c in kin if c is best or (np.concatenate(c.left) <= lowest).any()]
-    members.sort(key=lambda c: c.error)
-    return (NAMED if len(members) == 1 else CLASS), tuple(members)
-
-
-def _worth(further: Candidate, best: Candidate, linear: Candidate) -> bool:
-    """Whether a model with one more element is better for more than its freedom."""
-    everywhere = bool((np.concatenate(further.left) < np.concatenate(best.left)).all())
-    return everywhere and best.error**2 - further.error**2 >= _FURTHER * linear.error**2
-
-
-def _serves(linear: Candidate, alone_by: Array) -> bool:
-    return bool((linear.by_level <= _AS_GOOD * alone_by).all())
 
 
 def _alone(study: Study, level: int, settings: Settings) -> ModalFit:
@@ -254,19 +192,6 @@ def _choosing(study: Study, level: int, settings: Settings) -> tuple[Experiment,
     """Experiments of identification that no model was fitted to; the fitted ones where there are no others."""
     found = study.identification(level)
     return found[max(settings.experiments, len(study.inputs)) :] or found
-
-
-def _held_out(fit: ModalFit, study: Study) -> tuple[list[float] | None, ...]:
-    """By amplitude, (O,) root mean square errors on what is held out."""
-
-    def errors(level: int) -> list[float] | None:
-        held = study.held_out(level)
-        try:
-            return np.sqrt(np.mean([fit.errors(e) ** 2 for e in held], axis=0)).tolist() if held else None
-        except SolverFailed:
-            return None
-
-    return tuple(errors(i) for i in range(len(study.levels)))
 
 
 def _left(fit: ModalFit, study: Study, level: int, settings: Settings) -> Array:

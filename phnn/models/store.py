@@ -81,11 +81,12 @@ def load(folder: Path, outside: bool = False) -> tuple[Setup, int]:
     Raises:
         InputRefused: the file is absent, too large, no json, or not a model of this package; names what is wrong.
     """
-    path = folder / FILE if os.path.isdir(folder) else folder
-    source = named_file(path, (folder,) if path != folder else (), "", f"the model cannot be read, {_REMEDY}", outside)
-    shown = printable(str(path))
-    content = load_json(source, LIMITS.model_bytes, "a model", _REMEDY)
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+    return setup_from(*stored(folder, outside))
+
+
+def setup_from(content: Mapping[str, Any], shown: str) -> tuple[Setup, int]:
+    """The setup of a file's content and its sub-steps, as `load`; ``shown`` is the file's name for messages."""
+    if content.get("schema") != SCHEMA:
         raise InputRefused(f"{shown}: is no {SCHEMA} file: give model/ or base/ of a result of this version")
     try:
         setup = _setup(content)
@@ -96,6 +97,23 @@ def load(folder: Path, outside: bool = False) -> tuple[Setup, int]:
     except (KeyError, ValueError, PhnnError) as error:
         kind = f"no {error}" if isinstance(error, KeyError) else printable(str(error))
         raise InputRefused(f"{shown}: is damaged ({kind}): write the model again") from error
+
+
+def stored(folder: Path, outside: bool = False) -> tuple[Mapping[str, Any], str]:
+    """Read the plain content of a stored model of any kind, and the name of its file for messages.
+
+    Args:
+        folder: of the model, or its file; outside: the file in the folder may be a link that leads out of it.
+
+    Raises:
+        InputRefused: the file is absent, too large, or no json object.
+    """
+    path = folder / FILE if os.path.isdir(folder) else folder
+    source = named_file(path, (folder,) if path != folder else (), "", f"the model cannot be read, {_REMEDY}", outside)
+    content, shown = load_json(source, LIMITS.model_bytes, "a model", _REMEDY), printable(str(path))
+    if not isinstance(content, dict):
+        raise InputRefused(f"{shown}: is no {SCHEMA} file: give model/ or base/ of a result of this version")
+    return content, shown
 
 
 def _check_chain(setup: Setup) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.recordings.sensor import PLAIN, Sensor
 from phnn.recordings.table import Where
-from phnn.signals.noise import quantisation_step
+from phnn.signals.quantisation import quantisation_step
 
 LARGEST_CLIPPED_SHARE = 0.02
 SHORTEST_CLIPPED_RUN = 5

@@ -34,6 +34,14 @@ def _recording(r: Recording) -> list[str]:
     return [f"{r.name} ({r.source})", *(f"  {label:14}{value}" for label, value in facts(r))]
 
 
+def _within(r: Recording) -> str:
+    """The interval of a noise floor in words; empty where none is known."""
+    if r.noise_interval is None:
+        return ""
+    low, high = (quantity(x, r.units.output) for x in r.noise_interval)
+    return f" ({low} to {high})"
+
+
 def facts(r: Recording) -> list[tuple[str, str]]:
     """What was understood of a recording: label and words."""
     excitation = excitation_of(r.drive, r.dt)
@@ -51,7 +59,9 @@ def facts(r: Recording) -> list[tuple[str, str]]:
             ("output", " to ".join(quantity(v, unit, 4) for v in (r.y.min(), r.y.max()))),
             (
                 "noise floor",
-                f"{quantity(r.noise, unit)} from {r.noise_source}{colour}" if r.noise_found else r.noise_source,
+                f"{quantity(r.noise, unit)}{_within(r)} from {r.noise_source}{colour}"
+                if r.noise_found
+                else r.noise_source,
             ),
         ]
     if (known := r.sensor.words(r.y)) and np.isfinite(r.y).all():

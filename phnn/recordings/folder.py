@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from phnn.intake.files import Source, list_folder, named_file
 from phnn.intake.names import printable
 from phnn.recordings import checks
 from phnn.recordings.array_files import read_hdf5, read_mat, read_npy, read_npz
+from phnn.recordings.json_files import NoRecording, read_json
 from phnn.recordings.manifest import Entry, Manifest
 from phnn.recordings.table import Table
 from phnn.recordings.tdms_files import read_tdms
@@ -26,6 +27,7 @@ READERS: Mapping[str, Reader] = {
     ".npy": read_npy,
     ".npz": read_npz,
     ".tdms": read_tdms,
+    ".json": read_json,
 }
 
 
@@ -99,22 +101,37 @@ class Files:
             return ""
         if not os.path.isfile(path):
             return " (no regular file)"
-        if kind == ".csv" or (READERS[kind] is not read_text and self._columns_stated):
+        if kind == ".csv" or (READERS[kind] not in (read_text, read_json) and self._columns_stated):
             return None
         source = self.source(path.name)
+        if READERS[kind] is read_json:
+            return self._other_json(source)
         if READERS[kind] is read_text and not looks_like_numbers(source):
             return ""
         if self._columns_stated:
             return None
-        names = READERS[kind](source).names
-        described = {p[0] for name in names if name and (p := parse_name(name)) is not None}
-        if described & {"voltage", "input", "force"}:
-            return None
-        return " (numbers that nothing describes: to use it, say in recordings.yaml which columns are what)"
+        return _undescribed(READERS[kind](source).names)
+
+    def _other_json(self, source: Source) -> str | None:
+        """The same of a json file: settings and results may lie beside recordings."""
+        try:
+            names = read_json(source).names
+        except NoRecording:
+            return " (json without arrays of numbers)"
+        stated = {c.place for c in self.said.common.columns.values() if isinstance(c.place, str)}
+        return None if stated and stated <= set(names) else _undescribed(names)
 
     @property
     def _columns_stated(self) -> bool:
         return any(column.place is not None for column in self.said.common.columns.values())
+
+
+def _undescribed(names: Sequence[str]) -> str | None:
+    """Why a file with these columns is no recording, in words to follow its name; None if an input is among them."""
+    described = {p[0] for name in names if name and (p := parse_name(name)) is not None}
+    if described & {"voltage", "input", "force"}:
+        return None
+    return " (numbers that nothing describes: to use it, say in recordings.yaml which columns are what)"
 
 
 def _real(path: Path) -> str:

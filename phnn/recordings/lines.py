@@ -55,14 +55,16 @@ class Lines:
         return self.content.endswith(("\n", "\r"))
 
 
-def read_lines(source: Source) -> Lines:
-    """The lines of a file.
+def read_content(source: Source, most: int, what: str) -> str:
+    """The text of a file in any of the usual encodings.
+
+    Args:
+        most: bytes; what: of a kind of file, for the message.
 
     Raises:
-        InputRefused: it is empty, no text, too large, or has a line that no table has.
+        InputRefused: it is empty, no text, or too large.
     """
-    source.check_memory(_TIMES * source.size)
-    raw = source.read(LIMITS.text_bytes, "a text file")
+    raw = source.read(most, what)
     try:
         content = raw.decode("utf-16" if raw.startswith(_UTF16) else "utf-8-sig")
     except UnicodeDecodeError:
@@ -76,6 +78,17 @@ def read_lines(source: Source) -> Lines:
             f"{source.name}: not a text file (byte 0x{ord(control[0]):02x} at position {control.start()}): "
             f"export it again as plain text, or remove it from the folder"
         )
+    return content
+
+
+def read_lines(source: Source) -> Lines:
+    """The lines of a file.
+
+    Raises:
+        InputRefused: as `read_content`, or it has a line that no table has.
+    """
+    source.check_memory(_TIMES * source.size)
+    content = read_content(source, LIMITS.text_bytes, "a text file")
     size = len(content)
     while content[size - 1].isspace():
         size -= 1

@@ -61,9 +61,9 @@ def read(
     recordings = tuple(
         replace(
             d.recording, parts=parts[d.recording.name], noise=f.value, noise_source=f.source,
-            noise_correlation=f.correlation, noise_found=f.found,
+            noise_correlation=f.correlation, noise_found=f.found, noise_interval=f.interval,
         )
-        for d, f in zip(drafts, pooled([d.floor for d in drafts]), strict=True)
+        for d, f in zip(drafts, pooled([d.floor for d in drafts], [_kind(d.recording) for d in drafts]), strict=True)
     )  # fmt: skip
     notes = (_extent(recordings), *_columns(drafts), *(note for d in drafts for note in d.notes), *notes)
     if left:
@@ -191,6 +191,11 @@ def _noise(
     if not floor.source.startswith(FROM_PERIODS) and last - first >= checks.FEWEST_SAMPLES:
         return noise_floor(drive[first:last], y[first:last], dt)
     return replace(floor, value=floor.value / max(1.0 - float(stuck.mean()), 1.0 / y.size) ** 0.5)
+
+
+def _kind(recording: Recording) -> tuple[str, str, float]:
+    """Recordings of one output at one rate are taken to have one sensor and one amplifier."""
+    return recording.measures, recording.units.output, float(f"{recording.dt:.9g}")
 
 
 def _is_actuator(said: Manifest) -> bool:

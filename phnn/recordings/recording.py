@@ -81,6 +81,7 @@ class Recording:
         sensor: what is known of the sensor.
         offset: ``"own"``, the zero of the output belongs to the recording, or ``"shared"``: all have one.
         noise_found: False where the recording shows no noise; ``noise`` then only weights the fit.
+        noise_interval: bounds that hold the deviation of the noise with 95 %, where one spectrum gave it.
         gain: ``"unknown"`` where the first input is known up to one factor that all recordings share.
     """
 
@@ -106,6 +107,7 @@ class Recording:
     sensor: Sensor = PLAIN
     offset: str = "own"
     noise_found: bool = True
+    noise_interval: tuple[float, float] | None = None
     gain: str = "known"
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -49,26 +50,27 @@ class Dialect:
         return len(cells) if filled and all(NUMBER[self.decimal].fullmatch(cell) for cell in filled) else 0
 
 
-def parsed(source: Source, text: Lines, rows: tuple[int, int], names: tuple[str, ...], dialect: Dialect) -> Table:
-    """The columns of the lines ``[first, last)`` of a text, counted from 0.
+def parsed(
+    source: Source, text: Lines, tables: Sequence[tuple[int, int]], names: tuple[str, ...], dialect: Dialect
+) -> Table:
+    """The columns of the lines ``[first, last)`` of one or several tables of a text, counted from 0, ascending.
 
     They are parsed a few thousand at a time: cells take many times the memory of their numbers.
 
     Raises:
         InputRefused: rows of unequal length, or cells that cannot be told apart.
     """
-    first, last = rows
+    total = sum(last - first for first, last in tables)
     columns: list[np.ndarray] = []
-    head, line, done = "", 0, 0
-    for block in text.blocks():
-        here = block[max(first - line, 0) : max(last - line, 0)]
-        begin, line = max(line, first), line + len(block)
-        if not here:
-            continue
+    head, done = "", 0
+    starts: list[tuple[int, int]] = []
+    for begin, here, table in pieces(text, tables):
+        if len(starts) <= table:
+            starts.append((done, begin))
         # The first row of all stands above every block: it says how many cells the others have.
         head = head or here[0]
         frame = _frame(source, [head, *here], begin - 1, len(names), dialect).iloc[1:]
-        columns = columns or [np.empty(last - first) for _ in frame.columns]
+        columns = columns or [np.empty(total) for _ in frame.columns]
         found = [_column(frame[i], dialect) for i in frame.columns]
         for i, values in enumerate(found):
             if values.dtype.kind not in "iuf" and columns[i].dtype.kind != "O":
@@ -76,8 +78,26 @@ def parsed(source: Source, text: Lines, rows: tuple[int, int], names: tuple[str,
             columns[i][done : done + values.size] = values
         done += len(frame)
     shown = tuple(printable(name) for name in names)
+    between = tuple((row, line - row - starts[0][1]) for row, line in starts[1:])
+    where = Where(source.name, starts[0][1] + 1, between=between)
     # Cells in quotes may reach over several lines.
-    return Table(Where(source.name, first + 1), shown, tuple(column[:done] for column in columns))
+    return Table(where, shown, tuple(column[:done] for column in columns), segments=tuple(row for row, _ in between))
+
+
+def pieces(text: Lines, tables: Sequence[tuple[int, int]]) -> Iterator[tuple[int, list[str], int]]:
+    """Rows in blocks of some thousand lines: the number of the first line, the lines, and the number of their table."""
+    line, table = 0, 0
+    for block in text.blocks():
+        end = line + len(block)
+        while table < len(tables):
+            first, last = tables[table]
+            here = block[max(first - line, 0) : max(last - line, 0)]
+            if here:
+                yield max(line, first), here, table
+            if last > end:
+                break
+            table += 1
+        line = end
 
 
 def _frame(source: Source, lines: list[str], before: int, width: int, dialect: Dialect) -> pd.DataFrame:

@@ -36,6 +36,10 @@ def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> li
     if entry.segments is not False and not table.shape:
         edges = [first, *(first + e for e in _edges(entry, channels, last - first, first, where)), last]
         pieces = list(itertools.pairwise(edges))
+    elif table.segments:
+        pieces = list(itertools.pairwise([first, *(row for row in table.segments if first < row < last), last]))
+        if len(pieces) == 1:
+            return [replace(entry, slice=pieces[0])]
     elif len(pieces) == 1:
         return [replace(entry, slice=pieces[0])]
     stem, digits = entry.name or printable(Path(entry.file).stem), len(str(len(pieces)))

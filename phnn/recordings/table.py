@@ -30,16 +30,21 @@ class Where:
         file: name of the file.
         first_line: line of the first data row in a text file (1-based), ``None`` for binary files.
         offset: rows left out before the first one in use (a slice).
+        between: further tables of the file: the row each begins with, and the lines between all tables up to there.
     """
 
     file: str
     first_line: int | None = None
     offset: int = 0
+    between: tuple[tuple[int, int], ...] = ()
 
     def row(self, i: int) -> str:
         """The i-th used row in words; data rows are counted from 1."""
         row = i + self.offset
-        return f"row {row + 1}" + (f" (line {row + self.first_line})" if self.first_line is not None else "")
+        if self.first_line is None:
+            return f"row {row + 1}"
+        before = next((lines for first, lines in reversed(self.between) if first <= row), 0)
+        return f"row {row + 1} (line {row + self.first_line + before})"
 
     def after(self, rows: int) -> Where:
         """The same file with ``rows`` more rows left out at its head."""
@@ -59,6 +64,7 @@ class Table:
         columns: one array per column, numeric or of texts, or what reads it; lengths may differ where ``by_name``.
         by_name: the columns have no order (``.mat``, ``.npz``, …), so an index does not find one.
         notes: what was left out of the file, and why.
+        segments: rows with which a further recording begins, where the file tells.
         shape: realisations, periods and samples of an array of a periodic experiment, which stand one after another.
     """
 
@@ -68,6 +74,7 @@ class Table:
     by_name: bool = False
     notes: tuple[str, ...] = ()
     shape: tuple[int, ...] = ()
+    segments: tuple[int, ...] = ()
 
     def find(self, place: int | str) -> int:
         """Index of the column at an index or of a name.
@@ -157,4 +164,5 @@ def beside(tables: Sequence[Table]) -> Table:
         any(t.by_name for t in tables),
         tuple(n for t in tables for n in t.notes),
         first.shape,
+        first.segments,
     )

@@ -18,8 +18,9 @@ from phnn.errors import InputRefused
 from phnn.intake.files import Source
 from phnn.intake.limits import LIMITS
 from phnn.recordings.lines import Lines, read_lines
-from phnn.recordings.rows import NUMBER, Dialect, parsed
+from phnn.recordings.rows import NUMBER, Dialect, parsed, pieces
 from phnn.recordings.table import REMEDY_COMMA, Table
+from phnn.recordings.text_blocks import Block, blocks
 from phnn.recordings.units import find_unit, parse_name
 
 _MARKS = "#%"
@@ -54,15 +55,23 @@ def read_text(source: Source) -> Table:
             f"{source.name}: {width} columns, at most {LIMITS.text_columns} are accepted: write one row per sample"
         )
     first = next(i for i, line in enumerate(text) if dialect.width(line) == width)
-    names = _names(source, list(itertools.islice(text, first + 1)), first, dialect, width)
-    if text.ended or text.count == first + 1:
-        return parsed(source, text, (first, text.count), names, dialect)
+    above = list(itertools.islice(text, first + 1))
+    names = _names(source, above, first, dialect, width)
+    tables = blocks(source.name, text, first, _header(above, first, dialect, width) if any(names) else ())
+    notes: tuple[str, ...] = ()
+    if len(tables) > 1:
+        notes = (f"{len(tables)} tables stand in the file, each below a header: each is a recording of its own",)
+    begin, end = tables[-1]
+    if text.ended or end == begin + 1 or end < text.count:
+        return replace(parsed(source, text, tables, names, dialect), notes=notes)
     *_, last = text
-    if _breaks_off(itertools.islice(text, first, text.count - 1), last, dialect):
+    others = (line for _, lines, _ in pieces(text, [*tables[:-1], Block(begin, end - 1)]) for line in lines)
+    if _breaks_off(others, last, dialect):
         note = f"its last line, {last.strip()[:40]!r}, was left out: the file ends within it"
-        return replace(parsed(source, text, (first, text.count - 1), names, dialect), notes=(note,))
-    note = f"its last line, {last.strip()[:40]!r}, has no end: if the file was cut there, its last number is wrong"
-    return replace(parsed(source, text, (first, text.count), names, dialect), notes=(note,))
+        tables = [*tables[:-1], Block(begin, end - 1)]
+    else:
+        note = f"its last line, {last.strip()[:40]!r}, has no end: if the file was cut there, its last number is wrong"
+    return replace(parsed(source, text, tables, names, dialect), notes=(*notes, note))
 
 
 def looks_like_numbers(source: Source) -> bool:
@@ -141,6 +150,14 @@ def _names(source: Source, lines: Sequence[str], first: int, dialect: Dialect, w
     if any(parse_name(word) for word in nearest):
         _refuse_width(source, lines[first], first, dialect, len(nearest))
     return ("",) * width
+
+
+def _header(lines: Sequence[str], first: int, dialect: Dialect, width: int) -> Sequence[str]:
+    """The line of names and what stands below it, above the first row."""
+    filled = [i for i in range(first) if lines[i].strip().strip(_MARKS)]
+    rows = [_words(lines[i].strip().lstrip(_MARKS).strip(), dialect, width) for i in filled[-2:]]
+    units = len(rows) == 2 and all(len(row) == width for row in rows) and all(_is_unit(cell) for cell in rows[1])
+    return lines[filled[-2 if units else -1] : first]
 
 
 def _words(line: str, dialect: Dialect, width: int) -> list[str]:

@@ -7,22 +7,28 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib import rc_context
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from scipy.optimize import linear_sum_assignment
 
+from phnn.modal.confirm import HeldOut, Score
 from phnn.modal.elements import STATEMENTS
-from phnn.modal.store import study_document
-from phnn.modal.study import CLASS, NAMED, NONE, ONE_LEVEL, UNKNOWN, Result
+from phnn.modal.judge import EQUIVALENT, NAMED, NONE, UNKNOWN
+from phnn.modal.store import channels_of, model_document, study_document
+from phnn.modal.study import Result
+from phnn.models.store import FILE
 from phnn.output import Place
 from phnn.report.figures.modes import draw_left, draw_resonance, resonance_title
 from phnn.report.figures.style import RC, Drawing, png
 from phnn.report.formatting import DASH, display_unit, plain, short, words
 from phnn.report.plain import plain_page
 
+Array = NDArray[np.float64]
+
 # What `phnn modes` writes into its folder.
-RESULTS = ("modes.json", "report.html", "figures", "models")
+RESULTS = ("modes.json", "report.html", "figures", "model", "models")
 # Frequencies at two amplitudes belong to one mode if they differ by less than this.
 _SAME = 0.03
 
@@ -38,6 +44,7 @@ class Row:
 def write_modes(result: Result, folder: str, place: Place) -> None:
     """Write document, figures and page into a folder."""
     (place / "modes.json").write_json(study_document(result))
+    (place / "model" / FILE).write_json(model_document(result.final.fit, channels_of(result.study)))
     with rc_context(RC):
         drawings = [
             Drawing(
@@ -51,7 +58,6 @@ def write_modes(result: Result, folder: str, place: Place) -> None:
     for drawing in drawings:
         (place / "figures" / drawing.file).write(drawing.png)
     headline, explanation = sentences(result)
-    levels = level_names(result)
     unit = display_unit(_largest(result), result.study.units[1])
     page = plain_page(
         "phnn.report",
@@ -59,7 +65,8 @@ def write_modes(result: Result, folder: str, place: Place) -> None:
         headline=headline,
         explanation=explanation,
         folder=folder,
-        levels=levels,
+        levels=level_names(result),
+        apart=apart_names(result),
         unit=unit.name,
         models=rows(result, unit.scale),
         modes=_modes(result),
@@ -75,6 +82,7 @@ def show(result: Result, console: Console) -> None:
     headline, explanation = sentences(result)
     unit = display_unit(_largest(result), result.study.units[1])
     columns = [c for level in level_names(result) for c in (f"left, {level} (%)", f"held out, {level} ({unit.name})")]
+    columns += [f"amplitude held out, {level} ({unit.name})" for level in apart_names(result)]
     table = Table("at the ports", *columns)
     for row in rows(result, unit.scale):
         table.add_row(row.name, *row.cells)
@@ -89,6 +97,11 @@ def level_names(result: Result) -> list[str]:
     return [f"{short(level[0].amplitude)} {result.study.units[0]}" for level in result.study.levels]
 
 
+def apart_names(result: Result) -> list[str]:
+    """Amplitudes that are held out as a whole, with their unit."""
+    return [f"{short(level[0].amplitude)} {result.study.units[0]}" for level in result.study.apart]
+
+
 def sentences(result: Result) -> tuple[str, str]:
     """The headline and its explanation."""
     names = " or ".join(_names(m.element.names) for m in result.members)
@@ -100,16 +113,22 @@ def sentences(result: Result) -> tuple[str, str]:
             "Nothing moves with amplitude that these recordings can show.",
         ),
         NAMED: (f"{modes}; what moves with amplitude is explained by {names} at the ports", ""),
-        CLASS: (f"{modes}; what moves with amplitude is {names} at the ports", "The recordings cannot tell which."),
+        EQUIVALENT: (
+            f"{modes}; what moves with amplitude is {names} at the ports",
+            "The recordings cannot tell which.",
+        ),
         UNKNOWN: (
             f"{modes}; something moves with amplitude that no element here explains",
             "One linear model for all amplitudes leaves more than one for each, and no element at the ports takes "
             "half of that away.",
         ),
-        ONE_LEVEL: (f"{modes} at one amplitude", "Record at a second amplitude to see what moves with it."),
     }
     headline, explanation = told[result.verdict]
-    if result.verdict in (NAMED, CLASS):
+    if len(result.study.levels) == 1:
+        return f"{modes} at one amplitude", "Record at a second amplitude to see what moves with it."
+    if result.verdict == UNKNOWN and result.members:
+        explanation += f" The model has {names}, which helps but proves no name."
+    if result.verdict in (NAMED, EQUIVALENT):
         told_by = [f"{words(n).capitalize()}: {STATEMENTS[n]}." for n in result.final.element.names]
         explanation = " ".join([*told_by, explanation]).strip()
     return headline, explanation
@@ -120,23 +139,25 @@ def _names(names: Sequence[str]) -> str:
 
 
 def _largest(result: Result) -> float:
-    known = [max(errors) for c in result.candidates for errors in result.held_out[c.fit] if errors]
+    known = [max(score.rmse) for c in result.candidates for score in result.held_out[c.fit].all if score]
     return max(known, default=1e-6)
 
 
 def rows(result: Result, scale: float) -> list[Row]:
     """The table of models."""
 
-    def cells(left: float, held: list[float] | None) -> list[str]:
-        return [plain(100.0 * left), plain(float(np.mean(held)) / scale) if held else DASH]
+    def error(score: Score | None) -> str:
+        return plain(float(np.mean(score.rmse)) / scale) if score else DASH
 
-    levels = range(len(result.study.levels))
-    alone = [cells(float(result.alone_by[i]), result.held_out[result.alone[i]][i]) for i in levels]
-    found = [Row("linear, a model for each amplitude", [cell for pair in alone for cell in pair])]
-    for c in result.candidates:
-        pairs = [cells(float(c.by_level[i]), result.held_out[c.fit][i]) for i in levels]
-        found.append(Row(_names(c.element.names), [cell for pair in pairs for cell in pair]))
-    return found
+    def cells(left: Array, held: HeldOut) -> list[str]:
+        pairs = [(plain(100.0 * float(x)), error(score)) for x, score in zip(left, held.levels, strict=True)]
+        return [*(cell for pair in pairs for cell in pair), *(error(score) for score in held.apart)]
+
+    # Each of these models knows one amplitude alone.
+    scores = tuple(result.held_out[fit].levels[i] for i, fit in enumerate(result.alone))
+    alone = cells(result.alone_by, HeldOut(scores, (None,) * len(result.study.apart)))
+    found = [Row("linear, a model for each amplitude", alone)]
+    return found + [Row(_names(c.element.names), cells(c.by_level, result.held_out[c.fit])) for c in result.candidates]
 
 
 def _modes(result: Result) -> list[list[str]]:

@@ -14,8 +14,8 @@ from phnn.effects.places import values_by_role
 from phnn.network.roles import capacitances
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
-from phnn.signals.noise import quantisation_step
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
+from phnn.signals.quantisation import quantisation_step
 
 Array = NDArray[np.float64]
 

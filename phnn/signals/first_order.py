@@ -15,11 +15,11 @@ from scipy.optimize import OptimizeResult, minimize
 from scipy.signal.windows import blackmanharris
 
 # Lowest frequencies of the fit that are tried, in cycles a sample.
-_EDGES = (0.03, 0.06, 0.1, 0.16, 0.25)
+EDGES = (0.03, 0.06, 0.1, 0.16, 0.25)
 _FEWEST = 200
 _PARTS = 5
 # Neighbouring frequencies share what the window smears: so many count as one.
-_SMEARED = 2.0
+SMEARED = 2.0
 # How much better than white noise the log likelihood must be, in such units.
 _CLEARLY = 6.0
 # Largest coefficient; logarithms of the strength of the tail to begin with.
@@ -51,7 +51,7 @@ def density_of(correlation: np.ndarray, cycles: np.ndarray) -> np.ndarray:
     return np.asarray(np.maximum(1.0 + 2.0 * waves @ correlation[1:], _HARDLY))
 
 
-def _density(a: float, cosine: np.ndarray) -> np.ndarray:
+def density(a: float, cosine: np.ndarray) -> np.ndarray:
     return np.asarray((1.0 - a * a) / (1.0 + a * a - 2.0 * a * cosine))
 
 
@@ -65,7 +65,7 @@ class _Band:
 
     def shape(self, z: np.ndarray) -> np.ndarray:
         """Spectrum of noise of unit variance, and of the tail beside it."""
-        return np.asarray(_density(_coefficient(z[0]), self.cosine) + np.exp(min(z[1], 50.0)) * self.tail)
+        return np.asarray(density(_coefficient(z[0]), self.cosine) + np.exp(min(z[1], 50.0)) * self.tail)
 
     def best(self, starts: tuple[float, ...], white: bool = False) -> OptimizeResult:
         """Best coefficient and strength of the tail; the coefficient stays zero for white noise."""
@@ -89,7 +89,7 @@ def fit_first_order(y: np.ndarray) -> FirstOrder | None:
     tapered = window * (y - line(np.arange(y.size)))
     power = np.abs(np.fft.rfft(tapered)) ** 2 / float(window @ window)
     omega = 2.0 * np.pi * np.fft.rfftfreq(y.size)
-    for edge in _EDGES:
+    for edge in EDGES:
         band = (omega > 2.0 * np.pi * edge) & (omega < np.pi)
         if band.sum() < _FEWEST:
             return None
@@ -97,11 +97,11 @@ def fit_first_order(y: np.ndarray) -> FirstOrder | None:
         seen = _Band(p, np.cos(w), w**-4.0)
         coloured, white = seen.best((0.1, 0.5, 0.8)), seen.best((0.0,), white=True)
         shape = seen.shape(coloured.x)
-        if not _fits(p, shape):
+        if not fits(p, shape):
             continue
         a = _coefficient(coloured.x[0])
         variance = float(np.mean(p / shape))
-        gain = (white.fun - coloured.fun) * p.size / _SMEARED
+        gain = (white.fun - coloured.fun) * p.size / SMEARED
         return FirstOrder(float(np.sqrt(variance)), a, edge) if gain > _CLEARLY else None
     return None
 
@@ -111,10 +111,10 @@ def _coefficient(z: float) -> float:
     return float(_LARGEST * np.tanh(z) ** 2)
 
 
-def _fits(power: np.ndarray, shape: np.ndarray) -> bool:
+def fits(power: np.ndarray, shape: np.ndarray) -> bool:
     """Whether the whitened spectrum has no lines and the same level everywhere."""
     white = power / shape
     white = white / white.mean()
     levels = np.array([part.mean() for part in np.array_split(white, _PARTS)])
-    spread = np.sqrt(_SMEARED * _PARTS / white.size)
+    spread = np.sqrt(SMEARED * _PARTS / white.size)
     return bool(white.max() < np.log(white.size) + 6.0 and np.abs(levels - 1.0).max() < 4.0 * spread)

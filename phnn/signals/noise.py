@@ -6,13 +6,15 @@ output's spectrum above everything that was excited. Quantisation is a lower bou
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb, sqrt
 
 import numpy as np
 
 from phnn.signals.first_order import correlation_of, fit_first_order
+from phnn.signals.quantisation import quantisation_step
 from phnn.signals.silent import silent_deviation
+from phnn.signals.spectral_noise import estimated
 
 WHITE = np.array([1.0])
 _FEWEST_PERIODS = 3  # after the first one, which holds the transient
@@ -23,6 +25,8 @@ LONG_REST = int(np.ceil(_FEWEST_AT_REST / (1.0 - _SETTLING)))
 _LEAST_SHARE_OF_RANGE = 1e-6
 _ORDERS = range(1, 9)
 FROM_PERIODS = "period-to-period differences"
+SILENT = "the spectrum where the excitation is silent"
+UPPER = "; an upper bound, for the excitation reaches that high"
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +37,8 @@ class NoiseFloor:
     ``coefficient`` is that of first-order noise seen in a part of the spectrum only, zero where such a part was taken
     as white, and ``None`` where more of the noise was seen. ``found`` is False where the recording shows no noise:
     ``value`` is then a small share of the output's range, by which fits are weighted but against which nothing can be
-    judged.
+    judged. ``interval`` holds the deviation with 95 % where it was estimated from one spectrum. ``smaller`` is the
+    floor of white noise where colour alone makes it larger.
     """
 
     value: float
@@ -41,6 +46,8 @@ class NoiseFloor:
     correlation: np.ndarray
     coefficient: float | None = None
     found: bool = True
+    interval: tuple[float, float] | None = None
+    smaller: NoiseFloor | None = None
 
 
 def noise_floor(
@@ -65,14 +72,20 @@ def noise_floor(
     found = None
     if period is not None:
         found = from_periods(y[first:last], period / dt, 0 if settled else 1)
-    found = found or from_rest(u, y) or from_high_band(u, y, dt)
+    found = found or from_rest(u, y) or from_one_spectrum(u, y, dt)
     step = quantisation_step(y)
     if found.value < step / sqrt(12.0):
         found = NoiseFloor(step / sqrt(12.0), f"quantisation in steps of {step:.3g}", WHITE)
     least = _LEAST_SHARE_OF_RANGE * float(np.ptp(y))
     if found.value < least:
-        source = "no noise floor was found; fits are weighted by a millionth of the output's range"
-        found = NoiseFloor(least, source, WHITE, found=False)
+        source = "no noise floor was found"
+        if found.interval is not None:
+            low, high = found.interval
+            source = (
+                f"a noise of {found.value:.2g} ({low:.2g} to {high:.2g}) from {found.source} is too small to fit to"
+            )
+        source += "; fits are weighted by a millionth of the output's range"
+        found = NoiseFloor(least, source, WHITE, found=False, interval=found.interval)
     return found
 
 
@@ -169,7 +182,7 @@ def from_rest(u: np.ndarray, y: np.ndarray) -> NoiseFloor | None:
     rest = y[first:last] - trend(k)
     sigma = sqrt(float(rest @ rest) / (n - 4))
     above, _ = _plateau(y[first:last])
-    if sigma > 1.5 * above and _lag_one(rest) > 0.9:
+    if sigma > 1.5 * above and float(rest[1:] @ rest[:-1]) > 0.9 * float(rest @ rest):
         return None  # it still moves smoothly: this is settling, not noise
     return NoiseFloor(sigma, f"{n} samples at rest", _correlation([rest]))
 
@@ -215,12 +228,32 @@ def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
         if silent is not None and silent < sigma:
             return NoiseFloor(
                 silent,
-                "the spectrum where the excitation is silent, noise taken as white; more is possible where it is not",
+                f"{SILENT}, noise taken as white; more is possible where it is not",
                 WHITE,
                 0.0,
             )
-        source += "; an upper bound, for the excitation reaches that high"
+        source += UPPER
     return NoiseFloor(sigma, source, WHITE, 0.0)
+
+
+def from_one_spectrum(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
+    """From the highest frequencies, corrected where `spectral_noise.estimated` can be trusted and disagrees.
+
+    What lies in its interval stays, and so does a floor from frequencies about which the input is silent.
+    """
+    simple = from_high_band(u, y, dt)
+    known = estimated(u, y)
+    if known is None or SILENT in simple.source:
+        return simple
+    step = quantisation_step(y) / sqrt(12.0)
+    interval = max(known.low, min(step, known.value)), max(known.high, step)
+    if known.low <= simple.value <= known.high and UPPER not in simple.source:
+        return replace(simple, interval=interval)
+    correlation = correlation_of(known.coefficient) if known.coefficient else WHITE
+    smaller = None
+    if simple.value < known.value and UPPER not in simple.source:
+        smaller = replace(simple, interval=(min(simple.value, known.low), interval[1]))
+    return NoiseFloor(known.value, known.words(dt), correlation, None, interval=interval, smaller=smaller)
 
 
 def _plateau(y: np.ndarray) -> tuple[float, int]:
@@ -241,10 +274,6 @@ def _spread(values: np.ndarray) -> float:
             break
         sigma = sqrt(float(kept @ kept) / kept.size) / 0.98652
     return sigma
-
-
-def _lag_one(values: np.ndarray) -> float:
-    return float(values[1:] @ values[:-1]) / max(float(values @ values), 1e-300)
 
 
 def _correlation(pieces: list[np.ndarray]) -> np.ndarray:
@@ -269,31 +298,3 @@ def _correlation(pieces: list[np.ndarray]) -> np.ndarray:
     kept = min(4 * cut, lags)
     # Parzen's window is positive definite, so the tapered sequence remains an autocorrelation
     return np.asarray(rho[:kept] * parzen(2 * kept - 1)[kept - 1 :])
-
-
-def quantisation_step(y: np.ndarray) -> float:
-    """The step of which all differences of ``y`` are multiples; 0 where there is none to be seen."""
-    levels = np.unique(y)
-    if levels.size < 2:
-        return 0.0
-    gaps = np.diff(levels)
-    blur = 64.0 * float(np.spacing(np.abs(levels).max()))
-    gaps = gaps[gaps > blur]
-    if gaps.size == 0:
-        return 0.0
-    step = float(gaps[gaps < 1.5 * gaps.min()].mean())  # the mean evens out digits lost in printing
-    if step < 1e3 * blur:
-        return 0.0
-    for part in range(1, 9):
-        candidate = step / part
-        counts = (levels - levels[0]) / candidate
-        refined = candidate * _slope(np.round(counts), counts)
-        misfit = np.abs((levels - levels[0]) / refined - np.round((levels - levels[0]) / refined))
-        if misfit.max() < 0.02:
-            return refined
-    return 0.0
-
-
-def _slope(whole: np.ndarray, counts: np.ndarray) -> float:
-    """Least-squares factor between whole numbers and nearly whole counts."""
-    return float(whole @ counts) / max(float(whole @ whole), 1e-300)

@@ -81,15 +81,21 @@ def _answered(kind: str, seed: int, levels: tuple[float, ...]) -> tuple[Array, A
     return u, outputs(u, kind) * 1e-6
 
 
-def write_folder(folder: Path, kind: str, seed: int, levels: tuple[float, ...] = (0.7, 2.1)) -> None:
-    """Four experiments of identification and one of confirmation at each amplitude, two periods each, as arrays."""
+def write_folder(
+    folder: Path, kind: str, seed: int, levels: tuple[float, ...] = (0.7, 2.1), held: tuple[float, ...] = ()
+) -> None:
+    """Four experiments of identification and one of confirmation at each amplitude, two periods each, as arrays.
+
+    Args:
+        held: amplitudes all of whose experiments are marked with ``use: confirmation``.
+    """
     rng = np.random.default_rng(seed)
     entries = []
     u, y = _answered(kind, seed, levels)
-    for i in range(len(levels)):
+    for i, level in enumerate(levels):
         some = slice(5 * i, 5 * i + 5)
         for name, part, use in (
-            (f"train_{i}", slice(0, 4), "identification"),
+            (f"train_{i}", slice(0, 4), "confirmation" if level in held else "identification"),
             (f"test_{i}", slice(4, 5), "confirmation"),
         ):
             inputs = np.repeat(u[some][part].transpose(1, 2, 0)[..., None], 2, axis=3)

@@ -11,8 +11,9 @@ import pytest
 from structure import OMEGA, ZETA, write_folder
 
 from phnn.cli import main
-from phnn.modal.store import model_document, model_from
-from phnn.modal.study import CLASS, NAMED, NONE, Result
+from phnn.modal.judge import EQUIVALENT, NAMED, NONE
+from phnn.modal.store import MODEL_SCHEMA, channels_of, model_document, model_from
+from phnn.modal.study import Result
 
 
 def test_modes_are_exact_and_nothing_is_named_where_all_is_linear(studied: Callable[[str, int], Result]) -> None:
@@ -37,17 +38,19 @@ def test_a_concealed_element_is_named_and_one_model_serves(
     studied: Callable[[str, int], Result], kind: str, seed: int
 ) -> None:
     result = studied(kind, seed)
-    assert result.verdict in (NAMED, CLASS)
+    assert result.verdict in (NAMED, EQUIVALENT)
     assert kind in result.final.element.names
     assert all(kind in m.element.names for m in result.members)
     for level in range(2):
-        held = np.array([result.held_out[fit][level] for fit in (result.candidates[0].fit, result.final.fit)])
+        held = np.array(
+            [result.held_out[fit].levels[level].rmse for fit in (result.candidates[0].fit, result.final.fit)]
+        )
         assert (held[1] < 0.2 * held[0]).all()
 
 
 def test_a_model_survives_its_document(studied: Callable[[str, int], Result]) -> None:
     result = studied("extra_hysteron", 7)
-    again = model_from(json.loads(json.dumps(model_document(result.final.fit))))
+    again = model_from(json.loads(json.dumps(model_document(result.final.fit, channels_of(result.study))))).fit
     experiment = result.study.held_out(0)[0]
     assert np.array_equal(again.predict(experiment), result.final.fit.predict(experiment))
 
@@ -58,7 +61,7 @@ def test_the_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureF
     write_folder(folder, "none", 3)
     assert main(["modes", str(folder), "--out", str(out)]) == 0
     document = json.loads((out / "modes.json").read_text())
-    assert document["verdict"] == "none" and len(document["levels"]) == 2
+    assert document["verdict"] == "none" and document["missing"] == [] and len(document["levels"]) == 2
     assert document["outputs"] == ["y_1", "y_2"] and document["units"] == {"input": "V", "output": "m"}
     assert (out / "report.html").stat().st_size > 10_000
     assert {p.name for p in (out / "models").iterdir()} == {
@@ -67,11 +70,13 @@ def test_the_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureF
     assert "one linear model serves" in capsys.readouterr().out
 
 
-def test_one_amplitude_is_not_judged(tmp_path: Path) -> None:
+def test_one_amplitude_is_not_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "in").mkdir()
     write_folder(tmp_path / "in", "none", 3, levels=(0.7,))
     assert main(["modes", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 0
-    assert json.loads((tmp_path / "out" / "modes.json").read_text())["verdict"] == "one_level"
+    document = json.loads((tmp_path / "out" / "modes.json").read_text())
+    assert document["verdict"] == "none" and len(document["levels"]) == 1 and not document["missing"]
+    assert "Record at a second amplitude" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -79,7 +84,7 @@ def test_one_amplitude_is_not_judged(tmp_path: Path) -> None:
     [
         ("start: periodic", "start: unknown", "start: periodic"),
         ("input: band_limited", "input: linear", "input: zero_order"),
-        ("name: train_0, use: identification", "name: train_0, use: confirmation", "realisations"),
+        ("file: [u_train_0.npy, y_train_0.npy], ", "file: [u_test_0.npy, y_test_0.npy], ", "realisations"),
     ],
 )
 def test_recordings_that_show_no_modes_are_refused(
@@ -153,4 +158,4 @@ def test_what_is_no_model_is_refused() -> None:
     with pytest.raises(InputRefused, match="schema"):
         model_from({"schema": "something"})
     with pytest.raises(InputRefused, match="incomplete"):
-        model_from({"schema": "phnn.modal-model/1"})
+        model_from({"schema": MODEL_SCHEMA})

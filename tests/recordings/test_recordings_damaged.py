@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -73,9 +74,14 @@ FILES: dict[str, bytes] = {
     ".mat": binary(lambda f: scipy.io.savemat(f, COLUMNS)),
     "small.mat": binary(lambda f: scipy.io.savemat(f, COLUMNS, do_compression=True)),
     ".h5": binary(_hdf5),
+    ".json": json.dumps({name: values.tolist() for name, values in COLUMNS.items()}).encode(),
+    "records.json": json.dumps([dict(zip(NAMES, r)) for r in _structured().tolist()]).encode(),  # noqa: B905
 }
 if importlib.util.find_spec("nptdms") is not None:
     FILES[".tdms"] = binary(_tdms)
+JSON = [name for name in FILES if name.endswith(".json")]
+# A seed says which of these is damaged.
+OTHERS = [name for name in FILES if name not in JSON]
 TEXT = [name for name in FILES if name.endswith((".csv", ".txt"))]
 
 
@@ -166,9 +172,9 @@ def agrees(found: Seen, damaged: Damaged) -> bool:
     return int(others.sum()) <= damaged.rows
 
 
-def run(folder: Path, seeds: range) -> None:
+def run(folder: Path, seeds: range, names: list[str]) -> None:
     """Damage a file in a way that the seed says, and read it."""
-    names, wrong, right = list(FILES), [], 0
+    wrong, right = [], 0
     for seed in seeds:
         rng = np.random.default_rng(seed)
         name, damage = names[seed % len(names)], DAMAGES[int(rng.integers(len(DAMAGES)))]
@@ -208,12 +214,21 @@ def test_every_format_makes_the_campaign_that_its_csv_twin_makes(tmp_path: Path)
 
 
 def test_damaged_files(tmp_path: Path) -> None:
-    run(tmp_path, range(200))
+    run(tmp_path, range(200), OTHERS)
 
 
 @pytest.mark.slow
 def test_many_damaged_files(tmp_path: Path) -> None:
-    run(tmp_path, range(200, 2200))
+    run(tmp_path, range(200, 2200), OTHERS)
+
+
+def test_damaged_json(tmp_path: Path) -> None:
+    run(tmp_path, range(100), JSON)
+
+
+@pytest.mark.slow
+def test_much_damaged_json(tmp_path: Path) -> None:
+    run(tmp_path, range(100, 1100), JSON)
 
 
 @pytest.mark.parametrize("name", TEXT)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import tempfile
 import time
@@ -220,6 +221,10 @@ def _tdms(path: Path) -> None:
         writer.write_segment([nptdms.ChannelObject("run", n, c) for n, c in zip(NAMES, made().T, strict=True)])
 
 
+def _json(path: Path) -> None:
+    path.write_text(json.dumps(dict(zip(NAMES, made().T.tolist(), strict=True))))
+
+
 WRITERS: dict[str, Callable[[Path], None]] = {
     ".csv": _text(","),
     ".tsv": _text("\t"),
@@ -233,6 +238,7 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     ".npy": _npy,
     ".npz": _npz,
     ".tdms": _tdms,
+    ".json": _json,
 }
 
 

@@ -8,15 +8,8 @@ from recordings_example import NOISE, output, sine
 from scipy.signal import chirp, lfilter
 
 from phnn.recordings.excitation import excitation_of
-from phnn.signals.noise import (
-    NoiseFloor,
-    from_high_band,
-    from_periods,
-    from_rest,
-    longest_hold,
-    noise_floor,
-    quantisation_step,
-)
+from phnn.signals.noise import NoiseFloor, from_high_band, from_periods, from_rest, longest_hold, noise_floor
+from phnn.signals.quantisation import quantisation_step
 
 
 def floor_of(t: np.ndarray, u: np.ndarray, y: np.ndarray) -> NoiseFloor:

@@ -1,0 +1,255 @@
+"""Exports of instruments: headers of ``name: value``, tables one below the other, and json."""
+
+from __future__ import annotations
+
+import json
+import time
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from recordings_example import output, refused, sine
+
+from phnn.intake.files import named_file
+from phnn.recordings import read
+from phnn.recordings.json_files import read_json
+from phnn.recordings.text_files import read_text
+
+T, U = sine(10.0, 75.0, samples=120)
+Y = output(U)
+PREAMBLE = ("Instrument: Interferometer 7, serial: 12", "Date: 2024-05-01 12:30:00", "Range: 10 V", "Averages: 4", "")
+
+
+def table(number: int = 1, separator: str = ",", units: bool = True, decimal: str = ".") -> list[str]:
+    """A header and the rows of one segment; amplitudes differ."""
+    names = [separator.join(("Time", "Voltage", "Displacement")), separator.join(("(ms)", "(V)", "(um)"))]
+    if not units:
+        names = [separator.join(("time_ms", "voltage_V", "displacement_um"))]
+    rows = zip(1e3 * T, number * U, 1e6 * number * Y, strict=True)
+    cells = (separator.join(f"{v:.12g}".replace(".", decimal) for v in row) for row in rows)
+    return [*PREAMBLE[:1], f"Segment: {number} of 3", *PREAMBLE[1:], *names, *cells]
+
+
+def written(folder: Path, lines: list[str], name: str = "a.csv", end: str = "\n") -> Path:
+    (folder / name).write_bytes((end.join(lines) + end).encode("utf-8"))
+    return folder
+
+
+@pytest.mark.parametrize("units", [True, False])
+@pytest.mark.parametrize(("separator", "decimal"), [(",", "."), (";", ","), ("\t", ".")])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_tables_below_headers_of_their_own_are_recordings(
+    tmp_path: Path, separator: str, decimal: str, units: bool, end: str
+) -> None:
+    lines = [line for k in (1, 2, 3) for line in [*table(k, separator, units, decimal), ""]][:-1]
+    campaign = read(written(tmp_path, lines, end=end))
+    assert [r.name for r in campaign.recordings] == ["a_1", "a_2", "a_3"]
+    for k, r in enumerate(campaign.recordings, start=1):
+        np.testing.assert_allclose(r.t, T, atol=1e-12)
+        np.testing.assert_allclose(r.u, k * U, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(r.y, k * Y, rtol=1e-9, atol=1e-16)
+    assert any("3 tables" in note for note in campaign.notes)
+
+
+def test_one_table_below_a_header_is_one_recording(tmp_path: Path) -> None:
+    (recording,) = read(written(tmp_path, table())).recordings
+    assert recording.name == "a" and recording.t.size == T.size
+
+
+def test_a_slice_lies_in_one_of_several_tables(tmp_path: Path) -> None:
+    written(tmp_path, table(1) + table(2))
+    (tmp_path / "recordings.yaml").write_text(f"recordings: [{{file: a.csv, slice: [{T.size}, {2 * T.size}]}}]")
+    (recording,) = read(tmp_path).recordings
+    np.testing.assert_allclose(recording.u, 2 * U, rtol=1e-9, atol=1e-9)
+
+
+def test_a_wrong_cell_in_a_later_table_is_named_by_its_line(tmp_path: Path) -> None:
+    lines = table(1) + table(2)
+    at = len(lines) - 10
+    lines[at] = lines[at].rsplit(",", 1)[0] + ",0.1.2"
+    refused(written(tmp_path, lines), "a.csv", f"(line {at + 1})", "'0.1.2'", "not a number")
+
+
+def test_other_units_in_a_later_table_are_refused(tmp_path: Path) -> None:
+    lines = table(1) + [line.replace("(um)", "(nm)") for line in table(2)]
+    at = next(i for i, line in enumerate(lines) if "(nm)" in line)
+    refused(written(tmp_path, lines), "a.csv", f"line {at + 1}", "(nm)", "split the file")
+
+
+def test_other_names_in_a_later_table_are_refused(tmp_path: Path) -> None:
+    lines = table(1) + [line.replace("Displacement", "Force") for line in table(2)]
+    refused(written(tmp_path, lines), "a.csv")
+
+
+def test_a_last_table_that_breaks_off_loses_its_last_line(tmp_path: Path) -> None:
+    text = "\n".join([*table(1, units=False), *table(2, units=False)])
+    (tmp_path / "a.csv").write_text(text[:-60])
+    second = read(tmp_path).recordings[1]
+    assert second.t.size < T.size
+    np.testing.assert_allclose(second.u, 2 * U[: second.t.size], rtol=1e-9, atol=1e-9)
+
+
+def test_a_header_at_the_end_is_no_table(tmp_path: Path) -> None:
+    (recording,) = read(written(tmp_path, [*table(1), *table(2)[:8]])).recordings
+    assert recording.t.size == T.size
+
+
+def test_more_tables_than_recordings_are_refused_in_time(tmp_path: Path) -> None:
+    written(tmp_path, ["time_s,voltage_V,displacement_m"] + ["time_s,voltage_V,displacement_m", "0,1,2"] * 20_000)
+    begin = time.perf_counter()
+    refused(tmp_path, "a.csv", "10000 tables")
+    assert time.perf_counter() - begin < 5.0
+
+
+def test_a_long_text_of_tables_takes_little_memory(tmp_path: Path) -> None:
+    written(tmp_path, [line for k in range(1, 400) for line in table(k)])
+    source = named_file(tmp_path / "a.csv")
+    tracemalloc.start()
+    found = read_text(source)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(found.segments) == 398 and peak < 12 * source.size
+
+
+ARRAYS: dict[str, Any] = {"time_s": T.tolist(), "voltage_V": U.tolist(), "displacement_m": Y.tolist()}
+RECORDS = [dict(zip(ARRAYS, row, strict=True)) for row in zip(*ARRAYS.values(), strict=True)]
+JSON: dict[str, str] = {
+    "arrays": json.dumps(ARRAYS),
+    "indented": json.dumps(ARRAYS, indent=1),
+    "records": json.dumps(RECORDS),
+    "records on lines": "[\n" + ",\n".join(json.dumps(r) for r in RECORDS) + "\n]\n",
+    "records, keys in any order": json.dumps(
+        [dict(reversed(r.items())) if i % 2 else r for i, r in enumerate(RECORDS)]
+    ),
+    "with settings": json.dumps({"rate": 5e3, "by": "me", "range": [[0, 1], [2]], "of": {"x": None}, **ARRAYS}),
+    "records with texts": json.dumps([{"at": "12:30", **r} for r in RECORDS]),
+}
+
+
+@pytest.mark.parametrize("form", JSON)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_json_gives_the_recording(tmp_path: Path, form: str, encoding: str) -> None:
+    (tmp_path / "a.json").write_bytes(JSON[form].encode(encoding))
+    (recording,) = read(tmp_path).recordings
+    np.testing.assert_allclose(recording.t, T, atol=1e-15)
+    np.testing.assert_array_equal(recording.u, U)
+    np.testing.assert_array_equal(recording.y, Y)
+
+
+@pytest.mark.parametrize("of", [ARRAYS, RECORDS])
+def test_arrays_of_a_group_are_found_by_name(tmp_path: Path, of: Any) -> None:
+    (tmp_path / "a.json").write_text(json.dumps({"bench": 3, "scope": of}))
+    (tmp_path / "recordings.yaml").write_text(
+        "recordings: [{file: a.json, variables: {time: scope.time_s, voltage: scope.voltage_V, "
+        "displacement: scope.displacement_m}}]\n"
+        "columns: {time: {unit: s}, voltage: {unit: V}, displacement: {unit: m}}\n"
+    )
+    np.testing.assert_array_equal(read(tmp_path).recordings[0].y, Y)
+
+
+def test_settings_beside_recordings_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text(JSON["arrays"])
+    (tmp_path / "settings.json").write_text('{"bench": 3, "by": ["x", "y"]}')
+    (tmp_path / "result.json").write_text('{"cost": [1, 2, 3]}')
+    (tmp_path / "list.json").write_text("[1, 2, 3]")
+    campaign = read(tmp_path)
+    assert [r.name for r in campaign.recordings] == ["a"]
+    left = next(note for note in campaign.notes if note.startswith("Left alone"))
+    assert all(name in left for name in ("settings.json", "result.json", "list.json"))
+
+
+def with_value(value: str) -> str:
+    """The arrays with another 8th voltage."""
+    return json.dumps({**ARRAYS, "voltage_V": [*U.tolist()[:7], "@", *U.tolist()[8:]]}).replace('"@"', value)
+
+
+def with_record(value: str) -> str:
+    """The records, one on each line, with another 8th voltage."""
+    return (
+        "[\n"
+        + ",\n".join(json.dumps({**r, "voltage_V": "@"} if i == 7 else r) for i, r in enumerate(RECORDS)).replace(
+            '"@"', value
+        )
+        + "\n]"
+    )
+
+
+@pytest.mark.parametrize(
+    "value", ['"1.5"', '"1,5"', "true", "[1]", "{}", "0x1p3", "1_0", "01", ".5", "1.", "+1", "1,5.5.5"]
+)
+def test_a_sample_that_is_no_number_is_named(tmp_path: Path, value: str) -> None:
+    (tmp_path / "a.json").write_text(with_value(value))
+    refused(tmp_path, "a.json", "line 1, column")
+    (tmp_path / "a.json").write_text(with_record(value))
+    refused(tmp_path, "a.json", "line 9" if value not in ("[1]", "{}") else "line", "8" if value != "{}" else "")
+
+
+@pytest.mark.parametrize("value", ["null", "NaN", "Infinity", "1e999", "9" * 400])
+@pytest.mark.parametrize("form", [with_value, with_record])
+def test_a_missing_sample_is_refused_with_its_row(tmp_path: Path, value: str, form: Any) -> None:
+    (tmp_path / "a.json").write_text(form(value))
+    refused(tmp_path, "a.json", "row 8", "voltage")
+
+
+WRONG = {
+    "unequal": (json.dumps({**ARRAYS, "voltage_V": U.tolist()[1:]}), "unequal"),
+    "a key twice": (JSON["arrays"].replace("displacement_m", "voltage_V"), "second time"),
+    "a key twice in a record": (JSON["records"].replace("displacement_m", "voltage_V", 1), "twice"),
+    "a record without a key": (json.dumps([*RECORDS[:5], {"time_s": 1.0, "voltage_V": 0.0}]), "record 6"),
+    "a record with one more": (json.dumps([*RECORDS[:5], {**RECORDS[5], "x": 1}]), "'x'"),
+    "two documents": (JSON["arrays"] * 2, "behind the end"),
+    "no value": ('{"a": }', "not json"),
+    "no colon": ('{"a" [1]}', "belongs"),
+    "a text": ('"abc"', "neither an object nor a list"),
+    "prose": ("not json at all", "neither an object nor a list"),
+    "no end": (JSON["arrays"][:-1], "belongs"),
+    "no end of an array": (JSON["arrays"][:-2], "no end"),
+    "no end of a text": ('{"a', "closed text"),
+    "deep": ('{"a":' * 10_000 + "1" + "}" * 10_000, "deep"),
+    "deep lists": ('{"a":' + "[" * 10**6 + "]" * 10**6 + "}", "line 1"),
+    "a huge other value": ('{"a": ["' + "x" * 3_000_000 + '"]}', "no array of numbers"),
+    "a huge record": ('[{"a": "' + "x" * 3_000_000 + '"}]', "record 1"),
+    "many keys": ("{" + ",".join(f'"k{i}": 1' for i in range(20_000)) + "}", "10000"),
+    "brackets": ("[" * 10**6, "a.json"),
+    "empty object": ("{}", "a.json"),
+    "empty list": ("[]", "a.json"),
+    "empty": ("", "empty"),
+    "NUL": ('{"a": [1, 2\0]}', "not a text file"),
+}
+
+
+@pytest.mark.parametrize("fault", WRONG)
+def test_damaged_json_is_refused_in_time(tmp_path: Path, fault: str) -> None:
+    content, words = WRONG[fault]
+    (tmp_path / "a.json").write_text(content)
+    begin = time.perf_counter()
+    refused(tmp_path, "a.json", words)
+    assert time.perf_counter() - begin < 5.0
+
+
+def test_json_recordings_are_bounded_in_size(tmp_path: Path) -> None:
+    with (tmp_path / "a.json").open("wb") as file:
+        file.truncate(70 * 2**20)
+    refused(tmp_path, "a.json", "json recording", "67.1 MB")
+
+
+@pytest.mark.parametrize("form", ["arrays", "records"])
+def test_long_json_takes_little_memory(tmp_path: Path, form: str) -> None:
+    count = 100_000
+    one = '{"time_s":%d,"voltage_V":0.5}'
+    content = (
+        '{"time_s":[' + ",".join("1" * count) + '],"voltage_V":[' + ",".join("2" * count) + "]}"
+        if form == "arrays"
+        else "[" + ",".join(one % i for i in range(count)) + "]"
+    )
+    (tmp_path / "a.json").write_text(content)
+    source = named_file(tmp_path / "a.json")
+    tracemalloc.start()
+    found = read_json(source)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert found.numbers(1).size == count
+    # The block in hand takes up to 100 MB, whatever the size of the file.
+    assert peak < 8 * source.size + 10**8

@@ -1,0 +1,153 @@
+"""Noise of recordings in which nothing repeats: intervals against simulated truth, and floors that recordings share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import butter, chirp, cont2discrete, lfilter, sosfilt
+
+from phnn.signals.noise import WHITE, NoiseFloor, noise_floor
+from phnn.signals.pooling import DIFFERENT, alike, pooled
+from phnn.signals.spectral_noise import estimated
+
+Array = NDArray[np.float64]
+SIZE, DT, NOISE = 4000, 1e-3, 30e-9
+
+
+def driven(kind: str, rng: np.random.Generator) -> Array:
+    """(N,) voltages that do not repeat: slow, through a resonance at 40 Hz, or up to the highest frequencies."""
+    t = np.arange(SIZE)
+    if kind == "slow":
+        return np.asarray(50.0 * np.sin(2.0 * np.pi * 1.3 * t / SIZE) * (1.0 + 0.3 * t / SIZE))
+    if kind == "sweep":
+        return np.asarray(50.0 * chirp(t, 1e-4, SIZE, 0.02, phi=-90))
+    order, edge = (4, 0.04) if kind == "band" else (2, 0.5)
+    return np.asarray(50.0 * sosfilt(butter(order, edge, output="sos"), rng.normal(size=SIZE)))
+
+
+def actuator(u: Array) -> Array:
+    """Plays of three widths before a resonance at 40 Hz: kinks, loops and ringing."""
+    v = u.copy()
+    for share in (0.05, 0.1, 0.2):
+        half, z = share * np.ptp(u), u[0]
+        for i, x in enumerate(u):
+            z = min(max(z, x - half), x + half)
+            v[i] += 0.1 * z
+    w = 2.0 * np.pi * 40.0
+    b, a, _ = cont2discrete(([w * w], [1.0, 0.2 * w, w * w]), DT, "bilinear")
+    return np.asarray(1e-6 * lfilter(np.ravel(b), np.ravel(a), v))
+
+
+def noisy(y: Array, kind: str, rng: np.random.Generator) -> tuple[Array, float]:
+    """An output with noise, and the standard deviation of that."""
+    if kind.startswith("steps of"):
+        step = float(kind.split()[-1]) * NOISE
+        return np.round((y + NOISE * rng.normal(size=SIZE)) / step) * step, float(np.hypot(NOISE, step / np.sqrt(12.0)))
+    a = 0.0 if kind == "white" else float(kind.split()[-1])
+    return y + NOISE * np.sqrt(1.0 - a * a) * lfilter([1.0], [1.0, -a], rng.normal(size=SIZE + 500))[500:], NOISE
+
+
+WHAT = [
+    *((drive, noise) for drive in ("slow", "sweep", "band") for noise in ("white", "steps of 1", "steps of 5")),
+    ("slow", "first-order 0.5"), ("slow", "first-order 0.8"), ("sweep", "first-order 0.5"),
+    ("wide", "white"), ("wide", "steps of 5"),
+]  # fmt: skip
+
+
+def covered(drive: str, noise: str, draws: range, most: int = 40) -> tuple[int, int]:
+    """In how many draws the interval holds the truth, and in how many there is one, at most so many."""
+    right = given = 0
+    for seed in draws:
+        if given == most:
+            break
+        rng = np.random.default_rng(seed)
+        u = driven(drive, rng)
+        y, truth = noisy(actuator(u), noise, rng)
+        found = estimated(u, y)
+        if found is not None:
+            given += 1
+            right += found.low <= truth <= found.high
+            assert found.low <= found.value <= found.high <= 3.0 * found.low
+    return right, given
+
+
+def test_intervals_hold_the_truth() -> None:
+    counts = np.array([covered(*what, range(4)) for what in WHAT]).sum(axis=0)
+    assert counts[1] >= 30 and counts[0] >= 0.9 * counts[1], counts
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("drive", "noise"), WHAT)
+def test_intervals_hold_the_truth_in_nine_draws_of_ten(drive: str, noise: str) -> None:
+    # Where the input reaches the highest frequencies, few recordings show the noise.
+    right, given = covered(drive, noise, range(1000, 1240))
+    assert given >= 20 and right >= 0.9 * given, (right, given)
+
+
+def test_what_follows_the_input_is_no_noise() -> None:
+    rng = np.random.default_rng(2)
+    u = rng.normal(size=SIZE)
+    y = lfilter([0.0, 1e-6], [1.0, -0.5], u) + NOISE * rng.normal(size=SIZE)
+    found = noise_floor(u, y, DT)
+    assert found.value == pytest.approx(NOISE, rel=0.1)
+    assert found.interval is not None and "one-step-ahead" in found.source and "order 24" in found.source
+
+
+def test_a_floor_that_repetition_or_rest_gives_stays() -> None:
+    rng = np.random.default_rng(3)
+    t = np.arange(SIZE)
+    u = 50.0 * np.sin(2.0 * np.pi * t / 400.0)
+    floor = noise_floor(u, 1e-6 * u + NOISE * rng.normal(size=SIZE), DT, 0.4)
+    assert floor.interval is None and "period" in floor.source
+    u = np.where(t < 500, 50.0, 0.0)
+    floor = noise_floor(u, 1e-6 * u + NOISE * rng.normal(size=SIZE), DT)
+    assert floor.interval is None and "at rest" in floor.source
+
+
+def test_noise_too_small_to_fit_to_is_told() -> None:
+    rng = np.random.default_rng(4)
+    u = driven("slow", rng)
+    floor = noise_floor(u, 1e-6 * u + 1e-11 * rng.normal(size=SIZE), DT)
+    assert not floor.found and floor.interval is not None
+    assert floor.interval[0] <= 1e-11 <= floor.interval[1] and "too small" in floor.source
+
+
+def test_recordings_are_said_to_differ_as_often_as_the_level_says() -> None:
+    rng = np.random.default_rng(5)
+    apart, draws = 0, 4000
+    for _ in range(draws):
+        errors = rng.uniform(0.01, 0.1, 6)
+        logs = errors * rng.normal(size=6)
+        bounds = [(float(np.exp(x - 1.96 * s)), float(np.exp(x + 1.96 * s))) for x, s in zip(logs, errors, strict=True)]
+        shared = alike(np.exp(logs).tolist(), bounds)
+        apart += shared is None or len(shared.members) < 6
+    assert 0.5 * DIFFERENT <= apart / draws <= 1.6 * DIFFERENT
+
+
+def floor_of(value: float) -> NoiseFloor:
+    return NoiseFloor(value, "the spectrum above 10 Hz", WHITE, None, interval=(0.95 * value, 1.05 * value))
+
+
+def test_one_that_differs_keeps_its_own_floor() -> None:
+    floors = [floor_of(v) for v in (1.0, 1.02, 2.0, 0.99)]
+    found = pooled(floors, ["a"] * 4)
+    assert [f.value for f in found] == pytest.approx([1.003] * 2 + [2.0] + [1.003], rel=1e-3)
+    assert "shared by 3" in found[0].source and found[2] is floors[2]
+    # Where nothing agrees with coloured noise, the smaller floor of white noise stands.
+    white = floor_of(1.0)
+    assert pooled([floor_of(1.0), replace(floor_of(2.0), smaller=white)], ["a"] * 2)[1] is white
+    # Other outputs and rates have floors of their own.
+    assert pooled(floors[:2], ["a", "b"]) == floors[:2]
+
+
+def test_estimates_of_long_recordings_take_bounded_time() -> None:
+    import time
+
+    rng = np.random.default_rng(6)
+    u = np.cumsum(rng.normal(size=10**6))
+    begin = time.perf_counter()
+    estimated(u, 1e-6 * u + NOISE * rng.normal(size=u.size))
+    assert time.perf_counter() - begin < 10.0
