@@ -144,6 +144,8 @@ def _equilibrated(matrix: Array) -> tuple[Array, Array]:
 
 def _least(matrix: Array, right: Array) -> tuple[Array, Array]:
     """The least-squares solution of least norm, and the null space."""
+    if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
+        raise SolverFailed("no rest state was found: the network's rates, or their derivatives, are not finite there")
     left, size, across = np.linalg.svd(matrix)
     rank = int((size > _RANK * size.max(initial=0.0)).sum())
     return across[:rank].T @ (left[:, :rank].T @ right / size[:rank]), across[rank:].T
