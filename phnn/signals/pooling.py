@@ -14,6 +14,8 @@ from phnn.signals.noise import WHITE, NoiseFloor
 
 # Fewest recordings whose spectra are pooled; how far their coefficients may lie from the median.
 _FEWEST, _AGREES = 3, 0.12
+# Factor within which deviations are of one size: a spectrum that ringing or a tail reaches gives many times the noise.
+_ONE_SIZE = 1.5
 # Level at which recordings of one kind are proven to differ in their noise.
 DIFFERENT = 0.01
 
@@ -94,11 +96,14 @@ def _of_one_word(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
 
     One spectrum hardly tells coloured noise from what the signal leaves there; several that agree do. Where at least
     half of them show first-order noise of about the same coefficient, all get their median; where few do, those get
-    the median of the white ones.
+    the median of the white ones. Only deviations of one size count. One that is larger, and not trusted (it has no
+    interval), is what the signal leaves; any other keeps its own word.
     """
-    partial = [f for f in floors if f.coefficient is not None]
+    every = [f for f in floors if f.coefficient is not None]
+    size = float(np.median([f.value for f in every])) if every else 0.0
+    partial = [f for f in every if size / _ONE_SIZE <= f.value <= size * _ONE_SIZE]
     coloured = [f for f in partial if f.coefficient]
-    if len(partial) < _FEWEST:
+    if len(partial) < _FEWEST or 2 * len(partial) < len(every):
         return list(floors)
     if 2 * len(coloured) >= len(partial):
         middle = float(np.median([f.coefficient or 0.0 for f in coloured]))
@@ -111,6 +116,7 @@ def _of_one_word(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
         note, correlation = "white noise", WHITE
     value = float(np.median([f.value for f in agreeing]))
     source = f"the spectra of {len(agreeing)} recordings that agree on {note}"
-    alone = {id(f) for f in agreeing} if correlation is WHITE else set()
+    told = [f for f in every if f not in partial and (f.value < size or f.interval is not None)]
+    alone = {id(f) for f in (*told, *(agreeing if correlation is WHITE else ()))}
     common = NoiseFloor(value, source, correlation, 0.0)
     return [f if f.coefficient is None or id(f) in alone else common for f in floors]

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import butter, chirp, cont2discrete, lfilter, sosfilt
 
+from phnn.signals.first_order import correlation_of
 from phnn.signals.noise import WHITE, NoiseFloor, noise_floor
 from phnn.signals.pooling import DIFFERENT, alike, pooled
 from phnn.signals.spectral_noise import estimated
@@ -151,3 +152,22 @@ def test_estimates_of_long_recordings_take_bounded_time() -> None:
     begin = time.perf_counter()
     estimated(u, 1e-6 * u + NOISE * rng.normal(size=u.size))
     assert time.perf_counter() - begin < 10.0
+
+
+def test_a_spectrum_that_a_signal_fills_is_no_word_on_the_noise() -> None:
+    """What agrees in colour must agree in size as well: 48 nm and 3 µm are no two observations of one noise."""
+    trusted = [
+        NoiseFloor(44e-9, "spectrum", WHITE, 0.0, interval=(42e-9, 51e-9)),
+        NoiseFloor(47e-9, "spectrum", WHITE, 0.0, interval=(42e-9, 49e-9)),
+        NoiseFloor(48e-9, "spectrum", correlation_of(0.13), 0.13, interval=(45e-9, 51e-9)),
+    ]
+    ringing = NoiseFloor(3e-6, "spectrum", correlation_of(0.35), 0.35)
+    found = pooled([*trusted, ringing])
+    assert [f.value for f in found[:2]] == [44e-9, 47e-9]
+    assert all(f.value == pytest.approx(45.5e-9) for f in found[2:])
+    # A floor that is trusted, or smaller, keeps its own word.
+    louder = replace(ringing, value=200e-9, interval=(150e-9, 250e-9))
+    finer = replace(ringing, value=5e-9)
+    assert [f.value for f in pooled([*trusted, louder, finer])[3:]] == [200e-9, 5e-9]
+    # Two of four are no majority that would know better.
+    assert [f.value for f in pooled([*trusted[:2], ringing, replace(ringing, value=9e-6)])][2:] == [3e-6, 9e-6]
