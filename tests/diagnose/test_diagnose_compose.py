@@ -138,6 +138,14 @@ class TestANameInAComposedModel:
     def test_falls_where_it_was_never_asked_for(self) -> None:
         assert self.names(a_model(1.0, False), a_finding(NAMED["A"])) == []
 
+    def test_stands_beside_more_of_the_same(self) -> None:
+        creep = a_finding(NAMED["A"], a_gain(5.0, 2.0))
+        more, other = (
+            a_finding(learned_elements()[n], a_gain(3.0, 1.0)) for n in ("learned_relaxation", "learned_damper")
+        )
+        assert self.names(a_model(1.0, False), creep, more) == ["creep"]
+        assert self.names(a_model(1.0, False), creep, more, other) == []
+
     def test_that_a_search_gave_is_claimed_anew_beside_what_was_added(self) -> None:
         before, added = a_finding(NAMED["A"], a_gain(10.0, 7.0)), a_finding(LEARNED["L"], a_gain(7.0, 1.0))
         whole = SimpleNamespace(chi2=1.0)

@@ -222,3 +222,13 @@ def test_further_rounds_keep_one_trial_of_every_effect() -> None:
     both = [candidate(base, "extra_hysteron", 10.0), candidate(base, "creep", 9.0)]
     names = [t.candidate.effect.name for t in refit(base, both)]
     assert sorted(names) == ["creep", "extra_hysteron"]
+
+
+def test_a_refit_that_fails_from_a_strong_start_begins_again_from_weaker_ones() -> None:
+    base = fitted("quadratic_drag", (50, 100), c_2=50.0)
+    strong_start = {"k_c": 1e9, "g_c": 1e-7}
+    failed = replace(candidate(base, "contact_stop"), values=strong_start, others=())
+    assert steps._weaker(base, Trial(failed, None)) == [
+        effect("contact_stop").scaled(strong_start, share) for share in (0.1, 0.01)
+    ]
+    assert steps._weaker(base, Trial(failed, base)) == []
