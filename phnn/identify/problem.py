@@ -84,8 +84,8 @@ class Problem:
             turned[-1] = np.hypot(np.linalg.norm(self.residual(z)), np.linalg.norm(self.variables.prior(z)[:, -1]))
         except SolverFailed:
             turned[-1] = np.inf
-        # The optimiser needs numbers: what cannot be simulated, or overflows, is far from any optimum.
-        if not np.isfinite(turned[-1]):
+        # The optimiser needs numbers: what cannot be simulated, overflows or cannot be is far from any optimum.
+        if not (np.isfinite(turned[-1]) and self.variables.can_begin(z)):
             turned[-1] = _FAILED * np.sqrt(self.samples)
         return turned
 

@@ -19,7 +19,7 @@ from phnn.simulate import Trajectory, simulate
 Array = NDArray[np.float64]
 
 # Standard deviations: an initial state that is farther off than that imitates what the model lacks.
-_FARTHEST = 20.0
+_FARTHEST, _ROUNDING = 20.0, 1.0 + 1e-9
 
 
 @dataclass(frozen=True)
@@ -50,15 +50,12 @@ class Variables:
         return np.concatenate([z, states, *self.instants.values()])
 
     def bounds(self, setup: Setup) -> tuple[Array, Array]:
-        """Bounds declared on the parameters; an initial state stays within `_FARTHEST` of what is expected, or where it
-        is, if that is farther; a jump stays within its sample interval."""
+        """Bounds declared on the parameters; initial states are free; a jump stays within its sample interval."""
         pairs = [setup.parameters[n].coordinate_bounds for n in self.names]
-        reach = [(e.mean - self.origin[n], _FARTHEST * e.spread) for n, e in self.expected.items()]
-        states = [np.zeros((2, 0))] + [np.stack([middle - far, middle + far]) / self.scales for middle, far in reach]
-        least, most = np.concatenate(states, axis=1)
+        free = np.full(len(self.unknown) * self.scales.size, np.inf)
         within = np.ones(sum(x.size for x in self.instants.values()))
-        lower = np.concatenate([[p[0] for p in pairs], np.minimum(least, 0.0), 0.0 * within])
-        return lower, np.concatenate([[p[1] for p in pairs], np.maximum(most, 0.0), within])
+        lower = np.concatenate([[p[0] for p in pairs], -free, 0.0 * within])
+        return lower, np.concatenate([[p[1] for p in pairs], free, within])
 
     def setup(self, template: Setup, z: Array) -> Setup:
         """The setup at ``z``."""
@@ -73,7 +70,7 @@ class Variables:
         """Initial state of a recording at ``z``; None where its start says it."""
         if recording.name not in self.unknown:
             return self.origin.get(recording.name)
-        return self.origin[recording.name] + z[self._states_of(recording)] * self.scales
+        return self.origin[recording.name] + z[self._states_of(recording.name)] * self.scales
 
     def prior(self, z: Array) -> Array:
         """(P, K+1) derivatives of ``(x₀ − mean)/spread`` of every estimated initial state by ``z``, and these numbers
@@ -87,6 +84,16 @@ class Variables:
             state = self.origin[name] + z[first : first + size] * self.scales
             rows[mine, -1] = (state - known.mean) / known.spread
         return rows
+
+    def can_begin(self, z: Array) -> bool:
+        """Whether initial states lie within `_FARTHEST` of what is expected, or no farther off than their origin."""
+        for name in self.unknown:
+            known, origin = self.expected[name], self.origin[name]
+            state = origin + z[self._states_of(name)] * self.scales
+            most = np.maximum(_FARTHEST * known.spread, np.abs(origin - known.mean))
+            if (np.abs(state - known.mean) > most * _ROUNDING).any():
+                return False
+        return True
 
     def timed(self, recording: Recording, z: Array) -> Recording:
         """The recording with the instants of its jumps at ``z``."""
@@ -106,11 +113,13 @@ class Variables:
             own = self.instants[recording.name].size
             out[:, self._instants_of(recording)] = derivatives[:, count : count + own]
         if recording.name in self.unknown:
-            out[:, self._states_of(recording)] = derivatives[:, derivatives.shape[1] - self.scales.size :] * self.scales
+            out[:, self._states_of(recording.name)] = (
+                derivatives[:, derivatives.shape[1] - self.scales.size :] * self.scales
+            )
         return out
 
-    def _states_of(self, recording: Recording) -> slice:
-        first = len(self.names) + self.unknown.index(recording.name) * self.scales.size
+    def _states_of(self, name: str) -> slice:
+        first = len(self.names) + self.unknown.index(name) * self.scales.size
         return slice(first, first + self.scales.size)
 
     def _instants_of(self, recording: Recording) -> slice:
