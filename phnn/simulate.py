@@ -22,7 +22,7 @@ from phnn.integrate.rest import equilibrium
 from phnn.network.elements import Network
 from phnn.recordings.driving import Driving, driving_of, input_before, settled
 from phnn.recordings.recording import Recording
-from phnn.sensing import sensing
+from phnn.sensing import is_displacement, sensing
 from phnn.setup import Block, Setup
 from phnn.signals.reconstruct import mean_input
 
@@ -77,8 +77,8 @@ class Trajectory:
 
     @property
     def mid_displacement(self) -> Array:
-        """(n,) output state in the middle of the steps."""
-        q = self.states[:, self.program.output]
+        """(n,) displacement in the middle of the steps: the output state, or that of an imposed motion."""
+        q = self.states[:, self.program.output if self.program.travel < 0 else self.program.travel]
         return 0.5 * (q[1:] + q[:-1])
 
 
@@ -115,7 +115,11 @@ def simulate(
     h, cycle = np.repeat(recording.dt / driving.counts, driving.counts), int(nodes[recording.cycle])
     fine, u, held = _port_inputs(setup, network, recording, driving, h, cycle)
     rest = None if cycle or initial is not None else held
-    x0 = _begun(program, network, u[:cycle], h[:cycle], held, recording.name) if initial is None else initial
+    x0 = initial
+    if x0 is None:
+        x0 = _begun(program, network, u[:cycle], h[:cycle], held, recording.name)
+        if program.travel >= 0 and is_displacement(setup, recording):
+            x0[program.travel] = driving.fine(recording)[0, 0]
     n = u.shape[0]
     states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
     done = kernel.march(program, theta, x0, u, h, states, efforts)
@@ -163,7 +167,7 @@ def _begun(program: Program, network: Network, u: Array, h: Array, held: Array, 
 
 def measured_network(network: Network, recording: Recording) -> Network:
     """The network with what a recording measures as its output."""
-    return replace(network, output=recording.measures) if recording.measures else network
+    return replace(network, output=recording.measures, senses="") if recording.measures else network
 
 
 def further_ports(network: Network, recording: Recording) -> list[int]:
