@@ -185,7 +185,7 @@ class BondGraph:
                 raise StructureViolated(f"the {type(bond).__name__} from {bond.start} has ratio 0: leave it out")
         stores = [e.name for e in self.elements if isinstance(e, C | I)]
         sources = [e.name for e in self.elements if isinstance(e, Sf)]
-        _among(self.output, [*stores, *sources], "the output is the storage or source of flow")
+        _among(self.output, [*stores, *sources], "the output is the storage or source of flow" if sources else "the output is the storage")
         read = [*stores, *(m.name for m in self.memories)]
         for element in self.elements:
             if isinstance(element, R) and element.reads is not None:
