@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from phnn.chain import REMEMBERING
 from phnn.chain.passage import amplified, measured, place_of, sensed, sounded
+from phnn.chain.rate import rate
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel
 from phnn.integrate.cycle import steady_cycle
@@ -74,6 +75,12 @@ class Trajectory:
     def velocity(self) -> Array:
         """(n,) mean flow through the output during the steps [m/s]."""
         return self.efforts[:, self.program.flow]
+
+    @property
+    def signal(self) -> Array:
+        """(n+1,) what the sensor is given at the nodes: the output state, or the force that an imposed motion takes."""
+        x = self.states[:, self.program.output]
+        return rate(x, np.append(0.0, np.cumsum(self.h))) if self.program.travel >= 0 else x
 
     @property
     def mid_displacement(self) -> Array:

@@ -67,6 +67,7 @@ class Scales:
         duration: longest recording [s].
         noise: typical noise floor [m].
         peaks: frequencies [Hz] at which the residual has most power.
+        effort: largest force [N] where that is the output, the motion being imposed; 0 where the motion is the output.
     """
 
     voltage: float
@@ -79,6 +80,17 @@ class Scales:
     duration: float
     noise: float
     peaks: tuple[float, ...] = ()
+    effort: float = 0.0
+
+    @property
+    def sensed(self) -> float:
+        """Largest output: of the displacement, or of the force that an imposed motion takes."""
+        return self.effort or self.displacement
+
+    @property
+    def sensed_rate(self) -> float:
+        """Largest rate of the output."""
+        return 2.0 * math.pi * self.fastest * self.effort if self.effort else self.velocity
 
 
 def always(setup: Setup) -> bool:

@@ -19,7 +19,7 @@ def build(setup: Setup, values: Mapping[str, float]) -> Setup:
 
 def grid(scales: Scales) -> list[dict[str, float]]:
     """Three half-widths, from below the noise to a few hundredths of the displacement."""
-    widest = 0.03 * scales.displacement
+    widest = 0.03 * scales.sensed
     least = min(0.3 * scales.noise, 0.1 * widest)
     return [{"delta_b": float(width)} for width in np.geomspace(least, widest, 3)]
 

@@ -24,8 +24,8 @@ def build(setup: Setup, values: Mapping[str, float]) -> Setup:
 
 def grid(scales: Scales) -> list[dict[str, float]]:
     """Linear in both coefficients: one point for each."""
-    small = 1e-3 / scales.displacement
-    return [{"a_2": small, "a_3": 0.0}, {"a_2": 0.0, "a_3": small / scales.displacement}]
+    small = 1e-3 / scales.sensed
+    return [{"a_2": small, "a_3": 0.0}, {"a_2": 0.0, "a_3": small / scales.sensed}]
 
 
 EFFECT = Effect(

@@ -92,7 +92,8 @@ class Program:
 
     @cached_property
     def flow(self) -> int:
-        """Index of the storage whose effort is the flow through the measured one: the mass beside a displacement, or the one that is moved."""
+        """Index of the storage whose effort is the flow through the measured one: the mass beside a displacement; of an
+        imposed motion the one that is moved."""
         if self.moving >= 0:
             return self.moving
         output = self.states[self.output]

@@ -138,8 +138,8 @@ class Network:
         output: the storage whose energy variable is measured.
         modulations: ratios that follow a state; the factors of one that follows several multiply.
         memories: slow states; the state vector has them after the storages.
-        senses: the port that imposes a motion, where its effort is measured; ``output`` is then the impulse, the integral
-            of that effort, and the sensor differentiates it.
+        senses: the port that imposes a motion, where its effort is measured; ``output`` is then the impulse, the
+            integral of that effort, and the sensor differentiates it.
 
     Raises:
         StructureViolated: elements that do not fit together.

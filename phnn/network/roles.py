@@ -56,6 +56,14 @@ def imposed(network: Network) -> Imposed | None:
     return Imposed(network.senses, contact, network.output, Motion(travels[0], momentum))
 
 
+def auxiliary(network: Network) -> set[str]:
+    """Constants of the storages through which a motion is imposed, which nobody has stated."""
+    given = imposed(network)
+    names = () if given is None else (given.contact, given.impulse, given.motion.momentum, given.motion.displacement)
+    found = {n for s in network.storages if s.name in names for n in s.parameters}
+    return {n for n in found if network.parameters[n].fixed}
+
+
 def measured_displacement(network: Network) -> str:
     """The storage whose motion is measured: the output, or the displacement that is imposed."""
     found = imposed(network)

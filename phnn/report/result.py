@@ -24,8 +24,9 @@ from phnn.diagnose.picture import Picture, is_effort, learned_picture, missing_f
 from phnn.diagnose.rules import Applied
 from phnn.diagnose.symptoms import seen, symptoms
 from phnn.diagnose.trial import tie
-from phnn.identify.staged import fixes_common_factor
+from phnn.identify.staged import forces_known
 from phnn.models.store import save
+from phnn.network.roles import auxiliary
 from phnn.output import Place, claim, finite
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, RuleRow, Trace
 from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
@@ -162,7 +163,7 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
     for ground, where in ((j.ground, j.location), (j.final_ground, left)):
         found = picture(ground, where) if where is not None else None
         if where is not None and found is not None:
-            free = is_effort(where) and not fixes_common_factor(diagnosis.campaign.known)
+            free = is_effort(where) and not forces_known(diagnosis.campaign.known, diagnosis.base.setup.network)
             curves.append(_curve(found, ground is not j.ground, free))
     curves[1:1] = [_curve(law, False) for law in _learned_laws(j)]
     return Evidence(
@@ -227,9 +228,10 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
     j = diagnosis.judgement
     before, after = diagnosis.base.setup.parameters, j.final.setup.parameters
     std, held = j.final.std(), j.final.held
-    anchored = fixes_common_factor(diagnosis.campaign.known)
+    anchored = forces_known(diagnosis.campaign.known, diagnosis.base.setup.network)
     rows = []
-    for name, p in after.items():
+    hidden = auxiliary(j.final.setup.network)
+    for name, p in ((n, p) for n, p in after.items() if n not in hidden):
         note = held.get(name, "constant" if p.fixed else "")
         if not note and not anchored and p.unit in FORCE_UNITS:
             note = "up to one common factor"

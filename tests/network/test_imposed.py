@@ -128,7 +128,7 @@ def test_what_is_supplied_is_stored_or_dissipated(mass: float) -> None:
 def test_a_mass_adds_its_inertia() -> None:
     u, t = motion(), DT * np.arange(600)
     without, having = (simulate(Setup(rig(mass=m)), recording(u), 8).y for m in (0.0, 0.4))
-    acceleration = -W**2 * (2e-3 * np.sin(W * t) + 3.3**2 * 4e-4 * np.sin(3.3 * W * t))
+    acceleration = -(W**2) * (2e-3 * np.sin(W * t) + 3.3**2 * 4e-4 * np.sin(3.3 * W * t))
     assert relative(having - without - 0.4 * acceleration, 0.4 * acceleration) < 0.02
 
 

@@ -36,7 +36,7 @@ def build(setup: Setup, values: Mapping[str, float]) -> Setup:
 
 def grid(scales: Scales) -> list[dict[str, float]]:
     """The cubic's coefficients alone, and both knees of either side."""
-    levels = {"y_Y": scales.displacement} | {f"y_Y{i}": share * scales.displacement for i, share in _KNEES.items()}
+    levels = {"y_Y": scales.sensed} | {f"y_Y{i}": share * scales.sensed for i, share in _KNEES.items()}
     groups = (("a_Y2",), ("a_Y3",), ("h_Y1", "h_Y2"), ("h_Y3", "h_Y4"))
     return each(_STRENGTHS, groups, _SMALL, levels)
 
