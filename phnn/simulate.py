@@ -124,9 +124,9 @@ def simulate(
     rest = None if cycle or initial is not None else held
     x0 = initial
     if x0 is None:
-        x0 = _begun(program, network, u[:cycle], h[:cycle], held, recording.name)
-        if program.travel >= 0 and is_displacement(setup, recording):
-            x0[program.travel] = driving.fine(recording)[0, 0]
+        known = program.travel >= 0 and is_displacement(setup, recording)
+        place = driving.fine(recording)[0, 0] if known else None
+        x0 = _begun(program, network, u[:cycle], h[:cycle], held, place, recording.name)
     n = u.shape[0]
     states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
     done = kernel.march(program, theta, x0, u, h, states, efforts)
@@ -158,14 +158,24 @@ def _port_inputs(
     return fine, u, held
 
 
-def _begun(program: Program, network: Network, u: Array, h: Array, held: Array, name: str) -> Array:
-    """(N,) the state in which a simulation begins: at rest under inputs, or in the steady cycle of a period."""
-    if not h.size:
-        return equilibrium(program, network, held)
+def _begun(
+    program: Program, network: Network, u: Array, h: Array, held: Array, place: float | None, name: str
+) -> Array:  # fmt: skip
+    """(N,) the state in which a simulation begins: at rest under inputs, or in the steady cycle of a period.
+
+    Args:
+        place: the displacement at which an imposed motion begins, where it was recorded.
+    """
     try:
         x = equilibrium(program, network, held)
     except SolverFailed:
+        if not h.size:
+            raise
         x = np.zeros(len(program.states))
+    if place is not None:
+        x[program.travel] = place
+    if not h.size:
+        return x
     try:
         return steady_cycle(program, program.theta(network), x, u, h)
     except SolverFailed as error:

@@ -150,6 +150,19 @@ def test_a_velocity_is_taken_as_it_is() -> None:
     assert relative(from_velocity + K * u[0] - from_displacement, from_displacement) < 1e-3
 
 
+def test_a_steady_cycle_and_its_derivatives() -> None:
+    size = 400
+    u = 1e-3 + 2e-3 * np.sin(2 * np.pi / size * np.arange(2 * size))
+    given = replace(recording(u), start=Start("periodic"), period=size * DT)
+    setup = Setup(rig())
+    found = simulate(setup, given, 2)
+    assert np.abs(found.y[:size] - found.y[size:]).max() < 1e-4 * np.abs(found.y).max()
+    for name in ("k", "c_1", "d_1"):
+        slope, value = output_derivatives(found, (name,))[:, 0], setup.parameters[name].value
+        above, below = (simulate(setup.with_values({name: value * (1.0 + s)}), given, 2).y for s in (1e-6, -1e-6))
+        assert np.allclose(slope, (above - below) / (2e-6 * value), rtol=0, atol=1e-5 * np.abs(slope).max())
+
+
 def test_roles_of_what_is_imposed() -> None:
     network = rig()
     given = imposed(network)
