@@ -17,7 +17,6 @@ from phnn.identify.looks import first_look
 from phnn.identify.plan import Plan
 from phnn.identify.problem import Problem
 from phnn.models.actuator import hrc
-from phnn.network.elements import Network
 from phnn.recall import recalled
 from phnn.recordings.driving import input_before
 from phnn.recordings.recording import Anchor, Recording, dominant_frequency
@@ -108,11 +107,6 @@ def held_at(known: Mapping[str, Anchor]) -> dict[str, str]:
 def fixes_common_factor(known: Iterable[str]) -> bool:
     """Whether one of the known parameters fixes the factor that voltage and displacement leave open."""
     return any(n.startswith(_SCALED) for n in known)
-
-
-def forces_known(known: Iterable[str], network: Network) -> bool:
-    """Whether forces are known in newtons: a known parameter fixes the common factor, or the force was measured."""
-    return bool(network.senses) or fixes_common_factor(known)
 
 
 def stated_only(held: Mapping[str, str]) -> dict[str, str]:

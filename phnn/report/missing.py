@@ -13,7 +13,7 @@ from phnn.diagnose.picture import is_effort
 from phnn.diagnose.vocabulary import vocabulary_of
 from phnn.effects.places import place_of
 from phnn.identify.fit import Fit
-from phnn.identify.staged import forces_known
+from phnn.report.anchored import forces_known
 from phnn.report.sentence import unknown_character, unknown_statement
 from phnn.units import quantity
 

@@ -9,9 +9,9 @@ from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.trial import Trial, tie
 from phnn.effects.effect import Plausible
-from phnn.identify.staged import forces_known
 from phnn.parameters import Parameter
 from phnn.recordings.recording import ACTUATOR
+from phnn.report.anchored import forces_known
 from phnn.report.fingerprint import fingerprint
 from phnn.report.missing import FORCE_UNITS
 from phnn.report.support import PlausibleRow, RivalRow, Support

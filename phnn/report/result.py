@@ -24,10 +24,10 @@ from phnn.diagnose.picture import Picture, is_effort, learned_picture, missing_f
 from phnn.diagnose.rules import Applied
 from phnn.diagnose.symptoms import seen, symptoms
 from phnn.diagnose.trial import tie
-from phnn.identify.staged import forces_known
 from phnn.models.store import save
 from phnn.network.roles import auxiliary
 from phnn.output import Place, claim, finite
+from phnn.report.anchored import forces_known
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, RuleRow, Trace
 from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
 from phnn.report.missing import FORCE_UNITS, missing_entries

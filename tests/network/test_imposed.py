@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from phnn.chain.rate import imposed_rate
 from phnn.derivatives import output_derivatives
 from phnn.errors import InputRefused, StructureViolated
+from phnn.integrate.ode import odeint
 from phnn.integrate.residual import check, power_balance
 from phnn.models.store import load, save
 from phnn.network.bondgraph import Bond, BondGraph, C, I, R, Sf
 from phnn.network.elements import Network
 from phnn.network.roles import imposed, measured_displacement, motions
+from phnn.network.system import PortHamiltonianSystem
 from phnn.parameters import as_table, positive
 from phnn.recordings.recording import Part, Recording, Start, Units
 from phnn.sensing import is_displacement
@@ -30,7 +34,7 @@ K, B, F_C, V_S, K_1, RHO, D = 2.0e4, 900.0, 150.0, 2e-2, 8.0e4, 1.0, 60.0
 DT, W = 5e-4, 2 * np.pi * 7.0
 
 
-def rig(*elements: object, mass: float = 0.0) -> Network:
+def rig(mass: float = 0.0) -> Network:
     """A spring, a damper, dry friction and a hysteron between an imposed motion and a load cell."""
     known = [
         positive("k", K, "N/m"), positive("b", B, "N s/m"), positive("F_c", F_C, "N"), positive("v_s", V_S, "m/s"),
@@ -63,12 +67,12 @@ def recording(u: Array, unit: str = "m", interpolation: str = "cubic") -> Record
     )  # fmt: skip
 
 
-def displacement(t: Array) -> Array:
+def displacement(t: NDArray[Any]) -> Array:
     """Two sines [m]; it begins where it is 1 mm, with a velocity."""
     return np.asarray(1e-3 + 2e-3 * np.sin(W * t) + 4e-4 * np.sin(3.3 * W * t))
 
 
-def velocity(t: Array | float) -> Array:
+def velocity(t: NDArray[Any] | float) -> Array:
     """Its rate [m/s]."""
     return np.asarray(W * (2e-3 * np.cos(W * t) + 3.3 * 4e-4 * np.cos(3.3 * W * t)))
 
@@ -78,7 +82,7 @@ def motion(size: int = 600) -> Array:
     return displacement(DT * np.arange(size))
 
 
-def relative(error: Array, to: Array) -> float:
+def relative(error: NDArray[Any], to: NDArray[Any]) -> float:
     """Root mean square away from the ends, of which a spline knows least, over that of a signal."""
     return float(np.linalg.norm(error[5:-5]) / np.linalg.norm(to[5:-5]))
 
@@ -190,6 +194,10 @@ def test_a_model_keeps_what_it_senses(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_is_refused() -> None:
+    system = PortHamiltonianSystem(rig())
+    driven = system.with_input(lambda t: 0.1 * torch.ones_like(t))
+    with pytest.raises(InputRefused, match="acts through a rigid contact"):
+        odeint(driven, torch.zeros(5, dtype=torch.float64), torch.linspace(0.0, 1.0, 5, dtype=torch.float64))
     with pytest.raises(InputRefused, match="zero_order: a displacement that is held"):
         simulate(Setup(rig()), recording(motion(), interpolation="zero_order"))
     tank = BondGraph(
