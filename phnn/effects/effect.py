@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from phnn.errors import InputRefused
+from phnn.network.bondgraph.imposed import effort_unit
 from phnn.network.elements import Network, Port, Storage
 from phnn.network.roles import hysterons
 from phnn.parameters import Parameter, as_table
@@ -123,6 +124,12 @@ def has_transducer(setup: Setup) -> bool:
     """A parameter ``alpha`` is the ratio by which the voltage port acts on the momentum."""
     ports = setup.network.ports
     return has_motion(setup) and any(p.name == "voltage" and p.on.get("p") == "alpha" for p in ports)
+
+
+def sensed_unit(setup: Setup) -> str:
+    """SI unit of what the sensor measures: of a displacement, or of the effort that an imposed motion takes."""
+    network = setup.network
+    return next((effort_unit(p.unit) for p in network.ports if p.name == network.senses), "m")
 
 
 def has_tanks(setup: Setup) -> bool:

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Plausible, Scales
+from phnn.effects.effect import Effect, Plausible, Scales, sensed_unit
 from phnn.parameters import positive
 from phnn.setup import Block, Setup
 
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``y`` follows ``q`` through a play of half-width ``δ_b``, centred at the first sample."""
-    parameter = positive("delta_b", values["delta_b"], "m", "half-width of the play at the output", 1e4)
+    parameter = positive("delta_b", values["delta_b"], sensed_unit(setup), "half-width of the play at the output", 1e4)
     return setup.with_block("sensor", Block("play", ("delta_b",)), (parameter,))
 
 

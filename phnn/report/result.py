@@ -71,7 +71,8 @@ def write_into(diagnosis: Diagnosis, place: Place, shown: Evidence | None = None
     save(diagnosis.judgement.final.setup, place / "model", finest)
     content = document(diagnosis)
     (place / "diagnosis.json").write_json(content)
-    write_waveform(diagnosis.proposal, diagnosis.base.setup, place / WAVEFORM)
+    inputs = plan.recordings[0].units.input
+    write_waveform(diagnosis.proposal, diagnosis.base.setup, inputs, place / WAVEFORM)
     write_report(content, shown or evidence(diagnosis), place)
     return content
 
