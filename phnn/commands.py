@@ -23,6 +23,7 @@ from phnn.identify.evaluate import Evaluation
 from phnn.identify.fit import Fit
 from phnn.intake.names import printable
 from phnn.models.store import save
+from phnn.network.roles import auxiliary
 from phnn.output import Place, claim, finite, unique_names
 from phnn.prediction import document
 from phnn.predictor import predictor
@@ -104,7 +105,7 @@ def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[
         fitted, error = identify_base(campaign, options, progress)
         scores = score_on_all(fitted, campaign)
     _keep(fitted, place / "base")
-    std = fitted.std()
+    std, hidden = fitted.std(), auxiliary(fitted.setup.network)
     parameters = {
         n: {
             "value": p.value,
@@ -114,6 +115,7 @@ def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[
             "held": _note(fitted, n),
         }
         for n, p in fitted.setup.parameters.items()
+        if n not in hidden
     }
     content = {
         "parameters": parameters,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from phnn.chain.passage import measured_changes, place_of, sensed, sounded
 from phnn.integrate import sweep
-from phnn.integrate.cycle import cycle_derivative
+from phnn.integrate.cycle import cycle_derivative, without_impulse
 from phnn.integrate.rest import equilibrium_derivative, equilibrium_slope
 from phnn.laws import FACTOR_LAWS, PORT_LAWS
 from phnn.laws.namespace import TINY
@@ -136,6 +136,7 @@ def _start_derivative(trajectory: Trajectory, moved: _Moved, places: NDArray[np.
     if cycle:
         end = np.empty((n, moved.columns + n))
         moved.swept(trajectory, start[:, :0], np.arange(n), np.zeros(1, dtype=np.int64), cycle, end)
+        end = without_impulse(trajectory.program, end, moved.active.size)
         return cycle_derivative(end, moved.active.size, trajectory.states[: cycle + 1])
     if trajectory.rest is not None:
         network = trajectory.setup.network

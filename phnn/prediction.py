@@ -123,6 +123,8 @@ def _column(network: Network, recording: Recording) -> str:
     """Name of the output's column, with its unit."""
     if recording.sensor.derivative:
         return f"output_{recording.units.output}"
+    if network.senses:
+        return "force_N" if recording.units.output == "N" else f"output_{recording.units.output}"
     unit = next(s.unit for s in network.storages if s.name == network.output)
     return "displacement_m" if unit == "m" else f"output_{unit.replace(' ', '')}"
 

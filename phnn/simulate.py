@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from phnn.chain import REMEMBERING
 from phnn.chain.passage import amplified, measured, place_of, sensed, sounded
+from phnn.chain.rate import rate
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel
 from phnn.integrate.cycle import steady_cycle
@@ -22,7 +23,7 @@ from phnn.integrate.rest import equilibrium
 from phnn.network.elements import Network
 from phnn.recordings.driving import Driving, driving_of, input_before, settled
 from phnn.recordings.recording import Recording
-from phnn.sensing import sensing
+from phnn.sensing import is_displacement, sensing
 from phnn.setup import Block, Setup
 from phnn.signals.reconstruct import mean_input
 
@@ -76,9 +77,15 @@ class Trajectory:
         return self.efforts[:, self.program.flow]
 
     @property
+    def signal(self) -> Array:
+        """(n+1,) what the sensor is given at the nodes: the output state, or the force that an imposed motion takes."""
+        x = self.states[:, self.program.output]
+        return rate(x, np.append(0.0, np.cumsum(self.h))) if self.program.travel >= 0 else x
+
+    @property
     def mid_displacement(self) -> Array:
-        """(n,) output state in the middle of the steps."""
-        q = self.states[:, self.program.output]
+        """(n,) displacement in the middle of the steps: the output state, or that of an imposed motion."""
+        q = self.states[:, self.program.output if self.program.travel < 0 else self.program.travel]
         return 0.5 * (q[1:] + q[:-1])
 
 
@@ -115,7 +122,11 @@ def simulate(
     h, cycle = np.repeat(recording.dt / driving.counts, driving.counts), int(nodes[recording.cycle])
     fine, u, held = _port_inputs(setup, network, recording, driving, h, cycle)
     rest = None if cycle or initial is not None else held
-    x0 = _begun(program, network, u[:cycle], h[:cycle], held, recording.name) if initial is None else initial
+    x0 = initial
+    if x0 is None:
+        known = program.travel >= 0 and is_displacement(setup, recording)
+        place = driving.fine(recording)[0, 0] if known else None
+        x0 = _begun(program, network, u[:cycle], h[:cycle], held, place, recording.name)
     n = u.shape[0]
     states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
     done = kernel.march(program, theta, x0, u, h, states, efforts)
@@ -147,14 +158,24 @@ def _port_inputs(
     return fine, u, held
 
 
-def _begun(program: Program, network: Network, u: Array, h: Array, held: Array, name: str) -> Array:
-    """(N,) the state in which a simulation begins: at rest under inputs, or in the steady cycle of a period."""
-    if not h.size:
-        return equilibrium(program, network, held)
+def _begun(
+    program: Program, network: Network, u: Array, h: Array, held: Array, place: float | None, name: str
+) -> Array:  # fmt: skip
+    """(N,) the state in which a simulation begins: at rest under inputs, or in the steady cycle of a period.
+
+    Args:
+        place: the displacement at which an imposed motion begins, where it was recorded.
+    """
     try:
         x = equilibrium(program, network, held)
     except SolverFailed:
+        if not h.size:
+            raise
         x = np.zeros(len(program.states))
+    if place is not None:
+        x[program.travel] = place
+    if not h.size:
+        return x
     try:
         return steady_cycle(program, program.theta(network), x, u, h)
     except SolverFailed as error:
@@ -163,7 +184,7 @@ def _begun(program: Program, network: Network, u: Array, h: Array, held: Array, 
 
 def measured_network(network: Network, recording: Recording) -> Network:
     """The network with what a recording measures as its output."""
-    return replace(network, output=recording.measures) if recording.measures else network
+    return replace(network, output=recording.measures, senses="") if recording.measures else network
 
 
 def further_ports(network: Network, recording: Recording) -> list[int]:

@@ -17,6 +17,7 @@ from phnn.chain.bouc_wen import bouc_wen
 from phnn.chain.delay import delay
 from phnn.chain.knee import banded, kneed
 from phnn.chain.lowpass import lowpass, second_order_lowpass
+from phnn.chain.rate import imposed_rate
 from phnn.integrate.compiled import entry
 from phnn.laws.namespace import absolute, exp, log1p, maximum, minimum, real, where
 
@@ -98,4 +99,5 @@ AMPLIFIERS: dict[str, Callable[..., Array]] = {
     "offset": offset,
     "knee": knee,
     "dead_band": dead_band,
+    "rate": imposed_rate,
 }

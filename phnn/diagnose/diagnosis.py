@@ -69,7 +69,12 @@ def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) 
 def _possible(campaign: Campaign, setup: Setup, effects: Iterable[Effect]) -> list[Effect]:
     """Those of some effects that can exist, in all forms and at every place."""
     found = in_all_forms(a for e in effects for a in attached(e, setup) if a.applies(setup))
-    return [e for e in found if not (e.needs_command and campaign.voltage == "terminals")]
+    return [e for e in found if not (e.needs_command and input_measured(campaign, setup))]
+
+
+def input_measured(campaign: Campaign, setup: Setup) -> bool:
+    """Whether what the input does to the network was recorded: at the terminals, or as the motion that is imposed."""
+    return campaign.voltage == "terminals" or bool(setup.network.senses)
 
 
 def _distilled(judgement: Judgement, executor: Executor, criteria: Criteria) -> Judgement:
@@ -120,7 +125,7 @@ def diagnose(
     if on_base is not None:
         on_base(base)
 
-    terminals = campaign.voltage == "terminals"
+    terminals = input_measured(campaign, base.setup)
     found = scored(base, catalogue_, chosen.seed, error, terminals, criteria)
     for _ in range(2):
         if found.naming.numerical <= most:

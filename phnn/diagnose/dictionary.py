@@ -198,13 +198,13 @@ def _slowly(trajectory: Trajectory, scales: Scales, *driving: Array) -> Array:
 
 
 def _sensor_static(q: Array, scales: Scales) -> Array:
-    s = q / scales.displacement
+    s = q / scales.sensed
     return np.column_stack([s**2, s**3])
 
 
 def _sensor_memory(trajectory: Trajectory, scales: Scales) -> Array:
-    q = trajectory.states[:, trajectory.program.output] / scales.displacement
-    mid = trajectory.mid_displacement / scales.displacement
+    q = trajectory.signal / scales.sensed
+    mid = 0.5 * (q[1:] + q[:-1])
     lags = [q - np.append(q[0], low_pass(mid, trajectory.h, t, float(q[0]))) for t in _lag_times(scales)[[0, 2]]]
     samples = trajectory.nodes[trajectory.lead :]
     plays = [q[samples] - play_operator(q[samples], r) for r in (0.002, 0.01, 0.03)]
@@ -212,12 +212,12 @@ def _sensor_memory(trajectory: Trajectory, scales: Scales) -> Array:
 
 
 def _sensor_gain(trajectory: Trajectory, scales: Scales) -> Array:
-    return _drifts(trajectory.t, scales) * (trajectory.y / scales.displacement)[:, None]
+    return _drifts(trajectory.t, scales) * (trajectory.y / scales.sensed)[:, None]
 
 
 def _sensor_clock(trajectory: Trajectory, scales: Scales) -> Array:
     velocity = np.gradient(trajectory.y, trajectory.t) if trajectory.t.size > 1 else np.zeros_like(trajectory.y)
-    return _drifts(trajectory.t, scales) * (velocity / scales.velocity)[:, None]
+    return _drifts(trajectory.t, scales) * (velocity / scales.sensed_rate)[:, None]
 
 
 def _drifts(t: Array, scales: Scales) -> Array:

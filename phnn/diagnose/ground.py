@@ -154,6 +154,7 @@ def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:
         fastest=max(frequencies),
         duration=max(float(r.t[-1]) for r in recordings),
         noise=float(np.median([r.noise for r in recordings])),
+        effort=max(float(np.ptp(t.y)) for t in trajectories) if fit.setup.network.senses else 0.0,
     )
 
 

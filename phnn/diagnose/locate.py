@@ -135,7 +135,7 @@ def _responses_of(trajectory: Trajectory, ground: Ground) -> tuple[Array, NDArra
         if not _exists(group, ground):
             functions = np.zeros_like(functions)
         if group.enters == OUTPUT:
-            outputs.append(functions * scales.displacement)
+            outputs.append(functions * scales.sensed)
             owners[OUTPUT] += [index] * functions.shape[1]
         elif group.enters == PARAMETER:
             names = group.varied(network)

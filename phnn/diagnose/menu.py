@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from phnn.diagnose.ground import Ground
 from phnn.network.system import PortHamiltonianSystem
-from phnn.recordings.recording import Part, Recording, Start
+from phnn.recordings.recording import Part, Recording, Start, Units
+from phnn.sensing import is_displacement
 from phnn.setup import Setup
 from phnn.simulate import simulate
 from phnn.units import quantity
@@ -80,25 +81,32 @@ class Experiment:
             u[which == i] = stretch.input(t[which == i])
         return u
 
-    def recording(self, noise: float) -> Recording:
+    def recording(self, noise: float, units: Units) -> Recording:
         """It as a recording whose output is not known yet; white noise of standard deviation ``noise`` is expected."""
         t = self.t
         name = f"menu: {self.kind}"
         part = Part(name, 0, t.size, "identification")
         return Recording(
             name, t, self.u, np.zeros_like(t), Start("rest", 0.0), self.interpolation, (part,), noise, "assumed",
-            np.array([1.0]), None, {}, "",
+            np.array([1.0]), None, {}, "", units,
         )  # fmt: skip
 
 
 def menu(ground: Ground) -> tuple[Experiment, ...]:
-    """Six recordings that a laboratory can make: they differ in time, frequency, amplitude and offset."""
-    return (_hold(ground), _slow(ground), _near_resonance(ground), _sweep(ground), _multisine(ground), _offset(ground))
+    """Recordings that a laboratory can make: they differ in time, frequency, amplitude and offset."""
+    smooth = (_slow(ground), _near_resonance(ground), _sweep(ground), _multisine(ground))
+    if is_displacement(ground.fit.setup, ground.plan.recordings[0]):
+        # No rig moves at once from one place to another.
+        return smooth
+    return (_hold(ground), *smooth, _offset(ground))
 
 
 def resonance(setup: Setup) -> float | None:
     """The lowest resonance [Hz] of the network about rest, ``Im λ/2π`` of its linearisation; None where it has none."""
     network = setup.network
+    if network.senses:
+        # What is held by an imposed motion does not ring.
+        return None
     system = PortHamiltonianSystem(network)
     at_rest = torch.zeros(len(network.state_names), dtype=torch.float64)
     silent = torch.zeros(len(network.ports), dtype=torch.float64)
@@ -122,7 +130,7 @@ def _three(value: float) -> float:
 
 
 def _volts(ground: Ground, value: float) -> str:
-    return quantity(value, ground.fit.setup.network.ports[0].unit)
+    return quantity(value, ground.plan.recordings[0].units.input)
 
 
 def _timed(duration: float, rate: float) -> str:
@@ -168,8 +176,10 @@ def _near_resonance(ground: Ground) -> Experiment:
     frequency = rate / max(round(rate / wanted), _PER_PERIOD)
     kind = "near-resonance sine" if at is not None and frequency >= 0.5 * at else "fast sine"
     full = _sine(ground, kind, _three(scales.voltage), frequency, _RING, rate)
-    peak = float(np.abs(simulate(ground.fit.setup, full.recording(scales.noise), 2).y).max())
-    amplitude = _three(scales.voltage * min(1.0, scales.displacement / peak))
+    peak = float(
+        np.abs(simulate(ground.fit.setup, full.recording(scales.noise, ground.plan.recordings[0].units), 2).y).max()
+    )
+    amplitude = _three(scales.voltage * min(1.0, scales.sensed / peak))
     return _sine(ground, kind, amplitude, frequency, _RING, rate)
 
 

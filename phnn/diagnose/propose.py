@@ -130,7 +130,7 @@ def separations(questions: Sequence[Sequence[Rival]], experiment: Experiment, no
     Args:
         noise: standard deviation of the output's noise [m].
     """
-    bench, apart = Bench(experiment.recording(noise)), []
+    bench, apart = Bench(experiment.recording(noise, questions[0][0].fit.plan.recordings[0].units)), []
     for rivals in questions:
         owns = [r.fit.setup.own for r in rivals]
         own = Own(tuple(dict.fromkeys(f for o in owns for f in o.lines)), max(o.courses for o in owns))
@@ -164,7 +164,7 @@ def shrinks(model: Rival, experiment: Experiment, noise: float) -> float | None:
     Args:
         noise: standard deviation of the output's noise [m].
     """
-    bench = Bench(experiment.recording(noise))
+    bench = Bench(experiment.recording(noise, model.fit.plan.recordings[0].units))
     try:
         found = model.predicted(bench)
     except PhnnError:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from phnn.network.elements import Network
+from phnn.network.roles import measured_displacement
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ _OUTPUTS: Mapping[str, tuple[str, str, str, str]] = {
 }
 _SOURCES: Mapping[str, str] = {
     "V": "voltage", "A": "current", "N": "force", "N m": "torque", "Pa": "pressure", "m³/s": "flow",
+    "m/s": "velocity", "rad/s": "angular velocity",
 }  # fmt: skip
 _UNKNOWN = ("output", "rate of the output", "effort", "")
 
@@ -49,9 +51,11 @@ _UNKNOWN = ("output", "rate of the output", "effort", "")
 def vocabulary_of(network: Network) -> Vocabulary:
     """The words of a network; those of no domain where its units belong to none.
 
-    A network without a port is said to be driven by its input.
+    A network without a port is said to be driven by its input. Where a motion is imposed and its force is measured, the
+    words are those of the motion.
     """
-    unit = next((s.unit for s in network.storages if s.name == network.output), "1").replace("m3", "m³")
+    moving = measured_displacement(network)
+    unit = next((s.unit for s in network.storages if s.name == moving), "1").replace("m3", "m³")
     output, rate, effort, effort_unit = _OUTPUTS.get(unit, _UNKNOWN)
     source_unit = network.ports[0].unit.replace("m3", "m³") if network.ports else "1"
     source = _SOURCES.get(source_unit, "input")

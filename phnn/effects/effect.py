@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from phnn.errors import InputRefused
+from phnn.network.bondgraph.imposed import effort_unit
 from phnn.network.elements import Network, Port, Storage
 from phnn.network.roles import hysterons
 from phnn.parameters import Parameter, as_table
@@ -67,6 +68,7 @@ class Scales:
         duration: longest recording [s].
         noise: typical noise floor [m].
         peaks: frequencies [Hz] at which the residual has most power.
+        effort: largest force [N] where that is the output, the motion being imposed; 0 where the motion is the output.
     """
 
     voltage: float
@@ -79,6 +81,17 @@ class Scales:
     duration: float
     noise: float
     peaks: tuple[float, ...] = ()
+    effort: float = 0.0
+
+    @property
+    def sensed(self) -> float:
+        """Largest output: of the displacement, or of the force that an imposed motion takes."""
+        return self.effort or self.displacement
+
+    @property
+    def sensed_rate(self) -> float:
+        """Largest rate of the output."""
+        return 2.0 * math.pi * self.fastest * self.effort if self.effort else self.velocity
 
 
 def always(setup: Setup) -> bool:
@@ -111,6 +124,12 @@ def has_transducer(setup: Setup) -> bool:
     """A parameter ``alpha`` is the ratio by which the voltage port acts on the momentum."""
     ports = setup.network.ports
     return has_motion(setup) and any(p.name == "voltage" and p.on.get("p") == "alpha" for p in ports)
+
+
+def sensed_unit(setup: Setup) -> str:
+    """SI unit of what the sensor measures: of a displacement, or of the effort that an imposed motion takes."""
+    network = setup.network
+    return next((effort_unit(p.unit) for p in network.ports if p.name == network.senses), "m")
 
 
 def has_tanks(setup: Setup) -> bool:

@@ -6,20 +6,20 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Plausible, Scales
+from phnn.effects.effect import Effect, Plausible, Scales, sensed_unit
 from phnn.parameters import positive
 from phnn.setup import Block, Setup
 
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``y`` follows ``q`` through a play of half-width ``δ_b``, centred at the first sample."""
-    parameter = positive("delta_b", values["delta_b"], "m", "half-width of the play at the output", 1e4)
+    parameter = positive("delta_b", values["delta_b"], sensed_unit(setup), "half-width of the play at the output", 1e4)
     return setup.with_block("sensor", Block("play", ("delta_b",)), (parameter,))
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
     """Three half-widths, from below the noise to a few hundredths of the displacement."""
-    widest = 0.03 * scales.displacement
+    widest = 0.03 * scales.sensed
     least = min(0.3 * scales.noise, 0.1 * widest)
     return [{"delta_b": float(width)} for width in np.geomspace(least, widest, 3)]
 

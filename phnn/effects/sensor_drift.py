@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from phnn.effects.effect import Effect, Plausible, Scales
+from phnn.effects.effect import Effect, Plausible, Scales, sensed_unit
 from phnn.parameters import signed
 from phnn.setup import COURSES, Block, Setup
 
@@ -13,7 +13,7 @@ from phnn.setup import COURSES, Block, Setup
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``y = q + r t`` with the time of the recording."""
     rate = values["drift_rate"]
-    parameter = signed("drift_rate", rate, "m/s", 1.0, 1e-8, "rate of the sensor's drift")
+    parameter = signed("drift_rate", rate, f"{sensed_unit(setup)}/s", 1.0, 1e-8, "rate of the sensor's drift")
     return setup.with_block("sensor", Block("drift", ("drift_rate",)), (parameter,))
 
 

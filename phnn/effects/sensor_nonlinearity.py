@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, no_range
+from phnn.effects.effect import Effect, Scales, no_range, sensed_unit
 from phnn.parameters import signed
 from phnn.setup import Block, Setup
 
@@ -14,18 +14,18 @@ _SQUARE, _CUBE = 1e2, 1e6
 
 def build(setup: Setup, values: Mapping[str, float]) -> Setup:
     """``y = q + a₂ q² + a₃ q³`` behind the network."""
-    square, cube = values["a_2"], values["a_3"]
+    square, cube, unit = values["a_2"], values["a_3"], sensed_unit(setup)
     parameters = (
-        signed("a_2", square, "1/m", 1e9, abs(square) or _SQUARE, "quadratic error"),
-        signed("a_3", cube, "1/m^2", 1e15, abs(cube) or _CUBE, "cubic error"),
+        signed("a_2", square, f"1/{unit}", 1e9, abs(square) or _SQUARE, "quadratic error"),
+        signed("a_3", cube, f"1/{unit}^2", 1e15, abs(cube) or _CUBE, "cubic error"),
     )
     return setup.with_block("sensor", Block("polynomial", ("a_2", "a_3")), parameters)
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
     """Linear in both coefficients: one point for each."""
-    small = 1e-3 / scales.displacement
-    return [{"a_2": small, "a_3": 0.0}, {"a_2": 0.0, "a_3": small / scales.displacement}]
+    small = 1e-3 / scales.sensed
+    return [{"a_2": small, "a_3": 0.0}, {"a_2": 0.0, "a_3": small / scales.sensed}]
 
 
 EFFECT = Effect(
@@ -33,7 +33,7 @@ EFFECT = Effect(
     location="sensor",
     kind="nonlinear",
     equation=r"y = q + a_2 q^2 + a_3 q^3",
-    statement="The sensor is not straight: to the displacement it adds {a_2} times its square and {a_3} times its "
+    statement="The sensor is not straight: to what it measures it adds {a_2} times its square and {a_3} times its "
     "cube, at any speed.",
     fingerprint="Harmonics of the displacement that depend on its amplitude alone, the same at every frequency and "
     "across the resonance.",

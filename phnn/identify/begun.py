@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.sensing import is_displacement
 from phnn.simulate import Trajectory
 
 Array = NDArray[np.float64]
@@ -24,6 +25,8 @@ _FORGOTTEN = 0.2
 _FEWEST = 5
 # Least spread, as a share of the range of a state: history may have been another than the recording's own input.
 _LEAST = 0.2
+# Spread of an initial displacement that was recorded, as a share of its range.
+_RECORDED = 1e-4
 
 
 @dataclass(frozen=True)
@@ -52,4 +55,9 @@ def expected_start(trajectory: Trajectory, scales: Array) -> Expected:
     alike[: int(_FORGOTTEN * u.size)] = False
     met = states[alike] if alike.sum() >= _FEWEST else states
     mean = met.mean(axis=0) if alike.sum() >= _FEWEST else states[0].copy()
-    return Expected(mean, np.maximum(met.std(axis=0), _LEAST * scales))
+    spread = np.maximum(met.std(axis=0), _LEAST * scales)
+    place = trajectory.program.travel
+    if place >= 0 and is_displacement(trajectory.setup, trajectory.recording):
+        # Where the imposed motion begins was recorded.
+        mean[place], spread[place] = states[0, place], _RECORDED * scales[place]
+    return Expected(mean, spread)

@@ -46,7 +46,11 @@ def steady_cycle(program: Program, theta: Array, x: Array, u: Array, h: Array) -
         done = kernel.march(program, theta, start, u, h, states, efforts)
         if done < h.size:
             raise SolverFailed(f"no solution of the step at t = {h[:done].sum():.6g} s of a period")
-        return states[-1] - start, _reach(states)
+        change = states[-1] - start
+        if program.travel >= 0:
+            # The impulse of a mean force grows for ever, and nothing follows it.
+            change[program.output] = 0.0
+        return change, _reach(states)
 
     for _ in range(_RUN_IN):
         x = x + period(x)[0]
@@ -105,4 +109,16 @@ def _swept(program: Program, theta: Array, states: Array, efforts: Array, u: Arr
         program, theta, none, states, efforts, u, h, np.zeros((n, 0)), np.arange(n), np.zeros((h.size, 0)), none,
         np.zeros((h.size, 0)), np.zeros(1, dtype=np.int64), end=end,
     )  # fmt: skip
+    return without_impulse(program, end, 0)
+
+
+def without_impulse(program: Program, end: Array, first: int) -> Array:
+    """Derivatives (N, C) of the state in which a period ends, the impulse of an imposed motion kept as it was.
+
+    Args:
+        first: of the columns by the states in which the period begins.
+    """
+    if program.travel >= 0:
+        end[program.output] = 0.0
+        end[program.output, first + program.output] = 1.0
     return end

@@ -18,6 +18,8 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate.method import ADJOINT_METHOD, METHOD
+from phnn.network.driven import DrivenSystem
+from phnn.network.system import PortHamiltonianSystem
 
 ADAPTIVE = ("dopri5", "dopri8", "bosh3", "adaptive_heun", "fehlberg2")
 FIXED = ("euler", "midpoint", "heun2", "heun3", "rk4")
@@ -143,6 +145,12 @@ def _check_inputs(
         raise InputRefused(
             f"method {method!r} is not supported: choose one of {', '.join((*ADAPTIVE, *FIXED, METHOD))}; "
             "gradients of the multistep methods are inexact and scipy's have none"
+        )
+    inner = system.system if isinstance(system, DrivenSystem) else system
+    if method != METHOD and isinstance(inner, PortHamiltonianSystem) and inner.network.senses:
+        raise InputRefused(
+            f"an imposed motion acts through a rigid contact, whose rates {method} cannot follow: "
+            f"use method={METHOD!r} or phnn.simulate"
         )
     if step_size is not None and method != METHOD:
         raise InputRefused(f"step_size is for {METHOD}: {method} steps by rtol, or from output to output of t")

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 
 from phnn.laws import RESISTOR_LAWS
 from phnn.network.elements import Network, Ratio, Resistor, Storage
+from phnn.network.roles import imposed
 
 _LINEAR_STORAGES = ("capacitor", "spring")
 _LINEAR_RESISTORS = ("linear", "maxwell")
@@ -25,6 +26,9 @@ LINEAR_RESISTOR_CODES = tuple(code for code, name in enumerate(RESISTOR_LAWS) if
 def junctions_of(network: Network) -> tuple[str, ...]:
     """The storages whose efforts are the unknowns of a step, in the order of the network."""
     forced = {name for r in network.resistors if len(r.on) > 1 for name in r.on}
+    if (given := imposed(network)) is not None:
+        # Between them stands no energy to speak of: force and velocity are both unknowns.
+        forced |= {given.contact, given.motion.momentum}
     lossy = {name for r in network.resistors for name in r.on}
     edges = [{c.to, c.of} for c in network.couplings if c.to != c.of]
     # What follows a memory is known before the step.

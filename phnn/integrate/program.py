@@ -47,6 +47,7 @@ from phnn.integrate.uses import Uses, uses_of
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 from phnn.network.elements import Network, Ratio, Resistor, Storage
+from phnn.network.roles import imposed
 
 LEAF_RULES = ("exact", "radau", "midpoint")
 # What a leaf owns, in the order of its columns.
@@ -73,6 +74,7 @@ class Program:
         states: names of the storages, then of the memories; junctions, leaves: the storages that are one or the other.
         table: for the kernel, see `phnn.integrate.tables`.
         output: index of the measured storage.
+        moving, travel: indices of the momentum and the displacement of an imposed motion; -1 where none is imposed.
         uses: which inputs the equations of a step contain.
     """
 
@@ -85,10 +87,15 @@ class Program:
     table: Integers
     output: int
     uses: Uses
+    moving: int = NONE
+    travel: int = NONE
 
     @cached_property
     def flow(self) -> int:
-        """Index of the storage whose effort is the flow through the measured one: the mass beside a displacement."""
+        """Index of the storage whose effort is the flow through the measured one: the mass beside a displacement; of an
+        imposed motion the one that is moved."""
+        if self.moving >= 0:
+            return self.moving
         output = self.states[self.output]
         if output in self.junctions:
             return self.output
@@ -143,7 +150,7 @@ def compile_network(network: Network, leaf_rule: str = "exact") -> Program:
     # Networks that differ in parameter values alone share their elements.
     n = network
     elements = (n.storages, n.resistors, n.couplings, n.ports, n.modulations, n.memories)
-    key = (*map(id, elements), tuple(network.parameters), network.output, leaf_rule)
+    key = (*map(id, elements), tuple(network.parameters), network.output, network.senses, leaf_rule)
     if key not in _KNOWN:
         if len(_KNOWN) >= _MOST_KNOWN:
             _KNOWN.clear()
@@ -236,10 +243,11 @@ class _Builder:
             sources = source_rows(network, memory, leaves, junctions)
             rows[MEMORIES].append([*law, len(rows[SOURCES]), len(rows[SOURCES]) + len(sources)])
             rows[SOURCES] += sources
-        table = self._absolute(rows)
+        table, given = self._absolute(rows), imposed(network)
+        places = () if given is None else map(self.states.index, (given.motion.momentum, given.motion.displacement))
         return Program(
             self.names, self.constants, tuple(self.modules), self.states, junctions, leaves, table,
-            self.states.index(network.output), uses_of(table),
+            self.states.index(network.output), uses_of(table), *places,
         )  # fmt: skip
 
     def _read(self, name: str) -> list[int]:

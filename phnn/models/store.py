@@ -54,6 +54,7 @@ def save(setup: Setup, folder: Path | Place, substeps: int = 1) -> None:
         "modulations": [asdict(m) for m in network.modulations],
         "memories": [asdict(m) for m in network.memories],
         "output": network.output,
+        **({"senses": network.senses} if network.senses else {}),
         "amplifier": [asdict(b) for b in setup.amplifier],
         "sensor": [asdict(b) for b in setup.sensor],
         "sources": [asdict(s) for s in setup.sources],
@@ -157,6 +158,7 @@ def _setup(content: Mapping[str, Any]) -> Setup:
         # Files of earlier versions have none of these, nor sources and own parts.
         modulations=_all({"modulations": [], **content}, "modulations", partial(of_fields, Modulation)),
         memories=_all({"memories": [], **content}, "memories", partial(of_fields, Memory)),
+        senses=a_name(content["senses"], "senses") if "senses" in content else "",
     )
     lines = a_list(content.get("lines", []), "lines", LIMITS.lines)
     frequencies = tuple(a_number(f, "a line") for f in lines)

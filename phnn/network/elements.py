@@ -138,6 +138,8 @@ class Network:
         output: the storage whose energy variable is measured.
         modulations: ratios that follow a state; the factors of one that follows several multiply.
         memories: slow states; the state vector has them after the storages.
+        senses: the port that imposes a motion, where its effort is measured; ``output`` is then the impulse, the
+            integral of that effort, and the sensor differentiates it.
 
     Raises:
         StructureViolated: elements that do not fit together.
@@ -152,6 +154,7 @@ class Network:
     output: str = "q"
     modulations: tuple[Modulation, ...] = ()
     memories: tuple[Memory, ...] = ()
+    senses: str = ""
 
     def __post_init__(self) -> None:
         states = self.state_names
@@ -164,6 +167,8 @@ class Network:
             for name in names:
                 if name not in known:
                     raise StructureViolated(f"an element refers to the storage {name!r}; there are {', '.join(known)}")
+        if self.senses and self.senses not in [p.name for p in self.ports]:
+            raise StructureViolated(f"the effort at the port {self.senses!r} is measured, but there is no such port")
         for name in self._parameter_references():
             if name not in self.parameters:
                 raise StructureViolated(f"an element refers to the parameter {name!r}, which is not defined")

@@ -69,6 +69,7 @@ def interconnect(
         one.output,
         (*one.modulations, *other.modulations),
         (*_own(one), *_own(other)),
+        one.senses if one.senses != port else "",
     )
 
 

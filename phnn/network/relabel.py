@@ -51,4 +51,5 @@ def relabelled(network: Network, element: Label, parameter: Label) -> Network:
             replace(m, name=element(m.name), parameters=parameters(m.parameters), of=tuple(element(n) for n in m.of))
             for m in network.memories
         ),
+        element(network.senses) if network.senses else "",
     )  # fmt: skip

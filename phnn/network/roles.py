@@ -2,6 +2,9 @@
 
 A *motion* is a displacement and the momentum that moves it: ``q̇ = ∂H/∂p``, ``ṗ = −∂H/∂q + …``. Any storage whose
 derivative is the velocity of one inertia alone, with ratio one, is the displacement of that inertia.
+
+A motion is *imposed* where a port gives its velocity and the effort at that port is measured, see
+`phnn.network.bondgraph.imposed`; it then counts as the measured one.
 """
 
 from __future__ import annotations
@@ -25,19 +28,68 @@ class Motion:
     momentum: str
 
 
+@dataclass(frozen=True)
+class Imposed:
+    """A motion that a port imposes, by the names of its storages.
+
+    Attributes:
+        port: gives the velocity.
+        contact: its effort is the force; impulse: the integral of that force, the output.
+        motion: what the port moves.
+    """
+
+    port: str
+    contact: str
+    impulse: str
+    motion: Motion
+
+
+def imposed(network: Network) -> Imposed | None:
+    """The motion that is imposed while its force is measured; None where the output is a storage of its own."""
+    if not network.senses:
+        return None
+    contact = next(n for p in network.ports if p.name == network.senses for n in p.on)
+    moved = [c.to if c.of == contact else c.of for c in network.couplings if contact in (c.to, c.of)]
+    (momentum,) = (n for n in moved if n != network.output)
+    follows = _velocities(network)
+    travels = [s.name for s in network.storages if follows.get(s.name) == momentum and s.name not in _held(network)]
+    return Imposed(network.senses, contact, network.output, Motion(travels[0], momentum))
+
+
+def auxiliary(network: Network) -> set[str]:
+    """Constants of the storages through which a motion is imposed, which nobody has stated."""
+    given = imposed(network)
+    names = () if given is None else (given.contact, given.impulse, given.motion.momentum, given.motion.displacement)
+    found = {n for s in network.storages if s.name in names for n in s.parameters}
+    return {n for n in found if network.parameters[n].fixed}
+
+
+def measured_displacement(network: Network) -> str:
+    """The storage whose motion is measured: the output, or the displacement that is imposed."""
+    found = imposed(network)
+    return network.output if found is None else found.motion.displacement
+
+
 def motions(network: Network) -> tuple[Motion, ...]:
     """Every inertia that has a displacement, the measured one first, then in the order of the network."""
     follows = _velocities(network)
-    held = {name for r in network.resistors for name in r.on} | {name for p in network.ports for name in p.on}
+    held, measured, given = _held(network), measured_displacement(network), imposed(network)
+    if given is not None:
+        held |= {given.contact, given.impulse}
     found: dict[str, str] = {}
     for storage in network.storages:
         momentum = follows.get(storage.name)
         if momentum is None or storage.name in held:
             continue
-        if momentum not in found or storage.name == network.output:
+        if momentum not in found or storage.name == measured:
             found[momentum] = storage.name
     ordered = [Motion(q, p) for p, q in found.items()]
-    return tuple(sorted(ordered, key=lambda m: m.displacement != network.output))
+    return tuple(sorted(ordered, key=lambda m: m.displacement != measured))
+
+
+def _held(network: Network) -> set[str]:
+    """Storages on which resistors and ports act: their derivative is no velocity alone."""
+    return {name for r in network.resistors for name in r.on} | {name for p in network.ports for name in p.on}
 
 
 def _velocities(network: Network) -> dict[str, str]:

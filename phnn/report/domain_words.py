@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from phnn.report.document import Document
 
-# Units of outputs that move, and what the location `mechanical` is called where nothing does.
-MOVING = ("m", "rad")
+# Units of outputs that move, or of what moves them, and what the location `mechanical` is called where nothing does.
+MOVING = ("m", "rad", "N", "N m")
 NETWORK = "inside the network"
 
 

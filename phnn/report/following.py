@@ -91,10 +91,10 @@ def _lacks(diagnosis: Diagnosis) -> list[str]:
     return [a.record for a in check(diagnosis.campaign).abilities if not a.able][:_LACKS]
 
 
-def write_waveform(proposal: NextExperiment | None, setup: Setup, place: Place) -> None:
-    """Time and input of the proposed recording, where there is one."""
+def write_waveform(proposal: NextExperiment | None, setup: Setup, unit: str, place: Place) -> None:
+    """Time and input of the proposed recording, where there is one; ``unit`` is that of the recorded inputs."""
     if proposal is None:
         return
     port = setup.network.ports[0]
-    table = pd.DataFrame({"time_s": proposal.experiment.t, f"{port.name}_{port.unit}": proposal.experiment.u})
+    table = pd.DataFrame({"time_s": proposal.experiment.t, f"{port.name}_{unit}": proposal.experiment.u})
     place.write(table.to_csv(index=False, float_format="%.9g").encode())

@@ -13,7 +13,7 @@ from phnn.diagnose.picture import is_effort
 from phnn.diagnose.vocabulary import vocabulary_of
 from phnn.effects.places import place_of
 from phnn.identify.fit import Fit
-from phnn.identify.staged import fixes_common_factor
+from phnn.report.anchored import forces_known
 from phnn.report.sentence import unknown_character, unknown_statement
 from phnn.units import quantity
 
@@ -29,12 +29,12 @@ def missing_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     if j.verdict == "none":
         return []
     if not j.findings:
-        return [_nameless(j, fixes_common_factor(diagnosis.campaign.known))]
+        return [_nameless(j, forces_known(diagnosis.campaign.known, diagnosis.base.setup.network))]
     return [_entry(diagnosis, f) for f in j.findings]
 
 
 def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
-    final, anchored = diagnosis.judgement.final, fixes_common_factor(diagnosis.campaign.known)
+    final, anchored = diagnosis.judgement.final, forces_known(diagnosis.campaign.known, diagnosis.base.setup.network)
     effect = finding.trial.candidate.effect
     parameters = final.setup.parameters
     shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in effect.parameters}

@@ -9,9 +9,9 @@ from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.finding import Finding
 from phnn.diagnose.trial import Trial, tie
 from phnn.effects.effect import Plausible
-from phnn.identify.staged import fixes_common_factor
 from phnn.parameters import Parameter
 from phnn.recordings.recording import ACTUATOR
+from phnn.report.anchored import forces_known
 from phnn.report.fingerprint import fingerprint
 from phnn.report.missing import FORCE_UNITS
 from phnn.report.support import PlausibleRow, RivalRow, Support
@@ -30,7 +30,7 @@ def _support(diagnosis: Diagnosis, finding: Finding) -> Support:
     effect, final = finding.trial.candidate.effect, diagnosis.judgement.final
     before = final.setup.parameters
     actuator = diagnosis.campaign.recordings[0].units == ACTUATOR
-    anchored = fixes_common_factor(diagnosis.campaign.known)
+    anchored = forces_known(diagnosis.campaign.known, diagnosis.base.setup.network)
     fitted = finding.trial.fit
     return Support(
         effect=effect.name,

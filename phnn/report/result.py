@@ -24,9 +24,10 @@ from phnn.diagnose.picture import Picture, is_effort, learned_picture, missing_f
 from phnn.diagnose.rules import Applied
 from phnn.diagnose.symptoms import seen, symptoms
 from phnn.diagnose.trial import tie
-from phnn.identify.staged import fixes_common_factor
 from phnn.models.store import save
+from phnn.network.roles import auxiliary
 from phnn.output import Place, claim, finite
+from phnn.report.anchored import forces_known
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, RuleRow, Trace
 from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
 from phnn.report.missing import FORCE_UNITS, missing_entries
@@ -70,7 +71,8 @@ def write_into(diagnosis: Diagnosis, place: Place, shown: Evidence | None = None
     save(diagnosis.judgement.final.setup, place / "model", finest)
     content = document(diagnosis)
     (place / "diagnosis.json").write_json(content)
-    write_waveform(diagnosis.proposal, diagnosis.base.setup, place / WAVEFORM)
+    inputs = plan.recordings[0].units.input
+    write_waveform(diagnosis.proposal, diagnosis.base.setup, inputs, place / WAVEFORM)
     write_report(content, shown or evidence(diagnosis), place)
     return content
 
@@ -162,7 +164,7 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
     for ground, where in ((j.ground, j.location), (j.final_ground, left)):
         found = picture(ground, where) if where is not None else None
         if where is not None and found is not None:
-            free = is_effort(where) and not fixes_common_factor(diagnosis.campaign.known)
+            free = is_effort(where) and not forces_known(diagnosis.campaign.known, diagnosis.base.setup.network)
             curves.append(_curve(found, ground is not j.ground, free))
     curves[1:1] = [_curve(law, False) for law in _learned_laws(j)]
     return Evidence(
@@ -227,9 +229,10 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
     j = diagnosis.judgement
     before, after = diagnosis.base.setup.parameters, j.final.setup.parameters
     std, held = j.final.std(), j.final.held
-    anchored = fixes_common_factor(diagnosis.campaign.known)
+    anchored = forces_known(diagnosis.campaign.known, diagnosis.base.setup.network)
     rows = []
-    for name, p in after.items():
+    hidden = auxiliary(j.final.setup.network)
+    for name, p in ((n, p) for n, p in after.items() if n not in hidden):
         note = held.get(name, "constant" if p.fixed else "")
         if not note and not anchored and p.unit in FORCE_UNITS:
             note = "up to one common factor"

@@ -8,12 +8,14 @@ import campaigns
 import numpy as np
 import pytest
 
+from phnn.configuration import config_folder
 from phnn.diagnose.dictionary import GROUPS
 from phnn.diagnose.ground import Ground
 from phnn.diagnose.locate import Location
 from phnn.diagnose.picture import picture
 from phnn.diagnose.vocabulary import vocabulary_of
 from phnn.diagnose.words import fitted_in_words
+from phnn.models.network_file import load_network
 from phnn.report.document import read_document
 from phnn.report.domain_words import in_own_words
 
@@ -91,3 +93,9 @@ def test_words_of_the_domains(unit: str, source: str, words: tuple[str, ...]) ->
     found = vocabulary_of(in_unit(unit, source).fit.setup.network)
     assert (found.output, found.rate, found.effort, found.source) == words
     assert found.mechanical is (unit == "m")
+
+
+def test_an_imposed_motion_is_told_in_the_words_of_the_motion() -> None:
+    words = vocabulary_of(load_network(config_folder() / "network" / "friction_rig.yaml"))
+    assert (words.output, words.rate, words.effort, words.source) == ("displacement", "velocity", "force", "velocity")
+    assert words.mechanical and words.output_unit == "m"

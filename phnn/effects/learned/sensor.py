@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, no_range
+from phnn.effects.effect import Effect, Scales, no_range, sensed_unit
 from phnn.effects.learned.strengths import each, within
 from phnn.parameters import Parameter, constant
 from phnn.setup import Block, Setup
@@ -25,7 +25,8 @@ def build(setup: Setup, values: Mapping[str, float]) -> Setup:
         n: Parameter(n, values[n], "1", -most, most, typical=_TYPICAL, description="learned error of the sensor")
         for n, most in _LIMITS.items()
     }
-    levels = {n: constant(n, values[n], "m", "level of the learned characteristic of the sensor") for n in _LEVELS}
+    unit = sensed_unit(setup)
+    levels = {n: constant(n, values[n], unit, "level of the learned characteristic of the sensor") for n in _LEVELS}
     cubic = (given["a_Y2"], given["a_Y3"], levels["y_Y"])
     setup = setup.with_block("sensor", Block("cubic", tuple(p.name for p in cubic)), cubic)
     for i in _KNEES:
@@ -36,7 +37,7 @@ def build(setup: Setup, values: Mapping[str, float]) -> Setup:
 
 def grid(scales: Scales) -> list[dict[str, float]]:
     """The cubic's coefficients alone, and both knees of either side."""
-    levels = {"y_Y": scales.displacement} | {f"y_Y{i}": share * scales.displacement for i, share in _KNEES.items()}
+    levels = {"y_Y": scales.sensed} | {f"y_Y{i}": share * scales.sensed for i, share in _KNEES.items()}
     groups = (("a_Y2",), ("a_Y3",), ("h_Y1", "h_Y2"), ("h_Y3", "h_Y4"))
     return each(_STRENGTHS, groups, _SMALL, levels)
 

@@ -69,7 +69,7 @@ def place_of(effect: Effect, network: Network) -> str:
     if effect.location in ("hysteron", "electrical") and charges(network):
         return ", ".join(charges(network))
     if effect.location == "sensor":
-        return network.output
+        return network.senses or network.output
     return effect.place or next(measured, network.output)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from phnn.network.elements import Network
 from phnn.network.relabel import relabelled
-from phnn.network.roles import Motion, drive_ratio, hysterons, motions
+from phnn.network.roles import Motion, drive_ratio, hysterons, measured_displacement, motions
 from phnn.setup import Block, Setup, Source
 
 # No law refers to a name that begins like this.
@@ -114,7 +114,7 @@ def roles_of(network: Network, motion: Motion | None) -> Roles:
         names = (*storages[charge].parameters[:1], *resistor.parameters[:2])
         parameters += list(zip((f"C_{i}", f"rho_{i}", f"d_{i}"), names, strict=True))
     taken = {*network.state_names, *(r.name for r in network.resistors), *(p.name for p in network.ports)}
-    place = "" if motion is None or motion.displacement == network.output else motion.displacement
+    place = "" if motion is None or motion.displacement == measured_displacement(network) else motion.displacement
     return Roles(_once(elements), _once(parameters), frozenset(taken | set(network.parameters)), place)
 
 

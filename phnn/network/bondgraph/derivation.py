@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from phnn.errors import StructureViolated
@@ -19,6 +19,7 @@ from phnn.network.bondgraph.causality import (
 )
 from phnn.network.bondgraph.description import BondGraph, C, I
 from phnn.network.bondgraph.equations import Field, Form, Solution, Variable
+from phnn.network.bondgraph.imposed import sensed_source, with_contact
 from phnn.network.bondgraph.merging import (
     Merge,
     absorbed,
@@ -54,7 +55,11 @@ def derive(graph: BondGraph) -> Derivation:
         StructureViolated: a conflict that no assignment resolves, or a structure with products of parameters; names the
             elements and the remedy.
     """
-    return _Derivation(graph).result()
+    source = sensed_source(graph)
+    if source is None:
+        return _Derivation(graph).result()
+    found = _Derivation(with_contact(graph, source)).result()
+    return replace(found, network=replace(found.network, senses=source.name))
 
 
 class _Derivation:

@@ -146,7 +146,8 @@ class BondGraph:
         elements: what hangs on them; storages become states in this order.
         bonds: between junctions.
         parameters: by name.
-        output: the storage whose energy variable is measured.
+        output: the storage whose energy variable is measured; or a source of flow at a 1-junction, which imposes a
+            motion and whose effort is measured (`phnn.network.bondgraph.imposed`).
         merge: whether storages with proportional rates become one (see `phnn.network.bondgraph.merging`).
         modulations: ratios of transformers and gyrators that follow a storage or a memory.
         memories: slow states that laws and ratios may read, the last ones of the network.
@@ -183,7 +184,9 @@ class BondGraph:
             if not isinstance(bond, Bond) and bond.ratio == 0.0:
                 raise StructureViolated(f"the {type(bond).__name__} from {bond.start} has ratio 0: leave it out")
         stores = [e.name for e in self.elements if isinstance(e, C | I)]
-        _among(self.output, stores, "the output is the storage")
+        sources = [e.name for e in self.elements if isinstance(e, Sf)]
+        what = "the output is the storage or source of flow" if sources else "the output is the storage"
+        _among(self.output, [*stores, *sources], what)
         read = [*stores, *(m.name for m in self.memories)]
         for element in self.elements:
             if isinstance(element, R) and element.reads is not None:
