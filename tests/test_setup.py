@@ -91,4 +91,4 @@ CHAIN = {
 
 
 def built(form: Effect) -> Setup:
-    return form.add_to(Setup(from_paper()), {"n_V": 4.0, **CHAIN[form.name]})
+    return form.add_to(Setup(from_paper()), {"n_V": 4.0, "zeta_a": 0.7, **CHAIN[form.name]})
