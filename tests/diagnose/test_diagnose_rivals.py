@@ -119,7 +119,7 @@ def test_a_formula_predicts_new_recordings_as_the_plant_does() -> None:
     model = found.models[0]
     assert model.words.startswith("“viscous damping that grows with the square of the distance from zero")
     asked = sine(60.0, 120.0)
-    bench = Bench(asked.recording(NOISE))
+    bench = Bench(asked.recording(NOISE, ground.plan.recordings[0].units))
     y = simulate(plant(), bench.recording, 4).y
     linear = simulate(plant().with_values({"F_q": 0.0}), bench.recording, 4).y
     assert np.std(model.predicted(bench).y - y) < 0.02 * np.std(linear - y)
