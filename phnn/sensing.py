@@ -47,7 +47,7 @@ def _moved(setup: Setup, recording: Recording) -> Setup:
     """The setup with the rate of a recorded displacement before its other amplifier blocks.
 
     Raises:
-        InputRefused: the displacement is said to be held between the samples, and its rate exists nowhere.
+        InputRefused: the displacement is said to be held between the samples, and a jump has no rate.
     """
     if setup.amplifier[:1] == (_RATE,) or not is_displacement(setup, recording):
         return setup

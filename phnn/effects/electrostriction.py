@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Plausible, Scales, bent_port, has_transducer, with_network
+from phnn.effects.bent import bent_port
+from phnn.effects.effect import Effect, Plausible, Scales, has_transducer, with_network
 from phnn.parameters import signed
 from phnn.setup import Setup
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, bent_spring, has_spring, no_range, with_network
+from phnn.effects.bent import bent_spring
+from phnn.effects.effect import Effect, Scales, has_spring, no_range, with_network
 from phnn.parameters import Parameter, constant
 from phnn.setup import Setup
 

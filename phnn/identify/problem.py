@@ -80,14 +80,17 @@ class Problem:
         An optimiser that asks for no more than products of the two learns what a step leads to from a march alone.
         """
         turned = np.zeros(z.size + 1)
-        try:
-            turned[-1] = np.hypot(np.linalg.norm(self.residual(z)), np.linalg.norm(self.variables.prior(z)[:, -1]))
-        except SolverFailed:
-            turned[-1] = np.inf
-        # The optimiser needs numbers: what cannot be simulated, overflows or cannot be is far from any optimum.
-        if not (np.isfinite(turned[-1]) and self.variables.can_begin(z)):
-            turned[-1] = _FAILED * np.sqrt(self.samples)
+        length = self._length(z) if self.variables.can_begin(z) else np.inf
+        # The optimiser needs numbers: what cannot be, or cannot be simulated, is far from any optimum.
+        turned[-1] = length if np.isfinite(length) else _FAILED * np.sqrt(self.samples)
         return turned
+
+    def _length(self, z: Array) -> float:
+        """Root of the sum of squares of residual and prior; infinite where ``z`` cannot be simulated."""
+        try:
+            return float(np.hypot(np.linalg.norm(self.residual(z)), np.linalg.norm(self.variables.prior(z)[:, -1])))
+        except SolverFailed:
+            return np.inf
 
     def slopes(self, z: Array) -> Array:
         """(K+1, K) the Jacobian in the coordinates of `size`: the same gradient and normal matrix in a small square.

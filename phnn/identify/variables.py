@@ -18,7 +18,7 @@ from phnn.simulate import Trajectory, simulate
 
 Array = NDArray[np.float64]
 
-# Standard deviations: an initial state that is farther off than that imitates what the model lacks.
+# Standard deviations: an initial state that is farther off than that takes the place of physics that the model lacks.
 _FARTHEST, _ROUNDING = 20.0, 1.0 + 1e-9
 
 

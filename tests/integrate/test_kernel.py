@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from phnn.effects import effect
-from phnn.effects.effect import bent_spring
+from phnn.effects.bent import bent_spring
 from phnn.errors import StructureViolated
 from phnn.integrate import kernel, quick
 from phnn.integrate import sweep as sweeps

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phnn.effects.effect import Effect, Scales, bent_port, has_transducer, no_range, with_network
+from phnn.effects.bent import bent_port
+from phnn.effects.effect import Effect, Scales, has_transducer, no_range, with_network
 from phnn.effects.learned.strengths import each, within
 from phnn.parameters import Parameter, constant
 from phnn.setup import Setup

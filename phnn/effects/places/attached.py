@@ -49,7 +49,7 @@ def _as_often_as_it_may(effect: Effect, roles: Roles) -> list[Effect]:
 
 def _further(case: Special, roles: Roles) -> list[Special]:
     """A special case, where one like it is there already."""
-    several = next(e for e in catalogue().values() if e.name == case.name.removesuffix(_where(roles)))
+    several = catalogue()[case.name.removesuffix(_where(roles))]
     names = [roles.added(n) for n in several.parameters]
     further = [(which, replace(roles, which=which)) for which in _FURTHER[: several.at_most - 1]]
     return [
