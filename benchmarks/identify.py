@@ -29,9 +29,9 @@ from benchmarks.forward import SUBSTEPS
 from benchmarks.ladder import Choice, Solver, choose
 from benchmarks.reference import reference
 from benchmarks.table import RESULTS, Contender, goal, machine, rows, show, timed, write_csv
-from phnn.identify.fit import fit
-from phnn.identify.plan import Plan
-from phnn.identify.staged import identify_actuator
+from phnn.identification.fit import fit
+from phnn.identification.plan import Plan
+from phnn.identification.staged import identify_actuator
 from phnn.recordings.recording import Anchor, Recording
 
 FREQUENCIES = (1.0, 50.0, 100.0, 150.0)  # Hz

@@ -1,6 +1,6 @@
 """Port-Hamiltonian models of piezoelectric actuators from recordings, and the physics they leave out.
 
-    from phnn.diagnose import diagnose
+    from phnn.diagnosis import diagnose
 
     campaign  = phnn.read("recordings/")
     diagnosis = diagnose(campaign)
@@ -17,7 +17,7 @@ from typing import Any
 _WHERE = {
     "read": ("phnn.recordings", "read"),
     "describe": ("phnn.recordings", "describe"),
-    "Options": ("phnn.identify.base", "Options"),
+    "Options": ("phnn.identification.base", "Options"),
     "write": ("phnn.report.result", "write"),
     "Setup": ("phnn.setup", "Setup"),
     "load": ("phnn.models.store", "load"),
@@ -27,7 +27,6 @@ _WHERE = {
 __all__ = sorted(_WHERE)
 
 
-# Sub-packages keep their own names: ``phnn.diagnose`` and ``phnn.identify`` are rooms, the verbs live inside them.
 def __getattr__(name: str) -> Any:
     if name not in _WHERE:
         raise AttributeError(f"module 'phnn' has no attribute {name!r}; it has {', '.join(__all__)}")

@@ -15,12 +15,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from phnn.check import check as check_recordings
-from phnn.diagnose.confirm import score_on_all
-from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.diagnosis import diagnose as run_diagnosis
-from phnn.identify.base import Options, Progress, identify_base, prepare
-from phnn.identify.evaluate import Evaluation
-from phnn.identify.fit import Fit
+from phnn.diagnosis.confirm import score_on_all
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnosis.diagnosis import diagnose as run_diagnosis
+from phnn.identification.base import Options, Progress, identify_base, prepare
+from phnn.identification.evaluate import Evaluation
+from phnn.identification.fit import Fit
 from phnn.intake.names import printable
 from phnn.models.store import save
 from phnn.network.roles import auxiliary
@@ -191,10 +191,10 @@ def predict(
 def compare(
     folder: Path, out: Path, manifest: Path | None, config: Config, outside: bool = False, overwrite: bool = False
 ) -> None:
-    """Fit several kinds of model to a folder; see `phnn.compare.run.compare` for what it writes."""
-    from phnn.compare.run import compare as run_comparison
-    from phnn.compare.run import show
-    from phnn.compare.settings import Settings
+    """Fit several kinds of model to a folder; see `phnn.comparison.run.compare` for what it writes."""
+    from phnn.comparison.run import compare as run_comparison
+    from phnn.comparison.run import show
+    from phnn.comparison.settings import Settings
 
     settings = Settings.from_config(config)
     with _progress() as progress:

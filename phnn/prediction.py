@@ -18,10 +18,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from phnn.identify.evaluate import evaluate, score_part
-from phnn.identify.plan import Plan
-from phnn.identify.spread import output_spread
-from phnn.identify.start import likely_start
+from phnn.identification.evaluate import evaluate, score_part
+from phnn.identification.plan import Plan
+from phnn.identification.spread import output_spread
+from phnn.identification.start import likely_start
 from phnn.network.elements import Network
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup

@@ -13,12 +13,12 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from phnn import commands
-from phnn.compare.run import compare_on_made, show
-from phnn.compare.settings import Settings
+from phnn.comparison.run import compare_on_made, show
+from phnn.comparison.settings import Settings
 from phnn.configuration import checked
 from phnn.errors import PhnnError
 from phnn.experiment.recordings import Conditions
-from phnn.identify.base import quiet
+from phnn.identification.base import quiet
 
 
 def run(config: DictConfig) -> None:

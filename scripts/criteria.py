@@ -17,11 +17,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from phnn.demo import Sealed, draw_case, make_case
-from phnn.diagnose.criteria import Criteria
-from phnn.diagnose.diagnosis import available, diagnose
+from phnn.diagnosis.criteria import Criteria
+from phnn.diagnosis.diagnosis import available, diagnose
 from phnn.effects import Effect, effect
 from phnn.errors import PhnnError
-from phnn.identify.base import Options, identify_base
+from phnn.identification.base import Options, identify_base
 from phnn.output import Place
 from phnn.prove.cases import LEVELS, Task
 from phnn.prove.grades import WRONG

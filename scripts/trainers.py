@@ -23,7 +23,7 @@ os.environ.update(ONE_THREAD)
 @hydra.main(version_base=None, config_path="../configs", config_name="experiment/trainers")
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
-    from phnn.compare.trainers_page import RESULTS, run
+    from phnn.comparison.trainers_page import RESULTS, run
     from phnn.output import claim
 
     try:

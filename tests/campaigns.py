@@ -12,16 +12,16 @@ from unittest import mock
 import numpy as np
 
 from phnn.demo import Sealed, generate
-from phnn.diagnose import diagnosis as path
-from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.ground import Ground, prepare
-from phnn.diagnose.locate import Responses, responses
+from phnn.diagnosis import diagnosis as path
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnosis.ground import Ground, prepare
+from phnn.diagnosis.locate import Responses, responses
 from phnn.effects import catalogue
-from phnn.identify.base import Options, identification_plan
-from phnn.identify.fit import Fit
-from phnn.identify.numerics import numerical_error
-from phnn.identify.plan import Plan
-from phnn.identify.staged import fit_identified
+from phnn.identification.base import Options, identification_plan
+from phnn.identification.fit import Fit
+from phnn.identification.numerics import numerical_error
+from phnn.identification.plan import Plan
+from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import Campaign, read
 from phnn.recordings.recording import Part, Recording, Start

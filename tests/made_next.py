@@ -11,7 +11,7 @@ from phnn.demo import Case, Sealed
 from phnn.demo.actuator import NEUTRAL, simulate
 from phnn.demo.excitation import Excitation, Piece
 from phnn.demo.folder import MANIFEST, reported, write_manifest, write_recording
-from phnn.diagnose.menu import Experiment
+from phnn.diagnosis.menu import Experiment
 from phnn.recordings import Campaign
 
 

@@ -67,7 +67,7 @@ def test_parts_of_a_recording_are_told_apart_in_the_table(capsys: pytest.Capture
     from rich.console import Console
 
     from phnn.commands import _score_table
-    from phnn.identify.evaluate import Evaluation, PartScore
+    from phnn.identification.evaluate import Evaluation, PartScore
 
     parts = tuple(PartScore(f"loops[{u}]", u, 99.0, 1e-8, 1.0) for u in ("identification", "confirmation"))
     Console(width=200).print(_score_table({"base": Evaluation({}, parts)}))

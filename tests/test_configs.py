@@ -18,11 +18,11 @@ from hydra.types import HydraContext, RunMode
 from junctions import march
 
 from phnn import commands
-from phnn.compare import settings as comparison
-from phnn.compare.trainers import Case, Way
+from phnn.comparison import settings as comparison
+from phnn.comparison.trainers import Case, Way
 from phnn.configuration import compose, compose_groups, config_folder
 from phnn.experiment.recordings import Conditions
-from phnn.identify.base import Options
+from phnn.identification.base import Options
 from phnn.learn import Settings
 from phnn.learn.methods import METHODS
 from phnn.learn.objective import Objective

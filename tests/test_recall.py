@@ -9,10 +9,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phnn.diagnose.criteria import CRITERIA
-from phnn.diagnose.diagnosis import diagnose
+from phnn.diagnosis.criteria import CRITERIA
+from phnn.diagnosis.diagnosis import diagnose
 from phnn.effects import effect
-from phnn.identify.base import Options
+from phnn.identification.base import Options
 from phnn.recall import recalled, recalling
 from phnn.report.result import document
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from phnn.experiment.recordings import Made
 from phnn.experiment.table import REFITTED, Comparison, Row
-from phnn.identify.evaluate import PartScore
+from phnn.identification.evaluate import PartScore
 from phnn.models.actuator import from_paper
 from phnn.models.bouc_wen import bouc_wen
 from phnn.report.figures import Drawing

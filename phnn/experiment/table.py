@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from phnn.diagnose.confirm import score_on_all
+from phnn.diagnosis.confirm import score_on_all
 from phnn.experiment.published import TABLE_3, Printed, line_of
-from phnn.identify.base import Options, Progress, identify_base, identify_bouc_wen, quiet
-from phnn.identify.evaluate import Evaluation, PartScore
-from phnn.identify.fit import Fit, fit
+from phnn.identification.base import Options, Progress, identify_base, identify_bouc_wen, quiet
+from phnn.identification.evaluate import Evaluation, PartScore
+from phnn.identification.fit import Fit, fit
 from phnn.models.actuator import from_paper
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Campaign
@@ -77,7 +77,7 @@ def compare(
     """Refit both models on the identification recordings by the flow of Fig. 9, and score them on all recordings.
 
     The flow: mechanical part → linear electrical part with closed dead zones → dead zones opened, nonlinear least
-    squares from several starts (`phnn.identify.staged`). Bouc–Wen skips the linear part, as in the paper.
+    squares from several starts (`phnn.identification.staged`). Bouc–Wen skips the linear part, as in the paper.
 
     Args:
         campaign: recordings with their uses; a weighed mass, where it has one, is held.

@@ -8,7 +8,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from phnn.identify.evaluate import Evaluation, score_part
+from phnn.identification.evaluate import Evaluation, score_part
 from phnn.learn.objective import Objective, settled
 from phnn.learn.plant import Plant
 from phnn.learn.solvers import Solver
@@ -36,7 +36,7 @@ def whole(
 def evaluate(
     plant: Plant, solver: Solver, recordings: Sequence[Recording], substeps: int, initial: Mapping[str, Tensor]
 ) -> Evaluation:
-    """Simulate all recordings and score their parts, as `phnn.identify.evaluate` does.
+    """Simulate all recordings and score their parts, as `phnn.identification.evaluate` does.
 
     Args:
         initial: (n,) initial states estimated in training, by recording name.

@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from phnn.errors import InputRefused
-from phnn.identify.base import Options, identification_plan, identify_base
-from phnn.identify.plan import Plan
-from phnn.identify.staged import (
+from phnn.identification.base import Options, identification_plan, identify_base
+from phnn.identification.plan import Plan
+from phnn.identification.staged import (
     drive_amplitude,
     held_by_statement,
     mechanical_points,

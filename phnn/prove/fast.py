@@ -6,14 +6,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-from phnn.diagnose.criteria import CRITERIA
-from phnn.diagnose.diagnosis import available
-from phnn.diagnose.ground import prepare
-from phnn.diagnose.locate import responses
-from phnn.diagnose.name import score
-from phnn.diagnose.scored import SIGNIFICANT
-from phnn.identify.base import Options, identification_plan, settled
-from phnn.identify.staged import fit_identified, held_by_statement
+from phnn.diagnosis.criteria import CRITERIA
+from phnn.diagnosis.diagnosis import available
+from phnn.diagnosis.ground import prepare
+from phnn.diagnosis.locate import responses
+from phnn.diagnosis.name import score
+from phnn.diagnosis.scored import SIGNIFICANT
+from phnn.identification.base import Options, identification_plan, settled
+from phnn.identification.staged import fit_identified, held_by_statement
 from phnn.models.actuator import from_paper
 from phnn.recordings import read
 from phnn.setup import Setup

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest, norm
 
-from phnn.diagnose.scored import SIGNIFICANT
+from phnn.diagnosis.scored import SIGNIFICANT
 from phnn.prove.coverage import SHARES, inside
 from phnn.prove.grades import EXACT, WRONG
 from phnn.prove.outcome import Outcome

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from phnn.identify.staged import fixes_common_factor
+from phnn.identification.staged import fixes_common_factor
 from phnn.network.elements import Network
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import pandas as pd
 
 from phnn.check import check
-from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.following import NextExperiment
-from phnn.diagnose.questions import tied_members
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnosis.following import NextExperiment
+from phnn.diagnosis.questions import tied_members
 from phnn.output import Place
 from phnn.report.formatting import listing
 from phnn.setup import Setup

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.distil import Distilled
-from phnn.diagnose.finding import Finding
-from phnn.diagnose.judge import Judgement
-from phnn.diagnose.picture import is_effort
-from phnn.diagnose.vocabulary import vocabulary_of
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnosis.distil import Distilled
+from phnn.diagnosis.finding import Finding
+from phnn.diagnosis.judge import Judgement
+from phnn.diagnosis.picture import is_effort
+from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.effects.places import place_of
-from phnn.identify.fit import Fit
+from phnn.identification.fit import Fit
 from phnn.report.anchored import forces_known
 from phnn.report.sentence import unknown_character, unknown_statement
 from phnn.units import quantity

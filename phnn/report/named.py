@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.finding import Finding
-from phnn.diagnose.trial import Trial, tie
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnosis.finding import Finding
+from phnn.diagnosis.trial import Trial, tie
 from phnn.effects.effect import Plausible
 from phnn.parameters import Parameter
 from phnn.recordings.recording import ACTUATOR

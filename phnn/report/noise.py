@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.residual_noise import difference
-from phnn.diagnose.scored import SIGNIFICANT
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnosis.residual_noise import difference
+from phnn.diagnosis.scored import SIGNIFICANT
 from phnn.effects.places import values_by_role
 from phnn.network.roles import capacitances
 from phnn.recordings.recording import Recording

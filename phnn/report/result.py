@@ -10,20 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.judge import Judgement
-from phnn.diagnose.ledger import account
-from phnn.diagnose.locate import (
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnosis.judge import Judgement
+from phnn.diagnosis.ledger import account
+from phnn.diagnosis.locate import (
     group_of,
     recording_scores,
     strongest_frequencies,
     strongest_times,
 )
-from phnn.diagnose.name import Candidate
-from phnn.diagnose.picture import Picture, is_effort, learned_picture, missing_force, picture
-from phnn.diagnose.rules import Applied
-from phnn.diagnose.symptoms import seen, symptoms
-from phnn.diagnose.trial import tie
+from phnn.diagnosis.name import Candidate
+from phnn.diagnosis.picture import Picture, is_effort, learned_picture, missing_force, picture
+from phnn.diagnosis.rules import Applied
+from phnn.diagnosis.symptoms import seen, symptoms
+from phnn.diagnosis.trial import tie
 from phnn.models.store import save
 from phnn.network.roles import auxiliary
 from phnn.output import Place, claim, finite

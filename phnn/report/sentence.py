@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.finding import Finding
-from phnn.diagnose.judge import Immaterial, Judgement
-from phnn.diagnose.select import share_of
-from phnn.diagnose.vocabulary import vocabulary_of
-from phnn.diagnose.words import fitted_in_words
-from phnn.identify.evaluate import Evaluation
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnosis.finding import Finding
+from phnn.diagnosis.judge import Immaterial, Judgement
+from phnn.diagnosis.select import share_of
+from phnn.diagnosis.vocabulary import vocabulary_of
+from phnn.diagnosis.words import fitted_in_words
+from phnn.identification.evaluate import Evaluation
 from phnn.report.domain_words import MOVING, NETWORK
 from phnn.report.formatting import listing, percent
 from phnn.units import quantity

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from phnn.diagnose.corrected import told
-from phnn.diagnose.scored import SIGNIFICANT
-from phnn.diagnose.symptoms import Symptoms, Trend
+from phnn.diagnosis.corrected import told
+from phnn.diagnosis.scored import SIGNIFICANT
+from phnn.diagnosis.symptoms import Symptoms, Trend
 from phnn.report.formatting import p_value
 from phnn.units import quantity
 

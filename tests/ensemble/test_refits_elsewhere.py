@@ -14,21 +14,21 @@ import numpy as np
 import pytest
 
 from phnn.configuration import compose
-from phnn.diagnose import diagnosis as path
-from phnn.diagnose.diagnosis import Diagnosis, diagnose
-from phnn.diagnose.ground import prepare
-from phnn.diagnose.name import Candidate
-from phnn.diagnose.refit import refit
-from phnn.diagnose.starts import has_large_starts, large_starts
-from phnn.diagnose.trial import Trial
+from phnn.diagnosis import diagnosis as path
+from phnn.diagnosis.diagnosis import Diagnosis, diagnose
+from phnn.diagnosis.ground import prepare
+from phnn.diagnosis.name import Candidate
+from phnn.diagnosis.refit import refit
+from phnn.diagnosis.starts import has_large_starts, large_starts
+from phnn.diagnosis.trial import Trial
 from phnn.effects import Scales, catalogue, effect
 from phnn.ensemble import SERIAL, Executor, executor
 from phnn.errors import InputRefused
-from phnn.identify.base import Options
-from phnn.identify.fit import Fit
-from phnn.identify.numerics import numerical_error
-from phnn.identify.plan import Plan
-from phnn.identify.staged import fit_identified
+from phnn.identification.base import Options
+from phnn.identification.fit import Fit
+from phnn.identification.numerics import numerical_error
+from phnn.identification.plan import Plan
+from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from phnn.demo.actuator import TABLE
-from phnn.diagnose.confirm import score_on_all
+from phnn.diagnosis.confirm import score_on_all
 from phnn.experiment.recordings import Conditions, write_recordings
-from phnn.identify.base import Options, identify_base
-from phnn.identify.fit import Fit
+from phnn.identification.base import Options, identify_base
+from phnn.identification.fit import Fit
 from phnn.recordings import read
 
 NOISE = 0.05e-6

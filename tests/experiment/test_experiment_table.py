@@ -10,12 +10,12 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.diagnose.confirm import score_on_all
+from phnn.diagnosis.confirm import score_on_all
 from phnn.experiment.document import cells, document, heads, markdown, table_csv
 from phnn.experiment.figures import draw_all, panels, responses
 from phnn.experiment.published import TABLE_3
 from phnn.experiment.table import Comparison, Scored
-from phnn.identify.fit import Fit, fit
+from phnn.identification.fit import Fit, fit
 from phnn.models.bouc_wen import bouc_wen
 from phnn.output import finite
 from phnn.report.figures import Drawing

@@ -49,7 +49,7 @@ RUNS: dict[str, tuple[list[str], list[str] | None]] = {
 # Loads everything once and forks for each run, so that stops fall into the work and not into imports.
 SERVER = """
 import json, os, signal, sys
-import phnn.cli, phnn.commands, phnn.compare.run, phnn.learn, phnn.modal.study, phnn.prove.page, phnn.prove.run
+import phnn.cli, phnn.commands, phnn.comparison.run, phnn.learn, phnn.modal.study, phnn.prove.page, phnn.prove.run
 import phnn.report.modes
 for line in sys.stdin:
     arguments, told = json.loads(line)

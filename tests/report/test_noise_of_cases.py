@@ -12,10 +12,10 @@ import pytest
 from phnn.check import check
 from phnn.demo import draw_case, make_case
 from phnn.demo.actuator import simulate_all
-from phnn.diagnose.confirm import score_on_all
-from phnn.identify.base import identification_plan
-from phnn.identify.plan import Plan
-from phnn.identify.staged import fit_identified
+from phnn.diagnosis.confirm import score_on_all
+from phnn.identification.base import identification_plan
+from phnn.identification.plan import Plan
+from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import Campaign, read
 from phnn.report.noise import statements

@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 
 from phnn.check import check
-from phnn.diagnose.confirm import confirmed
-from phnn.diagnose.criteria import CRITERIA
-from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.questions import tied_members
+from phnn.diagnosis.confirm import confirmed
+from phnn.diagnosis.criteria import CRITERIA
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnosis.questions import tied_members
 from phnn.effects import catalogue
 from phnn.effects.effect import LOCATIONS
-from phnn.identify.evaluate import evaluate
-from phnn.identify.plan import Plan
+from phnn.identification.evaluate import evaluate
+from phnn.identification.plan import Plan
 from phnn.models.store import load
 from phnn.report.document import read_document
 from phnn.report.following import no_proposal

@@ -1,0 +1,131 @@
+"""One comparison from recordings to tables and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as Printed
+
+from phnn.comparison.document import Table, cells, heads, markdown, scores, table_csv, table_of
+from phnn.comparison.figures import draw_all
+from phnn.comparison.models import Bench
+from phnn.comparison.settings import Settings
+from phnn.experiment.recordings import Conditions, Made, comparison_plan, write_recordings
+from phnn.identification.base import Progress, quiet, single
+from phnn.identification.zero import own_zeros
+from phnn.output import Place, claim
+from phnn.recordings import Campaign, read
+from phnn.report.figures import Drawing
+from phnn.report.formatting import number
+
+RESULTS = ("compare.json", "models.json", "compare.csv", "compare.md", "figures", "recordings")
+
+
+def compare(
+    campaign: Campaign, out: Path, settings: Settings, progress: Progress = quiet, overwrite: bool = False
+) -> Table:
+    """Fit all models that are asked for to the identification recordings and score them on all.
+
+    Writes ``compare.json`` and ``models.json`` after every model, ``compare.csv``, ``compare.md`` and ``figures/`` at
+    the end, and each model into a folder of its own. Models that were finished before are read back.
+
+    Args:
+        campaign: recordings with their uses.
+        out: where the results go.
+        settings: which models, and how they are fitted.
+        progress: told what is done.
+        overwrite: replace results that were changed since.
+
+    Raises:
+        InputRefused: recordings that cannot be used, or results of other settings lie in ``out``.
+    """
+    with _claimed(out, [Path(campaign.folder)], settings, overwrite) as place:
+        return _compare(campaign, place, settings, progress)
+
+
+def _claimed(
+    out: Path, inputs: Sequence[Path], settings: Settings, overwrite: bool = False
+) -> AbstractContextManager[Place]:
+    """Models know themselves what they were made of, so that one can be added to those that were fitted before."""
+    return claim(
+        out,
+        "compare",
+        inputs,
+        (*RESULTS, *settings.models),
+        resume=settings.resume,
+        overwrite=overwrite,
+        anew="resume=false",
+    )
+
+
+def _compare(campaign: Campaign, place: Place, settings: Settings, progress: Progress, origin: str = "") -> Table:
+    """The comparison in a claimed folder; the origin of the recordings is for the page of markdown."""
+    single(campaign.recordings, "a comparison follows one input to one output")
+    # Not every model that is compared has a parameter for a shared zero.
+    campaign = replace(campaign, recordings=own_zeros(campaign.recordings))
+    bench = Bench(campaign, settings, place, progress)
+    results = []
+    for model in settings.models:
+        results.append(bench.result(model))
+        table = table_of(campaign, results)
+        (place / "compare.json").write_json(scores(table))
+        (place / "models.json").write_json(table.facts)
+    progress("draw")
+    drawings = draw_all(table, campaign, results)
+    for drawing in drawings:
+        (place / "figures" / drawing.file).write(drawing.png)
+    (place / "compare.csv").write(table_csv(table).encode())
+    (place / "compare.md").write(_page(table, campaign, origin, drawings).encode())
+    return table
+
+
+def compare_on_made(out: Path, conditions: Conditions, settings: Settings, progress: Progress = quiet) -> Table:
+    """Make recordings in ``out/recordings`` that also go beyond the identified range, and compare on them.
+
+    Raises:
+        InputRefused: settings, or a folder that holds files of others.
+        SolverFailed: the second effect cannot be made as strong as asked.
+    """
+    with _claimed(out, (), settings) as place:
+        progress("make recordings")
+        folder = (place / "recordings").own_folder()
+        made = write_recordings(folder, conditions, comparison_plan())
+        return _compare(read(folder), place, settings, progress, _origin(made))
+
+
+def _origin(made: Made) -> str:
+    """What the recordings are, in words."""
+    c = made.conditions
+    text = (
+        "Recordings simulated from Table 1 of the paper by an independent generator: sines from rest, three periods of "
+        f"2500 samples, white noise of {c.noise_um:g} µm, least step {c.step_nm} nm, displacement zeros, seed {c.seed}."
+    )
+    if c.effect == "none":
+        return f"{text} Nothing else is in them: the class of port-Hamiltonian models with dead zones holds the truth."
+    values = ", ".join(f"{n} = {number(v)}" for n, v in made.parameters.items())
+    return (
+        f"{text} A second effect, {c.effect} ({values}; SI), leaves {number(made.residual * 1e6, 2)} µm r.m.s. beyond "
+        "a refit of Table 1: no model is exact."
+    )
+
+
+def _page(table: Table, campaign: Campaign, origin: str, drawings: list[Drawing]) -> str:
+    words = origin or "Fitted to the identification recordings of the folder named above."
+    return markdown(table, f"All models on {campaign.folder}", words, drawings) + "\n"
+
+
+def show(table: Table, console: Console) -> None:
+    """Print fit and residual over noise, recordings grouped by use."""
+    printed = Printed(*heads(table), title="fit % (residual over noise)")
+    last = ""
+    for name in table.grouped:
+        if last and table.uses[name] != last:
+            printed.add_section()
+        last = table.uses[name]
+        printed.add_row(*(escape(cell) for cell in cells(table, name)))
+    console.print(printed)

@@ -1,0 +1,294 @@
+"""Compose the best model first, then ask which of its elements are proven.
+
+A model is grown element by element on some of the identification recordings, and the others of them choose
+(`phnn.identification.left_out`): of the refits that fit best, the one that predicts those best is added, as long as
+their error falls by more than chance and by more than a further element is worth. Candidates are effects of the
+catalogue and learned elements. Then every element has to show that it is still needed. What stands is refitted to all identification
+recordings. No name is claimed here, and no held-out recording is looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from phnn.diagnosis.criteria import Criteria
+from phnn.diagnosis.finding import Finding, effects_of
+from phnn.diagnosis.locate import Location
+from phnn.diagnosis.name import Candidate
+from phnn.diagnosis.place import of_its_kinds
+from phnn.diagnosis.refit import refit
+from phnn.diagnosis.retest import fit_with
+from phnn.diagnosis.rules import Record
+from phnn.diagnosis.rules.composition import GAIN, KEPT, LEAVES, WHOLE, GainCase, LeavesCase, WholeCase
+from phnn.diagnosis.scored import Scored, scored
+from phnn.diagnosis.select import Selected
+from phnn.diagnosis.trial import Trial, class_of
+from phnn.effects import Effect
+from phnn.ensemble import Executor
+from phnn.errors import PhnnError
+from phnn.identification.base import Progress, quiet
+from phnn.identification.evaluate import Evaluation
+from phnn.identification.fit import Fit
+from phnn.identification.gain import Gain
+from phnn.identification.left_out import LeftOut, leave_out
+from phnn.identification.staged import fit_identified, stated_only
+
+# A refit, its fit and what that predicts.
+_Shown = tuple[Trial, Fit, Evaluation]
+# Rounds of adding an element, and of asking which are still needed, per element of the largest model.
+_ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a model may be composed of, and how.
+
+    Attributes:
+        base: the fit without any element, to all identification recordings.
+        effects: the catalogue; learned: elements without a name.
+        terminals: whether the input was measured at the port.
+        seed: of the null of the scores; executor: where candidates are refitted; criteria: what is added.
+        progress: told what is tried.
+    """
+
+    base: Fit
+    effects: Sequence[Effect]
+    learned: Sequence[Effect]
+    terminals: bool
+    seed: int
+    executor: Executor
+    criteria: Criteria
+    progress: Progress = quiet
+
+
+@dataclass(frozen=True)
+class _Grown:
+    """A model fitted to the recordings it is grown on, what it predicts on all, and its residual over noise on those
+    that choose."""
+
+    findings: tuple[Finding, ...]
+    fit: Fit
+    scores: Evaluation
+    left: float
+    material: Material
+
+    @cached_property
+    def model(self) -> Scored:
+        """With its scores, which take longest: only of a model that may be composed further."""
+        own = self.material
+        every = (*own.effects, *own.learned)
+        return scored(self.fit, every, own.seed, terminals=own.terminals, criteria=own.criteria)
+
+    @property
+    def leaves(self) -> LeavesCase:
+        """Few recordings may be fitted by much, so that those that choose have their say."""
+        most = max(self.fit.chi2, self.left**2)
+        return LeavesCase(most, len(self.findings), lambda: self.model.naming.p_value, self.material.criteria)
+
+    @property
+    def pair(self) -> tuple[Fit, Evaluation]:
+        return self.fit, self.scores
+
+
+def compose(
+    material: Material, searched: Selected, tried: Sequence[Trial], record: Record
+) -> tuple[tuple[Finding, ...], Fit]:
+    """Add elements to a model as long as recordings that were left out are predicted better.
+
+    Args:
+        material: what there is to choose from.
+        searched: what a search for effects has kept; it begins with those, too, that the search has withdrawn.
+        tried: refits of a first element, which are begun again from where they ended.
+        record: of the rules that are asked.
+
+    Returns:
+        The elements of the model, in order, and its fit to all identification recordings: those of ``searched`` where
+        nothing is added.
+    """
+    criteria, kept, final = material.criteria, searched.findings, searched.model.ground.fit
+    asked = LeavesCase(final.chi2, len(kept), lambda: searched.model.naming.p_value, criteria)
+    if record.decide(LEAVES, asked) is not None:
+        return kept, final
+    start = searched.longest or searched
+    held = leave_out(final.plan, criteria.confirmation.held_out_blocks)
+    try:
+        base = _on(held, material.base)
+    except PhnnError:
+        return kept, final
+    begun = base if not start.findings else fit_with(base, start.findings, start.model.ground.fit.setup.values())
+    if begun is None:
+        return kept, final
+    here = _grown(material, held, start.findings, begun)
+    here = _still_needed(material, held, base, here, len(here.findings), record)
+    again = [] if here.findings else _ended(tried, material)
+    for _ in range(_ROUNDS * criteria.composition.most_elements):
+        if record.decide(LEAVES, here.leaves) is not None:
+            break
+        further = _further(material, held, here, again, record)
+        if further is None:
+            break
+        here, again = _still_needed(material, held, base, further, len(further.findings) - 1, record), []
+    if not here.findings or _same(here.findings, kept):
+        return kept, final
+    whole = fit_with(material.base, here.findings, here.fit.setup.values())
+    if record.decide(WHOLE, WholeCase(None if whole is None else whole.cost, final.cost)) is not None or whole is None:
+        return kept, final
+    # What the search has fitted without an element has elements that are none of this model's.
+    return tuple(replace(f, others_alone=None) for f in here.findings), whole
+
+
+def _same(some: Sequence[Finding], others: Sequence[Finding]) -> bool:
+    """Whether two models have the same effects."""
+    return effects_of(some) == effects_of(others)
+
+
+def _on(held: LeftOut, fitted: Fit) -> Fit:
+    """A fit, made again on the recordings that models are grown on."""
+    plan = replace(held.growth, substeps=fitted.plan.substeps)
+    again = fit_identified(fitted.setup, plan, stated_only(fitted.held), origin=None)
+    return replace(again, alternatives=fitted.alternatives)
+
+
+def _grown(material: Material, held: LeftOut, findings: tuple[Finding, ...], fitted: Fit) -> _Grown:
+    scores = held.scores(fitted)
+    return _Grown(findings, fitted, scores, held.over_noise(scores), material)
+
+
+def _ended(tried: Sequence[Trial], material: Material) -> list[Candidate]:
+    """The best refits of an earlier search as candidates that begin where those ended."""
+    known = [(t.candidate, t.fit.setup.values()) for t in tried if t.fit is not None and t.cost < material.base.cost]
+    return [
+        replace(c, values={n: v[n] for n in c.effect.parameters}, others=())
+        for c, v in known[: material.criteria.composition.composed_refits]
+    ]
+
+
+def _further(
+    material: Material, held: LeftOut, here: _Grown, again: Sequence[Candidate], record: Record
+) -> _Grown | None:
+    """The model with the one more element that the left-out recordings choose; None where they ask for none."""
+    criteria = material.criteria
+    candidates = _candidates(material, here, again)
+    many = len(candidates)
+    material.progress(
+        f"{here.left:.3g} × noise on recordings that choose; refit {many} candidates for a further element"
+    )
+    trials = refit(here.fit, candidates, material.executor, criteria=criteria)
+    able = [t for t in trials if t.fit is not None and t.fit.cost < here.fit.cost]
+    found = _chosen(material, held, here, able[: criteria.composition.asked_of_selection], record)
+    if found is None:
+        return None
+    best, fitted, gained = found
+    ordered = [best, *(t for t in trials if t is not best)]
+    alike = class_of(ordered, here.model.significant, criteria.selection)
+    finding = Finding(
+        best,
+        (best, *(t for t in alike if t is not best and _named(material, t.candidate))),
+        tuple(ordered),
+        here.model.naming,
+        level=criteria.selection.level,
+        gained=gained,
+        learned=not _named(material, best.candidate),
+    )
+    return _grown(material, held, (*here.findings, finding), fitted)
+
+
+def _ordered(material: Material, held: LeftOut, here: _Grown, shown: Sequence[_Shown]) -> list[_Shown]:
+    """Refits in the order in which the left-out recordings are asked for them."""
+    rule = material.criteria.confirmation
+    best = min(shown, key=lambda s: held.over_noise(s[2]), default=None)
+
+    def rank(s: _Shown) -> tuple[bool, bool, bool, int, float]:
+        assert best is not None
+        between = held.gain((s[1], s[2]), (best[1], best[2]))
+        worse = rule.falls(between.before, between.after, between.share_of_noise)
+        candidate = s[0].candidate
+        simple = () if worse else (not _named(material, candidate), len(candidate.effect.all_strengths))
+        learned, size = simple or (True, 0)
+        return s[1].setup.own != here.fit.setup.own, worse, learned, size, held.over_noise(s[2])
+
+    return sorted(shown, key=rank)
+
+
+def _chosen(
+    material: Material, held: LeftOut, here: _Grown, able: Sequence[Trial], record: Record
+) -> tuple[Trial, Fit, Gain] | None:
+    """The refit with which the left-out recordings are predicted best, as far as they ask for it.
+
+    Of those that predict as well, effects of the catalogue come before learned elements, which bend to the noise more
+    easily, and few parameters before many. Where one is not asked for, the next may be. What recordings add in a
+    measure of their own is fitted to the very samples that choose, so that it comes last.
+    """
+    shown = [(t, t.fit, held.scores(t.fit)) for t in able if t.fit is not None]
+    for trial, fitted, scores in _ordered(material, held, here, shown):
+        gained = held.gain(here.pair, (fitted, scores))
+        decided = record.decide(GAIN, GainCase(gained, material.criteria), trial.candidate.effect.name)
+        if decided is not None and decided.outcome == "add":
+            return trial, fitted, gained
+    return None
+
+
+def _named(material: Material, candidate: Candidate) -> bool:
+    """Whether a candidate belongs to the catalogue."""
+    return any(candidate.effect is e for e in material.effects)
+
+
+def _candidates(material: Material, here: _Grown, again: Sequence[Candidate]) -> list[Candidate]:
+    """What may be added: effects begun again from earlier refits, those of the best scores, learned elements at the
+    places that explain most; best score first.
+
+    A score has one direction, and a learned element many: it is refitted however small its score is.
+    """
+    rule = material.criteria.composition
+    ranked = [c for c in here.model.naming.candidates if c.effect.can_be_added_to(here.fit.setup)]
+    begun = [_at(c, ranked) for c in again]
+    left = [c for c in ranked if all(c.effect is not b.effect for b in begun)]
+    named = [c for c in left if _named(material, c)]
+    where = here.model.remaining
+    learned = [c for c in left if not _named(material, c)]
+    learned.sort(key=lambda c: -_explains(where, c.effect))
+    chosen = [*begun, *named[: max(rule.composed_refits - len(begun), 1)]]
+    learned = learned[: rule.learned_refits]
+    most = max((c.score for c in (*chosen, *learned)), default=0.0)
+    chosen += [replace(c, score=most) for c in learned]
+    return sorted(chosen, key=lambda c: -c.score)
+
+
+def _at(begun: Candidate, ranked: Sequence[Candidate]) -> Candidate:
+    """A candidate with its present score and the values at which it is begun again."""
+    found = next((c for c in ranked if c.effect is begun.effect), None)
+    return begun if found is None else replace(found, values=begun.values, others=(found.values,))
+
+
+def _explains(where: Location | None, effect: Effect) -> float:
+    """What functions at a learned element's place, of its kind where there are such, explain of what is left."""
+    if where is None:
+        return 0.0
+    return max(of_its_kinds(where, effect), default=where.ranks.get(effect.location, 0.0))
+
+
+def _still_needed(material: Material, held: LeftOut, base: Fit, grown: _Grown, asked: int, record: Record) -> _Grown:
+    """The model without those of its elements without which the left-out recordings are predicted as well.
+
+    Args:
+        asked: how many of them are asked, from the first on.
+    """
+    place, end = 0, len(grown.findings) - asked
+    while place < len(grown.findings) - end:
+        finding = grown.findings[place]
+        others = (*grown.findings[:place], *grown.findings[place + 1 :])
+        alone = fit_with(base, others, grown.fit.setup.values()) if others else base
+        if alone is None:
+            place += 1
+            continue
+        gained = held.gain((alone, held.scores(alone)), grown.pair)
+        decided = record.decide(KEPT, GainCase(gained, material.criteria), finding.trial.candidate.effect.name)
+        if decided is not None and decided.outcome == "keep":
+            found = replace(finding, gained=gained)
+            grown = replace(grown, findings=(*grown.findings[:place], found, *grown.findings[place + 1 :]))
+            place += 1
+            continue
+        grown = _grown(material, held, others, alone)
+    return grown

@@ -1,0 +1,306 @@
+"""The recordings that were held out have the last word on every element that was found.
+
+An element is what the model has and the model without it, refitted, has not. Its name stands only if the error on
+held-out recordings falls, by more than chance would make it fall and by more than is worth telling. Each element needs
+its own gain: of a chain of elements none is carried by the others. As each passes on its own, no element is named
+wrongly more often than the level says, and no correction for their number is due. An element that makes the held-out
+error larger is taken out, and the others are asked again; what the first look has not proven is then proven only below
+the level over the number of all questions.
+
+| on held-out recordings | the element is |
+|---|---|
+| falls materially, p < level | proven: its name stands |
+| loses nine tenths of its excess, too few blocks for a p-value | open: at most ``equivalent`` |
+| does not, too few blocks to refute it | provisional beside others that stand; alone it is refuted |
+| changes by less than is material | immaterial: told with its size, not named, not in the model |
+| anything else | refuted: what it explained is real, and has no name |
+
+With few blocks the held-out recordings prove nothing and refute nothing: one coherent drift is a single observation,
+however many samples it has. A large fall then supports a class, for the identification recordings have tested the
+element already; anything less withdraws the name. Where nothing is held out, the identification recordings decide in
+the same way, and nothing is proven.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from phnn.diagnosis.criteria import Confirmation, Criteria
+from phnn.diagnosis.finding import Finding
+from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.judge import Immaterial, Judgement, immaterial, unexplained
+from phnn.diagnosis.name import Naming
+from phnn.diagnosis.retest import without
+from phnn.diagnosis.rules import Record
+from phnn.diagnosis.rules.composition import CLAIM, ClaimCase
+from phnn.diagnosis.rules.held_out import ELEMENT, MODEL, NAMELESS, REMAINDER, ElementCase, ModelCase, NamelessCase
+from phnn.diagnosis.scored import Scored
+from phnn.diagnosis.select import share_of
+from phnn.effects import Effect
+from phnn.identification.evaluate import Evaluation, evaluate
+from phnn.identification.fit import Fit
+from phnn.identification.gain import Gain, gain
+from phnn.identification.plan import Plan
+from phnn.recordings.recording import Campaign
+
+
+class Outcome(Enum):
+    """What the held-out recordings say of one element; see the table above."""
+
+    PROVEN = "proven"
+    OPEN = "open"
+    PROVISIONAL = "provisional"
+    IMMATERIAL = "immaterial"
+    REFUTED = "refuted"
+
+
+_SURE = (Outcome.PROVEN, Outcome.OPEN)
+
+
+@dataclass(frozen=True)
+class Tested:
+    """One element: what it gains on held-out and on identification recordings, and what follows.
+
+    Attributes:
+        alone: the model without it; the model itself where that cannot be fitted.
+        held_out: None where nothing was held out.
+    """
+
+    finding: Finding
+    outcome: Outcome
+    alone: Fit
+    held_out: Gain | None
+    identified: Gain
+
+    @property
+    def shown(self) -> Gain:
+        """The gain on held-out recordings, on those identified where there are none."""
+        return self.held_out or self.identified
+
+
+def outcome_of(
+    held_out: Gain | None, identified: Gain, rule: Confirmation, record: Record | None = None, element: str = ""
+) -> Outcome:
+    """What follows from the gains of one element, by the rules of `phnn.diagnosis.rules.held_out.ELEMENT`."""
+    decided = (record or Record()).decide(ELEMENT, ElementCase(held_out, identified, rule), element)
+    assert decided is not None
+    return Outcome(decided.outcome)
+
+
+def confirmed(
+    judgement: Judgement,
+    base: Fit,
+    campaign: Campaign,
+    criteria: Criteria,
+    score_again: Callable[[Fit], Scored],
+) -> tuple[Judgement, Evaluation, Evaluation]:
+    """The judgement after the held-out recordings had the last word, and the scores of both models on all recordings.
+
+    Args:
+        judgement: of the identification recordings.
+        base: the fit without any element.
+        criteria: when an element is confirmed.
+        score_again: scores of a model that has lost an element.
+    """
+    before, record = score_on_all(base, campaign), Record(list(judgement.rules))
+    if judgement.location is None:
+        return judgement, before, before
+    after, tested = _tested(judgement, before, campaign, criteria, record)
+    doubted = {t.finding.trial.candidate.effect for t in tested if t.outcome not in _SURE}
+    looks = len(tested)
+    while len(tested) > 1 and (harmful := [t for t in tested if not _helps(t, criteria.confirmation)]):
+        judgement = _dropped(judgement, min(harmful, key=lambda t: t.shown.share_of_noise), score_again)
+        after, tested = _tested(judgement, before, campaign, criteria, record)
+        looks += len(tested)
+        level = criteria.confirmation.held_out_level / looks
+        tested = [_no_surer(t, level) if t.finding.trial.candidate.effect in doubted else t for t in tested]
+    tested = _without_doubtful_names(tested, criteria, record)
+    claimed = [t for t in tested if not t.finding.provisional]
+    decided = record.decide(MODEL, _model_case(judgement, claimed, criteria)) if claimed else None
+    if decided is not None and decided.outcome == "none":
+        first, shown = judgement.findings[0].trial.candidate.effect.name, tested[0].shown
+        small = Immaterial(first, abs(shown.rms), abs(shown.share_of_noise))
+        judgement, after = immaterial(judgement, small), before
+    elif decided is not None and decided.outcome != "unknown":
+        judgement = _standing(judgement, tested, decided.outcome, criteria, record)
+    else:
+        judgement = _nameless(judgement, tested, criteria, record)
+        after = before if judgement.final is base else after
+    return replace(judgement, rules=tuple(record.asked)), before, after
+
+
+def _no_surer(tested: Tested, level: float) -> Tested:
+    """What the first look has not proven is proven by a later one only below a level that all looks share."""
+    held = tested.held_out
+    if tested.outcome is Outcome.PROVEN and held is not None and held.falls is not None and held.falls < level:
+        return tested
+    return replace(tested, outcome=Outcome.PROVISIONAL) if tested.outcome in _SURE else tested
+
+
+def _helps(tested: Tested, rule: Confirmation) -> bool:
+    """Whether an element stays in the model: held-out recordings can veto it, and what they leave open stays.
+
+    Whether it has a name is another question.
+    """
+    shown = tested.shown
+    if tested.outcome in _SURE:
+        return True
+    open_ = tested.outcome is Outcome.PROVISIONAL and shown.after <= shown.before
+    return open_ or rule.falls(shown.before, shown.after, shown.share_of_noise)
+
+
+def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record: Record) -> list[Tested]:
+    """The elements, none of them with a name beside a learned element at its own place that takes much as well.
+
+    Both together may be one thing that has no name, unless the learned one is more of the same.
+    """
+
+    def takes(t: Tested) -> float:
+        return max(t.shown.before**2 - t.shown.after**2, 0.0)
+
+    def asked(t: Tested) -> Tested:
+        effect = t.finding.trial.candidate.effect
+        beside = [o for o in tested if o.finding.learned and _may_be_part_of(o.finding.trial.candidate.effect, effect)]
+        if t.finding.provisional or not beside:
+            return t
+        case = ClaimCase(t.finding.learned, takes(t), sum(map(takes, beside)), criteria)
+        doubtful = record.decide(CLAIM, case, effect.name) is not None
+        return replace(t, finding=replace(t.finding, provisional=True)) if doubtful else t
+
+    return [asked(t) for t in tested]
+
+
+def _may_be_part_of(learned: Effect, effect: Effect) -> bool:
+    """Whether a learned element may take what an effect stands for: at its place, and not more of the same."""
+    return learned.location == effect.location and not learned.is_more_of(effect)
+
+
+def _model_case(judgement: Judgement, tested: Sequence[Tested], criteria: Criteria) -> ModelCase:
+    counts = Counter(t.outcome for t in tested)
+    share = share_of(judgement.ground.fit, judgement.final, judgement.naming)
+    return ModelCase(
+        proven=counts[Outcome.PROVEN],
+        open_=counts[Outcome.OPEN],
+        immaterial=counts[Outcome.IMMATERIAL],
+        size=len(tested),
+        share=share,
+        remains=judgement.remainder_location is not None,
+        criteria=criteria,
+    )
+
+
+def _standing(
+    judgement: Judgement, tested: Sequence[Tested], word: str, criteria: Criteria, record: Record
+) -> Judgement:
+    """The judgement with what its elements gain, and with a remainder that is told only where it matters."""
+    verdict = judgement.verdict if word == "kept" else word
+    small = _small_remainder(judgement, criteria, record)
+    return replace(judgement, findings=_shown(tested), verdict=verdict, remainder_immaterial=small)
+
+
+def _shown(tested: Sequence[Tested], nameless: bool = False) -> tuple[Finding, ...]:
+    """Elements with what they gain; provisional are those that are not proven, or all."""
+    return tuple(
+        replace(
+            t.finding,
+            held_out=t.held_out,
+            provisional=nameless or t.finding.provisional or t.outcome not in _SURE,
+        )
+        for t in tested
+    )
+
+
+def _small_remainder(judgement: Judgement, criteria: Criteria, record: Record) -> Immaterial | None:
+    """What is significant in the residual of the final model, where it is too small to matter."""
+    if judgement.remainder is None or judgement.remainder_location is None:
+        return None
+    decided = record.decide(REMAINDER, _nameless_case(judgement.final_ground, judgement.remainder, criteria))
+    return _size(judgement.final_ground, judgement.remainder) if decided is not None else None
+
+
+def _tested(
+    judgement: Judgement, before: Evaluation, campaign: Campaign, criteria: Criteria, record: Record
+) -> tuple[Evaluation, list[Tested]]:
+    """The final model's scores on all recordings, and each of its elements held against the model without it."""
+    base, final, rule = judgement.ground.fit, judgement.final, criteria.confirmation
+    after, tested = score_on_all(final, campaign), []
+    for finding in judgement.findings:
+        others = tuple(f for f in judgement.findings if f is not finding)
+        alone = finding.others_alone
+        if alone is None:
+            alone = without(base, others, finding, final, criteria.selection.tie) if others else base
+        if alone is None:
+            tested.append(_untold(finding, final, after, campaign, rule))
+            continue
+        shown = before if alone is base else score_on_all(alone, campaign)
+        held_out, identified = (
+            gain(shown, after, campaign.recordings, use, rule.held_out_blocks, (alone.setup.own, final.setup.own))
+            for use in ("confirmation", "identification")
+        )
+        assert identified is not None
+        outcome = outcome_of(held_out, identified, rule, record, finding.trial.candidate.effect.name)
+        tested.append(Tested(finding, outcome, alone, held_out, identified))
+    return after, tested
+
+
+def _untold(finding: Finding, final: Fit, after: Evaluation, campaign: Campaign, rule: Confirmation) -> Tested:
+    """An element without which the others cannot be fitted: it stays, and nothing is known of what it gains."""
+    own, uses = (final.setup.own, final.setup.own), ("confirmation", "identification")
+    held_out, identified = (gain(after, after, campaign.recordings, u, rule.held_out_blocks, own) for u in uses)
+    assert identified is not None
+    return Tested(finding, Outcome.PROVISIONAL, final, held_out, identified)
+
+
+def _dropped(judgement: Judgement, fallen: Tested, score_again: Callable[[Fit], Scored]) -> Judgement:
+    """The judgement without one of several elements; what the rest leaves is scored again."""
+    here = score_again(fallen.alone)
+    return replace(
+        judgement,
+        findings=tuple(replace(f, others_alone=None) for f in judgement.findings if f is not fallen.finding),
+        final=fallen.alone,
+        final_ground=here.ground,
+        remainder=here.naming,
+        remainder_location=here.remaining,
+    )
+
+
+def _nameless(judgement: Judgement, tested: Sequence[Tested], criteria: Criteria, record: Record) -> Judgement:
+    """A judgement that names nothing: the model keeps what helps, and a mismatch for which nothing helps has to be
+    worth telling.
+    """
+    location = judgement.location
+    assert location is not None
+    if tested and all(_helps(t, criteria.confirmation) for t in tested):
+        small = _small_remainder(judgement, criteria, record)
+        findings = _shown(tested, nameless=True)
+        return replace(judgement, verdict="unknown", findings=findings, remainder_immaterial=small)
+    judgement = unexplained(judgement.ground, judgement.naming, location, judgement.tried)
+    if record.decide(NAMELESS, _nameless_case(judgement.ground, judgement.naming, criteria)) is None:
+        return judgement
+    return immaterial(judgement, _size(judgement.ground, judgement.naming))
+
+
+def _nameless_case(ground: Ground, naming: Naming, criteria: Criteria) -> NamelessCase:
+    """What is significant in a model's residual: the strongest score ``S`` explains ``S/√N`` of the noise."""
+    fitted = ground.fit
+    return NamelessCase(naming.statistic / math.sqrt(fitted.residual.size), fitted.chi2, criteria)
+
+
+def _size(ground: Ground, naming: Naming) -> Immaterial:
+    """What the strongest score stands for, where the residual as a whole does not exceed the noise."""
+    share = naming.statistic / math.sqrt(ground.fit.residual.size)
+    leading = next((c.effect.name for c in naming.candidates if c.score >= naming.generic), None)
+    return Immaterial(leading, share * ground.scales.noise, share)
+
+
+def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
+    """A fit's scores on every recording of a campaign; held-out ones get the finest sub-steps of the fit's plan."""
+    finest = max((fitted.plan.steps_of(r) for r in fitted.plan.recordings), default=1)
+    known = {r.name: r for r in fitted.plan.recordings}
+    recordings = tuple(known.get(r.name, r) for r in campaign.recordings)
+    steps = {r.name: fitted.plan.substeps.get(r.name, finest) for r in recordings}
+    return evaluate(fitted.setup, Plan(recordings, steps, fitted.plan.workers), fitted.initial_states)

@@ -1,0 +1,77 @@
+"""An effect that a selection has added."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from phnn.diagnosis.criteria import SELECTION
+from phnn.diagnosis.distil import Distilled
+from phnn.diagnosis.name import Naming
+from phnn.diagnosis.trial import Trial
+from phnn.effects import Effect
+from phnn.identification.fit import Fit
+from phnn.identification.gain import Gain
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that was added, with everything that was tried for it.
+
+    Attributes:
+        trial: its refit; members: those that cannot be told from it, it among them; trials: all.
+        naming: the scores that led to it.
+        held_out: what it gains on held-out recordings; None before they were asked, and where there are none.
+        provisional: part of the model, for the identification recordings ask for it, but not named.
+        level: p-value below which its own score is significant.
+        others_alone: the model with all other findings, fitted from the model that also has this one; None where it was
+            not asked for, or cannot be fitted.
+        gained: what it gains on identification recordings that were left out while it was found; None where none were.
+        learned: it is a learned element, which has no name; description: the formula that stands for it, where there is
+            one.
+    """
+
+    trial: Trial
+    members: tuple[Trial, ...]
+    trials: tuple[Trial, ...]
+    naming: Naming
+    held_out: Gain | None = None
+    provisional: bool = False
+    level: float = SELECTION.level
+    others_alone: Fit | None = None
+    gained: Gain | None = None
+    learned: bool = False
+    description: Distilled | None = None
+
+    @property
+    def described(self) -> Distilled | None:
+        """The formula of a learned element, if it explains as much as the element."""
+        found = self.description
+        return found if found is not None and found.as_good and found.first_order else None
+
+    @property
+    def share(self) -> float | None:
+        """Share of the excess over the noise that it takes on identification recordings which took no part in finding
+        it; None where none were left out for that."""
+        found = self.gained
+        if found is None or not found.before > 1.0:
+            return None
+        return (found.before**2 - found.after**2) / (found.before**2 - 1.0)
+
+    @property
+    def evidence(self) -> tuple[float, float]:
+        """Statistic and p-value: of its own score, or the supremum's where only a refit has shown it."""
+        own = self.trial.candidate
+        if own.p_value < self.level:
+            return own.score, own.p_value
+        return self.naming.statistic, self.naming.p_value
+
+
+def effects_of(findings: Sequence[Finding]) -> list[Effect]:
+    """The effects themselves."""
+    return [f.trial.candidate.effect for f in findings]
+
+
+def own_parameters(findings: Sequence[Finding]) -> list[str]:
+    """Parameters of the effects that were found."""
+    return [n for f in findings for n in f.trial.candidate.effect.parameters]

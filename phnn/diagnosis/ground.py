@@ -1,0 +1,175 @@
+"""The ground a diagnosis stands on: the fitted base model, its residual and everything projected on them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.diagnosis.criteria import NOISE, Noise
+from phnn.diagnosis.spectra import Spectra, spectra_of
+from phnn.effects import Effect, Scales
+from phnn.effects.places import values_by_role
+from phnn.errors import SolverFailed
+from phnn.identification.fit import Fit, carried
+from phnn.identification.looks import first_look
+from phnn.identification.nuisances import without_nuisances
+from phnn.identification.plan import Plan
+from phnn.recordings.recording import Recording, dominant_frequency
+from phnn.simulate import Trajectory, simulate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A fit with its trajectories.
+
+    Attributes:
+        fit: residual and Jacobian are stacked over the identification samples of ``fit.plan``.
+        trajectories: of the recordings in the plan, in order.
+        scales: sizes from which dictionaries and effects take their grids.
+        terminals: the input was measured at the port, so that nothing before it can be the culprit.
+        noise: criteria for the noise that scores are judged with.
+    """
+
+    fit: Fit
+    trajectories: tuple[Trajectory, ...]
+    scales: Scales
+    terminals: bool = False
+    noise: Noise = NOISE
+
+    @property
+    def plan(self) -> Plan:
+        """Recordings and sub-steps."""
+        return self.fit.plan
+
+    @cached_property
+    def basis(self) -> Array:
+        """(N, K) orthonormal basis of what base parameters and nuisances explain to first order."""
+        jacobian = self.fit.jacobian
+        # What moves nothing, such as a jump outside the samples that are fitted, spans no direction.
+        return np.linalg.qr(jacobian[:, np.any(jacobian != 0.0, axis=0)])[0]
+
+    @cached_property
+    def residual(self) -> Array:
+        """(N,) residual without what the base could still explain."""
+        return self.project(self.fit.residual)
+
+    def project(self, columns: Array) -> Array:
+        """Columns without their part in the span of the base sensitivities."""
+        basis = self.basis
+        share, out = basis.T @ columns, np.empty_like(columns)
+        # Recording by recording: a copy of everything at once costs more than the arithmetic.
+        for rows in self.slices:
+            np.matmul(basis[rows], share, out=out[rows])
+            np.subtract(columns[rows], out[rows], out=out[rows])
+        return out
+
+    def stack(self, outputs: Sequence[Array]) -> Array:
+        """Changes of the outputs, one array a recording, as weighted columns without nuisances."""
+        own = self.fit.setup.own
+        rows = [
+            without_nuisances(o, r.mask("identification"), r, own, hidden) / r.noise
+            for o, r, hidden in zip(outputs, self.plan.recordings, self.hidden, strict=True)
+        ]
+        return np.concatenate(rows)
+
+    @cached_property
+    def hidden(self) -> list[NDArray[np.bool_] | None]:
+        """By recording the samples that sit at a limit of the sensor while the model lies beyond it: their residual is
+        zero. None where the sensor has no limit."""
+        found: list[NDArray[np.bool_] | None] = []
+        for r, rows in zip(self.plan.recordings, self.slices, strict=True):
+            if not r.sensor.is_limited:
+                found.append(None)
+                continue
+            hidden, mask = r.sensor.at_limit(r.y) != 0, r.mask("identification")
+            hidden[mask] &= self.fit.residual[rows] == 0.0
+            found.append(hidden & mask)
+        return found
+
+    @cached_property
+    def coarse_outputs(self) -> list[Array]:
+        """Outputs with the coarse sub-steps, the origin of finite changes."""
+        plan = self.plan.coarse()
+
+        def run(recording: Recording) -> Array:
+            initial = self.fit.initial(recording.name)
+            return simulate(self.fit.setup, recording, plan.steps_of(recording), initial=initial).y
+
+        return plan.each(run)
+
+    def first_look(self) -> Ground:
+        """The ground as a few recordings show it that lie far apart, the fit as it is."""
+        few = first_look(self.plan)
+        if few is self.plan:
+            return self
+        taken = [i for i, r in enumerate(self.plan.recordings) if r in few.recordings]
+        rows = np.concatenate([np.arange(s.start, s.stop) for s in (self.slices[i] for i in taken)])
+        fitted = replace(self.fit, plan=few, residual=self.fit.residual[rows], jacobian=self.fit.jacobian[rows])
+        return replace(self, fit=fitted, trajectories=tuple(self.trajectories[i] for i in taken))
+
+    @property
+    def spectra(self) -> Spectra:
+        """Of the residual; not kept, for the frequencies may be many."""
+        return spectra_of([self.residual[rows] for rows in self.slices], self.plan.recordings)
+
+    @cached_property
+    def slices(self) -> list[slice]:
+        """Rows of every recording in the stacked arrays."""
+        lengths = [int(r.mask("identification").sum()) for r in self.plan.recordings]
+        edges = np.concatenate([[0], np.cumsum(lengths)])
+        return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
+
+
+def prepare(fit: Fit, terminals: bool = False, noise: Noise = NOISE) -> Ground:
+    """Simulate the fitted model on its plan and take the scales."""
+
+    def run(recording: Recording) -> Trajectory:
+        return simulate(fit.setup, recording, fit.plan.steps_of(recording), initial=fit.initial(recording.name))
+
+    trajectories = tuple(fit.plan.each(run))
+    ground = Ground(fit, trajectories, scales_of(fit, trajectories), terminals, noise)
+    return replace(ground, scales=replace(ground.scales, peaks=ground.spectra.peaks))
+
+
+def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:
+    """Sizes met in the recordings."""
+    recordings = fit.plan.recordings
+    frequencies = [f for r in recordings if (f := dominant_frequency(r)) > 0.0]
+    known = values_by_role(fit.setup.network)
+    return Scales(
+        voltage=max(float(np.abs(r.u).max()) for r in recordings),
+        displacement=max(float(np.abs(t.mid_displacement).max()) for t in trajectories),
+        velocity=max(float(np.quantile(np.abs(t.velocity), 0.999)) for t in trajectories),
+        # A spring that is there for the position alone has no stiffness to measure forces in.
+        stiffness=known.get("k") or 1.0,
+        transducer=known.get("alpha", 1.0),
+        slowest=min(frequencies),
+        fastest=max(frequencies),
+        duration=max(float(r.t[-1]) for r in recordings),
+        noise=float(np.median([r.noise for r in recordings])),
+        effort=max(float(np.ptp(t.y)) for t in trajectories) if fit.setup.network.senses else 0.0,
+    )
+
+
+def direction(ground: Ground, effect: Effect, values: Mapping[str, float]) -> Array:
+    """(N,) weighted change of the output by an effect; zero where the changed model cannot be simulated."""
+    setup = effect.add_to(ground.fit.setup, values)
+    plan = ground.plan.coarse()
+
+    def one(recording: Recording, base: Array) -> Array:
+        initial = ground.fit.initial(recording.name)
+        if initial is not None:
+            initial = carried(initial, ground.fit.setup, setup, np.zeros(len(setup.network.state_names)))
+        return simulate(setup, recording, plan.steps_of(recording), initial=initial).y - base
+
+    try:
+        return ground.stack(plan.each(one, ground.coarse_outputs))
+    except SolverFailed:
+        return np.zeros(ground.fit.residual.size)

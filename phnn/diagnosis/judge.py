@@ -1,0 +1,237 @@
+"""The verdict: named, equivalent, unknown or none, and the same question about the remainder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from phnn.diagnosis.compose import Material, compose
+from phnn.diagnosis.criteria import CRITERIA, SELECTION, Criteria
+from phnn.diagnosis.finding import Finding, effects_of
+from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.learn import learn
+from phnn.diagnosis.locate import Location
+from phnn.diagnosis.name import Naming
+from phnn.diagnosis.place import located
+from phnn.diagnosis.rules import Applied, Record
+from phnn.diagnosis.rules.composition import CLAIM, ClaimCase
+from phnn.diagnosis.rules.search import BASE, BaseCase
+from phnn.diagnosis.rules.verdict import VERDICT, VerdictCase
+from phnn.diagnosis.scored import Scored, excess, scored
+from phnn.diagnosis.select import Selected, misplaced, select, share_of
+from phnn.diagnosis.trial import Trial
+from phnn.effects import Effect
+from phnn.ensemble import SERIAL, Executor
+from phnn.identification.base import Progress, quiet
+from phnn.identification.fit import Fit
+
+
+@dataclass(frozen=True)
+class Immaterial:
+    """Something significant that is too small to matter.
+
+    Attributes:
+        candidate: the effect that explains it best, None where only a generic function does.
+        rms: what it explains, root mean square, in the output's unit; share_of_noise: the same over the noise.
+    """
+
+    candidate: str | None
+    rms: float
+    share_of_noise: float
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Attributes:
+    verdict: ``named``, ``equivalent``, ``unknown`` or ``none``.
+    ground, naming, location: of the base model; location is None for ``none``.
+    findings: elements added, in order; empty for ``none``. Of an ``unknown`` all of them are provisional.
+    tried: refits of a first effect, also where none was accepted.
+    final: the best model that these recordings support, whatever the verdict; the base fit for ``none``.
+    remainder: scores on the final model's residual; None for ``none``.
+    remainder_location: where what remains seems to be.
+    immaterial: for ``none``: what is significant all the same.
+    remainder_immaterial: what of the remainder is significant, and too small to matter.
+    rules: all that were asked, in order.
+    """
+
+    verdict: str
+    ground: Ground
+    naming: Naming
+    location: Location | None
+    final: Fit
+    final_ground: Ground
+    findings: tuple[Finding, ...] = ()
+    tried: tuple[Trial, ...] = ()
+    remainder: Naming | None = None
+    remainder_location: Location | None = None
+    immaterial: Immaterial | None = None
+    remainder_immaterial: Immaterial | None = None
+    rules: tuple[Applied, ...] = ()
+
+    @property
+    def claimed(self) -> tuple[Finding, ...]:
+        """The elements whose names are claimed."""
+        return tuple(f for f in self.findings if not f.provisional)
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Where the mismatch is, the likeliest place first; empty for ``none``.
+
+        Of a name that is claimed, or a formula that describes the mismatch, it is the element's: a refit knows better
+        than local functions did before. So it is of an element without either that explains well. Several elements at
+        different places are no tie.
+        """
+        if self.location is None:
+            return ()
+        if self.claimed:
+            return tuple(dict.fromkeys(t.candidate.effect.location for t in self.claimed[0].members))
+        able = [f for f in self.findings if f.described is not None or (f.share or 0.0) > SELECTION.explains_well]
+        most = max(able, key=lambda f: f.gained.rms if f.gained is not None else 0.0, default=None)
+        if most is not None:
+            return (most.trial.candidate.effect.location,)
+        return (self.location.name, *self.location.tied)
+
+
+def judge(
+    found: Scored,
+    effects: Sequence[Effect],
+    seed: int,
+    max_effects: int,
+    new_in_held_out: bool,
+    executor: Executor = SERIAL,
+    criteria: Criteria = CRITERIA,
+    learned: Sequence[Effect] = (),
+    progress: Progress = quiet,
+) -> Judgement:
+    """Locate, name, compose and judge.
+
+    A search for effects comes first; where it explains everything, its words stand. Where something is left, the model
+    is composed further, of effects and learned elements. Elements of that model have names only if it leaves nothing.
+
+    Args:
+        found: the scores of the base model.
+        effects: the catalogue entries that can exist in this setup.
+        seed: of the null distribution.
+        max_effects: how many effects may be named.
+        new_in_held_out: whether confirmation brings something new; without it the word is ``equivalent`` at most.
+        executor: where candidates are refitted.
+        criteria: every threshold.
+        learned: elements without a name that a model may be composed of.
+        progress: told what is tried.
+    """
+    ground, naming, record = found.ground, found.naming, Record()
+    record.decide(BASE, BaseCase(naming.p_value, criteria.selection))
+    location = found.remaining
+    if location is None:
+        return Judgement("none", ground, naming, None, ground.fit, ground, rules=tuple(record.asked))
+    selected, tried = select(found, location, effects, seed, max_effects, executor, criteria, progress)
+    record.asked.extend(selected.rules)
+    asked = _Asked(found, location, new_in_held_out, criteria)
+    word, also = _word(asked, selected, record)
+    material = Material(ground.fit, effects, learned, ground.terminals, seed, executor, criteria, progress)
+    word, model, findings = _composed(asked, material, selected, tried, word, record)
+    return Judgement(
+        word, ground, naming, _also(location, also), model.ground.fit, model.ground, findings, tried, model.naming,
+        model.remaining, rules=tuple(record.asked),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a verdict is asked of: scores and location of the base model, and whether confirmation brings new."""
+
+    found: Scored
+    location: Location
+    new_in_held_out: bool
+    criteria: Criteria
+
+
+def _word(asked: _Asked, selected: Selected, record: Record) -> tuple[str, str]:
+    """The verdict on a selection, and a location that comes into question beside that of the whole mismatch."""
+    ground, location, rule = asked.found.ground, asked.location, asked.criteria.selection
+    here = selected.model
+    final, left = here.ground.fit, here.remaining
+    share = share_of(ground.fit, final, asked.found.naming)
+    alone = None
+    if location.name == "mechanical" and left is not None and share < rule.explains_well:
+        alone = learn(ground, location.detail)
+    case = VerdictCase(
+        effects=len(selected.findings),
+        members=max((len(f.members) for f in selected.findings), default=0),
+        share=share,
+        chi2=final.chi2,
+        misplaced=bool(selected.findings) and misplaced(selected, location, asked.criteria),
+        excess=excess(final),
+        learned=excess(alone) if alone is not None else None,
+        new_in_held_out=asked.new_in_held_out,
+        rule=rule,
+    )
+    decided = record.decide(VERDICT, case)
+    assert decided is not None
+    further = case.misplaced and share > rule.explains_further and left is not None
+    if decided.outcome == "unknown" and further and left is not None and located(left, asked.criteria.location):
+        return decided.outcome, left.name
+    return decided.outcome, location.name
+
+
+def _composed(
+    asked: _Asked, material: Material, selected: Selected, tried: tuple[Trial, ...], word: str, record: Record
+) -> tuple[str, Scored, tuple[Finding, ...]]:
+    """Verdict, model and elements after composing, where the search has left something."""
+    criteria, named = asked.criteria, selected.findings if word != "unknown" else ()
+    findings, fitted = compose(material, selected, tried, record)
+    model = selected.model
+    if fitted is not model.ground.fit:
+        terminals = asked.found.ground.terminals
+        model = scored(fitted, material.effects, material.seed, terminals=terminals, criteria=criteria)
+        word, named = "unknown", ()
+        # Whatever had a name before has to claim it anew beside what was added.
+        if claimed := _claimed(findings, model, criteria, record):
+            share = share_of(asked.found.ground.fit, fitted, asked.found.naming)
+            word, _ = _word(asked, Selected(claimed, model, share), record)
+            named = claimed if word != "unknown" else ()
+    names = effects_of(named)
+    kept = tuple(replace(f, provisional=f.trial.candidate.effect not in names) for f in findings)
+    return word, model, kept
+
+
+def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, record: Record) -> tuple[Finding, ...]:
+    """Elements of a composed model beside which what has no name is small, the weakest asked first.
+
+    What an element takes that has no name has none either, unless it is more of the same. A remainder beyond any doubt
+    about the noise counts even where it may be chance.
+    """
+    doubt, chi2 = criteria.selection.noise_doubt, model.ground.fit.chi2
+    counts = model.significant or chi2 > criteria.composition.composed_beyond**2
+    nameless = max(chi2 / doubt**2 - 1.0, 0.0) if counts else 0.0
+    takes = [f.gained.before**2 - f.gained.after**2 if f.gained is not None else 0.0 for f in findings]
+    weakest_first = sorted(zip(takes, findings, strict=True), key=lambda pair: (not pair[1].learned, pair[0]))
+    claimed: list[Finding] = []
+    unclaimed: list[tuple[Effect, float]] = []
+    for taken, finding in weakest_first:
+        effect = finding.trial.candidate.effect
+        others = sum(took for other, took in unclaimed if not other.is_more_of(effect))
+        if record.decide(CLAIM, ClaimCase(finding.learned, taken, nameless + others, criteria), effect.name) is None:
+            claimed.append(finding)
+        else:
+            unclaimed.append((effect, taken))
+    return tuple(f for f in findings if f in claimed)
+
+
+def _also(location: Location, name: str) -> Location:
+    """The location with a further one beside it."""
+    return location if name == location.name else replace(location, tied=tuple(dict.fromkeys((*location.tied, name))))
+
+
+def unexplained(ground: Ground, naming: Naming, location: Location, tried: tuple[Trial, ...]) -> Judgement:
+    """Real, and nothing to add to the base model."""
+    return Judgement("unknown", ground, naming, location, ground.fit, ground, (), tried, naming, location)
+
+
+def immaterial(judgement: Judgement, found: Immaterial) -> Judgement:
+    """Nothing worth telling is missing: the base model stands, and what is significant is told with its size."""
+    ground = judgement.ground
+    return Judgement(
+        "none", ground, judgement.naming, None, ground.fit, ground, tried=judgement.tried, immaterial=found
+    )  # fmt: skip

@@ -1,0 +1,97 @@
+"""Fit the learned one-port of a location where no element of the catalogue explains the mismatch.
+
+The one-ports are those of `phnn.effects.learned`: a spring, a damper, a relaxation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.diagnosis.criteria import REFITS
+from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.strengths import started
+from phnn.effects import Scales
+from phnn.effects.learned import learned_elements
+from phnn.effects.places import attached
+from phnn.errors import PhnnError
+from phnn.identification.fit import Fit, fit, variables_from
+from phnn.identification.problem import Problem
+from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
+from phnn.recall import recalled
+from phnn.setup import Setup
+
+Array = NDArray[np.float64]
+
+# The learned element of each kind that dictionaries know.
+_ELEMENTS = {"elastic": "learned_spring", "dissipative": "learned_damper", "memory": "learned_relaxation"}
+
+
+def learned_setup(setup: Setup, detail: str, scales: Scales) -> Setup | None:
+    """The setup with the learned element of a kind at small strengths; None where there is none of that kind."""
+    generic = learned_elements().get(_ELEMENTS.get(detail, ""))
+    element = None if generic is None else attached(generic, setup)[0]
+    if element is None or not element.can_be_added_to(setup):
+        return None
+    return replace(element.add_to(setup, element.grid(scales)[0]), name=f"{setup.name}+learned")
+
+
+@recalled
+def learn(ground: Ground, detail: str) -> Fit | None:
+    """Fit the learned element together with the base parameters; None where the location has no passive one-port."""
+    setup = learned_setup(ground.fit.setup, detail, ground.scales)
+    if setup is None:
+        return None
+    own = [n for n in setup.free if n not in ground.fit.setup.parameters]
+    try:
+        used = touched(ground.fit, setup, own)
+        names = [*ground.fit.variables.names, *used]
+        setup = started(setup, ground.plan, names, used, ground.fit, REFITS.longest_step)
+        return fit(setup, ground.plan, names, ground.fit.held, 60, origin=ground.fit)
+    except PhnnError:
+        return None
+
+
+def touched(base: Fit, setup: Setup, names: Sequence[str]) -> list[str]:
+    """Those of the named parameters on which some output depends.
+
+    A spring beyond the motion that was recorded has none. An optimiser may carry it anywhere within its bounds, and the
+    model would push with any force where nothing was recorded.
+
+    Args:
+        base: fit without the element, for its recordings and initial states.
+        setup: with the element.
+        names: parameters of the element.
+
+    Raises:
+        SolverFailed: the setup cannot be simulated.
+    """
+    problem = Problem(setup, base.plan, variables_from(setup, base.plan, names, base))
+    slopes = problem.jacobian(problem.variables.start(setup))[:, : len(names)]
+    return [n for n, used in zip(names, np.any(slopes != 0.0, axis=0), strict=True) if used]
+
+
+def learned_force(base: Setup, setup: Setup, x: Array, step: float) -> Array:
+    """(M,) force of the learned element on the junction [N], against its own variable.
+
+    Args:
+        base: the setup without it; setup: with it.
+        x: (M,) displacement [m] of a spring, velocity [m/s] of a damper, time [s] after a step of a memory.
+        step: height of that step [m].
+    """
+    values = setup.values()
+    force = np.zeros_like(x)
+    relaxing = {name for r in setup.network.resistors if r.law == "maxwell" for name in r.on}
+    for s in (s for s in setup.network.storages if s not in base.network.storages and s.name not in relaxing):
+        force -= np.asarray(STORAGE_LAWS[s.law].mean_effort(x, x, *(values[n] for n in s.parameters)))
+    for r in (r for r in setup.network.resistors if r not in base.network.resistors):
+        own = [values[n] for n in r.parameters]
+        if r.law == "maxwell":
+            stiffness, tau = own
+            force -= stiffness * step * np.exp(-x / tau)
+        else:
+            force -= np.asarray(RESISTOR_LAWS[r.law].flow(x, 0.0 * x, *own))
+    return force

@@ -1,0 +1,169 @@
+"""The score of lines and slow courses: a subspace instead of a direction, for no other recording tells their measure.
+
+With an orthonormal basis ``Q`` of the own parts of all recordings, base and nuisances projected out, ``‖Qᵀr‖²`` over
+the mean noise power along ``Q`` is χ² with as many degrees of freedom as columns, where nothing is missing. The
+standard normal deviate of the same tail probability makes it comparable to the score of a direction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+from scipy.special import ndtri_exp
+from scipy.stats import chi2
+from scipy.stats import f as f_distribution
+
+from phnn.diagnosis.colour import Colour
+from phnn.diagnosis.ground import Ground, direction
+from phnn.diagnosis.residual_noise import doubt
+from phnn.diagnosis.spectra import FINER, LEVEL_CELLS, strongest
+from phnn.effects import Effect
+from phnn.identification.nuisances import course_columns, line_columns, own_columns, without_nuisances
+from phnn.setup import COURSES, Own
+
+Array = NDArray[np.float64]
+
+_RANK = 1e-9
+# A direction of which the base leaves no more than this share is explained by it.
+_FREE = 1e-10
+# Multiples of a line's frequency that come with it.
+_HARMONICS = (1, 2, 3)
+# Logarithm of the tail probability below which a line stands out of its surroundings.
+_LINE = float(np.log(0.01))
+
+
+@dataclass(frozen=True)
+class LineCandidate:
+    """An effect that shows as parts of every recording's own, lines or a slow course.
+
+    Attributes:
+        effect: which; values: of its parameters.
+        deviate: how far they stand out of the stated noise, as a normal deviate.
+        judged: the same out of the noise as the residual has it, where that is more.
+    """
+
+    effect: Effect
+    values: dict[str, float]
+    deviate: float
+    judged: float
+
+
+def line_candidates(ground: Ground, effects: Sequence[Effect], colour: Colour) -> list[LineCandidate]:
+    """Those of the effects that show as own parts of the recordings, with their scores."""
+    found = []
+    for effect in effects:
+        points = effect.grid(ground.scales)
+        if effect.searched is not None:
+            found.append(_searched(ground, effect, effect.searched, points))
+        elif effect.add_to(ground.fit.setup, points[0]).own != ground.fit.setup.own:
+            found.append(_known(ground, effect, points, colour))
+    return found
+
+
+def _known(ground: Ground, effect: Effect, points: Sequence[dict[str, float]], colour: Colour) -> LineCandidate:
+    """The best of a few given points."""
+    found = [own_score(ground, effect.add_to(ground.fit.setup, v).own, colour) for v in points]
+    best = max(range(len(points)), key=lambda i: found[i])
+    return LineCandidate(effect, dict(points[best]), *found[best])
+
+
+def _searched(ground: Ground, effect: Effect, name: str, points: Sequence[dict[str, float]]) -> LineCandidate:
+    """The strongest line there is; the other parameters, in which the effect is linear, by least squares."""
+    frequency, deviate, judged = strongest_line(ground)
+    placed = [point | {name: frequency} for point in points]
+    columns = ground.project(np.column_stack([direction(ground, effect, v) for v in placed]))
+    weights = np.linalg.lstsq(columns, ground.residual, rcond=_RANK)[0]
+    values = {n: float(sum(w * v[n] for w, v in zip(weights, placed, strict=True))) for n in placed[0]}
+    return LineCandidate(effect, values | {name: frequency}, deviate, judged)
+
+
+def own_score(ground: Ground, own: Own, colour: Colour) -> tuple[float, float]:
+    """Normal deviates of the residual's power along the recordings' own parts, out of the noise as stated and as the
+    residual has it; zero where no recording can show them."""
+    setup, recordings = ground.fit.setup, ground.plan.recordings
+    columns = [
+        without_nuisances(own_columns(r, own), r.mask("identification"), r, setup.own, hidden)
+        for r, hidden in zip(recordings, ground.hidden, strict=True)
+    ]
+    parts = [np.linalg.svd(c, full_matrices=False)[:2] for c in columns]
+    largest = max(size.max(initial=0.0) for _, size in parts)
+    alone = block_diag(*(basis[:, size > _RANK * largest] for basis, size in parts))
+    # Recording by recording the basis is orthonormal: what the base explains of it decides about all of it together.
+    explained = ground.basis.T @ alone
+    left_over, vectors = np.linalg.eigh(np.eye(alone.shape[1]) - explained.T @ explained)
+    free = left_over > _FREE
+    if not free.any():
+        return 0.0, 0.0
+    q = ground.project(alone) @ (vectors[:, free] / np.sqrt(left_over[free]))
+    stated, left = np.array([np.mean(colour.stated(q)), np.mean(np.diag(colour.left(q)))])
+    saved = float(np.sum((q.T @ ground.residual) ** 2) / stated)
+    # A line raises the spectrum that it is held against, a slow course does not: it is slower than what is compared.
+    excess = max(left / stated, 1.0) if own.courses else float(doubt(left, stated, ground.noise)) ** 2
+    return _deviate(saved, q.shape[1], 1.0), _deviate(saved / excess, q.shape[1], 1.0)
+
+
+def line_share(ground: Ground) -> float:
+    """Sum of squares that lines take away, in units of the noise, at frequencies that other recordings tell.
+
+    What drives a recording repeats at its own frequency and tells of no line: it is asked beside harmonics of it.
+    """
+    spectra, saved = ground.spectra, 0.0
+    for i, (recording, rows) in enumerate(zip(ground.plan.recordings, ground.slices, strict=True)):
+        power, freedom = spectra.of_others(i)
+        lines = [k * spectra.f[strongest(power, freedom)] for k in _HARMONICS]
+        columns = line_columns(recording, lines)[recording.mask("identification")]
+        if columns.shape[1] and freedom.max() > 0.5:
+            left = np.linalg.qr(columns)[0].T @ ground.residual[rows]
+            saved += float(left @ left) - left.size
+    return max(saved, 0.0)
+
+
+def course_share(ground: Ground) -> float:
+    """Sum of squares that a slow course of its own takes away from every recording, in units of the noise.
+
+    The course is fitted to every other stretch of a recording and predicts the stretches between.
+    """
+    saved = 0.0
+    for recording, rows in zip(ground.plan.recordings, ground.slices, strict=True):
+        columns = course_columns(recording, COURSES)[recording.mask("identification")]
+        columns, left = np.column_stack([np.ones(columns.shape[0]), columns]), ground.residual[rows]
+        odd = (np.arange(left.size) * 4 * columns.shape[1] // left.size) % 2 == 1
+        for fitted in (odd, ~odd):
+            weights = np.linalg.lstsq(columns[fitted], left[fitted], rcond=_RANK)[0]
+            saved += float(left[~fitted] @ left[~fitted] - np.sum((left[~fitted] - columns[~fitted] @ weights) ** 2))
+    return max(saved, 0.0)
+
+
+def strongest_line(ground: Ground) -> tuple[float, float, float]:
+    """The frequency [Hz] at which the recordings' residuals hold most power together, and its normal deviates.
+
+    The periodograms of all recordings, each over the spectrum of its stated noise, are added up; so are the levels
+    around each frequency. The power is χ² under noise as stated, and its ratio to the level is F under noise of any
+    spectrum that is smooth over a dozen of the cells that a recording resolves, a resonance of the plant for instance.
+    The tail probability of the largest value is multiplied by the number of frequencies.
+    """
+    spectra = ground.spectra
+    power, level = spectra.added(lambda s: s.power), spectra.added(lambda s: s.level)
+    freedom, tries = spectra.freedom, np.log(spectra.f.size * FINER)
+    seen = np.flatnonzero(freedom > 0.5)
+    ratio = power[seen] / np.maximum(level[seen], 1e-300)
+    tails = f_distribution.logsf(ratio, freedom[seen], LEVEL_CELLS * freedom[seen]) + tries
+    best = strongest(power, freedom)
+    if tails.size and tails.min() < _LINE:
+        # What stands out of its surroundings is the line, not what is strong because a resonance is.
+        best = int(seen[np.argmin(tails)])
+    stated = _deviate(float(power[best]), int(freedom[best]), spectra.f.size * FINER)
+    tail = float(tails.min(initial=0.0))
+    judged = float(np.clip(-ndtri_exp(min(tail, -1e-12)), 0.0, stated))
+    return float(spectra.f[best]), stated, judged
+
+
+def _deviate(saved: float, freedom: int, tries: float) -> float:
+    """Normal deviate of a tail probability of χ² times a number of tries."""
+    tail = min(chi2.logsf(saved, max(freedom, 1)) + np.log(tries), -1e-12)
+    # Far out the tail underflows; what a score means, a sum of squares saved, bounds the deviate in any case.
+    return float(np.clip(-ndtri_exp(tail), 0.0, np.sqrt(saved)))

@@ -1,0 +1,169 @@
+"""What the mismatch is: the supremum of the score over the catalogue and its shape grids, against its null.
+
+For a candidate at one grid point the direction ``d`` is the change of the output when the effect is added, with base
+parameters, zeros and initial states projected out. The score is ``dᵀr/√(dᵀRd)``, ``R`` the stated correlation of noise;
+shape parameters are not identified at strength zero, hence the supremum over their grid (Davies 1987). Its null is
+drawn from Gaussian scores with the correlation of the directions, no simulation needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.diagnosis.colour import Colour
+from phnn.diagnosis.ground import Ground, direction
+from phnn.diagnosis.lines import line_candidates
+from phnn.diagnosis.locate import Responses
+from phnn.effects import Effect
+
+Array = NDArray[np.float64]
+
+_DRAWS = 100_000
+_CHUNK = 10_000
+
+_Ranked = TypeVar("_Ranked")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect at the grid point where its score is largest.
+
+    Attributes:
+        effect: which.
+        values: parameter values at which the data ask for it, strength estimated from the score.
+        others: further starting values, from other grid points.
+        score: supremum over the grid, in units of the stated noise.
+        p_value: of the supremum in units of the noise as the residuals have it, under the null of that over everything.
+    """
+
+    effect: Effect
+    values: dict[str, float]
+    others: tuple[dict[str, float], ...]
+    score: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Naming:
+    """All candidates, best first; the overall supremum with its p-value; what the numerical error could fake.
+
+    Attributes:
+        generic: largest score of a generic local function (also under the null of the supremum).
+        numerical: largest score that the numerical error alone has along a direction.
+    """
+
+    candidates: tuple[Candidate, ...]
+    statistic: float
+    p_value: float
+    generic: float
+    numerical: float
+
+    @property
+    def by_name(self) -> dict[str, Candidate]:
+        """The best form of every effect, best first."""
+        return first_by_name(self.candidates, lambda c: c.effect)
+
+
+def first_by_name(ranked: Iterable[_Ranked], effect_of: Callable[[_Ranked], Effect]) -> dict[str, _Ranked]:
+    """Of what has a rank and an effect, the first of every name, in order: two forms of an effect have one name."""
+    found: dict[str, _Ranked] = {}
+    for item in ranked:
+        found.setdefault(effect_of(item).name, item)
+    return found
+
+
+def score(
+    ground: Ground, effects: Sequence[Effect], generic: Responses | None, seed: int, error: Array | None = None
+) -> Naming:
+    """Score the effects of a catalogue on a ground, those that can be added to its model.
+
+    Args:
+        generic: responses of local functions, which take part in the supremum: what no catalogue lists is noticed too.
+        seed: of the draws from the null.
+        error: (N,) weighted numerical error of the simulations.
+    """
+    able = [e for e in effects if e.can_be_added_to(ground.fit.setup)]
+    colour = Colour(ground)
+    lines = line_candidates(ground, able, colour)
+    points = [(e, v) for e in able if all(e is not c.effect for c in lines) for v in e.grid(ground.scales)]
+    directions = [direction(ground, e, v) for e, v in points]
+    d = ground.project(np.column_stack([*directions, *([generic.tests] if generic is not None else [])]))
+    power = colour.stated(d)
+    alive = power > 1e-16 * max(float(power.max(initial=0.0)), 1e-300)
+    scale = np.where(alive, 1.0 / np.sqrt(np.maximum(power, 1e-300)), 0.0)
+    along = d.T @ ground.residual
+    scores = scale * along
+    sided = np.array([e.one_sided for e, _ in points] + [False] * (d.shape[1] - len(points)))
+    value = np.where(sided, np.maximum(scores, 0.0), np.abs(scores))
+    # Scores are in units of the stated noise; their probability is that under the noise as the residual shows it.
+    colour_left = colour.left(d)
+    covariance = colour_left * np.outer(scale, scale)
+    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    null = _null_of_supremum(covariance / np.outer(spread, spread), sided, len(lines), seed)
+    deviates = np.where(alive, colour.deviates(d, colour_left, power), 0.0)
+    # Never more than the stated noise grants.
+    judged = np.minimum(np.where(sided, np.maximum(deviates, 0.0), np.abs(deviates)), value)
+    squares = np.einsum("ij,ij->j", d, d)
+    strengths = along / np.maximum(squares, 1e-300)
+    # What changes nothing saves nothing either, but there is no way from there.
+    saved = np.where(alive, squares * (2.0 * strengths - 1.0), -np.inf)
+    candidates = _best_of_each(points, value, judged, strengths, saved, null)
+    candidates += [Candidate(c.effect, c.values, (), c.deviate, tail(null, c.judged)) for c in lines]
+    statistic = float(max([value.max(initial=0.0), *(c.deviate for c in lines)]))
+    fake = 0.0 if error is None else float(np.abs(scale * (d.T @ ground.project(error))).max(initial=0.0))
+    return Naming(
+        candidates=tuple(sorted(candidates, key=lambda c: -c.score)),
+        statistic=statistic,
+        p_value=tail(null, float(max([judged.max(initial=0.0), *(c.judged for c in lines)]))),
+        generic=float(value[len(points) :].max(initial=0.0)),
+        numerical=fake,
+    )
+
+
+def _best_of_each(
+    points: Sequence[tuple[Effect, dict[str, float]]],
+    value: Array,
+    judged: Array,
+    strengths: Array,
+    saved: Array,
+    null: Array,
+) -> list[Candidate]:
+    """The candidates; the starts of one whose strength cannot be chosen are those that save most as they are."""
+    found = []
+    for effect in dict.fromkeys(e for e, _ in points):
+        mine = [i for i, (e, _) in enumerate(points) if e is effect]
+        rank = value if effect.strength is not None else saved
+        order = sorted(mine, key=lambda i: -rank[i])
+        starts = [effect.scaled(points[i][1], float(strengths[i])) for i in order]
+        best = float(max(value[i] for i in mine))
+        p_value = tail(null, float(max(judged[i] for i in mine)))
+        found.append(Candidate(effect, starts[0], tuple(starts[1:3]), best, p_value))
+    return found
+
+
+def _null_of_supremum(correlation: Array, sided: Array, lines: int, seed: int) -> Array:
+    """(draws,) sorted suprema of Gaussian scores with the given correlation, and of as many one-sided ones on their own
+    as there are effects with lines."""
+    values, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    # Those that count on either side come last.
+    order, both = np.argsort(np.logical_not(sided), kind="stable"), int(sided.sum())
+    root = root[order][:, values > 1e-10 * max(values.max(initial=0.0), 1e-300)]
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(_DRAWS // _CHUNK):
+        z = root @ rng.standard_normal((root.shape[1], _CHUNK))
+        own = rng.standard_normal((lines, _CHUNK)).max(axis=0, initial=0.0)
+        found.append(np.maximum(np.maximum(own, z.max(axis=0, initial=0.0)), -z[both:].min(axis=0, initial=0.0)))
+    return np.sort(np.concatenate(found))
+
+
+def tail(null: Array, value: float) -> float:
+    """Share of the null at or above a value, never below one over the number of draws."""
+    above = null.size - int(np.searchsorted(null, value, side="left"))
+    return (above + 1.0) / (null.size + 1.0)

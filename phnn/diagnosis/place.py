@@ -1,0 +1,70 @@
+"""Whether effects lie where a mismatch lies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from phnn.diagnosis.criteria import LOCATING, SELECTION, Locating, Selection
+from phnn.diagnosis.locate import Location
+from phnn.diagnosis.trial import Trial, class_of, simplest_first
+from phnn.effects import Effect
+
+
+def located(location: Location, rule: Locating = LOCATING) -> bool:
+    """Whether a location explains enough to be believed."""
+    return location.scores[location.name] > rule.located
+
+
+def elsewhere(
+    named: Sequence[Effect], location: Location, left: Location, little: bool = False, rule: Locating = LOCATING
+) -> bool:
+    """Whether what is left lies elsewhere than everything that was named.
+
+    The right element in another form leaves something at its own place; one that confounds leaves it where the truth
+    is. Where what is left is too little to be located, the whole mismatch is asked, if that can be: for the kind of
+    element, or for the place alone.
+
+    Args:
+        location: of the whole mismatch; left: of what is left.
+        little: whether so little is left that the place alone decides.
+        rule: when a location is believed.
+    """
+    asked = left if located(left, rule) else location
+    if asked is location and little:
+        explained, most = max(asked.ranks[e.location] for e in named), asked.ranks[asked.name]
+    else:
+        explained, most = max(_explained(asked, e) for e in named), max(asked.ranks[d] for d in asked.details)
+    return located(asked, rule) and explained < most - rule.tied
+
+
+def _explained(location: Location, effect: Effect) -> float:
+    """What functions of an effect's own kinds explain; all of its place, where there are none of its kinds."""
+    return max(of_its_kinds(location, effect), default=location.ranks[effect.location])
+
+
+def of_its_kinds(location: Location, effect: Effect) -> list[float]:
+    """What functions of each of an effect's own kinds explain, as far as there are any."""
+    kinds = [f"{effect.location}/{kind}" for kind in (effect.kind, *effect.akin)]
+    return [location.ranks[k] for k in kinds if k in location.details]
+
+
+def may_lie(effect: Effect, location: Location, rule: Locating = LOCATING) -> bool:
+    """Whether an effect lies where some of what is left is explained, as far as that can be told.
+
+    A tone at a frequency of the drive is no tone of the surroundings, however well it fits.
+    """
+    return (
+        not located(location, rule) or location.ranks[effect.location] > rule.possible * location.ranks[location.name]
+    )
+
+
+def in_place(trials: list[Trial], location: Location, rule: Selection = SELECTION) -> list[Trial]:
+    """The trials with the one first that, of those which fit as well as the best, lies where most is explained.
+
+    Of several there it is the simplest.
+    """
+    if not trials or trials[0].fit is None:
+        return trials
+    members = simplest_first(class_of(trials, rule=rule))
+    first = max(members, key=lambda t: location.ranks[t.candidate.effect.location])
+    return [first, *(t for t in trials if t is not first)]

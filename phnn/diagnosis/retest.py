@@ -1,0 +1,110 @@
+"""Backward deletion: whether effects that were found are still needed, or others in their place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from phnn.diagnosis.criteria import CRITERIA, SELECTION, Criteria
+from phnn.diagnosis.finding import Finding, own_parameters
+from phnn.diagnosis.locate import Location
+from phnn.diagnosis.place import in_place
+from phnn.diagnosis.refit import refit
+from phnn.diagnosis.trial import Trial, class_of, fair_cost, tie
+from phnn.ensemble import Executor
+from phnn.errors import PhnnError
+from phnn.identification.fit import Fit
+from phnn.identification.staged import EVALUATIONS, fit_identified, stated_only
+
+
+def retested(
+    base: Fit,
+    location: Location,
+    findings: tuple[Finding, ...],
+    fitted: Fit,
+    executor: Executor,
+    criteria: Criteria = CRITERIA,
+) -> tuple[tuple[Finding, ...], Fit]:
+    """Every finding once more, now that the last one is there: superfluous, or better another one?
+
+    The last one too: together they may have led an earlier one to where it needs no other.
+
+    Returns:
+        The findings that are needed, each with the fit of the others alone, and the fit of all of them.
+    """
+    place, rule = 0, criteria.selection
+    # By place, for the effects as they stand: those refits take as long as the search for an effect.
+    alone_at: dict[int, Fit] = {}
+    while place < len(findings) and len(findings) > 1:
+        others = (*findings[:place], *findings[place + 1 :])
+        alone = without(base, others, findings[place], fitted, rule.tie)
+        if alone is None:
+            place += 1
+            continue
+        if fair_cost(alone) - fair_cost(fitted) < tie(fitted, rule.tie):
+            findings, fitted = others, alone
+            alone_at.clear()
+            continue
+        alone_at[place] = alone
+        if place == len(findings) - 1:
+            break
+        used = {f.trial.candidate.effect.name for f in others}
+        rivals = [t for t in findings[place].trials[: rule.retested] if t.candidate.effect.name not in used]
+        trials = in_place(_refitted(alone, rivals, executor, criteria), location, rule)
+        best = trials[0]
+        if best.fit is not None and best.cost <= fitted.cost + tie(fitted, rule.tie):
+            members = tuple(class_of(trials, rule=rule))
+            again = Finding(best, members, tuple(trials), findings[place].naming, level=rule.level)
+            if best.candidate.effect is not findings[place].trial.candidate.effect:
+                alone_at.clear()
+            findings, fitted = (*findings[:place], again, *findings[place + 1 :]), best.fit
+        place += 1
+    return tuple(replace(f, others_alone=alone_at.get(i)) for i, f in enumerate(findings)), fitted
+
+
+def _refitted(base: Fit, trials: Sequence[Trial], executor: Executor, criteria: Criteria) -> list[Trial]:
+    """Effects refitted from where they ended beside others: what those refits say counts more than the scores did."""
+    known = {t.candidate.effect: t.candidate for t in trials}
+    ended = [(t.candidate, t.fit.setup.values()) for t in trials if t.fit is not None]
+    again = [replace(c, values={n: v[n] for n in c.effect.parameters}, score=1.0) for c, v in ended]
+    return [Trial(known[t.candidate.effect], t.fit) for t in refit(base, again, executor, criteria=criteria)]
+
+
+def without(
+    base: Fit, others: Sequence[Finding], dropped: Finding, fitted: Fit, variances: float = SELECTION.tie
+) -> Fit | None:
+    """The base model with some of the effects of a fit, fitted from where that one ended.
+
+    Where that explains less, the model may have followed what was dropped, or that has taken the place of something of
+    the model's own.
+
+    Args:
+        variances: difference of χ² in residual variances below which two fits are equally good.
+    """
+    values, own = fitted.setup.values(), dropped.trial.candidate.effect.exchanged
+    best = None
+    for moved in ({}, base.setup.values(), *(own(values) if own is not None else ())):
+        if best is not None and fair_cost(best) - fair_cost(fitted) < tie(fitted, variances):
+            break
+        known = {n: v for n, v in moved.items() if n not in stated_only(base.held)}
+        other = fit_with(base, others, {**values, **known})
+        best = min((f for f in (best, other) if f is not None), key=fair_cost, default=None)
+    return best
+
+
+def fit_with(
+    base: Fit, findings: Sequence[Finding], values: Mapping[str, float], evaluations: int = EVALUATIONS
+) -> Fit | None:
+    """The base model with some effects, fitted from parameter values.
+
+    Args:
+        evaluations: bound on the simulations of all recordings.
+    """
+    setup = base.setup.with_values({n: values[n] for n in base.setup.free})
+    try:
+        for f in findings:
+            setup = f.trial.candidate.effect.add_to(setup, values)
+        held = stated_only(base.held)
+        return fit_identified(setup, base.plan, held, evaluations, base, own_parameters(findings))
+    except PhnnError:
+        return None

@@ -1,0 +1,148 @@
+"""Rules of composing: whether a further element is added to a model, and which of them stay."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from phnn.diagnosis.criteria import Criteria
+from phnn.diagnosis.rules import Applied
+from phnn.identification.gain import Gain
+
+
+@dataclass(frozen=True)
+class LeavesCase:
+    """What a model leaves on the recordings that it was grown on, and on those that choose.
+
+    Attributes:
+        chi2: larger mean square of the two [noise²]; elements: how many the model has.
+        p_value: gives the p-value, which takes long.
+    """
+
+    chi2: float
+    elements: int
+    p_value: Callable[[], float]
+    criteria: Criteria
+
+
+def model_is_at_the_noise(case: LeavesCase) -> Applied:
+    """The model leaves no more than the noise floor is known to."""
+    doubt = case.criteria.selection.noise_doubt
+    numbers = {"residual_over_noise": math.sqrt(case.chi2), "noise_doubt": doubt}
+    return Applied(case.chi2 < doubt**2, "stop", numbers)
+
+
+def model_leaves_no_more_than_chance(case: LeavesCase) -> Applied:
+    """What the model leaves is no more than chance would, nor more than any doubt about the noise level."""
+    level, most = case.criteria.selection.level, case.criteria.composition.composed_beyond
+    numbers = {"residual_over_noise": math.sqrt(case.chi2), "composed_beyond": most}
+    if case.chi2 > most**2:
+        return Applied(False, "stop", numbers)
+    p_value = case.p_value()
+    return Applied(p_value >= level, "stop", {**numbers, "p_value": p_value, "level": level})
+
+
+def model_has_enough_elements(case: LeavesCase) -> Applied:
+    """The model has as many elements as may be composed."""
+    most = case.criteria.composition.most_elements
+    return Applied(case.elements >= most, "stop", {"elements": case.elements, "most_elements": most})
+
+
+@dataclass(frozen=True)
+class GainCase:
+    """What one more element gains on the recordings that choose."""
+
+    found: Gain
+    criteria: Criteria
+
+
+def _numbers(case: GainCase) -> dict[str, float | None]:
+    rule, found = case.criteria.composition, case.found
+    numbers = {"before": found.before, "after": found.after, "p_value": found.falls, "blocks": float(found.blocks)}
+    numbers |= {"composed_share": rule.composed_share, "composed_level": rule.composed_level}
+    numbers |= {"composed_far": rule.composed_far, "composed_far_level": rule.composed_far_level}
+    return numbers | {"share_of_noise": found.share_of_noise, "material": case.criteria.confirmation.material}
+
+
+def element_predicts_better(case: GainCase) -> Applied:
+    """With the element, the recordings that were left out are predicted better: by what matters, not by chance."""
+    found, criteria = case.found, case.criteria
+    falls = criteria.composition.falls(found.before, found.after, found.falls)
+    matters = criteria.confirmation.falls(found.before, found.after, found.share_of_noise)
+    return Applied(falls and matters, "add", _numbers(case))
+
+
+def element_does_not_predict_better(case: GainCase) -> Applied:
+    """The recordings that were left out do not ask for the element."""
+    return Applied(True, "leave out", _numbers(case))
+
+
+@dataclass(frozen=True)
+class ClaimCase:
+    """One element of a composed model.
+
+    Attributes:
+        learned: it is a learned element; takes: mean square [noise²] that it takes from recordings that were left out.
+        leaves: mean square [noise²] that has no name: what the model leaves, and what elements without a name take.
+    """
+
+    learned: bool
+    takes: float
+    leaves: float
+    criteria: Criteria
+
+
+def learned_element_has_no_name(case: ClaimCase) -> Applied:
+    """A learned element stands for physics that no list has."""
+    return Applied(case.learned, "no name", {})
+
+
+def too_much_has_no_name(case: ClaimCase) -> Applied:
+    """What has no name is no small part of what the element takes: it may be what the element stands for.
+
+    An element that was never asked for takes nothing.
+    """
+    most = case.criteria.composition.claim_leaves
+    numbers = {"takes": case.takes, "leaves": case.leaves, "claim_leaves": most}
+    return Applied(case.takes <= 0.0 or case.leaves > most * case.takes, "no name", numbers)
+
+
+LEAVES = (model_is_at_the_noise, model_has_enough_elements, model_leaves_no_more_than_chance)
+
+
+def element_is_still_needed(case: GainCase) -> Applied:
+    """Without the element, the recordings that were left out are predicted worse by what matters.
+
+    Unlike for adding, no p-value is asked: an element that was added goes only if nothing is lost with it.
+    """
+    found, criteria = case.found, case.criteria
+    taken = found.before**2 - found.after**2
+    share = taken > criteria.composition.composed_share * max(found.before**2 - 1.0, 0.0)
+    matters = criteria.confirmation.falls(found.before, found.after, found.share_of_noise)
+    return Applied(share and matters, "keep", _numbers(case))
+
+
+@dataclass(frozen=True)
+class WholeCase:
+    """A composed model refitted to all identification recordings, and the model of the search.
+
+    Attributes:
+        composed: sum of squares [noise²]; None where it cannot be fitted.
+        searched: the same of the model of the search.
+    """
+
+    composed: float | None
+    searched: float
+
+
+def composed_model_fits_no_better(case: WholeCase) -> Applied:
+    """On all identification recordings together the composed model fits no better than that of the search."""
+    worse = case.composed is None or case.composed >= case.searched
+    return Applied(worse, "model of the search", {"composed": case.composed, "searched": case.searched})
+
+
+GAIN = (element_predicts_better, element_does_not_predict_better)
+KEPT = (element_is_still_needed, element_does_not_predict_better)
+WHOLE = (composed_model_fits_no_better,)
+CLAIM = (learned_element_has_no_name, too_much_has_no_name)

@@ -1,0 +1,214 @@
+"""Rules of the held-out recordings: what they say of each element, and of the verdict."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from phnn.diagnosis.criteria import Confirmation, Criteria
+from phnn.diagnosis.rules import Applied
+from phnn.identification.gain import Gain
+
+
+@dataclass(frozen=True)
+class ElementCase:
+    """What one element gains on held-out recordings, None where there are none, and on those identified."""
+
+    held_out: Gain | None
+    identified: Gain
+    rule: Confirmation
+
+
+def _sizes(found: Gain) -> tuple[float, float, float]:
+    return found.before, found.after, found.share_of_noise
+
+
+def _numbers(found: Gain, **others: float | None) -> dict[str, float | None]:
+    return {"before": found.before, "after": found.after, "share_of_noise": found.share_of_noise, **others}
+
+
+def nothing_held_out_and_small(case: ElementCase) -> Applied | None:
+    """Nothing is held out, and the identification error falls by less than matters."""
+    if case.held_out is not None:
+        return None
+    small = not case.rule.falls(*_sizes(case.identified))
+    return Applied(small, "immaterial", _numbers(case.identified, material=case.rule.material))
+
+
+def nothing_held_out_and_far(case: ElementCase) -> Applied | None:
+    """Nothing is held out, and the element takes nearly all of the identification excess."""
+    if case.held_out is not None:
+        return None
+    far = case.rule.falls_far(*_sizes(case.identified))
+    return Applied(far, "open", _numbers(case.identified, untested_fall=case.rule.untested_fall))
+
+
+def nothing_held_out(case: ElementCase) -> Applied | None:
+    """Nothing is held out, and the element takes some of the identification excess only."""
+    return None if case.held_out is not None else Applied(True, "refuted", _numbers(case.identified))
+
+
+def untested_and_far(case: ElementCase) -> Applied | None:
+    """Too few blocks for a test, and the element takes nearly all of the held-out excess."""
+    found = case.held_out
+    if found is None or found.falls is not None:
+        return None
+    far = case.rule.falls_far(*_sizes(found))
+    return Applied(far, "open", _numbers(found, blocks=found.blocks, untested_fall=case.rule.untested_fall))
+
+
+def changes_too_little(case: ElementCase) -> Applied | None:
+    """The held-out error neither falls nor rises by what matters, nor was it large where the element was found."""
+    found, rule = case.held_out, case.rule
+    if found is None:
+        return None
+    changes = rule.falls(*_sizes(found)) or rule.rises(*_sizes(found))
+    identified = case.identified.share_of_noise
+    numbers = _numbers(found, material=rule.material, identified_share=identified, real_gain=rule.real_gain)
+    return Applied(not changes and identified < rule.real_gain, "immaterial", numbers)
+
+
+def untested(case: ElementCase) -> Applied | None:
+    """Too few blocks to confirm or refute the element."""
+    found = case.held_out
+    if found is None:
+        return None
+    numbers = _numbers(found, blocks=found.blocks, held_out_blocks=case.rule.held_out_blocks)
+    return Applied(found.falls is None, "provisional", numbers)
+
+
+def error_falls(case: ElementCase) -> Applied | None:
+    """The held-out error falls by more than matters and more than chance."""
+    found, rule = case.held_out, case.rule
+    if found is None or found.falls is None:
+        return None
+    falls = rule.falls(*_sizes(found)) and found.falls < rule.held_out_level
+    return Applied(falls, "proven", _numbers(found, p_value=found.falls, held_out_level=rule.held_out_level))
+
+
+def error_does_not_fall(case: ElementCase) -> Applied | None:
+    """The held-out recordings do not confirm a gain that is real where the element was found."""
+    found = case.held_out
+    return None if found is None else Applied(True, "refuted", _numbers(found, p_value=found.falls))
+
+
+@dataclass(frozen=True)
+class ModelCase:
+    """All elements that were tested.
+
+    Attributes:
+        proven, open_, immaterial: how many have this outcome; size: how many there are.
+        share: of the whole excess that the model explains; remains: whether it leaves something significant.
+    """
+
+    proven: int
+    open_: int
+    immaterial: int
+    size: int
+    share: float
+    remains: bool
+    criteria: Criteria
+
+
+def all_are_immaterial(case: ModelCase) -> Applied:
+    """Nothing that the model adds matters."""
+    numbers = {"elements": case.size, "immaterial": case.immaterial}
+    return Applied(case.immaterial == case.size, "none", numbers)
+
+
+def none_is_confirmed(case: ModelCase) -> Applied:
+    """Held-out recordings support no element."""
+    numbers = {"elements": case.size, "proven": case.proven, "open": case.open_}
+    return Applied(case.proven + case.open_ == 0, "unknown", numbers)
+
+
+def confirmed_explain_too_little(case: ModelCase) -> Applied:
+    """The elements that are left explain less than half of what there was."""
+    least = case.criteria.selection.explains
+    return Applied(case.remains and case.share < least, "unknown", {"share": case.share, "explains": least})
+
+
+def not_all_are_proven(case: ModelCase) -> Applied:
+    """Held-out recordings leave open whether an element is real."""
+    return Applied(case.proven < case.size, "equivalent", {"elements": case.size, "proven": case.proven})
+
+
+def all_are_proven(case: ModelCase) -> Applied:
+    """Held-out recordings confirm every element: the verdict of the search stands."""
+    return Applied(True, "kept", {"elements": case.size, "proven": case.proven})
+
+
+@dataclass(frozen=True)
+class NamelessCase:
+    """A model that leaves something.
+
+    Attributes:
+        share: of the noise that the strongest score explains; chi2: mean square that the model leaves [noise²].
+    """
+
+    share: float
+    chi2: float
+    criteria: Criteria
+
+
+def mismatch_is_immaterial(case: NamelessCase) -> Applied:
+    """Nothing predicts recordings better, and what is significant explains less of the noise than matters, or the
+    residual as a whole is hardly above it."""
+    least = case.criteria.selection.small_residual
+    return Applied(_small(case) or case.chi2 < least**2, "none", {**_small_numbers(case), "small_residual": least})
+
+
+def remainder_is_immaterial(case: NamelessCase) -> Applied:
+    """The same of what the final model leaves."""
+    return Applied(_small(case), "immaterial", _small_numbers(case))
+
+
+def _small(case: NamelessCase) -> bool:
+    doubt, material = case.criteria.selection.noise_doubt, case.criteria.confirmation.material
+    return not max(case.share**2, case.chi2 / doubt**2 - 1.0) >= material**2
+
+
+def _small_numbers(case: NamelessCase) -> dict[str, float | None]:
+    rule = case.criteria
+    return {
+        "share_of_noise": case.share,
+        "material": rule.confirmation.material,
+        "residual_over_noise": math.sqrt(case.chi2),
+        "noise_doubt": rule.selection.noise_doubt,
+    }
+
+
+@dataclass(frozen=True)
+class NumericsCase:
+    """A named verdict: largest score [noise standard deviations] that the numerical error alone has."""
+
+    score: float
+    criteria: Criteria
+
+
+def numerical_error_may_confound(case: NumericsCase) -> Applied:
+    """The numerical error alone scores too much for a proof."""
+    most = case.criteria.selection.numerical_score
+    return Applied(case.score > most, "equivalent", {"numerical_score": case.score, "most": most})
+
+
+ELEMENT = (
+    nothing_held_out_and_small,
+    nothing_held_out_and_far,
+    nothing_held_out,
+    untested_and_far,
+    changes_too_little,
+    untested,
+    error_falls,
+    error_does_not_fall,
+)
+MODEL = (
+    all_are_immaterial,
+    none_is_confirmed,
+    confirmed_explain_too_little,
+    not_all_are_proven,
+    all_are_proven,
+)
+NAMELESS = (mismatch_is_immaterial,)
+REMAINDER = (remainder_is_immaterial,)
+NUMERICS = (numerical_error_may_confound,)

@@ -1,0 +1,119 @@
+"""A candidate with its refit, and when two of them count as the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.diagnosis.criteria import SELECTION, Selection
+from phnn.diagnosis.name import Candidate
+from phnn.identification.fit import Fit
+from phnn.identification.nuisances import own_size
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A candidate with its refit; ``fit`` is None where no start could be simulated."""
+
+    candidate: Candidate
+    fit: Fit | None
+
+    @property
+    def cost(self) -> float:
+        """Weighted sum of squares, infinite where there is no fit."""
+        return self.fit.cost if self.fit is not None else float("inf")
+
+    @property
+    def fair_cost(self) -> float:
+        """The same, with what noise alone would take along the recordings' own parts."""
+        return fair_cost(self.fit) if self.fit is not None else float("inf")
+
+
+def own_count(fit: Fit) -> int:
+    """How many coefficients the recordings' own parts have in all."""
+    return sum(own_size(r, fit.setup.own) for r in fit.plan.recordings)
+
+
+def fair_cost(fit: Fit) -> float:
+    """Weighted sum of squares, and a residual variance for every coefficient of the recordings' own parts."""
+    return fit.cost + own_count(fit) * max(1.0, fit.chi2)
+
+
+def criterion(trial: Trial) -> float:
+    """Sum of squares with a penalty of ``ln N`` for every parameter and every recording's own part (Schwarz 1978)."""
+    if trial.fit is None:
+        return float("inf")
+    free = [n for n in trial.candidate.effect.parameters if not trial.fit.setup.parameters[n].fixed]
+    count = len(free) + own_count(trial.fit)
+    return trial.cost + count * max(1.0, trial.fit.chi2) * float(np.log(trial.fit.residual.size))
+
+
+def class_of(trials: Sequence[Trial], unexplained: bool = False, rule: Selection = SELECTION) -> list[Trial]:
+    """The trials that these recordings cannot tell from the best one.
+
+    Two refitted models count as told apart when their sums of squares differ by more than twelve times the residual
+    variance: some 3.5 standard deviations for one parameter. Where even the best leaves something real unexplained,
+    that remainder may favour either, and a difference of less than a fifth decides nothing.
+
+    What recordings add in a measure of their own counts as many residual variances as it has coefficients. An effect of
+    which the best is a special case, and which did not come first, adds nothing: it is no member.
+
+    Args:
+        trials: best first.
+        unexplained: whether the best refit leaves a significant remainder; a large one counts in any case.
+        rule: when two refits are equally good.
+    """
+    best = trials[0]
+    if best.fit is None:
+        return list(trials[:1])
+    left = max(best.cost - best.fit.residual.size, 0.0)
+    undecided = unexplained or best.fit.chi2 > rule.small_residual**2
+    reach = max(tie(best.fit, rule.tie), rule.tie_of_remainder * left if undecided else 0.0)
+    name, most = best.candidate.effect.name, best.fair_cost + reach
+    return [t for t in trials if t.fair_cost <= most and name not in t.candidate.effect.special]
+
+
+def simplest_first(tied: Sequence[Trial]) -> list[Trial]:
+    """Trials that explain as much, ordered by the sum of squares with a penalty for every parameter, initial state
+    and own part of a recording.
+
+    The penalty is Schwarz's (1978), with as many samples as the residual is worth: where much is left it is no white
+    noise, and a tone, or a mode that rings on from an initial state of its own, takes more of it than parameters would
+    take of noise.
+    """
+    least = min(tied, key=lambda t: t.cost).fit
+    if least is None:
+        return list(tied)
+    samples = effective_samples(least.residual)
+    price = least.cost / samples * float(np.log(samples))
+
+    def priced(trial: Trial) -> float:
+        return trial.cost + (price * (trial.fit.z.size + own_count(trial.fit)) if trial.fit is not None else 0.0)
+
+    return sorted(tied, key=priced)
+
+
+def effective_samples(residual: Array) -> float:
+    """How many independent samples have a mean square as certain as that of a coloured residual.
+
+    ``(Σλ)²/Σλ²`` over the eigenvalues of its covariance (Bayley & Hammersley 1946), from the periodogram, whose
+    ordinates scatter as ``χ²₂``.
+    """
+    power = np.abs(np.fft.rfft(residual)[1:]) ** 2
+    return float(np.clip(4.0 * power.sum() ** 2 / max(float(power @ power), 1e-300), 4.0, residual.size))
+
+
+def tie(fitted: Fit, variances: float = SELECTION.tie) -> float:
+    """Difference of sums of squares below which two refits are not told apart.
+
+    Args:
+        variances: the difference in residual variances, for white noise.
+    """
+    # Coloured noise inflates such differences by the sum of its correlation.
+    colour = max(max(1.0, 2.0 * float(np.sum(r.noise_correlation)) - 1.0) for r in fitted.plan.recordings)
+    return variances * colour * max(1.0, fitted.chi2)

@@ -1,0 +1,127 @@
+"""What was learned at a location, in plain words."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.diagnosis.character import character_of, forgetting, in_words, memory_in_words, without_line
+from phnn.diagnosis.dictionary import FORCE, OUTPUT, PARAMETER, VOLTAGE, Group
+from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.locate import Location, group_of
+from phnn.diagnosis.picture import Picture, learned_picture, picture
+from phnn.diagnosis.vocabulary import vocabulary_of
+from phnn.setup import Setup
+from phnn.units import quantity
+
+Array = NDArray[np.float64]
+
+_ONE_PORTS = {
+    "elastic": "a spring: conservative, it gives back what it stores",
+    "dissipative": "a damper: dissipative, it only takes energy away",
+    "memory": "springs in series with dampers: dissipative, with a memory of where it was",
+}
+_ACTS = {
+    FORCE: "a missing {effort}",
+    VOLTAGE: "a missing {source}",
+    OUTPUT: "a missing {output} at the sensor",
+    PARAMETER: "a change of parameters",
+}
+# What functions without a static picture depend on, by the detail of their group.
+_HISTORY = {
+    "mode": "on the rate at which the {rate} changes, and on its past",
+    "ringing mode": "on the rate at which the {rate} changed long before, at the frequency where the error is largest",
+    "shape": "on the history of the {output}, as a hysteron does",
+    "leakage": "on the past of the voltages that the hysterons hold",
+    "slew": "on the rate of the {source}",
+    "ratio that follows past voltage": "on how high the {source} was before",
+    "ratio that follows the warmth": "on how much energy was dissipated before",
+    "lag or play": "on the rate of the {output} and on its turning points",
+    "lines": "on time alone, in lines",
+    "capacitance that follows the charge": "on the voltages that the hysterons hold",
+    "gain that drifts": "on the {output}, the more or the less of it the later it is",
+}
+# Units of pictures whose sizes are said in the unit that suits.
+_LENGTHS = {"µm": 1e-6, "nm": 1e-9}
+# Share of the work done either way that must be left over for a force to be called dissipative, or active.
+_LOSSY = 0.2
+
+
+def learned_in_words(ground: Ground, location: Location, learned: Setup) -> str:
+    """The learned one-port: what kind of element, odd or even, from where on, how long it remembers."""
+    drawn = learned_picture(ground, location, learned)
+    return f"The learned one-port is {_ONE_PORTS[location.detail]}. {_curve_in_words(drawn)}"
+
+
+def fitted_in_words(ground: Ground, location: Location) -> str:
+    """The fitted combination of the location's own functions; empty where none was fitted."""
+    drawn, group = picture(ground, location), group_of(location)
+    if not location.weights.size or not np.any(location.weights):
+        return ""
+    network = ground.fit.setup.network
+    own = asdict(vocabulary_of(network))
+    acts = f"What the functions fitted there make is {_ACTS[group.enters].format(**own)}"
+    if varied := group.varied(network):
+        acts += f" {', '.join(varied)}"
+    if group.static is None or drawn is None:
+        past = _HISTORY.get(location.detail, "on the past").format(**own)
+        return f"{acts} that depends {past}.{_work(ground, location, group)}"
+    if group.axis.startswith("time after"):
+        return f"{acts} that depends on the past. {_curve_in_words(drawn)}"
+    variable = _split(drawn.x_label)[0]
+    if group.axis.startswith("time"):
+        return f"{acts} that depends on time alone, as a drift does."
+    # A straight line is a stiffness or a gain, and the base has these; a damper's line is part of its law.
+    plain = drawn if group.axis.startswith("velocity") else _bent(drawn)
+    return f"{acts} that depends on the {variable}. {_curve_in_words(plain)}"
+
+
+def _bent(drawn: Picture) -> Picture:
+    return Picture(drawn.x, without_line(drawn.x, drawn.y), None, drawn.x_label, drawn.y_label, drawn.title)
+
+
+def _split(label: str) -> tuple[str, str]:
+    """Name and unit of ``name [unit]``."""
+    name, _, unit = label.partition(" [")
+    return name, unit.rstrip("]")
+
+
+def _spoken(value: float, unit: str) -> str:
+    if unit in _LENGTHS:
+        return quantity(value * _LENGTHS[unit], "m")
+    return quantity(value, unit) if unit else f"{value:.3g}"
+
+
+def _curve_in_words(drawn: Picture) -> str:
+    """Character of a curve, or how a memory decays."""
+    if not np.any(drawn.y):
+        return "Its strengths are all zero."
+    (variable, unit), (_, y_unit) = _split(drawn.x_label), _split(drawn.y_label)
+    if variable.startswith("time"):
+        times = forgetting(drawn.x, drawn.y)
+        tenth, half, most = (quantity(v, "s") for v in times or (0.0, 0.0, 0.0))
+        return memory_in_words(times, (tenth, half, most))
+    found = character_of(drawn.x, drawn.y)
+    reach = float(drawn.x[-1])
+    return in_words(
+        found, variable, _spoken(reach, unit), _spoken(found.size, y_unit), _spoken(found.shape.at * reach, unit)
+    )
+
+
+def _work(ground: Ground, location: Location, group: Group) -> str:
+    """Whether the fitted force takes energy from the motion, over all recordings."""
+    if group.enters != FORCE:
+        return ""
+    done, moved = 0.0, 0.0
+    for trajectory in ground.trajectories:
+        force = group.functions(trajectory, ground.scales) @ location.weights
+        power = trajectory.h * force * trajectory.velocity
+        done, moved = done + float(power.sum()), moved + float(np.abs(power).sum())
+    share = done / max(moved, 1e-300)
+    if share < -_LOSSY:
+        return " Over the recordings it takes energy away: it is dissipative."
+    if share > _LOSSY:
+        return " Over the recordings it feeds energy in: no passive element does that by itself."
+    return " Over the recordings it gives back about what it takes: it is nearly conservative."

@@ -1,0 +1,144 @@
+"""Score a model on every part of every recording, held-out ones included."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.identification.censoring import beyond_limit
+from phnn.identification.fit import fit
+from phnn.identification.nuisances import constant_and_own, own_parts
+from phnn.identification.plan import Plan
+from phnn.identification.problem import Problem
+from phnn.identification.start import estimated_start
+from phnn.identification.variables import Variables
+from phnn.recall import recalled
+from phnn.recordings.driving import unknown_instants
+from phnn.recordings.recording import Part, Recording
+from phnn.setup import NOTHING, Setup
+from phnn.simulate import simulate
+
+Array = NDArray[np.float64]
+
+# Evaluations for the instants of jumps: few, for the output is nearly linear in them.
+_INSTANTS = 15
+
+
+@dataclass(frozen=True)
+class PartScore:
+    """Attributes:
+    fit_percent: ``100 (1 − ‖y − ŷ‖/‖y − mean(y)‖)``; rmse: SI; residual_over_noise: rmse over the noise floor.
+    """
+
+    name: str
+    use: str
+    fit_percent: float
+    rmse: float
+    residual_over_noise: float
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Model output, zero and own parts included, by recording, and the scores of its parts."""
+
+    outputs: Mapping[str, Array]
+    parts: tuple[PartScore, ...]
+
+    def table(self) -> dict[str, dict[str, float]]:
+        """Scores by part name."""
+        return {
+            p.name: {"fit_percent": p.fit_percent, "rmse": p.rmse, "residual_over_noise": p.residual_over_noise}
+            for p in self.parts
+        }
+
+    def over_noise(self, use: str) -> float:
+        """Root mean square of the residual over noise over the parts of one use; NaN where there is none."""
+        found = [p.residual_over_noise for p in self.parts if p.use == use]
+        return float(np.sqrt(np.mean(np.square(found)))) if found else float("nan")
+
+
+@recalled
+def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluation:
+    """Simulate all recordings of a plan and score their parts.
+
+    The zero of a recording comes from its identification part where it has one, else from its nuisance part, unless it
+    is a parameter that all recordings share. The initial state of a recording whose start is unknown and that took no
+    part in the fit comes from the same part. The own parts of the setup are fitted to the whole recording, scored or
+    not: nothing predicts them, so what is left beside them is what a model can be held to. The same holds for the
+    instants at which the input jumps, unless the fit has estimated them.
+
+    Args:
+        initial: initial states estimated by the fit, by recording name.
+    """
+
+    def one(recording: Recording) -> Array:
+        own = initial.get(recording.name)
+        if not setup.has_zero and recording.offset != "own":
+            recording = replace(recording, offset="own")
+        nuisance, steps = recording.mask("nuisance"), plan.steps_of(recording)
+        if own is None and nuisance.any():
+            own = estimated_start(setup, recording, steps)
+        if recording.instants is None or recording.mask("confirmation").any():
+            recording, _ = with_instants(setup, recording, steps, own)
+        y = simulate(setup, recording, steps, initial=own).y
+        masks = (recording.mask("identification"), nuisance, np.ones(recording.t.size, dtype=bool))
+        mask = next(m for m in masks if m.any())
+        if setup.own != NOTHING:
+            # From all samples: a stretch shorter than a period could not tell them from the zero.
+            y = y + _own_parts(setup, recording, y)
+        if recording.offset == "own":
+            hidden = beyond_limit(recording, y, mask)
+            counted = mask if hidden is None else mask & ~hidden
+            y = y + np.mean((recording.y - y)[counted if counted.any() else mask])
+        return recording.sensor.limited(np.asarray(y))
+
+    outputs = plan.each(one)
+    parts = [
+        score_part(recording, y, first, last, name, use)
+        for recording, y in zip(plan.recordings, outputs, strict=True)
+        for name, first, last, use in ((p.name, p.first, p.last, p.use) for p in recording.parts)
+        if use != "nuisance"
+    ]
+    return Evaluation({r.name: y for r, y in zip(plan.recordings, outputs, strict=True)}, tuple(parts))
+
+
+def _own_parts(setup: Setup, recording: Recording, y: Array) -> Array:
+    """(N,) what a recording adds of its own to the model's output ``y``, up to a constant."""
+    hidden = beyond_limit(recording, y, np.ones(recording.t.size, dtype=bool), setup.own)
+    if hidden is None:
+        return own_parts(recording.y - y, slice(None), recording, setup.own)
+    return constant_and_own(recording.y - y, ~hidden, recording, setup.own)
+
+
+def with_instants(setup: Setup, recording: Recording, substeps: int, initial: Array | None) -> tuple[Recording, Array]:
+    """The recording with the instants of its input's jumps estimated from its whole output, the model held.
+
+    Args:
+        initial: initial state; None where the recording's start says it.
+
+    Returns:
+        The recording, unchanged where its output was not recorded or its input has no jumps to be placed, and the
+        covariance (G, G) of the estimated instants in sample intervals².
+    """
+    unknown = unknown_instants(recording)
+    if not unknown.size or not np.isfinite(recording.y).all():
+        return recording, np.zeros((0, 0))
+    whole = replace(recording, parts=(Part(recording.name, 0, recording.t.size, "identification"),))
+    plan = Plan((whole,), {recording.name: substeps}, workers=1)
+    held = {} if initial is None else {recording.name: initial}
+    problem = Problem(setup, plan, Variables((), (), np.zeros(0), held, {recording.name: unknown}))
+    found = fit(setup, plan, (), max_evaluations=_INSTANTS, begun=problem)
+    return replace(recording, instants=found.plan.recordings[0].instants), found.scatter.covariance
+
+
+def score_part(recording: Recording, y: Array, first: int, last: int, name: str, use: str) -> PartScore:
+    measured, model = recording.y[first:last], y[first:last]
+    error = measured - model
+    rmse = float(np.sqrt(np.mean(error**2)))
+    # The mean of a constant is rounded: what is left of it beside the mean is no motion.
+    span = float(np.linalg.norm(measured - measured.mean())) if np.ptp(measured) > 0.0 else 0.0
+    fit_percent = 100.0 * (1.0 - float(np.linalg.norm(error)) / span) if span > 0.0 else float("nan")
+    return PartScore(name, use, fit_percent, rmse, rmse / recording.noise)

@@ -1,0 +1,291 @@
+"""Fit a setup to a campaign: bounded nonlinear least squares with covariance and identifiability."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from phnn.identification.anchors import estimates_by_anchors, held_anchors, residual_by_anchors
+from phnn.identification.covariance import Scatter, bread, scatter
+from phnn.identification.plan import Plan
+from phnn.identification.problem import Problem
+from phnn.identification.variables import Variables, variables_of
+from phnn.recordings.driving import unknown_instants
+from phnn.setup import Setup
+
+Array = NDArray[np.float64]
+
+# Relative change of the sum of squares and of the variables at which a fit stops.
+TOLERANCE = 3e-7
+# A parameter whose estimation coordinate is uncertain by more than this is not identified by the recordings.
+_UNIDENTIFIED = 1.5
+_NEARLY, _APART, _MOST = 1.3, 0.2, 2
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted setup.
+
+    Attributes:
+        setup: with the estimates.
+        plan: recordings, with the estimated instants of their jumps, and sub-steps of the fit.
+        variables, z: what was moved and where it ended.
+        held: parameters that were not estimated, with the reason.
+        residual: (N,) weighted residual of the fitted samples; jacobian: (N, K) its derivatives by ``z``.
+        evaluations: simulations of the whole plan.
+        alternatives: other optima that fit nearly as well, from which a larger model may end better.
+        anchors: standard deviations [SI] of the held anchors, by name.
+        use: which samples were fitted.
+    """
+
+    setup: Setup
+    plan: Plan
+    variables: Variables
+    z: Array
+    held: Mapping[str, str]
+    residual: Array
+    jacobian: Array
+    evaluations: int
+    alternatives: tuple[Setup, ...] = ()
+    anchors: Mapping[str, float] = field(default_factory=dict)
+    use: str = "identification"
+
+    @property
+    def chi2(self) -> float:
+        """Weighted sum of squares over its number of samples; 1 at the noise floor."""
+        return float(self.residual @ self.residual / self.residual.size)
+
+    @property
+    def cost(self) -> float:
+        """Weighted sum of squares."""
+        return float(self.residual @ self.residual)
+
+    @cached_property
+    def by_anchors(self) -> Array:
+        """(K, A) derivatives of ``z`` by the held anchors; one more sweep of sensitivities, where somebody asks."""
+        if not self.anchors or not self.z.size:
+            return np.zeros((self.z.size, len(self.anchors)))
+        problem = Problem(self.setup, self.plan, self.variables)
+        columns = residual_by_anchors(problem, self.z, tuple(self.anchors))
+        return estimates_by_anchors(bread(self.jacobian), self.jacobian, columns)
+
+    @cached_property
+    def scatter(self) -> Scatter:
+        """Covariance of ``z`` by the noise and by what the model misses, and its degrees of freedom."""
+        ends = np.cumsum([0, *(int(r.mask(self.use).sum()) for r in self.plan.recordings)])
+        rows = [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
+        return scatter(self.residual, self.jacobian, self.plan.recordings, rows)
+
+    @cached_property
+    def by_numerics(self) -> Array:
+        """(K,) by how much the numerical error of solver and reconstruction has moved ``z``; two more simulations.
+
+        The bound on that error is for what the parameters cannot take up. What they take up, a few tenths of their
+        standard errors, is the same in every repetition and is not corrected.
+        """
+        # Its module measures fits.
+        from phnn.identification.numerics import numerical_error
+
+        if not self.z.size or self.use != "identification":
+            return np.zeros(self.z.size)
+        return np.asarray(-bread(self.jacobian) @ (self.jacobian.T @ numerical_error(self).error))
+
+    @cached_property
+    def exact_anchors(self) -> Array:
+        """(K, K) covariance of ``z`` where the held anchors are exact: its `scatter`, and the square of the known but
+        uncorrected numerical shift, as the Guide to the Expression of Uncertainty in Measurement has it (F.2.4.5)."""
+        return np.asarray(self.scatter.covariance + np.outer(self.by_numerics, self.by_numerics))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(K, K) covariance of ``z``: `exact_anchors`, and the errors of the held anchors."""
+        variances = np.square(np.array(list(self.anchors.values()), dtype=float))
+        return np.asarray(self.exact_anchors + (self.by_anchors * variances) @ self.by_anchors.T)
+
+    def std(self) -> dict[str, float]:
+        """Standard errors of the estimated parameters and of the held anchors, SI; infinite where the recordings do
+        not identify one."""
+        names, covariance = self.joint_covariance()
+        spread = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        known = [s <= _UNIDENTIFIED for s in spread[: len(self.variables.names)]] + [True] * len(self.anchors)
+        sizes = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        return {n: float(s) if k else float("inf") for n, s, k in zip(names, sizes, known, strict=True)}
+
+    def interval(self, name: str, share: float = 0.95, anchored: bool = True) -> tuple[float, float] | None:
+        """Ends [SI] of the interval that contains a parameter with a probability; None where nothing is known of it.
+
+        It is symmetric in the estimation coordinate, so that a positive parameter has a positive interval, and as wide
+        as Student's t asks for at the degrees of freedom of the covariance. The errors of anchors are normal.
+
+        Args:
+            share: the probability.
+            anchored: count the errors of the held anchors too; without them the anchors are taken as exact.
+        """
+        size = self.std().get(name, np.inf)
+        if not np.isfinite(size):
+            return None
+        p = self.setup.parameters[name]
+        if name not in self.variables.names:
+            reach = float(norm.ppf(0.5 + 0.5 * share)) * size * anchored
+            return p.value - reach, p.value + reach
+        i = self.variables.names.index(name)
+        noise = float(self.scatter.covariance[i, i])
+        total = float((self.covariance if anchored else self.exact_anchors)[i, i])
+        # The other parts of the variance count as known (Satterthwaite 1946).
+        freedom = float(self.scatter.freedom[i]) * (total / noise) ** 2
+        reach = float(student.ppf(0.5 + 0.5 * share, freedom)) * total**0.5
+        z = p.to_coordinate(p.value)
+        return p.from_coordinate(z - reach), p.from_coordinate(z + reach)
+
+    def joint_covariance(self) -> tuple[tuple[str, ...], Array]:
+        """Names and covariance (P, P), SI, of the estimated parameters and the held anchors together.
+
+        Errors of quantities that combine several parameters need it: ``k/m`` is known far better than ``k`` and an
+        anchored ``m`` are each, as both errors go together.
+        """
+        parameters, count = self.setup.parameters, len(self.variables.names)
+        slopes = np.array([parameters[n].slope(parameters[n].value) for n in self.variables.names])
+        variances = np.square(np.array(list(self.anchors.values()), dtype=float))
+        across = slopes[:, None] * self.by_anchors[:count] * variances
+        own = slopes[:, None] * self.covariance[:count, :count] * slopes
+        both = np.block([[own, across], [across.T, np.diag(variances)]])
+        return (*self.variables.names, *self.anchors), both
+
+    @property
+    def initial_states(self) -> dict[str, Array]:
+        """Estimated initial states by recording; those of the others follow from their start."""
+        return {n: state for n in self.variables.unknown if (state := self.initial(n)) is not None}
+
+    def initial(self, name: str) -> Array | None:
+        """Estimated initial state of a recording, or None."""
+        recording = next(r for r in self.plan.recordings if r.name == name)
+        return self.variables.initial(recording, self.z)
+
+
+def fit(
+    setup: Setup,
+    plan: Plan,
+    names: Sequence[str],
+    held: Mapping[str, str] | None = None,
+    max_evaluations: int = 40,
+    tolerance: float = TOLERANCE,
+    origin: Fit | None = None,
+    use: str = "identification",
+    begun: Problem | None = None,
+) -> Fit:
+    """Estimate the named parameters from the identification samples of a plan.
+
+    Args:
+        setup: model with starting values and bounds.
+        names: parameters to estimate.
+        held: reasons why others are not estimated, carried along.
+        max_evaluations: bound on the simulations of the plan.
+        tolerance: relative change of the cost and of ``z`` at which to stop.
+        origin: an earlier fit whose estimated initial states to start from.
+        use: which samples are fitted.
+        begun: the same problem, where it has been looked at already at its start.
+    """
+    assert begun is None or (begun.plan is plan and begun.variables.names == tuple(names))
+    problem = begun or Problem(setup, plan, variables_from(setup, plan, names, origin), use)
+    variables = problem.variables
+    lower, upper = variables.bounds(setup)
+    start = np.clip(variables.start(setup), lower + 1e-12, upper - 1e-12)
+    if start.size == 0:
+        return _finish(problem, start, dict(held or {}), 1)
+    result = least_squares(
+        problem.size,
+        start,
+        jac=problem.slopes,
+        bounds=(lower, upper),
+        x_scale="jac",
+        ftol=tolerance,
+        xtol=tolerance,
+        gtol=None,
+        max_nfev=max_evaluations,
+    )
+    return _finish(problem, result.x, dict(held or {}), int(result.nfev))
+
+
+def distinct_optima(fits: Sequence[Fit]) -> tuple[Fit, tuple[Setup, ...]]:
+    """The best fit, and the setups of others that cost nearly as little at clearly different parameters."""
+    ordered = sorted(fits, key=lambda f: f.cost)
+    kept = ordered[:1]
+    for other in ordered[1:]:
+        if other.cost <= _NEARLY * ordered[0].cost and all(_apart(other, k) for k in kept) and len(kept) <= _MOST:
+            kept.append(other)
+    return kept[0], tuple(f.setup for f in kept[1:])
+
+
+def _apart(a: Fit, b: Fit) -> bool:
+    """Whether two fits differ in some parameter that both identify, by more than a fifth of its scale."""
+    common = [n for n in a.variables.names if n in b.variables.names]
+    p, q = a.setup.parameters, b.setup.parameters
+    if set(a.variables.names) != set(b.variables.names):
+        return True
+    return any(abs(p[n].to_coordinate(p[n].value) - q[n].to_coordinate(q[n].value)) > _APART for n in common)
+
+
+def carried(initial: Array, known: Setup, wanted: Setup, own: Array) -> Array:
+    """The initial state (N,) of a setup where another one begins at ``initial``: ``own`` in the states it has not."""
+    earlier = dict(zip(known.network.state_names, initial, strict=True))
+    return np.array([earlier.get(state, v) for state, v in zip(wanted.network.state_names, own, strict=True)])
+
+
+def variables_from(setup: Setup, plan: Plan, names: Sequence[str], origin: Fit | None) -> Variables:
+    """The variables of a fit that begins at the initial states of an earlier one; what it had not begins anew."""
+    variables = variables_of(setup, plan, names)
+    if origin is None:
+        return variables
+    timed = [origin.variables.timed(r, origin.z) for r in plan.recordings]
+    variables = replace(variables, instants={r.name: x for r in timed if (x := unknown_instants(r)).size})
+    known = origin.initial_states
+    moved = {
+        n: carried(known[n], origin.setup, setup, own) if n in known else own for n, own in variables.origin.items()
+    }
+    return replace(variables, origin=moved)
+
+
+def _finish(problem: Problem, z: Array, held: dict[str, str], evaluations: int) -> Fit:
+    residual = problem.residual(z)
+    jacobian = problem.jacobian(z) if z.size else np.zeros((residual.size, 0))
+    timed = tuple(problem.variables.timed(r, z) for r in problem.plan.recordings)
+    return Fit(
+        setup=problem.variables.setup(problem.template, z),
+        plan=replace(problem.plan, recordings=timed),
+        variables=problem.variables,
+        z=z,
+        held=held,
+        residual=residual,
+        jacobian=jacobian,
+        evaluations=evaluations,
+        anchors=held_anchors(problem),
+        use=problem.use,
+    )
+
+
+def unidentified(jacobian: Array, names: Sequence[str]) -> list[str]:
+    """Names that the recordings cannot identify, worst first, from the sensitivities alone.
+
+    A parameter is dropped while some direction of the scaled Jacobian leaves a coordinate uncertain by more than
+    a factor ``e^1.5``; what is dropped is the largest entry of the weakest direction.
+    """
+    left = list(range(len(names)))
+    dropped: list[str] = []
+    square = np.asarray(np.linalg.qr(jacobian, mode="r"))
+    while left:
+        _, singular, rows = np.linalg.svd(square[:, left], full_matrices=False)
+        spread = np.sqrt(np.sum((rows / np.maximum(singular, 1e-100)[:, None]) ** 2, axis=0))
+        if spread.max() <= _UNIDENTIFIED and singular[-1] > 1e-10 * singular[0]:
+            break
+        worst = left[int(np.argmax(np.abs(rows[-1])))]
+        dropped.append(names[worst])
+        left.remove(worst)
+    return dropped

@@ -1,0 +1,77 @@
+"""The state in which a recording begins, from its first samples alone, the model held."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.identification.fit import Fit, fit
+from phnn.identification.plan import Plan
+from phnn.identification.problem import Problem
+from phnn.identification.variables import Variables, variables_of
+from phnn.recordings.recording import Recording
+from phnn.setup import Setup
+
+Array = NDArray[np.float64]
+
+# Samples beyond those that are fitted: an input between samples depends on the ones after it.
+_BEYOND = 200
+# An initial state is sought from so many states drawn from its prior, for thresholds bend the way to it: a few
+# evaluations from each, and enough from the best.
+_DRAWN, _FEW, _ENOUGH, _SEED = 5, 12, 60, 0
+
+
+def estimated_start(setup: Setup, recording: Recording, substeps: int) -> Array | None:
+    """(N,) initial state of a recording with a head that is not scored, estimated from that head; None where its start
+    says it."""
+    setup, plan = _head_of(setup, recording, substeps)
+    variables = variables_of(setup, plan, ())
+    if not variables.unknown:
+        return None
+    starts = [variables.expected[recording.name].mean, *_draws(variables, recording.name, _DRAWN)]
+    found = min((_fitted(setup, plan, _beginning(variables, recording.name, x), _FEW) for x in starts), key=_cost)
+    last = _beginning(variables, recording.name, found.initial(recording.name))
+    return _fitted(setup, plan, last, _ENOUGH).initial(recording.name)
+
+
+def likely_start(setup: Setup, recording: Recording, substeps: int) -> Array | None:
+    """(N,) the state in which a recording begins: estimated where its output was recorded and has a head, else the one
+    that is expected before any sample is seen; None where its start says it."""
+    if recording.mask("nuisance").any() and np.isfinite(recording.y).all():
+        return estimated_start(setup, recording, substeps)
+    known = variables_of(setup, Plan((recording,), {recording.name: substeps}, workers=1), ()).expected
+    return known[recording.name].mean if recording.name in known else None
+
+
+def _cost(fitted: Fit) -> float:
+    return fitted.cost
+
+
+def _head_of(setup: Setup, recording: Recording, substeps: int) -> tuple[Setup, Plan]:
+    """A recording as far as its head is concerned, and the setup for it.
+
+    A slow course is left aside, for over so short a part it looks like a motion that dies away.
+    """
+    setup = replace(setup, own=setup.own._replace(courses=0))
+    last = int(np.flatnonzero(recording.mask("nuisance"))[-1]) + 1 + _BEYOND
+    # Which lines a recording can hold is asked of the whole of it; what comes later takes time to simulate and tells
+    # nothing of the initial state.
+    head = recording if setup.own.lines else recording.only(slice(last))
+    return setup, Plan((head,), {recording.name: substeps}, workers=1)
+
+
+def _draws(variables: Variables, name: str, count: int) -> list[Array]:
+    """Initial states drawn from the prior."""
+    rng, expected = np.random.default_rng(_SEED), variables.expected[name]
+    return [expected.mean + expected.spread * rng.standard_normal(expected.mean.size) for _ in range(count)]
+
+
+def _beginning(variables: Variables, name: str, state: Array | None) -> Variables:
+    return variables if state is None else replace(variables, origin={name: state})
+
+
+def _fitted(setup: Setup, plan: Plan, variables: Variables, evaluations: int) -> Fit:
+    problem = Problem(setup, plan, variables, "nuisance")
+    return fit(setup, plan, (), max_evaluations=evaluations, use="nuisance", begun=problem)

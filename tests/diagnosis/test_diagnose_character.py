@@ -1,0 +1,103 @@
+"""Curves of known kind are described as what they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import campaigns
+import numpy as np
+import pytest
+
+from phnn.diagnosis.character import character_of, forgetting, in_words, memory_in_words, shape_of, without_line
+from phnn.diagnosis.learn import learned_force, learned_setup
+from phnn.diagnosis.locate import locate
+from phnn.diagnosis.words import fitted_in_words, learned_in_words
+
+X = np.linspace(-90.0, 90.0, 241)
+
+
+@pytest.mark.parametrize(
+    ("curve", "even", "side", "kind", "at"),
+    [
+        (X**3, 0.0, 0, "power", 3.0),
+        (X**2, 1.0, 0, "power", 2.0),
+        (np.maximum(X - 60.0, 0.0), 0.5, 1, "onset", 60.0 / 90.0),
+        (np.maximum(-X - 30.0, 0.0), 0.5, -1, "onset", 30.0 / 90.0),
+        (np.sign(X) * np.maximum(np.abs(X) - 45.0, 0.0), 0.0, 0, "onset", 0.5),
+        (np.tanh(X / 4.0), 0.0, 0, "level", 4.0 / 90.0),
+        (np.abs(X) * X, 0.0, 0, "power", 2.0),
+    ],
+)
+def test_character_of_curves(curve: np.ndarray, even: float, side: int, kind: str, at: float) -> None:
+    noisy = curve + 0.01 * np.abs(curve).max() * np.random.default_rng(0).standard_normal(X.size)
+    for y in (curve, -curve, noisy):
+        found = character_of(X, y)
+        assert found.even == pytest.approx(even, abs=0.02)
+        assert found.side == side
+        assert found.shape.kind == kind
+        assert found.shape.at == pytest.approx(at, rel=0.1)
+
+
+def test_a_straight_line_through_the_inner_part_is_no_character() -> None:
+    stop = np.maximum(X - 60.0, 0.0)
+    assert without_line(X, stop + 0.7 * X - 2.0) == pytest.approx(stop, abs=1e-9)
+
+
+def test_words_of_a_stop_and_of_an_odd_power() -> None:
+    stop = in_words(character_of(X, np.maximum(X - 60.0, 0.0)), "displacement", "90 µm", "0.8 N", "60 µm")
+    assert stop == (
+        "It acts for positive displacement only, sets in at 60 µm and grows from there; at 90 µm it has reached 0.8 N."
+    )
+    cube = in_words(character_of(X, X**3), "displacement", "90 µm", "0.8 N", "")
+    assert "is odd in the displacement, is there from the start and grows with the cube" in cube
+    assert shape_of(np.linspace(0.0, 1.0, 50), np.linspace(0.0, 1.0, 50)).at == 1.0
+
+
+def test_forgetting_of_one_time_constant_and_of_many() -> None:
+    t = np.geomspace(1e-4, 10.0, 241)
+    one = forgetting(t, 3.0 * np.exp(-t / 0.1))
+    assert one is not None
+    assert one == pytest.approx((0.0105, 0.0693, 0.230), rel=0.06)
+    assert "as with one time constant" in memory_in_words(one, ("10 ms", "69 ms", "230 ms"))
+    many = forgetting(t, sum((np.exp(-t / tau) for tau in np.geomspace(1e-3, 1.0, 7)), np.zeros_like(t)))
+    assert many is not None
+    assert "over decades of time" in memory_in_words(many, ("1 ms", "30 ms", "1 s"))
+    assert forgetting(t, np.sin(t)) is None
+
+
+def test_the_law_of_a_learned_spring_and_of_a_memory() -> None:
+    ground = campaigns.ground("none")
+    base, scales = ground.fit.setup, ground.scales
+    spring = learned_setup(base, "elastic", scales)
+    assert spring is not None
+    strengths = {n: 0.0 for n in spring.free if n not in base.parameters}
+    gap = spring.parameters["g_L3"].value
+    spring = spring.with_values(strengths | {"k_R3": 2e4})
+    q = np.linspace(-1.0, 1.0, 241) * scales.displacement
+    assert learned_force(base, spring, q, 1.0) == pytest.approx(-2e4 * np.maximum(q - gap, 0.0), abs=1e-9)
+    where = replace(locate(ground, campaigns.generic("none")), name="mechanical", detail="elastic", group=0)
+    words = learned_in_words(ground, where, spring)
+    assert "a spring: conservative" in words
+    onset = float(words.partition("sets in at ")[2].partition(" µm")[0])
+    assert onset == pytest.approx(1e6 * gap, rel=0.03)
+    memory = learned_setup(base, "memory", scales)
+    assert memory is not None
+    k = memory.parameters["k_M2"].value
+    tau = memory.parameters["tau_M2"].value
+    others = {n: memory.parameters[n].lower for n in memory.free if n not in base.parameters}
+    alone = learned_force(base, memory.with_values(others | {"k_M2": 1e6 * k}), np.array([0.0, tau]), 1e-6)
+    assert alone[1] / alone[0] == pytest.approx(np.exp(-1.0), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("effect", "words"),
+    [
+        ("cubic_stiffness", ("missing force", "the displacement", "odd")),
+        pytest.param("coulomb_friction", ("missing",), marks=pytest.mark.slow),
+        ("contact_stop", ("missing force", "positive displacement only", "sets in at")),
+    ],
+)
+def test_what_was_fitted_at_the_location_in_words(effect: str, words: tuple[str, ...]) -> None:
+    ground = campaigns.ground(effect)
+    found = fitted_in_words(ground, locate(ground, campaigns.generic(effect)))
+    assert all(w in found for w in words), found

@@ -1,0 +1,83 @@
+"""Rigs that impose a motion and measure its force: what was withheld from the model is named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from phnn.diagnosis.diagnosis import diagnose
+from phnn.identification.base import Options
+from phnn.recordings import read
+from phnn.report.missing import missing_entries
+
+Array = NDArray[np.float64]
+
+K, B, F_C, V_S, K_F, NOISE = 4.0e4, 2.0e3, 120.0, 4.0e-3, 3.0e5, 2.0
+DT, SIZE, FINER = 5e-3, 1000, 20
+# Amplitude [m] and frequency [Hz] of every recording; the last two are held out.
+SINES = ((4e-3, 0.6), (2e-3, 1.1), (6e-3, 0.9), (3e-3, 1.5), (5e-3, 0.75), (1e-3, 1.3))
+
+RIG = """
+junctions: {rig: 1}
+elements:
+  q: {type: C, junction: rig, law: spring, parameters: [k], unit: m}
+  damper: {type: R, junction: rig, law: linear, parameters: [b], direction: resistance}
+  motion: {type: Sf, junction: rig, unit: m/s}
+parameters:
+  k: {value: 1.0e+4, unit: N/m, positive: true}
+  b: {value: 1.0e+3, unit: N s/m, positive: true}
+output: motion
+"""
+
+
+def dry(x: Array, v: Array) -> Array:
+    """Dry friction that turns round with the velocity [N]."""
+    return np.asarray(F_C * np.tanh(v / V_S))
+
+
+def bristles(x: Array, v: Array) -> Array:
+    """A spring that slips: elastic before it slides [N]."""
+    force, most = np.zeros_like(x), 0.5 * F_C
+    for n in range(1, x.size):
+        force[n] = min(max(force[n - 1] + K_F * (x[n] - x[n - 1]), -most), most)
+    return force
+
+
+def folder(home: Path, withheld: object) -> Path:
+    """Recordings of a rig, from closed formulas alone."""
+    rng, fine = np.random.default_rng(3), DT / FINER * np.arange((SIZE - 1) * FINER + 1)
+    fade = np.minimum(fine / 0.8, 1.0) ** 3
+    fade *= 10.0 - fade ** (1 / 3) * (15.0 - 6.0 * fade ** (1 / 3))
+    for i, (size, frequency) in enumerate(SINES):
+        x = size * fade * np.sin(2 * np.pi * frequency * fine)
+        v = np.gradient(x, fine)
+        force = (K * x + B * v + withheld(x, v))[::FINER] + NOISE * rng.standard_normal(SIZE)  # type: ignore[operator]
+        rows = np.column_stack([fine[::FINER], 1e3 * x[::FINER], force])
+        np.savetxt(home / f"r{i}.csv", rows, delimiter=",", header="time_s,input_mm,output_N", comments="")
+    held = len(SINES) - 2
+    uses = "\n".join(f"  - {{file: r{i}.csv, use: confirmation}}" for i in range(held, len(SINES)))
+    others = "\n".join(f"  - {{file: r{i}.csv, use: identification}}" for i in range(held))
+    (home / "rig.yaml").write_text(RIG)
+    (home / "recordings.yaml").write_text(f"setup: {{network: rig.yaml}}\nstart: rest\nrecordings:\n{others}\n{uses}\n")
+    return home
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("withheld", "known"),
+    [(dry, {"F_c": F_C, "v_s": V_S}), (bristles, {"k_f": K_F, "F_c": 0.5 * F_C})],
+    ids=["dry friction", "bristles"],
+)
+def test_friction_that_was_withheld_is_named(tmp_path: Path, withheld: object, known: dict[str, float]) -> None:
+    found = diagnose(read(folder(tmp_path, withheld)), Options(workers=1))
+    assert found.judgement.verdict == "named"
+    (entry,) = missing_entries(found)
+    assert entry["effect"] == "coulomb_friction" and entry["location"] == "mechanical" and entry["place"] == "q"
+    assert found.after.over_noise("confirmation") < 1.05
+    for name, value in known.items():
+        assert entry["parameters"][name]["value"] == pytest.approx(value, rel=0.02)
+    # A measured force is an anchor.
+    assert "common factor" not in entry["statement"]

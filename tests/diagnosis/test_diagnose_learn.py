@@ -1,0 +1,27 @@
+"""A learned element pushes only where something was recorded."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import campaigns
+import numpy as np
+import pytest
+
+from phnn.diagnosis.learn import learn, learned_setup
+
+
+def test_springs_beyond_the_recorded_motion_stay_as_weak_as_they_begin() -> None:
+    ground = campaigns.ground("creep")
+    wide = replace(ground, scales=replace(ground.scales, displacement=2.0 * ground.scales.displacement))
+    found = learn(wide, "elastic")
+    assert found is not None
+    reached = max(float(np.abs(t.states[:, t.program.output]).max()) for t in ground.trajectories)
+    begun = learned_setup(ground.fit.setup, "elastic", wide.scales)
+    assert begun is not None
+    values, stops = found.setup.values(), [f"{side}{i}" for i in range(1, 5) for side in "RL"]
+    beyond = [i for i in stops if values[f"g_L{i[1]}"] > 1.01 * reached]
+    assert len(beyond) >= 4
+    assert not {f"k_{i}" for i in beyond} & set(found.variables.names)
+    assert [values[f"k_{i}"] for i in beyond] == pytest.approx([begun.values()[f"k_{i}"] for i in beyond])
+    assert any(f"k_{i}" in found.variables.names for i in stops)

@@ -1,0 +1,346 @@
+"""Local dictionaries, the responses to them, the location they point to and the picture there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import campaigns
+import numpy as np
+import pytest
+
+from phnn.diagnosis.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
+from phnn.diagnosis.ground import direction
+from phnn.diagnosis.learn import learn
+from phnn.diagnosis.ledger import account
+from phnn.diagnosis.lines import course_share, line_share
+from phnn.diagnosis.locate import Location, locate, recording_scores, strongest_frequencies, strongest_times
+from phnn.diagnosis.name import score
+from phnn.diagnosis.picture import missing_force, picture
+from phnn.effects import Effect, catalogue
+from phnn.effects.effect import LOCATIONS
+from phnn.effects.learned import learned_elements
+from phnn.simulate import simulate
+
+# Functions of time alone act without any motion.
+_OF_TIME = ("drift", "lines")
+
+
+@pytest.mark.parametrize("group", GROUPS, ids=lambda g: f"{g.location}/{g.detail}")
+def test_local_functions_are_finite_and_of_the_right_shape(group: Group) -> None:
+    ground = campaigns.ground()
+    assert group.location in LOCATIONS
+    for trajectory in ground.trajectories:
+        functions = group.functions(trajectory, ground.scales)
+        rows = trajectory.t.size if group.enters == OUTPUT else trajectory.h.size
+        assert functions.shape[0] == rows
+        assert functions.shape[1] >= 1
+        assert np.isfinite(functions).all()
+        # Dimensionless and of order one: the scales belong to the campaign.
+        assert np.abs(functions).max() < 1e3
+
+
+@pytest.mark.parametrize("group", [g for g in GROUPS if g.detail not in _OF_TIME], ids=lambda g: g.detail)
+def test_local_functions_vanish_without_motion(group: Group) -> None:
+    ground = campaigns.ground()
+    still = replace(ground.plan.recordings[0], u=np.zeros(ground.plan.recordings[0].u.size))
+    trajectory = simulate(ground.fit.setup, still, 1)
+    assert np.abs(trajectory.states).max() == 0.0
+    assert np.abs(group.functions(trajectory, ground.scales)).max() == 0.0
+
+
+@pytest.mark.parametrize("group", [g for g in GROUPS if g.static is not None], ids=lambda g: g.detail)
+def test_static_picture_has_the_functions_of_the_group(group: Group) -> None:
+    ground = campaigns.ground()
+    trajectory, scales = ground.trajectories[0], ground.scales
+    assert group.static is not None
+    axis = {
+        "displacement [m]": trajectory.y if group.enters == OUTPUT else trajectory.mid_displacement,
+        "velocity [m/s]": trajectory.velocity,
+        "voltage [V]": trajectory.u[:, 0],
+        "time [s]": trajectory.t,
+    }
+    functions = group.functions(trajectory, scales)
+    if group.axis in axis:
+        np.testing.assert_allclose(group.static(axis[group.axis], scales), functions, atol=1e-12)
+    else:
+        after = group.static(np.geomspace(1e-6, 10.0, 50), scales)
+        assert after.shape[1] == functions.shape[1]
+        assert (np.diff(after, axis=0) <= 0.0).all()
+
+
+def test_responses_are_normalised_and_the_owners_complete() -> None:
+    found = campaigns.generic()
+    norms = np.linalg.norm(found.columns, axis=0)
+    assert np.isfinite(found.columns).all()
+    assert np.allclose(norms[norms > 0.0], 1.0)
+    assert set(found.owner.tolist()) == set(range(len(GROUPS)))
+
+
+@pytest.mark.parametrize(
+    ("effect", "place", "values"),
+    [
+        ("cubic_stiffness", ("mechanical", "elastic", 1), {"kappa_3": 1e-4}),
+        ("quadratic_drag", ("mechanical", "dissipative", 4), {"c_2": 1e-2}),
+        ("electrostriction", ("coupling", "force against voltage", 0), {"epsilon": 1e-7}),
+        ("sensor_drift", ("sensor", "drift", 0), {"drift_rate": 1e-9}),
+    ],
+)
+def test_response_is_the_change_that_the_element_itself_makes(
+    effect: str, place: tuple[str, str, int], values: dict[str, float]
+) -> None:
+    # Linear sensitivities on one side, two simulations of different networks on the other.
+    from phnn.effects import catalogue
+
+    ground, found = campaigns.ground(), campaigns.generic()
+    index = next(i for i, g in enumerate(GROUPS) if (g.location, g.detail) == place[:2])
+    column = found.columns[:, np.flatnonzero(found.owner == index)[place[2]]]
+    entry = catalogue()[effect]
+    weak = {**entry.grid(ground.scales)[0], **values}
+    setup = entry.add_to(ground.fit.setup, weak)
+    moved = [
+        simulate(setup, r, ground.plan.steps_of(r)).y - t.y
+        for r, t in zip(ground.plan.recordings, ground.trajectories, strict=True)
+    ]
+    change = ground.stack(moved)
+    cosine = abs(float(change @ column)) / np.linalg.norm(change)
+    assert cosine > 0.995
+
+
+TRUE = {
+    "creep": "mechanical",
+    "cubic_stiffness": "mechanical",
+    "coulomb_friction": "mechanical",
+    "quadratic_drag": "mechanical",
+    "extra_hysteron": "hysteron",
+    "hysteresis_asymmetry": "hysteron",
+    "electrostriction": "coupling",
+    "amplifier_lowpass": "amplifier",
+    "amplifier_saturation": "amplifier",
+    "sensor_drift": "sensor",
+    "contact_stop": "mechanical",
+}
+
+
+FAST = ("quadratic_drag", "electrostriction", "amplifier_saturation", "sensor_drift")
+
+
+@pytest.mark.parametrize("effect", [e if e in FAST else pytest.param(e, marks=pytest.mark.slow) for e in TRUE])
+def test_true_location_comes_first_or_ties(effect: str) -> None:
+    found = locate(campaigns.ground(effect), campaigns.generic(effect))
+    assert TRUE[effect] in (found.name, *found.tied), found.scores
+    assert found.ranks[found.name] == max(found.ranks[n] for n in found.scores)
+    assert all(found.ranks[n] <= share for n, share in {**found.scores, **found.details}.items())
+    assert found.scores[TRUE[effect]] > 0.5
+    assert set(found.scores) <= set(LOCATIONS)
+    assert all(0.0 <= s <= 1.0 for s in found.scores.values())
+
+
+def test_where_and_when_the_residual_is() -> None:
+    ground = campaigns.ground("amplifier_saturation")
+    scores = recording_scores(ground)
+    assert set(scores) == {r.name for r in ground.plan.recordings}
+    sizes = [r.size for r in (ground.fit.residual[s] for s in ground.slices)]
+    assert np.dot(np.square(list(scores.values())), sizes) == pytest.approx(ground.fit.cost)
+    # What is clipped leaves its trace at multiples of the excitation.
+    assert any(f > 0.0 and abs(f / 10.0 - round(f / 10.0)) < 0.02 for f in strongest_frequencies(ground))
+    worst = max(scores, key=lambda n: scores[n])
+    index = [r.name for r in ground.plan.recordings].index(worst)
+    recording, residual = ground.plan.recordings[index], np.abs(ground.fit.residual[ground.slices[index]])
+    times = strongest_times(ground)
+    assert times == sorted(times)
+    assert recording.t[np.argmax(residual)] in times
+
+
+def test_lines_of_a_frequency_that_recordings_share_lie_in_the_environment() -> None:
+    ground = campaigns.ground()
+    rng = np.random.default_rng(0)
+    times = np.concatenate([r.t[r.mask("identification")] for r in ground.plan.recordings])
+    phases = np.concatenate([np.full(s.stop - s.start, rng.uniform(0.0, 6.0)) for s in ground.slices])
+    noise = rng.standard_normal(times.size)
+    power = {}
+    for size in (0.0, 2.0):
+        residual = noise + size * np.sin(2.0 * np.pi * 445.0 * times + phases)
+        shown = replace(ground, fit=replace(ground.fit, residual=residual, jacobian=np.zeros((times.size, 0))))
+        power[size] = line_share(shown) / times.size
+    assert power[0.0] < 0.01
+    # A sine of amplitude two holds twice the power of the noise.
+    assert power[2.0] == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.parametrize(("ratio", "share"), [(0.005, 0.25), (0.03, 0.6)])
+def test_a_mode_that_rings_like_a_line_lies_in_the_mechanics(ratio: float, share: float) -> None:
+    ground = campaigns.ground()
+    omega = 2.0 * np.pi * 3.3 * ground.scales.fastest
+    mass = 1e-3 * ground.fit.setup.values()["m"]
+    values = {"m_2": mass, "k_2": mass * omega**2, "b_2": 2.0 * ratio * mass * omega}
+    change = direction(ground, catalogue()["second_mode"], values)
+    noise = np.random.default_rng(2).standard_normal(change.size)
+    residual = 3.0 * change / np.sqrt(np.mean(change**2)) + noise
+    shown = replace(ground, fit=replace(ground.fit, residual=residual, jacobian=np.zeros((change.size, 0))))
+    peaks = shown.spectra.peaks
+    assert any(abs(2.0 * np.pi * f / omega - 1.0) < 0.03 for f in peaks)
+    without, found = (locate(replace(shown, scales=replace(shown.scales, peaks=p))) for p in ((), peaks))
+    assert (found.name, found.detail) == ("mechanical", "ringing mode"), found.ranks
+    # A bank of slow filters does not turn its phase as quickly.
+    assert found.details["mechanical/ringing mode"] > max(share, 2.0 * without.details["mechanical/mode"])
+    assert without.details["mechanical/ringing mode"] == 0.0
+
+
+def test_what_takes_its_frequency_from_the_residual_is_no_test_of_it() -> None:
+    responses = campaigns.generic()
+    searched = [GROUPS[i].searched for i in responses.owner]
+    assert any(searched)
+    np.testing.assert_array_equal(responses.tests, responses.columns[:, np.logical_not(searched)])
+    ground = campaigns.ground()
+    scored = score(ground, [], responses, 0)
+    alone = replace(responses, columns=responses.tests, owner=responses.owner[np.logical_not(searched)])
+    assert scored.statistic == score(ground, [], alone, 0).statistic
+
+
+def test_a_course_of_its_own_in_every_recording_lies_in_the_sensor() -> None:
+    ground = campaigns.ground()
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal(ground.residual.size)
+    walks = [np.cumsum(rng.standard_normal(s.stop - s.start)) for s in ground.slices]
+    walk = np.concatenate([w - w.mean() for w in walks])
+    walk *= 3.0 / walk.std()
+    power = {}
+    for size in (0.0, 1.0):
+        shown = replace(
+            ground, fit=replace(ground.fit, residual=noise + size * walk, jacobian=np.zeros((noise.size, 0)))
+        )
+        power[size] = course_share(shown) / noise.size
+        found = locate(shown, campaigns.generic())
+        assert ((found.name, found.detail) == ("sensor", "drift")) == bool(size)
+    assert power[0.0] < 0.01
+    # Nine times the power of the noise; recordings of few periods tell only a part of it.
+    assert 4.0 < power[1.0] < 9.0
+
+
+def at(index: int, count: int) -> Location:
+    group = GROUPS[index]
+    weights = np.linspace(0.5, 1.0, count) * 1e-3
+    return Location(group.location, group.detail, (), {}, {}, {}, index, weights, 1e-8 * np.eye(count))
+
+
+@pytest.mark.parametrize("index", range(len(GROUPS)), ids=lambda i: GROUPS[i].detail)
+def test_every_group_has_a_picture(index: int) -> None:
+    ground, group = campaigns.ground(), GROUPS[index]
+    count = int((campaigns.generic().owner == index).sum())
+    drawn = picture(ground, at(index, count))
+    if group.enters == OUTPUT and group.static is None:
+        assert drawn is None
+        return
+    assert drawn is not None
+    assert drawn.x.shape == drawn.y.shape
+    assert drawn.x.size > 50
+    assert np.isfinite(drawn.x).all()
+    assert np.isfinite(drawn.y).all()
+    # The voltage of these recordings never rises faster than a slew limit of interest.
+    assert np.ptp(drawn.y) > 0.0 or group.detail == "slew"
+    unit = {FORCE: "[N]", VOLTAGE: "[V]", OUTPUT: "[nm]", PARAMETER: "relative change"}[group.enters]
+    assert unit in drawn.y_label
+    assert (drawn.std is None) == (group.static is None)
+    if drawn.std is not None:
+        assert (drawn.std >= 0.0).all()
+    force = missing_force(ground, at(index, count), 0)
+    assert (force is None) == (group.enters != FORCE)
+    if force is not None:
+        assert force.shape == ground.trajectories[0].h.shape
+
+
+@pytest.mark.slow
+def test_learned_picture_is_the_force_that_is_missing() -> None:
+    # A hardening spring: the missing force is −κ₃ k q³/q₀², here from the recordings alone.
+    effect = "cubic_stiffness"
+    ground, sealed = campaigns.ground(effect), campaigns.concealed(effect)[1]
+    index = next(i for i, g in enumerate(GROUPS) if g.detail == "elastic")
+    found = locate(ground, campaigns.generic(effect))
+    assert found.detail == "elastic"
+    assert found.group == index
+    drawn = picture(ground, found)
+    assert drawn is not None
+    q = drawn.x * 1e-6
+    missing = -sealed.parameters["kappa_3"] * sealed.base["k"] * q**3 / sealed.parameters["q_0"] ** 2
+    # What the base took over is linear in q at most.
+    both = np.column_stack([drawn.y, q])
+    explained = both @ np.linalg.lstsq(both, missing, rcond=None)[0]
+    assert np.corrcoef(explained, missing)[0, 1] > 0.98
+
+
+def test_energy_is_accounted_for_to_rounding() -> None:
+    for effect in ("none", "creep"):
+        for trajectory in campaigns.ground(effect).trajectories:
+            found = account(trajectory)
+            turnover = float(np.sum(trajectory.h * np.abs(trajectory.velocity * trajectory.u[:, 0])))
+            turnover *= trajectory.setup.parameters["alpha"].value
+            assert abs(found.defect) < 1e-10 * turnover
+            assert set(found.dissipated) == {"damper", "hysteron_1", "hysteron_2"}
+            assert all(d >= 0.0 for d in found.dissipated.values())
+            assert found.supplied > 0.0
+            assert found.unexplained == 0.0
+            force = np.ones_like(trajectory.velocity)
+            again = account(trajectory, force)
+            assert again.unexplained == pytest.approx(float(np.sum(trajectory.h * np.abs(trajectory.velocity))))
+            assert again.defect == found.defect
+
+
+def test_ledger_of_a_network_with_a_creeping_spring_balances() -> None:
+    from phnn.effects import catalogue
+
+    ground = campaigns.ground()
+    entry = catalogue()["creep"]
+    setup = entry.add_to(ground.fit.setup, entry.grid(ground.scales)[0])
+    trajectory = simulate(setup, ground.plan.recordings[0], 2)
+    found = account(trajectory)
+    assert abs(found.defect) < 1e-10 * sum(found.dissipated.values()) + 1e-10 * abs(found.supplied)
+    assert len(found.dissipated) == 4
+    assert all(d >= -1e-15 for d in found.dissipated.values())
+
+
+@pytest.mark.slow
+def test_a_learned_spring_finds_the_stop() -> None:
+    effect = "contact_stop"
+    ground, sealed = campaigns.ground(effect), campaigns.concealed(effect)[1]
+    learned = learn(ground, "elastic")
+    assert learned is not None
+    assert learned.cost < 0.5 * ground.fit.cost
+    p = learned.setup.parameters
+    sides = {"R": 1.0, "L": -1.0}
+    stops = [(p[f"k_{s}{i}"].value, sign * p[f"g_L{i}"].value) for s, sign in sides.items() for i in range(1, 5)]
+    yielding = [(p[f"k_S{i}"].value, p[f"g_L{i}"].value) for i in (5, 6)]
+    assert all(k >= 0.0 for k, _ in (*stops, *yielding))
+
+    def stiffness(q: float) -> float:
+        beyond = sum(k for k, gap in stops if (q > gap if gap > 0 else q < gap))
+        return p["k"].value + beyond + sum(k for k, reach in yielding if abs(q) < reach)
+
+    reach = ground.scales.displacement
+    stop = sealed.parameters["q_c"]
+    assert 0.4 * reach < stop < reach
+    softest = min(stiffness(s * stop) for s in (-0.6, 0.0, 0.6))
+    assert stiffness(reach) > softest + 0.3 * sealed.parameters["k_c"]
+    # The other side has no stop: nothing like it is learned there.
+    assert stiffness(-reach) - softest < 0.5 * (stiffness(reach) - softest)
+
+
+@pytest.mark.parametrize("detail", ["dissipative", "memory"])
+def test_learned_dampers_and_memories_follow_what_is_missing(detail: str) -> None:
+    effect = {"dissipative": "quadratic_drag", "memory": "creep"}[detail]
+    ground = campaigns.ground(effect)
+    learned = learn(ground, detail)
+    assert learned is not None
+    assert learned.chi2 < 0.5 * ground.fit.chi2
+    strengths = learned_elements()[{"dissipative": "learned_damper", "memory": "learned_relaxation"}[detail]].strengths
+    assert all(learned.setup.values()[n] >= 0.0 for n in strengths)
+
+
+def test_nothing_is_learned_where_there_is_no_one_port() -> None:
+    assert learn(campaigns.ground(), "lag") is None
+
+
+@pytest.mark.parametrize("effect", list(catalogue().values()), ids=lambda e: e.name)
+def test_every_effect_is_of_a_kind_that_the_dictionaries_have(effect: Effect) -> None:
+    kinds = {(g.location, g.detail) for g in GROUPS}
+    # A constant shows at once and everywhere: no function of time or state is needed to describe it.
+    assert (effect.location, effect.kind) in kinds or effect.kind in ("offset", "constant")

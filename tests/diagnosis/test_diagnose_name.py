@@ -1,0 +1,204 @@
+"""The score of the catalogue, its null, the classes and the verdict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import campaigns
+import numpy as np
+import pytest
+from junctions import recording
+from scipy.stats import kstest
+
+from phnn.diagnosis import name as naming
+from phnn.diagnosis.judge import judge
+from phnn.diagnosis.name import Candidate, score, tail
+from phnn.diagnosis.scored import scored as scored_base
+from phnn.diagnosis.trial import Trial, class_of
+from phnn.effects import catalogue
+from phnn.identification.numerics import numerical_error
+from phnn.models.actuator import hrc
+from phnn.setup import NOTHING, Own, Setup
+
+EVERY = tuple(e for e in catalogue().values() if e.can_be_added_to(Setup(hrc(1))))
+SLOW = ("cubic_stiffness", "coulomb_friction", "extra_hysteron", "hysteresis_asymmetry", "amplifier_lowpass")
+
+
+@cache
+def scored(effect: str) -> naming.Naming:
+    return score(campaigns.ground(effect), EVERY, campaigns.generic(effect), 0)
+
+
+def test_p_values_of_noise_are_uniform(monkeypatch: pytest.MonkeyPatch) -> None:
+    ground, generic = campaigns.ground(), campaigns.generic()
+    kept: dict[tuple[str, tuple[float, ...]], np.ndarray] = {}
+    make = naming.direction
+
+    def once(g: Any, effect: Any, values: dict[str, float]) -> np.ndarray:
+        key = effect.name, tuple(values.values())
+        if key not in kept:
+            kept[key] = make(g, effect, values)
+        return kept[key]
+
+    monkeypatch.setattr(naming, "direction", once)
+    monkeypatch.setattr(naming, "_DRAWS", 4_000)
+    monkeypatch.setattr(naming, "_CHUNK", 4_000)
+    chosen = [catalogue()[n] for n in ("creep", "coulomb_friction", "electrostriction", "sensor_drift")]
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(60):
+        noise = rng.standard_normal(ground.fit.residual.size)
+        for rows in ground.slices:
+            noise[rows] -= noise[rows].mean()
+        drawn = replace(ground, fit=replace(ground.fit, residual=noise))
+        found.append(score(drawn, chosen, generic, 0).p_value)
+    assert kstest(found, "uniform").pvalue > 1e-3
+    assert min(found) > 1e-3
+
+
+def test_p_value_of_every_candidate_is_that_of_the_supremum() -> None:
+    found = scored("none")
+    assert found.p_value > 0.01
+    assert all(c.p_value >= found.p_value for c in found.candidates)
+    assert found.statistic >= max(found.generic, found.candidates[0].score)
+    assert [c.score for c in found.candidates] == sorted((c.score for c in found.candidates), reverse=True)
+    assert {c.effect.name for c in found.candidates} == {e.name for e in EVERY}
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        *("quadratic_drag", "electrostriction", "sensor_drift"),
+        *(pytest.param(e, marks=pytest.mark.slow) for e in (*SLOW, "creep", "amplifier_saturation")),
+    ],
+)
+def test_the_concealed_effect_scores_highest(effect: str) -> None:
+    found = scored(effect)
+    assert found.candidates[0].effect.name == effect, [(c.effect.name, round(c.score)) for c in found.candidates]
+    assert found.p_value < 1e-4
+    assert found.candidates[0].p_value < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("effect", "strength"),
+    [
+        ("quadratic_drag", "c_2"),
+        pytest.param("cubic_stiffness", "kappa_3", marks=pytest.mark.slow),
+        ("electrostriction", "epsilon"),
+    ],
+)
+def test_strength_is_estimated_from_the_score(effect: str, strength: str) -> None:
+    values = scored(effect).candidates[0].values
+    true = campaigns.concealed(effect)[1].parameters
+    size = values[strength] * ((true["q_0"] / values["q_0"]) ** 2 if "q_0" in values else 1.0)
+    assert size == pytest.approx(true[strength], rel=0.5)
+
+
+def test_same_seed_same_result() -> None:
+    few = [catalogue()["creep"]]
+    a, b = (score(campaigns.ground(), few, campaigns.generic(), 3) for _ in range(2))
+    assert (a.p_value, a.statistic) == (b.p_value, b.statistic)
+
+
+def test_without_any_candidate_the_generic_functions_decide() -> None:
+    found = score(campaigns.ground("quadratic_drag"), (), campaigns.generic("quadratic_drag"), 0)
+    assert found.candidates == ()
+    assert found.p_value < 1e-4
+    nothing = score(campaigns.ground("none"), (), campaigns.generic("none"), 0)
+    assert nothing.p_value > 0.01
+
+
+def test_numerical_error_is_scored_along_every_direction() -> None:
+    ground = campaigns.ground()
+    error = numerical_error(ground.fit).error
+    few = [catalogue()["quadratic_drag"]]
+    one = score(ground, few, campaigns.generic(), 0, error).numerical
+    assert score(ground, few, campaigns.generic(), 0, 10.0 * error).numerical == pytest.approx(10.0 * one)
+    assert 0.0 < one < np.linalg.norm(error)
+
+
+def test_tail() -> None:
+    null = np.arange(99.0)
+    assert tail(null, 98.0) == 0.02
+    assert tail(null, 200.0) == 0.01
+    assert tail(null, -1.0) == 1.0
+    assert tail(null, 50.0) == (49 + 1) / 100
+
+
+def trial(name: str, cost: float, chi2: float = 1.0, own: Own = NOTHING) -> Trial:
+    candidate = Candidate(catalogue()[name], {}, (), 10.0, 1e-5)
+    t = np.arange(500) * 1e-3
+    white = SimpleNamespace(recordings=(recording(t, np.sin(2.0 * np.pi * 40.0 * t)),))
+    fitted = SimpleNamespace(cost=cost, chi2=chi2, plan=white, residual=np.zeros(500), setup=SimpleNamespace(own=own))
+    return Trial(candidate, fitted)  # type: ignore[arg-type]
+
+
+def test_class_of() -> None:
+    near, far = trial("sensor_drift", 1010.0), trial("coulomb_friction", 1050.0)
+    best = trial("creep", 1000.0)
+    assert class_of([best, near, far], False) == [best, near]
+    # Four times the residual variance: what was told apart is so no more.
+    assert class_of([trial("creep", 1000.0, 5.0), near, far], False)[1:] == [near, far]
+    # With something left unexplained a fifth of what the best leaves above the noise decides nothing.
+    assert class_of([best, near, far, trial("quadratic_drag", 1300.0)], True) == [best, near, far]
+    assert class_of([best, trial("quadratic_drag", 1110.0)], True) == [best]
+    # Eight coefficients of every recording's own would take eight of noise.
+    wandering = trial("sensor_drift", 1005.0, own=Own(courses=8))
+    assert class_of([best, wandering], False) == [best]
+    assert class_of([best, trial("sensor_drift", 1003.0, own=Own(courses=8))], False)[0] is best
+    failed = Trial(Candidate(catalogue()["extra_hysteron"], {}, (), 9.0, 1e-5), None)
+    assert class_of([best, failed], True) == [best]
+
+
+def test_nothing_missing_is_found_to_be_nothing() -> None:
+    fitted = campaigns.base()
+    found = judge(scored_base(fitted, EVERY, 0, numerical_error(fitted)), EVERY, 0, 2, True)
+    assert found.verdict == "none"
+    assert found.findings == ()
+    assert found.location is None
+    assert found.final is fitted
+    assert found.remainder is None
+
+
+@pytest.mark.parametrize("effect", ["quadratic_drag", pytest.param("sensor_drift", marks=pytest.mark.slow)])
+def test_a_missing_element_is_named_with_its_parameters(effect: str) -> None:
+    made = campaigns.diagnosis(effect)
+    j = made.judgement
+    assert j.verdict in ("named", "equivalent")
+    assert effect in [t.candidate.effect.name for t in j.findings[0].members]
+    assert j.findings[0].trial.candidate.effect.name == effect
+    assert j.final.chi2 < 1.1
+    assert made.after.over_noise("confirmation") < 1.2
+    assert made.before.over_noise("confirmation") > 1.3
+    true, found = campaigns.concealed(effect)[1].parameters, j.final.setup.values()
+    if effect == "quadratic_drag":
+        assert found["c_2"] == pytest.approx(true["c_2"], rel=0.1)
+    else:
+        rates = {v for n, v in true.items() if n.startswith("rate_")}
+        assert found["drift_rate"] == pytest.approx(next(iter(rates)), rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [5, 7, 8, 9])
+def test_a_stop_that_no_catalogue_lists_is_unknown_and_learned(seed: int) -> None:
+    made = campaigns.diagnosis("contact_stop", seed=seed)
+    j = made.judgement
+    assert j.verdict == "unknown"
+    assert j.location is not None
+    assert j.location.name == "mechanical"
+    assert j.findings and not j.claimed
+    assert made.after.over_noise("confirmation") < made.before.over_noise("confirmation")
+    from phnn.diagnosis.picture import picture
+
+    drawn = picture(j.ground, j.location)
+    assert drawn is not None
+    stop = campaigns.concealed("contact_stop", seed)[1].parameters["q_c"] * 1e6
+    beyond = drawn.y[drawn.x > stop]
+    inside = drawn.y[np.abs(drawn.x) < 0.8 * stop]
+    # Relative to a line through what lies before it, the missing force turns sharply beyond the stop.
+    line = np.polyfit(drawn.x[np.abs(drawn.x) < 0.8 * stop], inside, 1)
+    turn = beyond - np.polyval(line, drawn.x[drawn.x > stop])
+    assert abs(turn[-1]) > 3.0 * np.ptp(inside - np.polyval(line, drawn.x[np.abs(drawn.x) < 0.8 * stop]))

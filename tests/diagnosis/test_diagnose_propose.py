@@ -1,0 +1,186 @@
+"""The next experiment: what it asks for, how well it is foreseen to separate, and that it does."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import campaigns
+import made_next
+import numpy as np
+import pytest
+
+from phnn.demo import Sealed, draw_case, make_case
+from phnn.demo.actuator import TABLE
+from phnn.demo.excitation import sine
+from phnn.diagnosis import diagnose
+from phnn.diagnosis.ground import Ground, prepare
+from phnn.diagnosis.menu import Experiment, Stretch, menu, resonance
+from phnn.diagnosis.name import Candidate
+from phnn.diagnosis.propose import left, propose
+from phnn.diagnosis.questions import Question, of_trials
+from phnn.diagnosis.trial import Trial, class_of, tie
+from phnn.effects import catalogue
+from phnn.identification.base import Options
+from phnn.identification.plan import Plan
+from phnn.identification.staged import fit_identified
+from phnn.models.actuator import hrc
+from phnn.recordings import read
+from phnn.recordings.recording import Part, Recording, Start
+from phnn.setup import Setup
+
+NOISE = 5e-8
+HELD = {"m": "held at the stated mass"}
+
+
+def recorded(proposed: Experiment, law: dict[str, float], seed: int) -> Recording:
+    """What the independent generator reports of Table 1's actuator with something concealed."""
+    driven = made_next.excitation(proposed, proposed.kind)
+    answer = Sealed("", law, dict(TABLE), 0.0, NOISE, 0.0, seed, "", (), "same")
+    y = made_next.output(answer, driven) + 2e-6
+    y += NOISE * np.random.default_rng(seed).standard_normal(y.size)
+    part = Part(driven.name, 0, y.size, "identification")
+    start, white = Start("rest", 0.0), np.array([1.0])
+    between = "zero_order" if driven.held else "cubic"
+    return Recording(
+        driven.name, driven.t, driven.voltage(driven.t), y, start, between, (part,), NOISE, "known", white, None, {}, ""
+    )  # fmt: skip
+
+
+def at_hand(name: str, frequency: float, amplitude: float, periods: int) -> Experiment:
+    made = sine(frequency, amplitude, periods)
+    duration = made.pieces[0].end
+    return Experiment(name, name, (Stretch(0.0, duration, lines=((amplitude, frequency, 0.0),)),), 1.0 / made.dt)
+
+
+@cache
+def ground(**law: float) -> Ground:
+    plan = (at_hand("slow", 10.0, 75.0, 3), at_hand("fast", 60.0, 40.0, 6))
+    recordings = tuple(recorded(e, law, i) for i, e in enumerate(plan))
+    base = Setup(hrc(2, dict(TABLE)), name="phs")
+    return prepare(fit_identified(base, Plan(recordings, {r.name: 2 for r in recordings}, 2), HELD))
+
+
+def refitted(plan: Plan, start: Setup, effect: str, values: dict[str, float]) -> Trial:
+    e = catalogue()[effect]
+    setup = start if set(values) <= set(start.parameters) else e.add_to(start, values)
+    fitted = fit_identified(setup, plan, HELD, keep=e.parameters)
+    return Trial(Candidate(e, values, (), 10.0, 1e-5), fitted)
+
+
+def test_a_delay_and_a_lag_are_told_apart_by_the_recording_that_is_proposed() -> None:
+    g = ground(tau_d=2e-5)
+    members = [
+        refitted(g.plan, g.fit.setup, "delay", {"tau_d": 3e-5}),
+        refitted(g.plan, g.fit.setup, "sensor_lag", {"tau_y": 3e-5}),
+    ]
+    true, false = members
+    assert len(class_of(sorted(members, key=lambda t: t.cost), False)) == 2
+    found = propose([Question(of_trials(members))], g)
+    assert found is not None
+    assert found.separation > found.needed
+    assert found.separates == ("delay", "sensor_lag")
+    assert true.fit is not None
+    assert false.fit is not None
+    plan = Plan((*g.plan.recordings, recorded(found.experiment, {"tau_d": 2e-5}, 7)), g.plan.substeps, 2)
+    plan = replace(plan, substeps={**plan.substeps, found.experiment.kind: 16})
+    again = [refitted(plan, t.fit.setup, t.candidate.effect.name, dict.fromkeys(t.candidate.effect.parameters, 0.0))
+             for t in members if t.fit is not None]  # fmt: skip
+    apart = again[1].cost - again[0].cost
+    assert class_of(again, False) == again[:1]
+    assert apart > tie(true.fit)
+    # Foreseen to first order, seen with noise of its own: √(rise) has a standard deviation of one.
+    assert math.sqrt(apart) == pytest.approx(found.separation, rel=0.3, abs=3.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [7, 43, 68])
+def test_the_recording_that_is_proposed_resolves_the_class(seed: int, tmp_path: Path) -> None:
+    case = draw_case(seed, "same", "few", (1.1, 1.6))
+    answer = make_case(case, tmp_path / "recordings")
+    campaign = read(tmp_path / "recordings")
+    first = diagnose(campaign, Options(workers=2))
+    assert first.judgement.verdict == "equivalent"
+    before = [t.candidate.effect.name for f in first.judgement.findings for t in f.members]
+    assert answer.effect in before
+    assert len(before) > 1
+    assert first.proposal is not None
+    assert first.proposal.separation > first.proposal.needed
+    made_next.add(case, answer, campaign, first.proposal.experiment)
+    second = diagnose(read(tmp_path / "recordings"), Options(workers=2)).judgement
+    after = [t.candidate.effect.name for f in second.findings for t in f.members]
+    assert after == [answer.effect]
+    assert second.verdict == "named"
+
+
+def test_what_old_recordings_allow_to_move_does_not_count() -> None:
+    rng = np.random.default_rng(0)
+    moved = rng.standard_normal((200, 3))
+    other = rng.standard_normal(200)
+    basis = np.linalg.qr(moved)[0]
+    across = other - basis @ (basis.T @ other)
+    difference = 5.0 * moved[:, 0] + across
+    free, fixed = 1e-9 * np.eye(3), 1e9 * np.eye(3)
+    assert left(difference, moved, free) == pytest.approx(np.linalg.norm(across), rel=1e-6)
+    assert left(difference, moved, fixed) == pytest.approx(np.linalg.norm(difference), rel=1e-6)
+    # One parameter, one direction: ‖S‖² a² / (1 + ‖S‖² P).
+    s, p, a = moved[:, :1], 0.04, 2.0
+    expected = a * np.linalg.norm(s) / math.sqrt(1.0 + float(np.sum(s**2)) * p)
+    assert left(a * s[:, 0], s, np.array([[1.0 / math.sqrt(p)]])) == pytest.approx(expected)
+
+
+def test_the_menu_stays_within_what_is_in_use_and_says_all_that_is_needed() -> None:
+    g = ground(tau_d=2e-5)
+    made = menu(g)
+    kinds = ["hold", "slow sine", "near-resonance sine", "amplitude sweep", "multisine", "offset sine"]
+    assert [e.kind for e in made] == kinds
+    highest = max(1.0 / r.dt for r in g.plan.recordings)
+    for e in made:
+        assert np.abs(e.u).max() <= 75.0 + 1e-9
+        assert 1_000 < e.t.size <= 20_000
+        assert e.rate <= 2.0 * highest
+        assert e.words.startswith(e.kind)
+        assert " V" in e.words
+        assert " s" in e.words
+        assert f"{e.rate:.6g} samples/s" in e.words
+        for s in e.stretches:
+            assert all(f"{f:.6g}" in e.words for _, f, _ in s.lines)
+        assert e.u[0] == pytest.approx(e.stretches[0].level, abs=0.05)
+        driven = made_next.excitation(e)
+        assert driven.t == pytest.approx(e.t)
+        assert driven.voltage(driven.t) == pytest.approx(e.u, abs=1e-9)
+    slow = next(e for e in made if e.kind == "slow sine")
+    near = next(e for e in made if e.kind == "near-resonance sine")
+    assert slow.stretches[0].lines[0][1] == pytest.approx(2.0)
+    at = resonance(g.fit.setup)
+    assert at is not None
+    assert 0.5 * at <= near.stretches[0].lines[0][1] < at
+
+
+def test_resonance_of_the_actuator_about_rest() -> None:
+    # No hysteron slips there: k + α² Σ 1/C_i.
+    stiffness = TABLE["k"] + TABLE["alpha"] ** 2 * (1.0 / TABLE["C_1"] + 1.0 / TABLE["C_2"])
+    decay = 0.5 * TABLE["b"] / TABLE["m"]
+    expected = math.sqrt(stiffness / TABLE["m"] - decay**2) / (2.0 * math.pi)
+    assert resonance(Setup(hrc(2, dict(TABLE)))) == pytest.approx(expected, rel=1e-6)
+
+
+def test_no_class_no_proposal() -> None:
+    made = campaigns.diagnosis("quadratic_drag")
+    g, fits = made.judgement.ground, [made.base, made.judgement.final]
+    names = ("creep", "quadratic_drag")
+    members = [
+        Trial(Candidate(catalogue()[n], {}, (), 10.0, 1e-5), f) for n, f in zip(names, fits, strict=True)
+    ]  # fmt: skip
+    found = propose([Question(of_trials(members))], g)
+    assert found is not None
+    assert found.recording in [e.words for e in menu(g)]
+    assert found.menu[found.experiment.kind] == max(found.menu.values())
+    # Drag needs speed to show itself.
+    assert found.experiment.kind == "near-resonance sine"
+    assert found.separates == names
+    assert propose([], g) is None
+    assert len(of_trials([members[0], Trial(members[1].candidate, None)])) == 1
+    assert propose([Question(of_trials([members[0], members[0]]))], g) is None

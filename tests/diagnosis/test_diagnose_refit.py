@@ -1,0 +1,234 @@
+"""Refits of strong effects, which the score says little of, and of special cases of what explains best."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import campaigns
+import numpy as np
+import pytest
+
+from phnn.diagnosis import steps
+from phnn.diagnosis.criteria import Refits
+from phnn.diagnosis.ground import direction, prepare
+from phnn.diagnosis.name import Candidate, score
+from phnn.diagnosis.refit import refit
+from phnn.diagnosis.starts import has_large_starts, large_starts
+from phnn.diagnosis.trial import Trial, class_of
+from phnn.effects import catalogue, effect
+from phnn.identification.fit import Fit
+from phnn.identification.plan import Plan
+from phnn.identification.staged import fit_identified
+from phnn.models.actuator import hrc
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+HELD = {"m": "held at the stated value"}
+T = np.arange(401) * 1e-4
+
+
+@cache
+def fitted(missing: str, frequencies: tuple[int, ...] = (50, 100, 200), **values: float) -> Fit:
+    """A base fit to recordings of an actuator with one effect more."""
+    true = effect(missing).add_to(Setup(hrc(2)), values)
+    drives = {f: 80.0 * np.sin(2.0 * np.pi * f * T) for f in frequencies}
+    made = tuple(campaigns.recorded(true, f"sine {f}", T, u, 1e-7, seed=f) for f, u in drives.items())
+    return fit_identified(Setup(hrc(2)), Plan(made, {r.name: 4 for r in made}), HELD, max_evaluations=15)
+
+
+def candidate(base: Fit, name: str, score: float = 0.0) -> Candidate:
+    grid = effect(name).grid(prepare(base).scales)
+    return Candidate(effect(name), grid[len(grid) // 2], tuple(grid[:1]), score, 1.0)
+
+
+def strong() -> Fit:
+    return fitted("rate_dependent_threshold", kappa_v=6.0)
+
+
+def test_a_strong_effect_without_a_score_is_found_where_nothing_else_explains_much() -> None:
+    base = strong()
+    assert base.chi2 > 4.0
+    others = [candidate(base, "quadratic_drag", 10.0), candidate(base, "cubic_stiffness", 9.0)]
+    hidden = candidate(base, "rate_dependent_threshold")
+    without, found = refit(base, others)[0], refit(base, others, hidden=[hidden])[0]
+    assert without.fit is not None and without.fit.chi2 > 4.0
+    assert found.candidate is hidden
+    assert found.fit is not None and found.fit.chi2 < 1.1
+    assert found.fit.setup.values()["kappa_v"] == pytest.approx(6.0, rel=0.05)
+
+
+def test_large_step_starts_race_on_few_recordings_and_the_best_go_on_on_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    used: dict[str, set[int]] = {"from_large_starts": set(), "on_all_recordings": set()}
+    for name, counts in used.items():
+        work = getattr(steps, name)
+
+        def counted(*given: Any, limits: Refits, work: Any = work, counts: set[int] = counts) -> Fit | None:
+            found: Fit | None = work(*given, limits)
+            counts.add(len(found.plan.recordings) if found is not None else 0)
+            return found
+
+        monkeypatch.setattr(f"phnn.diagnosis.refit.{name}", counted)
+    base = fitted("rate_dependent_threshold", (50, 65, 80, 100, 130, 160, 200), kappa_v=6.0)
+    hidden = [candidate(base, n) for n in ("rate_dependent_threshold", "cubic_stiffness", "quadratic_drag")]
+    found = refit(base, [], hidden=hidden)[0]
+    assert used == {"from_large_starts": {5}, "on_all_recordings": {7}}
+    assert found.candidate is hidden[0]
+    assert found.fit is not None
+    assert found.fit.chi2 < 1.1
+    assert found.fit.setup.values()["kappa_v"] == pytest.approx(6.0, rel=0.05)
+
+
+def test_friction_may_be_bristles_that_slip() -> None:
+    rounded, (bristles,) = effect("coulomb_friction"), effect("coulomb_friction").forms
+    true = bristles.add_to(Setup(hrc(2)), {"k_f": 4e4, "F_c": 0.04, "slip_f": 5e3})
+    drives = {f: 80.0 * np.sin(2.0 * np.pi * f * T) for f in (50, 100, 200)}
+    made = tuple(campaigns.recorded(true, f"sine {f}", T, u, 1e-8, seed=f) for f, u in drives.items())
+    base = fit_identified(Setup(hrc(2)), Plan(made, {r.name: 4 for r in made}), HELD, max_evaluations=15)
+    naming = score(prepare(base), [rounded, bristles, effect("cubic_stiffness")], None, 0)
+    trials = refit(base, naming.candidates)
+    assert trials[0].candidate.effect is bristles
+    assert trials[0].fit is not None and trials[0].fit.chi2 < 1.1
+    assert trials[0].fit.setup.values()["F_c"] == pytest.approx(0.04, rel=0.02)
+
+
+@pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if has_large_starts(e)))
+def test_large_step_starts_change_about_as_much_as_there_is_to_explain(name: str) -> None:
+    base, chosen = strong(), effect(name)
+    if not chosen.can_be_added_to(base.setup):
+        pytest.skip("not of an actuator")
+    ground = prepare(base)
+    total = float(np.sum(ground.residual**2))
+    starts = large_starts(ground, chosen)
+    assert len(starts) <= 4
+    assert len({tuple(v.values()) for v in starts}) == len(starts)
+    shares = [float(np.sum(ground.project(direction(ground, chosen, v)) ** 2)) / total for v in starts]
+    assert all(0.0 < s <= 3.0 for s in shares)
+
+
+def test_both_signs_of_a_strength_are_tried() -> None:
+    starts = large_starts(prepare(strong()), effect("cubic_stiffness"))
+    assert {np.sign(v["kappa_3"]) for v in starts} == {1.0, -1.0}
+
+
+@pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if e.contains))
+def test_special_cases_are_that(name: str) -> None:
+    general, base = effect(name), Setup(hrc(2))
+    drive = campaigns.recorded(base, "sine", T, 80.0 * np.sin(2.0 * np.pi * 60.0 * T), 2e-8, seed=1)
+    for case in general.contains:
+        values = {"C_x": 7e-7, "rho_x": 3e-4, "d_x": 1e-6}
+        made = general.add_to(base, values)
+        known = made.values()
+        given = case.values(known)
+        special = effect(case.name).add_to(base, {n: given[n] for n in effect(case.name).parameters})
+        assert not set(given) - set(special.values())
+        special = special.with_values(given)
+        expected, found = (simulate(s, drive, 8).y for s in (made, special))
+        assert np.abs(found - expected).max() < 1e-3 * np.abs(expected - simulate(base, drive, 8).y).max()
+
+
+def test_an_extra_hysteron_may_have_changed_places_with_the_one_that_is_a_creep() -> None:
+    base = Setup(hrc(2))
+    known = effect("extra_hysteron").add_to(base, {"C_x": 7e-7, "rho_x": 3e-4, "d_x": 15.0}).values()
+    first = {k: known[k] for k in ("C_1", "rho_1", "d_1")}
+    (case,) = effect("extra_hysteron").contains
+    given = case.values(known | {"d_1": 1e-6})
+    assert given["k_s"] == pytest.approx(known["alpha"] ** 2 / first["C_1"])
+    assert given["tau_s"] == pytest.approx(first["C_1"] / first["rho_1"])
+    assert (given["C_1"], given["rho_1"], given["d_1"]) == (7e-7, 3e-4, 15.0)
+
+
+def test_an_extra_hysteron_takes_the_place_of_each_of_the_others() -> None:
+    extra = effect("extra_hysteron")
+    added = {"C_x": 7e-7, "rho_x": 3e-4, "d_x": 15.0}
+    known = extra.add_to(Setup(hrc(3)), added).values()
+    assert extra.exchanged is not None
+    places = extra.exchanged(known)
+    assert [set(p) for p in places] == [{f"C_{i}", f"rho_{i}", f"d_{i}"} for i in (1, 2, 3)]
+    assert all(sorted(p.values()) == sorted(added.values()) for p in places)
+
+
+def test_a_slew_limit_that_only_steps_of_the_command_meet_is_found() -> None:
+    # As steep as a step between two samples can be, far above what the excited frequencies would need.
+    true = effect("slew_limit").add_to(Setup(hrc(2)), {"S": 1.4e6})
+    drives = {"steps": 80.0 * np.sign(np.sin(2.0 * np.pi * 50.0 * T + 0.01)), "sine": 80.0 * np.sin(60.0 * np.pi * T)}
+    made = tuple(campaigns.recorded(true, n, T, u, 1e-6, 1, "zero_order") for n, u in drives.items())
+    base = fit_identified(Setup(hrc(2)), Plan(made, {r.name: 4 for r in made}), HELD, max_evaluations=15)
+    grid = effect("slew_limit").grid(prepare(base).scales)
+    near = min(grid, key=lambda v: abs(np.log(v["S"] / 1.4e6)))
+    found = refit(base, [Candidate(effect("slew_limit"), near, (), 10.0, 1e-3)])[0]
+    assert found.fit is not None and found.fit.chi2 < 1.1 < base.chi2
+    assert found.fit.setup.values()["S"] == pytest.approx(1.4e6, rel=0.05)
+
+
+def test_limits_that_nothing_meets_are_no_starts() -> None:
+    limit = effect("slew_limit")
+    drive = campaigns.recorded(Setup(hrc(2)), "sine", T, 80.0 * np.sin(200.0 * np.pi * T), 1e-8)
+    plan = Plan((drive,), {"sine": 4})
+    steepest = max(v["S"] for v in limit.grid(prepare(fit_identified(Setup(hrc(2)), plan, HELD)).scales))
+    true = limit.add_to(Setup(hrc(2)), {"S": 0.99 * 2.0 * np.pi * 100.0 * 80.0})
+    made = campaigns.recorded(true, "sine", T, drive.u, 1e-8, 2)
+    base = fit_identified(Setup(hrc(2)), Plan((made,), {"sine": 4}), HELD)
+    named = score(prepare(base), [limit], None, 0).by_name["slew_limit"]
+    met = [v["S"] for v in (named.values, *named.others)]
+    assert named.p_value < 1e-3
+    assert max(met) < steepest / 100.0
+    found = refit(base, [named])[0]
+    assert found.fit is not None and found.fit.chi2 < 1.2 < base.chi2
+
+
+def test_a_special_case_ends_where_the_general_one_does() -> None:
+    base = fitted("creep", k_s=4e3, tau_s=5e-3)
+    assert base.chi2 > 1.5
+    trials = refit(base, [candidate(base, "extra_hysteron", 10.0)], hidden=[candidate(base, "creep")])
+    by_name = {t.candidate.effect.name: t for t in trials}
+    assert by_name["creep"].cost < by_name["extra_hysteron"].cost + 12.0
+    creep = by_name["creep"].fit
+    assert creep is not None and creep.setup.values()["k_s"] == pytest.approx(4e3, rel=0.1)
+
+
+def test_a_large_remainder_leaves_others_in_the_class() -> None:
+    base = strong()
+    best = Trial(candidate(base, "creep"), base)
+    left = base.cost - base.residual.size
+    near = replace(base, residual=base.residual * np.sqrt((base.cost + 0.1 * left) / base.cost))
+    far = replace(base, residual=base.residual * np.sqrt((base.cost + 0.3 * left) / base.cost))
+    others = [Trial(candidate(base, n), f) for n, f in (("quadratic_drag", near), ("cubic_stiffness", far))]
+    assert class_of([best, *others]) == [best, others[0]]
+
+
+def test_hidden_effects_are_tried_where_no_other_comes_into_question() -> None:
+    base = strong()
+    found = refit(base, [], hidden=[candidate(base, "rate_dependent_threshold")])[0]
+    assert found.fit is not None and found.fit.chi2 < 1.3
+    assert refit(base, []) == []
+
+
+def test_a_special_case_does_not_move_what_was_stated() -> None:
+    base = fitted("creep", k_s=4e3, tau_s=5e-3)
+    stated = {**base.held, "C_1": "held at the stated value", "C_2": "held at the stated value"}
+    names = [n for n in base.variables.names if n not in stated]
+    base = fit_identified(base.setup, base.plan, stated, max_evaluations=15)
+    assert set(base.variables.names) == set(names)
+    trials = refit(base, [candidate(base, "extra_hysteron", 10.0)], hidden=[candidate(base, "creep")])
+    for trial in trials:
+        if trial.fit is not None:
+            assert trial.fit.setup.values()["C_1"] == base.setup.values()["C_1"]
+
+
+def test_further_rounds_keep_one_trial_of_every_effect() -> None:
+    base = fitted("creep", k_s=4e3, tau_s=5e-3)
+    both = [candidate(base, "extra_hysteron", 10.0), candidate(base, "creep", 9.0)]
+    names = [t.candidate.effect.name for t in refit(base, both)]
+    assert sorted(names) == ["creep", "extra_hysteron"]
+
+
+def test_a_refit_that_fails_from_a_strong_start_begins_again_from_weaker_ones() -> None:
+    base = fitted("quadratic_drag", (50, 100), c_2=50.0)
+    strong_start = {"k_c": 1e9, "g_c": 1e-7}
+    failed = replace(candidate(base, "contact_stop"), values=strong_start, others=())
+    assert steps._weaker(base, Trial(failed, None)) == [
+        effect("contact_stop").scaled(strong_start, share) for share in (0.1, 0.01)
+    ]
+    assert steps._weaker(base, Trial(failed, base)) == []

@@ -1,0 +1,212 @@
+"""What to record next where nothing has a name: models that compete for one element, and where they differ."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import campaigns
+import numpy as np
+import pytest
+from campaigns import recorded
+from effect_homes import BASE, SCALES
+
+from phnn.diagnosis import propose as path
+from phnn.diagnosis.distil import Distilled, distil
+from phnn.diagnosis.ground import Ground, prepare
+from phnn.diagnosis.menu import Experiment, Stretch
+from phnn.diagnosis.name import Candidate
+from phnn.diagnosis.propose import propose, shrinkage, shrinks
+from phnn.diagnosis.questions import Question, of_trials, questions
+from phnn.diagnosis.rival import Bench, Rival, refitted_rival
+from phnn.diagnosis.strengths import started
+from phnn.diagnosis.trial import Trial, tie
+from phnn.effects import effect
+from phnn.effects.learned import learned_elements
+from phnn.identification.fit import Fit, fit
+from phnn.identification.plan import Plan
+from phnn.recordings.recording import Recording
+from phnn.report.following import no_proposal
+from phnn.report.result import document
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+NOISE, LOUD = 2e-8, 2e-7  # metres
+NAMES = [n for n in BASE.free if n != "m"]
+HELD = {"m": "held at the stated mass"}
+KNOWN = {n: "held at its stated value" for n in BASE.free if n != "b"}
+DAMPER = learned_elements()["learned_damper"]
+RATE, SMALL = 1e4, 30.0  # samples per second; volts
+
+
+def sine(amplitude: float, frequency: float = 100.0, periods: int = 6) -> Experiment:
+    duration, name = periods / frequency, f"{amplitude:g} V at {frequency:g} Hz"
+    return Experiment(name, name, (Stretch(0.0, duration, lines=((amplitude, frequency, 0.0),)),), RATE)
+
+
+def plant() -> Setup:
+    """The actuator with damping that grows with the square of the displacement."""
+    point = DAMPER.grid(SCALES)[0]
+    return DAMPER.add_to(BASE, point | dict.fromkeys(DAMPER.strengths, 0.0) | {"F_q": 0.5})
+
+
+def measured(asked: Experiment, seed: int, noise: float) -> Recording:
+    return recorded(plant(), asked.kind, asked.t, asked.u, noise, seed)
+
+
+def plan_of(*asked: Experiment, noise: float = LOUD) -> Plan:
+    return Plan(tuple(measured(e, i, noise) for i, e in enumerate(asked)), {e.kind: 4 for e in asked}, 1)
+
+
+def by_position(plan: Plan) -> Fit:
+    return fit(plant(), plan, ["b", "F_q"], KNOWN, 15)
+
+
+def by_speed(plan: Plan) -> Fit:
+    drag = effect("quadratic_drag").add_to(BASE, {"c_2": 5.0})
+    return fit(drag, plan, ["b", "c_2"], KNOWN, 30)
+
+
+@cache
+def at_hand() -> tuple[Rival, Rival, Ground]:
+    """Both kinds of damping, fitted to one sine of one amplitude, on which a linear damper can stand for a good part of
+    either."""
+    plan = plan_of(sine(SMALL))
+    position, speed = by_position(plan), by_speed(plan)
+    models = (refitted_rival("position", position, ("F_q",)), refitted_rival("speed", speed, ("c_2",)))
+    return *models, prepare(position)
+
+
+def learned(plan: Plan) -> tuple[Ground, Distilled]:
+    """The learned damper fitted to what the plant does, and its formula."""
+    names = [*NAMES, *DAMPER.strengths]
+    begun = started(DAMPER.add_to(BASE, DAMPER.grid(SCALES)[0]), plan, names, DAMPER.strengths, None, 2.0)
+    ground = prepare(fit(begun, plan, names, HELD, 20))
+    found = distil(ground, DAMPER)
+    assert found is not None
+    return ground, found
+
+
+def test_a_larger_amplitude_tells_damping_of_the_position_from_that_of_the_speed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # Equivalent linear dampers of one frequency: b + c A²/4 and b + c' ω A 8/(3π). At one A they are the same.
+    position, speed, ground = at_hand()
+    offered = (sine(SMALL), sine(75.0))
+    monkeypatch.setattr(path, "menu", lambda _: offered)
+    found = propose([Question((position, speed), "learned_damper")], ground)
+    assert found is not None
+    assert found.experiment is offered[1]
+    assert found.menu[offered[1].kind] > 3.0 * found.menu[offered[0].kind]
+    assert found.separation > found.needed
+    assert (found.aim, found.separates) == ("separate", ("position", "speed"))
+    # Refits to both recordings say the same; position is right.
+    seen = []
+    for asked in (sine(SMALL + 1e-3), offered[1]):
+        joint = plan_of(sine(SMALL), asked)
+        right, wrong = by_position(joint), by_speed(joint)
+        assert wrong.cost - right.cost > tie(right)
+        seen.append(math.sqrt(wrong.cost - right.cost - (speed.fit.cost - position.fit.cost)))
+    assert seen[1] > 3.0 * seen[0]
+    # What is foreseen is the smaller of both directions.
+    assert seen[1] > 0.8 * found.separation
+
+
+def test_a_formula_predicts_new_recordings_as_the_plant_does() -> None:
+    ground, found = learned(plan_of(sine(75.0), sine(40.0, 150.0), sine(75.0, 50.0, 3), noise=NOISE))
+    assert found.as_good
+    model = found.models[0]
+    assert model.words.startswith("“viscous damping that grows with the square of the distance from zero")
+    asked = sine(60.0, 120.0)
+    bench = Bench(asked.recording(NOISE, ground.plan.recordings[0].units))
+    y = simulate(plant(), bench.recording, 4).y
+    linear = simulate(plant().with_values({"F_q": 0.0}), bench.recording, 4).y
+    assert np.std(model.predicted(bench).y - y) < 0.02 * np.std(linear - y)
+    # Moved by its own coordinates: the response to the force and to the base damper.
+    assert model.predicted(bench).moved.shape[1] == model.known.shape[1]
+    assert ground.fit is model.fit
+
+
+def test_formulas_that_fit_as_well_are_asked_for_apart() -> None:
+    # Noise of a fiftieth of the motion hides which formula it is.
+    ground, found = learned(plan_of(sine(75.0), sine(40.0, 150.0), noise=4e-6))
+    assert len(found.models) == 1 + len(found.others) > 1
+    proposed = propose([Question(found.models, "learned_damper")], ground)
+    assert proposed is not None
+    assert proposed.aim == "separate"
+    assert set(proposed.separates) <= {m.name for m in found.models}
+    assert proposed.groups == (proposed.separates,)
+    assert f"The element learned damper, described as “{found.models[0].name}” (formula A)," in proposed.why
+    assert f"“{found.models[1].name}” (formula B)" in proposed.why
+    assert "the models of formula " in proposed.why
+
+
+def test_an_element_without_a_rival_is_measured_where_its_numbers_show_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    position, _, ground = at_hand()
+    offered = (sine(5.0), sine(75.0))
+    monkeypatch.setattr(path, "menu", lambda _: offered)
+    found = propose([Question((position,), "learned_damper")], ground)
+    assert found is not None
+    assert (found.aim, found.separates) == ("measure", ())
+    assert found.experiment is offered[1]
+    assert found.needed == pytest.approx(math.sqrt(2.0))
+    # The standard error of a refit to both shrinks as foreseen.
+    joint = by_position(plan_of(sine(SMALL), offered[1]))
+    name = joint.variables.names.index("F_q")
+    before, after = (np.linalg.inv(f.jacobian.T @ f.jacobian)[name, name] for f in (position.fit, joint))
+    assert found.separation == pytest.approx(math.sqrt(before / after), rel=0.3)
+    assert shrinks(position, offered[0], LOUD) == pytest.approx(found.menu[offered[0].kind])
+    assert "No two models are left to be told apart" in found.why
+    assert "To repeat all recordings at hand would give 1.4." in found.why
+
+
+def test_standard_errors_shrink_as_information_adds() -> None:
+    rng = np.random.default_rng(0)
+    known, moved = rng.standard_normal((30, 4)), rng.standard_normal((50, 4))
+    assert shrinkage(known, known, (0, 1, 2, 3)) == pytest.approx(math.sqrt(2.0))
+    assert shrinkage(0.0 * moved, known, (1,)) == pytest.approx(1.0)
+    before, after = np.linalg.inv(known.T @ known), np.linalg.inv(known.T @ known + moved.T @ moved)
+    assert shrinkage(moved, known, (2,)) == pytest.approx(math.sqrt(before[2, 2] / after[2, 2]))
+
+
+def test_a_whole_diagnosis_without_a_name_says_what_to_record_next() -> None:
+    # Drag is what is missing, and the catalogue holds a drift alone.
+    made = campaigns.diagnosis("quadratic_drag", "sensor_drift")
+    assert made.judgement.verdict == "unknown"
+    assert made.judgement.findings
+    assert made.proposal is not None
+    asked = questions(made.judgement)
+    assert asked
+    assert all(q.element for q in asked)
+    assert made.proposal.aim == ("separate" if len(asked[0].models) > 1 else "measure")
+    assert asked[0].element.replace("_", " ") in made.proposal.why
+    # Drag shows at speed, whatever it is called.
+    assert made.proposal.experiment.kind == "near-resonance sine"
+
+
+def test_the_report_of_an_element_without_a_name_has_a_proposal_or_a_reason() -> None:
+    made = campaigns.diagnosis("quadratic_drag", "sensor_drift")
+    content = document(made)["next_experiment"]
+    assert content["aim"] in ("separate", "measure")
+    assert content["separates"] == [n for group in content["groups"] for n in group]
+    assert no_proposal(made) == ""
+    alone = tuple(replace(f, members=f.members[:1]) for f in made.judgement.findings)
+    bare = replace(made, judgement=replace(made.judgement, findings=alone), proposal=None)
+    assert no_proposal(bare).startswith("No two models are left")
+
+
+def test_what_fits_as_well_in_the_place_of_an_element_is_its_rival() -> None:
+    made = campaigns.diagnosis("quadratic_drag", "sensor_drift")
+    found, fitted = made.judgement.findings[0], made.judgement.final
+    known = [f for f in made.judgement.findings if f is not found]
+    if known:
+        pytest.skip("the model has several elements")
+    near, far = effect("quadratic_drag"), effect("creep")
+    excess = made.base.cost - fitted.cost
+    worse = replace(fitted, residual=fitted.residual * math.sqrt(1.0 + 0.5 * excess / fitted.cost))
+    trials = [Trial(Candidate(e, {}, (), 9.0, 1e-5), f) for e, f in ((near, fitted), (far, worse))]
+    changed = replace(found, trials=(found.trial, *trials), trial=replace(found.trial, fit=fitted), description=None)
+    (asked,) = questions(replace(made.judgement, findings=(changed,)))
+    assert [m.name for m in asked.models] == [found.trial.candidate.effect.name, "quadratic_drag"]
+    assert of_trials([Trial(trials[0].candidate, None)]) == ()

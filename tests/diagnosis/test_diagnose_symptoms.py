@@ -1,0 +1,219 @@
+"""Made-up residuals with known answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import campaigns
+import numpy as np
+import pytest
+
+from phnn.diagnosis.corrected import told
+from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.symptoms import Seen, Symptoms, Trend, seen, symptoms
+from phnn.report.symptoms import symptom_sentences
+
+NOISE, DT, MODEL = 5e-8, 1e-4, 1e-6
+SINES = ((20.0, 5.0), (40.0, 5.0), (75.0, 5.0), (30.0, 40.0), (75.0, 40.0), (50.0, 80.0))
+
+
+def seen_with(
+    extra: Callable[[np.ndarray, float, float], np.ndarray], seed: int = 0, late: float = 0.0, periods: float = 6.0
+) -> list[Seen]:
+    """Sines of several amplitudes [V] and frequencies [Hz] with noise and something else [m] in the residual."""
+    rng, found = np.random.default_rng(seed), []
+    for amplitude, f in SINES:
+        t = np.arange(round(periods / f / DT)) * DT
+        model = MODEL * amplitude * np.sin(2.0 * np.pi * f * t)
+        measured = MODEL * amplitude * np.sin(2.0 * np.pi * f * (t - late))
+        rest = extra(t, amplitude, f) + NOISE * rng.standard_normal(t.size)
+        residual = (measured - model + rest) / NOISE
+        found.append(
+            Seen(DT, residual - residual.mean(), measured + rest, model, f, amplitude, None, NOISE)
+        )  # fmt: skip
+    return found
+
+
+def nothing(t: np.ndarray, amplitude: float, f: float) -> np.ndarray:
+    return np.zeros_like(t)
+
+
+def of(found: Symptoms, name: str) -> tuple[float, float, float]:
+    trend = getattr(found, name)
+    assert trend is not None
+    return trend.value, trend.std, trend.p_value
+
+
+def test_a_cubic_effect_gives_odd_harmonics_that_grow_with_the_square_of_the_amplitude_beside_the_drive() -> None:
+    # Of A³ sin³ the base takes the first harmonic.
+    found = symptoms(seen_with(lambda t, a, f: -4e-12 * a**3 * np.sin(6.0 * np.pi * f * t)))
+    value, std, p = of(found, "by_amplitude")
+    assert value == pytest.approx(3.0, abs=0.3)
+    assert std < 0.3
+    assert p < 0.01
+    assert abs(of(found, "by_frequency")[0]) < 0.2
+    assert of(found, "odd")[0] > 0.95
+    assert of(found, "odd")[2] < 1e-6
+    assert of(found, "even")[2] > 0.01
+    words = " ".join(symptom_sentences(found))
+    assert "nearly all are odd" in words
+    # What is not there is not spoken of.
+    assert "drift" not in words
+    assert "period to period" not in words
+
+
+def test_an_even_effect_gives_even_harmonics() -> None:
+    found = symptoms(seen_with(lambda t, a, f: 1e-10 * a**2 * np.cos(4.0 * np.pi * f * t)))
+    assert of(found, "even")[0] > 0.95
+    assert of(found, "odd")[2] > 0.01
+    assert of(found, "by_amplitude")[0] == pytest.approx(2.0, abs=0.3)
+
+
+def test_what_follows_the_speed_grows_with_amplitude_times_frequency() -> None:
+    found = symptoms(seen_with(lambda t, a, f: 3e-9 * a * f * np.cos(2.0 * np.pi * f * t)))
+    assert of(found, "by_amplitude")[0] == pytest.approx(1.0, abs=0.1)
+    assert of(found, "by_frequency")[0] == pytest.approx(1.0, abs=0.1)
+    assert "amplitude × frequency" in symptom_sentences(found)[0]
+
+
+def test_a_delay_is_a_phase_in_proportion_to_frequency() -> None:
+    found = symptoms(seen_with(nothing, late=3e-5))
+    value, std, p = of(found, "delay")
+    assert value == pytest.approx(3e-5, abs=4.0 * std)
+    assert std < 1e-6
+    assert p < 1e-6
+    assert found.explained > 0.95
+    assert any("in proportion to frequency, like a delay" in s for s in symptom_sentences(found))
+
+
+def test_a_drift_is_found_with_its_rate() -> None:
+    found = symptoms(seen_with(lambda t, a, f: 2e-7 * t))
+    value, std, p = of(found, "drift")
+    assert value == pytest.approx(2e-7, abs=4.0 * std)
+    assert p < 1e-6
+    assert any("drifts beneath the drive" in s for s in symptom_sentences(found))
+
+
+def test_what_does_not_follow_the_drive_does_not_repeat() -> None:
+    found = symptoms(seen_with(lambda t, a, f: 1e-7 * np.sin(2.0 * np.pi * 0.37 * f * t)))
+    value, _, p = of(found, "repetition")
+    assert value > 1.3
+    assert p < 1e-6
+    assert any("does not repeat" in s for s in symptom_sentences(found))
+
+
+def test_noise_alone_has_no_symptoms() -> None:
+    low = []
+    for seed in range(50):
+        found = symptoms(seen_with(nothing, seed))
+        assert found.by_amplitude is None
+        low.append([of(found, n)[2] < 0.01 for n in ("even", "odd", "delay", "repetition", "drift")])
+    assert (np.mean(low, axis=0) <= 0.08).all()
+
+
+def test_of_noise_alone_almost_nothing_is_said() -> None:
+    said = [len(symptom_sentences(symptoms(seen_with(nothing, seed)))) > 0 for seed in range(100)]
+    # One per cent is meant; four of a hundred come by chance once in two hundred and ninety times.
+    assert sum(said) <= 3
+
+
+def test_correction_for_the_number_of_symptoms() -> None:
+    def trend(p_value: float) -> Trend:
+        return Trend(1.0, 0.1, p_value)
+
+    blank = Symptoms(None, None, None, None, None, 0.0, None, 0.0, None)
+    alone = told(replace(blank, drift=trend(0.009)), 0.01)
+    assert alone.drift is not None
+    # Of four, the smallest has to lie below a quarter of the level, the next below a third.
+    four = replace(blank, drift=trend(0.009), delay=trend(0.004), by_amplitude=trend(0.5), repetition=trend(0.6))
+    assert told(four, 0.01) == replace(four, drift=None, delay=None, by_amplitude=None, repetition=None)
+    two = told(replace(four, delay=trend(0.002), drift=trend(0.003)), 0.01)
+    assert two.delay is not None and two.drift is not None and two.repetition is None
+    # Of the harmonics either kind is told beside the other.
+    both = told(replace(blank, even=trend(0.9), odd=trend(1e-9)), 0.01)
+    assert both.even is not None and both.odd is not None
+
+
+def test_a_transient_at_the_start_neither_drifts_nor_fails_to_repeat() -> None:
+    def dies_away(t: np.ndarray, a: float, f: float) -> np.ndarray:
+        return np.asarray(2e-6 * np.exp(-8.0 * f * t))
+
+    for periods in (3.0, 6.0):
+        found = symptoms(seen_with(dies_away, periods=periods))
+        assert of(found, "repetition")[2] > 0.01
+        assert of(found, "drift")[2] > 0.01
+
+
+def test_three_periods_that_miss_a_sample_by_rounding_are_three() -> None:
+    sine = seen_with(nothing, periods=3.0)[0]
+    period = round(1.0 / (sine.frequency * DT))
+    for slip in (-1e-9, 0.0, 1e-9):
+        found = replace(sine, frequency=sine.frequency * (1.0 + slip))
+        assert found.settled().start == period
+        rows = found.steady()
+        assert rows is not None and rows.start == period
+
+
+def test_periods_in_which_the_model_still_moves_are_left_out() -> None:
+    sine = seen_with(nothing)[0]
+    t = DT * np.arange(sine.model.size)
+    slow = replace(sine, model=sine.model + 5e-6 * np.exp(-t * sine.frequency))
+    first, later = sine.steady(), slow.steady()
+    assert first is not None and later is not None
+    period = 1.0 / (sine.frequency * DT)
+    assert first.start == round(period)
+    # The change from one period to the next falls below ten times the noise after the second.
+    assert later.start == round(2 * period)
+    # Nothing is left of a model that never comes to rest, and nothing is said.
+    assert replace(sine, model=sine.model + 1e-3 * t).steady() is None
+
+
+def test_a_zero_that_jumps_in_the_middle_does_not_repeat() -> None:
+    def jumps(t: np.ndarray, a: float, f: float) -> np.ndarray:
+        return np.where(t > 3.5 / f, 3.0 * NOISE, 0.0)
+
+    found = symptoms(seen_with(jumps))
+    assert of(found, "repetition")[2] < 1e-6
+    assert any("does not repeat" in s for s in symptom_sentences(found))
+
+
+@pytest.mark.parametrize("effect", ["none", "quadratic_drag"])
+def test_a_folder_that_neither_drifts_nor_fails_to_repeat(effect: str) -> None:
+    words = " ".join(symptom_sentences(symptoms(seen(campaigns.ground(effect)))))
+    assert "drift" not in words and "period to period" not in words
+    assert effect != "none" or not words
+
+
+def changed(by: Callable[[np.ndarray, float], np.ndarray], some: int | None = None) -> Ground:
+    """The ground of a folder with nothing missing, something [noise] added to the residual of its sines, or one."""
+    ground = campaigns.ground("none")
+    residual = ground.fit.residual.copy()
+    for i, (r, rows) in enumerate(zip(ground.plan.recordings, ground.slices, strict=True)):
+        if r.name.startswith("sine") and some in (None, i):
+            residual[rows] += by(r.t[r.mask("identification")], float(r.period or 1.0))
+    return replace(ground, fit=replace(ground.fit, residual=residual))
+
+
+def test_what_does_not_repeat_in_a_folder_is_told_with_the_noise_of_the_others() -> None:
+    sentences = symptom_sentences(symptoms(seen(changed(lambda t, period: np.where(t > 2.0 * period, 6.0, 0.0)))))
+    assert any("does not repeat" in s for s in sentences)
+
+
+def test_a_drift_of_a_folder_is_told() -> None:
+    sentences = symptom_sentences(symptoms(seen(changed(lambda t, period: 4.0 * t / t[-1]))))
+    assert any("drifts beneath the drive" in s for s in sentences)
+
+
+def test_what_recordings_cannot_show_is_not_said() -> None:
+    steps = [replace(s, frequency=0.0) for s in seen_with(nothing)]
+    found = symptoms(steps)
+    # Nor a drift: the answer to a step goes on like one.
+    assert found.even is found.odd is found.delay is found.repetition is found.drift is None
+    assert symptom_sentences(found) == ()
+
+
+def test_symptoms_of_a_folder() -> None:
+    found = symptoms(seen(campaigns.ground("cubic_stiffness")))
+    assert of(found, "odd")[0] > 0.9
+    assert of(found, "odd")[2] < 1e-6

@@ -1,0 +1,98 @@
+"""What is known of the state in which a slice of an operation begins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import recorded
+
+from phnn.identification.begun import expected_start
+from phnn.identification.evaluate import evaluate
+from phnn.identification.plan import Plan
+from phnn.identification.problem import Problem
+from phnn.identification.variables import variables_of
+from phnn.models.actuator import hrc
+from phnn.recordings.recording import Part, Recording, Start
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+NOISE = 3e-8
+SETUP = Setup(hrc(2))
+T = np.arange(3000) * 1e-4
+
+
+@pytest.fixture(scope="module")
+def whole() -> Recording:
+    """Three swings of a sine from rest."""
+    return recorded(SETUP, "whole", T, 75.0 * np.sin(2 * np.pi * 10.0 * T), NOISE)
+
+
+def sliced(whole: Recording, first: int, head: int = 0) -> Recording:
+    """What comes after a number of samples; a head that is not scored, or all for identification."""
+    size = whole.t.size - first
+    parts = (Part("head", 0, head, "nuisance"), Part("rest", head, size, "confirmation"))
+    return replace(
+        whole, name="slice", t=whole.t[:size], u=whole.u[first:], y=whole.y[first:], start=Start("unknown"),
+        parts=parts if head else (Part("all", 0, size, "identification"),),
+    )  # fmt: skip
+
+
+def true_state(whole: Recording, first: int) -> np.ndarray:
+    run = simulate(SETUP, whole, 4)
+    return np.asarray(run.states[run.nodes[run.lead :]][first])
+
+
+@pytest.mark.parametrize("first", [1100, 1300, 1600, 1850])
+def test_the_expected_state_is_near_the_true_one_where_the_input_went_on_as_before(
+    whole: Recording, first: int
+) -> None:
+    later = sliced(whole, first)
+    run = simulate(SETUP, later, 4)
+    ranges = np.ptp(run.states, axis=0)
+    found, true = expected_start(run, ranges), true_state(whole, first)
+    assert (np.abs(found.mean - true) < 2.0 * found.spread).all()
+    # Nearer than the state of rest, in the states that remember.
+    rest = simulate(SETUP, later, 4).states[0]
+    assert np.linalg.norm((found.mean - true) / ranges) < np.linalg.norm((rest - true) / ranges)
+    assert (found.spread > 0.0).all()
+
+
+def test_a_short_recording_expects_rest(whole: Recording) -> None:
+    run = simulate(SETUP, replace(sliced(whole, 0), start=Start("rest", 0.0)).only(slice(0, 60)), 2)
+    found = expected_start(run, np.ones(run.states.shape[1]))
+    assert np.array_equal(found.mean, run.states[0])
+
+
+def test_derivatives_of_the_prior_are_those_of_finite_differences(whole: Recording) -> None:
+    plan = Plan((sliced(whole, 1300),), {"slice": 2}, 1)
+    variables = variables_of(SETUP, plan, ("k", "b"))
+    rng = np.random.default_rng(3)
+    z = variables.start(SETUP) + 0.1 * rng.standard_normal(variables.start(SETUP).size)
+    rows = variables.prior(z)
+    assert rows.shape == (4, z.size + 1)
+    for i in range(z.size):
+        step = np.zeros(z.size)
+        step[i] = 1e-6
+        slope = (variables.prior(z + step)[:, -1] - variables.prior(z - step)[:, -1]) / 2e-6
+        np.testing.assert_allclose(rows[:, i], slope, atol=1e-8)
+
+
+def test_an_optimiser_sees_the_prior(whole: Recording) -> None:
+    plan = Plan((sliced(whole, 1300),), {"slice": 2}, 1)
+    problem = Problem(SETUP, plan, variables_of(SETUP, plan, ("k",)))
+    z = problem.variables.start(SETUP) + 0.05
+    prior, slopes, residual = problem.variables.prior(z), problem.jacobian(z), problem.residual(z)
+    gradient = slopes.T @ residual + prior[:, :-1].T @ prior[:, -1]
+    np.testing.assert_allclose(
+        problem.slopes(z).T @ problem.size(z), gradient, rtol=1e-8, atol=1e-6 * np.abs(gradient).max()
+    )
+    assert problem.size(z)[-1] ** 2 == pytest.approx(residual @ residual + prior[:, -1] @ prior[:, -1])
+
+
+@pytest.mark.parametrize("first", [200, 700, 1000])
+def test_a_slice_is_predicted_as_well_as_the_whole(whole: Recording, first: int) -> None:
+    later = sliced(whole, first, head=1000)
+    found = evaluate(SETUP, Plan((later,), {"slice": 4}, 1), {})
+    assert found.over_noise("confirmation") == pytest.approx(1.0, abs=0.1)

@@ -1,0 +1,177 @@
+"""Intervals of estimates contain the truth as often as they say, whatever the noise is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import campaigns
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import binom
+from scipy.stats import t as student
+
+from phnn.identification.covariance import bread, scatter
+from phnn.identification.fit import Fit
+from phnn.identification.staged import fit_identified
+from phnn.recordings.recording import Recording
+from phnn.simulate import simulate
+
+DRAWS = 200
+Noise = Callable[[np.random.Generator, int], np.ndarray]
+
+
+def white(rng: np.random.Generator, size: int) -> np.ndarray:
+    return rng.standard_normal(size)
+
+
+def first_order(rng: np.random.Generator, size: int) -> np.ndarray:
+    return np.asarray(lfilter([0.6], [1.0, -0.8], rng.standard_normal(size + 200)))[200:]
+
+
+def through_a_resonance(rng: np.random.Generator, size: int) -> np.ndarray:
+    """A fifth of the power in a resonance at 0.05 cycles a sample."""
+    found = np.asarray(lfilter([1.0], [1.0, -1.9 * np.cos(0.1 * np.pi), 0.9025], rng.standard_normal(size + 500)))[500:]
+    return np.sqrt(0.8) * rng.standard_normal(size) + np.sqrt(0.2) * found / 7.0
+
+
+def heavy(rng: np.random.Generator, size: int) -> np.ndarray:
+    return rng.standard_t(3.0, size) / np.sqrt(3.0)
+
+
+def recordings() -> tuple[tuple[Recording, ...], list[slice]]:
+    found = campaigns.base().plan.recordings
+    ends = np.cumsum([0, *(int(r.mask("identification").sum()) for r in found)])
+    return found, [slice(int(a), int(b)) for a, b in pairwise(ends)]
+
+
+@cache
+def errors(noise: Noise, periodic: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """(DRAWS, K) errors of the linearised fit over their standard errors, and their degrees of freedom."""
+    jacobian = campaigns.base().jacobian
+    inverse, rng = np.linalg.pinv(jacobian), np.random.default_rng(7)
+    among, slices = recordings()
+    among = among if periodic else tuple(replace(r, period=None) for r in among)
+    found, freedom = [], []
+    for _ in range(DRAWS):
+        parts = [noise(rng, s.stop - s.start) for s in slices]
+        drawn = np.concatenate([p - p.mean() for p in parts])
+        error = inverse @ drawn
+        known = scatter(drawn - jacobian @ error, jacobian, among, slices)
+        found.append(error / np.sqrt(np.diag(known.covariance)))
+        freedom.append(known.freedom)
+    return np.array(found), np.array(freedom)
+
+
+@pytest.mark.parametrize(
+    "noise", [first_order, heavy, *(pytest.param(n, marks=pytest.mark.slow) for n in (white, through_a_resonance))]
+)
+@pytest.mark.parametrize("share", [0.68, 0.95])
+def test_intervals_contain_the_truth_as_often_as_they_say(noise: Noise, share: float) -> None:
+    found, freedom = errors(noise)
+    inside = np.abs(found) <= student.ppf(0.5 + 0.5 * share, freedom)
+    # All parameters of one draw count as one: their errors go together.
+    low, high = binom.interval(0.99, DRAWS, share)
+    assert low <= DRAWS * inside.mean() <= high
+
+
+@pytest.mark.parametrize("noise", [white, first_order])
+def test_intervals_do_not_need_repetitions(noise: Noise) -> None:
+    found, freedom = errors(noise, periodic=False)
+    inside = np.abs(found) <= student.ppf(0.975, freedom)
+    low, high = binom.interval(0.99, DRAWS, 0.95)
+    assert low <= DRAWS * inside.mean() <= high
+
+
+def test_uneven_noise_widens_where_it_lies() -> None:
+    jacobian = campaigns.base().jacobian
+    among, slices = recordings()
+    rng = np.random.default_rng(3)
+    # As large as the first parameter listens, as jitter is where the output is fast.
+    inverse = np.linalg.pinv(jacobian)
+    size = np.abs(inverse[0]) / np.sqrt(np.mean(inverse[0] ** 2))
+    true = np.sqrt(np.einsum("kn,n->k", inverse**2, size**2))
+    least = np.sqrt(np.diag(bread(jacobian)))
+    assert true[0] > 1.3 * least[0]
+    stated = []
+    for _ in range(50):
+        drawn = size * rng.standard_normal(size.size)
+        stated.append(np.diag(scatter(drawn - jacobian @ (inverse @ drawn), jacobian, among, slices).covariance))
+    assert np.sqrt(np.mean(stated, axis=0)[0]) == pytest.approx(true[0], rel=0.2)
+
+
+def test_intervals_know_of_lines_that_the_model_misses() -> None:
+    jacobian = campaigns.base().jacobian
+    inverse, rng = np.linalg.pinv(jacobian), np.random.default_rng(11)
+    among, slices = recordings()
+    inside, naive = [], []
+    for _ in range(DRAWS):
+        missed = []
+        for rows in slices:
+            n = rows.stop - rows.start
+            # Harmonics of three periods a recording, with amplitudes that fall and phases that nobody knows.
+            orders = np.arange(1, 25)
+            phase = 2.0 * np.pi * (np.outer(np.arange(n) / n, 3 * orders) + rng.random(orders.size))
+            missed.append(np.cos(phase) @ (3.0 / orders) + rng.standard_normal(n))
+        drawn = np.concatenate(missed)
+        error = inverse @ drawn
+        known = scatter(drawn - jacobian @ error, jacobian, among, slices)
+        inside.append(np.abs(error) <= student.ppf(0.975, known.freedom) * np.sqrt(np.diag(known.covariance)))
+        naive.append(np.abs(error) <= 1.96 * np.sqrt(np.diag(bread(jacobian))))
+    assert np.mean(naive) < 0.6
+    assert np.mean(inside) > 0.9
+
+
+def test_never_below_the_stated_noise() -> None:
+    jacobian = campaigns.base().jacobian
+    among, slices = recordings()
+    found = scatter(1e-3 * np.random.default_rng(0).standard_normal(len(jacobian)), jacobian, among, slices)
+    least = bread(jacobian)
+    np.testing.assert_allclose(np.diag(found.covariance), np.diag(least), rtol=1e-6)
+    nothing = scatter(np.ones(len(jacobian)), jacobian[:, :0], among, slices)
+    assert nothing.covariance.shape == (0, 0)
+    assert nothing.freedom.shape == (0,)
+
+
+def test_an_interval_is_that_of_the_estimation_coordinate() -> None:
+    fitted = campaigns.base()
+    for name in fitted.variables.names:
+        p = fitted.setup.parameters[name]
+        ends, narrow, alone = fitted.interval(name), fitted.interval(name, 0.68), fitted.interval(name, anchored=False)
+        assert ends is not None
+        assert narrow is not None
+        assert alone is not None
+        assert 0.0 < ends[0] < narrow[0] < p.value < narrow[1] < ends[1]
+        # Up to what the search left on its last step.
+        middle = 0.5 * (p.to_coordinate(ends[0]) + p.to_coordinate(ends[1]))
+        assert p.from_coordinate(middle) == pytest.approx(p.value, rel=1e-9)
+        assert ends[0] <= alone[0] <= alone[1] <= ends[1]
+    assert fitted.interval("q_0") is None
+
+
+def refitted(true: Fit, rng: np.random.Generator) -> Fit:
+    """A fit to new white noise on the output of a fitted model, begun at that model."""
+    fresh = []
+    for r in true.plan.recordings:
+        y = simulate(true.setup, r, true.plan.steps_of(r)).y
+        fresh.append(replace(r, y=y + r.noise * rng.standard_normal(y.size)))
+    return fit_identified(true.setup, replace(true.plan, recordings=tuple(fresh)), true.held, origin=true)
+
+
+@pytest.mark.slow
+def test_refits_find_the_truth_in_their_intervals() -> None:
+    true, rng, inside = campaigns.base(), np.random.default_rng(5), {0.68: [], 0.95: []}
+    draws = 40
+    for _ in range(draws):
+        found = refitted(true, rng)
+        for share, hits in inside.items():
+            for name in found.variables.names:
+                ends = found.interval(name, share, anchored=False)
+                if ends is not None:
+                    hits.append(ends[0] <= true.setup.values()[name] <= ends[1])
+    for share, hits in inside.items():
+        low, high = binom.interval(0.99, draws, share)
+        assert low <= draws * np.mean(hits) <= high

@@ -1,0 +1,151 @@
+"""The machinery of a fit: residual, derivatives, normal equations, covariance, identifiability."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import campaigns
+import numpy as np
+import pytest
+
+from phnn.identification.fit import fit, unidentified, variables_from
+from phnn.identification.nuisances import without_nuisances
+from phnn.identification.plan import Plan
+from phnn.identification.problem import Problem
+from phnn.identification.variables import variables_of
+from phnn.recordings.recording import Part, Recording, Start
+from phnn.simulate import simulate
+
+
+def problem() -> tuple[Problem, np.ndarray]:
+    fitted = campaigns.base()
+    found = Problem(fitted.setup, fitted.plan, fitted.variables)
+    return found, fitted.z + 0.01
+
+
+def test_small_square_has_the_normal_equations_of_the_tall_problem() -> None:
+    p, z = problem()
+    tall = np.column_stack([p.jacobian(z), p.residual(z)])
+    square = np.column_stack([p.slopes(z), p.size(z)])
+    assert square.shape == (z.size + 1, z.size + 1)
+    expected = tall.T @ tall
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(square.T @ square / np.outer(size, size), expected / np.outer(size, size), atol=1e-10)
+
+
+def test_a_step_back_finds_residual_and_derivatives_of_where_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    p, z = problem()
+    slopes, residual = p.slopes(z), p.residual(z)
+    assert p.size(z + 0.01)[-1] != p.size(z)[-1]
+    monkeypatch.setattr("phnn.identification.problem.simulate", None)
+    np.testing.assert_array_equal(p.slopes(z), slopes)
+    np.testing.assert_array_equal(p.residual(z), residual)
+
+
+def test_jacobian_is_the_derivative_of_the_residual() -> None:
+    p, z = problem()
+    jacobian = p.jacobian(z)
+    for i, name in enumerate(p.variables.names):
+        step = 1e-4
+        e = np.zeros_like(z)
+        e[i] = step
+        difference = (p.residual(z + e) - p.residual(z - e)) / (2 * step)
+        # Where the recordings hardly depend on a parameter, what is compared is the error of the difference itself.
+        error = np.linalg.norm(jacobian[:, i] - difference) / max(np.linalg.norm(difference), 1.0)
+        assert error < 2e-2, name
+
+
+def test_displacement_zero_is_projected_out_exactly() -> None:
+    fitted = campaigns.base()
+    shifted = tuple(replace(r, y=r.y + 1e-4 * (i + 1)) for i, r in enumerate(fitted.plan.recordings))
+    plan = replace(fitted.plan, recordings=shifted)
+    here = Problem(fitted.setup, fitted.plan, fitted.variables)
+    moved = Problem(fitted.setup, plan, fitted.variables)
+    # A zero of a tenth of a millimetre, a thousand times the noise, leaves rounding.
+    np.testing.assert_allclose(moved.residual(fitted.z), here.residual(fitted.z), atol=1e-8)
+    first = 0
+    for mask in here.masks:
+        rows = slice(first, first + int(mask.sum()))
+        assert np.abs(fitted.jacobian[rows].mean(axis=0)).max() < 1e-9 * np.abs(fitted.jacobian[rows]).max()
+        assert abs(fitted.residual[rows].mean()) < 1e-8
+        first += int(mask.sum())
+
+
+def test_the_zero_is_the_mean_of_the_masked_rows_only() -> None:
+    recording = campaigns.base().plan.recordings[0]
+    mask = np.arange(recording.t.size) < 3
+    values = np.where(mask, np.arange(1.0, recording.t.size + 1.0), 100.0)
+    np.testing.assert_array_equal(without_nuisances(values, mask, recording), [-1.0, 0.0, 1.0])
+
+
+def test_unidentified() -> None:
+    rng = np.random.default_rng(1)
+    a, b, c = np.linalg.qr(rng.standard_normal((50, 3)))[0].T
+    assert unidentified(np.column_stack([100 * a, 10 * b, 5 * c]), ["a", "b", "c"]) == []
+    # A coordinate uncertain by 2, more than a factor e^1.5, goes; one uncertain by a half stays.
+    assert unidentified(np.column_stack([100 * a, 0.5 * b, 2.0 * c]), ["a", "b", "c"]) == ["b"]
+    assert unidentified(np.column_stack([100 * a, 0 * b, 5 * c]), ["a", "b", "c"]) == ["b"]
+    twins = unidentified(np.column_stack([100 * a, 100 * b, 100 * b]), ["a", "b", "twin"])
+    assert twins in (["b"], ["twin"])
+    assert set(unidentified(np.zeros((50, 2)), ["a", "b"])) == {"a", "b"}
+    # Two that are only known by their product: one is dropped, and the other one is known then.
+    product = np.column_stack([100 * a + 1e-3 * b, 100 * a - 1e-3 * b])
+    assert len(unidentified(product, ["a", "b"])) == 1
+
+
+def cut(recording: Recording, first: int) -> Recording:
+    """What follows a sample, with a start that nobody knows."""
+    last = recording.t.size - first
+    return replace(
+        recording, t=recording.t[:last], u=recording.u[first:], y=recording.y[first:], start=Start("unknown"),
+        parts=(Part(recording.name, 0, last, "identification"),),
+    )  # fmt: skip
+
+
+def test_initial_state_is_estimated_where_the_start_is_unknown() -> None:
+    fitted = campaigns.base()
+    whole = fitted.plan.recordings[0]
+    later = cut(whole, 700)
+    plan = Plan((later,), fitted.plan.substeps, workers=1)
+    found = fit(fitted.setup, plan, ())
+    initial = found.initial(later.name)
+    assert initial is not None
+    assert found.variables.unknown == (later.name,)
+    assert 0.85 < found.chi2 < 1.15
+    error = later.y - simulate(fitted.setup, later, 2).y
+    uninformed = without_nuisances(error, later.mask("identification"), later) / later.noise
+    assert np.mean(uninformed**2) > 20.0
+    # The displacement relative to the zero is known to the noise of the fit; charges only as far as they matter.
+    path = simulate(fitted.setup, whole, 2)
+    there = path.states[path.nodes[700]]
+    y = simulate(fitted.setup, later, 2, initial=initial).y
+    assert np.std(y - path.y[700:]) < 0.3 * whole.noise
+    assert initial[-1] == pytest.approx(there[-1], abs=0.1 * np.abs(path.states[:, -1]).max())
+
+
+def test_a_fit_of_other_recordings_begins_at_the_initial_states_of_those_it_shares() -> None:
+    fitted = campaigns.base()
+    first, second = (cut(r, 300) for r in fitted.plan.recordings[:2])
+    found = fit(fitted.setup, Plan((first, second), fitted.plan.substeps, workers=1), ())
+    shared = variables_from(fitted.setup, Plan((second,), fitted.plan.substeps), (), found)
+    np.testing.assert_array_equal(shared.origin[second.name], found.initial_states[second.name])
+    alone = fit(fitted.setup, Plan((first,), fitted.plan.substeps, workers=1), ())
+    mixed = variables_from(fitted.setup, found.plan, (), alone)
+    np.testing.assert_array_equal(mixed.origin[first.name], alone.initial_states[first.name])
+    np.testing.assert_array_equal(mixed.origin[second.name], found.variables.origin[second.name])
+
+
+def test_a_start_at_rest_has_no_initial_state_to_estimate() -> None:
+    fitted = campaigns.base()
+    assert variables_of(fitted.setup, fitted.plan, ("k",)).unknown == ()
+    assert fitted.initial("step_75V") is None
+
+
+def test_impossible_parameters_cost_much_and_do_not_raise() -> None:
+    p, z = problem()
+    far = z.copy()
+    far[:] = 200.0
+    size = p.size(far)
+    assert size.shape == (z.size + 1,)
+    assert np.isfinite(size).all()
+    assert np.linalg.norm(size) > 10.0 * np.linalg.norm(p.residual(z))

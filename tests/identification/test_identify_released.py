@@ -1,0 +1,31 @@
+"""A parameter that ran off to where nothing depends on it comes back."""
+
+from __future__ import annotations
+
+import campaigns
+
+from phnn.identification.base import released
+from phnn.identification.staged import fit_identified
+
+
+def test_a_parameter_on_a_plateau_comes_back() -> None:
+    fitted = campaigns.base()
+    # With the first hysteron held, the two cannot change places.
+    stated = dict.fromkeys(("m", "rho_1", "C_1", "d_1"), "held at the stated value")
+    # Hysteron 2 without a limit to its current: a plateau, far above the best fit.
+    away = fitted.setup.with_values({"rho_2": 1e6})
+    stuck = fit_identified(away, fitted.plan, stated)
+    assert "rho_2" in stuck.held
+    assert stuck.cost > 1.5 * fitted.cost
+    free = released(stuck)
+    assert "rho_2" not in free.held
+    assert free.cost < 1.02 * fitted.cost
+
+
+def test_a_fit_without_plateaus_is_left_alone() -> None:
+    fitted = campaigns.base()
+    again = fit_identified(fitted.setup, fitted.plan, {"m": "held at the stated value"})
+    if not any("do not identify" in why for why in again.held.values()):
+        assert released(again) is again
+    else:
+        assert released(again).cost <= again.cost
