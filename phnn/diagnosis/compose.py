@@ -3,8 +3,8 @@
 A model is grown element by element on some of the identification recordings, and the others of them choose
 (`phnn.identification.left_out`): of the refits that fit best, the one that predicts those best is added, as long as
 their error falls by more than chance and by more than a further element is worth. Candidates are effects of the
-catalogue and learned elements. Then every element has to show that it is still needed. What stands is refitted to all identification
-recordings. No name is claimed here, and no held-out recording is looked at.
+catalogue and learned elements. Then every element has to show that it is still needed. What stands is refitted to all
+identification recordings. No name is claimed here, and no held-out recording is looked at.
 """
 
 from __future__ import annotations
