@@ -82,11 +82,9 @@ class Tested:
         return self.held_out or self.identified
 
 
-def outcome_of(
-    held_out: Gain | None, identified: Gain, rule: Confirmation, record: Record | None = None, element: str = ""
-) -> Outcome:
+def outcome_of(case: ElementCase, record: Record | None = None, element: str = "") -> Outcome:
     """What follows from the gains of one element, by the rules of `phnn.diagnosis.rules.held_out.ELEMENT`."""
-    decided = (record or Record()).decide(ELEMENT, ElementCase(held_out, identified, rule), element)
+    decided = (record or Record()).decide(ELEMENT, case, element)
     assert decided is not None
     return Outcome(decided.outcome)
 
@@ -242,7 +240,9 @@ def _tested(
             for use in ("confirmation", "identification")
         )
         assert identified is not None
-        outcome = outcome_of(held_out, identified, rule, record, finding.trial.candidate.effect.name)
+        drifts = final.setup.own.courses > alone.setup.own.courses
+        case = ElementCase(held_out, identified, rule, drifts)
+        outcome = outcome_of(case, record, finding.trial.candidate.effect.name)
         tested.append(Tested(finding, outcome, alone, held_out, identified))
     return after, tested
 

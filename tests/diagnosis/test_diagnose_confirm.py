@@ -15,6 +15,7 @@ from phnn.diagnosis.criteria import CRITERIA, Confirmation
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Judgement
 from phnn.diagnosis.name import Candidate
+from phnn.diagnosis.rules.held_out import ElementCase
 from phnn.diagnosis.trial import Trial
 from phnn.effects import effect
 from phnn.effects.learned import learned_elements
@@ -57,13 +58,13 @@ def a_gain(before: float, after: float, p: float | None = 1e-6) -> Gain:
     ],
 )
 def test_what_held_out_recordings_say_of_an_element(held_out: Gain | None, identified: Gain, outcome: Outcome) -> None:
-    assert outcome_of(held_out, identified, CRITERIA.confirmation) is outcome
+    assert outcome_of(ElementCase(held_out, identified, CRITERIA.confirmation)) is outcome
 
 
 def test_what_is_material_is_a_setting() -> None:
     found = a_gain(1.08, 1.0), a_gain(1.1, 1.0)
-    assert outcome_of(*found, Confirmation(material=0.5)) is Outcome.IMMATERIAL
-    assert outcome_of(*found, Confirmation(material_share=0.1)) is Outcome.IMMATERIAL
+    assert outcome_of(ElementCase(*found, Confirmation(material=0.5))) is Outcome.IMMATERIAL
+    assert outcome_of(ElementCase(*found, Confirmation(material_share=0.1))) is Outcome.IMMATERIAL
 
 
 def recording(name: str, use: str) -> Recording:

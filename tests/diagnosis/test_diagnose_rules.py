@@ -77,6 +77,8 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (ELEMENT, element(None, a_gain(3.0, 2.0)), "nothing_held_out", "refuted"),
     (ELEMENT, element(a_gain(3.0, 1.2, None), LARGE), "untested_and_far", "open"),
     (ELEMENT, element(SLIGHT, SLIGHT), "changes_too_little", "immaterial"),
+    (ELEMENT, replace(element(a_gain(1.1, 1.01), LARGE), drifts=True), "drift_is_within_the_noise", "immaterial"),
+    (ELEMENT, replace(element(a_gain(3.0, 1.2), LARGE), drifts=True), "error_falls", "proven"),
     (ELEMENT, element(a_gain(3.0, 3.1, None), LARGE), "untested", "provisional"),
     (ELEMENT, element(a_gain(6.6, 2.1), LARGE), "error_falls", "proven"),
     (ELEMENT, element(a_gain(3.0, 3.1, 0.9), LARGE), "error_does_not_fall", "refuted"),

@@ -12,11 +12,19 @@ from phnn.identification.gain import Gain
 
 @dataclass(frozen=True)
 class ElementCase:
-    """What one element gains on held-out recordings, None where there are none, and on those identified."""
+    """What one element gains.
+
+    Attributes:
+        held_out: on held-out recordings; None where there are none.
+        identified: on those identified.
+        rule: the criteria.
+        drifts: every recording has drift coefficients of its own, so that the element predicts no recording.
+    """
 
     held_out: Gain | None
     identified: Gain
     rule: Confirmation
+    drifts: bool = False
 
 
 def _sizes(found: Gain) -> tuple[float, float, float]:
@@ -66,6 +74,16 @@ def changes_too_little(case: ElementCase) -> Applied | None:
     identified = case.identified.share_of_noise
     numbers = _numbers(found, material=rule.material, identified_share=identified, real_gain=rule.real_gain)
     return Applied(not changes and identified < rule.real_gain, "immaterial", numbers)
+
+
+def drift_is_within_the_noise(case: ElementCase) -> Applied | None:
+    """A drift that differs in every recording is smaller than a real gain: the low end of the noise spectrum can
+    look the same."""
+    found = case.held_out
+    if found is None or not case.drifts:
+        return None
+    small = found.share_of_noise < case.rule.real_gain
+    return Applied(small, "immaterial", _numbers(found, real_gain=case.rule.real_gain))
 
 
 def untested(case: ElementCase) -> Applied | None:
@@ -198,6 +216,7 @@ ELEMENT = (
     nothing_held_out,
     untested_and_far,
     changes_too_little,
+    drift_is_within_the_noise,
     untested,
     error_falls,
     error_does_not_fall,
