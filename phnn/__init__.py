@@ -1,10 +1,12 @@
 """Port-Hamiltonian models of piezoelectric actuators from recordings, and the physics they leave out.
 
-    from phnn.diagnosis import diagnose
+    import phnn
 
     campaign  = phnn.read("recordings/")
-    diagnosis = diagnose(campaign)
-    phnn.write(diagnosis, "out/")
+    fit       = phnn.identify(phnn.models.hrc(hysterons=2), campaign)
+    diagnosis = phnn.diagnose(fit)
+    diagnosis.write("out/")
+    y = diagnosis.model.simulate(t, voltage)
 
 Names are loaded when they are first used, so that importing the package costs next to nothing.
 """
@@ -12,23 +14,69 @@ Names are loaded when they are first used, so that importing the package costs n
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-_WHERE = {
-    "read": ("phnn.recordings", "read"),
-    "describe": ("phnn.recordings", "describe"),
-    "Options": ("phnn.identification.base", "Options"),
-    "write": ("phnn.report.result", "write"),
-    "Setup": ("phnn.setup", "Setup"),
-    "load": ("phnn.models.store", "load"),
-    "PortHamiltonianSystem": ("phnn.network.system", "PortHamiltonianSystem"),
+if TYPE_CHECKING:
+    from phnn import effects, models
+    from phnn.errors import InputRefused, PhnnError, SolverFailed
+    from phnn.identification.base import Options
+    from phnn.model import Model
+    from phnn.network.elements import Network
+    from phnn.network.system import PortHamiltonianSystem
+    from phnn.recordings import describe, read
+    from phnn.setup import Setup
+    from phnn.verbs import Diagnosis, compare, diagnose, identify, load, predict
+
+# Where each public name is defined; None for the module of that name.
+_DEFINED_IN = {
+    "read": "phnn.recordings",
+    "describe": "phnn.recordings",
+    "identify": "phnn.verbs",
+    "diagnose": "phnn.verbs",
+    "predict": "phnn.verbs",
+    "compare": "phnn.verbs",
+    "load": "phnn.verbs",
+    "models": None,
+    "effects": None,
+    "Diagnosis": "phnn.verbs",
+    "InputRefused": "phnn.errors",
+    "Model": "phnn.model",
+    "Network": "phnn.network.elements",
+    "Options": "phnn.identification.base",
+    "PhnnError": "phnn.errors",
+    "PortHamiltonianSystem": "phnn.network.system",
+    "Setup": "phnn.setup",
+    "SolverFailed": "phnn.errors",
 }
 
-__all__ = sorted(_WHERE)
+__all__ = [
+    "Diagnosis",
+    "InputRefused",
+    "Model",
+    "Network",
+    "Options",
+    "PhnnError",
+    "PortHamiltonianSystem",
+    "Setup",
+    "SolverFailed",
+    "compare",
+    "describe",
+    "diagnose",
+    "effects",
+    "identify",
+    "load",
+    "models",
+    "predict",
+    "read",
+]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _WHERE:
+    if name not in _DEFINED_IN:
         raise AttributeError(f"module 'phnn' has no attribute {name!r}; it has {', '.join(__all__)}")
-    module, attribute = _WHERE[name]
-    return getattr(importlib.import_module(module), attribute)
+    module = _DEFINED_IN[name]
+    return importlib.import_module(f"phnn.{name}") if module is None else getattr(importlib.import_module(module), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class PhnnError(Exception):
-    """Base class. The command line prints the message without a traceback."""
+    """Base class of what phnn raises: ``except phnn.PhnnError``. The command line prints the message alone."""
 
     exit_status = 1
 

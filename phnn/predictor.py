@@ -30,7 +30,7 @@ def predictor(model: Path, outside: bool = False) -> Predictor:
     content, shown = stored(model, outside)
     if content.get("schema") != MODEL_SCHEMA:
         setup, substeps = setup_from(content, shown)
-        return lambda campaign: _of_network(setup, substeps, campaign)
+        return lambda campaign: of_network(setup, substeps, campaign)
     from phnn.modal.predicting import predicted_modes
 
     try:
@@ -40,6 +40,11 @@ def predictor(model: Path, outside: bool = False) -> Predictor:
     return lambda campaign: predicted_modes(modes, campaign)
 
 
-def _of_network(setup: Setup, substeps: int, campaign: Campaign) -> Iterator[Predicted]:
+def of_network(setup: Setup, substeps: int, campaign: Campaign) -> Iterator[Predicted]:
+    """Predictions of a network model.
+
+    Raises:
+        InputRefused: the recordings do not fit its ports and outputs.
+    """
     check_names(setup.network, campaign.recordings)
     return (predicted(setup, r, substeps, r.name in campaign.held_out) for r in campaign.recordings)

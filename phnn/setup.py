@@ -63,6 +63,8 @@ COURSES = 8
 class Setup:
     """What is between the recorded input and the recorded output.
 
+        setup = phnn.Setup(phnn.models.hrc(hysterons=2))     # no amplifier or sensor of note
+
     Attributes:
         network: the passive core.
         amplifier: blocks from the recorded input to the port.

@@ -23,7 +23,7 @@ from phnn.errors import SolverFailed
 from phnn.learn.plant import Plant
 from phnn.learn.solvers import Solver
 from phnn.learn.windows import windows_of
-from phnn.recordings.recording import Recording, Start, dominant_frequency
+from phnn.recordings.recording import Recording, dominant_frequency, unrecorded
 from phnn.setup import Setup
 from phnn.simulate import simulate
 
@@ -93,16 +93,8 @@ def random_inputs(recordings: Sequence[Recording], count: int, seed: int) -> lis
         t = np.linspace(0.0, _PERIODS / frequencies.min(), _SAMPLES)
         u = np.sin(2.0 * np.pi * np.outer(t, frequencies)) @ random.standard_normal(_TONES)
         u *= largest * _WEAKEST ** random.random() / np.abs(u).max()
-        found.append(blank(f"random {k}", t, u))
+        found.append(unrecorded(f"random {k}", t, u))
     return found
-
-
-def blank(name: str, t: Array, u: Array) -> Recording:
-    """A smooth input from rest whose output nobody recorded."""
-    return Recording(
-        name=name, t=t, u=u, y=np.full(t.size, np.nan), start=Start("rest", 0.0), interpolation="cubic", parts=(),
-        noise=np.nan, noise_source="simulated", noise_correlation=np.ones(1), period=None, channels={}, source="",
-    )  # fmt: skip
 
 
 def of_setup(setup: Setup) -> Response:

@@ -26,10 +26,15 @@ from phnn.ensemble import Executor, executor
 from phnn.identification.base import Options, Progress, identify_base, quiet, refined, single
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
+from phnn.identification.identified import Identified, model_of
 from phnn.identification.numerics import NumericalError
 from phnn.integrate.residual import check
+from phnn.model import Model
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
+
+# How often all steps are halved where the numerical error could be taken for physics.
+_REFINEMENTS = 2
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,16 @@ class Diagnosis:
     options: Options
     seconds: float
     criteria: Criteria = CRITERIA
+
+    @property
+    def verdict(self) -> str:
+        """``named``, ``equivalent``, ``unknown`` or ``none``."""
+        return self.judgement.verdict
+
+    @property
+    def model(self) -> Model:
+        """The final model: base and every element that helps, whatever the verdict."""
+        return model_of(self.judgement.final)
 
 
 def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) -> list[Effect]:
@@ -92,8 +107,49 @@ def _distilled(judgement: Judgement, executor: Executor, criteria: Criteria) -> 
     return replace(judgement, findings=tuple(replace(f, description=formula(f)) if f.learned else f for f in found))
 
 
+def _base(
+    recorded: Campaign | Identified, options: Options, progress: Progress
+) -> tuple[Campaign, Fit, NumericalError]:
+    """The recordings and their base model, fitted where that has not been done."""
+    campaign = recorded.campaign if isinstance(recorded, Identified) else recorded
+    single(campaign.recordings, "a diagnosis follows one input to one output")
+    if isinstance(recorded, Identified):
+        return campaign, recorded.fit, recorded.error
+    return campaign, *identify_base(campaign, options, progress)
+
+
+def _finely_scored(
+    base: Fit,
+    error: NumericalError,
+    effects: Sequence[Effect],
+    options: Options,
+    terminals: bool,
+    criteria: Criteria,
+    progress: Progress,
+) -> tuple[Fit, NumericalError, Scored]:
+    """Scores of all effects, with steps so fine that the numerical error alone scores next to nothing."""
+    found = scored(base, effects, options.seed, error, terminals, criteria)
+    for _ in range(_REFINEMENTS):
+        if found.naming.numerical <= criteria.selection.numerical_score:
+            break
+        progress(f"numerical error could score {found.naming.numerical:.2g}: finer steps")
+        base, error = refined(base, options)
+        found = scored(base, effects, options.seed, error, terminals, criteria)
+    return base, error, found
+
+
+def _held_against_numerics(judgement: Judgement, criteria: Criteria) -> Judgement:
+    """The judgement without a name that the numerical error alone could confound."""
+    if judgement.verdict != "named":
+        return judgement
+    record = Record(list(judgement.rules))
+    decided = record.decide(NUMERICS, NumericsCase(judgement.naming.numerical, criteria))
+    verdict = judgement.verdict if decided is None else decided.outcome
+    return replace(judgement, verdict=verdict, rules=tuple(record.asked))
+
+
 def diagnose(
-    campaign: Campaign,
+    recorded: Campaign | Identified,
     options: Options | None = None,
     progress: Progress = quiet,
     effects: Sequence[Effect] | None = None,
@@ -102,8 +158,8 @@ def diagnose(
     """Fit the base model, locate what it misses, name it, refit, judge and confirm.
 
     Args:
-        campaign: recordings with their identification and confirmation parts.
-        options: how hard to try.
+        recorded: recordings with their identification and confirmation parts, or a base model identified from them.
+        options: how hard to try; those of the identification where it has been done, defaults otherwise.
         progress: called with a line of text at every stage.
         effects: the catalogue to use; all that can exist otherwise.
         on_base: called with the base fit as soon as there is one, so that it can be kept whatever comes.
@@ -114,25 +170,16 @@ def diagnose(
             nothing has been fitted yet then.
     """
     began = time.monotonic()
-    chosen = options or Options()
+    chosen = options or (recorded.options if isinstance(recorded, Identified) else Options())
     criteria = CRITERIA.with_values(chosen.criteria)
-    most = criteria.selection.numerical_score
-    refits, without = executor(chosen.executor), [effect(name) for name in chosen.without]
-    single(campaign.recordings, "a diagnosis follows one input to one output")
-    base, error = identify_base(campaign, chosen, progress)
-    catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, without)
+    refits, left_out = executor(chosen.executor), [effect(name) for name in chosen.without]
+    campaign, base, error = _base(recorded, chosen, progress)
+    catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, left_out)
     progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
     if on_base is not None:
         on_base(base)
-
     terminals = input_measured(campaign, base.setup)
-    found = scored(base, catalogue_, chosen.seed, error, terminals, criteria)
-    for _ in range(2):
-        if found.naming.numerical <= most:
-            break
-        progress(f"numerical error could score {found.naming.numerical:.2g}: finer steps")
-        base, error = refined(base, chosen)
-        found = scored(base, catalogue_, chosen.seed, error, terminals, criteria)
+    base, error, found = _finely_scored(base, error, catalogue_, chosen, terminals, criteria, progress)
     progress(f"largest score {found.naming.statistic:.3g}: locate and name")
     judgement = judge(
         found, catalogue_, chosen.seed, max(1, chosen.max_effects), campaign.held_out_is_new, refits, criteria,
@@ -144,12 +191,7 @@ def diagnose(
         return scored(fitted, catalogue_, chosen.seed, terminals=terminals, criteria=criteria)
 
     judgement, before, after = confirmed(judgement, base, campaign, criteria, score_again)
-    judgement = _distilled(judgement, refits, criteria)
-    if judgement.verdict == "named":
-        record = Record(list(judgement.rules))
-        decided = record.decide(NUMERICS, NumericsCase(judgement.naming.numerical, criteria))
-        verdict = judgement.verdict if decided is None else decided.outcome
-        judgement = replace(judgement, verdict=verdict, rules=tuple(record.asked))
+    judgement = _held_against_numerics(_distilled(judgement, refits, criteria), criteria)
     grounds = {id(g): g for g in (judgement.ground, judgement.final_ground)}.values()
     residual = max(check(t) for g in grounds for t in g.trajectories)
     proposal = propose(questions(judgement, criteria), judgement.ground, criteria.selection.tie)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.recordings.recording import Recording, Start
+from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
 from phnn.simulate import simulate
 
@@ -52,9 +52,5 @@ def loop(setup: Setup, peak: float, frequency: float) -> Passage:
 
 def _passage(setup: Setup, scale: float, t: Array, u: Array, interpolation: str) -> Passage:
     """A simulation at the times ``t · scale``."""
-    blank = Recording(
-        name="rate", t=t * scale, u=u, y=np.full(t.size, np.nan), start=Start("rest", 0.0),
-        interpolation=interpolation, parts=(), noise=np.nan, noise_source="simulated", noise_correlation=np.ones(1),
-        period=None, channels={}, source="",
-    )  # fmt: skip
+    blank = unrecorded("rate", t * scale, u, interpolation)
     return Passage(scale, t, u, simulate(setup, blank, substeps=2).y)

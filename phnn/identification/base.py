@@ -44,6 +44,8 @@ Progress = Callable[[str], None]
 class Options:
     """How hard to try; the keys of the configuration files.
 
+        phnn.diagnose(campaign, phnn.Options(starts=2, executor="processes:2"))
+
     Attributes:
         seed: of every random draw.
         starts: starting points of the nonlinear stage per resonance.
@@ -132,9 +134,10 @@ def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
 
 
 def _described(campaign: Campaign) -> Setup:
-    """The network of the manifest, with its anchors."""
-    path = Path(str(campaign.setup["network"]))
-    setup = Setup(load_network(path), name=printable(path.stem))
+    """The network of the manifest, a file or a setup, with its anchors."""
+    given = campaign.setup["network"]
+    path = Path(given.name if isinstance(given, Setup) else str(given))
+    setup = given if isinstance(given, Setup) else Setup(load_network(path), name=printable(path.stem))
     check_names(setup.network, campaign.recordings)
     check_known(campaign.known, setup.parameters)
     try:

@@ -131,6 +131,9 @@ class Memory:
 class Network:
     """A port-Hamiltonian network as a value; ``PortHamiltonianSystem(network)`` makes it run.
 
+        network = phnn.models.hrc(hysterons=2)
+        network.parameters["k"].value                        # stiffness [N/m]
+
     Attributes:
         storages, resistors, couplings, ports: the elements.
         parameters: by name; their bounds are kept inside what the laws ask for (a capacitance is positive, a damping is

@@ -23,6 +23,9 @@ from phnn.network.power import PowerBalance
 class PortHamiltonianSystem(nn.Module):
     """The port-Hamiltonian system of a network.
 
+        system = phnn.PortHamiltonianSystem(phnn.models.hrc(hysterons=2))
+        system.vector_field(x, u)                            # (..., n) ẋ
+
         ẋ = J ∇H(x) − Σ_r b_r φ_r(b_rᵀ∇H, q_r) + g ψ(u),     y = ψ'(u) gᵀ∇H,     H(x) = Σ_k H_k(x_k)
 
     ``J`` holds one number per pair of storages and is skew by construction; every ``φ_r`` is a sector law, hence

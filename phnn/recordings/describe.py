@@ -10,7 +10,9 @@ from phnn.units import quantity
 
 
 def describe(campaign: Campaign) -> str:
-    """Per recording: rate, length, ranges, start, excitation, noise floor and its source, use; then the notes."""
+    """Describe a campaign in words: ``print(phnn.describe(phnn.read("recordings/")))``.
+
+    Per recording: rate, length, ranges, start, excitation, noise floor and its source, use; then the notes."""
     count = len(campaign.recordings)
     volts = all(r.units.input == "V" for r in campaign.recordings)
     drive, place = ("voltage", "measured at the terminals") if volts else ("input", "measured where it enters")

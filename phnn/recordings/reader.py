@@ -37,6 +37,8 @@ def read(
 ) -> Campaign:
     """Read, check and understand a folder of recordings.
 
+        campaign = phnn.read("recordings/")
+
     Args:
         folder: holds one file per recording, and ``recordings.yaml`` where something is to be said about them.
         manifest: a ``recordings.yaml`` that lies elsewhere.

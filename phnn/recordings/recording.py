@@ -153,6 +153,31 @@ class Recording:
         return chosen
 
 
+def unrecorded(
+    name: str,
+    t: np.ndarray,
+    u: np.ndarray,
+    interpolation: str = "cubic",
+    input_before: float = 0.0,
+    further: Mapping[str, np.ndarray] | None = None,
+) -> Recording:
+    """An input from rest whose output nobody recorded: ``y`` is NaN.
+
+    Args:
+        name: of the recording; it stands in messages.
+        t: (N,) time [s], uniform.
+        u: (N,) input, SI.
+        interpolation: between samples, see `Recording`.
+        input_before: constant input before the first sample, SI.
+        further: (N,) inputs at further ports, by the port's name.
+    """
+    return Recording(
+        name=name, t=t, u=u, y=np.full(t.size, np.nan), start=Start("rest", input_before), interpolation=interpolation,
+        parts=(), noise=np.nan, noise_source="simulated", noise_correlation=np.ones(1), period=None, channels={},
+        source="", further=further or {},
+    )  # fmt: skip
+
+
 def drive_of(u: np.ndarray, further: Mapping[str, np.ndarray]) -> np.ndarray:
     """``(N,)`` what moves when any input does and repeats when all do: the inputs' sum, weighted unevenly.
 

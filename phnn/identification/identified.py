@@ -1,0 +1,94 @@
+"""An identified base model together with the recordings that it was identified from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+from phnn.errors import InputRefused
+from phnn.identification.base import Options, Progress, identify_base, quiet
+from phnn.identification.fit import Fit
+from phnn.identification.numerics import NumericalError
+from phnn.model import Model
+from phnn.models.actuator import hrc
+from phnn.network.elements import Network
+from phnn.recordings.recording import Campaign
+from phnn.setup import Setup
+
+
+@dataclass(frozen=True)
+class Identified:
+    """Attributes:
+    campaign: the recordings.
+    fit: estimates, covariance, residuals and sensitivities.
+    error: numerical error of the fit.
+    options: how it was made.
+    """
+
+    campaign: Campaign
+    fit: Fit
+    error: NumericalError
+    options: Options
+
+    @property
+    def model(self) -> Model:
+        """The base model with its estimates."""
+        return model_of(self.fit)
+
+    @property
+    def parameters(self) -> dict[str, tuple[float, float | None]]:
+        """Estimate and standard error by name [SI]; the error is None for a parameter that was not estimated."""
+        std = self.fit.std()
+        return {name: (value, std.get(name)) for name, value in self.fit.setup.values().items()}
+
+
+def model_of(fitted: Fit) -> Model:
+    """The model of a fit, with the finest sub-steps of its plan."""
+    return Model(fitted.setup, max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
+
+
+def identify(
+    model: Network | Setup | None, campaign: Campaign, options: Options | None = None, progress: Progress = quiet
+) -> Identified:
+    """Identify a model from the identification parts of a campaign.
+
+        fit = phnn.identify(phnn.models.hrc(hysterons=2), phnn.read("recordings/"))
+        value, standard_error = fit.parameters["k"]          # [N/m]
+
+    Args:
+        model: a network, or one with amplifier and sensor. Of the actuator `phnn.models.hrc` only the number of
+            hysterons counts: it needs no starting values. Any other model starts from its own values. None: the model
+            that the manifest names.
+        campaign: recordings, see `phnn.read`.
+        options: how hard to try.
+        progress: called with a line of text at every stage.
+
+    Raises:
+        InputRefused: no recording is for identification, ports or outputs that the network does not have, anchors of
+            parameters that it does not have.
+    """
+    chosen = options or Options()
+    stated = campaign if model is None else replace(campaign, setup=_manifest_setup(model))
+    fitted, error = identify_base(stated, chosen, progress)
+    return Identified(stated, fitted, error, chosen)
+
+
+def _manifest_setup(model: Network | Setup) -> dict[str, object]:
+    """What a manifest would say under ``setup`` for a model.
+
+    Raises:
+        InputRefused: it is neither a network nor a setup.
+    """
+    setup = Setup(model) if isinstance(model, Network) else model
+    if not isinstance(setup, Setup):
+        raise InputRefused(f"model: a {type(model).__name__}: give a Network such as phnn.models.hrc(hysterons=2)")
+    if any(block.kind == "bouc_wen" for block in setup.amplifier):
+        return {"model": "bouc_wen"}
+    hysterons = sum(s.name.startswith("Q_") for s in setup.network.storages)
+    if not (setup.amplifier or setup.sensor or setup.sources) and _elements(setup.network) == _elements(hrc(hysterons)):
+        return {"model": "piezo_actuator", "hysterons": hysterons}
+    return {"network": setup}
+
+
+def _elements(network: Network) -> tuple[object, ...]:
+    """All of a network but the values of its parameters."""
+    return tuple(getattr(network, f.name) for f in fields(network) if f.name != "parameters")

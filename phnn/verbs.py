@@ -1,0 +1,125 @@
+"""What a user does with recordings: identify, diagnose, predict, compare."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from phnn.diagnosis.diagnosis import Diagnosis as Finished
+from phnn.diagnosis.diagnosis import diagnose as run_diagnosis
+from phnn.effects import Effect
+from phnn.identification.base import Options, Progress, quiet
+from phnn.identification.identified import Identified, identify
+from phnn.model import Model, load
+from phnn.prediction import Predicted
+from phnn.predictor import of_network, predictor
+from phnn.recordings.recording import Campaign
+from phnn.report.result import write
+
+if TYPE_CHECKING:
+    from phnn.comparison.document import Table
+
+__all__ = ["Diagnosis", "compare", "diagnose", "identify", "load", "predict"]
+
+
+@dataclass(frozen=True)
+class Diagnosis(Finished):
+    """A finished diagnosis that can be written.
+
+    diagnosis = phnn.diagnose(phnn.read("recordings/"))
+    diagnosis.verdict                                    # named, equivalent, unknown or none
+    diagnosis.after.over_noise("confirmation")           # held-out residual over noise
+    diagnosis.model.simulate(t, voltage)                 # (N,) displacement [m]
+    diagnosis.write("out/")                              # diagnosis.json, report.html, model/
+    """
+
+    def write(self, out: str | Path, overwrite: bool = False) -> dict[str, Any]:
+        """Write models, ``diagnosis.json`` and ``report.html`` into a folder; returns the document.
+
+        Args:
+            out: apart from the recordings; results of an earlier diagnosis in it are replaced.
+            overwrite: also where they were changed since.
+
+        Raises:
+            InputRefused: the folder belongs to the recordings or to another run, holds files of others with the names
+                of results, or cannot be written to.
+        """
+        return write(self, out, overwrite)
+
+
+def diagnose(
+    recorded: Campaign | Identified,
+    options: Options | None = None,
+    progress: Progress = quiet,
+    effects: Sequence[Effect] | None = None,
+) -> Diagnosis:
+    """Fit the base model, locate what it misses, name it, refit, judge and confirm.
+
+        diagnosis = phnn.diagnose(phnn.read("recordings/"))
+
+    Args:
+        recorded: recordings with their identification and confirmation parts, or what `phnn.identify` returned.
+        options: how hard to try; those of the identification where it has been done, defaults otherwise.
+        progress: called with a line of text at every stage, for example ``print``.
+        effects: the catalogue to use; all effects that can exist otherwise.
+
+    Raises:
+        InputRefused: a criterion is not known, the executor does not answer, an effect to do without is not in the
+            catalogue, or recordings have several inputs or outputs; nothing has been fitted yet then.
+    """
+    return Diagnosis(**vars(run_diagnosis(recorded, options, progress, effects)))
+
+
+def predict(model: Model | str | Path, campaign: Campaign) -> tuple[Predicted, ...]:
+    """Simulate the recordings of a campaign, in their order.
+
+        for found in phnn.predict("out/model", phnn.read("other/")):
+            print(found.recording.name, found.table)
+
+    Where an output was recorded, the first samples of a recording give the zero and the initial state; they are not
+    scored.
+
+    Args:
+        model: a model, or the folder of one, that of ``phnn modes`` included.
+        campaign: read it with ``phnn.read(folder, need_output=False)`` where no output was recorded.
+
+    Raises:
+        InputRefused: there is no model, or a damaged one, or the recordings do not fit its ports and outputs.
+        SolverFailed: a step has no solution.
+    """
+    if isinstance(model, Model):
+        found: Iterable[Predicted] = of_network(model.setup, model.substeps, campaign)
+    else:
+        found = predictor(Path(model))(campaign)
+    return tuple(found)
+
+
+def compare(
+    campaign: Campaign,
+    out: str | Path,
+    settings: Sequence[str] = (),
+    progress: Progress = quiet,
+    overwrite: bool = False,
+) -> Table:
+    """Fit several kinds of model to a campaign and score them on all recordings.
+
+        table = phnn.compare(phnn.read("recordings/"), "out/", ["models=[phs,linear]"])
+
+    Args:
+        campaign: recordings with their uses.
+        out: where `compare.md`, its tables, figures and models go.
+        settings: ``key=value`` in the grammar of hydra, as for ``phnn compare``; see ``configs/compare.yaml``.
+        progress: called with a line of text at every stage.
+        overwrite: replace results that were changed since.
+
+    Raises:
+        InputRefused: a setting is unknown or out of range, recordings cannot be used, or results of other settings lie
+            in ``out``.
+    """
+    from phnn.comparison.run import compare as run_comparison
+    from phnn.comparison.settings import Settings
+    from phnn.configuration import compose
+
+    return run_comparison(campaign, Path(out), Settings.from_config(compose("compare", settings)), progress, overwrite)

@@ -1,0 +1,146 @@
+"""The package as a user meets it: the names of `phnn`, and the example of its first page."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import campaigns
+import numpy as np
+import pytest
+
+import phnn
+from phnn.models import hrc
+from phnn.recordings.recording import unrecorded
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+ROOT = Path(__file__).resolve().parent.parent
+MODULES = ("effects", "models")
+T = np.linspace(0.0, 0.05, 501)
+SINE = 60.0 * np.sin(2.0 * np.pi * 40.0 * T)
+
+
+def test_every_public_name_is_there_and_explains_itself() -> None:
+    for name in phnn.__all__:
+        found = getattr(phnn, name)
+        assert inspect.getdoc(found), name
+        if inspect.isfunction(found) or (inspect.isclass(found) and not issubclass(found, Exception)):
+            text = inspect.getdoc(found) or ""
+            assert re.search(r"phnn\.[\w.]+\(", text), f"{name}: no example"
+    assert set(phnn.__all__) <= set(dir(phnn))
+    with pytest.raises(AttributeError, match="has no attribute 'simulated'; it has Diagnosis"):
+        _ = phnn.simulated
+
+
+def test_importing_the_package_loads_nothing_heavy() -> None:
+    code = "import sys, phnn; print(sorted({'torch', 'numba', 'scipy', 'pandas'} & set(sys.modules)))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
+
+
+def test_a_verb_stays_a_verb_when_its_room_is_imported() -> None:
+    code = "import phnn.identification.base, phnn.diagnosis.diagnosis, phnn.comparison.run, phnn; " + (
+        "print([callable(f) for f in (phnn.read, phnn.identify, phnn.diagnose, phnn.predict, phnn.compare, phnn.load)])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == str([True] * 6)
+
+
+def test_model_simulates_as_the_engine_does(tmp_path: Path) -> None:
+    model = phnn.Model(Setup(hrc(2)), substeps=2)
+    expected = simulate(model.setup, unrecorded("a", T, SINE), 2).y
+    np.testing.assert_array_equal(model.simulate(T, SINE), expected)
+    np.testing.assert_allclose(model.simulate(T + 3.0, list(SINE)), expected, rtol=1e-11)
+    model.save(tmp_path / "model")
+    again = phnn.load(tmp_path / "model")
+    assert again.substeps == 2
+    assert again.parameters == model.parameters
+    np.testing.assert_array_equal(again.simulate(T, SINE), expected)
+    assert model.module.state_names == ("Q_1", "Q_2", "q", "p")
+
+
+def test_model_begins_in_the_equilibrium_of_its_first_input() -> None:
+    model = phnn.Model(Setup(hrc(2)))
+    constant = np.full(T.size, 40.0)
+    y = model.simulate(T, constant)
+    assert np.ptp(y) < 1e-9 * abs(y[0])
+    assert np.ptp(model.simulate(T, constant, input_before=0.0)) > 0.1 * abs(y[0])
+
+
+def test_further_ports_act() -> None:
+    model, push = phnn.Model(Setup(hrc(1))), np.full(T.size, 10.0)
+    alone = model.simulate(T, SINE)
+    np.testing.assert_array_equal(model.simulate(T, SINE, further={"force": 0.0 * push}), alone)
+    assert (model.simulate(T, SINE, further={"force": push}) - alone).mean() < 0.0
+
+
+@pytest.mark.parametrize(
+    ("t", "u", "options", "message"),
+    [
+        (T, SINE[1:], {}, "u has 500 samples and t has 501"),
+        (T[:1], SINE[:1], {}, "t has 1 samples"),
+        (T, np.where(T > 0.01, np.nan, SINE), {}, r"u\[101\] is not finite"),
+        (T**2, SINE, {}, "give equal steps"),
+        (T[::-1], SINE, {}, "give equal steps"),
+        (T, SINE[:, None], {}, r"u has shape \(501, 1\)"),
+        (T, ["a"] * T.size, {}, "u: could not convert"),
+        (T, SINE, {"further": {"torque": SINE}}, "no port 'torque'; there are force"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(t: object, u: object, options: dict[str, object], message: str) -> None:
+    with pytest.raises(phnn.InputRefused, match=message):
+        phnn.Model(Setup(hrc(2))).simulate(t, u, **options)  # type: ignore[arg-type]
+
+
+def test_identify_refuses_what_is_no_model() -> None:
+    with pytest.raises(phnn.InputRefused, match="model: a str: give a Network"):
+        phnn.identify("hrc", campaigns.campaign())  # type: ignore[arg-type]
+
+
+def test_identified_model_goes_into_the_diagnosis_and_predicts(tmp_path: Path) -> None:
+    folder, _ = campaigns.concealed()
+    campaign = phnn.read(folder)
+    fit = phnn.identify(phnn.models.hrc(hysterons=2), campaign, phnn.Options(starts=1, workers=1))
+    stated = phnn.identify(None, campaign, phnn.Options(starts=1, workers=1))
+    assert fit.parameters == stated.parameters
+    value, error = fit.parameters["k"]
+    assert error is not None
+    assert 0.0 < error < value
+    diagnosis = phnn.diagnose(fit)
+    assert diagnosis.verdict == "none"
+    assert diagnosis.base is fit.fit
+    content = diagnosis.write(tmp_path / "out")
+    assert content["verdict"] == "none"
+    stored = phnn.load(tmp_path / "out" / "model")
+    assert stored.parameters == diagnosis.model.parameters
+    for one, other in zip(
+        phnn.predict(stored, campaign), phnn.predict(tmp_path / "out" / "model", campaign), strict=True
+    ):
+        np.testing.assert_array_equal(one.y, other.y)
+        assert one.document("")["residual_over_noise"] < 1.2
+
+
+def _blocks(page: str) -> list[str]:
+    """The indented blocks of python of a page."""
+    found = re.findall(r"(?:^    .*\n|^\n)+", page, flags=re.MULTILINE)
+    blocks = [inspect.cleandoc(block) for block in found]
+    return [b for b in blocks if b.startswith("import ")]
+
+
+@pytest.mark.slow
+def test_the_example_of_the_first_page_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, _ = campaigns.concealed("quadratic_drag")
+    (tmp_path / "recordings").symlink_to(folder)
+    monkeypatch.chdir(tmp_path)
+    example, torch_example = _blocks((ROOT / "README.md").read_text(encoding="utf-8"))
+    scope: dict[str, object] = {}
+    exec(example, scope)
+    assert scope["diagnosis"].verdict == "named"  # type: ignore[attr-defined]
+    assert np.isfinite(scope["y"]).all()  # type: ignore[arg-type]
+    assert (tmp_path / "out" / "report.html").exists()
+    exec(torch_example, scope)
+    assert tuple(scope["x"].shape) == (3, 4)  # type: ignore[attr-defined]
