@@ -10,7 +10,7 @@ from phnn.diagnosis.criteria import CRITERIA, SELECTION, Criteria
 from phnn.diagnosis.finding import Finding, effects_of
 from phnn.diagnosis.ground import Ground
 from phnn.diagnosis.learn import learn
-from phnn.diagnosis.locate import Location
+from phnn.diagnosis.locate import Location, group_of
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.place import located
 from phnn.diagnosis.rules import Applied, Record
@@ -155,7 +155,7 @@ def _word(asked: _Asked, selected: Selected, record: Record) -> tuple[str, str]:
     share = share_of(ground.fit, final, asked.found.naming)
     alone = None
     if location.name == "mechanical" and left is not None and share < rule.explains_well:
-        alone = learn(ground, location.detail)
+        alone = learn(ground, group_of(location).kind)
     case = VerdictCase(
         effects=len(selected.findings),
         members=max((len(f.members) for f in selected.findings), default=0),

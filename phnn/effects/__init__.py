@@ -1,4 +1,7 @@
-"""The catalogue of left-out physics: every module of this folder that defines ``EFFECT`` is a member."""
+"""The catalogue of left-out physics: every module of this folder that defines ``EFFECT`` is a member.
+
+Everything that an effect is written with stands here; docs/write-your-own-effect.md builds one.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,74 @@ import pkgutil
 from collections.abc import Iterable
 from functools import cache
 
-from phnn.effects.effect import Effect, Scales
+from phnn.effects import kinds
+from phnn.effects.additions import (
+    Chain,
+    OfEveryRecording,
+    Parts,
+    Placed,
+    at_amplifier,
+    at_sensor,
+    with_network,
+    with_resistors,
+)
+from phnn.effects.conditions import (
+    always,
+    has_dead_zones,
+    has_motion,
+    has_plain_dead_zones,
+    has_spring,
+    has_tanks,
+    has_transducer,
+)
+from phnn.effects.declaration import (
+    Declared,
+    Plausible,
+    bounded,
+    constant,
+    limit,
+    positive,
+    signed,
+    time_constant,
+)
+from phnn.effects.effect import Effect, Scales, Special
+from phnn.effects.kinds import Kind
 from phnn.errors import InputRefused
 
-__all__ = ["Effect", "Scales", "catalogue", "effect", "gathered", "in_all_forms"]
+__all__ = [
+    "Chain",
+    "Declared",
+    "Effect",
+    "Kind",
+    "OfEveryRecording",
+    "Parts",
+    "Placed",
+    "Plausible",
+    "Scales",
+    "Special",
+    "always",
+    "at_amplifier",
+    "at_sensor",
+    "bounded",
+    "catalogue",
+    "constant",
+    "effect",
+    "gathered",
+    "has_dead_zones",
+    "has_motion",
+    "has_plain_dead_zones",
+    "has_spring",
+    "has_tanks",
+    "has_transducer",
+    "in_all_forms",
+    "kinds",
+    "limit",
+    "positive",
+    "signed",
+    "time_constant",
+    "with_network",
+    "with_resistors",
+]
 
 
 @cache

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.trial import Trial, tie
-from phnn.effects.effect import Plausible
+from phnn.effects import Plausible
 from phnn.parameters import Parameter
 from phnn.recordings.recording import ACTUATOR
 from phnn.report.anchored import forces_known

@@ -188,7 +188,7 @@ def _learned_laws(j: Judgement) -> list[Picture]:
     if where is None or where.name != "mechanical":
         return []
     effects = [f.trial.candidate.effect for f in j.findings if f.learned]
-    here = [e for e in effects if (e.location, e.kind) == (where.name, where.detail)]
+    here = [e for e in effects if (e.location, e.kind.name) == (where.name, where.detail)]
     alone = [e.add_to(j.ground.fit.setup, {n: values[n] for n in e.parameters}) for e in here]
     return [learned_picture(j.ground, where, setup) for setup in alone]
 

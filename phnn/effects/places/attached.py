@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from phnn.effects import catalogue
+from phnn.effects.additions import Placed
+from phnn.effects.declaration import Declared
 from phnn.effects.effect import Effect, Scales, Special
 from phnn.effects.places.names import Roles, roles_of
 from phnn.network.elements import Network
@@ -92,33 +94,44 @@ def _at(effect: Effect, roles: Roles) -> Effect:
         name=effect.name + where,
         place=roles.place,
         statement=f"At {roles.place}: {statement}" if roles.place else statement,
-        build=_Built(effect.build, roles),
+        adds=_Added(effect, roles),
         applies=_Asked(effect.applies, roles),
         grid=_Probed(effect.grid, roles),
         rescale=None if effect.rescale is None else _Scaled(effect.rescale, roles),
         exchanged=None if effect.exchanged is None else _Exchanged(effect.exchanged, roles),
         contains=tuple(Special(s.name + where, _Derived(s.values, roles)) for s in effect.contains),
-        strength=None if effect.strength is None else names[effect.strength],
-        strengths=tuple(names[n] for n in effect.strengths),
-        parameters=tuple(names.values()),
-        plausible={
-            names[n]: replace(p, over=roles.parameter(p.over) if p.over else "") for n, p in effect.plausible.items()
-        },
+        declares=tuple(_renamed(d, roles) for d in effect.declares),
         neighbours=tuple(n + where for n in effect.neighbours),
         forms=tuple(_at(form, roles) for form in effect.forms),
     )
 
 
-# Values and not closures: an attached effect is compared, and sent to other processes.
+def _renamed(declared: Declared, roles: Roles) -> Declared:
+    """A parameter under the name that it has in a network."""
+    over = declared.plausible.over
+    plausible = replace(declared.plausible, over=roles.parameter(over) if over else "")
+    return replace(declared, name=roles.added(declared.name), plausible=plausible)
+
+
+# Values and not closures: an attached effect is sent to other processes.
 
 
 @dataclass(frozen=True)
-class _Built:
-    law: Callable[[Setup, Values], Setup]
+class _Added:
+    effect: Effect
     roles: Roles
 
-    def __call__(self, setup: Setup, values: Values) -> Setup:
-        return self.roles.outwards(self.law(self.roles.inwards(setup), self.roles.by_role(values)))
+    @property
+    def passive(self) -> bool:
+        return self.effect.passive
+
+    @property
+    def signless(self) -> bool:
+        return getattr(self.effect.adds, "signless", False)
+
+    def __call__(self, setup: Setup, parameters: Placed) -> Setup:
+        values = self.roles.by_role({n: p.value for n, p in parameters.items()})
+        return self.roles.outwards(self.effect.build(self.roles.inwards(setup), values))
 
 
 @dataclass(frozen=True)
