@@ -5,11 +5,6 @@ Everything that an effect is written with stands here; docs/write-your-own-effec
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
-from collections.abc import Iterable
-from functools import cache
-
 from phnn.effects import kinds
 from phnn.effects.additions import (
     Chain,
@@ -42,7 +37,7 @@ from phnn.effects.declaration import (
 )
 from phnn.effects.effect import Effect, Scales, Special
 from phnn.effects.kinds import Kind
-from phnn.errors import InputRefused
+from phnn.effects.registry import catalogue, effect, gathered, in_all_forms, register, registered, unregister
 
 __all__ = [
     "Chain",
@@ -73,40 +68,11 @@ __all__ = [
     "kinds",
     "limit",
     "positive",
+    "register",
+    "registered",
     "signed",
     "time_constant",
+    "unregister",
     "with_network",
     "with_resistors",
 ]
-
-
-@cache
-def catalogue() -> dict[str, Effect]:
-    """All effects by name."""
-    return gathered(__name__, __path__)
-
-
-def gathered(package: str, folders: Iterable[str]) -> dict[str, Effect]:
-    """The effects by name that the modules of a package define as ``EFFECT``."""
-    found = {}
-    for module in pkgutil.iter_modules(folders):
-        member = getattr(importlib.import_module(f"{package}.{module.name}"), "EFFECT", None)
-        if member is not None:
-            found[member.name] = member
-    return found
-
-
-def effect(name: str) -> Effect:
-    """One effect by name.
-
-    Raises:
-        InputRefused: there is no such effect; the message lists those that exist.
-    """
-    if name not in catalogue():
-        raise InputRefused(f"no effect called {name!r}: the catalogue has {', '.join(catalogue())}")
-    return catalogue()[name]
-
-
-def in_all_forms(effects: Iterable[Effect]) -> list[Effect]:
-    """Effects and their other forms."""
-    return [form for e in effects for form in (e, *e.forms)]

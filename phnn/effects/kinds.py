@@ -5,7 +5,7 @@ A kind is one object for the dictionary of generic functions, for the effects an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 LOCATIONS = (
     "amplifier", "electrical", "hysteron", "coupling", "mechanical", "thermal", "sensor", "environment",
@@ -30,10 +30,10 @@ class Kind:
 
     location: str
     name: str
-    history: str = ""
-    one_port: str = ""
-    learned: str = ""
-    axis: str = ""
+    history: str = field(default="", compare=False)
+    one_port: str = field(default="", compare=False)
+    learned: str = field(default="", compare=False)
+    axis: str = field(default="", compare=False)
 
     @property
     def key(self) -> str:
