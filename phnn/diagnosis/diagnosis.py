@@ -82,7 +82,7 @@ def _distilled(judgement: Judgement, executor: Executor, criteria: Criteria) -> 
     ground, found = judgement.final_ground, judgement.findings
 
     def formula(finding: Finding) -> Distilled | None:
-        element, fit = finding.trial.candidate.effect, ground.fit
+        element, fit = finding.effect, ground.fit
         if has_grammar(element.kind.name):
             return distil(ground, element)
         others = [f for f in found if f is not finding]

@@ -218,7 +218,7 @@ def test_a_diagnosis_finds_locates_and_names_a_registered_effect(tmp_path: Path)
     assert judgement.location.name == "mechanical"
     assert judgement.verdict == "named"
     (finding,) = judgement.findings
-    assert finding.trial.candidate.effect == GUIDE
+    assert finding.effect == GUIDE
     values = judgement.final.setup.values()
     assert values["F_h"] / values["v_h"] * values["c_right"] == pytest.approx(FORCE / SPEED / REACH, rel=0.05)
     (missing,) = document(diagnosis)["missing"]
