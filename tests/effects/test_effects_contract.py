@@ -74,9 +74,6 @@ class TestEveryEffect:
                 with pytest.raises(InputRefused, match=r"cannot be added to model; it can be where this holds: [A-Z]"):
                     effect_.add_to(setup, effect_.grid(SCALES)[0])
 
-    def test_only_an_amplifier_needs_the_command(self, effect_: Effect) -> None:
-        assert effect_.needs_command == (effect_.location == "amplifier")
-
     @pytest.mark.parametrize("check", CHECKS, ids=lambda c: c.__name__)
     def test_it_is_sound(self, effect_: Effect, check: Check) -> None:
         check(effect_, home(effect_))

@@ -7,13 +7,14 @@ the surroundings comes once for each of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from phnn.effects import catalogue
 from phnn.effects.additions import Placed
 from phnn.effects.declaration import Declared
-from phnn.effects.effect import Effect, Scales, Special
+from phnn.effects.effect import Effect, Scales, Special, Values
 from phnn.effects.places.names import Roles, roles_of
 from phnn.network.elements import Network
 from phnn.network.roles import charges, motions
@@ -21,8 +22,6 @@ from phnn.setup import Setup
 
 _AT_EVERY_MOTION = ("mechanical", "environment")
 _FURTHER = ("second", "third")
-
-Values = Mapping[str, float]
 
 
 def attached(effect: Effect, setup: Setup) -> list[Effect]:
@@ -96,10 +95,10 @@ def _at(effect: Effect, roles: Roles) -> Effect:
         statement=f"At {roles.place}: {statement}" if roles.place else statement,
         adds=_Added(effect, roles),
         applies=_Asked(effect.applies, roles),
-        grid=_Probed(effect.grid, roles),
-        rescale=None if effect.rescale is None else _Scaled(effect.rescale, roles),
-        exchanged=None if effect.exchanged is None else _Exchanged(effect.exchanged, roles),
-        contains=tuple(Special(s.name + where, _Derived(s.values, roles)) for s in effect.contains),
+        grid=_Translated(effect.grid, roles),
+        rescale=None if effect.rescale is None else _Translated(effect.rescale, roles),
+        exchanged=None if effect.exchanged is None else _Translated(effect.exchanged, roles),
+        contains=tuple(Special(s.name + where, _Translated(s.values, roles)) for s in effect.contains),
         declares=tuple(_renamed(d, roles) for d in effect.declares),
         neighbours=tuple(n + where for n in effect.neighbours),
         forms=tuple(_at(form, roles) for form in effect.forms),
@@ -148,39 +147,15 @@ class _Asked:
 
 
 @dataclass(frozen=True)
-class _Probed:
-    points: Callable[[Scales], list[dict[str, float]]]
+class _Translated:
+    """A function of scales, or of parameter values, that gives one or several sets of values."""
+
+    law: Callable[..., Any]
     roles: Roles
 
-    def __call__(self, scales: Scales) -> list[dict[str, float]]:
-        return [self.roles.by_name(point) for point in self.points(scales)]
-
-
-@dataclass(frozen=True)
-class _Scaled:
-    change: Callable[[Values, float], dict[str, float]]
-    roles: Roles
-
-    def __call__(self, values: Values, factor: float) -> dict[str, float]:
-        return self.roles.by_name(self.change(self.roles.by_role(values), factor))
-
-
-@dataclass(frozen=True)
-class _Derived:
-    values: Callable[[Values], dict[str, float]]
-    roles: Roles
-
-    def __call__(self, values: Values) -> dict[str, float]:
-        return self.roles.by_name(self.values(self.roles.by_role(values)))
-
-
-@dataclass(frozen=True)
-class _Exchanged:
-    values: Callable[[Values], Sequence[dict[str, float]]]
-    roles: Roles
-
-    def __call__(self, values: Values) -> list[dict[str, float]]:
-        return [self.roles.by_name(v) for v in self.values(self.roles.by_role(values))]
+    def __call__(self, given: Scales | Values, *further: float) -> Any:
+        found = self.law(self.roles.by_role(given) if isinstance(given, Mapping) else given, *further)
+        return self.roles.by_name(found) if isinstance(found, Mapping) else [self.roles.by_name(v) for v in found]
 
 
 @dataclass(frozen=True)
