@@ -81,7 +81,7 @@ def without(
     Args:
         variances: difference of χ² in residual variances below which two fits are equally good.
     """
-    values, own = fitted.setup.values(), dropped.effect.exchanged
+    values, own = fitted.setup.values(), dropped.effect.equivalents
     best = None
     for moved in ({}, base.setup.values(), *(own(values) if own is not None else ())):
         if best is not None and fair_cost(best) - fair_cost(fitted) < tie(fitted, variances):

@@ -35,7 +35,7 @@ from phnn.effects.declaration import (
     signed,
     time_constant,
 )
-from phnn.effects.effect import Effect, Scales, Special
+from phnn.effects.effect import Effect, Scales, SpecialCase
 from phnn.effects.kinds import Kind
 from phnn.effects.registry import catalogue, effect, gathered, in_all_forms, register, registered, unregister
 
@@ -49,7 +49,7 @@ __all__ = [
     "Placed",
     "Plausible",
     "Scales",
-    "Special",
+    "SpecialCase",
     "always",
     "at_amplifier",
     "at_sensor",

@@ -19,7 +19,7 @@ _LEAST = 1e-3
 
 
 @dataclass(frozen=True)
-class Special:
+class SpecialCase:
     """An effect that is a special case of another one.
 
     Attributes:
@@ -80,7 +80,7 @@ class Effect:
     Attributes:
         name: canonical name.
         kind: through which local variables it acts, and at which location; effects of one kind act through the same.
-        akin: further kinds as which another form of it may show.
+        related_kinds: further kinds as which it may show where its own form is not quite right.
         equation: LaTeX.
         statement: one or two sentences for a person; ``{parameter}`` is replaced by its value with unit.
         fingerprint: one sentence: what betrays it in recordings.
@@ -91,9 +91,9 @@ class Effect:
         grid: values of all its parameters to probe, given the scales. Strengths are small there.
         applies: whether it can be added to a setup at all.
         neighbours: effects that ordinary recordings cannot always tell apart from it.
-        contains: effects that are special cases of it, so that it can never fit worse than they do.
-        exchanged: values of the model's parameters that have what it adds in the place of something alike, from all
-            values of a model with it: where to begin when it is taken away again.
+        special_cases: effects that are special cases of it, so that it can never fit worse than they do.
+        equivalents: other parameter values of the model that explain as much, because its parts can change places, from
+            all values of a model with it: a refit without it begins there too.
         searched: its parameter that is a frequency to be found in the spectrum of what the model leaves.
         rescale: how to multiply the strength where that is more than multiplying parameters.
         forms: the same physics by other laws, under the same name, at the same place and of the same kind.
@@ -118,9 +118,9 @@ class Effect:
     declares: tuple[Declared, ...] = ()
     applies: Callable[[Setup], bool] = field(default=always, compare=False)
     neighbours: tuple[str, ...] = ()
-    akin: tuple[Kind, ...] = ()
-    contains: tuple[Special, ...] = field(default=(), compare=False)
-    exchanged: Callable[[Values], list[dict[str, float]]] | None = field(default=None, compare=False)
+    related_kinds: tuple[Kind, ...] = ()
+    special_cases: tuple[SpecialCase, ...] = field(default=(), compare=False)
+    equivalents: Callable[[Values], list[dict[str, float]]] | None = field(default=None, compare=False)
     searched: str | None = None
     rescale: Callable[[Values, float], dict[str, float]] | None = field(default=None, compare=False)
     forms: tuple[Effect, ...] = ()
@@ -191,9 +191,9 @@ class Effect:
         return self.several_of == other.canonical and self.place == other.place
 
     @property
-    def special(self) -> tuple[str, ...]:
+    def special_names(self) -> tuple[str, ...]:
         """Names of its special cases."""
-        return tuple(s.name for s in self.contains)
+        return tuple(s.name for s in self.special_cases)
 
     def or_as(self, **changes: object) -> Effect:
         """The effect with one more form, in which these fields differ."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects import Effect, Parts, Scales, Special, has_transducer, kinds, positive
+from phnn.effects import Effect, Parts, Scales, SpecialCase, has_transducer, kinds, positive
 from phnn.models.actuator import hysteron
 
 _STORAGE, _RESISTOR, _COUPLING = hysteron("x")
@@ -46,7 +46,7 @@ def as_creep(values: Mapping[str, float]) -> dict[str, float]:
     return _in_the_place_of(first, values) | relaxing
 
 
-def exchanged(values: Mapping[str, float]) -> list[dict[str, float]]:
+def equivalents(values: Mapping[str, float]) -> list[dict[str, float]]:
     """The extra hysteron in the place of each of the others, which may have been the superfluous one."""
     return [_in_the_place_of(name, values) for name in _names(values) if name != "x"]
 
@@ -81,8 +81,8 @@ EFFECT = Effect(
     grid=grid,
     applies=has_transducer,
     neighbours=("creep", "coulomb_friction"),
-    akin=(kinds.CAPACITANCE_BY_CHARGE, kinds.THRESHOLD_BY_DISPLACEMENT, kinds.THRESHOLD_BY_RATE),
+    related_kinds=(kinds.CAPACITANCE_BY_CHARGE, kinds.THRESHOLD_BY_DISPLACEMENT, kinds.THRESHOLD_BY_RATE),
     rescale=rescale,
-    contains=(Special("creep", as_creep),),
-    exchanged=exchanged,
+    special_cases=(SpecialCase("creep", as_creep),),
+    equivalents=equivalents,
 )

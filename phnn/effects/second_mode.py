@@ -50,6 +50,6 @@ EFFECT = Effect(
     grid=grid,
     applies=has_motion,
     neighbours=("delay", "sensor_lag"),
-    akin=(kinds.RINGING_MODE,),
+    related_kinds=(kinds.RINGING_MODE,),
     rescale=rescale,
 )

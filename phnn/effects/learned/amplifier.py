@@ -40,5 +40,5 @@ EFFECT = Effect(
     grid=grid,
     neighbours=("amplifier_saturation", "contact_stop", "electrostriction"),
     rescale=Within(_SHARES),
-    akin=(kinds.LIMIT,),
+    related_kinds=(kinds.LIMIT,),
 )

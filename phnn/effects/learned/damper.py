@@ -92,5 +92,5 @@ EFFECT = Effect(
     applies=has_motion,
     neighbours=("coulomb_friction", "quadratic_drag"),
     rescale=Within(_FORCES),
-    akin=(kinds.DAMPING_BY_DISPLACEMENT,),
+    related_kinds=(kinds.DAMPING_BY_DISPLACEMENT,),
 )

@@ -52,5 +52,5 @@ EFFECT = Effect(
     applies=has_motion,
     neighbours=("extra_hysteron", "coulomb_friction"),
     rescale=Within(_STIFFNESSES),
-    akin=(kinds.THRESHOLD_BY_DISPLACEMENT, kinds.THRESHOLD_BY_RATE),
+    related_kinds=(kinds.THRESHOLD_BY_DISPLACEMENT, kinds.THRESHOLD_BY_RATE),
 )

@@ -42,5 +42,5 @@ EFFECT = Effect(
     grid=grid,
     neighbours=("sensor_nonlinearity", "electrostriction"),
     rescale=Within(_ERRORS),
-    akin=(kinds.SENSOR_NONLINEAR,),
+    related_kinds=(kinds.SENSOR_NONLINEAR,),
 )

@@ -40,5 +40,5 @@ EFFECT = Effect(
     grid=grid,
     neighbours=("sensor_drift", "self_heating"),
     rescale=Within(_CHANGES),
-    akin=(kinds.GAIN_DRIFT, kinds.CLOCK),
+    related_kinds=(kinds.GAIN_DRIFT, kinds.CLOCK),
 )

@@ -14,7 +14,7 @@ from typing import Any
 from phnn.effects import catalogue
 from phnn.effects.additions import Placed
 from phnn.effects.declaration import Declared
-from phnn.effects.effect import Effect, Scales, Special, Values
+from phnn.effects.effect import Effect, Scales, SpecialCase, Values
 from phnn.effects.places.names import Roles, roles_of
 from phnn.network.elements import Network
 from phnn.network.roles import charges, motions
@@ -44,17 +44,17 @@ def _as_often_as_it_may(effect: Effect, roles: Roles) -> list[Effect]:
     for which in _FURTHER[: effect.at_most - 1]:
         one = _at(effect, replace(roles, which=which))
         found.append(replace(one, name=f"{which} {found[0].name}", which=which, after=found[-1].parameters))
-    contains = tuple(s for case in found[0].contains for s in (case, *_further(case, roles)))
-    return [replace(e, contains=contains) if contains else e for e in found]
+    special = tuple(s for case in found[0].special_cases for s in (case, *_further(case, roles)))
+    return [replace(e, special_cases=special) if special else e for e in found]
 
 
-def _further(case: Special, roles: Roles) -> list[Special]:
+def _further(case: SpecialCase, roles: Roles) -> list[SpecialCase]:
     """A special case, where one like it is there already."""
     several = catalogue()[case.name.removesuffix(_where(roles))]
     names = [roles.added(n) for n in several.parameters]
     further = [(which, replace(roles, which=which)) for which in _FURTHER[: several.at_most - 1]]
     return [
-        Special(
+        SpecialCase(
             f"{which} {case.name}",
             _Named(case.values, tuple(zip(names, map(r.added, several.parameters), strict=True))),
         )
@@ -97,8 +97,8 @@ def _at(effect: Effect, roles: Roles) -> Effect:
         applies=_Asked(effect.applies, roles),
         grid=_Translated(effect.grid, roles),
         rescale=None if effect.rescale is None else _Translated(effect.rescale, roles),
-        exchanged=None if effect.exchanged is None else _Translated(effect.exchanged, roles),
-        contains=tuple(Special(s.name + where, _Translated(s.values, roles)) for s in effect.contains),
+        equivalents=None if effect.equivalents is None else _Translated(effect.equivalents, roles),
+        special_cases=tuple(SpecialCase(s.name + where, _Translated(s.values, roles)) for s in effect.special_cases),
         declares=tuple(_renamed(d, roles) for d in effect.declares),
         neighbours=tuple(n + where for n in effect.neighbours),
         forms=tuple(_at(form, roles) for form in effect.forms),
