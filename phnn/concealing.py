@@ -41,7 +41,7 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any], overwrite: bool
     sealed = open_seal(seal_file)
     j = diagnosis.judgement
     claimed = j.claimed
-    named = [f.trial.candidate.effect.name for f in claimed]
+    named = [f.effect.name for f in claimed]
     members = list(dict.fromkeys(t.candidate.effect.name for f in claimed for t in f.members))
     held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")
     print(f"opened the seal: {sealed.effect}, residual {sealed.strength_over_noise:.3g} × noise, {sealed.parameters}")

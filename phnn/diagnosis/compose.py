@@ -284,7 +284,7 @@ def _still_needed(material: Material, held: LeftOut, base: Fit, grown: _Grown, a
             place += 1
             continue
         gained = held.gain((alone, held.scores(alone)), grown.pair)
-        decided = record.decide(KEPT, GainCase(gained, material.criteria), finding.trial.candidate.effect.name)
+        decided = record.decide(KEPT, GainCase(gained, material.criteria), finding.effect.name)
         if decided is not None and decided.outcome == "keep":
             found = replace(finding, gained=gained)
             grown = replace(grown, findings=(*grown.findings[:place], found, *grown.findings[place + 1 :]))

@@ -108,19 +108,19 @@ def confirmed(
     if judgement.location is None:
         return judgement, before, before
     after, tested = _tested(judgement, before, campaign, criteria, record)
-    doubted = {t.finding.trial.candidate.effect for t in tested if t.outcome not in _SURE}
+    doubted = {t.finding.effect for t in tested if t.outcome not in _SURE}
     looks = len(tested)
     while len(tested) > 1 and (harmful := [t for t in tested if not _helps(t, criteria.confirmation)]):
         judgement = _dropped(judgement, min(harmful, key=lambda t: t.shown.share_of_noise), score_again)
         after, tested = _tested(judgement, before, campaign, criteria, record)
         looks += len(tested)
         level = criteria.confirmation.held_out_level / looks
-        tested = [_no_surer(t, level) if t.finding.trial.candidate.effect in doubted else t for t in tested]
+        tested = [_no_surer(t, level) if t.finding.effect in doubted else t for t in tested]
     tested = _without_doubtful_names(tested, criteria, record)
     claimed = [t for t in tested if not t.finding.provisional]
     decided = record.decide(MODEL, _model_case(judgement, claimed, criteria)) if claimed else None
     if decided is not None and decided.outcome == "none":
-        first, shown = judgement.findings[0].trial.candidate.effect.name, tested[0].shown
+        first, shown = judgement.findings[0].effect.name, tested[0].shown
         small = Immaterial(first, abs(shown.rms), abs(shown.share_of_noise))
         judgement, after = immaterial(judgement, small), before
     elif decided is not None and decided.outcome != "unknown":
@@ -161,8 +161,8 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
         return max(t.shown.before**2 - t.shown.after**2, 0.0)
 
     def asked(t: Tested) -> Tested:
-        effect = t.finding.trial.candidate.effect
-        beside = [o for o in tested if o.finding.learned and _may_be_part_of(o.finding.trial.candidate.effect, effect)]
+        effect = t.finding.effect
+        beside = [o for o in tested if o.finding.learned and _may_be_part_of(o.finding.effect, effect)]
         if t.finding.provisional or not beside:
             return t
         case = ClaimCase(t.finding.learned, takes(t), sum(map(takes, beside)), criteria)
@@ -242,7 +242,7 @@ def _tested(
         assert identified is not None
         drifts = final.setup.own.courses > alone.setup.own.courses
         case = ElementCase(held_out, identified, rule, drifts)
-        outcome = outcome_of(case, record, finding.trial.candidate.effect.name)
+        outcome = outcome_of(case, record, finding.effect.name)
         tested.append(Tested(finding, outcome, alone, held_out, identified))
     return after, tested
 

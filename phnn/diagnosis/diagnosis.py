@@ -97,8 +97,8 @@ def _distilled(judgement: Judgement, executor: Executor, criteria: Criteria) -> 
     ground, found = judgement.final_ground, judgement.findings
 
     def formula(finding: Finding) -> Distilled | None:
-        element, fit = finding.trial.candidate.effect, ground.fit
-        if has_grammar(element.kind):
+        element, fit = finding.effect, ground.fit
+        if has_grammar(element.kind.name):
             return distil(ground, element)
         others = [f for f in found if f is not finding]
         alone = fit_with(judgement.ground.fit, others, fit.setup.values()) if others else judgement.ground.fit

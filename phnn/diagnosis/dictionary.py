@@ -22,7 +22,7 @@ from phnn.diagnosis.filters import (
     resonator,
     stop_operator,
 )
-from phnn.effects import Scales
+from phnn.effects import Kind, Scales, kinds
 from phnn.network.elements import Network
 from phnn.network.roles import capacitances, charges, dampings, hysterons, ratios, thresholds
 from phnn.recordings.driving import input_before
@@ -40,7 +40,7 @@ class Group:
     """Local functions of one kind.
 
     Attributes:
-        location: canonical location; detail: which kind of element there.
+        kind: which kind of element, and at which location.
         enters: `FORCE`, `VOLTAGE` or `OUTPUT`; or `PARAMETER`: the functions scale the parameters that ``varies`` finds
             in a network, as a law or a transformer that is modulated would.
         functions: ``(trajectory, scales) -> (n or N, F)``; zero for zero motion.
@@ -50,14 +50,23 @@ class Group:
         searched: the functions take frequencies from the residual itself: they tell where something is, not whether.
     """
 
-    location: str
-    detail: str
+    kind: Kind
     enters: str
     functions: Callable[[Trajectory, Scales], Array]
     axis: str = ""
     static: Callable[[Array, Scales], Array] | None = None
     varies: Callable[[Network], list[str]] | None = None
     searched: bool = False
+
+    @property
+    def location(self) -> str:
+        """Canonical location."""
+        return self.kind.location
+
+    @property
+    def detail(self) -> str:
+        """Name of the kind of element."""
+        return self.kind.name
 
     def varied(self, network: Network) -> list[str]:
         """Names of the parameters that its functions scale in a network."""
@@ -258,37 +267,34 @@ def _of_output(law: Callable[[Array, Scales], Array]) -> Callable[[Trajectory, S
 _Q, _V, _U, _T = "displacement [m]", "velocity [m/s]", "voltage [V]", "time after a step [s]"
 
 GROUPS = (
-    Group("mechanical", "elastic", FORCE, _of_displacement(_elastic), _Q, _elastic),
-    Group("mechanical", "dissipative", FORCE, _of_velocity(_dissipative), _V, _dissipative),
-    Group(
-        "mechanical", "damping that follows the displacement", PARAMETER, _of_displacement(_by_displacement), _Q,
+    Group(kinds.ELASTIC, FORCE, _of_displacement(_elastic), _Q, _elastic),
+    Group(kinds.DISSIPATIVE, FORCE, _of_velocity(_dissipative), _V, _dissipative),
+    Group(kinds.DAMPING_BY_DISPLACEMENT, PARAMETER, _of_displacement(_by_displacement), _Q,
         _by_displacement, dampings,
     ),
-    Group("mechanical", "memory", FORCE, _memory, _T, _after_a_step),
-    Group("mechanical", "mode", FORCE, _modes),
-    Group("mechanical", "ringing mode", FORCE, _ringing, searched=True),
-    Group("hysteron", "shape", FORCE, _hysteron),
-    Group(
-        "hysteron", "threshold that follows the displacement", PARAMETER, _of_displacement(_by_displacement), _Q,
+    Group(kinds.MEMORY, FORCE, _memory, _T, _after_a_step),
+    Group(kinds.MODE, FORCE, _modes),
+    Group(kinds.RINGING_MODE, FORCE, _ringing, searched=True),
+    Group(kinds.SHAPE, FORCE, _hysteron),
+    Group(kinds.THRESHOLD_BY_DISPLACEMENT, PARAMETER, _of_displacement(_by_displacement), _Q,
         _by_displacement, thresholds,
     ),
-    Group("hysteron", "threshold that follows the rate", PARAMETER, _of_velocity(_by_speed), _V, _by_speed, thresholds),
-    Group("hysteron", "capacitance that follows the charge", PARAMETER, _by_charge, "", None, capacitances),
-    Group("electrical", "leakage", FORCE, _leakage),
-    Group("coupling", "force against voltage", FORCE, _of_voltage(_coupling), _U, _coupling),
-    Group(
-        "coupling", "ratio that follows the displacement", PARAMETER, _of_displacement(_by_displacement), _Q,
+    Group(kinds.THRESHOLD_BY_RATE, PARAMETER, _of_velocity(_by_speed), _V, _by_speed, thresholds),
+    Group(kinds.CAPACITANCE_BY_CHARGE, PARAMETER, _by_charge, "", None, capacitances),
+    Group(kinds.LEAKAGE, FORCE, _leakage),
+    Group(kinds.FORCE_BY_VOLTAGE, FORCE, _of_voltage(_coupling), _U, _coupling),
+    Group(kinds.RATIO_BY_DISPLACEMENT, PARAMETER, _of_displacement(_by_displacement), _Q,
         _by_displacement, ratios,
     ),
-    Group("coupling", "ratio that follows past voltage", PARAMETER, _polarisation, "", None, ratios),
-    Group("amplifier", "lag", VOLTAGE, _amplifier_lag, _T, _lag_after_a_step),
-    Group("amplifier", "limit", VOLTAGE, _of_voltage(_amplifier_limit), _U, _amplifier_limit),
-    Group("amplifier", "slew", VOLTAGE, _amplifier_slew),
-    Group("thermal", "ratio that follows the warmth", PARAMETER, _warmth, "", None, ratios),
-    Group("sensor", "nonlinear", OUTPUT, _of_output(_sensor_static), _Q, _sensor_static),
-    Group("sensor", "lag or play", OUTPUT, _sensor_memory),
-    Group("sensor", "gain that drifts", OUTPUT, _sensor_gain),
-    Group("sensor", "clock", OUTPUT, _sensor_clock),
-    Group("sensor", "drift", OUTPUT, _drift, "time [s]", _drifts),
-    Group("environment", "lines", OUTPUT, _lines),
+    Group(kinds.RATIO_BY_PAST_VOLTAGE, PARAMETER, _polarisation, "", None, ratios),
+    Group(kinds.LAG, VOLTAGE, _amplifier_lag, _T, _lag_after_a_step),
+    Group(kinds.LIMIT, VOLTAGE, _of_voltage(_amplifier_limit), _U, _amplifier_limit),
+    Group(kinds.SLEW, VOLTAGE, _amplifier_slew),
+    Group(kinds.RATIO_BY_WARMTH, PARAMETER, _warmth, "", None, ratios),
+    Group(kinds.SENSOR_NONLINEAR, OUTPUT, _of_output(_sensor_static), _Q, _sensor_static),
+    Group(kinds.LAG_OR_PLAY, OUTPUT, _sensor_memory),
+    Group(kinds.GAIN_DRIFT, OUTPUT, _sensor_gain),
+    Group(kinds.CLOCK, OUTPUT, _sensor_clock),
+    Group(kinds.DRIFT, OUTPUT, _drift, "time [s]", _drifts),
+    Group(kinds.LINES, OUTPUT, _lines),
 )  # fmt: skip

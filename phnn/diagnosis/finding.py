@@ -44,6 +44,11 @@ class Finding:
     description: Distilled | None = None
 
     @property
+    def effect(self) -> Effect:
+        """The effect that was added."""
+        return self.trial.candidate.effect
+
+    @property
     def described(self) -> Distilled | None:
         """The formula of a learned element, if it explains as much as the element."""
         found = self.description
@@ -69,9 +74,9 @@ class Finding:
 
 def effects_of(findings: Sequence[Finding]) -> list[Effect]:
     """The effects themselves."""
-    return [f.trial.candidate.effect for f in findings]
+    return [f.effect for f in findings]
 
 
 def own_parameters(findings: Sequence[Finding]) -> list[str]:
     """Parameters of the effects that were found."""
-    return [n for f in findings for n in f.trial.candidate.effect.parameters]
+    return [n for f in findings for n in f.effect.parameters]

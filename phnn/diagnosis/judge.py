@@ -10,7 +10,7 @@ from phnn.diagnosis.criteria import CRITERIA, SELECTION, Criteria
 from phnn.diagnosis.finding import Finding, effects_of
 from phnn.diagnosis.ground import Ground
 from phnn.diagnosis.learn import learn
-from phnn.diagnosis.locate import Location
+from phnn.diagnosis.locate import Location, group_of
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.place import located
 from phnn.diagnosis.rules import Applied, Record
@@ -89,7 +89,7 @@ class Judgement:
         able = [f for f in self.findings if f.described is not None or (f.share or 0.0) > SELECTION.explains_well]
         most = max(able, key=lambda f: f.gained.rms if f.gained is not None else 0.0, default=None)
         if most is not None:
-            return (most.trial.candidate.effect.location,)
+            return (most.effect.location,)
         return (self.location.name, *self.location.tied)
 
 
@@ -155,7 +155,7 @@ def _word(asked: _Asked, selected: Selected, record: Record) -> tuple[str, str]:
     share = share_of(ground.fit, final, asked.found.naming)
     alone = None
     if location.name == "mechanical" and left is not None and share < rule.explains_well:
-        alone = learn(ground, location.detail)
+        alone = learn(ground, group_of(location).kind)
     case = VerdictCase(
         effects=len(selected.findings),
         members=max((len(f.members) for f in selected.findings), default=0),
@@ -192,7 +192,7 @@ def _composed(
             word, _ = _word(asked, Selected(claimed, model, share), record)
             named = claimed if word != "unknown" else ()
     names = effects_of(named)
-    kept = tuple(replace(f, provisional=f.trial.candidate.effect not in names) for f in findings)
+    kept = tuple(replace(f, provisional=f.effect not in names) for f in findings)
     return word, model, kept
 
 
@@ -210,7 +210,7 @@ def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, rec
     claimed: list[Finding] = []
     unclaimed: list[tuple[Effect, float]] = []
     for taken, finding in weakest_first:
-        effect = finding.trial.candidate.effect
+        effect = finding.effect
         others = sum(took for other, took in unclaimed if not other.is_more_of(effect))
         if record.decide(CLAIM, ClaimCase(finding.learned, taken, nameless + others, criteria), effect.name) is None:
             claimed.append(finding)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from phnn.diagnosis.criteria import REFITS
 from phnn.diagnosis.ground import Ground
 from phnn.diagnosis.strengths import started
-from phnn.effects import Scales
+from phnn.effects import Kind, Scales
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
 from phnn.errors import PhnnError
@@ -26,13 +26,10 @@ from phnn.setup import Setup
 
 Array = NDArray[np.float64]
 
-# The learned element of each kind that dictionaries know.
-_ELEMENTS = {"elastic": "learned_spring", "dissipative": "learned_damper", "memory": "learned_relaxation"}
 
-
-def learned_setup(setup: Setup, detail: str, scales: Scales) -> Setup | None:
+def learned_setup(setup: Setup, kind: Kind, scales: Scales) -> Setup | None:
     """The setup with the learned element of a kind at small strengths; None where there is none of that kind."""
-    generic = learned_elements().get(_ELEMENTS.get(detail, ""))
+    generic = learned_elements().get(kind.learned)
     element = None if generic is None else attached(generic, setup)[0]
     if element is None or not element.can_be_added_to(setup):
         return None
@@ -40,9 +37,9 @@ def learned_setup(setup: Setup, detail: str, scales: Scales) -> Setup | None:
 
 
 @recalled
-def learn(ground: Ground, detail: str) -> Fit | None:
+def learn(ground: Ground, kind: Kind) -> Fit | None:
     """Fit the learned element together with the base parameters; None where the location has no passive one-port."""
-    setup = learned_setup(ground.fit.setup, detail, ground.scales)
+    setup = learned_setup(ground.fit.setup, kind, ground.scales)
     if setup is None:
         return None
     own = [n for n in setup.free if n not in ground.fit.setup.parameters]

@@ -44,8 +44,7 @@ def _explained(location: Location, effect: Effect) -> float:
 
 def of_its_kinds(location: Location, effect: Effect) -> list[float]:
     """What functions of each of an effect's own kinds explain, as far as there are any."""
-    kinds = [f"{effect.location}/{kind}" for kind in (effect.kind, *effect.akin)]
-    return [location.ranks[k] for k in kinds if k in location.details]
+    return [location.ranks[k.key] for k in (effect.kind, *effect.related_kinds) if k.key in location.details]
 
 
 def may_lie(effect: Effect, location: Location, rule: Locating = LOCATING) -> bool:

@@ -78,7 +78,7 @@ def _takes(finding: Finding) -> float:
 
 def _question(judgement: Judgement, finding: Finding, criteria: Criteria) -> Question:
     """The question of one element: the present model with it, and its rivals."""
-    effect, most = finding.trial.candidate.effect, criteria.race.enter_last
+    effect, most = finding.effect, criteria.race.enter_last
     described = finding.described
     models = described.models[:most] if described is not None else ()
     models = models or (refitted_rival(effect.name, judgement.final, effect.parameters),)
@@ -89,7 +89,7 @@ def _question(judgement: Judgement, finding: Finding, criteria: Criteria) -> Que
 def _refits(judgement: Judgement, finding: Finding, most: int, criteria: Criteria) -> list[Trial]:
     """What was tried in the place of an element and comes near it, refitted beside all other elements of the model."""
     others = tuple(f for f in judgement.findings if f is not finding)
-    taken = {e.name for e in (finding.trial.candidate.effect, *effects_of(others))}
+    taken = {e.name for e in (finding.effect, *effects_of(others))}
     reach = _Reach(judgement, finding, others, criteria)
     members = [t for t in finding.members if t.candidate.effect.name not in taken]
     tried = [t for t in sorted(finding.trials, key=lambda t: t.fair_cost) if reach.may_reach(t)]

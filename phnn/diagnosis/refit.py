@@ -131,7 +131,7 @@ def _with_special(
     if best.fit is None:
         return trials
     found = best.fit.setup.values()
-    for case in best.candidate.effect.contains:
+    for case in best.candidate.effect.special_cases:
         changed = case.values(found)
         if case.name not in known or set(changed) & set(stated_only(base.held)):
             continue

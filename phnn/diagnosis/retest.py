@@ -48,14 +48,14 @@ def retested(
         alone_at[place] = alone
         if place == len(findings) - 1:
             break
-        used = {f.trial.candidate.effect.name for f in others}
+        used = {f.effect.name for f in others}
         rivals = [t for t in findings[place].trials[: rule.retested] if t.candidate.effect.name not in used]
         trials = in_place(_refitted(alone, rivals, executor, criteria), location, rule)
         best = trials[0]
         if best.fit is not None and best.cost <= fitted.cost + tie(fitted, rule.tie):
             members = tuple(class_of(trials, rule=rule))
             again = Finding(best, members, tuple(trials), findings[place].naming, level=rule.level)
-            if best.candidate.effect is not findings[place].trial.candidate.effect:
+            if best.candidate.effect is not findings[place].effect:
                 alone_at.clear()
             findings, fitted = (*findings[:place], again, *findings[place + 1 :]), best.fit
         place += 1
@@ -81,7 +81,7 @@ def without(
     Args:
         variances: difference of χ² in residual variances below which two fits are equally good.
     """
-    values, own = fitted.setup.values(), dropped.trial.candidate.effect.exchanged
+    values, own = fitted.setup.values(), dropped.effect.equivalents
     best = None
     for moved in ({}, base.setup.values(), *(own(values) if own is not None else ())):
         if best is not None and fair_cost(best) - fair_cost(fitted) < tie(fitted, variances):
@@ -103,7 +103,7 @@ def fit_with(
     setup = base.setup.with_values({n: values[n] for n in base.setup.free})
     try:
         for f in findings:
-            setup = f.trial.candidate.effect.add_to(setup, values)
+            setup = f.effect.add_to(setup, values)
         held = stated_only(base.held)
         return fit_identified(setup, base.plan, held, evaluations, base, own_parameters(findings))
     except PhnnError:

@@ -130,7 +130,7 @@ def _step_case(step: Selected, criteria: Criteria) -> StepCase:
 
 def _added(step: Selected) -> str:
     """Name of the last effect of a step."""
-    return step.findings[-1].trial.candidate.effect.name if step.findings else ""
+    return step.findings[-1].effect.name if step.findings else ""
 
 
 def _refitted(search: _Search, last: Selected) -> list[Trial]:

@@ -75,7 +75,7 @@ def class_of(trials: Sequence[Trial], unexplained: bool = False, rule: Selection
     undecided = unexplained or best.fit.chi2 > rule.small_residual**2
     reach = max(tie(best.fit, rule.tie), rule.tie_of_remainder * left if undecided else 0.0)
     name, most = best.candidate.effect.name, best.fair_cost + reach
-    return [t for t in trials if t.fair_cost <= most and name not in t.candidate.effect.special]
+    return [t for t in trials if t.fair_cost <= most and name not in t.candidate.effect.special_names]
 
 
 def simplest_first(tied: Sequence[Trial]) -> list[Trial]:

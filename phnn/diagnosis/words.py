@@ -18,30 +18,11 @@ from phnn.units import quantity
 
 Array = NDArray[np.float64]
 
-_ONE_PORTS = {
-    "elastic": "a spring: conservative, it gives back what it stores",
-    "dissipative": "a damper: dissipative, it only takes energy away",
-    "memory": "springs in series with dampers: dissipative, with a memory of where it was",
-}
 _ACTS = {
     FORCE: "a missing {effort}",
     VOLTAGE: "a missing {source}",
     OUTPUT: "a missing {output} at the sensor",
     PARAMETER: "a change of parameters",
-}
-# What functions without a static picture depend on, by the detail of their group.
-_HISTORY = {
-    "mode": "on the rate at which the {rate} changes, and on its past",
-    "ringing mode": "on the rate at which the {rate} changed long before, at the frequency where the error is largest",
-    "shape": "on the history of the {output}, as a hysteron does",
-    "leakage": "on the past of the voltages that the hysterons hold",
-    "slew": "on the rate of the {source}",
-    "ratio that follows past voltage": "on how high the {source} was before",
-    "ratio that follows the warmth": "on how much energy was dissipated before",
-    "lag or play": "on the rate of the {output} and on its turning points",
-    "lines": "on time alone, in lines",
-    "capacitance that follows the charge": "on the voltages that the hysterons hold",
-    "gain that drifts": "on the {output}, the more or the less of it the later it is",
 }
 # Units of pictures whose sizes are said in the unit that suits.
 _LENGTHS = {"µm": 1e-6, "nm": 1e-9}
@@ -52,7 +33,7 @@ _LOSSY = 0.2
 def learned_in_words(ground: Ground, location: Location, learned: Setup) -> str:
     """The learned one-port: what kind of element, odd or even, from where on, how long it remembers."""
     drawn = learned_picture(ground, location, learned)
-    return f"The learned one-port is {_ONE_PORTS[location.detail]}. {_curve_in_words(drawn)}"
+    return f"The learned one-port is {group_of(location).kind.one_port}. {_curve_in_words(drawn)}"
 
 
 def fitted_in_words(ground: Ground, location: Location) -> str:
@@ -66,7 +47,7 @@ def fitted_in_words(ground: Ground, location: Location) -> str:
     if varied := group.varied(network):
         acts += f" {', '.join(varied)}"
     if group.static is None or drawn is None:
-        past = _HISTORY.get(location.detail, "on the past").format(**own)
+        past = (group.kind.history or "on the past").format(**own)
         return f"{acts} that depends {past}.{_work(ground, location, group)}"
     if group.axis.startswith("time after"):
         return f"{acts} that depends on the past. {_curve_in_words(drawn)}"

@@ -5,29 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from phnn.effects.effect import Effect, Plausible, Scales, has_motion, no_range, with_network
+from phnn.effects import Effect, Placed, Scales, has_motion, kinds, positive, signed, with_network
 from phnn.network.elements import Port
-from phnn.parameters import positive, signed
 from phnn.setup import Setup, Source
 
+# Typical amplitude [N] where both start at zero.
+_FORCE = 1e-3
 
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+
+def shake(setup: Setup, parameters: Placed) -> Setup:
     """A port ``F_b`` on ``p`` with ``F_b(t) = A_c cos 2πft + A_s sin 2πft``, ``t`` the time of the recording.
 
     Seen from a base that moves by ``s_b`` it is the inertia force ``−m s̈_b``.
     """
-    size = max(abs(values["A_c"]), abs(values["A_s"])) or 1e-3
+    size = max(abs(parameters[n].value) for n in ("A_c", "A_s")) or _FORCE
+    sized = {n: p if p.positive else replace(p, typical=size) for n, p in parameters.items()}
     port = Port("base", {"p": 1.0}, unit="N")
     network = replace(setup.network, ports=(*setup.network.ports, port))
-    names = ("A_c", "A_s", "f_b")
-    return with_network(setup, network).with_source(
-        Source("tone", "base", names),
-        (
-            signed("A_c", values["A_c"], "N", 1e6, size, "cosine part of the base force"),
-            signed("A_s", values["A_s"], "N", 1e6, size, "sine part of the base force"),
-            positive("f_b", values["f_b"], "Hz", "frequency of the base motion", 1e3),
-        ),
-    )
+    return with_network(setup, network).with_source(Source("tone", "base", tuple(sized)), tuple(sized.values()))
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -43,8 +38,7 @@ def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
 
 EFFECT = Effect(
     name="base_motion",
-    location="environment",
-    kind="lines",
+    kind=kinds.LINES,
     equation=r"F_b(t) = A_c \cos 2\pi f_b t + A_s \sin 2\pi f_b t",
     statement="The base shakes at {f_b}, the same way in every recording: a force of {A_c} (cosine) and {A_s} (sine) "
     "acts on the moving part, whatever the voltage does.",
@@ -52,16 +46,15 @@ EFFECT = Effect(
     separation="A recording at zero voltage that begins at another time: shaking goes on there, with the resonance of "
     "the actuator in it, which a line picked up by the sensor has not.",
     references=("Harris & Piersol 2002, Harris' Shock and Vibration Handbook, ch. 2",),
-    passive=True,
-    strength="A_c",
-    one_sided=False,
+    declares=(
+        signed("A_c", "N", "cosine part of the base force", 1e6, _FORCE, strength=True),
+        signed("A_s", "N", "sine part of the base force", 1e6, _FORCE),
+        positive("f_b", "Hz", "frequency of the base motion", 1e3).plausibly(
+            0.5, 200.0, "vibration of buildings (1 to 80 Hz, ISO 2631-2) and of machines on the mains"
+        ),
+    ),
+    adds=shake,
     grid=grid,
-    build=build,
-    parameters=("A_c", "A_s", "f_b"),
-    plausible={
-        "f_b": Plausible(0.5, 200.0, "vibration of buildings (1 to 80 Hz, ISO 2631-2) and of machines on the mains"),
-        **no_range("A_c", "A_s"),
-    },
     applies=has_motion,
     neighbours=("mains_pickup",),
     rescale=rescale,

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
-from phnn.network.elements import Network, Port, Storage
-from phnn.parameters import Parameter, as_table
+from phnn.effects.additions import Placed, with_network
+from phnn.network.elements import Port, Storage
+from phnn.parameters import as_table
+from phnn.setup import Setup
 
 
-def bent_spring(network: Network, law: str, extra: Sequence[Parameter]) -> Network:
-    """The network with the spring of ``q`` bent by one of two laws, or by both if it is bent already."""
+def bent_spring(setup: Setup, law: str, parameters: Placed) -> Setup:
+    """The setup with the spring of ``q`` bent by ``quadratic_spring`` or ``cubic_spring``, or by both.
+
+    Args:
+        law: of these two; the other one may be there.
+        parameters: those of the bend, its reference displacement last.
+    """
+    network, mine = setup.network, tuple(parameters)
 
     def bent(spring: Storage) -> Storage:
         stiffness, *before = spring.parameters
-        mine = [p.name for p in extra]
         if spring.law == "spring":
             return replace(spring, law=law, parameters=(stiffness, *mine))
         # The law of both takes the quadratic bend first.
@@ -22,21 +28,21 @@ def bent_spring(network: Network, law: str, extra: Sequence[Parameter]) -> Netwo
         return replace(spring, law="bent_spring", parameters=(stiffness, *names))
 
     # First, for it refuses parameters that a law has already.
-    parameters = as_table((*network.parameters.values(), *extra))
+    table = as_table((*network.parameters.values(), *parameters.values()))
     storages = tuple(bent(s) if s.name == "q" else s for s in network.storages)
-    return replace(network, storages=storages, parameters=parameters)
+    return with_network(setup, replace(network, storages=storages, parameters=table))
 
 
-def bent_port(network: Network, law: str, extra: Sequence[Parameter]) -> Network:
-    """The network with the voltage port bent by ``electrostriction`` or ``polynomial``, or by both.
+def bent_port(setup: Setup, law: str, parameters: Placed) -> Setup:
+    """The setup with the voltage port bent by ``electrostriction`` or ``polynomial``, or by both.
 
     Args:
         law: of these two; the other one may be there.
-        extra: the parameters that take part in it, constants last.
+        parameters: those of the bend, its reference voltage last.
     """
+    network, mine = setup.network, tuple(parameters)
 
     def bent(port: Port) -> Port:
-        mine = tuple(p.name for p in extra)
         if port.name != "voltage":
             return port
         if port.law == "linear":
@@ -46,5 +52,5 @@ def bent_port(network: Network, law: str, extra: Sequence[Parameter]) -> Network
         return replace(port, law="electrostrictive_polynomial", parameters=names)
 
     # First, for it refuses parameters that a law has already.
-    parameters = as_table((*network.parameters.values(), *extra))
-    return replace(network, ports=tuple(map(bent, network.ports)), parameters=parameters)
+    table = as_table((*network.parameters.values(), *parameters.values()))
+    return with_network(setup, replace(network, ports=tuple(map(bent, network.ports)), parameters=table))

@@ -2,30 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from phnn.effects.effect import Effect, Scales, has_motion, no_range, with_network
+from phnn.effects import Effect, Parts, Scales, has_motion, kinds, limit, positive
 from phnn.network.elements import Coupling, Storage
-from phnn.parameters import Parameter, positive
-from phnn.setup import Setup
-
-
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """``F += −k_c max(x_c − g_c, 0)``, ``ẋ_c = v``, mirrored for a gap ``g_c < 0``; storage with ``J[x_c, p] = 1``."""
-    gap = values["g_c"]
-    # The gap keeps its sign: a stop does not change sides.
-    near, far = sorted((1e-2 * gap, 1e2 * gap))
-    return with_network(
-        setup,
-        setup.network.extend(
-            storages=(Storage("x_c", "stop", ("k_c", "g_c"), "m"),),
-            couplings=(Coupling("x_c", "p", 1.0),),
-            parameters=(
-                positive("k_c", values["k_c"], "N/m", "stiffness of the stop", 1e8),
-                Parameter("g_c", gap, "m", near, far, typical=0.02 * abs(gap), description="gap to the stop"),
-            ),
-        ),
-    )
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -37,8 +15,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 EFFECT = Effect(
     name="contact_stop",
-    location="mechanical",
-    kind="elastic",
+    kind=kinds.ELASTIC,
     equation=r"F_c = k_c \max(q - g_c, 0)",
     statement="The moving part meets an elastic stop: beyond a displacement of {g_c} a further stiffness of {k_c} acts "
     "on that side.",
@@ -46,13 +23,13 @@ EFFECT = Effect(
     separation="Sines of rising amplitude about two offsets of the voltage: a stop stays at its displacement and lets "
     "the other side go, a limit of the amplifier stays at its voltage.",
     references=("Johnson 1985, Contact Mechanics, ch. 4 (linearised)",),
-    passive=True,
-    strength="k_c",
-    one_sided=True,
+    declares=(
+        positive("k_c", "N/m", "stiffness of the stop", 1e8, strength=True),
+        # The gap keeps its sign: a stop does not change sides.
+        limit("g_c", "m", "gap to the stop", 1e2, signed=True),
+    ),
+    adds=Parts((Storage("x_c", "stop", ("k_c", "g_c"), "m"),), couplings=(Coupling("x_c", "p", 1.0),)),
     grid=grid,
-    build=build,
-    parameters=("k_c", "g_c"),
-    plausible=no_range("k_c", "g_c"),
     applies=has_motion,
     neighbours=("amplifier_saturation", "quadratic_stiffness", "cubic_stiffness"),
 )

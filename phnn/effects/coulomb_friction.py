@@ -3,35 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
-from phnn.effects.effect import Effect, Plausible, Scales, has_motion, no_range, with_network
+from phnn.effects import Effect, Parts, Scales, constant, has_motion, kinds, positive
 from phnn.network.elements import Coupling, Resistor, Storage
-from phnn.parameters import constant, positive
 from phnn.setup import Setup
 
 _NAME = "coulomb_friction"
 # Resistance at the largest velocity, as a share of the friction.
 _HARDLY = 0.01
+_FORCE = positive("F_c", "N", "Coulomb friction force", 1e8, strength=True)
 
 
 def slides(setup: Setup) -> bool:
     """The output is a displacement ``q`` that a momentum ``p`` moves, without a coulomb_friction yet."""
     return has_motion(setup) and all(r.name != _NAME for r in setup.network.resistors)
-
-
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """One more resistor on ``p``: ``F_c tanh(v/v_s)``."""
-    return with_network(
-        setup,
-        setup.network.extend(
-            resistors=(Resistor(_NAME, "coulomb", {"p": 1.0}, ("F_c", "v_s")),),
-            parameters=(
-                positive("F_c", values["F_c"], "N", "Coulomb friction force", 1e8),
-                positive("v_s", values["v_s"], "m/s", "velocity over which friction changes sign", 1e4),
-            ),
-        ),
-    )
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -40,23 +25,6 @@ def grid(scales: Scales) -> list[dict[str, float]]:
     slow = 6.0 * scales.slowest * scales.displacement
     speeds = {0.01 * slow, 0.1 * slow, 0.6 * slow, 0.1 * scales.velocity}
     return [{"F_c": force, "v_s": v} for v in sorted(speeds)]
-
-
-def build_bristles(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """``F += −k_f z``, ``ż = v − φ(k_f z)``: storage ``z`` with ``J[z, p] = 1``; ``φ`` is zero within ``±F_c``."""
-    return with_network(
-        setup,
-        setup.network.extend(
-            storages=(Storage("z", "spring", ("k_f",), "m"),),
-            resistors=(Resistor(_NAME, "bristles", {"z": 1.0}, ("slip_f", "F_c")),),
-            couplings=(Coupling("z", "p", 1.0),),
-            parameters=(
-                positive("k_f", values["k_f"], "N/m", "stiffness of the bristles before they slip", 1e8),
-                positive("F_c", values["F_c"], "N", "Coulomb friction force", 1e8),
-                constant("slip_f", values["slip_f"], "m/(N s)", "speed of slipping over the force beyond friction"),
-            ),
-        ),
-    )
 
 
 def grid_bristles(scales: Scales) -> list[dict[str, float]]:
@@ -74,10 +42,9 @@ def rescale_bristles(values: Mapping[str, float], factor: float) -> dict[str, fl
     return {"k_f": weight * values["k_f"], "F_c": weight * values["F_c"], "slip_f": values["slip_f"] / weight}
 
 
-_ROUNDED = Effect(
+EFFECT = Effect(
     name=_NAME,
-    location="mechanical",
-    kind="dissipative",
+    kind=kinds.DISSIPATIVE,
     equation=r"F_f = F_c \tanh(v/v_s)",
     statement="Dry friction of {F_c} acts on the moving part; it turns round with the velocity and does not grow "
     "with it (smoothed over {v_s}).",
@@ -86,38 +53,31 @@ _ROUNDED = Effect(
     separation="Triangles of small amplitude at two rates: friction holds the output at every reversal by the same "
     "force, a hysteron slips after the same displacement.",
     references=("Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, Automatica 30",),
-    passive=True,
-    strength="F_c",
-    one_sided=True,
-    grid=grid,
-    build=build,
-    parameters=("F_c", "v_s"),
-    plausible={
-        "v_s": Plausible(
-            1e-6,
-            0.1,
-            "contacts leave the Stribeck range below 0.1 m/s (Armstrong-Hélouvry et al. 1994)",
-        ),
-        **no_range("F_c"),
-    },
-    applies=slides,
-    neighbours=("extra_hysteron",),
-)
-EFFECT = replace(
-    _ROUNDED,
-    forms=(
-        replace(
-            _ROUNDED,
-            equation=r"F_f = k_f\,z, \quad \dot{z} = v - \varphi(k_f z)",
-            statement="Dry friction acts on the moving part: bristles of {k_f} bend with it and slip as soon as they "
-            "pull with {F_c}.",
-            references=("Canudas de Wit, Olsson, Åström & Lischinsky 1995, IEEE Trans. Autom. Control 40",),
-            strength="F_c",
-            grid=grid_bristles,
-            build=build_bristles,
-            parameters=("k_f", "F_c", "slip_f"),
-            plausible=no_range("k_f", "F_c", "slip_f"),
-            rescale=rescale_bristles,
+    declares=(
+        _FORCE,
+        positive("v_s", "m/s", "velocity over which friction changes sign", 1e4).plausibly(
+            1e-6, 0.1, "contacts leave the Stribeck range below 0.1 m/s (Armstrong-Hélouvry et al. 1994)"
         ),
     ),
+    adds=Parts(resistors=(Resistor(_NAME, "coulomb", {"p": 1.0}, ("F_c", "v_s")),)),
+    grid=grid,
+    applies=slides,
+    neighbours=("extra_hysteron",),
+).or_as(
+    equation=r"F_f = k_f\,z, \quad \dot{z} = v - \varphi(k_f z)",
+    statement="Dry friction acts on the moving part: bristles of {k_f} bend with it and slip as soon as they "
+    "pull with {F_c}.",
+    references=("Canudas de Wit, Olsson, Åström & Lischinsky 1995, IEEE Trans. Autom. Control 40",),
+    declares=(
+        positive("k_f", "N/m", "stiffness of the bristles before they slip", 1e8),
+        _FORCE,
+        constant("slip_f", "m/(N s)", "speed of slipping over the force beyond friction"),
+    ),
+    adds=Parts(
+        (Storage("z", "spring", ("k_f",), "m"),),
+        (Resistor(_NAME, "bristles", {"z": 1.0}, ("slip_f", "F_c")),),
+        (Coupling("z", "p", 1.0),),
+    ),
+    grid=grid_bristles,
+    rescale=rescale_bristles,
 )

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
+from phnn.effects import Effect, Placed, Scales, bounded, constant, has_spring, kinds
 from phnn.effects.bent import bent_spring
-from phnn.effects.effect import Effect, Scales, has_spring, no_range, with_network
-from phnn.parameters import Parameter, constant
 from phnn.setup import Setup
 
 
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+def bend(setup: Setup, parameters: Placed) -> Setup:
     """Effort of ``q`` becomes ``k q (1 + κ₃ s² + c s⁴)``, ``s = q/q₀``; ``c`` completes a softening spring."""
-    extra = (
-        Parameter("kappa_3", values["kappa_3"], "1", -2.0, 20.0, typical=0.05, description="cubic stiffness"),
-        constant("q_0", values["q_0"], "m", "reference displacement of the cubic stiffness"),
-    )
-    return with_network(setup, bent_spring(setup.network, "cubic_spring", extra))
+    return bent_spring(setup, "cubic_spring", parameters)
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -26,8 +19,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 EFFECT = Effect(
     name="cubic_stiffness",
-    location="mechanical",
-    kind="elastic",
+    kind=kinds.ELASTIC,
     equation=r"F_k = k\,q\,(1 + \kappa_3 (q/q_0)^2)",
     statement="The stiffness depends on the amplitude: at a displacement of {q_0} the spring force differs by the "
     "share {kappa_3} from a straight line.",
@@ -36,13 +28,12 @@ EFFECT = Effect(
     separation="Sweeps through the resonance at several amplitudes: a stiffness moves it on every one, a saturated "
     "amplifier only beyond its limit.",
     references=("Kovacic & Brennan 2011, The Duffing Equation",),
-    passive=True,
-    strength="kappa_3",
-    one_sided=False,
+    declares=(
+        bounded("kappa_3", "1", "cubic stiffness", -2.0, 20.0, 0.05, strength=True),
+        constant("q_0", "m", "reference displacement of the cubic stiffness"),
+    ),
+    adds=bend,
     grid=grid,
-    build=build,
-    parameters=("kappa_3", "q_0"),
-    plausible=no_range("kappa_3", "q_0"),
     applies=has_spring,
     neighbours=("amplifier_saturation",),
 )

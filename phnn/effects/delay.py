@@ -2,20 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from phnn.effects.effect import Effect, Plausible, Scales
-from phnn.parameters import time_constant
-from phnn.setup import Block, Setup
-
-
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """``V(t) = u(t − τ)`` before the port."""
-    tau = values["tau_d"]
-    parameter = time_constant("tau_d", tau, "delay of the voltage")
-    return setup.with_block("amplifier", Block("delay", ("tau_d",)), (parameter,))
+from phnn.effects import Effect, Scales, at_amplifier, kinds, time_constant
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -26,8 +15,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 EFFECT = Effect(
     name="delay",
-    location="amplifier",
-    kind="lag",
+    kind=kinds.LAG,
     equation=r"V(t) = u(t - \tau_d)",
     statement="The voltage follows its command {tau_d} late, at every frequency alike: a delay of the electronics, "
     "which the displacement shows as if its sensor were late.",
@@ -35,13 +23,12 @@ EFFECT = Effect(
     separation="A step of the command sampled much faster than the delay: a delay holds still and then repeats it, a "
     "low-pass or a lagging sensor begins at once.",
     references=("Åström & Wittenmark 1997, Computer-Controlled Systems",),
-    passive=False,
-    strength="tau_d",
-    one_sided=True,
+    declares=(
+        time_constant("tau_d", "delay of the voltage", strength=True).plausibly(
+            0.0, 0.01, "converters and buffers hold a signal for 10 ms at most"
+        ),
+    ),
+    adds=at_amplifier("delay"),
     grid=grid,
-    build=build,
-    parameters=("tau_d",),
-    plausible={"tau_d": Plausible(0.0, 0.01, "converters and buffers hold a signal for 10 ms at most")},
-    needs_command=True,
     neighbours=("amplifier_lowpass", "sensor_lag"),
 )

@@ -2,28 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from phnn.effects.effect import Effect, Scales, has_transducer, no_range, with_network
+from phnn.effects import Effect, Parts, Scales, has_transducer, kinds, positive
 from phnn.network.elements import Memory, Modulation
-from phnn.parameters import positive
-from phnn.setup import Setup
-
-
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """``α`` becomes ``α (1 − δ z)`` with ``τ ż = max(|V|/V_c − 1, 0) − z``, in port and couplings alike."""
-    return with_network(
-        setup,
-        setup.network.extend(
-            modulations=(Modulation("alpha", "depolarised", "declining", ("delta_z",)),),
-            memories=(Memory("depolarised", "exceeding", ("tau_z", "V_c"), ("voltage",)),),
-            parameters=(
-                positive("delta_z", values["delta_z"], "1", "loss of coupling per excess of voltage"),
-                positive("tau_z", values["tau_z"], "s", "time constant of depolarisation", 1e3),
-                positive("V_c", values["V_c"], "V", "voltage beyond which polarisation is lost", 30.0),
-            ),
-        ),
-    )
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -37,8 +17,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 EFFECT = Effect(
     name="depolarisation",
-    location="coupling",
-    kind="ratio that follows past voltage",
+    kind=kinds.RATIO_BY_PAST_VOLTAGE,
     equation=r"\alpha(z) = \alpha (1 - \delta_z z), \quad \tau_z \dot{z} = \max(|V|/V_c - 1, 0) - z",
     statement="High voltage takes polarisation away: beyond {V_c} the transducer ratio falls by the share {delta_z} "
     "for every further such voltage, with a time constant of {tau_z}.",
@@ -46,13 +25,16 @@ EFFECT = Effect(
     separation="A small sine before and after a hold at high constant voltage: nothing is dissipated there, so a loss "
     "of gain is no heating.",
     references=("Damjanovic 1998, Reports on Progress in Physics 61",),
-    passive=True,
-    strength="delta_z",
-    one_sided=True,
+    declares=(
+        positive("delta_z", "1", "loss of coupling per excess of voltage", strength=True),
+        positive("tau_z", "s", "time constant of depolarisation", 1e3),
+        positive("V_c", "V", "voltage beyond which polarisation is lost", 30.0),
+    ),
+    adds=Parts(
+        modulations=(Modulation("alpha", "depolarised", "declining", ("delta_z",)),),
+        memories=(Memory("depolarised", "exceeding", ("tau_z", "V_c"), ("voltage",)),),
+    ),
     grid=grid,
-    build=build,
-    parameters=("delta_z", "tau_z", "V_c"),
-    plausible=no_range("delta_z", "tau_z", "V_c"),
     applies=has_transducer,
     neighbours=("self_heating", "sensor_drift"),
 )

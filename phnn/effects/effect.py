@@ -6,21 +6,20 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
+from phnn.effects.additions import Addition
+from phnn.effects.conditions import always
+from phnn.effects.declaration import Declared, Plausible
+from phnn.effects.kinds import Kind
 from phnn.errors import InputRefused
-from phnn.network.bondgraph.imposed import effort_unit
-from phnn.network.elements import Network
-from phnn.network.roles import hysterons
 from phnn.setup import Setup
 
-LOCATIONS = (
-    "amplifier", "electrical", "hysteron", "coupling", "mechanical", "thermal", "sensor", "environment",
-)  # fmt: skip
-# Storage laws of a spring that can be bent, or bent further.
-SPRINGS = ("spring", "quadratic_spring", "cubic_spring")
+Values = Mapping[str, float]
+# Least strength of one that cannot be negative, as a share of what it was.
+_LEAST = 1e-3
 
 
 @dataclass(frozen=True)
-class Special:
+class SpecialCase:
     """An effect that is a special case of another one.
 
     Attributes:
@@ -30,30 +29,7 @@ class Special:
     """
 
     name: str
-    values: Callable[[Mapping[str, float]], dict[str, float]]
-
-
-@dataclass(frozen=True)
-class Plausible:
-    """Where a parameter of an effect lies in piezo actuators that exist.
-
-    Attributes:
-        lower, upper: ends of the range [SI].
-        source: where it comes from, as a sentence without its full stop; empty where no range is known.
-        over: parameter of the base model by which the value is divided before, so that no anchor is needed.
-        outside: what a value above the range means, as the rest of a sentence.
-    """
-
-    lower: float
-    upper: float
-    source: str
-    over: str = ""
-    outside: str = ""
-
-
-def no_range(*names: str) -> dict[str, Plausible]:
-    """Parameters of which no plausible range is known."""
-    return {name: Plausible(-math.inf, math.inf, "") for name in names}
+    values: Callable[[Values], dict[str, float]]
 
 
 @dataclass(frozen=True)
@@ -93,51 +69,7 @@ class Scales:
         return 2.0 * math.pi * self.fastest * self.effort if self.effort else self.velocity
 
 
-def always(setup: Setup) -> bool:
-    """Whatever the setup is."""
-    return True
-
-
-def has_motion(setup: Setup) -> bool:
-    """A momentum ``p`` moves the displacement ``q``: forces can act on it."""
-    return any({c.to, c.of} == {"q", "p"} for c in setup.network.couplings)
-
-
-def has_spring(setup: Setup) -> bool:
-    """The displacement ``q`` has a spring of its own, which is not there for its position alone."""
-    stiffness = [s.parameters[0] for s in setup.network.storages if s.name == "q" and s.law in SPRINGS]
-    return has_motion(setup) and any(setup.parameters[name].value > 0.0 for name in stiffness)
-
-
-def has_dead_zones(setup: Setup) -> bool:
-    """Some resistor has a dead zone: there are hysterons."""
-    return bool(hysterons(setup.network))
-
-
-def has_plain_dead_zones(setup: Setup) -> bool:
-    """Some resistor has a dead zone that follows no state yet."""
-    return any(r.law == "dead_zone" for r in setup.network.resistors)
-
-
-def has_transducer(setup: Setup) -> bool:
-    """A parameter ``alpha`` is the ratio by which the voltage port acts on the momentum."""
-    ports = setup.network.ports
-    return has_motion(setup) and any(p.name == "voltage" and p.on.get("p") == "alpha" for p in ports)
-
-
-def sensed_unit(setup: Setup) -> str:
-    """SI unit of what the sensor measures: of a displacement, or of the effort that an imposed motion takes."""
-    network = setup.network
-    return next((effort_unit(p.unit) for p in network.ports if p.name == network.senses), "m")
-
-
-def has_tanks(setup: Setup) -> bool:
-    """Stores of constant capacity drain into each other through resistors alone."""
-    network = setup.network
-    return all(s.law == "capacitor" for s in network.storages) and not network.couplings
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Effect:
     """A member of the catalogue.
 
@@ -147,27 +79,21 @@ class Effect:
 
     Attributes:
         name: canonical name.
-        location: one of `LOCATIONS`.
-        kind: what sort of thing it is there: elastic, dissipative, memory, lag, …; effects of one kind act through the
-            same local variables.
-        akin: further kinds at its place as which another form of it may show.
+        kind: through which local variables it acts, and at which location; effects of one kind act through the same.
+        related_kinds: further kinds as which it may show where its own form is not quite right.
         equation: LaTeX.
         statement: one or two sentences for a person; ``{parameter}`` is replaced by its value with unit.
         fingerprint: one sentence: what betrays it in recordings.
         separation: one sentence: the experiment that separates it from its neighbours.
         references: where the law comes from.
-        passive: whether adding it keeps ``J = −Jᵀ``, ``D ≥ 0`` and ``H`` bounded below.
-        strength: the parameter that is zero when the effect is absent; None where there is no such parameter.
-        strengths: where several parameters are zero when the effect is absent, all of them, ``strength`` the first.
-        one_sided: only positive strengths are physical.
+        declares: its parameters.
+        adds: what it adds to a setup; see `phnn.effects.additions`.
         grid: values of all its parameters to probe, given the scales. Strengths are small there.
-        build: adds the effect with given parameter values.
         applies: whether it can be added to a setup at all.
-        needs_command: makes sense only where the recorded voltage is the amplifier's command.
         neighbours: effects that ordinary recordings cannot always tell apart from it.
-        contains: effects that are special cases of it, so that it can never fit worse than they do.
-        exchanged: values of the model's parameters that have what it adds in the place of something alike, from all
-            values of a model with it: where to begin when it is taken away again.
+        special_cases: effects that are special cases of it, so that it can never fit worse than they do.
+        equivalents: other parameter values of the model that explain as much, because its parts can change places, from
+            all values of a model with it: a refit without it begins there too.
         searched: its parameter that is a frequency to be found in the spectrum of what the model leaves.
         rescale: how to multiply the strength where that is more than multiplying parameters.
         forms: the same physics by other laws, under the same name, at the same place and of the same kind.
@@ -175,39 +101,80 @@ class Effect:
         at_most: how many of it may act at one place, 1 to 3; which: "second" or "third", empty for the first.
         after: parameters of the one before, which has to be there already.
         several_of: name of the effect that a learned element is several of, and nothing else.
-        plausible: where each of its parameters lies in actuators that exist, or that no range is known.
+
+    Two effects are equal if what they say is; functions take no part, so that an effect that comes back from another
+    process is the same one.
     """
 
     name: str
-    location: str
-    kind: str
+    kind: Kind
     equation: str
     statement: str
     fingerprint: str
     separation: str
     references: tuple[str, ...]
-    passive: bool
-    strength: str | None
-    one_sided: bool
-    grid: Callable[[Scales], list[dict[str, float]]]
-    build: Callable[[Setup, Mapping[str, float]], Setup]
-    parameters: tuple[str, ...]
-    applies: Callable[[Setup], bool] = always
-    needs_command: bool = False
+    adds: Addition = field(compare=False)
+    grid: Callable[[Scales], list[dict[str, float]]] = field(compare=False)
+    declares: tuple[Declared, ...] = ()
+    applies: Callable[[Setup], bool] = field(default=always, compare=False)
     neighbours: tuple[str, ...] = ()
-    rescale: Callable[[Mapping[str, float], float], dict[str, float]] | None = None
-    contains: tuple[Special, ...] = ()
-    exchanged: Callable[[Mapping[str, float]], list[dict[str, float]]] | None = None
+    related_kinds: tuple[Kind, ...] = ()
+    special_cases: tuple[SpecialCase, ...] = field(default=(), compare=False)
+    equivalents: Callable[[Values], list[dict[str, float]]] | None = field(default=None, compare=False)
     searched: str | None = None
-    akin: tuple[str, ...] = ()
+    rescale: Callable[[Values, float], dict[str, float]] | None = field(default=None, compare=False)
     forms: tuple[Effect, ...] = ()
-    plausible: Mapping[str, Plausible] = field(default_factory=dict, compare=False)
-    strengths: tuple[str, ...] = ()
     place: str = ""
     at_most: int = 1
     which: str = ""
     after: tuple[str, ...] = ()
     several_of: str = ""
+
+    @property
+    def location(self) -> str:
+        """One of `phnn.effects.kinds.LOCATIONS`."""
+        return self.kind.location
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of its parameters."""
+        return tuple(d.name for d in self.declares)
+
+    @property
+    def plausible(self) -> dict[str, Plausible]:
+        """Where each of its parameters lies in actuators that exist, or that no range is known."""
+        return {d.name: d.plausible for d in self.declares}
+
+    @property
+    def all_strengths(self) -> tuple[str, ...]:
+        """The parameters that are zero when the effect is absent."""
+        return tuple(d.name for d in self.declares if d.strength)
+
+    @property
+    def strength(self) -> str | None:
+        """The first parameter that is zero when the effect is absent; None where there is no such parameter."""
+        return next(iter(self.all_strengths), None)
+
+    @property
+    def strengths(self) -> tuple[str, ...]:
+        """All parameters that are zero when the effect is absent, where there are several of them."""
+        return self.all_strengths if len(self.all_strengths) > 1 else ()
+
+    @property
+    def one_sided(self) -> bool:
+        """Only positive strengths are physical; what every recording has in a measure of its own has either sign."""
+        signs = all(d.lower >= 0.0 for d in self.declares if d.strength)
+        return signs and not getattr(self.adds, "signless", False)
+
+    @property
+    def passive(self) -> bool:
+        """Whether adding it keeps ``J = −Jᵀ``, ``D ≥ 0`` and ``H`` bounded below."""
+        return getattr(self.adds, "passive", True)
+
+    @property
+    def needs_command(self) -> bool:
+        """Whether it makes sense only where the recorded voltage is the amplifier's command."""
+        return self.location == "amplifier"
 
     @property
     def title(self) -> str:
@@ -224,16 +191,15 @@ class Effect:
         return self.several_of == other.canonical and self.place == other.place
 
     @property
-    def all_strengths(self) -> tuple[str, ...]:
-        """The parameters that are zero when the effect is absent."""
-        return self.strengths or (() if self.strength is None else (self.strength,))
-
-    @property
-    def special(self) -> tuple[str, ...]:
+    def special_names(self) -> tuple[str, ...]:
         """Names of its special cases."""
-        return tuple(s.name for s in self.contains)
+        return tuple(s.name for s in self.special_cases)
 
-    def scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
+    def or_as(self, **changes: object) -> Effect:
+        """The effect with one more form, in which these fields differ."""
+        return replace(self, forms=(*self.forms, replace(self, forms=(), **changes)))  # type: ignore[arg-type]
+
+    def scaled(self, values: Values, factor: float) -> dict[str, float]:
         """Parameter values with the strengths multiplied, kept within a physical range.
 
         Args:
@@ -242,7 +208,7 @@ class Effect:
         """
         if self.rescale is not None:
             return self.rescale(values, factor)
-        factor = max(factor, 1e-3) if self.one_sided else factor
+        factor = max(factor, _LEAST) if self.one_sided else factor
         return dict(values) | {name: values[name] * factor for name in self.all_strengths}
 
     def can_be_added_to(self, setup: Setup) -> bool:
@@ -251,8 +217,12 @@ class Effect:
         there = set(setup.parameters)
         return self.applies(setup) and set(self.after) <= there and not set(self.parameters) & there
 
-    def add_to(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        """The setup with this effect at the given parameter values (SI).
+    def build(self, setup: Setup, values: Values) -> Setup:
+        """The setup with what the effect adds, its parameters at the given values [SI]."""
+        return self.adds(setup, {d.name: d.at(values[d.name], setup) for d in self.declares})
+
+    def add_to(self, setup: Setup, values: Values) -> Setup:
+        """The setup with this effect at the given parameter values [SI], under a name of its own.
 
         Raises:
             InputRefused: it does not apply to the setup, or is in it already.
@@ -261,8 +231,3 @@ class Effect:
             wanted = (self.applies.__doc__ or "").strip()
             raise InputRefused(f"{self.name} cannot be added to {setup.name}; it can be where this holds: {wanted}")
         return replace(self.build(setup, values), name=f"{setup.name}+{self.name}")
-
-
-def with_network(setup: Setup, network: Network) -> Setup:
-    """The setup around another network."""
-    return replace(setup, network=network)

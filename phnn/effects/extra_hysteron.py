@@ -6,23 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales, Special, has_transducer, no_range, with_network
-from phnn.models.actuator import hysteron, hysteron_parameters
-from phnn.setup import Setup
+from phnn.effects import Effect, Parts, Scales, SpecialCase, has_transducer, kinds, positive
+from phnn.models.actuator import hysteron
 
-
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """``Q_x`` with a dead-zone resistor, coupled by the same ``α`` as the others (eq. (1))."""
-    storage, resistor, coupling = hysteron("x")
-    return with_network(
-        setup,
-        setup.network.extend(
-            storages=(storage,),
-            resistors=(resistor,),
-            couplings=(coupling,),
-            parameters=hysteron_parameters("x", values["C_x"], values["rho_x"], values["d_x"], 1e6),
-        ),
-    )
+_STORAGE, _RESISTOR, _COUPLING = hysteron("x")
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -59,7 +46,7 @@ def as_creep(values: Mapping[str, float]) -> dict[str, float]:
     return _in_the_place_of(first, values) | relaxing
 
 
-def exchanged(values: Mapping[str, float]) -> list[dict[str, float]]:
+def equivalents(values: Mapping[str, float]) -> list[dict[str, float]]:
     """The extra hysteron in the place of each of the others, which may have been the superfluous one."""
     return [_in_the_place_of(name, values) for name in _names(values) if name != "x"]
 
@@ -76,8 +63,7 @@ def _in_the_place_of(name: str, values: Mapping[str, float]) -> dict[str, float]
 
 EFFECT = Effect(
     name="extra_hysteron",
-    location="hysteron",
-    kind="shape",
+    kind=kinds.SHAPE,
     equation=r"\dot{Q}_x = \alpha v - h_x^{-1}(Q_x/C_x)",
     statement="The hysteresis needs one more hysteron: capacitance {C_x}, dead zone {d_x}, conductance {rho_x} outside "
     "it.",
@@ -86,21 +72,17 @@ EFFECT = Effect(
     separation="Slow triangles of many amplitudes, each with a hold at its end: a hysteron needs a displacement to "
     "slip, creep and friction do not.",
     references=("Díaz, Ramírez, Le Gorrec & Wu, eqs. (1)–(4)",),
-    passive=True,
-    strength="C_x",
-    one_sided=True,
-    grid=grid,
-    build=build,
-    parameters=("C_x", "rho_x", "d_x"),
-    plausible=no_range("C_x", "rho_x", "d_x"),
-    applies=has_transducer,
-    akin=(
-        "capacitance that follows the charge",
-        "threshold that follows the displacement",
-        "threshold that follows the rate",
+    declares=(
+        positive("C_x", "F", "capacitance of hysteron x", strength=True),
+        positive("rho_x", "S", "conductance of hysteron x outside its dead zone"),
+        positive("d_x", "V", "width of the dead zone of hysteron x"),
     ),
+    adds=Parts((_STORAGE,), (_RESISTOR,), (_COUPLING,)),
+    grid=grid,
+    applies=has_transducer,
     neighbours=("creep", "coulomb_friction"),
+    related_kinds=(kinds.CAPACITANCE_BY_CHARGE, kinds.THRESHOLD_BY_DISPLACEMENT, kinds.THRESHOLD_BY_RATE),
     rescale=rescale,
-    contains=(Special("creep", as_creep),),
-    exchanged=exchanged,
+    special_cases=(SpecialCase("creep", as_creep),),
+    equivalents=equivalents,
 )

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
-from phnn.effects.effect import Effect, Plausible, Scales
-from phnn.parameters import as_table, constant
+from phnn.effects import Effect, OfEveryRecording, Placed, Scales, constant, kinds
+from phnn.parameters import as_table
 from phnn.setup import Setup
 
 _HARMONICS = (1, 2, 3)
 
 
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+def lines(setup: Setup, parameters: Placed) -> Setup:
     """Lines at ``f_m`` and its second and third harmonic, amplitude and phase every recording's own."""
-    mains = constant("f_m", values["f_m"], "Hz", "frequency of the mains")
-    table = as_table((*(setup.block_parameters or {}).values(), mains))
-    lines = tuple(n * values["f_m"] for n in _HARMONICS)
-    return replace(setup, own=setup.own._replace(lines=(*setup.own.lines, *lines)), block_parameters=table)
+    table = as_table((*(setup.block_parameters or {}).values(), *parameters.values()))
+    added = tuple(n * parameters["f_m"].value for n in _HARMONICS)
+    return replace(setup, own=setup.own._replace(lines=(*setup.own.lines, *added)), block_parameters=table)
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -27,8 +25,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 EFFECT = Effect(
     name="mains_pickup",
-    location="environment",
-    kind="lines",
+    kind=kinds.LINES,
     equation=r"y = q + \sum_{n=1}^{3} (a_n \cos 2\pi n f_m t + b_n \sin 2\pi n f_m t)",
     statement="The measurement picks up the mains: lines at {f_m} and its harmonics stand in the output, with an "
     "amplitude and phase of their own in every recording.",
@@ -36,12 +33,12 @@ EFFECT = Effect(
     separation="A recording at zero voltage with the actuator held fast: pickup stays as it is, a shaking base moves "
     "nothing any more.",
     references=("Ott 2009, Electromagnetic Compatibility Engineering, ch. 2",),
-    passive=False,
-    strength=None,
-    one_sided=False,
+    declares=(
+        constant("f_m", "Hz", "frequency of the mains").plausibly(
+            49.5, 60.6, "grids hold 50 or 60 Hz within 1 % (EN 50160)"
+        ),
+    ),
+    adds=OfEveryRecording(lines),
     grid=grid,
-    build=build,
-    parameters=("f_m",),
-    plausible={"f_m": Plausible(49.5, 60.6, "grids hold 50 or 60 Hz within 1 % (EN 50160)")},
     neighbours=("base_motion",),
 )

@@ -2,19 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from phnn.effects.effect import Effect, Plausible, Scales, sensed_unit
-from phnn.parameters import positive
-from phnn.setup import Block, Setup
-
-
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """``y`` follows ``q`` through a play of half-width ``δ_b``, centred at the first sample."""
-    parameter = positive("delta_b", values["delta_b"], sensed_unit(setup), "half-width of the play at the output", 1e4)
-    return setup.with_block("sensor", Block("play", ("delta_b",)), (parameter,))
+from phnn.effects import Effect, Scales, at_sensor, kinds, positive
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -26,8 +16,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 EFFECT = Effect(
     name="output_backlash",
-    location="sensor",
-    kind="lag or play",
+    kind=kinds.LAG_OR_PLAY,
     equation=r"|q - y| \leq \delta_b, \quad \dot{y} \neq 0 \ \mathrm{only\ where}\ |q - y| = \delta_b",
     statement="There is play between what moves and what is measured: after each reversal the output rests until the "
     "actuator has moved by twice {delta_b}.",
@@ -35,12 +24,12 @@ EFFECT = Effect(
     separation="Small triangles whose amplitude grows from nothing: play shows no motion at all below its width, "
     "friction and a hysteron show a smaller one.",
     references=("Brokate & Sprekels 1996, Hysteresis and Phase Transitions, ch. 2 (play operator)",),
-    passive=False,
-    strength="delta_b",
-    one_sided=True,
+    declares=(
+        positive("delta_b", "{sensed}", "half-width of the play at the output", 1e4, strength=True).plausibly(
+            0.0, 1e-4, "joints have less than 0.1 mm of play"
+        ),
+    ),
+    adds=at_sensor("play"),
     grid=grid,
-    build=build,
-    parameters=("delta_b",),
-    plausible={"delta_b": Plausible(0.0, 1e-4, "joints have less than 0.1 mm of play")},
     neighbours=("coulomb_friction", "extra_hysteron"),
 )

@@ -2,23 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from phnn.effects.effect import Effect, Plausible, Scales, has_motion, with_network
+from phnn.effects import Effect, Parts, Scales, has_motion, kinds, positive
 from phnn.network.elements import Resistor
-from phnn.parameters import positive
-from phnn.setup import Setup
-
-
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """One more resistor on ``p``: ``c₂ |v| v``."""
-    return with_network(
-        setup,
-        setup.network.extend(
-            resistors=(Resistor("quadratic_drag", "quadratic_drag", {"p": 1.0}, ("c_2",)),),
-            parameters=(positive("c_2", values["c_2"], "N s²/m²", "quadratic drag", 1e8),),
-        ),
-    )
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -29,8 +14,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 EFFECT = Effect(
     name="quadratic_drag",
-    location="mechanical",
-    kind="dissipative",
+    kind=kinds.DISSIPATIVE,
     equation=r"F_d = c_2 |v| v",
     statement="A resistance of {c_2} grows with the square of the velocity, so that fast motion is damped more than "
     "slow motion.",
@@ -38,20 +22,16 @@ EFFECT = Effect(
     separation="Sines at the resonance of rising amplitude, the terminal voltage recorded as well: drag limits the "
     "motion, a slew limit the voltage.",
     references=("Batchelor 1967, An Introduction to Fluid Dynamics, sec. 5.11",),
-    passive=True,
-    strength="c_2",
-    one_sided=True,
-    grid=grid,
-    build=build,
-    parameters=("c_2",),
-    plausible={
-        "c_2": Plausible(
+    declares=(
+        positive("c_2", "N s²/m²", "quadratic drag", 1e8, strength=True).plausibly(
             0.0,
             0.012,
             "drag in air, ½ ρ C A with 1.2 kg/m³, C up to 2 and an area up to 100 cm²",
             outside="it is not air: a liquid, a narrow gap, or another loss that grows as fast",
-        )
-    },
+        ),
+    ),
+    adds=Parts(resistors=(Resistor("quadratic_drag", "quadratic_drag", {"p": 1.0}, ("c_2",)),)),
+    grid=grid,
     applies=has_motion,
     neighbours=("slew_limit",),
 )

@@ -6,27 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales, has_motion, no_range, with_network
+from phnn.effects import Effect, Parts, Scales, has_motion, kinds, positive
 from phnn.network.elements import Coupling, Resistor, Storage
-from phnn.parameters import positive
-from phnn.setup import Setup
-
-
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """``ẋ₂ = v − v₂``, ``ṗ₂ = k₂ x₂ + b₂ (v − v₂)``, and the reaction on ``p``."""
-    return with_network(
-        setup,
-        setup.network.extend(
-            storages=(Storage("x_2", "spring", ("k_2",), "m"), Storage("p_2", "capacitor", ("m_2",), "kg m/s")),
-            resistors=(Resistor("second_mode", "linear", {"p": 1.0, "p_2": -1.0}, ("b_2",)),),
-            couplings=(Coupling("x_2", "p", 1.0), Coupling("x_2", "p_2", -1.0)),
-            parameters=(
-                positive("m_2", values["m_2"], "kg", "mass of the second mode", 1e8),
-                positive("k_2", values["k_2"], "N/m", "stiffness of the second mode", 1e8),
-                positive("b_2", values["b_2"], "N s/m", "damping of the second mode", 1e8),
-            ),
-        ),
-    )
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -48,9 +29,7 @@ def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
 
 EFFECT = Effect(
     name="second_mode",
-    location="mechanical",
-    kind="mode",
-    akin=("ringing mode",),
+    kind=kinds.MODE,
     equation=r"m_2 \dot{v}_2 = k_2 x_2 + b_2 (v - v_2), \quad \dot{x}_2 = v - v_2",
     statement="A second mass of {m_2} moves with the first, held by a stiffness of {k_2} and a damping of {b_2}: there "
     "is one more resonance.",
@@ -58,14 +37,19 @@ EFFECT = Effect(
     separation="A slow sweep over the second frequency: a mode turns the phase by half a turn and back within its "
     "width, a delay goes on turning it in proportion to frequency.",
     references=("Meirovitch 2001, Fundamentals of Vibrations, ch. 5",),
-    passive=True,
-    strength="m_2",
-    one_sided=True,
+    declares=(
+        positive("m_2", "kg", "mass of the second mode", 1e8, strength=True),
+        positive("k_2", "N/m", "stiffness of the second mode", 1e8),
+        positive("b_2", "N s/m", "damping of the second mode", 1e8),
+    ),
+    adds=Parts(
+        (Storage("x_2", "spring", ("k_2",), "m"), Storage("p_2", "capacitor", ("m_2",), "kg m/s")),
+        (Resistor("second_mode", "linear", {"p": 1.0, "p_2": -1.0}, ("b_2",)),),
+        (Coupling("x_2", "p", 1.0), Coupling("x_2", "p_2", -1.0)),
+    ),
     grid=grid,
-    build=build,
-    parameters=("m_2", "k_2", "b_2"),
-    plausible=no_range("m_2", "k_2", "b_2"),
     applies=has_motion,
     neighbours=("delay", "sensor_lag"),
+    related_kinds=(kinds.RINGING_MODE,),
     rescale=rescale,
 )

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from phnn.effects.effect import Effect, Plausible, Scales, has_transducer, no_range, with_network
+from phnn.effects import Effect, Parts, Scales, bounded, constant, has_transducer, kinds, positive
 from phnn.network.elements import Memory, Modulation
-from phnn.parameters import Parameter, constant, positive
 from phnn.setup import Setup
 
 # Of a gram of ceramic. Recordings without a temperature know κ_T/C_T and R_T C_T alone: the capacity is a convention.
@@ -15,24 +12,6 @@ _AMBIENT = 293.15
 _CHANGE = 1e-3
 # Part of the reactive power k q v that is taken to be dissipated, on average.
 _LOSS = 0.1
-
-
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """``α`` becomes ``α (1 + κ_T (T − T_a)/T_s)`` with ``C_T Ṫ = P − (T − T_a)/R_T``, ``P`` of all resistors."""
-    return with_network(
-        setup,
-        setup.network.extend(
-            modulations=(Modulation("alpha", "theta", "affine", ("kappa_T", "T_s")),),
-            memories=(Memory("theta", "thermal", ("C_T", "R_T", "T_a", "T_a"), unit="K"),),
-            parameters=(
-                Parameter("kappa_T", values["kappa_T"], "1", typical=0.1, description="change of coupling per kelvin"),
-                positive("R_T", values["R_T"], "K/W", "thermal resistance to the ambient"),
-                constant("C_T", values["C_T"], "J/K", "heat capacity, a convention"),
-                constant("T_a", values["T_a"], "K", "temperature of the ambient, where the other parameters hold"),
-                constant("T_s", values["T_s"], "K", "unit of the temperature coefficient"),
-            ),
-        ),
-    )
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -56,8 +35,7 @@ def applies(setup: Setup) -> bool:
 
 EFFECT = Effect(
     name="self_heating",
-    location="thermal",
-    kind="ratio that follows the warmth",
+    kind=kinds.RATIO_BY_WARMTH,
     equation=r"\alpha(T) = \alpha (1 + \kappa_T (T - T_a)/T_s), \quad C_T \dot{T} = P - (T - T_a)/R_T",
     statement="The actuator warms itself: per kelvin the transducer ratio changes by the share {kappa_T}, a heat "
     "capacity of {C_T} being assumed, and the warmth leaves over {R_T}.",
@@ -65,18 +43,20 @@ EFFECT = Effect(
     separation="A small sine of low frequency before, after and well after a burst near the resonance: warmth comes "
     "with dissipation and leaves at rest, polarisation is lost by voltage alone and a sensor drifts in any case.",
     references=("Ramírez, Maschke & Sbarbaro 2013, Chemical Engineering Science 89 (irreversible systems)",),
-    passive=True,
-    strength="kappa_T",
-    one_sided=False,
-    grid=grid,
-    build=build,
-    parameters=("kappa_T", "R_T", "C_T", "T_a", "T_s"),
-    plausible={
-        "kappa_T": Plausible(
+    declares=(
+        bounded("kappa_T", "1", "change of coupling per kelvin", typical=0.1, strength=True).plausibly(
             -0.01, 0.01, "the constants of piezoceramics change by less than 1 % per kelvin (Jaffe, Cook & Jaffe 1971)"
         ),
-        **no_range("R_T", "C_T", "T_a", "T_s"),
-    },
+        positive("R_T", "K/W", "thermal resistance to the ambient"),
+        constant("C_T", "J/K", "heat capacity, a convention"),
+        constant("T_a", "K", "temperature of the ambient, where the other parameters hold"),
+        constant("T_s", "K", "unit of the temperature coefficient"),
+    ),
+    adds=Parts(
+        modulations=(Modulation("alpha", "theta", "affine", ("kappa_T", "T_s")),),
+        memories=(Memory("theta", "thermal", ("C_T", "R_T", "T_a", "T_a"), unit="K"),),
+    ),
+    grid=grid,
     applies=applies,
     neighbours=("depolarisation", "sensor_drift"),
 )

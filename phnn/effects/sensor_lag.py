@@ -2,20 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from phnn.effects.effect import Effect, Plausible, Scales
-from phnn.parameters import time_constant
-from phnn.setup import Block, Setup
-
-
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """``τ ẏ = q − y`` behind the network, settled at the first sample."""
-    tau = values["tau_y"]
-    parameter = time_constant("tau_y", tau, "time constant of the sensor")
-    return setup.with_block("sensor", Block("lag", ("tau_y",)), (parameter,))
+from phnn.effects import Effect, Scales, at_sensor, kinds, time_constant
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -26,8 +15,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 EFFECT = Effect(
     name="sensor_lag",
-    location="sensor",
-    kind="lag or play",
+    kind=kinds.LAG_OR_PLAY,
     equation=r"\tau_y \dot{y} = q - y",
     statement="The sensor lags behind the displacement: it is a low-pass with a time constant of {tau_y}.",
     fingerprint="A lag that grows with frequency, and noise that is coloured by the same low-pass where it comes from "
@@ -35,12 +23,12 @@ EFFECT = Effect(
     separation="A blow to the mass at constant voltage: a sensor lags behind that as well, an amplifier cannot; or "
     "another sensor beside this one.",
     references=("Fleming 2013, Sensors and Actuators A 190 (position sensors), sec. 2",),
-    passive=False,
-    strength="tau_y",
-    one_sided=True,
+    declares=(
+        time_constant("tau_y", "time constant of the sensor", strength=True).plausibly(
+            1e-8, 1e-2, "position sensors have bandwidths of 20 Hz to 10 MHz (Fleming 2013)"
+        ),
+    ),
+    adds=at_sensor("lag"),
     grid=grid,
-    build=build,
-    parameters=("tau_y",),
-    plausible={"tau_y": Plausible(1e-8, 1e-2, "position sensors have bandwidths of 20 Hz to 10 MHz (Fleming 2013)")},
     neighbours=("amplifier_lowpass", "delay"),
 )

@@ -2,20 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from phnn.effects.effect import Effect, Plausible, Scales
-from phnn.parameters import Parameter
-from phnn.setup import Block, Setup
-
-
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """``|V̇| ≤ S`` before the port: a limited current into the capacitance of the actuator."""
-    rate = values["S"]
-    parameter = Parameter("S", rate, "V/s", 1e-3 * rate, 1e3 * rate, positive=True, description="largest slew rate")
-    return setup.with_block("amplifier", Block("slew_limit", ("S",)), (parameter,))
+from phnn.effects import Effect, Scales, at_amplifier, kinds, limit
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -27,8 +16,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 EFFECT = Effect(
     name="slew_limit",
-    location="amplifier",
-    kind="slew",
+    kind=kinds.SLEW,
     equation=r"|\dot{V}| \leq S",
     statement="The voltage cannot change faster than {S}: the current of the amplifier is limited, so that large fast "
     "commands become triangles.",
@@ -36,13 +24,8 @@ EFFECT = Effect(
     separation="Sines of one amplitude times frequency at frequencies far apart: a slew limit acts on all of them "
     "alike, drag and a limit of the voltage do not.",
     references=("Fleming & Leang 2014, Design, Modeling and Control of Nanopositioning Systems, ch. 14",),
-    passive=False,
-    strength=None,
-    one_sided=True,
+    declares=(limit("S", "V/s", "largest slew rate", 1e3).plausibly(1e2, 1e9, "1 mA into 10 µF to 10 A into 10 nF"),),
+    adds=at_amplifier("slew_limit"),
     grid=grid,
-    build=build,
-    parameters=("S",),
-    plausible={"S": Plausible(1e2, 1e9, "1 mA into 10 µF to 10 A into 10 nF")},
-    needs_command=True,
     neighbours=("quadratic_drag", "amplifier_saturation"),
 )

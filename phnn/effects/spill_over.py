@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
 
-from phnn.effects.effect import Effect, Scales, has_tanks, no_range, with_network
+from phnn.effects import Effect, Placed, Scales, has_tanks, kinds, positive
+from phnn.effects.rim import with_rim
 from phnn.network.elements import Network, Resistor
-from phnn.parameters import positive
 from phnn.setup import Setup
+
+
+def spills(setup: Setup, parameters: Placed) -> Setup:
+    """``Q += r max(C Δp − V_s, 0)`` beside the pipe into the measured tank: a resistor that opens above a head."""
+    found = _pipe(setup.network)
+    assert found is not None
+    pipe, above = found
+    return with_rim(setup, "spill_over", above, pipe.on, parameters)
 
 
 def _pipe(network: Network) -> tuple[Resistor, str] | None:
@@ -19,26 +25,6 @@ def _pipe(network: Network) -> tuple[Resistor, str] | None:
         if network.output in resistor.on and len(others) == 1:
             return resistor, others[0]
     return None
-
-
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """``Q += r max(C Δp − V_s, 0)`` beside the pipe into the measured tank: a resistor that opens above a head."""
-    network = setup.network
-    found = _pipe(network)
-    assert found is not None
-    pipe, above = found
-    (capacity,) = next(s.parameters for s in network.storages if s.name == above)
-    rim = replace(pipe, name="spill_over", law="overflow", parameters=("r_s", "V_s", capacity))
-    return with_network(
-        setup,
-        network.extend(
-            resistors=(rim,),
-            parameters=(
-                positive("r_s", values["r_s"], "1/s", "rate at which what stands above the rim runs over", 1e8),
-                positive("V_s", values["V_s"], "m³", "volume of the tank above up to its rim", 1e4),
-            ),
-        ),
-    )
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -54,8 +40,7 @@ def applies(setup: Setup) -> bool:
 
 EFFECT = Effect(
     name="spill_over",
-    location="mechanical",
-    kind="dissipative",
+    kind=kinds.DISSIPATIVE,
     equation=r"Q = \dots + r_s \max(C \Delta p - V_s, 0)",
     statement="The tank above overflows into the measured one: beyond a volume of {V_s} what is too much runs over at "
     "a rate of {r_s}.",
@@ -63,13 +48,12 @@ EFFECT = Effect(
     separation="Filling at several steady flows: the measured level follows the inflow at once where the tank above "
     "runs over, and late where it does not.",
     references=("White 2011, Fluid Mechanics, sec. 10.7 (weirs, linearised)",),
-    passive=True,
-    strength="r_s",
-    one_sided=True,
+    declares=(
+        positive("r_s", "1/s", "rate at which what stands above the rim runs over", 1e8, strength=True),
+        positive("V_s", "m³", "volume of the tank above up to its rim", 1e4),
+    ),
+    adds=spills,
     grid=grid,
-    build=build,
-    parameters=("r_s", "V_s"),
-    plausible=no_range("r_s", "V_s"),
     applies=applies,
     neighbours=("overflow", "turbulent_orifice"),
 )

@@ -2,55 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
-from phnn.effects.effect import Effect, Scales, has_tanks, no_range, with_network
+from phnn.effects import Effect, Placed, Scales, constant, has_tanks, kinds, positive, with_resistors
 from phnn.network.elements import Resistor
-from phnn.parameters import as_table, constant, positive
 from phnn.setup import Setup
+
+
+def is_linear(resistor: Resistor) -> bool:
+    """Its flow is proportional to the head."""
+    return resistor.law == "linear"
 
 
 def is_pipe(resistor: Resistor) -> bool:
     """It joins tanks."""
-    return resistor.law == "linear" and len(resistor.on) > 1
+    return is_linear(resistor) and len(resistor.on) > 1
 
 
 def is_outlet(resistor: Resistor) -> bool:
     """It drains a single tank."""
-    return resistor.law == "linear" and len(resistor.on) == 1
+    return is_linear(resistor) and len(resistor.on) == 1
 
 
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+def narrowed(setup: Setup, parameters: Placed, where: Callable[[Resistor], bool] = is_linear) -> Setup:
     """Every linear pipe gets an orifice: ``g Δp = Q (1 + κ |Q|/Q_t)``, for large flows ``Q ∝ √|Δp|``."""
-    return _narrowed(setup, values, lambda resistor: resistor.law == "linear")
 
-
-def build_outlets(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """The same of pipes that drain a single tank."""
-    return _narrowed(setup, values, is_outlet)
-
-
-def build_pipes(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """The same of pipes that join tanks."""
-    return _narrowed(setup, values, is_pipe)
-
-
-def _narrowed(setup: Setup, values: Mapping[str, float], where: Callable[[Resistor], bool]) -> Setup:
-    network = setup.network
-
-    def narrowed(resistor: Resistor) -> Resistor:
+    def narrow(resistor: Resistor) -> Resistor:
         if not where(resistor):
             return resistor
-        return replace(resistor, law="turbulent", parameters=(*resistor.parameters, "kappa_t", "Q_t"))
+        return replace(resistor, law="turbulent", parameters=(*resistor.parameters, *parameters))
 
-    extra = (
-        positive("kappa_t", values["kappa_t"], "1", "turbulent share of the resistance at the reference flow", 1e8),
-        constant("Q_t", values["Q_t"], "m³/s", "reference flow of the turbulent resistance"),
-    )
-    parameters = as_table((*network.parameters.values(), *extra))
-    resistors = tuple(narrowed(r) for r in network.resistors)
-    return with_network(setup, replace(network, resistors=resistors, parameters=parameters))
+    return with_resistors(setup, narrow, parameters)
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -69,43 +53,37 @@ def has_both(setup: Setup) -> bool:
     return has_tanks(setup) and any(map(is_pipe, linear)) and any(map(is_outlet, linear))
 
 
-_EVERYWHERE = Effect(
-    name="turbulent_orifice",
-    location="mechanical",
-    kind="dissipative",
-    equation=r"g\,\Delta p = Q (1 + \kappa_t |Q|/Q_t)",
-    statement="The pipes have orifices in which the flow is turbulent: at a flow of {Q_t} they resist by the share "
-    "{kappa_t} more than in proportion, and large flows go with the root of the head.",
-    fingerprint="A tank empties along a parabola to the end in finite time where a linear pipe leaves an exponential.",
-    separation="Filling at several steady flows: the head grows with the square of the flow through an orifice, and "
-    "stays at the rim of a tank that overflows.",
-    references=("White 2011, Fluid Mechanics, sec. 6.12 (Torricelli; head loss of an orifice)",),
-    passive=True,
-    strength="kappa_t",
-    one_sided=True,
-    grid=grid,
-    build=build,
-    parameters=("kappa_t", "Q_t"),
-    plausible=no_range("kappa_t", "Q_t"),
-    applies=applies,
-    neighbours=("overflow",),
-)
-EFFECT = replace(
-    _EVERYWHERE,
-    forms=(
-        replace(
-            _EVERYWHERE,
-            statement="The outlet is an orifice in which the flow is turbulent: at a flow of {Q_t} it resists by the "
-            "share {kappa_t} more than in proportion, and large flows go with the root of the head.",
-            build=build_outlets,
-            applies=has_both,
+EFFECT = (
+    Effect(
+        name="turbulent_orifice",
+        kind=kinds.DISSIPATIVE,
+        equation=r"g\,\Delta p = Q (1 + \kappa_t |Q|/Q_t)",
+        statement="The pipes have orifices in which the flow is turbulent: at a flow of {Q_t} they resist by the share "
+        "{kappa_t} more than in proportion, and large flows go with the root of the head.",
+        fingerprint="A tank empties along a parabola to the end in finite time where a linear pipe leaves an "
+        "exponential.",
+        separation="Filling at several steady flows: the head grows with the square of the flow through an orifice, "
+        "and stays at the rim of a tank that overflows.",
+        references=("White 2011, Fluid Mechanics, sec. 6.12 (Torricelli; head loss of an orifice)",),
+        declares=(
+            positive("kappa_t", "1", "turbulent share of the resistance at the reference flow", 1e8, strength=True),
+            constant("Q_t", "m³/s", "reference flow of the turbulent resistance"),
         ),
-        replace(
-            _EVERYWHERE,
-            statement="Between the tanks is an orifice in which the flow is turbulent: at a flow of {Q_t} it resists "
-            "by the share {kappa_t} more than in proportion, and large flows go with the root of the head.",
-            build=build_pipes,
-            applies=has_both,
-        ),
-    ),
+        adds=narrowed,
+        grid=grid,
+        applies=applies,
+        neighbours=("overflow",),
+    )
+    .or_as(
+        statement="The outlet is an orifice in which the flow is turbulent: at a flow of {Q_t} it resists by the "
+        "share {kappa_t} more than in proportion, and large flows go with the root of the head.",
+        adds=partial(narrowed, where=is_outlet),
+        applies=has_both,
+    )
+    .or_as(
+        statement="Between the tanks is an orifice in which the flow is turbulent: at a flow of {Q_t} it resists "
+        "by the share {kappa_t} more than in proportion, and large flows go with the root of the head.",
+        adds=partial(narrowed, where=is_pipe),
+        applies=has_both,
+    )
 )

@@ -122,7 +122,7 @@ def _answered(room: Room, settings: Settings, task: Task) -> None:
 
 def containing(names: Sequence[str]) -> list[str]:
     """Effects, and those of which one of them is a special case: they would say the same under another name."""
-    return [n for n, e in catalogue().items() if n in names or set(names) & set(e.special)]
+    return [n for n, e in catalogue().items() if n in names or set(names) & set(e.special_names)]
 
 
 def _digest(room: Room, todo: Sequence[Task]) -> str:

@@ -17,6 +17,7 @@ from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.dictionary import GROUPS
 from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.effects import Effect
+from phnn.effects.kinds import AFTER_A_STEP, ELAPSED
 from phnn.report.formatting import display_unit
 from phnn.report.support import Fingerprint
 from phnn.simulate import Trajectory
@@ -26,14 +27,7 @@ Array = NDArray[np.float64]
 _BINS, _DECADES = 24, 18
 # Fewest visits of a bin whose spread is to be believed; a change of the input over its range that is a step.
 _VISITS, _STEP = 3, 0.2
-_ELAPSED, _HOLD, _FREQUENCY = "time", "time after a step", "frequency"
-# Kinds without generic functions of a variable of their own.
-_FURTHER = {
-    "leakage": _HOLD,
-    "shape": "displacement",
-    "ratio that follows past voltage": _ELAPSED,
-    "ratio that follows the warmth": _ELAPSED,
-}
+_FREQUENCY = "frequency"
 
 
 @dataclass(frozen=True)
@@ -59,10 +53,10 @@ def fingerprint(diagnosis: Diagnosis, effect: Effect) -> Fingerprint | None:
 
 def variable_of(effect: Effect) -> str:
     """Name of the variable on which an effect acts."""
-    axes = {(g.location, g.detail): g.axis.partition(" [")[0] for g in GROUPS if g.axis}
-    found = axes.get((effect.location, effect.kind)) or _FURTHER.get(effect.kind, _FREQUENCY)
+    axes = {g.kind: g.axis.partition(" [")[0] for g in GROUPS if g.axis}
+    found = axes.get(effect.kind) or effect.kind.axis or _FREQUENCY
     # What an amplifier delays is over within samples of a step.
-    return _FREQUENCY if effect.location == "amplifier" and found == _HOLD else found
+    return _FREQUENCY if effect.location == "amplifier" and found == AFTER_A_STEP else found
 
 
 def _samples(diagnosis: Diagnosis, trajectory: Trajectory, variable: str) -> _Samples:
@@ -70,7 +64,7 @@ def _samples(diagnosis: Diagnosis, trajectory: Trajectory, variable: str) -> _Sa
     mask = r.mask("identification")
     steps = np.minimum(trajectory.nodes[trajectory.lead :], trajectory.h.size - 1)
     sign = np.ones(r.t.size)
-    if variable == _HOLD:
+    if variable == AFTER_A_STEP:
         x, sign = since_a_step(r.t, r.u)
     else:
         lengths, speeds = (1e6, 1e3) if vocabulary_of(trajectory.setup.network).mechanical else (1.0, 1.0)
@@ -78,7 +72,7 @@ def _samples(diagnosis: Diagnosis, trajectory: Trajectory, variable: str) -> _Sa
             "displacement": lengths * trajectory.mid_displacement[steps],
             "velocity": speeds * trajectory.velocity[steps],
             "voltage": r.u,
-            _ELAPSED: r.t,
+            ELAPSED: r.t,
         }[variable]
     before, after = (sign * (r.y - e.outputs[r.name]) for e in (diagnosis.before, diagnosis.after))
     return _Samples(x[mask], before[mask], after[mask], r.noise)
@@ -96,7 +90,7 @@ def since_a_step(t: Array, u: Array) -> tuple[Array, Array]:
 
 def _over_variable(samples: list[_Samples], variable: str, diagnosis: Diagnosis) -> Fingerprint | None:
     x = np.concatenate([s.x for s in samples])
-    logarithmic = variable == _HOLD
+    logarithmic = variable == AFTER_A_STEP
     usable = np.isfinite(x) & ((x > 0.0) if logarithmic else True)
     if usable.sum() < _BINS or np.ptp(x[usable]) == 0.0:
         return None

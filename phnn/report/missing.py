@@ -35,7 +35,7 @@ def missing_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
 def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
     final, anchored = diagnosis.judgement.final, forces_known(diagnosis.campaign.known, diagnosis.base.setup.network)
-    effect = finding.trial.candidate.effect
+    effect = finding.effect
     parameters = final.setup.parameters
     shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in effect.parameters}
     # A provisional element belongs to the model, and its name is not claimed.

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.trial import Trial, tie
-from phnn.effects.effect import Plausible
+from phnn.effects import Plausible
 from phnn.parameters import Parameter
 from phnn.recordings.recording import ACTUATOR
 from phnn.report.anchored import forces_known
@@ -27,7 +27,7 @@ def supports(diagnosis: Diagnosis) -> tuple[Support, ...]:
 
 
 def _support(diagnosis: Diagnosis, finding: Finding) -> Support:
-    effect, final = finding.trial.candidate.effect, diagnosis.judgement.final
+    effect, final = finding.effect, diagnosis.judgement.final
     before = final.setup.parameters
     actuator = diagnosis.campaign.recordings[0].units == ACTUATOR
     anchored = forces_known(diagnosis.campaign.known, diagnosis.base.setup.network)
@@ -50,7 +50,7 @@ def _support(diagnosis: Diagnosis, finding: Finding) -> Support:
 
 def _rivals(diagnosis: Diagnosis, finding: Finding) -> tuple[RivalRow, ...]:
     """The neighbours of an effect and what came nearest to it, with what each leaves."""
-    effect = finding.trial.candidate.effect
+    effect = finding.effect
     base = diagnosis.judgement.ground.fit
     members = {t.candidate.effect.name for t in finding.members}
     refits: dict[str, Trial] = {}

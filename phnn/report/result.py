@@ -115,7 +115,7 @@ def _test(j: Judgement) -> dict[str, Any]:
     """
     if j.claimed:
         statistic, p_value = j.claimed[0].evidence
-        return {"statistic": statistic, "p_value": p_value, "candidate": j.claimed[0].trial.candidate.effect.name}
+        return {"statistic": statistic, "p_value": p_value, "candidate": j.claimed[0].effect.name}
     best = j.naming.candidates[0] if j.naming.candidates else None
     name = best.effect.name if best is not None and best.score >= j.naming.generic else None
     test = {"statistic": j.naming.statistic, "p_value": j.naming.p_value, "candidate": name}
@@ -187,8 +187,8 @@ def _learned_laws(j: Judgement) -> list[Picture]:
     where, values = j.location, j.final.setup.values()
     if where is None or where.name != "mechanical":
         return []
-    effects = [f.trial.candidate.effect for f in j.findings if f.learned]
-    here = [e for e in effects if (e.location, e.kind) == (where.name, where.detail)]
+    effects = [f.effect for f in j.findings if f.learned]
+    here = [e for e in effects if (e.location, e.kind.name) == (where.name, where.detail)]
     alone = [e.add_to(j.ground.fit.setup, {n: values[n] for n in e.parameters}) for e in here]
     return [learned_picture(j.ground, where, setup) for setup in alone]
 
@@ -246,7 +246,7 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
 
 def _candidates(j: Judgement, level: float) -> list[CandidateRow]:
     refits = {t.candidate.effect.name: t for t in j.tried if t.fit is not None}
-    added = {f.trial.candidate.effect.name for f in j.findings}
+    added = {f.effect.name for f in j.findings}
     members = {t.candidate.effect.name for f in j.findings for t in f.members} - added
     samples = j.ground.fit.residual.size
 

@@ -89,7 +89,7 @@ def immaterial_statement(found: Immaterial, unit: str) -> str:
 
 def _provisional(judgement: Judgement) -> str:
     """The elements of the model whose names are not claimed."""
-    names = [f.trial.candidate.effect.name.replace("_", " ") for f in judgement.findings if f.provisional]
+    names = [f.effect.name.replace("_", " ") for f in judgement.findings if f.provisional]
     if not names:
         return ""
     return f" The model also holds {' and '.join(names)}, whose name is not proven."
@@ -136,7 +136,7 @@ def unknown_statement(judgement: Judgement) -> str:
 
 def _element(finding: Finding) -> str:
     """An element of a model whose name is not claimed, in words."""
-    name = finding.trial.candidate.effect.name.replace("_", " ")
+    name = finding.effect.name.replace("_", " ")
     if not finding.learned:
         return f"an element that acts like {name}"
     found = finding.described

@@ -12,6 +12,7 @@ from phnn.diagnosis.character import character_of, forgetting, in_words, memory_
 from phnn.diagnosis.learn import learned_force, learned_setup
 from phnn.diagnosis.locate import locate
 from phnn.diagnosis.words import fitted_in_words, learned_in_words
+from phnn.effects import kinds
 
 X = np.linspace(-90.0, 90.0, 241)
 
@@ -68,7 +69,7 @@ def test_forgetting_of_one_time_constant_and_of_many() -> None:
 def test_the_law_of_a_learned_spring_and_of_a_memory() -> None:
     ground = campaigns.ground("none")
     base, scales = ground.fit.setup, ground.scales
-    spring = learned_setup(base, "elastic", scales)
+    spring = learned_setup(base, kinds.ELASTIC, scales)
     assert spring is not None
     strengths = {n: 0.0 for n in spring.free if n not in base.parameters}
     gap = spring.parameters["g_L3"].value
@@ -80,7 +81,7 @@ def test_the_law_of_a_learned_spring_and_of_a_memory() -> None:
     assert "a spring: conservative" in words
     onset = float(words.partition("sets in at ")[2].partition(" µm")[0])
     assert onset == pytest.approx(1e6 * gap, rel=0.03)
-    memory = learned_setup(base, "memory", scales)
+    memory = learned_setup(base, kinds.MEMORY, scales)
     assert memory is not None
     k = memory.parameters["k_M2"].value
     tau = memory.parameters["tau_M2"].value

@@ -73,7 +73,7 @@ class World:
 
     def still(self, model: str, asked: int) -> str:
         def fit_with(base: Any, findings: tuple[Finding, ...], values: Any) -> Any:
-            return self.fit("".join(sorted(LETTER[f.trial.candidate.effect.name] for f in findings)))
+            return self.fit("".join(sorted(LETTER[f.effect.name] for f in findings)))
 
         with mock.patch.object(composing, "fit_with", fit_with):
             here = _still_needed(MATERIAL, self, self.fit(""), self.grown(model), asked, Record())  # type: ignore[arg-type]
@@ -126,7 +126,7 @@ def a_model(chi2: float, significant: bool) -> Any:
 
 class TestANameInAComposedModel:
     def names(self, model: Any, *findings: Finding) -> list[str]:
-        return [f.trial.candidate.effect.name for f in _claimed(findings, model, CRITERIA, Record())]
+        return [f.effect.name for f in _claimed(findings, model, CRITERIA, Record())]
 
     def test_stands_beside_a_small_remainder(self) -> None:
         assert self.names(a_model(1.0, False), a_finding(NAMED["A"], a_gain(7.0, 1.0))) == ["creep"]
@@ -204,7 +204,7 @@ def test_a_composed_model_forgets_what_the_search_fitted_without_an_element() ->
         mock.patch.object(_Grown, "leaves", property(lambda s: LeavesCase(1.0, 1, lambda: 1.0, CRITERIA))),
     ):
         findings, _ = composing.compose(MATERIAL_ON_BASE, searched, (), Record())
-    assert [f.trial.candidate.effect.name for f in findings] == ["creep"]
+    assert [f.effect.name for f in findings] == ["creep"]
     assert all(f.others_alone is None for f in findings)
 
 

@@ -113,7 +113,7 @@ class World:
 
     def confirm(self, judgement: Judgement, alone: dict[str, Fit]) -> tuple[Judgement, Evaluation, Evaluation]:
         def without(_: Fit, __: object, dropped: Finding, *___: object) -> Fit:
-            return alone[dropped.trial.candidate.effect.name]
+            return alone[dropped.effect.name]
 
         self.again = mock.Mock(fit=judgement.ground.fit)
         self.again.scales.noise = NOISE
@@ -128,7 +128,7 @@ def finding(name: str, fitted: Fit) -> Finding:
 
 
 def named(judgement: Judgement) -> list[str]:
-    return [f.trial.candidate.effect.name for f in judgement.findings]
+    return [f.effect.name for f in judgement.findings]
 
 
 @pytest.mark.parametrize(
@@ -299,5 +299,5 @@ def test_a_name_falls_beside_a_learned_element_at_its_place_that_takes_as_much(t
     alone = {"quadratic_drag": world.fit(4.0, 4.0), "learned_damper": world.fit(takes, takes)}
     found, *_ = world.confirm(judgement, alone)
     assert found.final is final
-    assert [f.trial.candidate.effect.name for f in found.claimed] == names
+    assert [f.effect.name for f in found.claimed] == names
     assert found.verdict == ("named" if names else "unknown")

@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 
 from phnn.diagnosis.learn import learn, learned_setup
+from phnn.effects import kinds
 
 
 def test_springs_beyond_the_recorded_motion_stay_as_weak_as_they_begin() -> None:
     ground = campaigns.ground("creep")
     wide = replace(ground, scales=replace(ground.scales, displacement=2.0 * ground.scales.displacement))
-    found = learn(wide, "elastic")
+    found = learn(wide, kinds.ELASTIC)
     assert found is not None
     reached = max(float(np.abs(t.states[:, t.program.output]).max()) for t in ground.trajectories)
-    begun = learned_setup(ground.fit.setup, "elastic", wide.scales)
+    begun = learned_setup(ground.fit.setup, kinds.ELASTIC, wide.scales)
     assert begun is not None
     values, stops = found.setup.values(), [f"{side}{i}" for i in range(1, 5) for side in "RL"]
     beyond = [i for i in stops if values[f"g_L{i[1]}"] > 1.01 * reached]

@@ -16,8 +16,8 @@ from phnn.diagnosis.lines import course_share, line_share
 from phnn.diagnosis.locate import Location, locate, recording_scores, strongest_frequencies, strongest_times
 from phnn.diagnosis.name import score
 from phnn.diagnosis.picture import missing_force, picture
-from phnn.effects import Effect, catalogue
-from phnn.effects.effect import LOCATIONS
+from phnn.effects import Effect, Kind, catalogue, kinds
+from phnn.effects.kinds import LOCATIONS
 from phnn.effects.learned import learned_elements
 from phnn.simulate import simulate
 
@@ -302,7 +302,7 @@ def test_ledger_of_a_network_with_a_creeping_spring_balances() -> None:
 def test_a_learned_spring_finds_the_stop() -> None:
     effect = "contact_stop"
     ground, sealed = campaigns.ground(effect), campaigns.concealed(effect)[1]
-    learned = learn(ground, "elastic")
+    learned = learn(ground, kinds.ELASTIC)
     assert learned is not None
     assert learned.cost < 0.5 * ground.fit.cost
     p = learned.setup.parameters
@@ -324,23 +324,21 @@ def test_a_learned_spring_finds_the_stop() -> None:
     assert stiffness(-reach) - softest < 0.5 * (stiffness(reach) - softest)
 
 
-@pytest.mark.parametrize("detail", ["dissipative", "memory"])
-def test_learned_dampers_and_memories_follow_what_is_missing(detail: str) -> None:
-    effect = {"dissipative": "quadratic_drag", "memory": "creep"}[detail]
+@pytest.mark.parametrize(("effect", "kind"), [("quadratic_drag", kinds.DISSIPATIVE), ("creep", kinds.MEMORY)])
+def test_learned_dampers_and_memories_follow_what_is_missing(effect: str, kind: Kind) -> None:
     ground = campaigns.ground(effect)
-    learned = learn(ground, detail)
+    learned = learn(ground, kind)
     assert learned is not None
     assert learned.chi2 < 0.5 * ground.fit.chi2
-    strengths = learned_elements()[{"dissipative": "learned_damper", "memory": "learned_relaxation"}[detail]].strengths
+    strengths = learned_elements()[kind.learned].strengths
     assert all(learned.setup.values()[n] >= 0.0 for n in strengths)
 
 
 def test_nothing_is_learned_where_there_is_no_one_port() -> None:
-    assert learn(campaigns.ground(), "lag") is None
+    assert learn(campaigns.ground(), kinds.LAG) is None
 
 
 @pytest.mark.parametrize("effect", list(catalogue().values()), ids=lambda e: e.name)
 def test_every_effect_is_of_a_kind_that_the_dictionaries_have(effect: Effect) -> None:
-    kinds = {(g.location, g.detail) for g in GROUPS}
     # A constant shows at once and everywhere: no function of time or state is needed to describe it.
-    assert (effect.location, effect.kind) in kinds or effect.kind in ("offset", "constant")
+    assert effect.kind in {g.kind for g in GROUPS} | {kinds.OFFSET, kinds.CONSTANT_FORCE}

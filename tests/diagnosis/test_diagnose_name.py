@@ -169,7 +169,7 @@ def test_a_missing_element_is_named_with_its_parameters(effect: str) -> None:
     j = made.judgement
     assert j.verdict in ("named", "equivalent")
     assert effect in [t.candidate.effect.name for t in j.findings[0].members]
-    assert j.findings[0].trial.candidate.effect.name == effect
+    assert j.findings[0].effect.name == effect
     assert j.final.chi2 < 1.1
     assert made.after.over_noise("confirmation") < 1.2
     assert made.before.over_noise("confirmation") > 1.3

@@ -112,11 +112,11 @@ def test_both_signs_of_a_strength_are_tried() -> None:
     assert {np.sign(v["kappa_3"]) for v in starts} == {1.0, -1.0}
 
 
-@pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if e.contains))
+@pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if e.special_cases))
 def test_special_cases_are_that(name: str) -> None:
     general, base = effect(name), Setup(hrc(2))
     drive = campaigns.recorded(base, "sine", T, 80.0 * np.sin(2.0 * np.pi * 60.0 * T), 2e-8, seed=1)
-    for case in general.contains:
+    for case in general.special_cases:
         values = {"C_x": 7e-7, "rho_x": 3e-4, "d_x": 1e-6}
         made = general.add_to(base, values)
         known = made.values()
@@ -132,7 +132,7 @@ def test_an_extra_hysteron_may_have_changed_places_with_the_one_that_is_a_creep(
     base = Setup(hrc(2))
     known = effect("extra_hysteron").add_to(base, {"C_x": 7e-7, "rho_x": 3e-4, "d_x": 15.0}).values()
     first = {k: known[k] for k in ("C_1", "rho_1", "d_1")}
-    (case,) = effect("extra_hysteron").contains
+    (case,) = effect("extra_hysteron").special_cases
     given = case.values(known | {"d_1": 1e-6})
     assert given["k_s"] == pytest.approx(known["alpha"] ** 2 / first["C_1"])
     assert given["tau_s"] == pytest.approx(first["C_1"] / first["rho_1"])
@@ -143,8 +143,8 @@ def test_an_extra_hysteron_takes_the_place_of_each_of_the_others() -> None:
     extra = effect("extra_hysteron")
     added = {"C_x": 7e-7, "rho_x": 3e-4, "d_x": 15.0}
     known = extra.add_to(Setup(hrc(3)), added).values()
-    assert extra.exchanged is not None
-    places = extra.exchanged(known)
+    assert extra.equivalents is not None
+    places = extra.equivalents(known)
     assert [set(p) for p in places] == [{f"C_{i}", f"rho_{i}", f"d_{i}"} for i in (1, 2, 3)]
     assert all(sorted(p.values()) == sorted(added.values()) for p in places)
 

@@ -208,5 +208,5 @@ def test_what_fits_as_well_in_the_place_of_an_element_is_its_rival() -> None:
     trials = [Trial(Candidate(e, {}, (), 9.0, 1e-5), f) for e, f in ((near, fitted), (far, worse))]
     changed = replace(found, trials=(found.trial, *trials), trial=replace(found.trial, fit=fitted), description=None)
     (asked,) = questions(replace(made.judgement, findings=(changed,)))
-    assert [m.name for m in asked.models] == [found.trial.candidate.effect.name, "quadratic_drag"]
+    assert [m.name for m in asked.models] == [found.effect.name, "quadratic_drag"]
     assert of_trials([Trial(trials[0].candidate, None)]) == ()

@@ -87,7 +87,7 @@ def test_a_model_without_one_of_its_effects_is_fitted_once_and_kept_with_the_eff
     asked = []
 
     def without(_: Fit, __: object, dropped: Finding, *___: object) -> Fit:
-        asked.append(dropped.trial.candidate.effect.name)
+        asked.append(dropped.effect.name)
         return worse[asked[-1]]
 
     no_better = trial("creep", 10.0 * base.cost)

@@ -36,8 +36,8 @@ def renamed(setup: Setup) -> Setup:
 def test_other_names_change_nothing_but_names(effect_: Effect) -> None:
     where = home(effect_)
     known = attached(effect_, where.setup)[0]
-    assert replace(known, contains=effect_.contains) == effect_
-    assert known.contains[: len(effect_.contains)] == effect_.contains
+    assert known == effect_
+    assert known.special_cases[: len(effect_.special_cases)] == effect_.special_cases
     other = renamed(where.setup)
     mine = attached(effect_, other)[0]
     assert mine.canonical == effect_.name
@@ -81,11 +81,11 @@ def test_values_that_are_exchanged_have_the_names_of_the_network() -> None:
     base = renamed(ACTUATOR.setup)
     mine = attached(plain, base)[0]
     setup, known = mine.add_to(base, point(plain)), plain.add_to(ACTUATOR.setup, point(plain))
-    assert mine.exchanged is not None
-    assert plain.exchanged is not None
-    found, expected = mine.exchanged(setup.values()), plain.exchanged(known.values())
+    assert mine.equivalents is not None
+    assert plain.equivalents is not None
+    found, expected = mine.equivalents(setup.values()), plain.equivalents(known.values())
     assert [{strange(n): v for n, v in values.items()} for values in expected] == found
-    creep, special = plain.contains[0], mine.contains[0]
+    creep, special = plain.special_cases[0], mine.special_cases[0]
     theirs = attached(catalogue()["creep"], base)[0].parameters
     assert dict(zip(theirs, (creep.values(known.values())[n] for n in ("k_s", "tau_s")), strict=True)).items() <= (
         special.values(setup.values()).items()
@@ -150,14 +150,14 @@ def test_several_of_one_effect_add_up_in_any_order(effect_: Effect, base: Setup)
 def test_what_contains_an_effect_contains_the_further_ones() -> None:
     for base in (ACTUATOR.setup, renamed(ACTUATOR.setup)):
         mine = attached(catalogue()["extra_hysteron"], base)[0]
-        assert mine.special == ("creep", "second creep", "third creep")
+        assert mine.special_names == ("creep", "second creep", "third creep")
         values = mine.add_to(
             base,
             point(catalogue()["extra_hysteron"])
             if base is ACTUATOR.setup
             else dict(zip(mine.parameters, point(catalogue()["extra_hysteron"]).values(), strict=True)),
         ).values()
-        once, again = (case.values(values) for case in mine.contains[:2])
+        once, again = (case.values(values) for case in mine.special_cases[:2])
         creeps = attached(catalogue()["creep"], base)
         assert set(creeps[1].parameters) <= set(again)
         assert [once[n] for n in creeps[0].parameters] == [again[n] for n in creeps[1].parameters]

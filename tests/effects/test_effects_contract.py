@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-import string
 from dataclasses import replace
 from itertools import combinations
 
@@ -21,25 +20,19 @@ from effect_homes import (
     OTHERS,
     SCALES,
     TANKS,
-    added,
-    base,
     home,
     is_sound,
     point,
     run,
-    sources,
 )
-from matplotlib.mathtext import MathTextParser
 
 import phnn.effects
-from phnn.derivatives import output_derivatives
-from phnn.effects import Effect, catalogue, effect, in_all_forms
-from phnn.effects.effect import LOCATIONS, has_spring
+from phnn.effects import Effect, catalogue, effect, has_spring, in_all_forms
 from phnn.effects.formulas import formulas
 from phnn.effects.learned import learned_elements
+from phnn.effects.soundness.checks import CHECKS, Check
 from phnn.errors import InputRefused
 from phnn.laws import STORAGE_LAWS
-from phnn.units import quantity
 
 torch.set_num_threads(1)
 
@@ -70,26 +63,7 @@ class TestEveryEffect:
         assert effect_ in (module.EFFECT, *module.EFFECT.forms)
         assert (effect_.location, effect_.kind) == (module.EFFECT.location, module.EFFECT.kind)
         assert not effect_.forms or effect_ is module.EFFECT
-        assert effect_.location in LOCATIONS
-        assert effect_.references
-        assert effect_.name not in effect_.neighbours
         assert effect_.neighbours
-
-    def test_every_parameter_has_a_plausible_range_or_says_that_none_is_known(self, effect_: Effect) -> None:
-        assert set(effect_.plausible) == set(effect_.parameters)
-        for name, found in effect_.plausible.items():
-            assert found.lower < found.upper
-            assert bool(found.source) == bool(np.isfinite([found.lower, found.upper]).all()), name
-            assert not found.over or found.over in home(effect_).setup.parameters
-            # What says of itself where it comes from is long enough to do so, and part of a sentence.
-            assert not found.source or (len(found.source) > 15 and not found.source.endswith("."))
-
-    def test_fingerprint_and_separation_are_one_sentence_each(self, effect_: Effect) -> None:
-        for text in (effect_.fingerprint, effect_.separation):
-            assert text[0].isupper()
-            assert text.endswith(".")
-            assert text.count(". ") == 0
-        assert effect_.fingerprint != effect_.separation
 
     def test_it_applies_to_an_actuator_and_adds_itself_wherever_it_applies(self, effect_: Effect) -> None:
         assert effect_.can_be_added_to(home(effect_).setup)
@@ -100,89 +74,9 @@ class TestEveryEffect:
                 with pytest.raises(InputRefused, match=r"cannot be added to model; it can be where this holds: [A-Z]"):
                     effect_.add_to(setup, effect_.grid(SCALES)[0])
 
-    def test_equation_is_mathtext(self, effect_: Effect) -> None:
-        MathTextParser("path").parse(f"${effect_.equation}$")
-
-    def test_statement_states_its_parameters(self, effect_: Effect) -> None:
-        fields = {name for _, name, _, _ in string.Formatter().parse(effect_.statement) if name}
-        assert fields or not effect_.parameters
-        assert fields <= set(effect_.parameters)
-        setup = effect_.add_to(home(effect_).setup, point(effect_))
-        told = {name: quantity(setup.parameters[name].value, setup.parameters[name].unit) for name in fields}
-        text = effect_.statement.format(**told)
-        assert all(value in text for value in told.values())
-        assert text.endswith(".")
-
-    def test_every_grid_point_builds_and_simulates(self, effect_: Effect) -> None:
-        where = home(effect_)
-        for values in effect_.grid(where.scales):
-            assert set(values) == set(effect_.parameters)
-            setup = effect_.add_to(where.setup, values)
-            assert setup.name == f"model+{effect_.name}"
-            assert set(setup.parameters) - set(where.setup.parameters) == set(effect_.parameters)
-            assert {name: setup.parameters[name].value for name in values} == values
-            assert np.isfinite(run(setup, where).y).all()
-
-    def test_structure_and_power_balance(self, effect_: Effect) -> None:
-        where = home(effect_)
-        setup = effect_.add_to(where.setup, point(effect_))
-        is_sound(setup, where)
-        # What is not passive stands outside the passive core, or is a source; what is stands inside it.
-        inside = setup.network != where.setup.network
-        assert bool(setup.amplifier or setup.sensor or setup.own != where.setup.own) != inside
-        assert effect_.passive == (inside and not any(sources(setup.network)))
-
-    def test_it_moves_the_output_and_vanishes_with_its_strength(self, effect_: Effect) -> None:
-        values = point(effect_)
-        moved = [difference(effect_, values)]
-        if effect_.add_to(home(effect_).setup, values).own != home(effect_).setup.own:
-            assert moved[0] == 0.0  # Amplitude and phase of a line, the course of a sensor are every recording's own.
-            return
-        assert moved[0] > 1e-4
-        if not effect_.parameters:
-            return  # There is nothing by which it could be weaker.
-        for share in (1e-2, 1e-4):
-            if effect_.strength is None:
-                # A limit beyond every command is no limit.
-                weak = values | {effect_.parameters[0]: values[effect_.parameters[0]] * (1.0 + 1.0 / share)}
-            else:
-                weak = effect_.scaled(values, 1e-2)
-                weak = weak if share == 1e-2 else effect_.scaled(weak, 1e-2)
-            moved.append(difference(effect_, weak))
-        assert moved[1] < 0.2 * moved[0]
-        assert moved[2] <= 0.02 * moved[1]
-
-    def test_scaling_keeps_it_physical(self, effect_: Effect) -> None:
-        values = point(effect_)
-        for factor in (-3.0, 0.0, 0.5, 20.0):
-            scaled = effect_.scaled(values, factor)
-            assert set(scaled) == set(values)
-            assert np.isfinite(added(effect_, scaled).y).all()
-
-    def test_only_an_amplifier_needs_the_command(self, effect_: Effect) -> None:
-        assert effect_.needs_command == (effect_.location == "amplifier")
-
-    def test_derivatives_agree_with_finite_differences(self, effect_: Effect) -> None:
-        where = home(effect_)
-        setup = effect_.add_to(where.setup, point(effect_))
-        names = [name for name in setup.free if name in effect_.parameters]
-        trajectory = run(setup, where)
-        got = output_derivatives(trajectory, names)
-        for k, name in enumerate(names):
-            value = setup.parameters[name].value
-            step = 1e-5 * (abs(value) or setup.parameters[name].typical)
-            ends = [run(setup.with_values({name: value + s}), where).y for s in (step, -step)]
-            wanted = (ends[0] - ends[1]) / (2.0 * step)
-            # The march has kinks, which a finite difference may straddle: a few samples may differ.
-            wrong = np.abs(got[:, k] - wanted) > 1e-4 * np.abs(wanted).max()
-            assert np.abs(wanted).max() > 0.0
-            assert wrong.mean() < 0.05, name
-
-
-def difference(effect_: Effect, values: dict[str, float]) -> float:
-    """Largest change of the output by an effect, relative to the output."""
-    where = home(effect_)
-    return float(np.abs(added(effect_, values).y - base(where).y).max() / np.abs(base(where).y).max())
+    @pytest.mark.parametrize("check", CHECKS, ids=lambda c: c.__name__)
+    def test_it_is_sound(self, effect_: Effect, check: Check) -> None:
+        check(effect_, home(effect_))
 
 
 # A threshold follows one state: of two effects that would change it, the second does not apply.
@@ -219,7 +113,10 @@ def test_order_of_two_effects_of_the_network_does_not_matter() -> None:
 
 
 def test_the_catalogue_lists_every_file() -> None:
-    others = {"bent", "effect", "formulas", "learned", "places"}
+    others = {
+        "additions", "bent", "conditions", "declaration", "effect", "formulas", "kinds", "learned", "places",
+        "registry", "rim", "soundness",
+    }  # fmt: skip
     assert set(catalogue()) == {m.name for m in pkgutil.iter_modules(phnn.effects.__path__)} - others
 
 

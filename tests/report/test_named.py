@@ -10,8 +10,7 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.effects import catalogue, in_all_forms
-from phnn.effects.effect import Plausible
+from phnn.effects import Plausible, catalogue, in_all_forms
 from phnn.parameters import Parameter
 from phnn.report.fingerprint import binned, fingerprint, since_a_step, variable_of
 from phnn.report.named import plausible_row, supports

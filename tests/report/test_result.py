@@ -20,7 +20,7 @@ from phnn.diagnosis.criteria import CRITERIA
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.questions import tied_members
 from phnn.effects import catalogue
-from phnn.effects.effect import LOCATIONS
+from phnn.effects.kinds import LOCATIONS
 from phnn.identification.evaluate import evaluate
 from phnn.identification.plan import Plan
 from phnn.models.store import load

@@ -69,10 +69,10 @@ def distil(ground: Ground, element: Effect) -> Distilled | None:
     Returns:
         None where there is no grammar for the element, or no term explains anything.
     """
-    if not has_grammar(element.kind) or not element.strengths:
+    if not has_grammar(element.kind.name) or not element.strengths:
         return None
     goal, few = target(ground, element), ground.first_look()
-    found = best_formulas(goal, goal if few is ground else target(few, element), TERMS[element.kind])
+    found = best_formulas(goal, goal if few is ground else target(few, element), TERMS[element.kind.name])
     if not found:
         return None
     best, fit = found[0], ground.fit
@@ -85,7 +85,7 @@ def distil(ground: Ground, element: Effect) -> Distilled | None:
     as_good = best.cost <= fit.cost + reach and _stays_passive(goal, best)
     first_order = fit.chi2 <= RACE.large_residual**2
     return Distilled(
-        kind=element.kind,
+        kind=element.kind.name,
         equation=written.equation,
         words=written.words,
         parameters=written.parameters,

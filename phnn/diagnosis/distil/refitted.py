@@ -67,7 +67,7 @@ def _distilled(
     tied = [t for t in trials if t is not best and t.cost <= best.cost + reach]
     models = [(t.candidate.effect, t.fit) for t in (best, *tied) if as_good and t.fit is not None]
     return Distilled(
-        kind=element.kind,
+        kind=element.kind.name,
         equation=effect.equation,
         words=effect.statement.format(**shown),
         parameters={n: (p.value, p.unit) for n, p in parameters.items() if not p.fixed},

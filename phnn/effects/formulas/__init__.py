@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from phnn.effects import gathered, in_all_forms
-from phnn.effects.effect import Effect
+from phnn.effects import Effect, gathered, in_all_forms
 
 __all__ = ["formulas", "formulas_for"]
 
@@ -22,4 +21,4 @@ def formulas() -> dict[str, Effect]:
 
 def formulas_for(element: Effect) -> list[Effect]:
     """Those that may stand for a learned element, in all forms."""
-    return [f for f in in_all_forms(formulas().values()) if (f.location, f.kind) == (element.location, element.kind)]
+    return [f for f in in_all_forms(formulas().values()) if f.kind == element.kind]

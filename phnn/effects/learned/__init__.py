@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from phnn.effects import gathered
-from phnn.effects.effect import Effect
+from phnn.effects import Effect, gathered
 
 __all__ = ["learned_elements"]
 

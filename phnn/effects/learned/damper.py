@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales, has_motion, no_range, with_network
-from phnn.effects.learned.strengths import of_any_size, starts, stiffness_of, strength
+from phnn.effects import Effect, Parts, Placed, Scales, constant, has_motion, kinds
+from phnn.effects.learned.strengths import Within, sized, starts, stiffness_of, strengths
 from phnn.laws.resistor_damper import SMOOTHED
 from phnn.network.elements import Resistor
-from phnn.parameters import Parameter, constant
 from phnn.setup import Setup
 
 # A noticeable strength, and one that leaves the response proportional to it, as shares of stiffness × displacement.
@@ -21,42 +18,45 @@ _STICKING, _SLIDING = 0.1, 0.1
 # Strengths: friction, viscous damping and drag forwards and backwards; damping that follows the position.
 _BY_SPEED = ("F_f1", "F_b1", "F_2", "F_f3", "F_b3", "F_f4", "F_b4")
 _BY_POSITION = ("F_q", "F_qR", "F_qL")
-_STRENGTHS = (*_BY_SPEED, *_BY_POSITION)
-_CONSTANTS = {
-    "v_D1": ("m/s", "reference speed of the friction of slow motion, a hundred times that where it is half grown"),
-    "v_D2": ("m/s", "reference speed of the friction of fast motion, a hundred times that where it is half grown"),
-    "v_D3": ("m/s", "speed at which the other learned damping forces have their nominal size"),
-    "v_Dq": ("m/s", "reference speed of the damping that follows the position"),
-    "n_D1": ("1", "exponent of the speed: friction"),
-    "n_D3": ("1", "exponent of the speed: viscous damping"),
-    "n_D4": ("1", "exponent of the speed: drag"),
-    "n_Dq": ("1", "exponent of the speed in the damping that follows the position"),
-    "q_D": ("m", "displacement at which the damping that follows the position has its nominal size"),
-    "c_DR": ("1/m", "inverse of that displacement"),
-    "c_DL": ("1/m", "its mirror image"),
+_FORCES = strengths((*_BY_SPEED, *_BY_POSITION), "N", "learned damping force")
+_CONSTANTS = (
+    constant(
+        "v_D1", "m/s", "reference speed of the friction of slow motion, a hundred times that where it is half grown"
+    ),
+    constant(
+        "v_D2", "m/s", "reference speed of the friction of fast motion, a hundred times that where it is half grown"
+    ),
+    constant("v_D3", "m/s", "speed at which the other learned damping forces have their nominal size"),
+    constant("v_Dq", "m/s", "reference speed of the damping that follows the position"),
+    constant("n_D1", "1", "exponent of the speed: friction"),
+    constant("n_D3", "1", "exponent of the speed: viscous damping"),
+    constant("n_D4", "1", "exponent of the speed: drag"),
+    constant("n_Dq", "1", "exponent of the speed in the damping that follows the position"),
+    constant("q_D", "m", "displacement at which the damping that follows the position has its nominal size"),
+    constant("c_DR", "1/m", "inverse of that displacement"),
+    constant("c_DL", "1/m", "its mirror image"),
+)
+_OF_SPEED = {
+    "friction": ("F_f1", "F_b1", "n_D1", "v_D1"),
+    "sliding": ("F_2", "F_2", "n_D1", "v_D2"),
+    "viscous": ("F_f3", "F_b3", "n_D3", "v_D3"),
+    "drag": ("F_f4", "F_b4", "n_D4", "v_D3"),
 }
+_OF_POSITION = {
+    "bowl": ("square_damper", ("F_q", "n_Dq", "v_Dq", "q_D")),
+    "right": ("ramp_damper", ("F_qR", "n_Dq", "v_Dq", "c_DR")),
+    "left": ("ramp_damper", ("F_qL", "n_Dq", "v_Dq", "c_DL")),
+}
+_RESISTORS = (
+    *(Resistor(f"learned_{n}", "power_damper", {"p": 1.0}, names) for n, names in _OF_SPEED.items()),
+    *(Resistor(f"learned_{n}", law, {"p": 1.0}, names, "q") for n, (law, names) in _OF_POSITION.items()),
+)
 
 
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+def brake(setup: Setup, parameters: Placed) -> Setup:
     """``F += −σ(v, q) v``, ``σ ≥ 0``: resistors on ``p``, some of which read ``q``."""
-    typical = _NOTICEABLE * stiffness_of(setup) * values["q_D"]
-    parameters: list[Parameter] = [strength(n, values[n], "N", typical, "learned damping force") for n in _STRENGTHS]
-    parameters += [constant(n, values[n], unit, words) for n, (unit, words) in _CONSTANTS.items()]
-    of_speed = {
-        "friction": ("F_f1", "F_b1", "n_D1", "v_D1"),
-        "sliding": ("F_2", "F_2", "n_D1", "v_D2"),
-        "viscous": ("F_f3", "F_b3", "n_D3", "v_D3"),
-        "drag": ("F_f4", "F_b4", "n_D4", "v_D3"),
-    }
-    resistors = [Resistor(f"learned_{n}", "power_damper", {"p": 1.0}, names) for n, names in of_speed.items()]
-    of_position = {
-        "bowl": ("square_damper", ("F_q", "n_Dq", "v_Dq", "q_D")),
-        "right": ("ramp_damper", ("F_qR", "n_Dq", "v_Dq", "c_DR")),
-        "left": ("ramp_damper", ("F_qL", "n_Dq", "v_Dq", "c_DL")),
-    }
-    resistors += [Resistor(f"learned_{n}", law, {"p": 1.0}, names, "q") for n, (law, names) in of_position.items()]
-    network = setup.network.extend(resistors=tuple(resistors), parameters=tuple(parameters))
-    return with_network(setup, network)
+    typical = _NOTICEABLE * stiffness_of(setup) * parameters["q_D"].value
+    return Parts(resistors=_RESISTORS)(setup, sized(parameters, typical))
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -69,14 +69,13 @@ def grid(scales: Scales) -> list[dict[str, float]]:
         "q_D": scales.displacement, "c_DR": 1.0 / scales.displacement, "c_DL": -1.0 / scales.displacement,
     }  # fmt: skip
     force = _SMALL * scales.stiffness * scales.displacement
-    points = starts(_STRENGTHS, force, (_BY_SPEED, _BY_POSITION), constants)
+    points = starts(_FORCES, force, (_BY_SPEED, _BY_POSITION), constants)
     return [*points, points[-1] | {"v_Dq": sticking, "n_Dq": 0.0}]
 
 
 EFFECT = Effect(
     name="learned_damper",
-    location="mechanical",
-    kind="dissipative",
+    kind=kinds.DISSIPATIVE,
     equation=r"F = \sigma(v, q)\,v, \quad \sigma = \sum_{ij} F_{ij} B_i(v) C_j(q) \geq 0",
     statement="A further damper acts on the moving part. Forwards it brakes with a friction of {F_f1}, a viscous force "
     "of {F_f3} and a drag of {F_f4} at {v_D3}, backwards with {F_b1}, {F_b3} and {F_b4}; with a friction of fast "
@@ -87,16 +86,11 @@ EFFECT = Effect(
     separation="Sines of several amplitudes and frequencies about several offsets: damping of the speed follows "
     "amplitude times frequency, damping of the position follows the offset.",
     references=("Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, Automatica 30 (friction, direction, position)",),
-    passive=True,
-    strength=_STRENGTHS[0],
-    strengths=_STRENGTHS,
-    one_sided=True,
+    declares=(*_FORCES, *_CONSTANTS),
+    adds=brake,
     grid=grid,
-    build=build,
-    rescale=of_any_size(_STRENGTHS),
-    parameters=(*_STRENGTHS, *_CONSTANTS),
-    plausible=no_range(*_STRENGTHS, *_CONSTANTS),
     applies=has_motion,
-    akin=("damping that follows the displacement",),
     neighbours=("coulomb_friction", "quadratic_drag"),
+    rescale=Within(_FORCES),
+    related_kinds=(kinds.DAMPING_BY_DISPLACEMENT,),
 )

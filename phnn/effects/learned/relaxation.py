@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from phnn.effects.effect import Effect, Scales, has_motion, no_range
+from phnn.effects import Effect, Placed, Scales, has_motion, kinds
 from phnn.effects.learned.ladder import with_ladder
-from phnn.effects.learned.strengths import of_any_size, starts
-from phnn.parameters import constant
+from phnn.effects.learned.strengths import Within, constants, named, starts, strengths
 from phnn.setup import Setup
 
 _CELLS = tuple(str(i) for i in range(1, 7))
@@ -18,30 +15,27 @@ _SHORTEST = 0.3
 # A noticeable strength, and one that leaves the response proportional to it, as shares of the stiffness.
 _NOTICEABLE, _SMALL = 0.01, 1e-3
 
-_STRENGTHS = tuple(f"k_M{i}" for i in _CELLS)
-_TIMES = tuple(f"tau_M{i}" for i in _CELLS)
+_STIFFNESSES = strengths((f"k_M{i}" for i in _CELLS), "N/m", "stiffness of a learned relaxing spring")
+_TIMES = constants((f"tau_M{i}" for i in _CELLS), "s", "time in which a learned spring relaxes")
+_MAXWELL = {f"learned_cell_{i}": (f"k_M{i}", f"tau_M{i}") for i in _CELLS}
 
 
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+def relax(setup: Setup, parameters: Placed) -> Setup:
     """``F += −Σ kᵢ sᵢ``, ``ṡᵢ = v − sᵢ/τᵢ``: storages with ``J[s, p] = 1`` and a linear resistor each."""
-    cells = {f"learned_cell_{i}": (f"k_M{i}", f"tau_M{i}") for i in _CELLS}
-    times = [constant(t, values[t], "s", "time in which a learned spring relaxes") for t in _TIMES]
-    words = "stiffness of a learned relaxing spring"
-    return with_ladder(setup, cells, "maxwell", values, _NOTICEABLE, words, times)
+    return with_ladder(setup, _MAXWELL, "maxwell", parameters, _NOTICEABLE)
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
     """All strengths equal, then those of the fast and of the slow cells; times up to the longest recording."""
     times = np.geomspace(_SHORTEST / scales.fastest, scales.duration, len(_CELLS))
-    constants = dict(zip(_TIMES, map(float, times), strict=True))
-    half = len(_CELLS) // 2
-    return starts(_STRENGTHS, _SMALL * scales.stiffness, (_STRENGTHS[:half], _STRENGTHS[half:]), constants)
+    constants = dict(zip(named(_TIMES), map(float, times), strict=True))
+    names, half = named(_STIFFNESSES), len(_CELLS) // 2
+    return starts(_STIFFNESSES, _SMALL * scales.stiffness, (names[:half], names[half:]), constants)
 
 
 EFFECT = Effect(
     name="learned_relaxation",
-    location="mechanical",
-    kind="memory",
+    kind=kinds.MEMORY,
     equation=r"F = \sum_i k_{Mi}\,s_i, \quad \dot{s}_i = v - s_i/\tau_{Mi}",
     statement="Part of the stiffness relaxes over decades of time: {k_M1} with {tau_M1}, {k_M2} with {tau_M2}, {k_M3} "
     "with {tau_M3}, {k_M4} with {tau_M4}, {k_M5} with {tau_M5} and {k_M6} with {tau_M6}.",
@@ -49,16 +43,11 @@ EFFECT = Effect(
     "end.",
     separation="A step held as long as possible and back to zero: the recovery shows the same times again.",
     references=("Findley, Lai & Onaran 1976, Creep and Relaxation of Nonlinear Viscoelastic Materials, ch. 5",),
-    passive=True,
-    strength=_STRENGTHS[0],
-    strengths=_STRENGTHS,
-    one_sided=True,
+    declares=(*_STIFFNESSES, *_TIMES),
+    adds=relax,
     grid=grid,
-    build=build,
-    rescale=of_any_size(_STRENGTHS),
-    parameters=(*_STRENGTHS, *_TIMES),
-    several_of="creep",
-    plausible=no_range(*_STRENGTHS, *_TIMES),
     applies=has_motion,
     neighbours=("creep", "sensor_drift"),
+    rescale=Within(_STIFFNESSES),
+    several_of="creep",
 )

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from phnn.effects.effect import Effect, Scales, has_motion, no_range, with_network
-from phnn.effects.learned.strengths import of_any_size, starts, stiffness_of, strength
+from phnn.effects import Effect, Parts, Placed, Scales, has_motion, kinds
+from phnn.effects.learned.strengths import Within, constants, sized, starts, stiffness_of, strengths
 from phnn.network.elements import Coupling, Storage
-from phnn.parameters import constant
 from phnn.setup import Setup
 
 # Gaps as shares of the displacement; beyond the last one there is still a fifth of the motion to learn from.
@@ -19,31 +16,29 @@ _NOTICEABLE, _SMALL = 0.05, 1e-3
 
 _RIGHT, _LEFT = (tuple(f"k_{side}{i}" for i in _GAPS) for side in ("R", "L"))
 _YIELDING = tuple(f"k_S{i}" for i in _REACHES)
-_STRENGTHS = (*_RIGHT, *_LEFT, *_YIELDING)
-_PLACES = tuple(f"g_L{i}" for i in (*_GAPS, *_REACHES))
+_STIFFNESSES = strengths((*_RIGHT, *_LEFT, *_YIELDING), "N/m", "stiffness of the learned spring")
+_PLACES = constants((f"g_L{i}" for i in (*_GAPS, *_REACHES)), "m", "where a part of the learned spring sets in or ends")
+_STORAGES = (
+    *(Storage(f"learned_stops_{i}", "stops", (f"k_R{i}", f"k_L{i}", f"g_L{i}"), "m") for i in _GAPS),
+    *(Storage(f"learned_spring_{i}", "saturating_spring", (f"k_S{i}", f"g_L{i}"), "m") for i in _REACHES),
+)
+_PARTS = Parts(_STORAGES, couplings=tuple(Coupling(s.name, "p", 1.0) for s in _STORAGES))
 
 
-def build(setup: Setup, values: Mapping[str, float]) -> Setup:
+def press(setup: Setup, parameters: Placed) -> Setup:
     """``F += −Σ k₊ max(q − g, 0) + Σ k₋ max(−q − g, 0) − Σ k clip(q, ±g)``, each storage with ``J[x, p] = 1``."""
-    typical = _NOTICEABLE * stiffness_of(setup)
-    storages = [Storage(f"learned_stops_{i}", "stops", (f"k_R{i}", f"k_L{i}", f"g_L{i}"), "m") for i in _GAPS]
-    storages += [Storage(f"learned_spring_{i}", "saturating_spring", (f"k_S{i}", f"g_L{i}"), "m") for i in _REACHES]
-    parameters = [strength(n, values[n], "N/m", typical, "stiffness of the learned spring") for n in _STRENGTHS]
-    parameters += [constant(n, values[n], "m", "where a part of the learned spring sets in or ends") for n in _PLACES]
-    couplings = tuple(Coupling(s.name, "p", 1.0) for s in storages)
-    return with_network(setup, setup.network.extend(tuple(storages), couplings=couplings, parameters=tuple(parameters)))
+    return _PARTS(setup, sized(parameters, _NOTICEABLE * stiffness_of(setup)))
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
     """All strengths equal, then those of the stops on one side, and of the springs that give way."""
     places = {f"g_L{i}": share * scales.displacement for i, share in (_GAPS | _REACHES).items()}
-    return starts(_STRENGTHS, _SMALL * scales.stiffness, (_RIGHT, _LEFT, _YIELDING), places)
+    return starts(_STIFFNESSES, _SMALL * scales.stiffness, (_RIGHT, _LEFT, _YIELDING), places)
 
 
 EFFECT = Effect(
     name="learned_spring",
-    location="mechanical",
-    kind="elastic",
+    kind=kinds.ELASTIC,
     equation=r"F = \sum_i k_{Ri} \max(q - g_i, 0) - k_{Li} \max(-q - g_i, 0) + \sum_j k_{Sj}\,"
     r"\mathrm{clip}(q, \pm g_j)",
     statement="A further spring acts on the moving part, whose force depends on the displacement alone. Its stiffness "
@@ -54,15 +49,10 @@ EFFECT = Effect(
     separation="Slow sines of several amplitudes about several offsets: the force follows the displacement without a "
     "loop.",
     references=("Hastie, Tibshirani & Friedman 2009, The Elements of Statistical Learning, sec. 9.4 (hinges)",),
-    passive=True,
-    strength=_STRENGTHS[0],
-    strengths=_STRENGTHS,
-    one_sided=True,
+    declares=(*_STIFFNESSES, *_PLACES),
+    adds=press,
     grid=grid,
-    build=build,
-    rescale=of_any_size(_STRENGTHS),
-    parameters=(*_STRENGTHS, *_PLACES),
-    plausible=no_range(*_STRENGTHS, *_PLACES),
     applies=has_motion,
     neighbours=("contact_stop", "cubic_stiffness", "quadratic_stiffness"),
+    rescale=Within(_STIFFNESSES),
 )

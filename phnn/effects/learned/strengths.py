@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
+from phnn.effects import Declared, Placed, bounded, constant
 from phnn.parameters import Parameter
 from phnn.setup import Setup
 
@@ -14,9 +16,26 @@ _FAINT = 0.1
 NEARLY_ZERO = 1e-9
 
 
-def strength(name: str, value: float, unit: str, typical: float, description: str, lower: float = 0.0) -> Parameter:
-    """A strength that cannot be negative; zero switches its function off."""
-    return Parameter(name, value, unit, lower, typical=typical, description=description)
+def strengths(
+    names: Iterable[str], unit: str, description: str, most: float = math.inf, typical: float = 1.0
+) -> tuple[Declared, ...]:
+    """Strengths that cannot be negative, or larger than ``most``; zero switches a function off."""
+    return tuple(bounded(n, unit, description, 0.0, most, typical, strength=True) for n in names)
+
+
+def either(limits: Mapping[str, float], unit: str, description: str, typical: float) -> tuple[Declared, ...]:
+    """Strengths of either sign, up to a limit each."""
+    return tuple(bounded(n, unit, description, -most, most, typical, strength=True) for n, most in limits.items())
+
+
+def constants(names: Iterable[str], unit: str, description: str) -> tuple[Declared, ...]:
+    """Parameters of one sort that are never estimated."""
+    return tuple(constant(n, unit, description) for n in names)
+
+
+def named(declared: Iterable[Declared]) -> tuple[str, ...]:
+    """Names of parameters."""
+    return tuple(d.name for d in declared)
 
 
 def stiffness_of(setup: Setup) -> float:
@@ -25,8 +44,13 @@ def stiffness_of(setup: Setup) -> float:
     return found.value if found is not None and found.value > 0.0 else 1.0
 
 
+def sized(parameters: Placed, typical: float) -> dict[str, Parameter]:
+    """Parameters of which those that are estimated change noticeably by ``typical``."""
+    return {n: p if p.fixed else replace(p, typical=typical) for n, p in parameters.items()}
+
+
 def starts(
-    names: Sequence[str],
+    strengths: Sequence[Declared],
     value: float,
     stressed: Iterable[Iterable[str]],
     constants: Mapping[str, float],
@@ -34,42 +58,42 @@ def starts(
     """Grid points: all strengths equal, and then each group of them stressed in turn.
 
     Args:
-        names: of the strengths.
-        value: their size.
-        stressed: groups of names.
+        value: size of the strengths.
+        stressed: groups of their names.
         constants: the element's other parameters.
     """
+    names = named(strengths)
     faint = dict.fromkeys(names, _FAINT * value)
     points = [dict.fromkeys(names, value), *(faint | dict.fromkeys(group, value) for group in stressed)]
     return [{**point, **constants} for point in points]
 
 
 def each(
-    names: Sequence[str], groups: Iterable[Iterable[str]], value: float, constants: Mapping[str, float]
+    strengths: Sequence[Declared], value: float, constants: Mapping[str, float], groups: Iterable[Iterable[str]] = ()
 ) -> list[dict[str, float]]:
-    """Grid points of strengths of either sign: each group of them alone."""
+    """Grid points of strengths of either sign: each of them alone, or each group of their names."""
+    names = named(strengths)
     none = dict.fromkeys(names, 0.0)
-    return [{**none, **dict.fromkeys(group, value), **constants} for group in groups]
+    alone = tuple(groups) or tuple((n,) for n in names)
+    return [{**none, **dict.fromkeys(group, value), **constants} for group in alone]
 
 
-def within(limits: Mapping[str, tuple[float, float]]) -> Callable[[Mapping[str, float], float], dict[str, float]]:
-    """How to multiply strengths: no farther than to their limits.
+@dataclass(frozen=True)
+class Within:
+    """How to multiply strengths: no farther than to their bounds.
 
     Where no strength can be negative, a negative factor leaves them as they are: the data ask for less of their sum,
     which says nothing of each, and from next to its bounds a bounded optimiser hardly moves.
 
-    Args:
-        limits: lowest and highest value of every strength.
+    Attributes:
+        strengths: those that are multiplied.
+        may_vanish: a negative factor makes them zero all the same: there is one of them alone.
     """
-    one_sided = all(low >= 0.0 for low, _ in limits.values())
 
-    def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
-        by = 1.0 if one_sided and factor <= 0.0 else factor
-        return {**values, **{n: min(max(by * values[n], low), high) for n, (low, high) in limits.items()}}
+    strengths: tuple[Declared, ...]
+    may_vanish: bool = False
 
-    return rescale
-
-
-def of_any_size(names: Iterable[str]) -> Callable[[Mapping[str, float], float], dict[str, float]]:
-    """How to multiply strengths that cannot be negative and have no upper limit."""
-    return within(dict.fromkeys(names, (0.0, math.inf)))
+    def __call__(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
+        one_sided = all(d.lower >= 0.0 for d in self.strengths)
+        by = 1.0 if one_sided and factor <= 0.0 and not self.may_vanish else factor
+        return {**values, **{d.name: min(max(by * values[d.name], d.lower), d.upper) for d in self.strengths}}

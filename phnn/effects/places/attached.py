@@ -7,11 +7,14 @@ the surroundings comes once for each of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from phnn.effects import catalogue
-from phnn.effects.effect import Effect, Scales, Special
+from phnn.effects.additions import Placed
+from phnn.effects.declaration import Declared
+from phnn.effects.effect import Effect, Scales, SpecialCase, Values
 from phnn.effects.places.names import Roles, roles_of
 from phnn.network.elements import Network
 from phnn.network.roles import charges, motions
@@ -19,8 +22,6 @@ from phnn.setup import Setup
 
 _AT_EVERY_MOTION = ("mechanical", "environment")
 _FURTHER = ("second", "third")
-
-Values = Mapping[str, float]
 
 
 def attached(effect: Effect, setup: Setup) -> list[Effect]:
@@ -43,17 +44,17 @@ def _as_often_as_it_may(effect: Effect, roles: Roles) -> list[Effect]:
     for which in _FURTHER[: effect.at_most - 1]:
         one = _at(effect, replace(roles, which=which))
         found.append(replace(one, name=f"{which} {found[0].name}", which=which, after=found[-1].parameters))
-    contains = tuple(s for case in found[0].contains for s in (case, *_further(case, roles)))
-    return [replace(e, contains=contains) if contains else e for e in found]
+    special = tuple(s for case in found[0].special_cases for s in (case, *_further(case, roles)))
+    return [replace(e, special_cases=special) if special else e for e in found]
 
 
-def _further(case: Special, roles: Roles) -> list[Special]:
+def _further(case: SpecialCase, roles: Roles) -> list[SpecialCase]:
     """A special case, where one like it is there already."""
     several = catalogue()[case.name.removesuffix(_where(roles))]
     names = [roles.added(n) for n in several.parameters]
     further = [(which, replace(roles, which=which)) for which in _FURTHER[: several.at_most - 1]]
     return [
-        Special(
+        SpecialCase(
             f"{which} {case.name}",
             _Named(case.values, tuple(zip(names, map(r.added, several.parameters), strict=True))),
         )
@@ -92,33 +93,44 @@ def _at(effect: Effect, roles: Roles) -> Effect:
         name=effect.name + where,
         place=roles.place,
         statement=f"At {roles.place}: {statement}" if roles.place else statement,
-        build=_Built(effect.build, roles),
+        adds=_Added(effect, roles),
         applies=_Asked(effect.applies, roles),
-        grid=_Probed(effect.grid, roles),
-        rescale=None if effect.rescale is None else _Scaled(effect.rescale, roles),
-        exchanged=None if effect.exchanged is None else _Exchanged(effect.exchanged, roles),
-        contains=tuple(Special(s.name + where, _Derived(s.values, roles)) for s in effect.contains),
-        strength=None if effect.strength is None else names[effect.strength],
-        strengths=tuple(names[n] for n in effect.strengths),
-        parameters=tuple(names.values()),
-        plausible={
-            names[n]: replace(p, over=roles.parameter(p.over) if p.over else "") for n, p in effect.plausible.items()
-        },
+        grid=_Translated(effect.grid, roles),
+        rescale=None if effect.rescale is None else _Translated(effect.rescale, roles),
+        equivalents=None if effect.equivalents is None else _Translated(effect.equivalents, roles),
+        special_cases=tuple(SpecialCase(s.name + where, _Translated(s.values, roles)) for s in effect.special_cases),
+        declares=tuple(_renamed(d, roles) for d in effect.declares),
         neighbours=tuple(n + where for n in effect.neighbours),
         forms=tuple(_at(form, roles) for form in effect.forms),
     )
 
 
-# Values and not closures: an attached effect is compared, and sent to other processes.
+def _renamed(declared: Declared, roles: Roles) -> Declared:
+    """A parameter under the name that it has in a network."""
+    over = declared.plausible.over
+    plausible = replace(declared.plausible, over=roles.parameter(over) if over else "")
+    return replace(declared, name=roles.added(declared.name), plausible=plausible)
+
+
+# Values and not closures: an attached effect is sent to other processes.
 
 
 @dataclass(frozen=True)
-class _Built:
-    law: Callable[[Setup, Values], Setup]
+class _Added:
+    effect: Effect
     roles: Roles
 
-    def __call__(self, setup: Setup, values: Values) -> Setup:
-        return self.roles.outwards(self.law(self.roles.inwards(setup), self.roles.by_role(values)))
+    @property
+    def passive(self) -> bool:
+        return self.effect.passive
+
+    @property
+    def signless(self) -> bool:
+        return getattr(self.effect.adds, "signless", False)
+
+    def __call__(self, setup: Setup, parameters: Placed) -> Setup:
+        values = self.roles.by_role({n: p.value for n, p in parameters.items()})
+        return self.roles.outwards(self.effect.build(self.roles.inwards(setup), values))
 
 
 @dataclass(frozen=True)
@@ -135,39 +147,15 @@ class _Asked:
 
 
 @dataclass(frozen=True)
-class _Probed:
-    points: Callable[[Scales], list[dict[str, float]]]
+class _Translated:
+    """A function of scales, or of parameter values, that gives one or several sets of values."""
+
+    law: Callable[..., Any]
     roles: Roles
 
-    def __call__(self, scales: Scales) -> list[dict[str, float]]:
-        return [self.roles.by_name(point) for point in self.points(scales)]
-
-
-@dataclass(frozen=True)
-class _Scaled:
-    change: Callable[[Values, float], dict[str, float]]
-    roles: Roles
-
-    def __call__(self, values: Values, factor: float) -> dict[str, float]:
-        return self.roles.by_name(self.change(self.roles.by_role(values), factor))
-
-
-@dataclass(frozen=True)
-class _Derived:
-    values: Callable[[Values], dict[str, float]]
-    roles: Roles
-
-    def __call__(self, values: Values) -> dict[str, float]:
-        return self.roles.by_name(self.values(self.roles.by_role(values)))
-
-
-@dataclass(frozen=True)
-class _Exchanged:
-    values: Callable[[Values], Sequence[dict[str, float]]]
-    roles: Roles
-
-    def __call__(self, values: Values) -> list[dict[str, float]]:
-        return [self.roles.by_name(v) for v in self.values(self.roles.by_role(values))]
+    def __call__(self, given: Scales | Values, *further: float) -> Any:
+        found = self.law(self.roles.by_role(given) if isinstance(given, Mapping) else given, *further)
+        return self.roles.by_name(found) if isinstance(found, Mapping) else [self.roles.by_name(v) for v in found]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,179 @@
+"""Parameters of effects, each declared once: name, unit, bounds, role, and where its value plausibly lies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+from phnn import parameters
+from phnn.effects.conditions import sensed_unit
+from phnn.parameters import Parameter
+from phnn.setup import Setup
+
+
+@dataclass(frozen=True)
+class Plausible:
+    """Where a parameter of an effect lies in piezo actuators that exist.
+
+    Attributes:
+        lower, upper: ends of the range [SI].
+        source: where it comes from, as a sentence without its full stop; empty where no range is known.
+        over: parameter of the base model by which the value is divided before, so that no anchor is needed.
+        outside: what a value above the range means, as the rest of a sentence.
+    """
+
+    lower: float
+    upper: float
+    source: str
+    over: str = ""
+    outside: str = ""
+
+
+NO_RANGE = Plausible(-math.inf, math.inf, "")
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A parameter of an effect.
+
+    Attributes:
+        name: unique among the parameters of all effects.
+        unit: SI; ``{sensed}`` in it stands for the unit of what the sensor measures.
+        description: for a person.
+        place: makes the parameter from ``name``, ``value``, ``unit`` and ``description``, with its bounds.
+        strength: it is zero when the effect is absent.
+        lower, upper: bounds that it has wherever it is placed.
+        plausible: where it lies in actuators that exist; see `plausibly`.
+    """
+
+    name: str
+    unit: str
+    description: str
+    place: Callable[..., Parameter] = field(compare=False, repr=False)
+    strength: bool = False
+    lower: float = -math.inf
+    upper: float = math.inf
+    plausible: Plausible = NO_RANGE
+
+    def plausibly(self, lower: float, upper: float, source: str, *, over: str = "", outside: str = "") -> Declared:
+        """The parameter with its plausible range; for the arguments see `Plausible`."""
+        return replace(self, plausible=Plausible(lower, upper, source, over, outside))
+
+    def at(self, value: float, setup: Setup) -> Parameter:
+        """The parameter with a value [SI], for a setup.
+
+        Raises:
+            InputRefused: the value is not finite or lies outside the bounds.
+        """
+        unit = self.unit.replace("{sensed}", sensed_unit(setup))
+        return self.place(name=self.name, value=value, unit=unit, description=self.description)
+
+
+def positive(
+    name: str,
+    unit: str,
+    description: str,
+    span: float = 1e6,
+    strength: bool = False,
+) -> Declared:
+    """A positive parameter, estimated on a logarithmic scale, that may move by a factor ``span`` either way."""
+    place = partial(parameters.positive, span=span)
+    return Declared(name, unit, description, place, strength, lower=0.0)
+
+
+def signed(
+    name: str,
+    unit: str,
+    description: str,
+    reach: float,
+    typical: float,
+    strength: bool = False,
+    own_size: bool = False,
+    negative: bool = True,
+) -> Declared:
+    """A parameter on a linear scale, of either sign.
+
+    Args:
+        reach: largest size, or a factor 10⁶ beyond the one it is placed with.
+        typical: size of a noticeable change.
+        own_size: a noticeable change is as large as the value it is placed with, where that is not zero.
+        negative: it may be negative.
+    """
+    lower = -math.inf if negative else 0.0
+    place = partial(_signed, reach=reach, typical=typical, own_size=own_size, lower=lower)
+    return Declared(name, unit, description, place, strength, lower)
+
+
+def bounded(
+    name: str,
+    unit: str,
+    description: str,
+    lower: float = -math.inf,
+    upper: float = math.inf,
+    typical: float = 1.0,
+    logarithmic: bool = False,
+    strength: bool = False,
+) -> Declared:
+    """A parameter between fixed bounds.
+
+    Args:
+        typical: size of a noticeable change, on a linear scale.
+        logarithmic: estimated on a logarithmic scale; for positive values only.
+    """
+    place = partial(Parameter, lower=lower, upper=upper, positive=logarithmic, typical=typical)
+    return Declared(name, unit, description, place, strength, lower, upper)
+
+
+def limit(name: str, unit: str, description: str, span: float, signed: bool = False) -> Declared:
+    """A limit, level or gap beyond which something happens: it keeps its sign, and may move by a factor ``span``.
+
+    Args:
+        signed: it may be negative, and is estimated on a linear scale.
+    """
+    place = partial(_limit, span=span, signed=signed)
+    return Declared(name, unit, description, place)
+
+
+def time_constant(name: str, description: str, strength: bool = False) -> Declared:
+    """A delay or lag [s]."""
+    return Declared(name, "s", description, _time_constant, strength, lower=0.0)
+
+
+def constant(name: str, unit: str, description: str) -> Declared:
+    """A parameter that is never estimated, such as a reference displacement."""
+    return Declared(name, unit, description, parameters.constant)
+
+
+# Functions of a module and not closures: an effect is sent to other processes.
+
+
+def _signed(
+    name: str,
+    value: float,
+    unit: str,
+    description: str,
+    reach: float,
+    typical: float,
+    own_size: bool,
+    lower: float,
+) -> Parameter:
+    size = abs(value) if own_size else 0.0
+    placed = parameters.signed(name, value, unit, reach, size or typical, description)
+    return replace(placed, lower=max(lower, placed.lower))
+
+
+def _limit(name: str, value: float, unit: str, description: str, span: float, signed: bool) -> Parameter:
+    near, far = sorted((value * (1.0 / span), value * span))
+    if not signed:
+        return Parameter(name, value, unit, near, far, positive=True, description=description)
+    return Parameter(name, value, unit, near, far, typical=_NOTICED * abs(value), description=description)
+
+
+# A noticeable change of a gap, as a share of the gap.
+_NOTICED = 0.02
+
+
+def _time_constant(name: str, value: float, unit: str, description: str) -> Parameter:
+    return parameters.time_constant(name, value, description)

@@ -1,0 +1,103 @@
+"""Kinds of effects: through which local variables something acts, and at which location.
+
+A kind is one object for the dictionary of generic functions, for the effects and for the words of a report.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+LOCATIONS = (
+    "amplifier", "electrical", "hysteron", "coupling", "mechanical", "thermal", "sensor", "environment",
+)  # fmt: skip
+# Variables on which effects act where their dictionary has no axis of its own.
+ELAPSED, AFTER_A_STEP = "time", "time after a step"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What sort of thing an effect is.
+
+    Attributes:
+        location: one of `LOCATIONS`.
+        name: in words, unique at its location.
+        history: on what it depends, where no static picture shows that; ``{output}``, ``{rate}`` and ``{source}`` stand
+            for the words of the system's domain.
+        one_port: the learned one-port of this kind in words; empty where there is none.
+        learned: name of that learned element.
+        axis: variable on which it acts, where its generic functions have none.
+    """
+
+    location: str
+    name: str
+    history: str = field(default="", compare=False)
+    one_port: str = field(default="", compare=False)
+    learned: str = field(default="", compare=False)
+    axis: str = field(default="", compare=False)
+
+    @property
+    def key(self) -> str:
+        """Location and name as one text, ``location/name``."""
+        return f"{self.location}/{self.name}"
+
+
+# What the amplifier does to its command.
+LAG = Kind("amplifier", "lag")
+LIMIT = Kind("amplifier", "limit")
+SLEW = Kind("amplifier", "slew", "on the rate of the {source}")
+OFFSET = Kind("amplifier", "offset")
+AMPLIFIER_STATIC = Kind("amplifier", "static")
+
+LEAKAGE = Kind("electrical", "leakage", "on the past of the voltages that the hysterons hold", axis=AFTER_A_STEP)
+
+SHAPE = Kind("hysteron", "shape", "on the history of the {output}, as a hysteron does", axis="displacement")
+THRESHOLD_BY_DISPLACEMENT = Kind("hysteron", "threshold that follows the displacement")
+THRESHOLD_BY_RATE = Kind("hysteron", "threshold that follows the rate")
+CAPACITANCE_BY_CHARGE = Kind(
+    "hysteron", "capacitance that follows the charge", "on the voltages that the hysterons hold"
+)
+
+FORCE_BY_VOLTAGE = Kind("coupling", "force against voltage")
+RATIO_BY_DISPLACEMENT = Kind("coupling", "ratio that follows the displacement")
+RATIO_BY_PAST_VOLTAGE = Kind(
+    "coupling", "ratio that follows past voltage", "on how high the {source} was before", axis=ELAPSED
+)
+RATIO_BY_WARMTH = Kind(
+    "thermal", "ratio that follows the warmth", "on how much energy was dissipated before", axis=ELAPSED
+)
+
+# Forces on the moving part.
+ELASTIC = Kind(
+    "mechanical", "elastic", one_port="a spring: conservative, it gives back what it stores", learned="learned_spring"
+)
+DISSIPATIVE = Kind(
+    "mechanical",
+    "dissipative",
+    one_port="a damper: dissipative, it only takes energy away",
+    learned="learned_damper",
+)
+MEMORY = Kind(
+    "mechanical",
+    "memory",
+    one_port="springs in series with dampers: dissipative, with a memory of where it was",
+    learned="learned_relaxation",
+)
+DAMPING_BY_DISPLACEMENT = Kind("mechanical", "damping that follows the displacement")
+MODE = Kind("mechanical", "mode", "on the rate at which the {rate} changes, and on its past")
+RINGING_MODE = Kind(
+    "mechanical",
+    "ringing mode",
+    "on the rate at which the {rate} changed long before, at the frequency where the error is largest",
+)
+CONSTANT_FORCE = Kind("mechanical", "constant")
+
+# What the sensor does to what it measures.
+SENSOR_NONLINEAR = Kind("sensor", "nonlinear")
+SENSOR_STATIC = Kind("sensor", "static")
+LAG_OR_PLAY = Kind("sensor", "lag or play", "on the rate of the {output} and on its turning points")
+GAIN_DRIFT = Kind("sensor", "gain that drifts", "on the {output}, the more or the less of it the later it is")
+CLOCK = Kind("sensor", "clock")
+DRIFT = Kind("sensor", "drift")
+SENSOR_OVER_TIME = Kind("sensor", "over time")
+
+LINES = Kind("environment", "lines", "on time alone, in lines")

@@ -1,0 +1,11 @@
+"""What every effect owes: words, declared parameters, structure, strength and derivatives.
+
+The checks of the catalogue's own effects, and of those that `phnn.effects.register` takes.
+"""
+
+from __future__ import annotations
+
+from phnn.effects.soundness.checks import CHECKS, check_effect
+from phnn.effects.soundness.homes import Home, home_of
+
+__all__ = ["CHECKS", "Home", "check_effect", "home_of"]

@@ -1,0 +1,196 @@
+"""The checks, one after the other; each refuses an effect with cause and remedy."""
+
+from __future__ import annotations
+
+import math
+import string
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.mathtext import MathTextParser
+
+from phnn.derivatives import output_derivatives
+from phnn.effects.effect import Effect
+from phnn.effects.kinds import LOCATIONS
+from phnn.effects.soundness.homes import Home, added, base_of, point, simulated
+from phnn.effects.soundness.structure import faults, sources
+from phnn.errors import InputRefused, PhnnError
+from phnn.units import quantity
+
+Check = Callable[[Effect, Home], None]
+
+# Least change of the output by an effect that is strong enough to be seen, as a share of the output.
+_MOVES = 1e-4
+# Shares of the strength, and by how much the change must fall from one to the next.
+_WEAKER, _FALLS = (1e-2, 1e-4), (0.2, 0.02)
+# Factors by which a strength may seem to be wrong to first order.
+_FACTORS = (-3.0, 0.0, 0.5, 20.0)
+# Relative step of a finite difference, its largest error, and the share of samples that kinks may spoil.
+_STEP, _WRONG, _SPOILT = 1e-5, 1e-4, 0.05
+# Letters of a source, so that it says where a range comes from.
+_SAYS = 15
+
+
+def _require(effect: Effect, holds: bool, cause: str) -> None:
+    if not holds:
+        raise InputRefused(f"effect {effect.name}: {cause}")
+
+
+def words(effect: Effect, home: Home) -> None:
+    """The location is known, the texts are whole sentences, the equation can be set."""
+    _require(effect, effect.location in LOCATIONS, f"no location is called {effect.location!r}; use one of {LOCATIONS}")
+    _require(effect, bool(effect.references), "it has no reference: say where its law comes from")
+    _require(effect, effect.name not in effect.neighbours, "it is its own neighbour: name other effects")
+    for name in ("fingerprint", "separation"):
+        text = getattr(effect, name)
+        whole = text[:1].isupper() and text.endswith(".") and text.count(". ") == 0
+        _require(
+            effect, whole, f"its {name} is no single sentence that begins with a capital and ends with a full stop"
+        )
+    _require(effect, effect.fingerprint != effect.separation, "fingerprint and separation are the same")
+    try:
+        MathTextParser("path").parse(f"${effect.equation}$")
+    except ValueError as error:
+        raise InputRefused(f"effect {effect.name}: its equation is no LaTeX that can be set: {error}") from None
+
+
+def ranges(effect: Effect, home: Home) -> None:
+    """Every parameter has a plausible range with a source, or none at all."""
+    for name, found in effect.plausible.items():
+        _require(effect, found.lower < found.upper, f"the plausible range of {name} is empty: exchange its ends")
+        finite = math.isfinite(found.lower) and math.isfinite(found.upper)
+        _require(effect, bool(found.source) == finite, f"the plausible range of {name} has ends or a source, not both")
+        known = not found.over or found.over in home.setup.parameters
+        _require(effect, known, f"{name} is divided by {found.over!r}, which is no parameter of {home.setup.name}")
+        said = not found.source or (len(found.source) > _SAYS and not found.source.endswith("."))
+        _require(effect, said, f"the source of the range of {name} is too short, or ends with a full stop")
+
+
+def place(effect: Effect, home: Home) -> None:
+    """It can be added once and not twice."""
+    _require(effect, bool((effect.applies.__doc__ or "").strip()), "its condition has no docstring to be shown")
+    _require(effect, effect.can_be_added_to(home.setup), f"it cannot be added to {home.setup.name}")
+    once = effect.add_to(home.setup, effect.grid(home.scales)[0])
+    _require(effect, not effect.can_be_added_to(once), "it can be added twice: let its condition refuse that")
+
+
+def statement(effect: Effect, home: Home) -> None:
+    """The statement names parameters of the effect, and shows their values."""
+    fields = {name for _, name, _, _ in string.Formatter().parse(effect.statement) if name}
+    strange = sorted(fields - set(effect.parameters))
+    _require(effect, not strange, f"its statement names {strange}, which it does not declare")
+    _require(effect, bool(fields) or not effect.parameters, "its statement shows none of its parameters")
+    _require(effect, effect.statement.endswith("."), "its statement does not end with a full stop")
+    parameters = effect.add_to(home.setup, point(effect, home)).parameters
+    told = {name: quantity(parameters[name].value, parameters[name].unit) for name in fields}
+    text = effect.statement.format(**told)
+    _require(effect, all(value in text for value in told.values()), "its statement does not show its values")
+
+
+def grid(effect: Effect, home: Home) -> None:
+    """Every grid point gives all declared parameters, and a setup that has them and can be simulated."""
+    before = set(home.setup.parameters)
+    for values in effect.grid(home.scales):
+        declared = set(values) == set(effect.parameters)
+        _require(effect, declared, f"its grid gives {sorted(values)}, it declares {sorted(effect.parameters)}")
+        setup = effect.add_to(home.setup, values)
+        new = set(setup.parameters) - before
+        _require(effect, new == set(values), f"it adds the parameters {sorted(new)}, it declares {sorted(values)}")
+        kept = {name: setup.parameters[name].value for name in values} == values
+        _require(effect, kept, f"the setup has other parameter values than the grid's {values}")
+        finite = bool(np.isfinite(simulated(setup, home).y).all())
+        _require(effect, finite, f"the output is not finite at {values}")
+
+
+def structure(effect: Effect, home: Home) -> None:
+    """The network stays port-Hamiltonian; what is not passive stands outside it, or is a source of energy."""
+    setup = effect.add_to(home.setup, point(effect, home))
+    found = faults(setup, home)
+    _require(effect, not found, f"with it {', and '.join(found)}: use laws that keep the structure")
+    inside = setup.network != home.setup.network
+    outside = bool(setup.amplifier or setup.sensor or setup.own != home.setup.own)
+    _require(effect, inside != outside, "it adds nothing, or acts inside and outside the network: make two effects")
+    passive = inside and not any(sources(setup.network))
+    _require(
+        effect, effect.passive == passive, f"what it adds is {'' if passive else 'not '}passive, and says otherwise"
+    )
+
+
+def strength(effect: Effect, home: Home) -> None:
+    """It moves the output, the less the weaker it is."""
+    values = point(effect, home)
+    own = effect.add_to(home.setup, values).own != home.setup.own
+    moved = [_change(effect, values, home)]
+    if own:
+        # Amplitude and phase of a line, the course of a sensor are every recording's own.
+        _require(effect, moved[0] == 0.0, "what every recording has in a measure of its own moves the simulation")
+        return
+    _require(effect, moved[0] > _MOVES, f"it hardly moves the output, by {moved[0]:.2g} of it: begin its grid higher")
+    if not effect.parameters:
+        return  # There is nothing by which it could be weaker.
+    weak = values
+    for share in _WEAKER:
+        if effect.strength is None:
+            # A limit beyond every command is no limit.
+            first = effect.parameters[0]
+            weak = values | {first: values[first] * (1.0 + 1.0 / share)}
+        else:
+            weak = effect.scaled(weak, _WEAKER[0])
+        moved.append(_change(effect, weak, home))
+    falls = all(after <= most * before for (before, after), most in zip(pairwise(moved), _FALLS, strict=True))
+    _require(effect, falls, f"it does not vanish with its strength: it moves the output by {moved}")
+
+
+def scaling(effect: Effect, home: Home) -> None:
+    """Whatever strength is asked for, the values stay physical."""
+    values = point(effect, home)
+    for factor in _FACTORS:
+        scaled = effect.scaled(values, factor)
+        _require(effect, set(scaled) == set(values), "scaling changes which parameters have values")
+        finite = bool(np.isfinite(added(effect, scaled, home).y).all())
+        _require(effect, finite, f"the output is not finite where its strength is multiplied by {factor:g}")
+
+
+def derivatives(effect: Effect, home: Home) -> None:
+    """Derivatives of the output by its free parameters agree with central differences."""
+    setup = effect.add_to(home.setup, point(effect, home))
+    names = [name for name in setup.free if name in effect.parameters]
+    got = output_derivatives(simulated(setup, home), names)
+    for k, name in enumerate(names):
+        value = setup.parameters[name].value
+        step = _STEP * (abs(value) or setup.parameters[name].typical)
+        ends = [simulated(setup.with_values({name: value + s}), home).y for s in (step, -step)]
+        wanted = (ends[0] - ends[1]) / (2.0 * step)
+        size = float(np.abs(wanted).max())
+        _require(effect, size > 0.0, f"the output does not depend on {name}: declare it constant, or leave it out")
+        # The simulation has kinks, which a finite difference may straddle: a few samples may differ.
+        spoilt = float((np.abs(got[:, k] - wanted) > _WRONG * size).mean())
+        _require(effect, spoilt < _SPOILT, f"the derivative by {name} is wrong in {spoilt:.0%} of the samples")
+
+
+def _change(effect: Effect, values: dict[str, float], home: Home) -> float:
+    """Largest change of the output by an effect, relative to the output."""
+    base = base_of(home).y
+    return float(np.abs(added(effect, values, home).y - base).max() / np.abs(base).max())
+
+
+CHECKS: tuple[Check, ...] = (
+    words, ranges, place, statement, grid, structure, strength, scaling, derivatives,
+)  # fmt: skip
+
+
+def check_effect(effect: Effect, home: Home) -> None:
+    """Every check, for the effect and all its forms.
+
+    Raises:
+        InputRefused: one of them fails; the message has cause and remedy.
+    """
+    for form in (effect, *effect.forms):
+        for check in CHECKS:
+            try:
+                check(form, home)
+            except InputRefused:
+                raise
+            except (PhnnError, KeyError, ValueError, TypeError) as error:
+                raise InputRefused(f"effect {effect.name}: {check.__name__}: {error!r}") from error
