@@ -2,9 +2,9 @@
 
     python -m benchmarks.growth
 
-Time of a forward solve (the integration alone) and of a gradient by all parameters (torch autograd through the differentiable
-march) against the number of samples, hysterons, recordings and parameters, with the slopes in log–log. The longest
-record runs in a process of its own, whose peak memory is measured.
+Time of a forward solve (the integration alone) and of a gradient by all parameters (torch autograd through the
+compiled step) against the number of samples, hysterons, recordings and parameters, with the slopes in log–log. The
+longest recording runs in a process of its own, whose peak memory is measured.
 """
 
 from __future__ import annotations

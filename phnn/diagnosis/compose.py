@@ -1,10 +1,10 @@
-"""Compose the best model first, then ask which of its elements are proven.
+"""Compose the model that predicts left-out recordings best, before any of its elements is named.
 
-A model is grown element by element on some of the identification recordings, and the others of them choose
-(`phnn.identification.left_out`): of the refits that fit best, the one that predicts those best is added, as long as
-their error falls by more than chance and by more than a further element is worth. Candidates are effects of the
-catalogue and learned elements. Then every element has to show that it is still needed. What stands is refitted to all identification
-recordings. No name is claimed here, and no held-out recording is looked at.
+The model is fitted to some of the identification recordings, and the others choose its elements
+(`phnn.identification.left_out`). Candidates are effects of the catalogue and learned elements. Of the refits that fit
+best, the one that predicts the left-out recordings best is added. Their error must fall by more than chance and by more
+than the criteria demand of a further element. Then every element is tested again, and the model is refitted to all
+identification recordings. No name is claimed here, and no held-out recording is used.
 """
 
 from __future__ import annotations
