@@ -31,7 +31,7 @@ _ELEMENTS = {"elastic": "learned_spring", "dissipative": "learned_damper", "memo
 
 
 def learned_setup(setup: Setup, detail: str, scales: Scales) -> Setup | None:
-    """The setup with the learned element of a kind at small strengths; None where there is none of that kind."""
+    """The setup with the learned element of a kind at small strengths; None if there is no element of that kind."""
     generic = learned_elements().get(_ELEMENTS.get(detail, ""))
     element = None if generic is None else attached(generic, setup)[0]
     if element is None or not element.can_be_added_to(setup):
