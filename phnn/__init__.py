@@ -6,7 +6,7 @@
     diagnosis = diagnose(campaign)
     phnn.write(diagnosis, "out/")
 
-Names are loaded when they are first used, so that importing the package costs next to nothing.
+Names are loaded when they are first used, so that importing the package costs little.
 """
 
 from __future__ import annotations

@@ -90,7 +90,7 @@ def without_nuisances(
 
 @lru_cache(maxsize=32)
 def _own_basis(recording: Recording, own: Own, mask: bytes) -> Array:
-    """Orthonormal basis of the nuisances on the masked rows, without their means; cached, because every model needs it."""
+    """Orthonormal basis of the nuisances on the masked rows, without their means; cached for all models."""
     columns = own_columns(recording, own)[np.frombuffer(mask, dtype=bool)]
     if not columns.size:
         return np.zeros((columns.shape[0], 0))

@@ -1,6 +1,6 @@
 """Learned one-ports that are passive whatever their weights: damping, monotone resistors, convex energies.
 
-Every module holds dimensionless weights, which stay near one for SI magnitudes of any size, and evaluates an additive-unit
+Every module holds dimensionless weights, which stay near one for any SI magnitudes, and evaluates an additive-unit
 law (`phnn.laws.wide`) with the physical ones, ``weights()``; the compiled kernel evaluates the same law with the same
 vector. One hidden layer is enough for a scalar argument: every monotone function on an interval is a limit of positive
 sums of steps, every convex one of positive sums of hinges.

@@ -84,7 +84,7 @@ class ModalModel:
         if experiment.zero_order:
             drive = drive * _held(f, dt)[:, None]
         q = self.transfer(s) * (drive @ self.b.T)
-        # A held input has images above half the sampling rate, which modes fold back: only integration in time has them.
+        # A held input has images above half the sampling rate, which modes fold back: only time integration has them.
         if not self.k.size and not experiment.zero_order:
             return Seen(s, q, drive, np.zeros((f.size, *self.k.shape), dtype=complex))
         return self._marched(experiment, drive, q, f, dt)

@@ -144,9 +144,7 @@ def _check_chain(setup: Setup) -> None:
                 setup.parameters[name].within(domain, f"{stage} {block.kind}")
     for source in setup.sources:
         if source.port not in ports[1:]:
-            raise ValueError(
-                f"source {source.kind} acts on the port {source.port}, which is not a port after the first"
-            )
+            raise ValueError(f"source {source.kind} acts on the port {source.port}, which is no port after the first")
 
 
 def _setup(content: Mapping[str, Any]) -> Setup:

@@ -56,7 +56,7 @@ def shifted_losses(
     Raises:
         InputRefused: a state of the wrong shape.
         StructureViolated: a ratio follows a state, so that the shifted balance has further terms, or a network with
-            memories.
+            modulator states.
     """
     _refuse_memories(system.network)
     if system.network.modulations:
