@@ -102,7 +102,7 @@ def _march_arguments(trajectory: Trajectory) -> tuple[Any, ...]:
 
 
 def march_alone(recordings: Sequence[Recording], substeps: Sequence[float]) -> Solve:
-    """(R, N) displacements by the march alone [m]."""
+    """(R, N) displacements by the integration alone [m]."""
     return Prepared(recordings, substeps).march
 
 

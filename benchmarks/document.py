@@ -67,7 +67,7 @@ def sections() -> Iterator[str]:
     yield markdown(pd.read_csv(RESULTS / "slopes.csv"))
     memory = pd.read_csv(RESULTS / "memory.csv").iloc[0]
     yield f"Peak memory of forward and gradient at {memory['samples']:,.0f} samples: {memory['peak_GiB']:.2f} GiB."
-    yield "Rules for a leaf, one step in the general kernel: time and relative errors by sub-steps"
+    yield "Rules for a reducible storage, one step in the general kernel: time and relative errors by sub-steps"
     yield markdown(pd.read_csv(RESULTS / "leaves.csv"))
     yield "A fresh process, without and with compiled code in the cache"
     yield markdown(pd.read_csv(RESULTS / "startup.csv"))

@@ -24,7 +24,7 @@ from phnn.recordings.recording import Recording
 TARGETS = (1e-4, 1e-5, 1e-6)
 SUBSTEPS = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0)
 WHOLE, PERIOD = "seven sines", "one period of 150 Hz"
-ALONE, CALL = "phnn, march alone", "phnn, whole call"
+ALONE, CALL = "phnn, integration alone", "phnn, whole call"
 GOAL, GOAL_AT = 10.0, 1e-5
 
 

@@ -2,9 +2,9 @@
 
     python -m benchmarks.growth
 
-Time of a forward solve (the march alone) and of a gradient by all parameters (torch autograd through the differentiable
-march) against the number of samples, hysterons, recordings and parameters, with the slopes in log–log. The longest
-record runs in a process of its own, whose peak memory is measured.
+Time of a forward solve (the integration alone) and of a gradient by all parameters (torch autograd through the
+compiled step) against the number of samples, hysterons, recordings and parameters, with the slopes in log–log. The
+longest recording runs in a process of its own, whose peak memory is measured.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def gradient(system: PortHamiltonianSystem, u: torch.Tensor, h: float, x0: torch
 
 
 def forward_solve(network: Network, samples: int, recordings: int = 1) -> Solve:
-    """The march alone on so many recordings of so many samples."""
+    """The integration alone on so many recordings of so many samples."""
     return Prepared([sine(FREQUENCY, samples)] * recordings, [1] * recordings, Setup(network)).march
 
 

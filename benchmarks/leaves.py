@@ -84,7 +84,7 @@ class Line:
 
 
 RULES = tuple(Line(rule, rule) for rule in ("exact", "radau", "midpoint"))
-QUICK = Line("exact, quick march", "exact", quick=True)
+QUICK = Line("exact, single-junction kernel", "exact", quick=True)
 LINES = (*RULES, QUICK)
 
 

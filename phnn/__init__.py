@@ -8,7 +8,7 @@
     diagnosis.write("out/")
     y = diagnosis.model.simulate(t, voltage)
 
-Names are loaded when they are first used, so that importing the package costs next to nothing.
+Names are loaded when they are first used, so that importing the package costs little.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ class Own(NamedTuple):
 
     Attributes:
         lines: frequencies [Hz] of lines, whose amplitude and phase differ from recording to recording.
-        courses: how many half-cosines over the recording make up a sensor's slow course.
+        courses: how many half-cosines over the recording make up the slow drift of a sensor.
     """
 
     lines: tuple[float, ...] = ()
@@ -55,7 +55,7 @@ class Own(NamedTuple):
 
 
 NOTHING = Own()
-# Half-cosines of a sensor's slow course: of a random walk they leave a fourteenth of the variance.
+# Half-cosines of the slow drift of a sensor: they leave a fourteenth of the variance of a random walk.
 COURSES = 8
 
 

@@ -1,6 +1,6 @@
 """Simulate a setup on a recording.
 
-recorded input → reconstruction → amplifier → network (compiled march) → sensor → output
+recorded input → reconstruction → amplifier → network (compiled kernel) → sensor → output
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ class Trajectory:
         h: (n,) steps [s].
         nodes: (N + lead,) step index of every sample.
         lead: samples before the first recorded one, see `phnn.recordings.driving.Driving`.
-        run_in: steps of them that are a cycle which has settled.
+        run_in: steps of them that belong to a steady cycle.
         cycle: steps of that cycle, in whose steady state the simulation starts; 0 where it starts otherwise.
         rest: (P,) inputs whose equilibrium the simulation starts from; None where it starts otherwise.
         t: (N,) time of the samples [s].
         y: (N,) sensor output without the displacement zero.
         fine: (n, 3) port input within the steps; u: (n, P) mean inputs.
         states: (n+1, N) states at the nodes, in the order of the network.
-        efforts: (n, N) mean efforts of the storages and mean drives of the memories.
+        efforts: (n, N) mean efforts of the storages and mean drives of the modulator states.
     """
 
     setup: Setup
@@ -99,7 +99,7 @@ def simulate(
     """Simulate a setup on the input of a recording.
 
     A recording that starts in a steady cycle is led in by one cycle, the fewest periods that are whole samples. The
-    network starts it in the steady state (`phnn.integrate.cycle`) that an amplifier brings about which has settled in
+    network starts it in the steady state (`phnn.integrate.cycle`) that an amplifier brings about, itself in equilibrium
     further cycles, and so does the sensor. Sources are silent before the first recorded sample, so that rest and cycle
     know the recorded input alone.
 
@@ -216,7 +216,7 @@ def check_names(network: Network, recordings: Sequence[Recording]) -> None:
 def driven(
     setup: Setup, fine: Any, h: Array, before: Any, cycle: int, perturbed: tuple[Block, str] | None = None
 ) -> tuple[Any, Any]:
-    """The voltage at the port (n, 3), settled where there is a cycle, and what it was before; see `amplified`."""
+    """The voltage at the port (n, 3), periodic if there is a cycle, and the one before; see `amplified`."""
     copies = _AMPLIFIED if cycle and setup.amplifier else 0
     longer = np.concatenate([*[settled(fine, cycle)[:cycle]] * copies, fine])
     found, before = amplified(setup, longer, np.concatenate([*[h[:cycle]] * copies, h]), before, perturbed)

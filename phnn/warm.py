@@ -17,7 +17,7 @@ _STEPS, _STEP = 4, 1e-5
 
 
 def warm_up() -> None:
-    """March and differentiate a network that the quick step serves, and one that it does not."""
+    """Integrate and differentiate a network of the single-junction kernel, and one of the general kernel."""
     for network in (hrc(1), hrlc(1).network()):
         _exercise(compile_network(network), network)
 

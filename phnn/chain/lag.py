@@ -18,7 +18,7 @@ _SERIES, _TERMS = 0.5, 16
 
 
 def lag(y: Array, t: Array, tau: Any) -> Array:
-    """``τ ẏ' + y' = y``, exactly for a ``y`` that is a parabola through samples and midpoints; settled at the first."""
+    """``τ ẏ' + y' = y``, exact for parabolas through samples and midpoints; in equilibrium at the first sample."""
     times, columns = t.ravel(), y.reshape(y.shape[0], -1)
     zeroth, first, second = _moments(np.diff(times) / tau)
     # Weights of the parabola's values at 0, 1 and ½.

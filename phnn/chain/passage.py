@@ -21,7 +21,7 @@ def amplified(setup: Setup, fine: Any, h: Array, before: Any, perturbed: tuple[B
 
     Args:
         fine: (n, 3) command at the start, middle and end of the steps ``h`` (n,).
-        before: the constant command before them, under which all blocks have settled.
+        before: the constant command before them, under which all blocks are in equilibrium.
         perturbed: a block and its parameter that takes a complex step; the result is complex then.
     """
     for block in setup.amplifier:

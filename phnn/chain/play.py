@@ -34,7 +34,7 @@ def _play_loop(y: Any, middle: Any, width: Any) -> Any:
         for n in range(middle.shape[0]):
             linear = 4.0 * middle[n, k] - 3.0 * y[n, k] - y[n + 1, k]
             square = 2.0 * (y[n, k] + y[n + 1, k]) - 4.0 * middle[n, k]
-            # The parabola turns round at −linear/(2 square), where that lies inside the interval.
+            # The parabola has its vertex at −linear/(2 square), if that is inside the interval.
             if real(linear) * real(square) < 0.0 and abs(real(linear)) < 2.0 * abs(real(square)):
                 turn = y[n, k] - 0.25 * linear * linear / square
                 state = maximum(minimum(state, turn + width), turn - width)

@@ -13,7 +13,7 @@ from phnn.signals.quantisation import quantisation_step
 
 Array = NDArray[np.float64]
 
-# Harmonics of the drive in which periods may differ because the motion has not settled.
+# Harmonics of the drive in which periods may differ because of the transient.
 _SETTLING = 3
 # By how much of a period a recording may miss a whole number of them; harmonics that give the speed.
 _WHOLE, _HARMONICS = 0.02, 20
@@ -27,7 +27,7 @@ def stated_noise(recording: Recording, excitation: Excitation) -> NoiseStatement
 
 
 def _between_periods(r: Recording, excitation: Excitation) -> Sample | None:
-    """Two periods against each other, without what changes slowly; None where there are not two settled ones."""
+    """Two periods against each other, without what changes slowly; None without two periodic ones."""
     if r.period is None or not np.isfinite(r.noise):
         return None
     first, last = excitation.span

@@ -40,19 +40,19 @@ KINDS = {
     "linear": "mass, spring and damper",
     "neural_ode": "black-box neural ordinary differential equation",
 }
-_LEAST_SQUARES = "least squares with exact forward sensitivities of the compiled power-preserving march"
+_LEAST_SQUARES = "least squares with exact forward sensitivities of the compiled power-preserving step"
 _ADJOINT = "L-BFGS, torchdiffeq's odeint_adjoint with the compiled power-preserving step as its method"
 GRADIENTS = {
     "phs": _LEAST_SQUARES,
     "bouc_wen": _LEAST_SQUARES,
     "linear": _LEAST_SQUARES,
-    "phs_neural": "damped Gauss–Newton with exact forward sensitivities of the compiled power-preserving march",
+    "phs_neural": "damped Gauss–Newton with exact forward sensitivities of the compiled power-preserving step",
     "phs_adjoint": _ADJOINT,
     "phs_neural_adjoint": _ADJOINT,
     "neural_phs": "implicit function theorem through the power-preserving step, one backward sweep",
     "neural_ode": "through the steps of the explicit method (torchdiffeq)",
 }
-_NO_ENERGY = "it has no energy that a supply could be held against"
+_NO_ENERGY = "it has no energy to compare with the supply"
 _HEAD = "the hysteresis is a block before the network and has no energy"
 
 

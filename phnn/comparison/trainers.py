@@ -187,7 +187,7 @@ def _trained(name: str, case: Case, label: str, way: Way, campaign: Campaign, se
     def objective() -> _Counting:
         plant = plant_for(case.model, campaign, seed)
         made = _Counting(plant, compiled, used, way.window, case.substeps)
-        # Windows begin on the way of the untrained model, which the compiled march finds for all trainers.
+        # Windows begin on the trajectory of the untrained model, which the compiled kernel computes for all trainers.
         made.solver = solver_for(way.solver, plant)
         made.solved = 0
         return made

@@ -62,7 +62,7 @@ def simulate(parameters: Mapping[str, float], excitation: Excitation, disturbanc
 
 
 def _path(w: NDArray[np.void], sizes: Array, drive: Excitation, t: Array, force: Array) -> Array:
-    """Displacement, or what a lagging sensor makes of it, at the times ``t``, (len(t),), m."""
+    """Displacement, delayed by a lagging sensor if there is one, at the times ``t``, (len(t),), m."""
     which = drive.piece_of(t)
     seen = int(w[0]["at_sensor"]) or 2
     q = np.empty(t.size)

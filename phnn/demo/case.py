@@ -31,7 +31,7 @@ class Case:
     Attributes:
         seed: everything follows from it and the stratum.
         stratum: one of ``STRATA``.
-        choices: what is concealed, and what instead if no shape of it can be made strong enough.
+        choices: effects to conceal; the next one if no shape of the first can be made strong enough.
         plan: name of the set of recordings.
         base: parameters of the actuator, SI: the ten of Table 1, and those of a third and fourth hysteron or of
             another hysteresis.

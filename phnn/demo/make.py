@@ -125,7 +125,7 @@ def _conditions_as_made(case: Case, background: Background) -> dict[str, Any]:
 
 
 def _settled(case: Case, plan: tuple[Excitation, ...], gauges: _Gauges) -> tuple[Choice, Parts, int]:
-    """What is concealed, with strengths, and how many shapes were drawn in vain."""
+    """Choose the effects with their strengths; also count the rejected shapes."""
     vain = 0
     for number, (weaker, choice) in enumerate(product(_WEAKER, case.choices)):
         parts: Parts = []

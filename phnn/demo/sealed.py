@@ -40,7 +40,7 @@ class Sealed:
         deltas: of each effect alone.
         apart: of each effect, the noncentrality of what the other one's direction cannot take over either.
         colour: coefficient of the first-order noise, 0 for white noise.
-        redrawn: shapes that were drawn in vain before, because no strength reached what was wanted.
+        redrawn: rejected shapes: no strength of theirs reached the level wanted.
         noise_family: of the noise, where one was asked for; empty otherwise, and then the other three are not stated.
         noise_amount: see `phnn.demo.noise.Noise`.
         noise_total: root mean square of all noise over all recordings, rounding included, m.

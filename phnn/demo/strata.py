@@ -1,4 +1,4 @@
-"""The kinds of cases and what each of them can conceal."""
+"""The kinds of cases, and the effects that each can conceal."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def ruler(base: Mapping[str, float], plan: tuple[Excitation, ...]) -> Ruler:
 def rulers(base: Mapping[str, float], plan: tuple[Excitation, ...], noise: Noise) -> tuple[Ruler, Ruler]:
     """Rulers of displacement in m, and of displacement whitened by the noise, from one set of forward differences.
 
-    The mass is left alone: the others span what all of them can change, for a common factor of all impedances moves
+    The mass is left alone: the others span all changes, for a common factor of all impedances moves
     nothing, and forward differences would turn that nothing into a direction of their own.
     """
     undisturbed = simulate_all(base, plan)

@@ -1,10 +1,10 @@
-"""Compose the best model first, then ask which of its elements are proven.
+"""Compose the model that predicts left-out recordings best, before any of its elements is named.
 
-A model is grown element by element on some of the identification recordings, and the others of them choose
-(`phnn.identification.left_out`): of the refits that fit best, the one that predicts those best is added, as long as
-their error falls by more than chance and by more than a further element is worth. Candidates are effects of the
-catalogue and learned elements. Then every element has to show that it is still needed. What stands is refitted to all
-identification recordings. No name is claimed here, and no held-out recording is looked at.
+The model is fitted to some of the identification recordings, and the others choose its elements
+(`phnn.identification.left_out`). Candidates are effects of the catalogue and learned elements. Of the refits that fit
+best, the one that predicts the left-out recordings best is added. Their error must fall by more than chance and by more
+than the criteria demand of a further element. Then every element is tested again, and the model is refitted to all
+identification recordings. No name is claimed here, and no held-out recording is used.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def compose(
     whole = fit_with(material.base, here.findings, here.fit.setup.values())
     if record.decide(WHOLE, WholeCase(None if whole is None else whole.cost, final.cost)) is not None or whole is None:
         return kept, final
-    # What the search has fitted without an element has elements that are none of this model's.
+    # A fit of the search without an element may have elements that this model lacks.
     return tuple(replace(f, others_alone=None) for f in here.findings), whole
 
 
@@ -217,9 +217,9 @@ def _chosen(
 ) -> tuple[Trial, Fit, Gain] | None:
     """The refit with which the left-out recordings are predicted best, as far as they ask for it.
 
-    Of those that predict as well, effects of the catalogue come before learned elements, which bend to the noise more
-    easily, and few parameters before many. Where one is not asked for, the next may be. What recordings add in a
-    measure of their own is fitted to the very samples that choose, so that it comes last.
+    Among refits that predict equally well, effects of the catalogue come before learned elements, which fit noise
+    more easily, and few parameters before many. If one does not improve predictions, the next may. Nuisances of a
+    recording are fitted to the very samples that choose, so effects with nuisances come last.
     """
     shown = [(t, t.fit, held.scores(t.fit)) for t in able if t.fit is not None]
     for trial, fitted, scores in _ordered(material, held, here, shown):

@@ -4,7 +4,7 @@ An element is what the model has and the model without it, refitted, has not. It
 held-out recordings falls, by more than chance would make it fall and by more than is worth telling. Each element needs
 its own gain: of a chain of elements none is carried by the others. As each passes on its own, no element is named
 wrongly more often than the level says, and no correction for their number is due. An element that makes the held-out
-error larger is taken out, and the others are asked again; what the first look has not proven is then proven only below
+error larger is taken out, and the others are asked again; an element not proven at first is then proven only below
 the level over the number of all questions.
 
 | on held-out recordings | the element is |
@@ -132,7 +132,7 @@ def confirmed(
 
 
 def _no_surer(tested: Tested, level: float) -> Tested:
-    """What the first look has not proven is proven by a later one only below a level that all looks share."""
+    """Return the level of a later test: elements not proven at first share one level over all tests."""
     held = tested.held_out
     if tested.outcome is Outcome.PROVEN and held is not None and held.falls is not None and held.falls < level:
         return tested

@@ -53,7 +53,7 @@ _let_go = entry(_let_go_loop)
 
 
 def low_pass(x: Array, h: Array, tau: float, before: float) -> Array:
-    """First-order low-pass with time constant ``tau`` and steps ``h``, settled at ``before`` when it begins."""
+    """First-order low-pass with time constant ``tau`` and steps ``h``, in equilibrium at ``before`` when it begins."""
     return np.asarray(_low_pass(x, h, tau, before))
 
 

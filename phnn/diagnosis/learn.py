@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 def learned_setup(setup: Setup, kind: Kind, scales: Scales) -> Setup | None:
-    """The setup with the learned element of a kind at small strengths; None where there is none of that kind."""
+    """The setup with the learned element of a kind at small strengths; None if there is no element of that kind."""
     generic = learned_elements().get(kind.learned)
     element = None if generic is None else attached(generic, setup)[0]
     if element is None or not element.can_be_added_to(setup):

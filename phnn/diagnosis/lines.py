@@ -1,6 +1,6 @@
-"""The score of lines and slow courses: a subspace instead of a direction, for no other recording tells their measure.
+"""Score of lines and slow drifts: a subspace in place of a direction, because no other recording tells their size.
 
-With an orthonormal basis ``Q`` of the own parts of all recordings, base and nuisances projected out, ``‖Qᵀr‖²`` over
+With an orthonormal basis ``Q`` of the nuisances of all recordings, base and nuisances projected out, ``‖Qᵀr‖²`` over
 the mean noise power along ``Q`` is χ² with as many degrees of freedom as columns, where nothing is missing. The
 standard normal deviate of the same tail probability makes it comparable to the score of a direction.
 """
@@ -38,7 +38,7 @@ _LINE = float(np.log(0.01))
 
 @dataclass(frozen=True)
 class LineCandidate:
-    """An effect that shows as parts of every recording's own, lines or a slow course.
+    """An effect that appears as nuisances of every recording: lines or a slow drift.
 
     Attributes:
         effect: which; values: of its parameters.
@@ -53,7 +53,7 @@ class LineCandidate:
 
 
 def line_candidates(ground: Ground, effects: Sequence[Effect], colour: Colour) -> list[LineCandidate]:
-    """Those of the effects that show as own parts of the recordings, with their scores."""
+    """Score the effects that appear as nuisances of the recordings."""
     found = []
     for effect in effects:
         points = effect.grid(ground.scales)
@@ -82,7 +82,7 @@ def _searched(ground: Ground, effect: Effect, name: str, points: Sequence[dict[s
 
 
 def own_score(ground: Ground, own: Own, colour: Colour) -> tuple[float, float]:
-    """Normal deviates of the residual's power along the recordings' own parts, out of the noise as stated and as the
+    """Normal deviates of the residual's power along the recordings' nuisances, out of the noise as stated and as the
     residual has it; zero where no recording can show them."""
     setup, recordings = ground.fit.setup, ground.plan.recordings
     columns = [
@@ -92,7 +92,7 @@ def own_score(ground: Ground, own: Own, colour: Colour) -> tuple[float, float]:
     parts = [np.linalg.svd(c, full_matrices=False)[:2] for c in columns]
     largest = max(size.max(initial=0.0) for _, size in parts)
     alone = block_diag(*(basis[:, size > _RANK * largest] for basis, size in parts))
-    # Recording by recording the basis is orthonormal: what the base explains of it decides about all of it together.
+    # The basis is orthonormal for each recording; the base is projected out of all recordings together.
     explained = ground.basis.T @ alone
     left_over, vectors = np.linalg.eigh(np.eye(alone.shape[1]) - explained.T @ explained)
     free = left_over > _FREE
@@ -101,7 +101,7 @@ def own_score(ground: Ground, own: Own, colour: Colour) -> tuple[float, float]:
     q = ground.project(alone) @ (vectors[:, free] / np.sqrt(left_over[free]))
     stated, left = np.array([np.mean(colour.stated(q)), np.mean(np.diag(colour.left(q)))])
     saved = float(np.sum((q.T @ ground.residual) ** 2) / stated)
-    # A line raises the spectrum that it is held against, a slow course does not: it is slower than what is compared.
+    # A line raises the spectrum that it is compared with; a slow drift does not, it is slower than that spectrum.
     excess = max(left / stated, 1.0) if own.courses else float(doubt(left, stated, ground.noise)) ** 2
     return _deviate(saved, q.shape[1], 1.0), _deviate(saved / excess, q.shape[1], 1.0)
 
@@ -123,9 +123,9 @@ def line_share(ground: Ground) -> float:
 
 
 def course_share(ground: Ground) -> float:
-    """Sum of squares that a slow course of its own takes away from every recording, in units of the noise.
+    """Sum of squares that a slow drift of each recording removes, in units of the noise.
 
-    The course is fitted to every other stretch of a recording and predicts the stretches between.
+    The drift is fitted to every other stretch of a recording and predicts the stretches between.
     """
     saved = 0.0
     for recording, rows in zip(ground.plan.recordings, ground.slices, strict=True):

@@ -171,7 +171,7 @@ def locate(ground: Ground, given: Responses | None = None, rule: Locating = LOCA
     folds = _products(ground, found)
     details = {f"{g.location}/{g.detail}": _generalise(folds, found.owner == i) for i, g in enumerate(GROUPS)}
     # Lines have a phase of their own in every recording: only their frequency can be known from others. Nothing can of
-    # a slow course: what others tell comes first where it explains much of the same.
+    # a slow drift: functions that other recordings test come first where they explain much of the same.
     ranks = dict(details)
     untested = rule.drift_weight
     for detail, saved, worth in (("environment/lines", line_share, 1.0), ("sensor/drift", course_share, untested)):

@@ -50,7 +50,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Naming:
-    """All candidates, best first; the overall supremum with its p-value; what the numerical error could fake.
+    """All candidates, best first; the overall supremum with its p-value; the largest score by numerical error.
 
     Attributes:
         generic: largest score of a generic local function (also under the null of the supremum).

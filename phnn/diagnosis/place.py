@@ -38,7 +38,7 @@ def elsewhere(
 
 
 def _explained(location: Location, effect: Effect) -> float:
-    """What functions of an effect's own kinds explain; all of its place, where there are none of its kinds."""
+    """Share explained by functions of the effect's own kinds; without such functions, by all of its location."""
     return max(of_its_kinds(location, effect), default=location.ranks[effect.location])
 
 
@@ -58,7 +58,7 @@ def may_lie(effect: Effect, location: Location, rule: Locating = LOCATING) -> bo
 
 
 def in_place(trials: list[Trial], location: Location, rule: Selection = SELECTION) -> list[Trial]:
-    """The trials with the one first that, of those which fit as well as the best, lies where most is explained.
+    """Sort the trials: among the ones that tie with the best, the one whose location explains most comes first.
 
     Of several there it is the simplest.
     """

@@ -87,8 +87,8 @@ def _again(
 def _from_large_starts(
     base: Fit, trials: list[Trial], hidden: list[Trial], executor: Executor, criteria: Criteria
 ) -> list[Trial]:
-    """A few steps on few recordings from starts at finite strengths of all whose score has led nowhere; the best of
-    them go on, on all recordings."""
+    """Refit effects that explain little so far: a few steps on few recordings from finite strengths; the best ones
+    continue on all recordings."""
     tried = {t.candidate.effect for t in trials}
     failed = [t for t in trials if not _leaves_less(criteria.race.failed_left, t, base)]
     todo = [*failed, *(h for h in hidden if h.candidate.effect not in tried)]
@@ -115,7 +115,7 @@ def _best_of_each(trials: Sequence[Trial]) -> list[Trial]:
 
 
 def _on_few_recordings(base: Fit) -> Fit:
-    """The base fit seen by a first look, its parameters as they are."""
+    """The base fit on the first few recordings, its parameters as they are."""
     few = first_look(base.plan)
     return base if few is base.plan else fit(base.setup, few, base.variables.names, base.held, 1, origin=base)
 
@@ -146,7 +146,7 @@ def _with_special(
 
 
 def _as_scored(base: Fit, candidates: Sequence[Candidate], executor: Executor, criteria: Criteria) -> list[Trial]:
-    """The first round, and the other starts of those that save most there."""
+    """Refit all candidates shortly, then the best ones from their other starts."""
     race, trials = criteria.race, _first_round(base, candidates, executor, criteria)
     least = base.cost - race.least_saving * (base.cost - trials[0].cost)
     # What ends above the base model, which it contains, had a bad start: nothing is known of it yet.

@@ -1,7 +1,7 @@
 """What a residual looks like before anything is named: growth, harmonics, phase, repetition, drift.
 
 Every figure comes with the probability that noise alone would give it, noise as the residual shows it
-(`phnn.diagnosis.residual_noise`); residuals are in units of the noise. Periods in which the motion has not settled are
+(`phnn.diagnosis.residual_noise`); residuals are in units of the noise. Periods with a transient are
 left out: what is still on its way neither repeats nor stays level, whatever the model misses.
 """
 
@@ -23,11 +23,11 @@ Array = NDArray[np.float64]
 
 _HARMONICS = 9
 _BLOCKS = 12
-# Periods that are left out at the start, where the motion has not settled, if enough others remain; by how much of a
+# Periods that are left out at the start, during the transient, if enough others remain; by how much of a
 # period a recording may miss a whole number of them.
 _SETTLING, _LEAST_PERIODS, _WHOLE = 1, 2, 0.02
 # Share of a transient that a base model may miss: while the model changes from period to period by so much that this
-# share exceeds the noise, the motion has not settled.
+# share exceeds the noise, the motion is not yet periodic.
 _MISSED = 0.1
 # By how much a noise floor may be wrong: a recording estimates it from a few hundred to a few thousand samples.
 _FLOOR_DOUBT = 0.02
@@ -252,11 +252,11 @@ def phase(recordings: Sequence[Seen]) -> tuple[Trend | None, float]:
 
 
 def repetition(recordings: Sequence[Seen]) -> tuple[Trend | None, float]:
-    """Period-to-period differences of the residual over what noise gives, over sines of two settled periods and more.
+    """Period-to-period differences of the residual over what noise gives, over sines of two or more periodic periods.
 
     The doubt about the noise floor counts as few degrees of freedom: however many samples there are, differences that
-    exceed the noise by no more than that are none. Second: the share of the residual's excess over the noise that does
-    not repeat.
+    exceed the noise by no more than that do not count. Second: the share of the residual's excess over the noise that
+    does not repeat.
     """
     squares, expected, excess, samples, spread = 0.0, 0.0, 0.0, 0, 0.0
     for s in (s for s in recordings if s.frequency > 0.0):
@@ -289,9 +289,9 @@ def repetition(recordings: Sequence[Seen]) -> tuple[Trend | None, float]:
 
 
 def drift(recordings: Sequence[Seen]) -> Trend | None:
-    """Mean rate of the residual beside the harmonics [m/s], weighted by what each recording knows of it.
+    """Mean rate of the residual beside the harmonics [m/s], weighted by the information of each recording.
 
-    Only what is driven by settled sines or rests can tell it: elsewhere a slope may be part of the answer to the drive.
+    Only periodic sines and rests show it: in other recordings a slope may be part of the response to the drive.
     """
     rates, stds = [], []
     for s in recordings:

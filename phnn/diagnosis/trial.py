@@ -30,22 +30,22 @@ class Trial:
 
     @property
     def fair_cost(self) -> float:
-        """The same, with what noise alone would take along the recordings' own parts."""
+        """The same, plus the reduction by noise alone along the recordings' nuisances."""
         return fair_cost(self.fit) if self.fit is not None else float("inf")
 
 
 def own_count(fit: Fit) -> int:
-    """How many coefficients the recordings' own parts have in all."""
+    """Number of coefficients of the nuisances of all recordings."""
     return sum(own_size(r, fit.setup.own) for r in fit.plan.recordings)
 
 
 def fair_cost(fit: Fit) -> float:
-    """Weighted sum of squares, and a residual variance for every coefficient of the recordings' own parts."""
+    """Weighted sum of squares, and a residual variance for every coefficient of the recordings' nuisances."""
     return fit.cost + own_count(fit) * max(1.0, fit.chi2)
 
 
 def criterion(trial: Trial) -> float:
-    """Sum of squares with a penalty of ``ln N`` for every parameter and every recording's own part (Schwarz 1978)."""
+    """Sum of squares with a penalty of ``ln N`` for each parameter and each nuisance of a recording (Schwarz 1978)."""
     if trial.fit is None:
         return float("inf")
     free = [n for n in trial.candidate.effect.parameters if not trial.fit.setup.parameters[n].fixed]
@@ -80,7 +80,7 @@ def class_of(trials: Sequence[Trial], unexplained: bool = False, rule: Selection
 
 def simplest_first(tied: Sequence[Trial]) -> list[Trial]:
     """Trials that explain as much, ordered by the sum of squares with a penalty for every parameter, initial state
-    and own part of a recording.
+    and nuisance of a recording.
 
     The penalty is Schwarz's (1978), with as many samples as the residual is worth: where much is left it is no white
     noise, and a tone, or a mode that rings on from an initial state of its own, takes more of it than parameters would

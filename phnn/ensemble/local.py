@@ -59,7 +59,7 @@ SERIAL = Serial()
 
 @dataclass(frozen=True)
 class Threads(Executor):
-    """Threads of this process; worth it where compiled code releases the interpreter lock, as the march does."""
+    """Threads of this process; worth it where compiled code releases the interpreter lock, as the integration does."""
 
     workers: int
 

@@ -34,7 +34,7 @@ _MICRO = 1e-6
 
 @dataclass(frozen=True)
 class Response:
-    """A recording with what the models make of it: outputs (N,), m, by model."""
+    """A recording and the outputs (N,) of the models, m, by model."""
 
     recording: Recording
     title: str

@@ -29,7 +29,7 @@ def beyond_limit(recording: Recording, y: Array, mask: NDArray[Any], own: Own = 
     """(N,) which masked samples sit at a limit while the model lies beyond it; None where none sits at a limit.
 
     Args:
-        y: (N,) the model's output without zero and own parts.
+        y: (N,) the model's output without zero and nuisances.
         mask: (N,) the samples that are scored.
     """
     if not recording.sensor.is_limited:

@@ -30,7 +30,7 @@ def identify_network(setup: Setup, plan: Plan, known: Mapping[str, Anchor], star
         seed: of these factors.
 
     Raises:
-        InputRefused: a known parameter is none of the network's.
+        InputRefused: a known parameter does not belong to the network.
         PhnnError: no starting point can be simulated.
     """
     check_known(known, setup.parameters)

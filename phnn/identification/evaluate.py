@@ -42,7 +42,7 @@ class PartScore:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Model output, zero and own parts included, by recording, and the scores of its parts."""
+    """Model output by recording, zero and nuisances included, and the scores of its parts."""
 
     outputs: Mapping[str, Array]
     parts: tuple[PartScore, ...]
@@ -66,7 +66,7 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
 
     The zero of a recording comes from its identification part where it has one, else from its nuisance part, unless it
     is a parameter that all recordings share. The initial state of a recording whose start is unknown and that took no
-    part in the fit comes from the same part. The own parts of the setup are fitted to the whole recording, scored or
+    part in the fit comes from the same part. The nuisances of the setup are fitted to the whole recording, scored or
     not: nothing predicts them, so what is left beside them is what a model can be held to. The same holds for the
     instants at which the input jumps, unless the fit has estimated them.
 
@@ -138,7 +138,7 @@ def score_part(recording: Recording, y: Array, first: int, last: int, name: str,
     measured, model = recording.y[first:last], y[first:last]
     error = measured - model
     rmse = float(np.sqrt(np.mean(error**2)))
-    # The mean of a constant is rounded: what is left of it beside the mean is no motion.
+    # The mean of a constant is rounded: the rest beside the mean is no motion.
     span = float(np.linalg.norm(measured - measured.mean())) if np.ptp(measured) > 0.0 else 0.0
     fit_percent = 100.0 * (1.0 - float(np.linalg.norm(error)) / span) if span > 0.0 else float("nan")
     return PartScore(name, use, fit_percent, rmse, rmse / recording.noise)

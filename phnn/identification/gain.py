@@ -16,7 +16,7 @@ blocks, for it is a single observation, however many samples it has. The second 
 and negative correlations cancel.
 
 The mean of each part is taken away before the test: the displacement zero comes from a few samples, and its error
-would be common to all blocks of a recording. Lines and slow courses are fitted to the samples that are scored, so that
+would be common to all blocks of a recording. Lines and slow drifts are fitted to the samples that are scored, so that
 K of them take ``K/N`` of the power of pure noise; the residual beside them is scaled by ``√(N/(N − K))``.
 """
 

@@ -1,4 +1,4 @@
-"""Recordings for a first look: few that lie far apart, where many would say the same."""
+"""A few recordings far apart, in place of many similar ones, for a first evaluation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What belongs to a recording and to no model: its zero, the lines of the mains in it, its sensor's slow course."""
+"""Nuisances of a recording: its zero, lines of the mains, slow drift of its sensor."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _held(recording: Recording, frequencies: Sequence[float]) -> list[float]:
 
 def course_columns(recording: Recording, count: int) -> Array:
     """(N, C) half-cosines ``cos(πmt/T)`` over a recording, ``m = 1, …``: at most a number, and all slower than what
-    drives it, if anything does, for a course as fast as that is not told from an answer."""
+    drives it, if anything does: so fast a drift cannot be told from a response."""
     duration, orders = recording.t.size * recording.dt, np.arange(1, _slow(recording, count) + 1)
     return np.asarray(np.cos(np.pi / duration * np.outer(recording.t - recording.t[0], orders)))
 
@@ -67,7 +67,7 @@ def own_size(recording: Recording, own: Own) -> int:
 def without_nuisances(
     values: Array, mask: NDArray[Any], recording: Recording, own: Own = NOTHING, hidden: NDArray[np.bool_] | None = None
 ) -> Array:
-    """The masked rows of (N, …) without their mean and own parts: what the recording's nuisances cannot explain.
+    """The masked rows of (N, …) without their mean and nuisances.
 
     The mean stays where the zero of the output is a parameter that recordings share.
 
@@ -90,7 +90,7 @@ def without_nuisances(
 
 @lru_cache(maxsize=32)
 def _own_basis(recording: Recording, own: Own, mask: bytes) -> Array:
-    """Orthonormal basis of own parts on the masked rows, without their means; kept, because every model asks for it."""
+    """Orthonormal basis of the nuisances on the masked rows, without their means; cached for all models."""
     columns = own_columns(recording, own)[np.frombuffer(mask, dtype=bool)]
     if not columns.size:
         return np.zeros((columns.shape[0], 0))
@@ -99,7 +99,7 @@ def _own_basis(recording: Recording, own: Own, mask: bytes) -> Array:
 
 
 def constant_and_own(error: Array, rows: NDArray[np.bool_], recording: Recording, own: Own) -> Array:
-    """(N,) zero and own parts of a recording, fitted to some rows of an error (N,); zero where there are no rows."""
+    """(N,) zero and nuisances of a recording, fitted to some rows of an error (N,); zero where there are no rows."""
     zero = float(recording.offset == "own")
     if not rows.any():
         return np.zeros(error.size)
@@ -110,7 +110,7 @@ def constant_and_own(error: Array, rows: NDArray[np.bool_], recording: Recording
 
 
 def own_parts(error: Array, rows: slice, recording: Recording, own: Own) -> Array:
-    """(M,) the own parts in some rows of an error (N,), fitted to these very rows beside a constant."""
+    """(M,) the nuisances in some rows of an error (N,), fitted to these very rows beside a constant."""
     columns = np.column_stack([np.ones(recording.t.size), own_columns(recording, own)])[rows]
     found = np.linalg.lstsq(columns, error[rows], rcond=_RANK)[0]
     return np.asarray(columns[:, 1:] @ found[1:])

@@ -18,7 +18,7 @@ class Plan:
     Attributes:
         recordings: those that take part.
         substeps: by recording name.
-        workers: threads; the compiled march releases the interpreter lock.
+        workers: threads; the compiled integration releases the interpreter lock.
         anchors: standard deviations [SI] of parameters known from elsewhere, by name; what is estimated beside a held
             anchor inherits its uncertainty.
     """
@@ -50,7 +50,7 @@ class Plan:
         return [waiting[i].result() for i in range(len(tasks))]
 
     def coarse(self) -> Plan:
-        """The same recordings with a quarter of the sub-steps, for first looks."""
+        """The same recordings with a quarter of the sub-steps, for first evaluations."""
         return replace(self, substeps={r.name: max(1, self.steps_of(r) // 4) for r in self.recordings})
 
 

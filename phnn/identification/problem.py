@@ -1,8 +1,8 @@
 """The weighted residual of a setup on a campaign, and its derivatives.
 
-    r = (y − ŷ(θ) − zero − own parts) / σ     over the samples of one use, recording by recording
+    r = (y − ŷ(θ) − zero − nuisances) / σ     over the samples of one use, recording by recording
 
-The displacement zero and the own parts of the setup (lines, slow courses) enter linearly; they are projected out of
+The displacement zero and the nuisances of the setup (lines, slow drift) enter linearly; they are projected out of
 residual and derivatives (variable projection), so that no optimiser sees them. Initial states of recordings with an
 unknown start are variables beside ``θ``, and so are the instants at which an input jumps between two samples. An
 initial state has a prior, see `phnn.identification.begun`: what the samples do not show of it stays near to what the
@@ -77,7 +77,7 @@ class Problem:
     def size(self, z: Array) -> Array:
         """(K+1,) the residual turned into the last of a few coordinates, where `slopes` are its derivatives.
 
-        An optimiser that asks for no more than products of the two learns what a step leads to from a march alone.
+        If an optimiser needs only products of the two, a step is evaluated without sensitivities.
         """
         turned = np.zeros(z.size + 1)
         length = self._length(z) if self.variables.can_begin(z) else np.inf
@@ -135,7 +135,7 @@ class Problem:
 
 
 def weighted_residual(trajectory: Trajectory, mask: Array) -> Array:
-    """``(y − ŷ)/σ`` on the masked samples without what zero and own parts explain."""
+    """``(y − ŷ)/σ`` on the masked samples without what zero and nuisances explain."""
     recording = trajectory.recording
     error, own = recording.y - trajectory.y, trajectory.setup.own
     hidden = beyond_limit(recording, trajectory.y, mask, own)

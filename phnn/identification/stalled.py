@@ -1,7 +1,7 @@
 """Fits that rest where their own linearisation says they should not.
 
 A state that switches a law at a sample more or less makes the sum of squares rough on a small scale: descent stops in
-front of the first ripple, though the derivatives promise much further on.
+front of the first local minimum of a non-smooth cost, though the derivatives predict a large decrease beyond.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from phnn.identification.fit import Fit, fit
 
 Array = NDArray[np.float64]
 
-# What is promised must be worth this share of the excess over the noise, and as many residual variances.
+# Least predicted decrease of the cost: a share of the excess over the noise, and residual variances.
 _SHARE, _LEAST = 0.1, 12.0
-# Lengths of the step beyond the ripples, how often it is made, and the largest change of a coordinate.
+# Lengths of the large step, how often it is made, and the largest change of a coordinate.
 _LENGTHS, _TIMES, _FARTHEST = (2.0, 1.0, 0.5), 5, 2.0
 _FEW = 8
 # Room that is left between the bounds of a step where there is none.
@@ -27,10 +27,10 @@ _NONE = 1e-12
 
 
 def resumed(fitted: Fit) -> Fit:
-    """The fit, or a better one from beyond the ripples that it has stalled at.
+    """The fit, or a better one from a larger step where the cost is not smooth on a small scale.
 
-    The promise of a step ``s`` that keeps to the bounds is ``|r|² − |r + J s|²``; at an optimum it is zero, or held
-    back by bounds.
+    The predicted decrease by a step ``s`` inside the bounds is ``|r|² − |r + J s|²``; at an optimum it is zero, or
+    limited by the bounds.
     """
     for _ in range(_TIMES):
         step, promise = _step(fitted)
@@ -46,7 +46,7 @@ def resumed(fitted: Fit) -> Fit:
 
 
 def _step(fitted: Fit) -> tuple[Array, float]:
-    """The step that promises most inside the bounds, and the saving that it promises."""
+    """Return the step inside the bounds with the largest predicted decrease, and this decrease."""
     if not fitted.z.size:
         return fitted.z, 0.0
     q, triangle = np.linalg.qr(fitted.jacobian)

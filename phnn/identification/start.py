@@ -52,7 +52,7 @@ def _cost(fitted: Fit) -> float:
 def _head_of(setup: Setup, recording: Recording, substeps: int) -> tuple[Setup, Plan]:
     """A recording as far as its head is concerned, and the setup for it.
 
-    A slow course is left aside, for over so short a part it looks like a motion that dies away.
+    A slow drift is ignored: over so short a part it looks like a decaying motion.
     """
     setup = replace(setup, own=setup.own._replace(courses=0))
     last = int(np.flatnonzero(recording.mask("nuisance"))[-1]) + 1 + _BEYOND

@@ -1,4 +1,4 @@
-"""Scalar constitutive laws of storages, resistors, ports and memories."""
+"""Scalar constitutive laws of storages, resistors, ports and modulator states."""
 
 from phnn.laws import factor, memory, port, resistor, resistor_damper, storage
 from phnn.laws.law import (

@@ -17,7 +17,7 @@ def check_weights(module: nn.Module, owner: str = "", largest: float = math.inf)
     """Refuse parameters of a module that are not finite or not at most ``largest`` in size.
 
     A NaN would otherwise pass for silence in laws that cut off (``max(NaN, 0)``), and reach results without a name.
-    A parameter is looked at again only when it has changed, so that evaluations cost next to nothing.
+    A parameter is looked at again only when it has changed, so that evaluations stay cheap.
 
     Args:
         module: any module; its buffers are not looked at.

@@ -115,7 +115,7 @@ class FactorLaw:
 
 @dataclass(frozen=True)
 class Heat:
-    """What a memory law that holds heat knows of it.
+    """Heat and entropy of a modulator state.
 
     Attributes:
         energy: thermal energy ``U(z, *θ)`` [J].

@@ -1,10 +1,10 @@
-"""A leaf: a capacitor with a piecewise linear resistor and a leak, advanced exactly under a constant current.
+"""A reducible storage: capacitor, piecewise linear resistor and leak, advanced exactly under a constant current.
 
     ẋ = i − φ(x/C),   φ(e) = g e + ρ (max(e − hi, 0) + min(e − lo, 0))
 
 Under constant ``i`` the scalar autonomous equation is monotone in time, so it visits the regions below,
 inside and above the dead zone in order, each with a closed form. The rule has no step-size limit, damps
-stiff leaves without ringing, and returns the *average* effort ``ē = (1/h)∫e dt``, so that the exchanged power
+stiff storages without ringing, and returns the *average* effort ``ē = (1/h)∫e dt``, so that the exchanged power
 ``i ē`` is exact: ``H(x⁺) − H(x) = h i ē − (loss ≥ 0)``.
 """
 
@@ -74,7 +74,7 @@ def _across(
 ) -> Any:  # fmt: skip
     """The step region by region, for those that meet a threshold."""
     capacitance, slope = reciprocal(stiffness), rho + leak
-    # Mirror a falling leaf: what follows moves upwards through (below, inside, above).
+    # Mirror a falling state: what follows moves upwards through (below, inside, above).
     falling = real(drive) < 0.0
     e = where(falling, -e0, e0)
     i = where(falling, -current, current)
@@ -122,10 +122,10 @@ def sliding(
 
 @shared
 def slides_on(effort: Any, end: Any, above: Any, threshold: Any, current: Any, leak: Any) -> Any:
-    """Whether a leaf that starts beyond a threshold stays there for a whole step.
+    """Whether a state that starts beyond a threshold stays there for a whole step.
 
     Under an outward current it relaxes towards an effort beyond the threshold. Under an inward one its end tells,
-    unless rounding decides on which side that lies: a steep leaf falls to the threshold at once, and moves on inside.
+    unless rounding decides on which side that lies: a steep one falls to the threshold at once, and moves on inside.
     """
     outward = real(current) - real(leak) * real(threshold)
     margin = _ROUNDING * real(effort)
@@ -141,7 +141,7 @@ def rc_flow(
     x: Any, current: Any, h: Any, stiffness: Any, rho: Any, low: Any, high: Any, leak: Any, one: Any, two: Any,
     leak_one: Any, leak_two: Any,
 ) -> Any:  # fmt: skip
-    """Advance one leaf by ``h`` under a constant current.
+    """Advance one storage by ``h`` under a constant current.
 
     Args:
         x: charge [C] (or the energy variable of any linear storage).
@@ -176,5 +176,5 @@ def rc_flow(
 
 
 def loss(x: Any, x_next: Any, current: Any, mean_effort: Any, h: Any, capacitance: Any) -> Any:
-    """Energy dissipated in the leaf's resistor during the step, ``h i ē − ΔH ≥ 0``."""
+    """Energy dissipated in the storage's resistor during the step, ``h i ē − ΔH ≥ 0``."""
     return h * current * mean_effort - 0.5 * (x_next - x) * (x_next + x) / capacitance

@@ -1,4 +1,4 @@
-"""Memory laws: how slow states follow what drives them, and which of them hold heat."""
+"""Laws of modulator states: how slow states follow their drives, and which of them hold heat."""
 
 from __future__ import annotations
 

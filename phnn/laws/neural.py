@@ -1,7 +1,7 @@
 """Learned one-ports that are passive whatever their weights: damping, monotone resistors, convex energies.
 
-Every module holds dimensionless weights, which stay near one for SI magnitudes of any size, and evaluates a wide law
-(`phnn.laws.wide`) with the physical ones, ``weights()``; the compiled kernel evaluates the same law with the same
+Every module holds dimensionless weights, which stay near one for any SI magnitudes, and evaluates an additive-unit
+law (`phnn.laws.wide`) with the physical ones, ``weights()``; the compiled kernel evaluates the same law with the same
 vector. One hidden layer is enough for a scalar argument: every monotone function on an interval is a limit of positive
 sums of steps, every convex one of positive sums of hinges.
 
@@ -80,7 +80,7 @@ class DampingMLP(nn.Module):
         seed: of the initial weights.
 
     Attributes:
-        law: name of the wide law, ``damping`` or ``symmetric_damping``.
+        law: name of the additive-unit law, ``damping`` or ``symmetric_damping``.
         monotone: false.
 
     Raises:
@@ -136,7 +136,7 @@ class MonotoneMLP(nn.Module):
         width: number of steps, and of hinges of each direction.
 
     Attributes:
-        law: name of the wide law.
+        law: name of the additive-unit law.
         monotone: true.
 
     Raises:
@@ -191,7 +191,7 @@ class EnergyMLP(nn.Module):
         width: number of units.
 
     Attributes:
-        law: name of the wide law.
+        law: name of the additive-unit law.
         convex: true.
 
     Raises:

@@ -84,14 +84,14 @@ WIDE_STORAGES: dict[str, WideStorage] = {}
 
 
 def register_wide(law: WideResistor | WideStorage) -> None:
-    """Make a wide law available under its name.
+    """Make an additive-unit law available under its name.
 
     Raises:
         StructureViolated: the name is taken.
     """
     table: dict[str, Any] = WIDE_RESISTORS if isinstance(law, WideResistor) else WIDE_STORAGES
     if law.name in table:
-        raise StructureViolated(f"a wide law called {law.name!r} exists already: choose another name")
+        raise StructureViolated(f"an additive-unit law called {law.name!r} exists already: choose another name")
     table[law.name] = law
 
 

@@ -2,8 +2,8 @@
 
     (JᵀJ + λ diag JᵀJ) δ = −Jᵀ r,     r = (y − ŷ − zero)/σ
 
-The compiled march has exact sensitivities by every parameter and every weight of a learned law, so that a Jacobian of
-a hundred columns costs a few gradients, and some tens of steps do what a first-order method needs thousands for.
+The compiled integration has exact sensitivities by every parameter and every weight of a learned law. A Jacobian of a
+hundred columns costs a few gradients, and some tens of steps replace thousands of a first-order method.
 
 References: Levenberg 1944, Marquardt 1963.
 """
@@ -38,7 +38,7 @@ class GaussNewton:
     """One damped step an epoch; what is kept between them is the damping alone.
 
     Raises:
-        InputRefused: the plant is no network, its solver not the compiled march, or recordings are cut into windows.
+        InputRefused: the plant is no network, its solver not the compiled one, or recordings are cut into windows.
     """
 
     def __init__(self, objective: Objective) -> None:

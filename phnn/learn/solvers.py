@@ -1,4 +1,4 @@
-"""How windows are solved: by the compiled power-preserving march, by that of latent models, or by torchdiffeq.
+"""How windows are solved: by the compiled power-preserving step, by that of latent models, or by torchdiffeq.
 
 Every solver takes a plant, windows and their (B, n) initial states and returns the (S_b, n) states at the samples of
 each window, differentiable by the plant's parameters and the initial states.
@@ -32,7 +32,7 @@ def solver_for(settings: Mapping[str, Any], plant: Plant) -> Solver:
     """The solver of a training run.
 
     Args:
-        settings: ``name`` is ``discrete_gradient``: the compiled march for networks, a batched one for a fully neural
+        settings: ``name`` is ``discrete_gradient``: the compiled kernel for networks, a batched one for a fully neural
             model; or ``torchdiffeq``, with ``method``, ``adjoint``, ``rtol`` and ``atol`` (in typical states).
 
     Raises:
@@ -59,7 +59,7 @@ def solver_for(settings: Mapping[str, Any], plant: Plant) -> Solver:
 
 
 def compiled(plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
-    """Each window by the compiled march of its network."""
+    """Integrate each window by the compiled kernel of its network."""
     assert isinstance(plant, NetworkPlant)
     return [
         simulate_torch(plant.system, plant.inputs(w.mean), w.h, start)[w.nodes]
@@ -72,7 +72,7 @@ def averaged(plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor
     assert isinstance(plant.core, FullyNeural)
     u = pad_sequence([w.mean for w in windows])
     h = pad_sequence([w.h for w in windows])
-    # Steps behind the end of a short window lead nowhere: of no length, they cost nothing either.
+    # Short windows are padded with steps of zero length, which change nothing and cost no time.
     states = march(plant.core, x0, plant.inputs(u), h.unsqueeze(-1))
     return [states[w.nodes, b] for b, w in enumerate(windows)]
 

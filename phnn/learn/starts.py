@@ -161,7 +161,7 @@ def scales_of(recordings: Sequence[Recording]) -> Scales:
 
 
 def reach_and_speed(recordings: Sequence[Recording]) -> tuple[float, float]:
-    """Half the largest range of the output [m], and what a sine of that size has as velocity at most [m/s]."""
+    """Half the largest range of the output [m], and the largest velocity of a sine of that size [m/s]."""
     halves = [(0.5 * float(np.ptp(r.y)), dominant_frequency(r)) for r in recordings]
     return max(h for h, _ in halves), max(2.0 * np.pi * f * h for h, f in halves)
 

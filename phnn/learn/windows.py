@@ -1,4 +1,4 @@
-"""Recordings cut into windows: what a solver marches in one piece.
+"""Recordings cut into windows: what a solver integrates at once.
 
 A window of samples ``[first, last]`` shares its last sample with the first of the next one. Only the displacement is
 measured; charges and momentum are hidden. So the state at the beginning of a window is estimated beside the

@@ -59,14 +59,14 @@ def fit_modes(
         workers: threads.
 
     Raises:
-        SolverFailed: the first model cannot be marched.
+        SolverFailed: the first model cannot be integrated.
     """
     with ThreadPoolExecutor(workers) as pool:
         problem = Problem(model, experiments, study, pool)
         # Moves from where the fit begins: the first trust region then has the size of the residual, not of ln ω.
         start = np.zeros(problem.origin.size)
         if problem.point(start) is None:
-            raise SolverFailed(f"{model.element.name}: the first model cannot be marched")
+            raise SolverFailed(f"{model.element.name}: the first model cannot be integrated")
         found = least_squares(
             problem.residual, start, jac=problem.slopes, x_scale="jac", ftol=_TOLERANCE, xtol=_MOVED, gtol=None,
             max_nfev=iterations,

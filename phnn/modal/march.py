@@ -1,4 +1,4 @@
-"""March of modes with elements at their ports: exact for the modes, and with an exact power balance.
+"""Integration of modes with elements at their ports: exact for the modes, with an exact power balance.
 
 While the forces at the ports are constant over a step, modes move as in closed form, and the work done on them is
 ``Σ_j f_j Δx_j``: what they store more and what their dampers lose. An element gives the step's mean force ``ē_j`` as a
@@ -174,14 +174,14 @@ def march(
     u: Array, omega: Array, zeta: Array, b: Array, kinds: NDArray[np.int64], k: Array, r: Array, h: float,
     begin: Array | None = None, before: Array | None = None, periods: int | None = None,
 ) -> Marched:  # fmt: skip
-    """March a periodic input until modes have forgotten how they began, or for a dozen periods; the last of them.
+    """Integrate a periodic input until the transient of the modes is over, or for a dozen periods; return the last one.
 
     Args:
         u: (n, P) force of each step, constant over it; omega, zeta: (M,); b: (M, P).
         kinds: (count,) of the elements' parts; k, r: (P, count) their weights and thresholds; h: step [s].
         begin: (2, M) q and q̇ to begin with, zero if left out; stops begin without stress.
         before: (P,) mean square of the extensions before the first period, zero if left out.
-        periods: how many are marched; as many as it takes if left out.
+        periods: how many are integrated; as many as the transient takes if left out.
     """
     n, modes = len(u), omega.size
     if periods is None:

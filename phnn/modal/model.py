@@ -47,7 +47,7 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ModalModel:
-    """Modes with one kind of element at every port; what the outputs see of them is found beside it.
+    """Modes with one kind of element at every port; the output shapes are fitted separately.
 
     Attributes:
         omega, zeta: (M,) natural frequencies [rad/s] and damping ratios.
@@ -84,13 +84,13 @@ class ModalModel:
         if experiment.zero_order:
             drive = drive * _held(f, dt)[:, None]
         q = self.transfer(s) * (drive @ self.b.T)
-        # A held input has images above half the sampling rate, which modes fold back: only the march knows of them.
+        # A held input has images above half the sampling rate, which modes fold back: only time integration has them.
         if not self.k.size and not experiment.zero_order:
             return Seen(s, q, drive, np.zeros((f.size, *self.k.shape), dtype=complex))
         return self._marched(experiment, drive, q, f, dt)
 
     def _marched(self, experiment: Experiment, drive: Complex, q: Complex, f: Array, dt: float) -> Seen:
-        """The same by the march."""
+        """The same by integration in time."""
         size, count = len(experiment.u), self.substeps(dt)
         h, n = dt / count, len(experiment.u) * count
         hold = _held(f, h)[:, None]

@@ -22,7 +22,7 @@ from phnn.modal.slopes import output_slopes
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Ridge of the shapes over their own scale; what a model that cannot be marched leaves of each experiment.
+# Ridge of the shapes over their own scale; the error of each experiment for a model that cannot be integrated.
 _RIDGE, _FAILED = 1e-11, 30.0
 _LOGS, _DAMPING = (-40.0, 20.0), (-14.0, float(np.log(0.9)))
 _HALF = float(np.sqrt(2.0))
@@ -45,7 +45,7 @@ class Point:
 
 
 class Problem:
-    """Every experiment counts by what is left of it over what was measured.
+    """Each experiment counts by its error over the measured motion.
 
     Args:
         model: where moves begin; pool: threads, one experiment each.
@@ -79,7 +79,7 @@ class Problem:
         )
 
     def point(self, moved: Array) -> Point | None:
-        """What a move leads to; None where it cannot be marched."""
+        """Return the model after a move; None if it cannot be integrated."""
         if not np.array_equal(self._last[0], moved):
             self._last = moved.copy(), self._point(self.unpack(moved))
         return self._last[1]

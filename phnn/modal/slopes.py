@@ -1,4 +1,4 @@
-"""Derivatives of the outputs by equivalent linearisation: one march serves for all parameters.
+"""Derivatives of the outputs by equivalent linearisation: one integration serves for all parameters.
 
 What a small change of the extension changes at an element is described by ``δe_j = κ_j(s) δx_j`` with
 

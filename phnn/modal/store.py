@@ -126,7 +126,7 @@ def _model(document: Mapping[str, Any]) -> StoredModes:
 
 
 def _numbers(document: Mapping[str, Any], name: str, *shape: int) -> Array:
-    """Finite numbers of a given shape. Raises ValueError where they are none."""
+    """Read finite numbers of a given shape. Raises ValueError otherwise."""
 
     def nested(value: Any, sizes: tuple[int, ...]) -> Any:
         if not sizes:

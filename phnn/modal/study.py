@@ -32,7 +32,7 @@ class Result:
         study: what was studied; alone: a linear model for each amplitude; alone_by: (L,) their errors.
         candidates: one model for all amplitudes each, the linear one first.
         judgement: the verdict and the models that it is about.
-        failed: models that could not be marched.
+        failed: models that could not be integrated.
         held_out: by fit, the scores on what is held out.
         fitted_choose: whether, at some amplitude, there was nothing to choose by but what was fitted.
     """
@@ -80,7 +80,7 @@ def study_modes(
     start = _normalised(alone[0].model)
     first = search.tried(start)
     if first is None:
-        raise SolverFailed("the linear model of the lowest amplitude cannot be marched: look at its recordings")
+        raise SolverFailed("the linear model of the lowest amplitude cannot be integrated: look at its recordings")
     if len(alone) > 1 and not serves(first, alone_by):
         search.grow(start, first)
     judgement = judged(list(search.found.values()), alone_by)
@@ -95,7 +95,7 @@ class _Search:
     """Forward selection with backward deletion; of models with the same elements the best is kept.
 
     Attributes:
-        found: by the elements' names; failed: models that could not be marched.
+        found: by the elements' names; failed: models that could not be integrated.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class _Search:
         self.failed: list[str] = []
 
     def tried(self, model: ModalModel) -> Candidate | None:
-        """The best model with these elements so far, after a fit that begins here; None where none can be marched."""
+        """Fit from here and return the best model with these elements so far; None if none can be integrated."""
         self.progress(f"one model for all amplitudes: {model.element.name}")
         names = frozenset(model.element.names)
         try:
@@ -195,7 +195,7 @@ def _choosing(study: Study, level: int, settings: Settings) -> tuple[Experiment,
 
 
 def _left(fit: ModalFit, study: Study, level: int, settings: Settings) -> Array:
-    """What a model leaves of each experiment that chooses, over what was measured; all where it cannot be marched."""
+    """Error over measurement for each experiment that chooses; 1 if the model cannot be integrated."""
 
     def share(e: Experiment) -> float:
         try:

@@ -63,7 +63,7 @@ def from_json(content: Any) -> Any:
 
 
 def _tensor(value: Any, where: str) -> torch.Tensor:
-    """Numbers in lists of equal lengths. Raises ValueError where they are none, or not finite."""
+    """Numbers in lists of equal lengths. Raises ValueError for other values, or if one is not finite."""
     try:
         tensor = torch.tensor(value, dtype=torch.float64)
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:

@@ -144,7 +144,7 @@ def _check_chain(setup: Setup) -> None:
                 setup.parameters[name].within(domain, f"{stage} {block.kind}")
     for source in setup.sources:
         if source.port not in ports[1:]:
-            raise ValueError(f"source {source.kind} acts on the port {source.port}, which is none beside the first")
+            raise ValueError(f"source {source.kind} acts on the port {source.port}, which is no port after the first")
 
 
 def _setup(content: Mapping[str, Any]) -> Setup:
@@ -155,7 +155,7 @@ def _setup(content: Mapping[str, Any]) -> Setup:
         ports=_all(content, "ports", partial(of_fields, Port)),
         parameters=_parameters(content, "parameters"),
         output=a_name(content["output"], "output"),
-        # Files of earlier versions have none of these, nor sources and own parts.
+        # Files of earlier versions have none of these, nor sources and nuisances.
         modulations=_all({"modulations": [], **content}, "modulations", partial(of_fields, Modulation)),
         memories=_all({"memories": [], **content}, "memories", partial(of_fields, Memory)),
         senses=a_name(content["senses"], "senses") if "senses" in content else "",

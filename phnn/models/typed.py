@@ -41,14 +41,14 @@ def of_fields(cls: type[T], content: Any, where: str) -> T:
 
 
 def an_object(content: Any, where: str) -> Mapping[str, Any]:
-    """An object of json. Raises ValueError where it is none."""
+    """Read an object of json. Raises ValueError otherwise."""
     if not isinstance(content, Mapping):
         raise ValueError(f"{where} is {brief(content)}, no object")
     return content
 
 
 def a_list(content: Any, where: str, most: int = LIMITS.elements) -> list[Any]:
-    """A list of json of at most ``most`` entries. Raises ValueError where it is none, or longer."""
+    """A list of json of at most ``most`` entries. Raises ValueError otherwise, or if it is longer."""
     if not isinstance(content, list):
         raise ValueError(f"{where} is {brief(content)}, no list")
     if len(content) > most:
@@ -57,28 +57,28 @@ def a_list(content: Any, where: str, most: int = LIMITS.elements) -> list[Any]:
 
 
 def a_text(value: Any, where: str) -> str:
-    """A printable text. Raises ValueError where it is none, or too long."""
+    """A printable text. Raises ValueError otherwise, or if it is too long."""
     if not isinstance(value, str) or printable(value) != value:
         raise ValueError(f"{where} is {brief(value)}, no printable text")
     return value
 
 
 def a_name(value: Any, where: str) -> str:
-    """A printable text that is not empty and no longer than a name. Raises ValueError where it is none."""
+    """A printable text that is not empty and no longer than a name. Raises ValueError otherwise."""
     if not 0 < len(a_text(value, where)) <= LIMITS.name_characters:
         raise ValueError(f"{where} has {len(value)} characters: 1 to {LIMITS.name_characters} are accepted")
     return str(value)
 
 
 def a_number(value: Any, where: str) -> float:
-    """A finite number. Raises ValueError where it is none."""
+    """Read a finite number. Raises ValueError otherwise."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(f"{where} is {brief(value)}, no finite number")
     return float(value)
 
 
 def a_count(value: Any, where: str, least: int, most: int) -> int:
-    """A whole number from ``least`` to ``most``. Raises ValueError where it is none."""
+    """Read a whole number from ``least`` to ``most``. Raises ValueError otherwise."""
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         raise ValueError(f"{where} = {brief(value)} is no whole number from {least} to {most}")
     return value

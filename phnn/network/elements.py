@@ -3,7 +3,7 @@
     ẋ = [J(x) − D(x)] ∇H(x) + g(x) u,   y = g(x)ᵀ ∇H(x),   H(x) = Σ_k H_k(x_k)
     D(x) ∇H = Σ_r b_r φ_r(b_rᵀ ∇H),     ε φ_r(ε) ≥ 0
 
-Memories are slow states ``ż = f(z, s)`` beside them, which ``J``, ``g`` and the ``φ_r`` may follow.
+Modulator states (`Memory`) are slow states ``ż = f(z, s)`` beside them, which ``J``, ``g`` and the ``φ_r`` may follow.
 
 A ratio or parameter is referred to by name, so that elements can share one (the transducer ratio α
 appears in every hysteron coupling and in the voltage port).
@@ -113,7 +113,7 @@ class Memory:
 
     Attributes:
         name: of the state.
-        law: name of a memory law in `phnn.laws`.
+        law: name of a law of modulator states in `phnn.laws`.
         parameters: names of the law's parameters, in the law's order.
         of: what drives it; ``s`` is the sum of the powers that the named resistors dissipate, of the efforts of named
             storages, or of the actions of named ports. All resistors where it is empty.
@@ -140,7 +140,7 @@ class Network:
             not negative), whatever the network is built from.
         output: the storage whose energy variable is measured.
         modulations: ratios that follow a state; the factors of one that follows several multiply.
-        memories: slow states; the state vector has them after the storages.
+        memories: modulator states; the state vector has them after the storages.
         senses: the port that imposes a motion, where its effort is measured; ``output`` is then the impulse, the
             integral of that effort, and the sensor differentiates it.
 
@@ -249,7 +249,7 @@ class Network:
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the state vector: the energy variables, then the memories."""
+        """Names of the state vector: the energy variables, then the modulator states."""
         return (*self.storage_names, *(m.name for m in self.memories))
 
     @property

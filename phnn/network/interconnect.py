@@ -74,7 +74,7 @@ def interconnect(
 
 
 def renamed(network: Network, prefix: str) -> Network:
-    """The network with a prefix to the names of its storages, resistors, ports, memories and parameters."""
+    """The network with a prefix to the names of its storages, resistors, ports, modulator states and parameters."""
 
     def labelled(name: str) -> str:
         return prefix + name
@@ -83,7 +83,7 @@ def renamed(network: Network, prefix: str) -> Network:
 
 
 def _own(network: Network) -> tuple[Memory, ...]:
-    """The memories, driven by what drives them in their own network and by no resistor of another."""
+    """The modulator states, with the drives of their own network and no resistor of another."""
     for memory in network.memories:
         if not network.drives_of(memory):
             raise StructureViolated(f"memory {memory.name} is driven by nothing: leave it out before joining")

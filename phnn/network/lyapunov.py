@@ -37,7 +37,7 @@ def shifted_energy(
 
     Raises:
         InputRefused: a state of the wrong shape.
-        StructureViolated: a network with memories.
+        StructureViolated: a network with modulator states.
     """
     _refuse_memories(system.network)
     # H(x) − H(x*) is the discrete gradient times the way, and nothing cancels where both are large and close.
@@ -56,7 +56,7 @@ def shifted_losses(
     Raises:
         InputRefused: a state of the wrong shape.
         StructureViolated: a ratio follows a state, so that the shifted balance has further terms, or a network with
-            memories.
+            modulator states.
     """
     _refuse_memories(system.network)
     if system.network.modulations:
@@ -124,8 +124,8 @@ def _refuse_memories(network: Network) -> None:
     """What follows a memory has no constant equilibrium: it moves on while the energy variables are at rest."""
     if network.memories:
         raise StructureViolated(
-            f"the memory {network.memories[0].name!r} goes on moving at a forced equilibrium: take the network without "
-            "it, with parameters as they are at one value of the memory"
+            f"the modulator state {network.memories[0].name!r} still moves at a forced equilibrium: take the network "
+            "without it, with parameters as they are at one value of this state"
         )
 
 

@@ -1,4 +1,4 @@
-"""The slow states of a network in torch: what drives them, how they move, and what a step makes of them."""
+"""Modulator states of a network in torch: their drives, their rates, and their values after a step."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def between(
     a: Tensor,  # (..., n) state at the start of a step
     b: Tensor,  # (..., n) and at its end
 ) -> Tensor:
-    """(..., n) what laws read during a step: energy variables in its middle, memories as they are at its start."""
+    """(..., n) what laws read during a step: energy variables in its middle, modulator states at its start."""
     middle = 0.5 * (a + b)
     if not system.network.memories:
         return middle
@@ -46,7 +46,7 @@ def drives(
 
 def rates(
     system: PortHamiltonianSystem,
-    z: Tensor,  # (..., M) memories
+    z: Tensor,  # (..., M) modulator states
     driven: Tensor,  # (..., M) their drives
 ) -> Tensor:
     """(..., M) ``ż``."""
@@ -57,11 +57,11 @@ def rates(
 
 def ends(
     system: PortHamiltonianSystem,
-    z: Tensor,  # (..., M) memories at the start of a step
+    z: Tensor,  # (..., M) modulator states at the start of a step
     driven: Tensor,  # (..., M) their mean drives
     h: float | Tensor,  # [s], one for all or shaped to multiply states
 ) -> Tensor:
-    """(..., M) memories at the end of a step, by the exact flow under constant drives."""
+    """(..., M) modulator states at the end of a step, by the exact flow under constant drives."""
     return advanced(z, h, rates(system, z, driven), _decays(system))
 
 

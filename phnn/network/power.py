@@ -8,7 +8,7 @@ from torch import Tensor
 
 
 class PowerBalance(NamedTuple):
-    """``dH/dt = Σ supplied − Σ dissipated``; the defect is what rounding leaves of it.
+    """``dH/dt = Σ supplied − Σ dissipated``; the defect is a rounding error.
 
     Attributes:
         stored: (...) ``∇Hᵀ ẋ`` [W].

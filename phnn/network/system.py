@@ -31,7 +31,7 @@ class PortHamiltonianSystem(nn.Module):
     ``J`` holds one number per pair of storages and is skew by construction; every ``φ_r`` is a sector law, hence
     ``dH/dt ≤ Σ ψ(u) gᵀ∇H``. All tensors are batched, ``x`` is (..., n), ``u`` is (..., P), in SI and float64.
 
-    Memories are states without energy in ``H``: ``x`` has them last, ``ẋ`` their rates, and efforts and matrices leave
+    Modulator states have no energy in ``H``: ``x`` has them last, ``ẋ`` their rates, and efforts and matrices leave
     them out. Of one that holds heat `phnn.network.thermal` has energy and entropy.
 
     The passivity inequality survives any training: parameters that are trained are kept inside their bounds by
@@ -80,7 +80,7 @@ class PortHamiltonianSystem(nn.Module):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the energy variables and then the memories, in the order of ``x``."""
+        """Names of the energy variables and then the modulator states, in the order of ``x``."""
         return self.network.state_names
 
     def value(self, name: str) -> Tensor:

@@ -24,7 +24,7 @@ from phnn.network.system import PortHamiltonianSystem
 
 
 class ThermalBalance(NamedTuple):
-    """Heat and entropy of ``B`` thermal memories over steps, in the order of the network.
+    """Heat and entropy of ``B`` thermal modulator states over steps, in the order of the network.
 
     Attributes:
         received: (..., B) dissipated power that became heat [J].
@@ -73,12 +73,12 @@ def total_energy(
 def thermal_balance(
     system: PortHamiltonianSystem,
     states: Tensor,  # (N+1, ..., n) at the ends of steps
-    drives: Tensor,  # (N, ..., M) mean drives of the memories
+    drives: Tensor,  # (N, ..., M) mean drives of the modulator states
     h: Tensor,  # (N,) steps [s]
 ) -> ThermalBalance:
     """Heat and entropy of every step.
 
-    The drives of a compiled march are the last columns of its mean efforts.
+    The drives of a compiled integration are the last columns of its mean efforts.
     """
     first = len(system.network.storages)
     shaped = h.reshape(-1, *[1] * (states.ndim - 1))

@@ -41,7 +41,7 @@ class Place:
 
     @property
     def path(self) -> Path:
-        """Where it lies."""
+        """Path of the folder."""
         return self.root / self.name
 
     @property
@@ -69,7 +69,7 @@ class Place:
         self.write((json.dumps(finite(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
 
     def own_folder(self) -> Path:
-        """Make a folder whose whole content counts as phnn's, for writers that know no claims; returns where it lies.
+        """Make a folder whose whole content counts as phnn's, for writers that know no claims; returns its path.
 
         Raises:
             OutputRefused: a folder or file that phnn did not make has that name.

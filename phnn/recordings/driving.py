@@ -185,5 +185,5 @@ def input_before(recording: Recording, samples: Array) -> float:
 
 def settled(x: Any, cycle: int) -> Any:
     """(n, …) what happens in the steps of a simulation, the first cycle of it replaced by the second, which has
-    settled. A recording of one cycle lacks the last interval of its second one; there the first has settled too."""
+    periodic. A recording of one cycle lacks the last interval of its second one; there the first is periodic too."""
     return np.concatenate([x[cycle : 2 * cycle], x[min(cycle, x.shape[0] - cycle) :]]) if cycle else x

@@ -139,7 +139,7 @@ def _check_link(file: Any, path: str, depth: int) -> None:
     import h5py
 
     if depth > _LINKS:
-        # The library itself follows fewer, so that this leads nowhere.
+        # The library itself follows fewer: the target does not exist.
         return
     done = ""
     parts = [part for part in path.split("/") if part not in ("", ".")]
@@ -154,7 +154,7 @@ def _check_link(file: Any, path: str, depth: int) -> None:
             try:
                 _check_link(file, rest, depth + 1)
             except KeyError:
-                # It leads nowhere.
+                # Its target does not exist.
                 return
             return
         done = here

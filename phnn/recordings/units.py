@@ -34,7 +34,7 @@ _WORDS = {"sec": "s", "second": "s", "seconds": "s", "volt": "V", "volts": "V", 
 _NEWTON_METRE = re.compile(r"(?<![A-Za-z])([munkM]?)Nm(?![A-Za-z])")
 # Symbols that are constants of nature to pint: a column output_c is hardly in multiples of the speed of light.
 _CONSTANT = re.compile(r"(?<![A-Za-z_])[cek](?![A-Za-z_])")
-# Names of SI units for people; a unit that is none of them is told in powers of them, such as m³/s.
+# Names of SI units for people; other units are written in powers of them, such as m³/s.
 _SI = (
     "s",
     "m",
@@ -84,7 +84,7 @@ def spelled(unit: str) -> str:
 
 @lru_cache(maxsize=256)
 def find_unit(text: str) -> Unit | None:
-    """The unit of a text such as ``um``, ``m3/s`` or ``N s/m``; None where it is none.
+    """The unit of a text such as ``um``, ``m3/s`` or ``N s/m``; None if it is not a unit.
 
     The text is a product of names with exponents of one digit; pint never sees anything else.
     """

@@ -80,7 +80,7 @@ def console_summary(document: Mapping[str, Any], evidence: Evidence) -> Renderab
     """A summary to be printed with :class:`rich.console.Console`; plain text when piped.
 
     Raises:
-        InputRefused: the verdict is none of the four.
+        InputRefused: the verdict is not one of the four.
     """
     content = in_own_words(read_document(document))
     chance = f"  {p_value(content.p_value)}" if content.p_value is not None else ""

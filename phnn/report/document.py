@@ -97,7 +97,7 @@ class Immaterial:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What is left after what was named."""
+    """Describe the remainder."""
 
     verdict: str
     residual_over_noise: float | None

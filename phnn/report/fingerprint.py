@@ -1,7 +1,7 @@
 """The fingerprint of an effect in the data: what a model leaves against the variable on which the effect acts.
 
 The variable follows from the location and kind of the effect: that of the generic functions there
-(`phnn.diagnosis.dictionary`), the time after a step for slow memories, or the frequency where
+(`phnn.diagnosis.dictionary`), the time after a step for slow relaxation, or the frequency where
 nothing else is its own.
 """
 

@@ -20,7 +20,7 @@ _LACKS = 3
 
 
 def next_experiment(proposal: NextExperiment | None) -> dict[str, Any] | None:
-    """What is proposed: in words, as the stretches of its input, and how well each recording of the menu separates."""
+    """Describe the proposed recording: words, stretches of its input, separation by each recording of the menu."""
     if proposal is None:
         return None
     e = proposal.experiment
@@ -50,7 +50,7 @@ def next_experiment(proposal: NextExperiment | None) -> dict[str, Any] | None:
 
 
 def no_proposal(diagnosis: Diagnosis) -> str:
-    """Why no recording is proposed: the reason, the experiment that would tell in principle, what was not recorded."""
+    """Say why no recording is proposed, which experiment would decide in principle, and what was not recorded."""
     j = diagnosis.judgement
     members = tied_members(j)
     tied_places = not j.findings and j.location is not None and j.location.tied
@@ -76,7 +76,7 @@ def no_proposal(diagnosis: Diagnosis) -> str:
 
 
 def _further(diagnosis: Diagnosis) -> str:
-    """What to record where nothing is tied and yet no name is proven."""
+    """Say what to record if nothing is tied and no name is proven."""
     lacks = _lacks(diagnosis)
     if not lacks:
         return ""
@@ -87,7 +87,7 @@ def _further(diagnosis: Diagnosis) -> str:
 
 
 def _lacks(diagnosis: Diagnosis) -> list[str]:
-    """What `phnn check` misses most among the recordings."""
+    """List the recordings whose absence `phnn check` reports."""
     return [a.record for a in check(diagnosis.campaign).abilities if not a.able][:_LACKS]
 
 

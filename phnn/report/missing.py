@@ -20,11 +20,11 @@ from phnn.units import quantity
 # Units of what is known only up to one common factor where nothing anchors it.
 FORCE_UNITS = ("kg", "N", "N/m", "N s/m", "N s²/m²", "N/V", "F", "S")
 _UP_TO_FACTOR = " Absolute values are known up to one common factor, because nothing anchors them."
-_PROVISIONAL = " It is part of the model because it predicts recordings better; that this is the physics is not proven."
+_PROVISIONAL = " It is part of the model because it improves predictions; nothing proves that it is the physical cause."
 
 
 def missing_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Empty where nothing that matters is missing; one nameless entry where no element explains what there is."""
+    """Return the entries: empty for ``none``, one without a name if no element explains the mismatch."""
     j = diagnosis.judgement
     if j.verdict == "none":
         return []
@@ -68,7 +68,7 @@ def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
 
 
 def _status(diagnosis: Diagnosis, finding: Finding) -> str:
-    """How far the name of a claimed element is proven: a verdict speaks for all of them, some may be surer."""
+    """Status of a claimed element: the verdict, or ``named`` if this element alone is proven."""
     held, level = finding.held_out, diagnosis.criteria.confirmation.held_out_level
     proven = held is not None and held.falls is not None and held.falls < level
     alone = len(finding.members) == 1 and diagnosis.campaign.held_out_is_new
@@ -90,7 +90,7 @@ def _estimates(final: Fit, names: Iterable[str]) -> dict[str, dict[str, Any]]:
 
 
 def _held_out(finding: Finding) -> dict[str, Any] | None:
-    """What an element gains on held-out recordings; null where there are none."""
+    """Describe the gain of an element on held-out recordings; null without held-out recordings."""
     found = finding.held_out
     if found is None:
         return None
@@ -111,7 +111,7 @@ def _description(found: Distilled, passive: bool) -> dict[str, Any]:
 
 
 def _nameless(j: Judgement, anchored: bool) -> dict[str, Any]:
-    """What is real, where nothing that was tried predicts recordings better.
+    """Describe the mismatch if no element improves predictions.
 
     Args:
         anchored: forces are known in newtons, not only up to one common factor.

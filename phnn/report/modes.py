@@ -51,8 +51,8 @@ def write_modes(result: Result, folder: str, place: Place) -> None:
                 "resonance.png", resonance_title(result), "the resonance that moves most", png(draw_resonance(result))
             ),
             Drawing(
-                "left.png", "What models leave of recordings that are held out, by frequency, all outputs together.",
-                "spectra of what models leave", png(draw_left(result)),
+                "left.png", "Residuals of the models on held-out recordings, by frequency, all outputs together.",
+                "spectra of residuals", png(draw_left(result)),
             ),
         ]  # fmt: skip
     for drawing in drawings:
@@ -110,24 +110,24 @@ def sentences(result: Result) -> tuple[str, str]:
     told = {
         NONE: (
             f"{modes}, and one linear model serves at every amplitude",
-            "Nothing moves with amplitude that these recordings can show.",
+            "These recordings show no change with amplitude.",
         ),
-        NAMED: (f"{modes}; what moves with amplitude is explained by {names} at the ports", ""),
+        NAMED: (f"{modes}; {names} at the ports explains the change with amplitude", ""),
         EQUIVALENT: (
-            f"{modes}; what moves with amplitude is {names} at the ports",
-            "The recordings cannot tell which.",
+            f"{modes}; {names} at the ports explains the change with amplitude",
+            "These recordings cannot tell which of them.",
         ),
         UNKNOWN: (
-            f"{modes}; something moves with amplitude that no element here explains",
-            "One linear model for all amplitudes leaves more than one for each, and no element at the ports takes "
-            "half of that away.",
+            f"{modes}; no element here explains the change with amplitude",
+            "One linear model for all amplitudes has a larger residual than one for each, and no element at the "
+            "ports removes half of the difference.",
         ),
     }
     headline, explanation = told[result.verdict]
     if len(result.study.levels) == 1:
-        return f"{modes} at one amplitude", "Record at a second amplitude to see what moves with it."
+        return f"{modes} at one amplitude", "Record at a second amplitude to see what changes with it."
     if result.verdict == UNKNOWN and result.members:
-        explanation += f" The model has {names}, which helps but proves no name."
+        explanation += f" The model has {names}, which improves predictions but proves no name."
     if result.verdict in (NAMED, EQUIVALENT):
         told_by = [f"{words(n).capitalize()}: {STATEMENTS[n]}." for n in result.final.element.names]
         explanation = " ".join([*told_by, explanation]).strip()

@@ -1,4 +1,4 @@
-"""What speaks for each element that a diagnosis has found."""
+"""Evidence for each element that a diagnosis has found."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _RIVALS = 6
 
 
 def supports(diagnosis: Diagnosis) -> tuple[Support, ...]:
-    """One for every element that was found, in the order of ``missing``."""
+    """Return one entry for each element, in the order of ``missing``."""
     return tuple(_support(diagnosis, f) for f in diagnosis.judgement.findings)
 
 
@@ -49,7 +49,7 @@ def _support(diagnosis: Diagnosis, finding: Finding) -> Support:
 
 
 def _rivals(diagnosis: Diagnosis, finding: Finding) -> tuple[RivalRow, ...]:
-    """The neighbours of an effect and what came nearest to it, with what each leaves."""
+    """List the related effects and the next best ones, with the residual of each."""
     effect = finding.effect
     base = diagnosis.judgement.ground.fit
     members = {t.candidate.effect.name for t in finding.members}
@@ -64,28 +64,28 @@ def _rivals(diagnosis: Diagnosis, finding: Finding) -> tuple[RivalRow, ...]:
         found = refits.get(name)
         if found is None or found.fit is None:
             own, best = scores[name].score, scores[effect.name].score if effect.name in scores else math.nan
-            rows.append(RivalRow(name, None, f"not refitted: its score is {own:.3g} beside {best:.3g}"))
+            rows.append(RivalRow(name, None, f"not refitted: its score is {own:.3g}, the best is {best:.3g}"))
         elif name in members:
-            rows.append(RivalRow(name, math.sqrt(found.fit.chi2), "cannot be excluded: explains as much"))
+            rows.append(RivalRow(name, math.sqrt(found.fit.chi2), "not excluded: explains as much"))
         elif found.cost > base.cost + tie(base):
-            rows.append(RivalRow(name, None, "its refit failed, so that it is not excluded by it"))
+            rows.append(RivalRow(name, None, "not decided: its refit failed"))
         else:
             rows.append(RivalRow(name, math.sqrt(found.fit.chi2), _excluded(finding.trial, found)))
     return tuple(rows)
 
 
 def _excluded(best: Trial, rival: Trial) -> str:
-    """By how much a rival fits worse, beside what would be a tie."""
+    """State by how much a rival fits worse, and the difference that would be a tie."""
     more = rival.cost - best.cost
     if best.fit is None or more <= 0.0:
-        return "fits as well, but adds to every recording what no model predicts"
-    return f"excluded: its sum of squares is larger by {more:.3g}, where up to {tie(best.fit):.3g} would be a tie"
+        return "fits as well, but with terms of each recording that no model predicts"
+    return f"excluded: its sum of squares is larger by {more:.3g}; up to {tie(best.fit):.3g} would be a tie"
 
 
 def plausible_row(
     parameter: Parameter, known: Plausible, base: Mapping[str, Parameter], anchored: bool, actuator: bool
 ) -> PlausibleRow:
-    """A parameter held against its plausible range.
+    """A parameter compared with its plausible range.
 
     Args:
         base: parameters of the model, of which the range may name one to divide by.
@@ -102,7 +102,9 @@ def plausible_row(
         unit = "1/s" if unit == "S/F" else unit
         said = f"{said}, that is {value:.3g} {unit}"
     elif not anchored and unit in FORCE_UNITS:
-        return PlausibleRow(name, f"{said}: known up to one common factor only, so no range can be held to it.", None)
+        return PlausibleRow(
+            name, f"{said}: known up to one common factor only, hence not comparable with a range.", None
+        )
     lower = "0" if known.lower == 0.0 else quantity(known.lower, unit)
     limits = f"{lower} to {quantity(known.upper, unit)}"
     if known.lower <= value <= known.upper:
@@ -110,5 +112,5 @@ def plausible_row(
     beyond = f" If it is real, {known.outside}." if known.outside and value > known.upper else ""
     side = "above" if value > known.upper else "below"
     return PlausibleRow(
-        name, f"{said} is not plausible: it lies {side} the range {limits} ({known.source}).{beyond}", False
+        name, f"{said} is not plausible: it is {side} the range {limits} ({known.source}).{beyond}", False
     )

@@ -1,4 +1,4 @@
-"""What the noise of every recording is, from what the final model leaves."""
+"""Noise of each recording, from the residual of the final model."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 def noise_statements(diagnosis: Diagnosis) -> dict[str, NoiseStatement]:
-    """By recording. Held-out ones too: nothing is decided by it any more."""
+    """Return the noise by recording, held-out ones included: it decides nothing."""
     j = diagnosis.judgement
     complete = j.remainder is None or j.remainder.p_value >= SIGNIFICANT or j.remainder_immaterial is not None
     return statements(diagnosis.campaign.recordings, diagnosis.after.outputs, j.final.setup, complete)
@@ -50,7 +50,7 @@ def statements(
 def _sample(
     r: Recording, residual: Array, speed: Array, complete: bool, plant: Callable[[Array], Array] | None
 ) -> Sample | None:
-    """The residual of a model that leaves nothing significant; else what of it does not repeat, or nothing."""
+    """Return the residual if it is not significant, else the part that does not repeat, or None."""
     step = quantisation_step(r.y) / r.noise
     if complete:
         return Sample(residual, r.dt, speed, step, plant, r.noise)

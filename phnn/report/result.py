@@ -1,4 +1,4 @@
-"""From a finished diagnosis to what is written: ``diagnosis.json``, the report and the models."""
+"""Write a finished diagnosis: ``diagnosis.json``, the report and the models."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _test(j: Judgement) -> dict[str, Any]:
-    """The statistic of what was named, else the supremum; its candidate is null where a generic function holds it.
+    """Return the statistic of the named effect, else the largest score; its candidate is null for a generic function.
 
     What is significant and immaterial is told with its size.
     """
@@ -255,14 +255,14 @@ def _candidates(j: Judgement, level: float) -> list[CandidateRow]:
         if name in added:
             return "added"
         if name in members:
-            return "cannot be told from the one added"
+            return "explains as much as the one added"
         if j.immaterial is not None and name == j.immaterial.candidate:
             return "significant, but immaterial"
         if name not in refits:
             return "not significant" if c.p_value >= level else "others score higher: not refitted"
         # With its strength at zero it is the base model, so that it cannot fit worse.
         if refits[name].cost > j.ground.fit.cost + tie(j.ground.fit):
-            return "the refit failed: it ended above the base model, which it contains"
+            return "the refit failed: it ended above the base model, its special case"
         if not j.findings:
             moved = refits[name].cost < j.ground.fit.cost - tie(j.ground.fit)
             return "refitted; explains too little" if moved else "refitted; leaves as much as the base model"

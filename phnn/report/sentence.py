@@ -23,7 +23,7 @@ _NAMED = 3
 
 
 def sentence(diagnosis: Diagnosis) -> str:
-    """The verdict for a person."""
+    """State the verdict in a sentence or two."""
     j = diagnosis.judgement
     held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")
     bare = [r.name for r in diagnosis.campaign.recordings if not r.noise_found]
@@ -41,7 +41,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         stands = f"leaves {diagnosis.base.chi2**0.5:.3g} × noise."
         if bare:
             stands = f"fits by {percent(mean_fit(diagnosis.before, 'identification'), 2)} %. {floorless(bare)}"
-        return f"Nothing is missing that these recordings could show: the base model {stands}"
+        return f"These recordings show nothing that is missing: the base model {stands}"
     if j.verdict == "unknown":
         return f"{unknown_statement(j)} {_nearest(j)}{change}"
     claimed = j.claimed
@@ -50,19 +50,19 @@ def sentence(diagnosis: Diagnosis) -> str:
     if j.verdict == "named":
         start = f"The model leaves out {names}."
     elif others:
-        start = f"The model leaves out {names}; these recordings cannot tell apart what stands in brackets."
+        start = f"The model leaves out {names}; these recordings cannot exclude the effects in brackets."
     else:
         why = (
-            "are none"
+            "do not exist, so that nothing confirms it"
             if math.isnan(held[0])
             else "are too short to prove it"
             if diagnosis.campaign.held_out_is_new
             else "bring nothing new to confirm it"
         )
-        start = f"Of the catalogue {names} explains most, but the held-out samples {why}."
+        start = f"{names} explains most of the mismatch, but the held-out samples {why}."
     level = diagnosis.criteria.selection.level
     left = j.remainder is not None and j.remainder.p_value < level and j.remainder_immaterial is None
-    rest = " More remains." if left else ""
+    rest = " A significant remainder is left." if left else ""
     return f"{start} {change}{_provisional(j)}{rest}"
 
 
@@ -73,13 +73,15 @@ def mean_fit(scores: Evaluation, use: str) -> float | None:
 
 
 def floorless(names: Sequence[str]) -> str:
-    """What is said where recordings show no noise: a ratio to a floor that was not found would pretend one."""
+    """Say that recordings have no noise floor, in place of a ratio to the noise."""
     more = " and others" if len(names) > _NAMED else ""
-    return f"No noise floor was found in {listing(names[:_NAMED])}{more}, so that nothing is compared with the noise."
+    return (
+        f"No noise floor was found in {listing(names[:_NAMED])}{more}, so that no residual is compared with the noise."
+    )
 
 
 def immaterial_statement(found: Immaterial, unit: str) -> str:
-    """What is said where something is significant and too small to matter."""
+    """State an effect that is significant and too small to matter."""
     what = found.candidate.replace("_", " ") if found.candidate else "something"
     return (
         f"Nothing that matters is missing: {what} is statistically significant, but explains only "
@@ -96,7 +98,7 @@ def _provisional(judgement: Judgement) -> str:
 
 
 def _nearest(judgement: Judgement) -> str:
-    """What of the catalogue explains more than half, though not what there is, or nothing."""
+    """Name the effect that explains most, if it explains more than half; else return an empty text."""
     if judgement.findings:
         return ""
     best = min(judgement.tried, key=lambda t: t.cost, default=None)
@@ -106,10 +108,11 @@ def _nearest(judgement: Judgement) -> str:
     if share < _NEAR:
         return ""
     name = best.candidate.effect.name.replace("_", " ")
-    left = f" and leave {best.fit.chi2**0.5:.3g} × noise"
+    left = f" and would leave {best.fit.chi2**0.5:.3g} × noise"
     if not all(r.noise_found for r in judgement.ground.plan.recordings):
         left = ""
-    return f"Nearest comes {name}, which would explain {100.0 * min(share, 1.0):.0f} % of what is not noise{left}. "
+    explained = f"{100.0 * min(share, 1.0):.0f} % of the excess over the noise"
+    return f"The nearest effect is {name}: it would explain {explained}{left}. "
 
 
 def _with_members(finding: Finding) -> str:
@@ -118,18 +121,18 @@ def _with_members(finding: Finding) -> str:
 
 
 def unknown_statement(judgement: Judgement) -> str:
-    """What is said where something is real and no name for it is proven."""
-    where, place = judgement.location, "a location that could not be told"
+    """State where something is missing, and what the model describes it by, when no name is proven."""
+    where, place = judgement.location, "an unknown location"
     if where is not None:
         first = judgement.places[0]
         place = f"the {first} location" + (f" ({where.detail})" if first == where.name else "")
         moves = vocabulary_of(judgement.ground.fit.setup.network).output_unit in MOVING
         if first == "mechanical" and not moves:
             place = f"a location {NETWORK} ({where.detail})"
-    real = f"Something real is left out at {place}."
+    real = f"Something is missing at {place}."
     held = [_element(f) for f in judgement.findings]
     if not held:
-        return f"{real} Nothing that was tried describes it, so that the model is still the base model."
+        return f"{real} No effect or learned element describes it, so the model is still the base model."
     listed = " and ".join(held) if len(held) < 3 else f"{', '.join(held[:-1])} and {held[-1]}"
     return f"{real} No name for it is proven. The model describes it by {listed}."
 
@@ -144,5 +147,5 @@ def _element(finding: Finding) -> str:
 
 
 def unknown_character(judgement: Judgement) -> str:
-    """What the unknown element is like, by what was fitted at the location."""
+    """Describe the unknown element by the functions that were fitted at its location."""
     return "" if judgement.location is None else fitted_in_words(judgement.ground, judgement.location)

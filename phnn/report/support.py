@@ -40,7 +40,7 @@ class RivalRow:
 
 @dataclass(frozen=True)
 class PlausibleRow:
-    """A parameter beside what is known of it; ``inside`` is None where nothing is."""
+    """A parameter and its plausible range; ``inside`` is None without a range."""
 
     name: str
     sentence: str

@@ -1,4 +1,4 @@
-"""The symptoms of a residual as sentences."""
+"""Symptoms of the residual as sentences."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _growth(found: Symptoms) -> str:
     if a is not None and f is not None:
         close = abs(a.value - f.value) < max(2.0 * (a.std + f.std), _ALIKE) and f.value > _FLAT
         together = ": it follows amplitude × frequency, that is the speed" if close else ""
-    return f"Over the sines what is unexplained grows {' and '.join(said)}{together}."
+    return f"Over the sines the residual grows {' and '.join(said)}{together}."
 
 
 def _harmonics(found: Symptoms) -> str:
@@ -60,10 +60,10 @@ def _harmonics(found: Symptoms) -> str:
     even, odd = found.even, found.odd
     odds = f"even {_odds(even)}, odd {_odds(odd)}"
     if odd.value > _PURE:
-        return f"Of the harmonics above the first nearly all are odd ({odds}): it treats both directions alike."
+        return f"Of the harmonics above the first nearly all are odd ({odds}): the cause is symmetric in direction."
     if even.value > _PURE:
-        return f"Of the harmonics above the first nearly all are even ({odds}): it tells one direction from the other."
-    return f"Even harmonics hold {100.0 * even.value:.0f} % of the power above the first, odd ones the rest ({odds})."
+        return f"Of the harmonics above the first nearly all are even ({odds}): the cause depends on the direction."
+    return f"Even harmonics have {100.0 * even.value:.0f} % of the power above the first, odd ones the rest ({odds})."
 
 
 def _phase(found: Symptoms) -> str:
@@ -83,8 +83,8 @@ def _repetition(found: Symptoms) -> str:
     if r is None or found.unrepeated < _MINOR:
         return ""
     return (
-        f"It does not repeat from period to period: differences are {r.value:.3g} × what noise gives ({_odds(r)}); "
-        f"{100.0 * found.unrepeated:.0f} % of it does not follow the drive."
+        f"The residual does not repeat from period to period: differences are {r.value:.3g} × those of noise "
+        f"({_odds(r)}); {100.0 * found.unrepeated:.0f} % of the unexplained power does not repeat."
     )
 
 
@@ -93,6 +93,6 @@ def _drift(found: Symptoms, unit: str) -> str:
     if d is None:
         return ""
     return (
-        f"It drifts beneath the drive, by {quantity(d.value, unit)}/s ± {quantity(d.std, unit)}/s on average "
+        f"The residual drifts beneath the drive, by {quantity(d.value, unit)}/s ± {quantity(d.std, unit)}/s on average "
         f"({_odds(d)})."
     )

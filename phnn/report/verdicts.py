@@ -8,7 +8,7 @@ from phnn.report.formatting import at_floor, chance, finite, listing, number, p_
 VERDICT_WORDS = {
     "named": "One missing effect was named.",
     "equivalent": "Something is missing: one of a class of effects that these recordings cannot tell apart.",
-    "unknown": "Something real is missing, and no name for it is proven.",
+    "unknown": "Something is missing, and no name for it is proven.",
     "none": "Nothing is missing: the base model explains these recordings down to the noise.",
 }
 
@@ -19,7 +19,7 @@ def headline(document: Document, sentence: str) -> str:
 
 
 def test_sentence(document: Document) -> str:
-    """What the p-value means here, for a person."""
+    """Explain the p-value of this verdict."""
     if document.p_value is None:
         return ""
     lead = f" (leading candidate: {words(document.candidate)})" if document.candidate else ""
@@ -50,14 +50,14 @@ def _probability(value: float) -> str:
 
 
 def tied(document: Document) -> bool:
-    """Whether these recordings leave something that they cannot tell apart: effects, or places."""
+    """Whether these recordings leave a tie of effects or of places."""
     several = any(set(m.equivalent_to) - {m.effect} for m in document.missing)
     places = document.location is not None and bool(document.location.tied)
     return document.verdict != "none" and (several or places)
 
 
 def no_proposal_sentence(document: Document, why: str) -> str:
-    """What is said where no further recording is proposed.
+    """Say why no further recording is proposed.
 
     Args:
         why: the reason where something is tied or has no proven name, as the diagnosis knows it.
@@ -65,22 +65,22 @@ def no_proposal_sentence(document: Document, why: str) -> str:
     if why:
         return why
     if not tied(document):
-        return "No further recording is proposed: no two models are left to be told apart."
-    return "No recording was found that tells apart what is tied: no two refitted models stand for it."
+        return "No further recording is proposed: there are no two models to tell apart."
+    return "No recording is proposed for the tie: there are no two refitted models to compare."
 
 
 def equivalence_sentence(missing: Missing) -> str:
-    """Which other effects these recordings cannot tell from this one."""
+    """List the effects that these recordings cannot tell from this one."""
     others = [words(name) for name in missing.equivalent_to if name != missing.effect]
     if not others:
         return ""
     if missing.effect == "unknown":
-        return f"{listing(others, 'or').capitalize()} would describe these recordings as well."
+        return f"{listing(others, 'or').capitalize()} would describe these recordings equally well."
     return f"These recordings cannot tell {words(missing.effect)} from {listing(others, 'or')}."
 
 
 def missing_title(missing: Missing) -> str:
-    """What a missing element is called: by its name where that is claimed."""
+    """Title of a missing element: its name if that is claimed."""
     if missing.effect != "unknown":
         return words(missing.effect).capitalize()
     if missing.equation and missing.nearest:
@@ -89,26 +89,26 @@ def missing_title(missing: Missing) -> str:
 
 
 def held_out_sentence(missing: Missing) -> str:
-    """What an element gains on recordings that were held out."""
+    """State the held-out residual without and with an element."""
     found = missing.held_out
     if found is None or found.before is None or found.after is None:
         return ""
     odds = "too few independent blocks of time for a test" if found.p_value is None else p_value(found.p_value)
     sizes = f"{ratio(found.before)} and {ratio(found.after)}"
-    return f"Held-out recordings without it and with it: {sizes} × the noise ({odds})."
+    return f"Held-out residual without and with it: {sizes} × the noise ({odds})."
 
 
 def passive_sentence(missing: Missing) -> str:
-    """What the new element does to the structure."""
+    """State whether the model stays passive with the element."""
     if missing.passive is None or (missing.effect == "unknown" and not missing.equation):
         return ""
     if missing.passive:
         return "The model with it stays passive."
-    return "It is not passive by itself: it stands openly outside the passive network."
+    return "The element is not passive by itself. It is not part of the passive network."
 
 
 def remainder_sentence(remainder: Remainder | None, immaterial: bool = False) -> str:
-    """What is left after what was named.
+    """Describe the remainder.
 
     Args:
         immaterial: whether it is significant, and too small to matter.
@@ -120,10 +120,10 @@ def remainder_sentence(remainder: Remainder | None, immaterial: bool = False) ->
     odds = "" if remainder.p_value is None else f" ({p_value(remainder.p_value)})"
     tail = f"{size}{odds}." if size or odds else ""
     if immaterial or remainder.immaterial is not None:
-        return f"What is left is significant, and too small to matter.{tail}"
+        return f"The remainder is significant, and too small to matter.{tail}"
     if remainder.verdict == "none":
-        return f"Nothing significant is left.{tail}"
+        return f"No significant remainder is left.{tail}"
     if remainder.verdict != "unknown":
         return f"The remainder was not judged.{tail}"
-    place = f" It points to: {words(remainder.location)}." if remainder.location else ""
-    return f"Something significant is left that was not named.{tail}{place}"
+    place = f" Its location: {words(remainder.location)}." if remainder.location else ""
+    return f"A significant remainder is left without a name.{tail}{place}"

@@ -23,7 +23,7 @@ def write_report(document: Mapping[str, Any], evidence: Evidence, place: Place) 
         place: where to write.
 
     Raises:
-        InputRefused: the verdict is none of the four, or the folder cannot be written to.
+        InputRefused: the verdict is not one of the four, or the folder cannot be written to.
     """
     # drawing libraries take a third of a second to load: not before something is drawn
     from phnn.report.gallery import draw_gallery

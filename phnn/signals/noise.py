@@ -90,7 +90,7 @@ def noise_floor(
 
 
 def from_periods(y: np.ndarray, period: float, skip: int = 1) -> NoiseFloor | None:
-    """From differences of consecutive periods, divided by √2; ``None`` where there are too few settled periods.
+    """From differences of consecutive periods, divided by √2; ``None`` where there are too few periodic periods.
 
     What changes slowly from period to period (offset, trend, amplitude) and the fraction of a sample by which the
     period misses a whole number of samples are projected out of each difference.
@@ -171,7 +171,7 @@ def _loss(basis: np.ndarray, correlation: np.ndarray) -> float:
 
 
 def from_rest(u: np.ndarray, y: np.ndarray) -> NoiseFloor | None:
-    """From the longest stretch of constant input, its settled part, trend removed; ``None`` without one."""
+    """From the longest stretch of constant input, its part after the transient, trend removed; ``None`` without one."""
     first, last = longest_hold(u)
     first += int(_SETTLING * (last - first))
     n = last - first

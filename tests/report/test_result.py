@@ -159,7 +159,7 @@ def test_a_provisional_element_is_in_the_model_and_has_no_name() -> None:
     content = document(replace(found, judgement=replace(found.judgement, findings=(finding,))))
     entry = content["missing"][0]
     assert (entry["effect"], entry["status"], entry["nearest"]) == ("unknown", "provisional", "quadratic_drag")
-    assert "not proven" in entry["statement"] and "c_2" in entry["parameters"]
+    assert "nothing proves" in entry["statement"] and "c_2" in entry["parameters"]
 
 
 def test_with_a_high_bar_the_same_effect_is_immaterial(tmp_path: Path) -> None:
@@ -277,12 +277,12 @@ def test_an_unknown_is_told_what_comes_nearest_if_anything_does() -> None:
     found = made("found")
     nameless = replace(found, judgement=replace(found.judgement, verdict="unknown", findings=()))
     told = re.search(
-        r"Nearest comes quadratic drag, which would explain (\d+) %.*leave ([\d.]+) × noise", sentence(nameless)
+        r"The nearest effect is quadratic drag: it would explain (\d+) %.*leave ([\d.]+) × noise", sentence(nameless)
     )
     assert told is not None
     assert 90 <= int(told[1]) <= 100
     assert float(told[2]) == pytest.approx(found.judgement.final.chi2**0.5, rel=0.05)
-    assert "Nearest" not in sentence(made("unknown"))
+    assert "nearest" not in sentence(made("unknown"))
 
 
 @pytest.mark.parametrize("case", CASES)

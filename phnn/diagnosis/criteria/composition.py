@@ -9,13 +9,13 @@ from phnn.diagnosis.criteria.criterion import STUDIED, criterion
 
 @dataclass(frozen=True)
 class Composition:
-    """What is added to a model because recordings that were left out are predicted better with it."""
+    """When an element is added to a model because it improves the prediction of left-out recordings."""
 
     most_elements: int = criterion(
         5,
         "elements",
-        "A composed model has at most so many beyond the base model.",
-        "Choice: of cost; every further element has to explain part of a smaller rest.",
+        "Largest number of elements that a composed model has beyond the base model.",
+        "Choice: of cost; every further element explains part of a smaller remainder.",
     )
     composed_refits: int = criterion(
         6, "candidates", "Effects of the catalogue that are refitted for one further element.", "Choice: of cost."
@@ -23,19 +23,19 @@ class Composition:
     learned_refits: int = criterion(
         9,
         "candidates",
-        "Learned elements that are refitted beside them, those at the places that explain most.",
-        "Argument: there are nine, and where the residual is large the place is not sure before a refit.",
+        "Learned elements that are refitted as well, those at the places that explain most.",
+        "Argument: there are nine, and with a large residual the place is uncertain before a refit.",
     )
     asked_of_selection: int = criterion(
         4,
         "candidates",
         "The best refits that the selection recordings choose from.",
-        "Choice: a refit that fits clearly worse where it was made predicts no better.",
+        "Choice: a refit with a clearly worse fit does not predict better.",
     )
     composed_beyond: float = criterion(
         2.0,
         "noise rms",
-        "A model that leaves more is composed further even where what it leaves may be chance.",
+        "A model that leaves more is composed further even if its remainder is not significant.",
         "Calculation: no doubt about the noise level is greater than a factor of two, and a remainder that is coherent "
         "over short recordings has no small p-value.",
         origin=1.0,
@@ -49,40 +49,40 @@ class Composition:
     composed_level: float = criterion(
         0.00135,
         "probability",
-        "Besides, the p-value of the fall has to be below it.",
+        "The p-value of the fall must also be below it.",
         "Calculation: three standard errors of a normal distribution, one-sided.",
     )
     composed_far: float = criterion(
         0.2,
         "share of the excess",
-        "A fall by more is far: `composed_far_level` is enough, or no test where the recordings are too short.",
-        "Argument: four times what counts else.",
+        "A larger fall is large: it needs only `composed_far_level`, or no test if the recordings are too short.",
+        "Argument: four times `composed_share`.",
     )
     composed_far_level: float = criterion(
         0.05,
         "probability",
-        "Largest p-value of a fall that is far.",
-        "Argument: what is left by a wrong model scatters more than noise does, so that a test of it is weak.",
+        "Largest p-value of a large fall.",
+        "Argument: the residual of a wrong model scatters more than noise, so that its test has little power.",
     )
     far_above: float = criterion(
         1.05,
         "noise rms",
-        "A fall from less is never far.",
-        "Calculation: what lies below is a tenth of the noise's power, as little as the noise floor may be wrong by.",
+        "A fall from a smaller error is never large.",
+        "Calculation: below it the excess is a tenth of the noise power, within the uncertainty of the noise floor.",
         origin=1.0,
     )
     claim_leaves: float = criterion(
         0.05,
         "share of what it takes",
-        "An element of a composed model has a name only if what has no name is less.",
-        "Argument: what remains may be an effect of its own, for which the element stands in part. " + STUDIED,
+        "An element of a composed model has a name only if the nameless part of the mismatch is smaller.",
+        "Argument: the rest may be another effect, which the element represents in part. " + STUDIED,
     )
 
     asked_elements: int = criterion(
         3,
         "elements",
-        "Elements, those that take most, of which a proposed recording is asked; each has rivals of its own.",
-        "Choice: of cost; one recording hardly answers more.",
+        "Number of elements, those that explain most, that a proposed recording is to test; each has its own rivals.",
+        "Choice: of cost; one recording rarely answers more questions.",
     )
 
     def falls(self, before: float, after: float, p_value: float | None) -> bool:

@@ -1,4 +1,4 @@
-"""Criteria for what held-out recordings confirm."""
+"""Criteria for confirmation by held-out recordings."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ class Confirmation:
     material: float = criterion(
         0.1,
         "noise rms",
-        "What an element explains there has to be larger to matter.",
-        "Calculation: a hundredth of the noise's power: less than the noise floor itself is known to.",
+        "Smallest contribution of an element to held-out recordings that is material.",
+        "Calculation: a hundredth of the noise power, less than the uncertainty of the noise floor.",
     )
     material_share: float = criterion(
         0.01,
         "share of the error",
-        "Besides, the held-out error has to fall by a larger share.",
-        "Argument: a report of three digits shows no smaller one: 1.01 → 1.01.",
+        "Smallest fall of the held-out error that is material.",
+        "Argument: three digits in a report show no smaller fall: 1.01 → 1.01.",
     )
     real_gain: float = criterion(
         0.5,
         "noise rms",
-        "An element that explains more of the identification recordings is real whatever held-out ones say.",
+        "An element that explains more of the identification recordings is real, whatever held-out recordings show.",
         "Calculation: the base model leaves 1.12 × noise or more without it.",
     )
     untested_fall: float = criterion(
         0.9,
         "share of the excess",
-        "Where no test is possible, the held-out excess has to fall by this much for a name to stand.",
+        "If no test is possible, the held-out excess must fall by this much for a name.",
         "Measured: where a step came a tenth to a half of a sample late, a slew limit in its place took 44, 81 and "
         "93 % of one held-out sine; the effects of the demonstrations take 97 % or more.",
     )
     held_out_level: float = criterion(
         0.01,
         "probability",
-        "Below this p-value the held-out error falls by more than chance.",
+        "A fall of the held-out error is significant below this p-value.",
         "Calculation: the level of the search; each element passes on its own, so that no correction is due.",
     )
     held_out_blocks: int = criterion(
         8,
         "blocks",
         "Fewest nearly independent blocks of time for a p-value.",
-        "Calculation: with eight, Student's 1 % quantile is 3.0 where it is 2.3 for many.",
+        "Calculation: with eight, Student's 1 % quantile is 3.0; for many it is 2.3.",
     )
 
     def falls(self, before: float, after: float, share_of_noise: float) -> bool:
@@ -54,7 +54,7 @@ class Confirmation:
         return share_of_noise > self.material and before - after > self.material_share * before
 
     def falls_far(self, before: float, after: float, share_of_noise: float) -> bool:
-        """Whether an error falls materially, and by so much that no test is needed to see it."""
+        """Whether an error falls materially, and by so much that no test is needed."""
         excess = max(before**2 - 1.0, 0.0)
         falls = self.falls(before, after, share_of_noise)
         return falls and before**2 - after**2 >= self.untested_fall * excess

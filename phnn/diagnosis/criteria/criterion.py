@@ -1,4 +1,4 @@
-"""One number that decides something in a diagnosis, with what a reader has to know of it."""
+"""A number that decides something in a diagnosis, with its unit, meaning and evidence."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import Field, dataclass, field
 from typing import Any
 
 # The evidence of a value that no calculation or measurement gives: the study varies it.
-STUDIED = "Choice: no calculation gives it. docs/criteria.md shows what half and double of it change."
+STUDIED = "Choice: no calculation gives it. docs/criteria.md shows the effect of halving and doubling it."
 
 
 @dataclass(frozen=True)

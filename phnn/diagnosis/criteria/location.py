@@ -1,4 +1,4 @@
-"""Criteria for where a mismatch is."""
+"""Criteria for the location of a mismatch."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class Locating:
     drift_weight: float = criterion(
         0.7,
         "1",
-        "The share that a slow course of each recording explains counts this much where locations are compared.",
-        "Argument: no other recording can test such a course, so that it explains by freedom what others predict.",
+        "Weight of the share that a slow drift of each recording explains, when locations are compared.",
+        "Argument: no other recording can test such a drift; its coefficients are free, others must predict.",
     )
     located: float = criterion(
         0.3,
@@ -32,8 +32,8 @@ class Locating:
     possible: float = criterion(
         0.05,
         "share of the best location's",
-        "An effect is a candidate only where its location explains more than this share of what the best one does.",
-        "Argument: what lies elsewhere still explains some of a mismatch, for all locations act through one velocity.",
+        "An effect is a candidate only if its location explains more than this share of the best location's.",
+        "Argument: wrong locations explain some of a mismatch too, because all locations act through one velocity.",
     )
 
 

@@ -1,4 +1,4 @@
-"""Criteria for what is added to a model, what is kept, and which word the verdict is."""
+"""Criteria for adding effects to a model, keeping them, and choosing the verdict."""
 
 from __future__ import annotations
 
@@ -21,19 +21,21 @@ class Selection:
     numerical_score: float = criterion(
         0.3,
         "noise standard deviations",
-        "Sub-steps are halved while the numerical error alone scores more; where it still does, no name is proven.",
+        "Sub-steps are halved while the numerical error alone has a larger score; if it still has, no name is proven.",
         "Calculation: a score of 2.33 that is 0.3 too large has p = 0.021 in place of 0.01.",
     )
     first_refits: int = criterion(
-        14, "candidates", "Refitted for a first effect, at most.", "Choice: of cost; half of the catalogue."
+        14, "candidates", "Largest number of refits for a first effect.", "Choice: of cost; half of the catalogue."
     )
-    further_refits: int = criterion(6, "candidates", "Refitted for a further effect, at most.", "Choice: of cost.")
-    explains: float = criterion(0.5, "share of the excess", "A first effect that explains less is not kept.", STUDIED)
+    further_refits: int = criterion(
+        6, "candidates", "Largest number of refits for a further effect.", "Choice: of cost."
+    )
+    explains: float = criterion(0.5, "share of the excess", "A first effect that explains less is withdrawn.", STUDIED)
     explains_further: float = criterion(
         0.7,
         "share of the excess",
-        "A further effect, or a first one where nothing is located, that explains less is not kept.",
-        "Argument: above `explains`, for a further effect is chosen among more. " + STUDIED,
+        "A further effect, or a first effect without a location, that explains less is withdrawn.",
+        "Argument: above `explains`, because a further effect is chosen among more alternatives. " + STUDIED,
     )
     explains_some: float = criterion(
         0.25,
@@ -44,41 +46,41 @@ class Selection:
     explains_well: float = criterion(
         0.9,
         "share of the excess",
-        "From here on an effect explains well: no learned element is compared with it, and it may be one of a class.",
+        "An effect that explains more is compared with no learned element, and may be one of an equivalent class.",
         "Measured: the concealed effects of the demonstrations take 97 % or more of the held-out excess.",
     )
     noise_doubt: float = criterion(
         1.02,
         "noise rms",
-        "A residual below it is not held against an effect.",
-        "Calculation: a floor from 2,500 samples is known to 1.4 %.",
+        "A residual below it does not count against an effect.",
+        "Calculation: a noise floor from 2,500 samples has a standard error of 1.4 %.",
         origin=1.0,
     )
     small_residual: float = criterion(
         1.1,
         "noise rms",
-        "A residual below it ends the search, and is told as immaterial where nothing predicts recordings better; "
-        "above it, refits are compared with the remainder in mind.",
-        "Calculation: what is left has a fifth of the noise's power. " + STUDIED,
+        "A residual below it ends the search and is immaterial if no element improves predictions; "
+        "above it, the remainder widens the tie of refits.",
+        "Calculation: the excess is then a fifth of the noise power. " + STUDIED,
         origin=1.0,
     )
     one_form: float = criterion(
         2.0,
         "noise rms",
-        "An effect in another form that leaves more may as well be two effects: the search goes on.",
+        "If an effect in another form leaves more, the mismatch may be two effects: the search continues.",
         STUDIED,
         origin=1.0,
     )
     compared_within: float = criterion(
         10.0,
         "ties",
-        "Refits that end so near the best one are compared with their numerical error bounded.",
+        "The numerical error of refits that end this close to the best one is bounded before they are compared.",
         STUDIED,
     )
     numerical_share: float = criterion(
         0.05,
         "share of the excess's norm",
-        "Numerical error allowed beside what is left.",
+        "Largest numerical error relative to the remaining residual.",
         "Calculation: a fifth of the least share that counts (`explains_some`), and its square is 0.25 % of χ².",
     )
     tie: float = criterion(
@@ -90,31 +92,31 @@ class Selection:
     tie_of_remainder: float = criterion(
         0.2,
         "share of the remainder",
-        "Where even the best refit leaves something significant, a smaller difference of χ² decides nothing.",
-        "Argument: what is left over by all may favour either.",
+        "If even the best refit leaves a significant remainder, a smaller difference of χ² decides nothing.",
+        "Argument: the remainder that no refit explains may favour either.",
     )
     retested: int = criterion(
         3,
         "candidates",
-        "Refitted in the place of an earlier effect after another one has joined.",
+        "Number of candidates refitted in place of an earlier effect after another effect was added.",
         "Choice: of cost.",
     )
     learned_leaves: float = criterion(
         0.5,
         "ratio of the excesses",
-        "A learned element that leaves less of what the named effects leave shows that these are not the cause.",
-        "Argument: a dozen free strengths lower any χ², but do not halve what the right kind of effect has left.",
+        "If a learned element leaves less of what the named effects leave, these effects are not the cause.",
+        "Argument: a dozen free strengths lower any χ², but do not halve the remainder of the right kind of effect.",
     )
     together: float = criterion(
         0.95,
         "share of the excess",
-        "Several effects that explain less together, and leave more than `small_residual`, are no explanation.",
-        "Argument: two effects can confound much that is neither of them. " + STUDIED,
+        "Several effects that together explain less, and leave more than `small_residual`, are withdrawn.",
+        "Argument: two wrong effects can confound many true ones. " + STUDIED,
     )
     nearly_all: float = criterion(
         0.95,
         "share of the excess",
-        "Effects that explain more keep their names although what they leave lies elsewhere.",
+        "Effects that explain more keep their names although the remainder has another location.",
         "Measured: in sealed cases with a small background the right effects explained 0.98 to 0.99, and left the "
         "background at its own place. " + STUDIED,
     )

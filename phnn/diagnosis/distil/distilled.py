@@ -33,7 +33,7 @@ class Distilled:
         exponents: value and 95 % interval of every exponent and onset, by symbol; a value that stands in the equation
             as a round number lies in its interval.
         learned, formula: residual over noise (root mean square) with the element and, to first order, the formula.
-        as_good: whether the formula leaves no more than the element, but for what chance makes of it.
+        as_good: whether the formula leaves no more than the element, up to the difference that chance can make.
         first_order: whether the element leaves so little that first order holds, and with it the intervals; else the
             formula is a hint.
         others: equations that these recordings cannot tell from this one.

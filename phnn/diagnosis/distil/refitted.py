@@ -26,7 +26,7 @@ _MOST = 0.8
 def refitted_formula(
     final: Fit, alone: Fit, element: Effect, executor: Executor = SERIAL, criteria: Criteria = CRITERIA
 ) -> Distilled | None:
-    """The formula that explains most in the place of a learned element; of those that explain as much, the simplest.
+    """Return the formula that explains most in place of a learned element; among equals, the simplest.
 
     Args:
         final: the fit with the element; alone: that with all other elements of the model.

@@ -150,7 +150,7 @@ class BondGraph:
             motion and whose effort is measured (`phnn.network.bondgraph.imposed`).
         merge: whether storages with proportional rates become one (see `phnn.network.bondgraph.merging`).
         modulations: ratios of transformers and gyrators that follow a storage or a memory.
-        memories: slow states that laws and ratios may read, the last ones of the network.
+        memories: modulator states, slow states that laws and ratios may read, the last ones of the network.
 
     Raises:
         StructureViolated: a junction that is neither 0 nor 1, a name given twice, a reference to nothing, a direction

@@ -90,7 +90,7 @@ def _words(fit: ModalFit) -> str:
 
 
 def _left(study: Study, fit: ModalFit, experiments: tuple[Experiment, ...]) -> tuple[Array, Array]:
-    """Spectrum of what a model leaves; nothing where it cannot be marched."""
+    """Draw the spectrum of a model's residual; nothing if the model cannot be integrated."""
     try:
         return _power(study, [e.y - fit.predict(e) for e in experiments])
     except SolverFailed:
