@@ -14,7 +14,7 @@ import numpy as np
 from phnn.demo import Sealed, generate
 from phnn.diagnosis import diagnosis as path
 from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.ground import Ground, prepare
+from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.locate import Responses, responses
 from phnn.effects import catalogue
 from phnn.identification.base import Options, identification_plan
@@ -63,15 +63,15 @@ def base(effect: str = "none", seed: int = SEED) -> Fit:
 
 
 @cache
-def ground(effect: str = "none", seed: int = SEED) -> Ground:
-    """The ground on that fit."""
+def linearised(effect: str = "none", seed: int = SEED) -> LinearisedFit:
+    """The linearised on that fit."""
     return prepare(base(effect, seed))
 
 
 @cache
 def generic(effect: str = "none", seed: int = SEED) -> Responses:
     """Responses to all local functions."""
-    return responses(ground(effect, seed))
+    return responses(linearised(effect, seed))
 
 
 @cache

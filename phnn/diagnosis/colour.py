@@ -12,7 +12,7 @@ from scipy.special import ndtri_exp
 from scipy.stats import t as student
 
 from phnn.diagnosis.criteria import Noise
-from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.residual_noise import NoiseSpectrum, noise_spectra
 from phnn.recordings.recording import Recording
 
@@ -31,7 +31,7 @@ class Colour:
     the residual is noise, so it shows what the noise is.
     """
 
-    ground: Ground
+    linearised: LinearisedFit
 
     def stated(self, columns: Array) -> Array:
         """(C,) variances along columns (N, C) of the noise that the recordings state."""
@@ -44,25 +44,27 @@ class Colour:
                     total += 2.0 * rho[lag] * np.einsum("ij,ij->j", block[lag:], block[:-lag])
             return np.asarray(total)
 
-        return np.sum(self.ground.plan.each(one, self.ground.slices), axis=0)
+        return np.sum(self.linearised.plan.each(one, self.linearised.slices), axis=0)
 
     @cached_property
     def spectra(self) -> list[NoiseSpectrum]:
         """Of the noise in the residual, by recording."""
-        ground = self.ground
-        return noise_spectra([ground.residual[r] for r in ground.slices], ground.plan.recordings, ground.noise)
+        linearised = self.linearised
+        return noise_spectra(
+            [linearised.residual[r] for r in linearised.slices], linearised.plan.recordings, linearised.noise
+        )
 
     def left(self, columns: Array) -> Array:
         """(C, C) covariance along columns (N, C) of stationary noise with the spectra of the residual."""
-        each = [s.covariance(columns[rows]) for s, rows in zip(self.spectra, self.ground.slices, strict=True)]
+        each = [s.covariance(columns[rows]) for s, rows in zip(self.spectra, self.linearised.slices, strict=True)]
         return np.asarray(np.sum(each, axis=0))
 
     @cached_property
     def clipped(self) -> Array:
         """(N,) residual whose outliers are cut off at four robust standard deviations of their recording."""
-        found = self.ground.residual.copy()
-        for rows in self.ground.slices:
-            most = self.ground.noise.outlier * _ROBUST * float(np.median(np.abs(found[rows])))
+        found = self.linearised.residual.copy()
+        for rows in self.linearised.slices:
+            most = self.linearised.noise.outlier * _ROBUST * float(np.median(np.abs(found[rows])))
             np.clip(found[rows], -most, most, out=found[rows])
         return found
 
@@ -75,7 +77,7 @@ class Colour:
         What the direction itself explains is taken out of the spread, so that a true effect does not hide itself. Noise
         may have any colour that a block forgets, any variance and any tails (White 1980, Liang & Zeger 1986).
         """
-        blocks = [b for rows in self.ground.slices for b in _blocks(rows, self.ground.noise)]
+        blocks = [b for rows in self.linearised.slices for b in _blocks(rows, self.linearised.noise)]
         along = np.stack([columns[b].T @ self.clipped[b] for b in blocks])
         squares = np.stack([np.einsum("ij,ij->j", columns[b], columns[b]) for b in blocks])
         total, size = along.sum(axis=0), np.maximum(squares.sum(axis=0), 1e-300)
@@ -97,7 +99,7 @@ class Colour:
         # The normal deviate of the same tail probability as that of Student's t.
         blocked = -ndtri_exp(student.logsf(t, np.maximum(freedom, 1.0)))
         size = np.abs(stationary)
-        rule = self.ground.noise
+        rule = self.linearised.noise
         believed = np.where(freedom >= rule.block_freedom, np.clip(blocked, size / rule.uneven, size), size)
         return np.asarray(np.sign(stationary) * believed)
 

@@ -107,7 +107,7 @@ def compose(
         The elements of the model, in order, and its fit to all identification recordings: those of ``searched`` where
         nothing is added.
     """
-    criteria, kept, final = material.criteria, searched.findings, searched.model.ground.fit
+    criteria, kept, final = material.criteria, searched.findings, searched.model.linearised.fit
     asked = LeavesCase(final.chi2, len(kept), lambda: searched.model.naming.p_value, criteria)
     if record.decide(LEAVES, asked) is not None:
         return kept, final
@@ -117,7 +117,7 @@ def compose(
         base = _on(held, material.base)
     except PhnnError:
         return kept, final
-    begun = base if not start.findings else fit_with(base, start.findings, start.model.ground.fit.setup.values())
+    begun = base if not start.findings else fit_with(base, start.findings, start.model.linearised.fit.setup.values())
     if begun is None:
         return kept, final
     here = _grown(material, held, start.findings, begun)

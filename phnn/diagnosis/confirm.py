@@ -31,8 +31,8 @@ from enum import Enum
 
 from phnn.diagnosis.criteria import Confirmation, Criteria
 from phnn.diagnosis.finding import Finding
-from phnn.diagnosis.ground import Ground
 from phnn.diagnosis.judge import Immaterial, Judgement, immaterial, unexplained
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.retest import without
 from phnn.diagnosis.rules import Record
@@ -179,7 +179,7 @@ def _may_be_part_of(learned: Effect, effect: Effect) -> bool:
 
 def _model_case(judgement: Judgement, tested: Sequence[Tested], criteria: Criteria) -> ModelCase:
     counts = Counter(t.outcome for t in tested)
-    share = share_of(judgement.ground.fit, judgement.final, judgement.naming)
+    share = share_of(judgement.linearised.fit, judgement.final, judgement.naming)
     return ModelCase(
         proven=counts[Outcome.PROVEN],
         open_=counts[Outcome.OPEN],
@@ -216,15 +216,15 @@ def _small_remainder(judgement: Judgement, criteria: Criteria, record: Record) -
     """What is significant in the residual of the final model, where it is too small to matter."""
     if judgement.remainder is None or judgement.remainder_location is None:
         return None
-    decided = record.decide(REMAINDER, _nameless_case(judgement.final_ground, judgement.remainder, criteria))
-    return _size(judgement.final_ground, judgement.remainder) if decided is not None else None
+    decided = record.decide(REMAINDER, _nameless_case(judgement.final_linearised, judgement.remainder, criteria))
+    return _size(judgement.final_linearised, judgement.remainder) if decided is not None else None
 
 
 def _tested(
     judgement: Judgement, before: Evaluation, campaign: Campaign, criteria: Criteria, record: Record
 ) -> tuple[Evaluation, list[Tested]]:
     """The final model's scores on all recordings, and each of its elements held against the model without it."""
-    base, final, rule = judgement.ground.fit, judgement.final, criteria.confirmation
+    base, final, rule = judgement.linearised.fit, judgement.final, criteria.confirmation
     after, tested = score_on_all(final, campaign), []
     for finding in judgement.findings:
         others = tuple(f for f in judgement.findings if f is not finding)
@@ -262,7 +262,7 @@ def _dropped(judgement: Judgement, fallen: Tested, score_again: Callable[[Fit], 
         judgement,
         findings=tuple(replace(f, others_alone=None) for f in judgement.findings if f is not fallen.finding),
         final=fallen.alone,
-        final_ground=here.ground,
+        final_linearised=here.linearised,
         remainder=here.naming,
         remainder_location=here.remaining,
     )
@@ -278,23 +278,23 @@ def _nameless(judgement: Judgement, tested: Sequence[Tested], criteria: Criteria
         small = _small_remainder(judgement, criteria, record)
         findings = _shown(tested, nameless=True)
         return replace(judgement, verdict="unknown", findings=findings, remainder_immaterial=small)
-    judgement = unexplained(judgement.ground, judgement.naming, location, judgement.tried)
-    if record.decide(NAMELESS, _nameless_case(judgement.ground, judgement.naming, criteria)) is None:
+    judgement = unexplained(judgement.linearised, judgement.naming, location, judgement.tried)
+    if record.decide(NAMELESS, _nameless_case(judgement.linearised, judgement.naming, criteria)) is None:
         return judgement
-    return immaterial(judgement, _size(judgement.ground, judgement.naming))
+    return immaterial(judgement, _size(judgement.linearised, judgement.naming))
 
 
-def _nameless_case(ground: Ground, naming: Naming, criteria: Criteria) -> NamelessCase:
+def _nameless_case(linearised: LinearisedFit, naming: Naming, criteria: Criteria) -> NamelessCase:
     """What is significant in a model's residual: the strongest score ``S`` explains ``S/√N`` of the noise."""
-    fitted = ground.fit
+    fitted = linearised.fit
     return NamelessCase(naming.statistic / math.sqrt(fitted.residual.size), fitted.chi2, criteria)
 
 
-def _size(ground: Ground, naming: Naming) -> Immaterial:
+def _size(linearised: LinearisedFit, naming: Naming) -> Immaterial:
     """What the strongest score stands for, where the residual as a whole does not exceed the noise."""
-    share = naming.statistic / math.sqrt(ground.fit.residual.size)
+    share = naming.statistic / math.sqrt(linearised.fit.residual.size)
     leading = next((c.effect.name for c in naming.candidates if c.score >= naming.generic), None)
-    return Immaterial(leading, share * ground.scales.noise, share)
+    return Immaterial(leading, share * linearised.scales.noise, share)
 
 
 def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:

@@ -94,14 +94,14 @@ def input_measured(campaign: Campaign, setup: Setup) -> bool:
 
 def _distilled(judgement: Judgement, executor: Executor, criteria: Criteria) -> Judgement:
     """The judgement with a formula for every learned element of its model, where there is one."""
-    ground, found = judgement.final_ground, judgement.findings
+    linearised, found = judgement.final_linearised, judgement.findings
 
     def formula(finding: Finding) -> Distilled | None:
-        element, fit = finding.effect, ground.fit
+        element, fit = finding.effect, linearised.fit
         if has_grammar(element.kind.name):
-            return distil(ground, element)
+            return distil(linearised, element)
         others = [f for f in found if f is not finding]
-        alone = fit_with(judgement.ground.fit, others, fit.setup.values()) if others else judgement.ground.fit
+        alone = fit_with(judgement.linearised.fit, others, fit.setup.values()) if others else judgement.linearised.fit
         return None if alone is None else refitted_formula(fit, alone, element, executor, criteria)
 
     return replace(judgement, findings=tuple(replace(f, description=formula(f)) if f.learned else f for f in found))
@@ -192,9 +192,9 @@ def diagnose(
 
     judgement, before, after = confirmed(judgement, base, campaign, criteria, score_again)
     judgement = _held_against_numerics(_distilled(judgement, refits, criteria), criteria)
-    grounds = {id(g): g for g in (judgement.ground, judgement.final_ground)}.values()
-    residual = max(check(t) for g in grounds for t in g.trajectories)
-    proposal = propose(questions(judgement, criteria), judgement.ground, criteria.selection.tie)
+    linearised_fits = {id(g): g for g in (judgement.linearised, judgement.final_linearised)}.values()
+    residual = max(check(t) for g in linearised_fits for t in g.trajectories)
+    proposal = propose(questions(judgement, criteria), judgement.linearised, criteria.selection.tie)
     seconds = time.monotonic() - began
     return Diagnosis(
         campaign, base, error, judgement, before, after, proposal, residual, chosen, seconds, criteria

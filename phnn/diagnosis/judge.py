@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from phnn.diagnosis.compose import Material, compose
 from phnn.diagnosis.criteria import CRITERIA, SELECTION, Criteria
 from phnn.diagnosis.finding import Finding, effects_of
-from phnn.diagnosis.ground import Ground
 from phnn.diagnosis.learn import learn
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location, group_of
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.place import located
@@ -44,7 +44,7 @@ class Immaterial:
 class Judgement:
     """Attributes:
     verdict: ``named``, ``equivalent``, ``unknown`` or ``none``.
-    ground, naming, location: of the base model; location is None for ``none``.
+    linearised, naming, location: of the base model; location is None for ``none``.
     findings: elements added, in order; empty for ``none``. Of an ``unknown`` all of them are provisional.
     tried: refits of a first effect, also where none was accepted.
     final: the best model that these recordings support, whatever the verdict; the base fit for ``none``.
@@ -56,11 +56,11 @@ class Judgement:
     """
 
     verdict: str
-    ground: Ground
+    linearised: LinearisedFit
     naming: Naming
     location: Location | None
     final: Fit
-    final_ground: Ground
+    final_linearised: LinearisedFit
     findings: tuple[Finding, ...] = ()
     tried: tuple[Trial, ...] = ()
     remainder: Naming | None = None
@@ -120,19 +120,19 @@ def judge(
         learned: elements without a name that a model may be composed of.
         progress: told what is tried.
     """
-    ground, naming, record = found.ground, found.naming, Record()
+    linearised, naming, record = found.linearised, found.naming, Record()
     record.decide(BASE, BaseCase(naming.p_value, criteria.selection))
     location = found.remaining
     if location is None:
-        return Judgement("none", ground, naming, None, ground.fit, ground, rules=tuple(record.asked))
+        return Judgement("none", linearised, naming, None, linearised.fit, linearised, rules=tuple(record.asked))
     selected, tried = select(found, location, effects, seed, max_effects, executor, criteria, progress)
     record.asked.extend(selected.rules)
     asked = _Asked(found, location, new_in_held_out, criteria)
     word, also = _word(asked, selected, record)
-    material = Material(ground.fit, effects, learned, ground.terminals, seed, executor, criteria, progress)
+    material = Material(linearised.fit, effects, learned, linearised.terminals, seed, executor, criteria, progress)
     word, model, findings = _composed(asked, material, selected, tried, word, record)
     return Judgement(
-        word, ground, naming, _also(location, also), model.ground.fit, model.ground, findings, tried, model.naming,
+        word, linearised, naming, _also(location, also), model.linearised.fit, model.linearised, findings, tried, model.naming,
         model.remaining, rules=tuple(record.asked),
     )  # fmt: skip
 
@@ -149,13 +149,13 @@ class _Asked:
 
 def _word(asked: _Asked, selected: Selected, record: Record) -> tuple[str, str]:
     """The verdict on a selection, and a location that comes into question beside that of the whole mismatch."""
-    ground, location, rule = asked.found.ground, asked.location, asked.criteria.selection
+    linearised, location, rule = asked.found.linearised, asked.location, asked.criteria.selection
     here = selected.model
-    final, left = here.ground.fit, here.remaining
-    share = share_of(ground.fit, final, asked.found.naming)
+    final, left = here.linearised.fit, here.remaining
+    share = share_of(linearised.fit, final, asked.found.naming)
     alone = None
     if location.name == "mechanical" and left is not None and share < rule.explains_well:
-        alone = learn(ground, group_of(location).kind)
+        alone = learn(linearised, group_of(location).kind)
     case = VerdictCase(
         effects=len(selected.findings),
         members=max((len(f.members) for f in selected.findings), default=0),
@@ -182,13 +182,13 @@ def _composed(
     criteria, named = asked.criteria, selected.findings if word != "unknown" else ()
     findings, fitted = compose(material, selected, tried, record)
     model = selected.model
-    if fitted is not model.ground.fit:
-        terminals = asked.found.ground.terminals
+    if fitted is not model.linearised.fit:
+        terminals = asked.found.linearised.terminals
         model = scored(fitted, material.effects, material.seed, terminals=terminals, criteria=criteria)
         word, named = "unknown", ()
         # Whatever had a name before has to claim it anew beside what was added.
         if claimed := _claimed(findings, model, criteria, record):
-            share = share_of(asked.found.ground.fit, fitted, asked.found.naming)
+            share = share_of(asked.found.linearised.fit, fitted, asked.found.naming)
             word, _ = _word(asked, Selected(claimed, model, share), record)
             named = claimed if word != "unknown" else ()
     names = effects_of(named)
@@ -202,7 +202,7 @@ def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, rec
     What an element takes that has no name has none either, unless it is more of the same. A remainder beyond any doubt
     about the noise counts even where it may be chance.
     """
-    doubt, chi2 = criteria.selection.noise_doubt, model.ground.fit.chi2
+    doubt, chi2 = criteria.selection.noise_doubt, model.linearised.fit.chi2
     counts = model.significant or chi2 > criteria.composition.composed_beyond**2
     nameless = max(chi2 / doubt**2 - 1.0, 0.0) if counts else 0.0
     takes = [f.gained.before**2 - f.gained.after**2 if f.gained is not None else 0.0 for f in findings]
@@ -224,14 +224,14 @@ def _also(location: Location, name: str) -> Location:
     return location if name == location.name else replace(location, tied=tuple(dict.fromkeys((*location.tied, name))))
 
 
-def unexplained(ground: Ground, naming: Naming, location: Location, tried: tuple[Trial, ...]) -> Judgement:
+def unexplained(linearised: LinearisedFit, naming: Naming, location: Location, tried: tuple[Trial, ...]) -> Judgement:
     """Real, and nothing to add to the base model."""
-    return Judgement("unknown", ground, naming, location, ground.fit, ground, (), tried, naming, location)
+    return Judgement("unknown", linearised, naming, location, linearised.fit, linearised, (), tried, naming, location)
 
 
 def immaterial(judgement: Judgement, found: Immaterial) -> Judgement:
     """Nothing worth telling is missing: the base model stands, and what is significant is told with its size."""
-    ground = judgement.ground
+    linearised = judgement.linearised
     return Judgement(
-        "none", ground, judgement.naming, None, ground.fit, ground, tried=judgement.tried, immaterial=found
+        "none", linearised, judgement.naming, None, linearised.fit, linearised, tried=judgement.tried, immaterial=found
     )  # fmt: skip

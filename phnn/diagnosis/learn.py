@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnosis.criteria import REFITS
-from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.strengths import started
 from phnn.effects import Kind, Scales
 from phnn.effects.learned import learned_elements
@@ -37,17 +37,17 @@ def learned_setup(setup: Setup, kind: Kind, scales: Scales) -> Setup | None:
 
 
 @recalled
-def learn(ground: Ground, kind: Kind) -> Fit | None:
+def learn(linearised: LinearisedFit, kind: Kind) -> Fit | None:
     """Fit the learned element together with the base parameters; None where the location has no passive one-port."""
-    setup = learned_setup(ground.fit.setup, kind, ground.scales)
+    setup = learned_setup(linearised.fit.setup, kind, linearised.scales)
     if setup is None:
         return None
-    own = [n for n in setup.free if n not in ground.fit.setup.parameters]
+    own = [n for n in setup.free if n not in linearised.fit.setup.parameters]
     try:
-        used = touched(ground.fit, setup, own)
-        names = [*ground.fit.variables.names, *used]
-        setup = started(setup, ground.plan, names, used, ground.fit, REFITS.longest_step)
-        return fit(setup, ground.plan, names, ground.fit.held, 60, origin=ground.fit)
+        used = touched(linearised.fit, setup, own)
+        names = [*linearised.fit.variables.names, *used]
+        setup = started(setup, linearised.plan, names, used, linearised.fit, REFITS.longest_step)
+        return fit(setup, linearised.plan, names, linearised.fit.held, 60, origin=linearised.fit)
     except PhnnError:
         return None
 

@@ -18,7 +18,7 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from phnn.diagnosis.colour import Colour
-from phnn.diagnosis.ground import Ground, direction
+from phnn.diagnosis.linearised_fit import LinearisedFit, direction
 from phnn.diagnosis.residual_noise import doubt
 from phnn.diagnosis.spectra import FINER, LEVEL_CELLS, strongest
 from phnn.effects import Effect
@@ -52,85 +52,89 @@ class LineCandidate:
     judged: float
 
 
-def line_candidates(ground: Ground, effects: Sequence[Effect], colour: Colour) -> list[LineCandidate]:
+def line_candidates(linearised: LinearisedFit, effects: Sequence[Effect], colour: Colour) -> list[LineCandidate]:
     """Score the effects that appear as nuisances of the recordings."""
     found = []
     for effect in effects:
-        points = effect.grid(ground.scales)
+        points = effect.grid(linearised.scales)
         if effect.searched is not None:
-            found.append(_searched(ground, effect, effect.searched, points))
-        elif effect.add_to(ground.fit.setup, points[0]).own != ground.fit.setup.own:
-            found.append(_known(ground, effect, points, colour))
+            found.append(_searched(linearised, effect, effect.searched, points))
+        elif effect.add_to(linearised.fit.setup, points[0]).own != linearised.fit.setup.own:
+            found.append(_known(linearised, effect, points, colour))
     return found
 
 
-def _known(ground: Ground, effect: Effect, points: Sequence[dict[str, float]], colour: Colour) -> LineCandidate:
+def _known(
+    linearised: LinearisedFit, effect: Effect, points: Sequence[dict[str, float]], colour: Colour
+) -> LineCandidate:
     """The best of a few given points."""
-    found = [own_score(ground, effect.add_to(ground.fit.setup, v).own, colour) for v in points]
+    found = [own_score(linearised, effect.add_to(linearised.fit.setup, v).own, colour) for v in points]
     best = max(range(len(points)), key=lambda i: found[i])
     return LineCandidate(effect, dict(points[best]), *found[best])
 
 
-def _searched(ground: Ground, effect: Effect, name: str, points: Sequence[dict[str, float]]) -> LineCandidate:
+def _searched(
+    linearised: LinearisedFit, effect: Effect, name: str, points: Sequence[dict[str, float]]
+) -> LineCandidate:
     """The strongest line there is; the other parameters, in which the effect is linear, by least squares."""
-    frequency, deviate, judged = strongest_line(ground)
+    frequency, deviate, judged = strongest_line(linearised)
     placed = [point | {name: frequency} for point in points]
-    columns = ground.project(np.column_stack([direction(ground, effect, v) for v in placed]))
-    weights = np.linalg.lstsq(columns, ground.residual, rcond=_RANK)[0]
+    columns = linearised.project(np.column_stack([direction(linearised, effect, v) for v in placed]))
+    weights = np.linalg.lstsq(columns, linearised.residual, rcond=_RANK)[0]
     values = {n: float(sum(w * v[n] for w, v in zip(weights, placed, strict=True))) for n in placed[0]}
     return LineCandidate(effect, values | {name: frequency}, deviate, judged)
 
 
-def own_score(ground: Ground, own: Own, colour: Colour) -> tuple[float, float]:
+def own_score(linearised: LinearisedFit, own: Own, colour: Colour) -> tuple[float, float]:
     """Normal deviates of the residual's power along the recordings' nuisances, out of the noise as stated and as the
     residual has it; zero where no recording can show them."""
-    setup, recordings = ground.fit.setup, ground.plan.recordings
+    setup, recordings = linearised.fit.setup, linearised.plan.recordings
     columns = [
         without_nuisances(own_columns(r, own), r.mask("identification"), r, setup.own, hidden)
-        for r, hidden in zip(recordings, ground.hidden, strict=True)
+        for r, hidden in zip(recordings, linearised.hidden, strict=True)
     ]
     parts = [np.linalg.svd(c, full_matrices=False)[:2] for c in columns]
     largest = max(size.max(initial=0.0) for _, size in parts)
     alone = block_diag(*(basis[:, size > _RANK * largest] for basis, size in parts))
     # The basis is orthonormal for each recording; the base is projected out of all recordings together.
-    explained = ground.basis.T @ alone
+    explained = linearised.basis.T @ alone
     left_over, vectors = np.linalg.eigh(np.eye(alone.shape[1]) - explained.T @ explained)
     free = left_over > _FREE
     if not free.any():
         return 0.0, 0.0
-    q = ground.project(alone) @ (vectors[:, free] / np.sqrt(left_over[free]))
+    q = linearised.project(alone) @ (vectors[:, free] / np.sqrt(left_over[free]))
     stated, left = np.array([np.mean(colour.stated(q)), np.mean(np.diag(colour.left(q)))])
-    saved = float(np.sum((q.T @ ground.residual) ** 2) / stated)
+    saved = float(np.sum((q.T @ linearised.residual) ** 2) / stated)
     # A line raises the spectrum that it is compared with; a slow drift does not, it is slower than that spectrum.
-    excess = max(left / stated, 1.0) if own.courses else float(doubt(left, stated, ground.noise)) ** 2
+    excess = max(left / stated, 1.0) if own.courses else float(doubt(left, stated, linearised.noise)) ** 2
     return _deviate(saved, q.shape[1], 1.0), _deviate(saved / excess, q.shape[1], 1.0)
 
 
-def line_share(ground: Ground) -> float:
+def line_share(linearised: LinearisedFit) -> float:
     """Sum of squares that lines take away, in units of the noise, at frequencies that other recordings tell.
 
     What drives a recording repeats at its own frequency and tells of no line: it is asked beside harmonics of it.
     """
-    spectra, saved = ground.spectra, 0.0
-    for i, (recording, rows) in enumerate(zip(ground.plan.recordings, ground.slices, strict=True)):
+    spectra, saved = linearised.spectra, 0.0
+    for i, (recording, rows) in enumerate(zip(linearised.plan.recordings, linearised.slices, strict=True)):
         power, freedom = spectra.of_others(i)
         lines = [k * spectra.f[strongest(power, freedom)] for k in _HARMONICS]
         columns = line_columns(recording, lines)[recording.mask("identification")]
         if columns.shape[1] and freedom.max() > 0.5:
-            left = np.linalg.qr(columns)[0].T @ ground.residual[rows]
+            left = np.linalg.qr(columns)[0].T @ linearised.residual[rows]
             saved += float(left @ left) - left.size
     return max(saved, 0.0)
 
 
-def course_share(ground: Ground) -> float:
+def course_share(linearised: LinearisedFit) -> float:
     """Sum of squares that a slow drift of each recording removes, in units of the noise.
 
     The drift is fitted to every other stretch of a recording and predicts the stretches between.
     """
     saved = 0.0
-    for recording, rows in zip(ground.plan.recordings, ground.slices, strict=True):
+    for recording, rows in zip(linearised.plan.recordings, linearised.slices, strict=True):
         columns = course_columns(recording, COURSES)[recording.mask("identification")]
-        columns, left = np.column_stack([np.ones(columns.shape[0]), columns]), ground.residual[rows]
+        columns, left = np.column_stack([np.ones(columns.shape[0]), columns]), linearised.residual[rows]
         odd = (np.arange(left.size) * 4 * columns.shape[1] // left.size) % 2 == 1
         for fitted in (odd, ~odd):
             weights = np.linalg.lstsq(columns[fitted], left[fitted], rcond=_RANK)[0]
@@ -138,7 +142,7 @@ def course_share(ground: Ground) -> float:
     return max(saved, 0.0)
 
 
-def strongest_line(ground: Ground) -> tuple[float, float, float]:
+def strongest_line(linearised: LinearisedFit) -> tuple[float, float, float]:
     """The frequency [Hz] at which the recordings' residuals hold most power together, and its normal deviates.
 
     The periodograms of all recordings, each over the spectrum of its stated noise, are added up; so are the levels
@@ -146,7 +150,7 @@ def strongest_line(ground: Ground) -> tuple[float, float, float]:
     spectrum that is smooth over a dozen of the cells that a recording resolves, a resonance of the plant for instance.
     The tail probability of the largest value is multiplied by the number of frequencies.
     """
-    spectra = ground.spectra
+    spectra = linearised.spectra
     power, level = spectra.added(lambda s: s.power), spectra.added(lambda s: s.level)
     freedom, tries = spectra.freedom, np.log(spectra.f.size * FINER)
     seen = np.flatnonzero(freedom > 0.5)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from phnn.derivatives import input_force, output_derivatives
 from phnn.diagnosis.criteria import LOCATING, Locating
 from phnn.diagnosis.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
-from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.lines import course_share, line_share
 from phnn.network.roles import hysterons, ratios
 from phnn.simulate import Trajectory
@@ -113,10 +113,10 @@ class _Products:
         return min(left(ridge) for ridge in ridges)
 
 
-def responses(ground: Ground) -> Responses:
+def responses(linearised: LinearisedFit) -> Responses:
     """One forward-sensitivity sweep a recording with all local functions as right-hand sides."""
-    parts = ground.plan.each(lambda r, t: _responses_of(t, ground), ground.trajectories)
-    columns = ground.stack([p[0] for p in parts])
+    parts = linearised.plan.each(lambda r, t: _responses_of(t, linearised), linearised.trajectories)
+    columns = linearised.stack([p[0] for p in parts])
     norms = np.linalg.norm(columns, axis=0)
     usable = norms > 1e-12 * norms.max()
     # A function that these recordings never excite keeps its place, as a column of zeros.
@@ -124,15 +124,15 @@ def responses(ground: Ground) -> Responses:
     return Responses(columns / norms, norms, parts[0][1])
 
 
-def _responses_of(trajectory: Trajectory, ground: Ground) -> tuple[Array, NDArray[np.int64]]:
+def _responses_of(trajectory: Trajectory, linearised: LinearisedFit) -> tuple[Array, NDArray[np.int64]]:
     """(N, F) responses of one recording and the owners of the columns: forces, varied parameters, outputs."""
-    scales = ground.scales
+    scales = linearised.scales
     owners: dict[str, list[int]] = {FORCE: [], PARAMETER: [], OUTPUT: []}
     forces, varied, outputs = [], [], []
     network = trajectory.setup.network
     for index, group in enumerate(GROUPS):
         functions = group.functions(trajectory, scales)
-        if not _exists(group, ground):
+        if not _exists(group, linearised):
             functions = np.zeros_like(functions)
         if group.enters == OUTPUT:
             outputs.append(functions * scales.sensed)
@@ -150,32 +150,32 @@ def _responses_of(trajectory: Trajectory, ground: Ground) -> tuple[Array, NDArra
     return np.hstack([through, *outputs]), np.array(owners[FORCE] + owners[PARAMETER] + owners[OUTPUT])
 
 
-def _exists(group: Group, ground: Ground) -> bool:
+def _exists(group: Group, linearised: LinearisedFit) -> bool:
     """Whether the system has such a place: hysterons, a transducer, an amplifier whose command was recorded."""
-    network = ground.fit.setup.network
+    network = linearised.fit.setup.network
     if group.location in ("hysteron", "electrical"):
         return bool(hysterons(network))
     if group.location in ("coupling", "thermal"):
         return bool(ratios(network))
-    return not (group.location == "amplifier" and ground.terminals)
+    return not (group.location == "amplifier" and linearised.terminals)
 
 
-def locate(ground: Ground, given: Responses | None = None, rule: Locating = LOCATING) -> Location:
+def locate(linearised: LinearisedFit, given: Responses | None = None, rule: Locating = LOCATING) -> Location:
     """Score every location by generalisation to left-out recordings.
 
     Args:
         given: responses of the local functions, where they are known.
         rule: when two locations explain a residual equally well.
     """
-    found = given if given is not None else responses(ground)
-    folds = _products(ground, found)
+    found = given if given is not None else responses(linearised)
+    folds = _products(linearised, found)
     details = {f"{g.location}/{g.detail}": _generalise(folds, found.owner == i) for i, g in enumerate(GROUPS)}
     # Lines have a phase of their own in every recording: only their frequency can be known from others. Nothing can of
     # a slow drift: functions that other recordings test come first where they explain much of the same.
     ranks = dict(details)
     untested = rule.drift_weight
     for detail, saved, worth in (("environment/lines", line_share, 1.0), ("sensor/drift", course_share, untested)):
-        share = min(saved(ground) / _explainable(ground), 1.0)
+        share = min(saved(linearised) / _explainable(linearised), 1.0)
         details[detail], ranks[detail] = max(details[detail], share), max(ranks[detail], worth * share)
     names = list(dict.fromkeys(g.location for g in GROUPS))
     scores = {}
@@ -188,14 +188,14 @@ def locate(ground: Ground, given: Responses | None = None, rule: Locating = LOCA
     best = max(names, key=lambda n: ranks[n])
     detail = max((g.detail for g in GROUPS if g.location == best), key=lambda d: ranks[f"{best}/{d}"])
     group = next(i for i, g in enumerate(GROUPS) if (g.location, g.detail) == (best, detail))
-    weights, covariance = _weights(ground, found, group)
+    weights, covariance = _weights(linearised, found, group)
     tied = tuple(n for n in names if n != best and ranks[n] >= ranks[best] - rule.tied)
     return Location(best, detail, tied, scores, details, ranks, group, weights, covariance)
 
 
-def _folds(ground: Ground) -> list[NDArray[np.int64]]:
+def _folds(linearised: LinearisedFit) -> list[NDArray[np.int64]]:
     """Rows to leave out together: recordings, or stretches of time where there is one recording."""
-    blocks: Sequence[slice] = ground.slices
+    blocks: Sequence[slice] = linearised.slices
     if len(blocks) == 1:
         rows = np.arange(blocks[0].start, blocks[0].stop)
         return list(np.array_split(rows, _FOLDS))
@@ -205,13 +205,13 @@ def _folds(ground: Ground) -> list[NDArray[np.int64]]:
     return [np.concatenate([np.arange(blocks[i].start, blocks[i].stop) for i in g]) for g in groups]
 
 
-def _products(ground: Ground, found: Responses) -> _Products:
+def _products(linearised: LinearisedFit, found: Responses) -> _Products:
     """Those of the base with all columns: every group of functions takes its own of them."""
-    r, base = ground.residual, ground.basis
+    r, base = linearised.residual, linearised.basis
     # Projected columns need no help from the base to fit all recordings, so that its prior shrinks nothing true.
-    columns = ground.project(found.columns)
+    columns = linearised.project(found.columns)
     grams, rights, squares = [], [], []
-    for fold in _folds(ground):
+    for fold in _folds(linearised):
         design, left = np.hstack([base[fold], columns[fold]]), r[fold]
         grams.append(design.T @ design)
         rights.append(design.T @ left)
@@ -232,9 +232,9 @@ def _generalise(folds: _Products, chosen: NDArray[np.bool_]) -> float:
     return float(np.clip(explained / _at_least(folds.alone - folds.size, folds.size), 0.0, 1.0))
 
 
-def _explainable(ground: Ground) -> float:
+def _explainable(linearised: LinearisedFit) -> float:
     """Sum of squares in excess of the noise."""
-    r = ground.residual
+    r = linearised.residual
     return _at_least(float(r @ r) - r.size, r.size)
 
 
@@ -243,14 +243,14 @@ def _at_least(excess: float, size: int) -> float:
     return max(excess, 2.0 * (2.0 * size) ** 0.5)
 
 
-def _weights(ground: Ground, found: Responses, group: int) -> tuple[Array, Array]:
+def _weights(linearised: LinearisedFit, found: Responses, group: int) -> tuple[Array, Array]:
     """Coefficients of one group's functions fitted to the whole residual, in the units of the functions."""
     mine = found.owner == group
-    x = ground.project(found.columns[:, mine])
+    x = linearised.project(found.columns[:, mine])
     gram = x.T @ x + 1e-4 * np.eye(x.shape[1])
     inverse = np.linalg.inv(gram)
-    weights = inverse @ (x.T @ ground.residual)
-    rest = ground.residual - x @ weights
+    weights = inverse @ (x.T @ linearised.residual)
+    rest = linearised.residual - x @ weights
     spread = float(rest @ rest / rest.size)
     norms = found.norms[mine]
     return weights / norms, spread * (inverse @ (x.T @ x) @ inverse) / np.outer(norms, norms)
@@ -261,19 +261,19 @@ def group_of(location: Location) -> Group:
     return GROUPS[location.group]
 
 
-def recording_scores(ground: Ground) -> dict[str, float]:
+def recording_scores(linearised: LinearisedFit) -> dict[str, float]:
     """Residual over noise of every identification recording."""
     return {
-        r.name: float(np.sqrt(np.mean(ground.fit.residual[s] ** 2)))
-        for r, s in zip(ground.plan.recordings, ground.slices, strict=True)
+        r.name: float(np.sqrt(np.mean(linearised.fit.residual[s] ** 2)))
+        for r, s in zip(linearised.plan.recordings, linearised.slices, strict=True)
     }
 
 
-def strongest_frequencies(ground: Ground, count: int = 5) -> list[float]:
+def strongest_frequencies(linearised: LinearisedFit, count: int = 5) -> list[float]:
     """Frequencies [Hz] that carry most of the residual above the noise, over all recordings."""
     peaks: list[tuple[float, float]] = []
-    for recording, rows in zip(ground.plan.recordings, ground.slices, strict=True):
-        r = ground.fit.residual[rows]
+    for recording, rows in zip(linearised.plan.recordings, linearised.slices, strict=True):
+        r = linearised.fit.residual[rows]
         power = np.abs(np.fft.rfft(r * np.hanning(r.size))) ** 2 / (0.375 * r.size)
         grid = np.fft.rfftfreq(r.size, recording.dt)
         top = [i for i in np.argsort(power)[-3:] if power[i] > 10.0 and grid[i] > 0.0]
@@ -281,12 +281,12 @@ def strongest_frequencies(ground: Ground, count: int = 5) -> list[float]:
     return [round(f, 3) for _, f in sorted(peaks, reverse=True)[:count]]
 
 
-def strongest_times(ground: Ground, count: int = 3) -> list[float]:
+def strongest_times(linearised: LinearisedFit, count: int = 3) -> list[float]:
     """Instants [s] of the largest residuals in the recording that fits worst."""
-    worst = max(recording_scores(ground).items(), key=lambda item: item[1])[0]
-    for recording, rows in zip(ground.plan.recordings, ground.slices, strict=True):
+    worst = max(recording_scores(linearised).items(), key=lambda item: item[1])[0]
+    for recording, rows in zip(linearised.plan.recordings, linearised.slices, strict=True):
         if recording.name == worst:
-            r = np.abs(ground.fit.residual[rows])
+            r = np.abs(linearised.fit.residual[rows])
             t = recording.t[recording.mask("identification")]
             return [float(x) for x in t[np.sort(np.argsort(r)[-count:])]]
     return []

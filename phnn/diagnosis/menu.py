@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.network.system import PortHamiltonianSystem
 from phnn.recordings.recording import Part, Recording, Start, Units
 from phnn.sensing import is_displacement
@@ -92,13 +92,13 @@ class Experiment:
         )  # fmt: skip
 
 
-def menu(ground: Ground) -> tuple[Experiment, ...]:
+def menu(linearised: LinearisedFit) -> tuple[Experiment, ...]:
     """Recordings that a laboratory can make: they differ in time, frequency, amplitude and offset."""
-    smooth = (_slow(ground), _near_resonance(ground), _sweep(ground), _multisine(ground))
-    if is_displacement(ground.fit.setup, ground.plan.recordings[0]):
+    smooth = (_slow(linearised), _near_resonance(linearised), _sweep(linearised), _multisine(linearised))
+    if is_displacement(linearised.fit.setup, linearised.plan.recordings[0]):
         # No rig moves at once from one place to another.
         return smooth
-    return (_hold(ground), *smooth, _offset(ground))
+    return (_hold(linearised), *smooth, _offset(linearised))
 
 
 def resonance(setup: Setup) -> float | None:
@@ -116,9 +116,9 @@ def resonance(setup: Setup) -> float | None:
     return float(found.min()) / (2.0 * math.pi) if found.numel() else None
 
 
-def _rate(ground: Ground, duration: float, faster: float = 1.0) -> float:
+def _rate(linearised: LinearisedFit, duration: float, faster: float = 1.0) -> float:
     """The highest rate in use, times ``faster``, or what leaves few enough samples; rounded down to 1, 2, 5, 10, …"""
-    used = max(1.0 / r.dt for r in ground.plan.recordings)
+    used = max(1.0 / r.dt for r in linearised.plan.recordings)
     most = min(faster * used, _SAMPLES / duration) * (1.0 + 1e-9)
     decade = 10.0 ** math.floor(math.log10(most))
     return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= most)
@@ -129,85 +129,91 @@ def _three(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-def _volts(ground: Ground, value: float) -> str:
-    return quantity(value, ground.plan.recordings[0].units.input)
+def _volts(linearised: LinearisedFit, value: float) -> str:
+    return quantity(value, linearised.plan.recordings[0].units.input)
 
 
 def _timed(duration: float, rate: float) -> str:
     return f"{quantity(duration, 's')} in all, {rate:.6g} samples/s"
 
 
-def _sine(ground: Ground, kind: str, amplitude: float, frequency: float, periods: int, rate: float) -> Experiment:
+def _sine(
+    linearised: LinearisedFit, kind: str, amplitude: float, frequency: float, periods: int, rate: float
+) -> Experiment:
     """Whole periods of a sine."""
     duration = periods / frequency
     words = (
-        f"{kind}: {periods} periods of {frequency:.6g} Hz at {_volts(ground, amplitude)} amplitude; "
+        f"{kind}: {periods} periods of {frequency:.6g} Hz at {_volts(linearised, amplitude)} amplitude; "
         f"{_timed(duration, rate)}"
     )
     return Experiment(kind, words, (Stretch(0.0, duration, lines=((amplitude, frequency, 0.0),)),), rate)
 
 
-def _hold(ground: Ground) -> Experiment:
-    scales = ground.scales
+def _hold(linearised: LinearisedFit) -> Experiment:
+    scales = linearised.scales
     long, v = _three(max(3.0 * scales.duration, 5.0)), _three(scales.voltage)
-    rate = min(_rate(ground, 1.6 * long), 2_000.0)
+    rate = min(_rate(linearised, 1.6 * long), 2_000.0)
     up, off, end = (round(x * rate) / rate for x in (0.1 * long, 1.1 * long, 1.6 * long))
     words = (
-        f"hold: 0 for {quantity(up, 's')}, a step to {_volts(ground, v)} held for {quantity(off - up, 's')}, back to 0 "
+        f"hold: 0 for {quantity(up, 's')}, a step to {_volts(linearised, v)} held for {quantity(off - up, 's')}, back to 0 "
         f"for {quantity(end - off, 's')}; {_timed(end, rate)}"
     )
     return Experiment("hold", words, (Stretch(0.0, up), Stretch(up, off, v), Stretch(off, end)), rate, "zero_order")
 
 
-def _slow(ground: Ground) -> Experiment:
-    frequency = _three(0.2 * ground.scales.slowest)
-    return _sine(ground, "slow sine", _three(ground.scales.voltage), frequency, 3, _rate(ground, 3.0 / frequency))
+def _slow(linearised: LinearisedFit) -> Experiment:
+    frequency = _three(0.2 * linearised.scales.slowest)
+    return _sine(
+        linearised, "slow sine", _three(linearised.scales.voltage), frequency, 3, _rate(linearised, 3.0 / frequency)
+    )
 
 
-def _near_resonance(ground: Ground) -> Experiment:
+def _near_resonance(linearised: LinearisedFit) -> Experiment:
     """Just below the resonance, or as near to it as the rate allows; no displacement beyond that in use."""
-    scales = ground.scales
-    at = resonance(ground.fit.setup)
+    scales = linearised.scales
+    at = resonance(linearised.fit.setup)
     wanted = _BELOW_RESONANCE * at if at is not None else 2.0 * scales.fastest
-    rate = _rate(ground, _RING / wanted)
+    rate = _rate(linearised, _RING / wanted)
     if rate < _PER_PERIOD * wanted:
-        rate = _rate(ground, _RING / wanted, _FASTER)
+        rate = _rate(linearised, _RING / wanted, _FASTER)
     # Whole samples a period: noise is then seen in differences of periods, with nothing to interpolate.
     frequency = rate / max(round(rate / wanted), _PER_PERIOD)
     kind = "near-resonance sine" if at is not None and frequency >= 0.5 * at else "fast sine"
-    full = _sine(ground, kind, _three(scales.voltage), frequency, _RING, rate)
+    full = _sine(linearised, kind, _three(scales.voltage), frequency, _RING, rate)
     peak = float(
-        np.abs(simulate(ground.fit.setup, full.recording(scales.noise, ground.plan.recordings[0].units), 2).y).max()
+        np.abs(
+            simulate(linearised.fit.setup, full.recording(scales.noise, linearised.plan.recordings[0].units), 2).y
+        ).max()
     )
     amplitude = _three(scales.voltage * min(1.0, scales.sensed / peak))
-    return _sine(ground, kind, amplitude, frequency, _RING, rate)
+    return _sine(linearised, kind, amplitude, frequency, _RING, rate)
 
 
-def _middle(ground: Ground) -> float:
-    return _three(math.sqrt(ground.scales.slowest * ground.scales.fastest))
+def _middle(linearised: LinearisedFit) -> float:
+    return _three(math.sqrt(linearised.scales.slowest * linearised.scales.fastest))
 
 
-def _sweep(ground: Ground) -> Experiment:
+def _sweep(linearised: LinearisedFit) -> Experiment:
     """A frequency in use at rising amplitudes, a few periods of each."""
-    frequency = _middle(ground)
-    amplitudes = [_three(ground.scales.voltage * (i + 1) / _STEPS) for i in range(_STEPS)]
+    frequency = _middle(linearised)
+    amplitudes = [_three(linearised.scales.voltage * (i + 1) / _STEPS) for i in range(_STEPS)]
     each = _PERIODS_A_STEP / frequency
-    rate = _rate(ground, _STEPS * each)
+    rate = _rate(linearised, _STEPS * each)
     words = (
         f"amplitude sweep: {_PERIODS_A_STEP} periods of {frequency:g} Hz at each of the amplitudes "
-        f"{', '.join(_volts(ground, a) for a in amplitudes)}; {_timed(_STEPS * each, rate)}"
+        f"{', '.join(_volts(linearised, a) for a in amplitudes)}; {_timed(_STEPS * each, rate)}"
     )
     stretches = [Stretch(i * each, (i + 1) * each, lines=((a, frequency, 0.0),)) for i, a in enumerate(amplitudes)]
     return Experiment("amplitude sweep", words, tuple(stretches), rate)
 
 
-def _multisine(ground: Ground) -> Experiment:
+def _multisine(linearised: LinearisedFit) -> Experiment:
     """Harmonics of one frequency, spaced evenly on a logarithmic scale, with Schroeder's phases (1970)."""
-    scales = ground.scales
+    scales = linearised.scales
     first = _three(max(0.5 * scales.slowest, 0.02 * scales.fastest))
     duration = _REPEATS / first
-    rate = _rate(ground, duration)
-    last = min(2.0 * scales.fastest, rate / _PER_PERIOD, 0.5 * (resonance(ground.fit.setup) or np.inf))
+    rate = _rate(linearised, duration)
+    last = min(2.0 * scales.fastest, rate / _PER_PERIOD, 0.5 * (resonance(linearised.fit.setup) or np.inf))
     orders = np.unique(np.round(np.geomspace(1.0, max(last / first, 1.0), _LINES)))
     phases = -np.pi * np.arange(orders.size) * np.arange(1, orders.size + 1) / orders.size
     each = zip(orders.tolist(), phases.tolist(), strict=True)
@@ -219,20 +225,20 @@ def _multisine(ground: Ground) -> Experiment:
     amplitude = _three(0.995 * scales.voltage / float(np.abs(wave).max()))
     lines = tuple((amplitude, f, float(np.angle(np.exp(1j * (p + 2.0 * np.pi * f * begin))))) for _, f, p in unit.lines)
     words = (
-        f"multisine: {_REPEATS} periods of {quantity(1.0 / first, 's')} with lines of {_volts(ground, amplitude)} each "
+        f"multisine: {_REPEATS} periods of {quantity(1.0 / first, 's')} with lines of {_volts(linearised, amplitude)} each "
         f"at {', '.join(f'{f:g}' for _, f, _ in lines)} Hz, phases {', '.join(f'{p:.2f}' for _, _, p in lines)} rad; "
         f"{_timed(duration, rate)}"
     )
     return Experiment("multisine", words, (Stretch(0.0, duration, lines=lines),), rate)
 
 
-def _offset(ground: Ground) -> Experiment:
+def _offset(linearised: LinearisedFit) -> Experiment:
     """A sine about half the largest input, where even and odd effects no longer look alike."""
-    v, frequency = ground.scales.voltage, _middle(ground)
+    v, frequency = linearised.scales.voltage, _middle(linearised)
     level, amplitude, duration = _three(0.6 * v), _three(0.4 * v), 10.0 / frequency
-    rate = _rate(ground, duration)
+    rate = _rate(linearised, duration)
     words = (
-        f"offset sine: 10 periods of {frequency:g} Hz at {_volts(ground, amplitude)} amplitude about "
-        f"{_volts(ground, level)}, with a step to it; {_timed(duration, rate)}"
+        f"offset sine: 10 periods of {frequency:g} Hz at {_volts(linearised, amplitude)} amplitude about "
+        f"{_volts(linearised, level)}, with a step to it; {_timed(duration, rate)}"
     )
     return Experiment("offset sine", words, (Stretch(0.0, duration, level, ((amplitude, frequency, 0.0),)),), rate)

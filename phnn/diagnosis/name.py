@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnosis.colour import Colour
-from phnn.diagnosis.ground import Ground, direction
+from phnn.diagnosis.linearised_fit import LinearisedFit, direction
 from phnn.diagnosis.lines import line_candidates
 from phnn.diagnosis.locate import Responses
 from phnn.effects import Effect
@@ -78,25 +78,29 @@ def first_by_name(ranked: Iterable[_Ranked], effect_of: Callable[[_Ranked], Effe
 
 
 def score(
-    ground: Ground, effects: Sequence[Effect], generic: Responses | None, seed: int, error: Array | None = None
+    linearised: LinearisedFit,
+    effects: Sequence[Effect],
+    generic: Responses | None,
+    seed: int,
+    error: Array | None = None,
 ) -> Naming:
-    """Score the effects of a catalogue on a ground, those that can be added to its model.
+    """Score the effects of a catalogue on a linearised, those that can be added to its model.
 
     Args:
         generic: responses of local functions, which take part in the supremum: what no catalogue lists is noticed too.
         seed: of the draws from the null.
         error: (N,) weighted numerical error of the simulations.
     """
-    able = [e for e in effects if e.can_be_added_to(ground.fit.setup)]
-    colour = Colour(ground)
-    lines = line_candidates(ground, able, colour)
-    points = [(e, v) for e in able if all(e is not c.effect for c in lines) for v in e.grid(ground.scales)]
-    directions = [direction(ground, e, v) for e, v in points]
-    d = ground.project(np.column_stack([*directions, *([generic.tests] if generic is not None else [])]))
+    able = [e for e in effects if e.can_be_added_to(linearised.fit.setup)]
+    colour = Colour(linearised)
+    lines = line_candidates(linearised, able, colour)
+    points = [(e, v) for e in able if all(e is not c.effect for c in lines) for v in e.grid(linearised.scales)]
+    directions = [direction(linearised, e, v) for e, v in points]
+    d = linearised.project(np.column_stack([*directions, *([generic.tests] if generic is not None else [])]))
     power = colour.stated(d)
     alive = power > 1e-16 * max(float(power.max(initial=0.0)), 1e-300)
     scale = np.where(alive, 1.0 / np.sqrt(np.maximum(power, 1e-300)), 0.0)
-    along = d.T @ ground.residual
+    along = d.T @ linearised.residual
     scores = scale * along
     sided = np.array([e.one_sided for e, _ in points] + [False] * (d.shape[1] - len(points)))
     value = np.where(sided, np.maximum(scores, 0.0), np.abs(scores))
@@ -115,7 +119,7 @@ def score(
     candidates = _best_of_each(points, value, judged, strengths, saved, null)
     candidates += [Candidate(c.effect, c.values, (), c.deviate, tail(null, c.judged)) for c in lines]
     statistic = float(max([value.max(initial=0.0), *(c.deviate for c in lines)]))
-    fake = 0.0 if error is None else float(np.abs(scale * (d.T @ ground.project(error))).max(initial=0.0))
+    fake = 0.0 if error is None else float(np.abs(scale * (d.T @ linearised.project(error))).max(initial=0.0))
     return Naming(
         candidates=tuple(sorted(candidates, key=lambda c: -c.score)),
         statistic=statistic,

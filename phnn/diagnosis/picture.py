@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnosis.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE
-from phnn.diagnosis.ground import Ground
 from phnn.diagnosis.learn import learned_force
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.vocabulary import Vocabulary, vocabulary_of
 from phnn.effects import Scales
@@ -36,13 +36,13 @@ class Picture:
     title: str
 
 
-def picture(ground: Ground, location: Location) -> Picture | None:
+def picture(linearised: LinearisedFit, location: Location) -> Picture | None:
     """The learned function of the best group of a location."""
     group = GROUPS[location.group]
     if not location.weights.size:
         return None
-    scales, varied = ground.scales, group.varied(ground.fit.setup.network)
-    words = vocabulary_of(ground.fit.setup.network)
+    scales, varied = linearised.scales, group.varied(linearised.fit.setup.network)
+    words = vocabulary_of(linearised.fit.setup.network)
     length, small = (1e9, "nm") if words.mechanical else (1.0, words.output_unit)
     unit, label = {
         FORCE: (scales.stiffness * scales.displacement, f"missing {_labelled(words.effort, words.effort_unit)}"),
@@ -52,7 +52,7 @@ def picture(ground: Ground, location: Location) -> Picture | None:
     }[group.enters]
     title = f"{location.name}: {location.detail}"
     if group.static is None:
-        return _cycle(ground, location, unit, label, title)
+        return _cycle(linearised, location, unit, label, title)
     x = _axis(group.axis, scales)
     functions = group.static(x, scales)
     # A parameter group has one block of weights a parameter; the first one is drawn.
@@ -63,16 +63,16 @@ def picture(ground: Ground, location: Location) -> Picture | None:
     return Picture(shown, unit * (functions @ weights), unit * std, axis, label, title)
 
 
-def learned_picture(ground: Ground, location: Location, learned: Setup) -> Picture:
+def learned_picture(linearised: LinearisedFit, location: Location, learned: Setup) -> Picture:
     """The law of the learned one-port, on the axis of the location's own functions.
 
     Args:
         learned: the setup with it.
     """
-    group, scales = GROUPS[location.group], ground.scales
+    group, scales = GROUPS[location.group], linearised.scales
     x = _axis(group.axis, scales)
-    force = learned_force(ground.fit.setup, learned, x, scales.displacement)
-    words = vocabulary_of(ground.fit.setup.network)
+    force = learned_force(linearised.fit.setup, learned, x, scales.displacement)
+    words = vocabulary_of(linearised.fit.setup.network)
     shown, axis = _shown(x, group.axis, words)
     label = "force on the mass [N]" if words.mechanical else _labelled(words.effort, words.effort_unit)
     return Picture(shown, force, None, axis, label, f"learned one-port: {location.detail}")
@@ -103,13 +103,13 @@ def _axis(axis: str, scales: Scales) -> Array:
     return np.linspace(-1.0, 1.0, _POINTS) * reach[axis.split()[0]]
 
 
-def _cycle(ground: Ground, location: Location, unit: float, label: str, title: str) -> Picture | None:
+def _cycle(linearised: LinearisedFit, location: Location, unit: float, label: str, title: str) -> Picture | None:
     """The missing signal against the displacement along the recording with the largest motion."""
     group = GROUPS[location.group]
     if group.enters == OUTPUT:
         return None
-    trajectory = max(ground.trajectories, key=lambda t: float(np.ptp(t.y)))
-    functions = group.functions(trajectory, ground.scales)
+    trajectory = max(linearised.trajectories, key=lambda t: float(np.ptp(t.y)))
+    functions = group.functions(trajectory, linearised.scales)
     signal = unit * (functions @ location.weights[: functions.shape[1]])
     last = signal.size
     if trajectory.recording.period:
@@ -120,7 +120,7 @@ def _cycle(ground: Ground, location: Location, unit: float, label: str, title: s
         window = slice(0, last)
     step = max(1, (window.stop - window.start) // 600)
     q = trajectory.mid_displacement[window][::step]
-    shown, axis = _shown(q, "displacement [m]", vocabulary_of(ground.fit.setup.network))
+    shown, axis = _shown(q, "displacement [m]", vocabulary_of(linearised.fit.setup.network))
     return Picture(shown, signal[window][::step], None, axis, label, title)
 
 
@@ -129,10 +129,10 @@ def is_effort(location: Location) -> bool:
     return GROUPS[location.group].enters == FORCE
 
 
-def missing_force(ground: Ground, location: Location, index: int) -> Array | None:
+def missing_force(linearised: LinearisedFit, location: Location, index: int) -> Array | None:
     """(n,) effort that a located mismatch asks for along one trajectory; None where it is not a force."""
     group = GROUPS[location.group]
     if group.enters != FORCE:
         return None
-    functions = group.functions(ground.trajectories[index], ground.scales)
-    return np.asarray(ground.scales.stiffness * ground.scales.displacement * (functions @ location.weights))
+    functions = group.functions(linearised.trajectories[index], linearised.scales)
+    return np.asarray(linearised.scales.stiffness * linearised.scales.displacement * (functions @ location.weights))

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from phnn.diagnosis.criteria import SELECTION
 from phnn.diagnosis.following import NextExperiment, why_it_measures, why_it_separates
-from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.menu import Experiment, menu
 from phnn.diagnosis.questions import Question
 from phnn.diagnosis.rival import Bench, Predicted, Rival
@@ -46,22 +46,24 @@ REPEATED = math.sqrt(2.0)
 
 
 @recalled
-def propose(questions: Sequence[Question], ground: Ground, variances: float = SELECTION.tie) -> NextExperiment | None:
+def propose(
+    questions: Sequence[Question], linearised: LinearisedFit, variances: float = SELECTION.tie
+) -> NextExperiment | None:
     """The experiment of the menu that tells most pairs of rivals apart; of several, the one that does so most clearly.
 
     None where nothing is asked, or nothing on the menu moves the rivals apart.
 
     Args:
         questions: pairs are made within each of them.
-        ground: of the base model, for the menu and the noise.
+        linearised: of the base model, for the menu and the noise.
         variances: difference of χ² in residual variances below which two fits are equally good.
     """
     asked = [q for q in questions if len(q.models) > 1]
     if not asked:
-        return _measure(questions[0], ground) if questions else None
+        return _measure(questions[0], linearised) if questions else None
     needed = math.sqrt(max(tie(q.models[0].fit, variances) for q in asked))
-    noise = ground.scales.noise
-    found = [(e, s) for e in menu(ground) if (s := separations([q.models for q in asked], e, noise)) is not None]
+    noise = linearised.scales.noise
+    found = [(e, s) for e in menu(linearised) if (s := separations([q.models for q in asked], e, noise)) is not None]
     if not found:
         return None
     experiment, apart = max(found, key=lambda item: _merit(item[1], needed))
@@ -98,10 +100,10 @@ def _merit(apart: Array, needed: float) -> tuple[int, float]:
     return told.size, float(told.min() if told.size else apart.min())
 
 
-def _measure(question: Question, ground: Ground) -> NextExperiment | None:
+def _measure(question: Question, linearised: LinearisedFit) -> NextExperiment | None:
     """The experiment of the menu on which the standard errors of an element's numbers shrink most."""
-    model, noise = question.models[0], ground.scales.noise
-    found = [(e, s) for e in menu(ground) if (s := shrinks(model, e, noise)) is not None]
+    model, noise = question.models[0], linearised.scales.noise
+    found = [(e, s) for e in menu(linearised) if (s := shrinks(model, e, noise)) is not None]
     if not found:
         return None
     experiment, times = max(found, key=lambda item: item[1])

@@ -57,7 +57,7 @@ def tied_members(judgement: Judgement) -> tuple[Trial, ...]:
     location = judgement.location
     if members or judgement.findings or location is None or not location.tied:
         return members
-    able = [t for t in judgement.tried if t.fit is not None and t.cost < judgement.ground.fit.cost]
+    able = [t for t in judgement.tried if t.fit is not None and t.cost < judgement.linearised.fit.cost]
     best: dict[str, Trial] = {}
     for trial in sorted(able, key=lambda t: t.cost):
         best.setdefault(trial.candidate.effect.location, trial)
@@ -136,15 +136,15 @@ class _Reach:
 def _alone(judgement: Judgement, finding: Finding, others: Sequence[Finding]) -> Fit | None:
     """The model without an element."""
     if not others:
-        return judgement.ground.fit
-    return finding.others_alone or fit_with(judgement.ground.fit, others, judgement.final.setup.values())
+        return judgement.linearised.fit
+    return finding.others_alone or fit_with(judgement.linearised.fit, others, judgement.final.setup.values())
 
 
 def _again(
     judgement: Judgement, finding: Finding, others: Sequence[Finding], trial: Trial, criteria: Criteria
 ) -> Trial:
     """A trial with its refit to all identification recordings beside all other elements, a few steps from there."""
-    base, fitted = judgement.ground.fit, trial.fit
+    base, fitted = judgement.linearised.fit, trial.fit
     if fitted is None or (not others and fitted.residual.size == base.residual.size):
         return trial
     values = judgement.final.setup.values() | fitted.setup.values()

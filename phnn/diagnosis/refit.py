@@ -9,7 +9,7 @@ from operator import attrgetter
 from typing import Any
 
 from phnn.diagnosis.criteria import CRITERIA, Criteria, Race
-from phnn.diagnosis.ground import prepare
+from phnn.diagnosis.linearised_fit import prepare
 from phnn.diagnosis.name import Candidate, first_by_name
 from phnn.diagnosis.starts import has_large_starts
 from phnn.diagnosis.steps import (
@@ -97,9 +97,9 @@ def _from_large_starts(
         return trials
     few = _on_few_recordings(base)
     # Wherever the steps are made, they need no trajectories.
-    ground = replace(prepare(_as_sent(few, executor)), trajectories=())
+    linearised = replace(prepare(_as_sent(few, executor)), trajectories=())
     limits = criteria.refits
-    begun = _again(partial(from_large_starts, ground, limits=limits), few, todo, todo, executor)
+    begun = _again(partial(from_large_starts, linearised, limits=limits), few, todo, todo, executor)
     begun = begun[: criteria.race.enter_large]
     onwards = partial(further_steps if few is base else on_all_recordings, limits=limits)
     further = _again(onwards, base, begun, begun, executor)

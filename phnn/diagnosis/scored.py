@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from phnn.diagnosis.criteria import CRITERIA, Criteria, Noise
-from phnn.diagnosis.ground import Ground, prepare
+from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.locate import Location, Responses, locate, responses
 from phnn.diagnosis.name import Naming, score
 from phnn.effects import Effect
@@ -27,7 +27,7 @@ SIGNIFICANT = CRITERIA.selection.level
 class Scored:
     """A model with its scores: all that a verdict ``none`` needs."""
 
-    ground: Ground
+    linearised: LinearisedFit
     generic: Responses
     naming: Naming
     criteria: Criteria = CRITERIA
@@ -40,7 +40,7 @@ class Scored:
     @cached_property
     def remaining(self) -> Location | None:
         """Where what it leaves seems to be; None where that is no more than chance."""
-        return locate(self.ground, self.generic, self.criteria.location) if self.significant else None
+        return locate(self.linearised, self.generic, self.criteria.location) if self.significant else None
 
 
 def scored(
@@ -66,8 +66,8 @@ def scored(
     """
     large = fitted.chi2 > criteria.race.large_residual**2
     few = large and error is None
-    ground, generic, naming = _scores(fitted, tuple(effects), seed, error, terminals, criteria.noise, few)
-    return Scored(ground, generic, naming, criteria)
+    linearised, generic, naming = _scores(fitted, tuple(effects), seed, error, terminals, criteria.noise, few)
+    return Scored(linearised, generic, naming, criteria)
 
 
 @recalled
@@ -79,13 +79,13 @@ def _scores(
     terminals: bool,
     noise: Noise,
     few: bool,
-) -> tuple[Ground, Responses, Naming]:
-    ground = prepare(fitted, terminals, noise)
-    generic = responses(ground)
+) -> tuple[LinearisedFit, Responses, Naming]:
+    linearised = prepare(fitted, terminals, noise)
+    generic = responses(linearised)
     if few:
-        look = ground.first_look()
-        return ground, generic, score(look, effects, generic if look is ground else responses(look), seed)
-    return ground, generic, score(ground, effects, generic, seed, error.error if error is not None else None)
+        look = linearised.first_look()
+        return linearised, generic, score(look, effects, generic if look is linearised else responses(look), seed)
+    return linearised, generic, score(linearised, effects, generic, seed, error.error if error is not None else None)
 
 
 def excess(fit: Fit) -> float:

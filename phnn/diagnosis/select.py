@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from phnn.diagnosis.criteria import CRITERIA, Criteria, Selection
 from phnn.diagnosis.finding import Finding, effects_of, own_parameters
-from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.place import elsewhere, in_place, located, may_lie, of_its_kinds
@@ -47,12 +47,12 @@ class _Search:
     """What stays the same from step to step.
 
     Attributes:
-        ground, location: of the base model; effects: the catalogue.
+        linearised, location: of the base model; effects: the catalogue.
         seed: of the null; executor: where candidates are refitted.
         criteria: what is added and kept; progress: told what is tried.
     """
 
-    ground: Ground
+    linearised: LinearisedFit
     location: Location
     effects: Sequence[Effect]
     seed: int
@@ -62,7 +62,7 @@ class _Search:
 
     def scored(self, fitted: Fit) -> Scored:
         """A model of this search with its scores."""
-        return scored(fitted, self.effects, self.seed, terminals=self.ground.terminals, criteria=self.criteria)
+        return scored(fitted, self.effects, self.seed, terminals=self.linearised.terminals, criteria=self.criteria)
 
 
 def select(
@@ -83,7 +83,7 @@ def select(
     that has a location: a further effect has to remove most of what the one before left. One effect in another form
     gives way to two only where these leave nothing.
     """
-    search, record = _Search(found.ground, location, effects, seed, executor, criteria, progress), Record()
+    search, record = _Search(found.linearised, location, effects, seed, executor, criteria, progress), Record()
     steps = [Selected((), found, 1.0)]
     tried: tuple[Trial, ...] = ()
     # How many steps make up one that may be all there is in another form: more of them must leave nothing.
@@ -94,7 +94,7 @@ def select(
         tried = tried or tuple(trials)
         if not trials or trials[0].fit is None:
             break
-        share = share_of(last.model.ground.fit, trials[0].fit, last.model.naming)
+        share = share_of(last.model.linearised.fit, trials[0].fit, last.model.naming)
         best = StepCase(share, trials[0].fit.chi2, None, None, criteria)
         if record.decide(REFIT, best, trials[0].candidate.effect.name) is not None:
             break
@@ -125,7 +125,7 @@ def select(
 
 def _step_case(step: Selected, criteria: Criteria) -> StepCase:
     model = step.model
-    return StepCase(step.share, model.ground.fit.chi2, model.significant, model.naming.p_value, criteria)
+    return StepCase(step.share, model.linearised.fit.chi2, model.significant, model.naming.p_value, criteria)
 
 
 def _added(step: Selected) -> str:
@@ -142,7 +142,7 @@ def _refitted(search: _Search, last: Selected) -> list[Trial]:
     search.progress(f"refit {len(able)} candidates for element {len(last.findings) + 1}")
     # Where these explain little, the base model may have taken over so much that score and place deceive: then all of
     # the catalogue is tried.
-    trials = refit(last.model.ground.fit, able, search.executor, last.model.naming.candidates, criteria)
+    trials = refit(last.model.linearised.fit, able, search.executor, last.model.naming.candidates, criteria)
     return in_place(_compared(trials, own_parameters(last.findings), rule), here, rule)
 
 
@@ -175,7 +175,7 @@ def _in_another_form(step: Selected, location: Location, left: Location, criteri
 
 def misplaced(step: Selected, location: Location, criteria: Criteria = CRITERIA) -> bool:
     """Whether a selection leaves more than the noise level is known to, and that elsewhere than what was named."""
-    left, over = step.model.remaining, step.model.ground.fit.chi2
+    left, over = step.model.remaining, step.model.linearised.fit.chi2
     rule = criteria.selection
     if left is None or not over > rule.noise_doubt**2:
         return False
@@ -191,7 +191,7 @@ def _kept(steps: Sequence[Selected], criteria: Criteria = CRITERIA, record: Reco
     if first:
         placed = placed or (whole is not None and located(whole, place))
     own = left is not None and (first or not elsewhere(effects_of(last.findings[-1:]), left, left, rule=place))
-    chi2 = last.model.ground.fit.chi2
+    chi2 = last.model.linearised.fit.chi2
     case = KeepCase(last.share, chi2, left is not None, first, placed, own, criteria.selection)
     found = (record or Record()).decide(KEEP, case, _added(last))
     return found is not None and found.outcome == "keep"
@@ -202,7 +202,7 @@ def _with(search: _Search, last: Selected, trials: Sequence[Trial]) -> Selected:
     best, fitted, rule = trials[0], trials[0].fit, search.criteria.selection
     assert fitted is not None
     model = search.scored(fitted)
-    share = share_of(last.model.ground.fit, fitted, last.model.naming)
+    share = share_of(last.model.linearised.fit, fitted, last.model.naming)
     members = class_of(trials, model.significant, rule)
     if model.significant:
         members += [t for t in trials if t not in members and _as_well(t, best, last, search.criteria)]
@@ -210,8 +210,10 @@ def _with(search: _Search, last: Selected, trials: Sequence[Trial]) -> Selected:
         best = members[0] = Trial(best.candidate, fitted)
     found = Finding(best, tuple(members), tuple(trials), last.model.naming, level=rule.level)
     findings = (*last.findings, found)
-    findings, fitted = retested(search.ground.fit, search.location, findings, fitted, search.executor, search.criteria)
-    if fitted is not model.ground.fit:
+    findings, fitted = retested(
+        search.linearised.fit, search.location, findings, fitted, search.executor, search.criteria
+    )
+    if fitted is not model.linearised.fit:
         model = search.scored(fitted)
     return Selected(findings, model, share)
 
@@ -254,7 +256,7 @@ def _as_well(trial: Trial, best: Trial, last: Selected, criteria: Criteria) -> b
 
 
 def _explains_well(fitted: Fit, last: Selected, criteria: Criteria) -> bool:
-    share = share_of(last.model.ground.fit, fitted, last.model.naming)
+    share = share_of(last.model.linearised.fit, fitted, last.model.naming)
     return share > criteria.selection.explains_well
 
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from phnn.diagnosis.criteria import REFITS, Refits
-from phnn.diagnosis.ground import Ground, direction
+from phnn.diagnosis.linearised_fit import LinearisedFit, direction
 from phnn.effects import Effect
 from phnn.errors import PhnnError
 from phnn.recall import recalled
@@ -28,37 +28,37 @@ def has_large_starts(effect: Effect) -> bool:
 
 
 @recalled
-def large_starts(ground: Ground, effect: Effect, limits: Refits = REFITS) -> list[dict[str, float]]:
+def large_starts(linearised: LinearisedFit, effect: Effect, limits: Refits = REFITS) -> list[dict[str, float]]:
     """Values of the effect's parameters, the most promising shape and sign first.
 
     Each has the strength at which the change ``P δy`` of the output by the effect, base sensitivities projected out, is
     about as large as the residual ``r``. Promising is what leaves the least ``‖r − P δy‖²`` there.
 
     Args:
-        ground: of the fit without the effect.
+        linearised: of the fit without the effect.
         limits: how many starts, and how large.
     """
     signs = (1.0,) if effect.one_sided else (1.0, -1.0)
-    points = effect.grid(ground.scales)
-    found = [_strong(ground, effect, point, sign, limits) for point in points for sign in signs]
+    points = effect.grid(linearised.scales)
+    found = [_strong(linearised, effect, point, sign, limits) for point in points for sign in signs]
     ranked = sorted((f for f in found if f is not None), key=lambda f: f[0])
     return [values for _, values in ranked[: limits.large_starts]]
 
 
 def _strong(
-    ground: Ground, effect: Effect, point: Mapping[str, float], sign: float, limits: Refits
+    linearised: LinearisedFit, effect: Effect, point: Mapping[str, float], sign: float, limits: Refits
 ) -> tuple[float, dict[str, float]] | None:
     """What is left beside an effect of a shape at the strength that suits the residual, and its values there.
 
     None where it changes nothing that is not explained, or cannot be simulated.
     """
-    size, best, values = float(np.sum(ground.residual**2)), None, dict(point)
+    size, best, values = float(np.sum(linearised.residual**2)), None, dict(point)
     for strength in _STRENGTHS:
         weaker, values = values, effect.scaled(point, sign * strength)
         if values == weaker:
             break
         try:
-            change = ground.project(direction(ground, effect, values))
+            change = linearised.project(direction(linearised, effect, values))
         except PhnnError:
             break
         share = float(np.sum(change**2)) / size
@@ -68,7 +68,7 @@ def _strong(
             continue
         off = abs(np.log(share / limits.large_start_share))
         if best is None or off < best[0]:
-            best = off, float(np.sum((ground.residual - change) ** 2)), values
+            best = off, float(np.sum((linearised.residual - change) ** 2)), values
     return None if best is None else best[1:]
 
 

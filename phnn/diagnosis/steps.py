@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnosis.criteria import REFITS, Refits
-from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.starts import clamped, large_starts
 from phnn.diagnosis.strengths import started
@@ -112,10 +112,10 @@ def _weaker(base: Fit, trial: Trial) -> list[dict[str, float]]:
     return [v for v in (effect.scaled(values, share) for share in _WEAKER) if v != values]
 
 
-def from_large_starts(ground: Ground, base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
+def from_large_starts(linearised: LinearisedFit, base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
     """The best after a few steps from starts at finite strengths."""
     effect = trial.candidate.effect
-    starts, length = large_starts(ground, effect, limits), limits.first_evaluations
+    starts, length = large_starts(linearised, effect, limits), limits.first_evaluations
     tried = [_few_steps(base, effect, base.setup, values, length, limits) for values in starts]
     return min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
-from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.residual_noise import NoiseSpectrum, noise_of_others
 from phnn.recordings.excitation import excitation_of
 
@@ -135,11 +135,11 @@ class Symptoms:
     drift: Trend | None
 
 
-def seen(ground: Ground) -> list[Seen]:
-    """The identification recordings of a ground."""
+def seen(linearised: LinearisedFit) -> list[Seen]:
+    """The identification recordings of a linearised."""
     found = []
-    spectra = noise_of_others([ground.residual[rows] for rows in ground.slices], ground.plan.recordings)
-    for trajectory, rows, spectrum in zip(ground.trajectories, ground.slices, spectra, strict=True):
+    spectra = noise_of_others([linearised.residual[rows] for rows in linearised.slices], linearised.plan.recordings)
+    for trajectory, rows, spectrum in zip(linearised.trajectories, linearised.slices, spectra, strict=True):
         r = trajectory.recording
         mask = r.mask("identification")
         drive = excitation_of(r.u, r.dt)
@@ -147,7 +147,7 @@ def seen(ground: Ground) -> list[Seen]:
         y, model = r.y[mask], trajectory.y[mask]
         found.append(
             Seen(
-                r.dt, ground.fit.residual[rows], y - y.mean(), model - model.mean(), frequency, drive.amplitude,
+                r.dt, linearised.fit.residual[rows], y - y.mean(), model - model.mean(), frequency, drive.amplitude,
                 spectrum, r.noise, r.start.state == "periodic" and bool(mask[0]),
             )
         )  # fmt: skip

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from phnn.diagnosis.character import character_of, forgetting, in_words, memory_in_words, without_line
 from phnn.diagnosis.dictionary import FORCE, OUTPUT, PARAMETER, VOLTAGE, Group
-from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location, group_of
 from phnn.diagnosis.picture import Picture, learned_picture, picture
 from phnn.diagnosis.vocabulary import vocabulary_of
@@ -30,25 +30,25 @@ _LENGTHS = {"µm": 1e-6, "nm": 1e-9}
 _LOSSY = 0.2
 
 
-def learned_in_words(ground: Ground, location: Location, learned: Setup) -> str:
+def learned_in_words(linearised: LinearisedFit, location: Location, learned: Setup) -> str:
     """The learned one-port: what kind of element, odd or even, from where on, how long it remembers."""
-    drawn = learned_picture(ground, location, learned)
+    drawn = learned_picture(linearised, location, learned)
     return f"The learned one-port is {group_of(location).kind.one_port}. {_curve_in_words(drawn)}"
 
 
-def fitted_in_words(ground: Ground, location: Location) -> str:
+def fitted_in_words(linearised: LinearisedFit, location: Location) -> str:
     """The fitted combination of the location's own functions; empty where none was fitted."""
-    drawn, group = picture(ground, location), group_of(location)
+    drawn, group = picture(linearised, location), group_of(location)
     if not location.weights.size or not np.any(location.weights):
         return ""
-    network = ground.fit.setup.network
+    network = linearised.fit.setup.network
     own = asdict(vocabulary_of(network))
     acts = f"What the functions fitted there make is {_ACTS[group.enters].format(**own)}"
     if varied := group.varied(network):
         acts += f" {', '.join(varied)}"
     if group.static is None or drawn is None:
         past = (group.kind.history or "on the past").format(**own)
-        return f"{acts} that depends {past}.{_work(ground, location, group)}"
+        return f"{acts} that depends {past}.{_work(linearised, location, group)}"
     if group.axis.startswith("time after"):
         return f"{acts} that depends on the past. {_curve_in_words(drawn)}"
     variable = _split(drawn.x_label)[0]
@@ -91,13 +91,13 @@ def _curve_in_words(drawn: Picture) -> str:
     )
 
 
-def _work(ground: Ground, location: Location, group: Group) -> str:
+def _work(linearised: LinearisedFit, location: Location, group: Group) -> str:
     """Whether the fitted force takes energy from the motion, over all recordings."""
     if group.enters != FORCE:
         return ""
     done, moved = 0.0, 0.0
-    for trajectory in ground.trajectories:
-        force = group.functions(trajectory, ground.scales) @ location.weights
+    for trajectory in linearised.trajectories:
+        force = group.functions(trajectory, linearised.scales) @ location.weights
         power = trajectory.h * force * trajectory.velocity
         done, moved = done + float(power.sum()), moved + float(np.abs(power).sum())
     share = done / max(moved, 1e-300)

@@ -8,7 +8,7 @@ from typing import Any
 
 from phnn.diagnosis.criteria import CRITERIA
 from phnn.diagnosis.diagnosis import available
-from phnn.diagnosis.ground import prepare
+from phnn.diagnosis.linearised_fit import prepare
 from phnn.diagnosis.locate import responses
 from phnn.diagnosis.name import score
 from phnn.diagnosis.scored import SIGNIFICANT
@@ -29,8 +29,8 @@ def score_folder(folder: Path, seed: int) -> dict[str, Any]:
         Setup(network), identification_plan(campaign, 1), held_by_statement(campaign.known), max_evaluations=30
     )
     base, error = settled(first, options.error_bound_sigma)
-    ground = prepare(base, campaign.voltage == "terminals")
-    naming = score(ground, available(campaign, base.setup), responses(ground), seed, error.error)
+    linearised = prepare(base, campaign.voltage == "terminals")
+    naming = score(linearised, available(campaign, base.setup), responses(linearised), seed, error.error)
     best = naming.candidates[0]
     # Squared scores are sums of squares that a refit would save.
     members = [

@@ -45,7 +45,7 @@ def fingerprint(diagnosis: Diagnosis, effect: Effect) -> Fingerprint | None:
     variable = variable_of(effect)
     if variable == _FREQUENCY:
         return _over_frequency(diagnosis)
-    found = [_samples(diagnosis, t, variable) for t in diagnosis.judgement.final_ground.trajectories]
+    found = [_samples(diagnosis, t, variable) for t in diagnosis.judgement.final_linearised.trajectories]
     picture = _over_variable(found, variable, diagnosis)
     # Without a hold there is no time after a step: the memory shows over frequency.
     return _over_frequency(diagnosis) if picture is None else picture

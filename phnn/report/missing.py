@@ -118,11 +118,11 @@ def _nameless(j: Judgement, anchored: bool) -> dict[str, Any]:
     """
     best = min(j.tried, key=lambda t: t.cost, default=None)
     # A refit that ended above the base model has failed, and is near to nothing.
-    helps = best is not None and best.cost < j.ground.fit.cost
+    helps = best is not None and best.cost < j.linearised.fit.cost
     nearest = best.candidate.effect.name if best is not None and helps else None
     where = j.location
     free = where is not None and not anchored and is_effort(where)
-    factor = _UP_TO_FACTOR if free and vocabulary_of(j.ground.fit.setup.network).mechanical else ""
+    factor = _UP_TO_FACTOR if free and vocabulary_of(j.linearised.fit.setup.network).mechanical else ""
     return {
         "effect": "unknown",
         "status": "provisional",

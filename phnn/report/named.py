@@ -51,7 +51,7 @@ def _support(diagnosis: Diagnosis, finding: Finding) -> Support:
 def _rivals(diagnosis: Diagnosis, finding: Finding) -> tuple[RivalRow, ...]:
     """List the related effects and the next best ones, with the residual of each."""
     effect = finding.effect
-    base = diagnosis.judgement.ground.fit
+    base = diagnosis.judgement.linearised.fit
     members = {t.candidate.effect.name for t in finding.members}
     refits: dict[str, Trial] = {}
     for trial in sorted(finding.trials, key=lambda t: t.cost):

@@ -150,9 +150,9 @@ def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "dictionary": [j.location.name, *j.location.tied],
         "scores": {n: round(s, 4) for n, s in j.location.scores.items()},
         "ranks": {n: round(j.location.ranks[n], 4) for n in j.location.scores},
-        "recordings": {n: {"residual_over_noise": v} for n, v in recording_scores(j.ground).items()},
-        "frequencies_Hz": strongest_frequencies(j.ground),
-        "times_s": strongest_times(j.ground),
+        "recordings": {n: {"residual_over_noise": v} for n, v in recording_scores(j.linearised).items()},
+        "frequencies_Hz": strongest_frequencies(j.linearised),
+        "times_s": strongest_times(j.linearised),
     }
 
 
@@ -161,11 +161,11 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
     j = diagnosis.judgement
     curves = []
     left = j.remainder_location if j.remainder_immaterial is None else None
-    for ground, where in ((j.ground, j.location), (j.final_ground, left)):
-        found = picture(ground, where) if where is not None else None
+    for linearised, where in ((j.linearised, j.location), (j.final_linearised, left)):
+        found = picture(linearised, where) if where is not None else None
         if where is not None and found is not None:
             free = is_effort(where) and not forces_known(diagnosis.campaign.known, diagnosis.base.setup.network)
-            curves.append(_curve(found, ground is not j.ground, free))
+            curves.append(_curve(found, linearised is not j.linearised, free))
     curves[1:1] = [_curve(law, False) for law in _learned_laws(j)]
     return Evidence(
         traces=tuple(_traces(diagnosis)),
@@ -189,8 +189,8 @@ def _learned_laws(j: Judgement) -> list[Picture]:
         return []
     effects = [f.effect for f in j.findings if f.learned]
     here = [e for e in effects if (e.location, e.kind.name) == (where.name, where.detail)]
-    alone = [e.add_to(j.ground.fit.setup, {n: values[n] for n in e.parameters}) for e in here]
-    return [learned_picture(j.ground, where, setup) for setup in alone]
+    alone = [e.add_to(j.linearised.fit.setup, {n: values[n] for n in e.parameters}) for e in here]
+    return [learned_picture(j.linearised, where, setup) for setup in alone]
 
 
 def _rule(found: Applied) -> RuleRow:
@@ -201,7 +201,7 @@ def _symptoms(diagnosis: Diagnosis) -> tuple[str, ...]:
     if diagnosis.judgement.location is None:
         return ()
     unit = diagnosis.campaign.recordings[0].units.output
-    return symptom_sentences(symptoms(seen(diagnosis.judgement.ground)), unit)
+    return symptom_sentences(symptoms(seen(diagnosis.judgement.linearised)), unit)
 
 
 def _curve(found: Picture, remainder: bool, free: bool = False) -> Curve:
@@ -248,7 +248,7 @@ def _candidates(j: Judgement, level: float) -> list[CandidateRow]:
     refits = {t.candidate.effect.name: t for t in j.tried if t.fit is not None}
     added = {f.effect.name for f in j.findings}
     members = {t.candidate.effect.name for f in j.findings for t in f.members} - added
-    samples = j.ground.fit.residual.size
+    samples = j.linearised.fit.residual.size
 
     def outcome(c: Candidate) -> str:
         name = c.effect.name
@@ -261,10 +261,10 @@ def _candidates(j: Judgement, level: float) -> list[CandidateRow]:
         if name not in refits:
             return "not significant" if c.p_value >= level else "others score higher: not refitted"
         # With its strength at zero it is the base model, so that it cannot fit worse.
-        if refits[name].cost > j.ground.fit.cost + tie(j.ground.fit):
+        if refits[name].cost > j.linearised.fit.cost + tie(j.linearised.fit):
             return "the refit failed: it ended above the base model, its special case"
         if not j.findings:
-            moved = refits[name].cost < j.ground.fit.cost - tie(j.ground.fit)
+            moved = refits[name].cost < j.linearised.fit.cost - tie(j.linearised.fit)
             return "refitted; explains too little" if moved else "refitted; leaves as much as the base model"
         return "refitted; fits worse"
 
@@ -283,10 +283,10 @@ def _candidates(j: Judgement, level: float) -> list[CandidateRow]:
 
 def _ledger(j: Judgement) -> list[LedgerRow]:
     rows = []
-    for index, trajectory in enumerate(j.ground.trajectories):
+    for index, trajectory in enumerate(j.linearised.trajectories):
         force = None
         if j.location is not None and group_of(j.location).enters == "force":
-            force = missing_force(j.ground, j.location, index)
+            force = missing_force(j.linearised, j.location, index)
         a = account(trajectory, force)
         rows.append(LedgerRow(trajectory.recording.name, a.supplied, a.stored, a.dissipated, a.unexplained))
     return rows

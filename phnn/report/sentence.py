@@ -104,12 +104,12 @@ def _nearest(judgement: Judgement) -> str:
     best = min(judgement.tried, key=lambda t: t.cost, default=None)
     if best is None or best.fit is None:
         return ""
-    share = share_of(judgement.ground.fit, best.fit, judgement.naming)
+    share = share_of(judgement.linearised.fit, best.fit, judgement.naming)
     if share < _NEAR:
         return ""
     name = best.candidate.effect.name.replace("_", " ")
     left = f" and would leave {best.fit.chi2**0.5:.3g} × noise"
-    if not all(r.noise_found for r in judgement.ground.plan.recordings):
+    if not all(r.noise_found for r in judgement.linearised.plan.recordings):
         left = ""
     explained = f"{100.0 * min(share, 1.0):.0f} % of the excess over the noise"
     return f"The nearest effect is {name}: it would explain {explained}{left}. "
@@ -126,7 +126,7 @@ def unknown_statement(judgement: Judgement) -> str:
     if where is not None:
         first = judgement.places[0]
         place = f"the {first} location" + (f" ({where.detail})" if first == where.name else "")
-        moves = vocabulary_of(judgement.ground.fit.setup.network).output_unit in MOVING
+        moves = vocabulary_of(judgement.linearised.fit.setup.network).output_unit in MOVING
         if first == "mechanical" and not moves:
             place = f"a location {NETWORK} ({where.detail})"
     real = f"Something is missing at {place}."
@@ -148,4 +148,4 @@ def _element(finding: Finding) -> str:
 
 def unknown_character(judgement: Judgement) -> str:
     """Describe the unknown element by the functions that were fitted at its location."""
-    return "" if judgement.location is None else fitted_in_words(judgement.ground, judgement.location)
+    return "" if judgement.location is None else fitted_in_words(judgement.linearised, judgement.location)

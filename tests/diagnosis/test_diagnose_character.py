@@ -67,8 +67,8 @@ def test_forgetting_of_one_time_constant_and_of_many() -> None:
 
 
 def test_the_law_of_a_learned_spring_and_of_a_memory() -> None:
-    ground = campaigns.ground("none")
-    base, scales = ground.fit.setup, ground.scales
+    linearised = campaigns.linearised("none")
+    base, scales = linearised.fit.setup, linearised.scales
     spring = learned_setup(base, kinds.ELASTIC, scales)
     assert spring is not None
     strengths = {n: 0.0 for n in spring.free if n not in base.parameters}
@@ -76,8 +76,8 @@ def test_the_law_of_a_learned_spring_and_of_a_memory() -> None:
     spring = spring.with_values(strengths | {"k_R3": 2e4})
     q = np.linspace(-1.0, 1.0, 241) * scales.displacement
     assert learned_force(base, spring, q, 1.0) == pytest.approx(-2e4 * np.maximum(q - gap, 0.0), abs=1e-9)
-    where = replace(locate(ground, campaigns.generic("none")), name="mechanical", detail="elastic", group=0)
-    words = learned_in_words(ground, where, spring)
+    where = replace(locate(linearised, campaigns.generic("none")), name="mechanical", detail="elastic", group=0)
+    words = learned_in_words(linearised, where, spring)
     assert "a spring: conservative" in words
     onset = float(words.partition("sets in at ")[2].partition(" µm")[0])
     assert onset == pytest.approx(1e6 * gap, rel=0.03)
@@ -99,6 +99,6 @@ def test_the_law_of_a_learned_spring_and_of_a_memory() -> None:
     ],
 )
 def test_what_was_fitted_at_the_location_in_words(effect: str, words: tuple[str, ...]) -> None:
-    ground = campaigns.ground(effect)
-    found = fitted_in_words(ground, locate(ground, campaigns.generic(effect)))
+    linearised = campaigns.linearised(effect)
+    found = fitted_in_words(linearised, locate(linearised, campaigns.generic(effect)))
     assert all(w in found for w in words), found

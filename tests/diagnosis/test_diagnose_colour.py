@@ -6,26 +6,26 @@ import numpy as np
 from scipy.signal import lfilter
 
 from phnn.diagnosis.colour import Colour
-from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.residual_noise import doubt
 from tests import campaigns
 
 
-def with_residual(ground: Ground, residual: np.ndarray) -> Ground:
-    """The ground with another residual, of which the base explains nothing."""
+def with_residual(linearised: LinearisedFit, residual: np.ndarray) -> LinearisedFit:
+    """The linearised with another residual, of which the base explains nothing."""
     nothing = np.zeros((residual.size, 0))
-    return replace(ground, fit=replace(ground.fit, residual=residual, jacobian=nothing))
+    return replace(linearised, fit=replace(linearised.fit, residual=residual, jacobian=nothing))
 
 
 def test_stated_correlation_is_a_symmetric_band_within_a_recording() -> None:
-    ground = campaigns.ground()
+    linearised = campaigns.linearised()
     rho = np.array([1.0, 0.5, 0.2])
-    recordings = tuple(replace(r, noise_correlation=rho) for r in ground.plan.recordings)
-    fitted = replace(ground.fit, plan=replace(ground.fit.plan, recordings=recordings))
-    edge = ground.slices[0].stop
-    colour = Colour(replace(ground, fit=fitted))
+    recordings = tuple(replace(r, noise_correlation=rho) for r in linearised.plan.recordings)
+    fitted = replace(linearised.fit, plan=replace(linearised.fit.plan, recordings=recordings))
+    edge = linearised.slices[0].stop
+    colour = Colour(replace(linearised, fit=fitted))
     for lag, expected in [(1, 3.0), (2, 2.4), (3, 2.0)]:
-        pairs = np.zeros((ground.fit.residual.size, 2))
+        pairs = np.zeros((linearised.fit.residual.size, 2))
         # Another recording has noise of its own.
         pairs[[10, 10 + lag], 0] = pairs[[edge - 1, edge - 1 + lag], 1] = 1.0
         np.testing.assert_allclose(colour.stated(pairs), [expected, 2.0])
@@ -38,42 +38,42 @@ def resonant(n: int, rng: np.random.Generator) -> np.ndarray:
     return np.sqrt(0.5) * (ringing / ringing.std() + rng.standard_normal(n))
 
 
-def periodic(ground: Ground) -> Ground:
-    """The ground with recordings of ten periods each, all at one rate."""
+def periodic(linearised: LinearisedFit) -> LinearisedFit:
+    """The linearised with recordings of ten periods each, all at one rate."""
     recordings = tuple(
-        replace(r, period=r.t.size / 10.0 * 1e-4, t=1e-4 * np.arange(r.t.size)) for r in ground.plan.recordings
+        replace(r, period=r.t.size / 10.0 * 1e-4, t=1e-4 * np.arange(r.t.size)) for r in linearised.plan.recordings
     )
-    return replace(ground, fit=replace(ground.fit, plan=replace(ground.plan, recordings=recordings)))
+    return replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.plan, recordings=recordings)))
 
 
 def test_the_spread_of_scores_under_noise_of_a_resonance() -> None:
     rng = np.random.default_rng(2)
-    ground = periodic(campaigns.ground())
-    n = ground.fit.residual.size
+    linearised = periodic(campaigns.linearised())
+    n = linearised.fit.residual.size
     columns = np.stack([resonant(n, rng) for _ in range(3)] + [rng.standard_normal(n)], axis=1)
     # The average over many draws knows the covariance that a single residual has to tell.
-    draws = np.stack([np.concatenate([resonant(s.stop - s.start, rng) for s in ground.slices]) for _ in range(600)])
+    draws = np.stack([np.concatenate([resonant(s.stop - s.start, rng) for s in linearised.slices]) for _ in range(600)])
     exact = np.var(draws @ columns, axis=0)
     assert exact[0] > 2.0 * columns[:, 0] @ columns[:, 0]
-    found = np.mean([np.diag(Colour(with_residual(ground, r)).left(columns)) for r in draws[:20]], axis=0)
+    found = np.mean([np.diag(Colour(with_residual(linearised, r)).left(columns)) for r in draws[:20]], axis=0)
     np.testing.assert_allclose(found, exact, rtol=0.2)
 
 
 def test_what_repeats_with_the_drive_is_no_noise() -> None:
     rng = np.random.default_rng(3)
-    ground = periodic(campaigns.ground())
-    noise = rng.standard_normal(ground.fit.residual.size)
+    linearised = periodic(campaigns.linearised())
+    noise = rng.standard_normal(linearised.fit.residual.size)
     repeating = np.concatenate(
-        [np.sin(2.0 * np.pi * 30.0 * np.arange(s.stop - s.start) / (s.stop - s.start)) for s in ground.slices]
+        [np.sin(2.0 * np.pi * 30.0 * np.arange(s.stop - s.start) / (s.stop - s.start)) for s in linearised.slices]
     )
-    alone, both = (Colour(with_residual(ground, r)).spectra[0] for r in (noise, noise + 20.0 * repeating))
+    alone, both = (Colour(with_residual(linearised, r)).spectra[0] for r in (noise, noise + 20.0 * repeating))
     np.testing.assert_allclose(both.density, alone.density, rtol=1e-6)
     np.testing.assert_allclose(np.mean(alone.at(np.linspace(0.0, 0.5, 500))), 1.0, atol=0.1)
 
 
 def test_the_spectrum_of_flicker_noise_goes_on_below_the_lowest_frequency() -> None:
     rng = np.random.default_rng(4)
-    ground = periodic(campaigns.ground())
+    linearised = periodic(campaigns.linearised())
 
     def flicker(n: int) -> np.ndarray:
         waves = np.fft.rfft(rng.standard_normal(n))
@@ -82,7 +82,9 @@ def test_the_spectrum_of_flicker_noise_goes_on_below_the_lowest_frequency() -> N
         return np.fft.irfft(waves, n)
 
     spectra = [
-        Colour(with_residual(ground, np.concatenate([flicker(s.stop - s.start) for s in ground.slices]))).spectra[0]
+        Colour(
+            with_residual(linearised, np.concatenate([flicker(s.stop - s.start) for s in linearised.slices]))
+        ).spectra[0]
         for _ in range(10)
     ]
     ratio = np.median([s.at(np.array([2e-4]))[0] / s.at(np.array([2e-3]))[0] for s in spectra])
@@ -90,22 +92,22 @@ def test_the_spectrum_of_flicker_noise_goes_on_below_the_lowest_frequency() -> N
 
 
 def test_a_recording_alone_does_not_take_its_misfit_for_noise() -> None:
-    ground = campaigns.ground()
-    recordings = tuple(replace(r, period=None) for r in ground.plan.recordings)
-    ground = replace(ground, fit=replace(ground.fit, plan=replace(ground.plan, recordings=recordings)))
-    n = ground.fit.residual.size
-    loud = with_residual(ground, 30.0 * np.sin(0.01 * np.arange(n)) + np.random.default_rng(0).standard_normal(n))
+    linearised = campaigns.linearised()
+    recordings = tuple(replace(r, period=None) for r in linearised.plan.recordings)
+    linearised = replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.plan, recordings=recordings)))
+    n = linearised.fit.residual.size
+    loud = with_residual(linearised, 30.0 * np.sin(0.01 * np.arange(n)) + np.random.default_rng(0).standard_normal(n))
     assert all(s.density.max() <= 4.0 for s in Colour(loud).spectra)
 
 
 def test_deviates_are_normal_under_heavy_tails_and_noise_that_grows_with_the_speed() -> None:
     rng = np.random.default_rng(5)
-    ground = periodic(campaigns.ground())
-    n = ground.fit.residual.size
+    linearised = periodic(campaigns.linearised())
+    n = linearised.fit.residual.size
     speed = np.abs(np.sin(2.0 * np.pi * np.arange(n) / 50.0))
     # Directions that live where the noise is largest; each draw has directions of its own.
     for noise in (rng.standard_t(3, n) / np.sqrt(3.0), 1.5 * speed * rng.standard_normal(n)):
-        colour = Colour(with_residual(ground, noise))
+        colour = Colour(with_residual(linearised, noise))
         columns = speed[:, None] ** 2 * rng.standard_normal((n, 400))
         deviates = colour.deviates(columns, colour.left(columns))
         assert np.std(deviates) < 1.15
@@ -114,10 +116,10 @@ def test_deviates_are_normal_under_heavy_tails_and_noise_that_grows_with_the_spe
 
 def test_a_true_effect_does_not_hide_in_its_own_spread() -> None:
     rng = np.random.default_rng(6)
-    ground = periodic(campaigns.ground())
-    n = ground.fit.residual.size
+    linearised = periodic(campaigns.linearised())
+    n = linearised.fit.residual.size
     direction = np.sin(0.2 * np.arange(n))[:, None]
-    colour = Colour(with_residual(ground, 0.3 * direction[:, 0] + rng.standard_normal(n)))
+    colour = Colour(with_residual(linearised, 0.3 * direction[:, 0] + rng.standard_normal(n)))
     white = 0.3 * np.linalg.norm(direction)
     assert colour.deviates(direction, colour.left(direction))[0] > 0.5 * white
 

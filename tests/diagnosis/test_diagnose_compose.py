@@ -121,7 +121,7 @@ class TestAnElementThatWasAdded:
 
 
 def a_model(chi2: float, significant: bool) -> Any:
-    return SimpleNamespace(significant=significant, ground=SimpleNamespace(fit=SimpleNamespace(chi2=chi2)))
+    return SimpleNamespace(significant=significant, linearised=SimpleNamespace(fit=SimpleNamespace(chi2=chi2)))
 
 
 class TestANameInAComposedModel:
@@ -149,7 +149,7 @@ class TestANameInAComposedModel:
     def test_that_a_search_gave_is_claimed_anew_beside_what_was_added(self) -> None:
         before, added = a_finding(NAMED["A"], a_gain(10.0, 7.0)), a_finding(LEARNED["L"], a_gain(7.0, 1.0))
         whole = SimpleNamespace(chi2=1.0)
-        model = SimpleNamespace(significant=False, ground=SimpleNamespace(fit=whole))
+        model = SimpleNamespace(significant=False, linearised=SimpleNamespace(fit=whole))
         asked = _Asked(mock.Mock(), mock.Mock(), True, CRITERIA)
         searched = mock.Mock(findings=(before,))
         patched = {"compose": lambda *a: ((before, added), whole), "scored": lambda *a, **k: model}
@@ -192,7 +192,7 @@ class TestTheNumberOfHysterons:
 def test_a_composed_model_forgets_what_the_search_fitted_without_an_element() -> None:
     world = World({"": 5.0, "A": 3.0, "AC": 1.0})
     stale = replace(a_finding(NAMED["A"]), others_alone=world.fit("AC"))
-    model = mock.Mock(ground=mock.Mock(fit=SimpleNamespace(chi2=9.0, cost=2e5, plan=None)))
+    model = mock.Mock(linearised=mock.Mock(fit=SimpleNamespace(chi2=9.0, cost=2e5, plan=None)))
     searched: Any = SimpleNamespace(findings=(), longest=None, model=model)
     grown = _Grown((stale,), world.fit("A"), "A", 1.0, MATERIAL_ON_BASE)  # type: ignore[arg-type]
     patched: dict[str, Any] = {

@@ -103,10 +103,10 @@ class World:
         """The verdict on as many elements as there are models without one, on one where there are none."""
         findings = tuple(finding(n, final) for n, _ in zip(NAMES, alone or (base,), strict=False))
         naming = mock.Mock(statistic=statistic, numerical=0.0, candidates=(), generic=0.0)
-        ground = mock.Mock(fit=base)
-        ground.scales.noise = NOISE
+        linearised = mock.Mock(fit=base)
+        linearised.scales.noise = NOISE
         judgement = Judgement(
-            "named", ground, naming, mock.sentinel.location, final, mock.Mock(), findings, remainder=naming,
+            "named", linearised, naming, mock.sentinel.location, final, mock.Mock(), findings, remainder=naming,
             remainder_location=left,
         )  # fmt: skip
         return self.confirm(judgement, dict(zip(NAMES, alone, strict=False)))
@@ -115,11 +115,11 @@ class World:
         def without(_: Fit, __: object, dropped: Finding, *___: object) -> Fit:
             return alone[dropped.effect.name]
 
-        self.again = mock.Mock(fit=judgement.ground.fit)
+        self.again = mock.Mock(fit=judgement.linearised.fit)
         self.again.scales.noise = NOISE
-        here = mock.Mock(ground=self.again, naming=judgement.naming, remaining=judgement.remainder_location)
+        here = mock.Mock(linearised=self.again, naming=judgement.naming, remaining=judgement.remainder_location)
         with mock.patch.multiple(confirm, score_on_all=self.scores, without=without):
-            return confirmed(judgement, judgement.ground.fit, CAMPAIGN, CRITERIA, mock.Mock(return_value=here))
+            return confirmed(judgement, judgement.linearised.fit, CAMPAIGN, CRITERIA, mock.Mock(return_value=here))
 
 
 def finding(name: str, fitted: Fit) -> Finding:
@@ -173,7 +173,7 @@ def test_every_element_of_a_chain_needs_a_gain_of_its_own() -> None:
     alone = world.fit(0.05, 0.05)
     found, _, after = world.judge(base, world.fit(0.0, 0.06), (world.fit(2.0, 2.0), alone))
     assert found.verdict == "named" and named(found) == ["creep"]
-    assert found.final is alone and found.final_ground is world.again
+    assert found.final is alone and found.final_linearised is world.again
     assert after is world.scores(alone, None)
 
 
@@ -225,11 +225,11 @@ def test_a_chain_that_held_out_recordings_cannot_test_keeps_its_model_but_not_it
 
 def nameless(base: Fit, final: Fit, names: tuple[str, ...] = NAMES[:1]) -> Judgement:
     """A model whose elements have no proven names."""
-    ground = mock.Mock(fit=base)
-    ground.scales.noise = NOISE
+    linearised = mock.Mock(fit=base)
+    linearised.scales.noise = NOISE
     naming = mock.Mock(statistic=100.0, candidates=(), generic=0.0)
     return Judgement(
-        "unknown", ground, naming, mock.sentinel.location, final, mock.Mock(),
+        "unknown", linearised, naming, mock.sentinel.location, final, mock.Mock(),
         tuple(replace(finding(n, final), provisional=True) for n in names), remainder=naming,
     )  # fmt: skip
 
@@ -240,7 +240,7 @@ def test_an_element_without_a_name_that_helps_no_held_out_recording_leaves_the_m
     judgement = nameless(base, final)
     found, before, after = world.confirm(judgement, {})
     assert found.verdict == "unknown" and found.findings == () and after is before
-    assert found.final is base and found.final_ground is judgement.ground
+    assert found.final is base and found.final_linearised is judgement.linearised
     assert found.remainder is judgement.naming and found.remainder_location is judgement.location
 
 
@@ -276,10 +276,10 @@ def test_a_name_that_is_not_proven_leaves_its_element_in_the_model_where_that_he
 def test_a_mismatch_without_a_name_is_told_only_where_it_matters(level: float, statistic: float, verdict: str) -> None:
     world = World()
     base = world.fit(level, 0.0)
-    ground = mock.Mock(fit=base)
-    ground.scales.noise = NOISE
+    linearised = mock.Mock(fit=base)
+    linearised.scales.noise = NOISE
     naming = mock.Mock(statistic=statistic, candidates=(), generic=statistic)
-    nameless = Judgement("unknown", ground, naming, mock.sentinel.location, base, ground)
+    nameless = Judgement("unknown", linearised, naming, mock.sentinel.location, base, linearised)
     found, *_ = world.confirm(nameless, {})
     assert found.verdict == verdict
     if found.immaterial is not None:

@@ -15,7 +15,7 @@ from matplotlib.mathtext import MathTextParser
 from phnn.diagnosis.distil import distil, refitted
 from phnn.diagnosis.distil.refitted import refitted_formula
 from phnn.diagnosis.distil.response import element_force
-from phnn.diagnosis.ground import Ground, prepare
+from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.strengths import started
 from phnn.diagnosis.trial import Trial
@@ -47,7 +47,7 @@ def recordings(plant: Setup) -> Plan:
     )
 
 
-def learned_ground(plant: Setup, element: Effect) -> Ground:
+def learned_linearised(plant: Setup, element: Effect) -> LinearisedFit:
     """The base model with a learned element, fitted to a plant's own recordings."""
     plan, names = recordings(plant), [*NAMES, *element.strengths]
     setup = element.add_to(BASE, element.grid(SCALES)[0])
@@ -65,8 +65,8 @@ def damped(strengths: Mapping[str, float]) -> Setup:
 def test_damping_that_grows_with_the_square_of_the_displacement() -> None:
     element = learned_elements()["learned_damper"]
     plant = damped({"F_q": 0.5})
-    ground = learned_ground(plant, element)
-    found = distil(ground, element)
+    linearised = learned_linearised(plant, element)
+    found = distil(linearised, element)
     assert found is not None
     assert found.as_good
     assert found.first_order
@@ -89,7 +89,7 @@ def test_damping_that_grows_with_the_square_of_the_displacement() -> None:
 
 def test_damping_that_differs_by_direction() -> None:
     element = learned_elements()["learned_damper"]
-    found = distil(learned_ground(damped({"F_f3": 0.3}), element), element)
+    found = distil(learned_linearised(damped({"F_f3": 0.3}), element), element)
     assert found is not None
     assert found.as_good
     assert found.equation.startswith(r"F = b_\pm v")
@@ -103,7 +103,9 @@ def test_damping_that_differs_by_direction() -> None:
 def test_a_spring_that_hardens_with_the_cube() -> None:
     element = learned_elements()["learned_spring"]
     cubic = effect("cubic_stiffness")
-    found = distil(learned_ground(cubic.add_to(BASE, {"kappa_3": 0.15, "q_0": SCALES.displacement}), element), element)
+    found = distil(
+        learned_linearised(cubic.add_to(BASE, {"kappa_3": 0.15, "q_0": SCALES.displacement}), element), element
+    )
     assert found is not None
     assert found.exponents["n_1"][0] == 3.0
     assert found.formula <= 1.02 * found.learned
@@ -122,8 +124,8 @@ def test_the_force_of_an_element_is_that_of_its_laws() -> None:
 
 def test_only_springs_and_dampers_have_a_grammar() -> None:
     element = learned_elements()["learned_relaxation"]
-    ground = learned_ground(BASE, learned_elements()["learned_spring"])
-    assert distil(ground, element) is None
+    linearised = learned_linearised(BASE, learned_elements()["learned_spring"])
+    assert distil(linearised, element) is None
 
 
 @pytest.mark.parametrize("share", [1e-2, 10.0])
@@ -160,7 +162,7 @@ def test_a_formula_of_the_measuring_chain_is_found_in_the_place_of_a_learned_ele
 ) -> None:
     element = learned_elements()[learned]
     plant = formulas()[formula].add_to(BASE, values)
-    final = learned_ground(plant, element).fit
+    final = learned_linearised(plant, element).fit
     alone = fit(BASE, final.plan, NAMES, {"m": "held"}, 20)
     found = refitted_formula(final, alone, element)
     assert found is not None
@@ -175,7 +177,7 @@ def test_a_formula_of_the_measuring_chain_is_found_in_the_place_of_a_learned_ele
 def test_a_formula_describes_only_what_it_takes_most_of(takes: float, described: bool) -> None:
     element, formula = learned_elements()["learned_sensor_over_time"], formulas()["sensor_gain_drift"]
     point = formula.grid(SCALES)[0]
-    known = fit(formula.add_to(BASE, point), learned_ground(BASE, element).fit.plan, NAMES, {"m": "held"}, 1)
+    known = fit(formula.add_to(BASE, point), learned_linearised(BASE, element).fit.plan, NAMES, {"m": "held"}, 1)
     # A weak element: it takes less than two fits in doubt differ by.
     without, learned = 10.0, 9.9
 

@@ -13,12 +13,12 @@ from phnn.effects import kinds
 
 
 def test_springs_beyond_the_recorded_motion_stay_as_weak_as_they_begin() -> None:
-    ground = campaigns.ground("creep")
-    wide = replace(ground, scales=replace(ground.scales, displacement=2.0 * ground.scales.displacement))
+    linearised = campaigns.linearised("creep")
+    wide = replace(linearised, scales=replace(linearised.scales, displacement=2.0 * linearised.scales.displacement))
     found = learn(wide, kinds.ELASTIC)
     assert found is not None
-    reached = max(float(np.abs(t.states[:, t.program.output]).max()) for t in ground.trajectories)
-    begun = learned_setup(ground.fit.setup, kinds.ELASTIC, wide.scales)
+    reached = max(float(np.abs(t.states[:, t.program.output]).max()) for t in linearised.trajectories)
+    begun = learned_setup(linearised.fit.setup, kinds.ELASTIC, wide.scales)
     assert begun is not None
     values, stops = found.setup.values(), [f"{side}{i}" for i in range(1, 5) for side in "RL"]
     beyond = [i for i in stops if values[f"g_L{i[1]}"] > 1.01 * reached]

@@ -64,7 +64,7 @@ class LinearWorld:
         return Scored(mock.Mock(fit=fitted), mock.Mock(), naming)
 
     def trials(self, _: object, last: select.Selected) -> list[Trial]:
-        before = self.added[id(last.model.ground.fit)]
+        before = self.added[id(last.model.linearised.fit)]
         able = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT]
         fits = [Trial(c, self.fit(before | {EFFECTS.index(c.effect)})) for c in able]
         return sorted(fits, key=lambda t: t.cost)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from phnn.diagnosis.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
-from phnn.diagnosis.ground import direction
 from phnn.diagnosis.learn import learn
 from phnn.diagnosis.ledger import account
+from phnn.diagnosis.linearised_fit import direction
 from phnn.diagnosis.lines import course_share, line_share
 from phnn.diagnosis.locate import Location, locate, recording_scores, strongest_frequencies, strongest_times
 from phnn.diagnosis.name import score
@@ -27,10 +27,10 @@ _OF_TIME = ("drift", "lines")
 
 @pytest.mark.parametrize("group", GROUPS, ids=lambda g: f"{g.location}/{g.detail}")
 def test_local_functions_are_finite_and_of_the_right_shape(group: Group) -> None:
-    ground = campaigns.ground()
+    linearised = campaigns.linearised()
     assert group.location in LOCATIONS
-    for trajectory in ground.trajectories:
-        functions = group.functions(trajectory, ground.scales)
+    for trajectory in linearised.trajectories:
+        functions = group.functions(trajectory, linearised.scales)
         rows = trajectory.t.size if group.enters == OUTPUT else trajectory.h.size
         assert functions.shape[0] == rows
         assert functions.shape[1] >= 1
@@ -41,17 +41,17 @@ def test_local_functions_are_finite_and_of_the_right_shape(group: Group) -> None
 
 @pytest.mark.parametrize("group", [g for g in GROUPS if g.detail not in _OF_TIME], ids=lambda g: g.detail)
 def test_local_functions_vanish_without_motion(group: Group) -> None:
-    ground = campaigns.ground()
-    still = replace(ground.plan.recordings[0], u=np.zeros(ground.plan.recordings[0].u.size))
-    trajectory = simulate(ground.fit.setup, still, 1)
+    linearised = campaigns.linearised()
+    still = replace(linearised.plan.recordings[0], u=np.zeros(linearised.plan.recordings[0].u.size))
+    trajectory = simulate(linearised.fit.setup, still, 1)
     assert np.abs(trajectory.states).max() == 0.0
-    assert np.abs(group.functions(trajectory, ground.scales)).max() == 0.0
+    assert np.abs(group.functions(trajectory, linearised.scales)).max() == 0.0
 
 
 @pytest.mark.parametrize("group", [g for g in GROUPS if g.static is not None], ids=lambda g: g.detail)
 def test_static_picture_has_the_functions_of_the_group(group: Group) -> None:
-    ground = campaigns.ground()
-    trajectory, scales = ground.trajectories[0], ground.scales
+    linearised = campaigns.linearised()
+    trajectory, scales = linearised.trajectories[0], linearised.scales
     assert group.static is not None
     axis = {
         "displacement [m]": trajectory.y if group.enters == OUTPUT else trajectory.mid_displacement,
@@ -91,17 +91,17 @@ def test_response_is_the_change_that_the_element_itself_makes(
     # Linear sensitivities on one side, two simulations of different networks on the other.
     from phnn.effects import catalogue
 
-    ground, found = campaigns.ground(), campaigns.generic()
+    linearised, found = campaigns.linearised(), campaigns.generic()
     index = next(i for i, g in enumerate(GROUPS) if (g.location, g.detail) == place[:2])
     column = found.columns[:, np.flatnonzero(found.owner == index)[place[2]]]
     entry = catalogue()[effect]
-    weak = {**entry.grid(ground.scales)[0], **values}
-    setup = entry.add_to(ground.fit.setup, weak)
+    weak = {**entry.grid(linearised.scales)[0], **values}
+    setup = entry.add_to(linearised.fit.setup, weak)
     moved = [
-        simulate(setup, r, ground.plan.steps_of(r)).y - t.y
-        for r, t in zip(ground.plan.recordings, ground.trajectories, strict=True)
+        simulate(setup, r, linearised.plan.steps_of(r)).y - t.y
+        for r, t in zip(linearised.plan.recordings, linearised.trajectories, strict=True)
     ]
-    change = ground.stack(moved)
+    change = linearised.stack(moved)
     cosine = abs(float(change @ column)) / np.linalg.norm(change)
     assert cosine > 0.995
 
@@ -126,7 +126,7 @@ FAST = ("quadratic_drag", "electrostriction", "amplifier_saturation", "sensor_dr
 
 @pytest.mark.parametrize("effect", [e if e in FAST else pytest.param(e, marks=pytest.mark.slow) for e in TRUE])
 def test_true_location_comes_first_or_ties(effect: str) -> None:
-    found = locate(campaigns.ground(effect), campaigns.generic(effect))
+    found = locate(campaigns.linearised(effect), campaigns.generic(effect))
     assert TRUE[effect] in (found.name, *found.tied), found.scores
     assert found.ranks[found.name] == max(found.ranks[n] for n in found.scores)
     assert all(found.ranks[n] <= share for n, share in {**found.scores, **found.details}.items())
@@ -136,31 +136,31 @@ def test_true_location_comes_first_or_ties(effect: str) -> None:
 
 
 def test_where_and_when_the_residual_is() -> None:
-    ground = campaigns.ground("amplifier_saturation")
-    scores = recording_scores(ground)
-    assert set(scores) == {r.name for r in ground.plan.recordings}
-    sizes = [r.size for r in (ground.fit.residual[s] for s in ground.slices)]
-    assert np.dot(np.square(list(scores.values())), sizes) == pytest.approx(ground.fit.cost)
+    linearised = campaigns.linearised("amplifier_saturation")
+    scores = recording_scores(linearised)
+    assert set(scores) == {r.name for r in linearised.plan.recordings}
+    sizes = [r.size for r in (linearised.fit.residual[s] for s in linearised.slices)]
+    assert np.dot(np.square(list(scores.values())), sizes) == pytest.approx(linearised.fit.cost)
     # What is clipped leaves its trace at multiples of the excitation.
-    assert any(f > 0.0 and abs(f / 10.0 - round(f / 10.0)) < 0.02 for f in strongest_frequencies(ground))
+    assert any(f > 0.0 and abs(f / 10.0 - round(f / 10.0)) < 0.02 for f in strongest_frequencies(linearised))
     worst = max(scores, key=lambda n: scores[n])
-    index = [r.name for r in ground.plan.recordings].index(worst)
-    recording, residual = ground.plan.recordings[index], np.abs(ground.fit.residual[ground.slices[index]])
-    times = strongest_times(ground)
+    index = [r.name for r in linearised.plan.recordings].index(worst)
+    recording, residual = linearised.plan.recordings[index], np.abs(linearised.fit.residual[linearised.slices[index]])
+    times = strongest_times(linearised)
     assert times == sorted(times)
     assert recording.t[np.argmax(residual)] in times
 
 
 def test_lines_of_a_frequency_that_recordings_share_lie_in_the_environment() -> None:
-    ground = campaigns.ground()
+    linearised = campaigns.linearised()
     rng = np.random.default_rng(0)
-    times = np.concatenate([r.t[r.mask("identification")] for r in ground.plan.recordings])
-    phases = np.concatenate([np.full(s.stop - s.start, rng.uniform(0.0, 6.0)) for s in ground.slices])
+    times = np.concatenate([r.t[r.mask("identification")] for r in linearised.plan.recordings])
+    phases = np.concatenate([np.full(s.stop - s.start, rng.uniform(0.0, 6.0)) for s in linearised.slices])
     noise = rng.standard_normal(times.size)
     power = {}
     for size in (0.0, 2.0):
         residual = noise + size * np.sin(2.0 * np.pi * 445.0 * times + phases)
-        shown = replace(ground, fit=replace(ground.fit, residual=residual, jacobian=np.zeros((times.size, 0))))
+        shown = replace(linearised, fit=replace(linearised.fit, residual=residual, jacobian=np.zeros((times.size, 0))))
         power[size] = line_share(shown) / times.size
     assert power[0.0] < 0.01
     # A sine of amplitude two holds twice the power of the noise.
@@ -169,14 +169,14 @@ def test_lines_of_a_frequency_that_recordings_share_lie_in_the_environment() -> 
 
 @pytest.mark.parametrize(("ratio", "share"), [(0.005, 0.25), (0.03, 0.6)])
 def test_a_mode_that_rings_like_a_line_lies_in_the_mechanics(ratio: float, share: float) -> None:
-    ground = campaigns.ground()
-    omega = 2.0 * np.pi * 3.3 * ground.scales.fastest
-    mass = 1e-3 * ground.fit.setup.values()["m"]
+    linearised = campaigns.linearised()
+    omega = 2.0 * np.pi * 3.3 * linearised.scales.fastest
+    mass = 1e-3 * linearised.fit.setup.values()["m"]
     values = {"m_2": mass, "k_2": mass * omega**2, "b_2": 2.0 * ratio * mass * omega}
-    change = direction(ground, catalogue()["second_mode"], values)
+    change = direction(linearised, catalogue()["second_mode"], values)
     noise = np.random.default_rng(2).standard_normal(change.size)
     residual = 3.0 * change / np.sqrt(np.mean(change**2)) + noise
-    shown = replace(ground, fit=replace(ground.fit, residual=residual, jacobian=np.zeros((change.size, 0))))
+    shown = replace(linearised, fit=replace(linearised.fit, residual=residual, jacobian=np.zeros((change.size, 0))))
     peaks = shown.spectra.peaks
     assert any(abs(2.0 * np.pi * f / omega - 1.0) < 0.03 for f in peaks)
     without, found = (locate(replace(shown, scales=replace(shown.scales, peaks=p))) for p in ((), peaks))
@@ -191,23 +191,23 @@ def test_what_takes_its_frequency_from_the_residual_is_no_test_of_it() -> None:
     searched = [GROUPS[i].searched for i in responses.owner]
     assert any(searched)
     np.testing.assert_array_equal(responses.tests, responses.columns[:, np.logical_not(searched)])
-    ground = campaigns.ground()
-    scored = score(ground, [], responses, 0)
+    linearised = campaigns.linearised()
+    scored = score(linearised, [], responses, 0)
     alone = replace(responses, columns=responses.tests, owner=responses.owner[np.logical_not(searched)])
-    assert scored.statistic == score(ground, [], alone, 0).statistic
+    assert scored.statistic == score(linearised, [], alone, 0).statistic
 
 
 def test_a_course_of_its_own_in_every_recording_lies_in_the_sensor() -> None:
-    ground = campaigns.ground()
+    linearised = campaigns.linearised()
     rng = np.random.default_rng(1)
-    noise = rng.standard_normal(ground.residual.size)
-    walks = [np.cumsum(rng.standard_normal(s.stop - s.start)) for s in ground.slices]
+    noise = rng.standard_normal(linearised.residual.size)
+    walks = [np.cumsum(rng.standard_normal(s.stop - s.start)) for s in linearised.slices]
     walk = np.concatenate([w - w.mean() for w in walks])
     walk *= 3.0 / walk.std()
     power = {}
     for size in (0.0, 1.0):
         shown = replace(
-            ground, fit=replace(ground.fit, residual=noise + size * walk, jacobian=np.zeros((noise.size, 0)))
+            linearised, fit=replace(linearised.fit, residual=noise + size * walk, jacobian=np.zeros((noise.size, 0)))
         )
         power[size] = course_share(shown) / noise.size
         found = locate(shown, campaigns.generic())
@@ -225,9 +225,9 @@ def at(index: int, count: int) -> Location:
 
 @pytest.mark.parametrize("index", range(len(GROUPS)), ids=lambda i: GROUPS[i].detail)
 def test_every_group_has_a_picture(index: int) -> None:
-    ground, group = campaigns.ground(), GROUPS[index]
+    linearised, group = campaigns.linearised(), GROUPS[index]
     count = int((campaigns.generic().owner == index).sum())
-    drawn = picture(ground, at(index, count))
+    drawn = picture(linearised, at(index, count))
     if group.enters == OUTPUT and group.static is None:
         assert drawn is None
         return
@@ -243,22 +243,22 @@ def test_every_group_has_a_picture(index: int) -> None:
     assert (drawn.std is None) == (group.static is None)
     if drawn.std is not None:
         assert (drawn.std >= 0.0).all()
-    force = missing_force(ground, at(index, count), 0)
+    force = missing_force(linearised, at(index, count), 0)
     assert (force is None) == (group.enters != FORCE)
     if force is not None:
-        assert force.shape == ground.trajectories[0].h.shape
+        assert force.shape == linearised.trajectories[0].h.shape
 
 
 @pytest.mark.slow
 def test_learned_picture_is_the_force_that_is_missing() -> None:
     # A hardening spring: the missing force is −κ₃ k q³/q₀², here from the recordings alone.
     effect = "cubic_stiffness"
-    ground, sealed = campaigns.ground(effect), campaigns.concealed(effect)[1]
+    linearised, sealed = campaigns.linearised(effect), campaigns.concealed(effect)[1]
     index = next(i for i, g in enumerate(GROUPS) if g.detail == "elastic")
-    found = locate(ground, campaigns.generic(effect))
+    found = locate(linearised, campaigns.generic(effect))
     assert found.detail == "elastic"
     assert found.group == index
-    drawn = picture(ground, found)
+    drawn = picture(linearised, found)
     assert drawn is not None
     q = drawn.x * 1e-6
     missing = -sealed.parameters["kappa_3"] * sealed.base["k"] * q**3 / sealed.parameters["q_0"] ** 2
@@ -270,7 +270,7 @@ def test_learned_picture_is_the_force_that_is_missing() -> None:
 
 def test_energy_is_accounted_for_to_rounding() -> None:
     for effect in ("none", "creep"):
-        for trajectory in campaigns.ground(effect).trajectories:
+        for trajectory in campaigns.linearised(effect).trajectories:
             found = account(trajectory)
             turnover = float(np.sum(trajectory.h * np.abs(trajectory.velocity * trajectory.u[:, 0])))
             turnover *= trajectory.setup.parameters["alpha"].value
@@ -288,10 +288,10 @@ def test_energy_is_accounted_for_to_rounding() -> None:
 def test_ledger_of_a_network_with_a_creeping_spring_balances() -> None:
     from phnn.effects import catalogue
 
-    ground = campaigns.ground()
+    linearised = campaigns.linearised()
     entry = catalogue()["creep"]
-    setup = entry.add_to(ground.fit.setup, entry.grid(ground.scales)[0])
-    trajectory = simulate(setup, ground.plan.recordings[0], 2)
+    setup = entry.add_to(linearised.fit.setup, entry.grid(linearised.scales)[0])
+    trajectory = simulate(setup, linearised.plan.recordings[0], 2)
     found = account(trajectory)
     assert abs(found.defect) < 1e-10 * sum(found.dissipated.values()) + 1e-10 * abs(found.supplied)
     assert len(found.dissipated) == 4
@@ -301,10 +301,10 @@ def test_ledger_of_a_network_with_a_creeping_spring_balances() -> None:
 @pytest.mark.slow
 def test_a_learned_spring_finds_the_stop() -> None:
     effect = "contact_stop"
-    ground, sealed = campaigns.ground(effect), campaigns.concealed(effect)[1]
-    learned = learn(ground, kinds.ELASTIC)
+    linearised, sealed = campaigns.linearised(effect), campaigns.concealed(effect)[1]
+    learned = learn(linearised, kinds.ELASTIC)
     assert learned is not None
-    assert learned.cost < 0.5 * ground.fit.cost
+    assert learned.cost < 0.5 * linearised.fit.cost
     p = learned.setup.parameters
     sides = {"R": 1.0, "L": -1.0}
     stops = [(p[f"k_{s}{i}"].value, sign * p[f"g_L{i}"].value) for s, sign in sides.items() for i in range(1, 5)]
@@ -315,7 +315,7 @@ def test_a_learned_spring_finds_the_stop() -> None:
         beyond = sum(k for k, gap in stops if (q > gap if gap > 0 else q < gap))
         return p["k"].value + beyond + sum(k for k, reach in yielding if abs(q) < reach)
 
-    reach = ground.scales.displacement
+    reach = linearised.scales.displacement
     stop = sealed.parameters["q_c"]
     assert 0.4 * reach < stop < reach
     softest = min(stiffness(s * stop) for s in (-0.6, 0.0, 0.6))
@@ -326,16 +326,16 @@ def test_a_learned_spring_finds_the_stop() -> None:
 
 @pytest.mark.parametrize(("effect", "kind"), [("quadratic_drag", kinds.DISSIPATIVE), ("creep", kinds.MEMORY)])
 def test_learned_dampers_and_memories_follow_what_is_missing(effect: str, kind: Kind) -> None:
-    ground = campaigns.ground(effect)
-    learned = learn(ground, kind)
+    linearised = campaigns.linearised(effect)
+    learned = learn(linearised, kind)
     assert learned is not None
-    assert learned.chi2 < 0.5 * ground.fit.chi2
+    assert learned.chi2 < 0.5 * linearised.fit.chi2
     strengths = learned_elements()[kind.learned].strengths
     assert all(learned.setup.values()[n] >= 0.0 for n in strengths)
 
 
 def test_nothing_is_learned_where_there_is_no_one_port() -> None:
-    assert learn(campaigns.ground(), kinds.LAG) is None
+    assert learn(campaigns.linearised(), kinds.LAG) is None
 
 
 @pytest.mark.parametrize("effect", list(catalogue().values()), ids=lambda e: e.name)

@@ -29,11 +29,11 @@ SLOW = ("cubic_stiffness", "coulomb_friction", "extra_hysteron", "hysteresis_asy
 
 @cache
 def scored(effect: str) -> naming.Naming:
-    return score(campaigns.ground(effect), EVERY, campaigns.generic(effect), 0)
+    return score(campaigns.linearised(effect), EVERY, campaigns.generic(effect), 0)
 
 
 def test_p_values_of_noise_are_uniform(monkeypatch: pytest.MonkeyPatch) -> None:
-    ground, generic = campaigns.ground(), campaigns.generic()
+    linearised, generic = campaigns.linearised(), campaigns.generic()
     kept: dict[tuple[str, tuple[float, ...]], np.ndarray] = {}
     make = naming.direction
 
@@ -50,10 +50,10 @@ def test_p_values_of_noise_are_uniform(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
     found = []
     for _ in range(60):
-        noise = rng.standard_normal(ground.fit.residual.size)
-        for rows in ground.slices:
+        noise = rng.standard_normal(linearised.fit.residual.size)
+        for rows in linearised.slices:
             noise[rows] -= noise[rows].mean()
-        drawn = replace(ground, fit=replace(ground.fit, residual=noise))
+        drawn = replace(linearised, fit=replace(linearised.fit, residual=noise))
         found.append(score(drawn, chosen, generic, 0).p_value)
     assert kstest(found, "uniform").pvalue > 1e-3
     assert min(found) > 1e-3
@@ -99,24 +99,24 @@ def test_strength_is_estimated_from_the_score(effect: str, strength: str) -> Non
 
 def test_same_seed_same_result() -> None:
     few = [catalogue()["creep"]]
-    a, b = (score(campaigns.ground(), few, campaigns.generic(), 3) for _ in range(2))
+    a, b = (score(campaigns.linearised(), few, campaigns.generic(), 3) for _ in range(2))
     assert (a.p_value, a.statistic) == (b.p_value, b.statistic)
 
 
 def test_without_any_candidate_the_generic_functions_decide() -> None:
-    found = score(campaigns.ground("quadratic_drag"), (), campaigns.generic("quadratic_drag"), 0)
+    found = score(campaigns.linearised("quadratic_drag"), (), campaigns.generic("quadratic_drag"), 0)
     assert found.candidates == ()
     assert found.p_value < 1e-4
-    nothing = score(campaigns.ground("none"), (), campaigns.generic("none"), 0)
+    nothing = score(campaigns.linearised("none"), (), campaigns.generic("none"), 0)
     assert nothing.p_value > 0.01
 
 
 def test_numerical_error_is_scored_along_every_direction() -> None:
-    ground = campaigns.ground()
-    error = numerical_error(ground.fit).error
+    linearised = campaigns.linearised()
+    error = numerical_error(linearised.fit).error
     few = [catalogue()["quadratic_drag"]]
-    one = score(ground, few, campaigns.generic(), 0, error).numerical
-    assert score(ground, few, campaigns.generic(), 0, 10.0 * error).numerical == pytest.approx(10.0 * one)
+    one = score(linearised, few, campaigns.generic(), 0, error).numerical
+    assert score(linearised, few, campaigns.generic(), 0, 10.0 * error).numerical == pytest.approx(10.0 * one)
     assert 0.0 < one < np.linalg.norm(error)
 
 
@@ -193,7 +193,7 @@ def test_a_stop_that_no_catalogue_lists_is_unknown_and_learned(seed: int) -> Non
     assert made.after.over_noise("confirmation") < made.before.over_noise("confirmation")
     from phnn.diagnosis.picture import picture
 
-    drawn = picture(j.ground, j.location)
+    drawn = picture(j.linearised, j.location)
     assert drawn is not None
     stop = campaigns.concealed("contact_stop", seed)[1].parameters["q_c"] * 1e6
     beyond = drawn.y[drawn.x > stop]

@@ -16,7 +16,7 @@ from phnn.demo import Sealed, draw_case, make_case
 from phnn.demo.actuator import TABLE
 from phnn.demo.excitation import sine
 from phnn.diagnosis import diagnose
-from phnn.diagnosis.ground import Ground, prepare
+from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.menu import Experiment, Stretch, menu, resonance
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.propose import left, propose
@@ -56,7 +56,7 @@ def at_hand(name: str, frequency: float, amplitude: float, periods: int) -> Expe
 
 
 @cache
-def ground(**law: float) -> Ground:
+def linearised(**law: float) -> LinearisedFit:
     plan = (at_hand("slow", 10.0, 75.0, 3), at_hand("fast", 60.0, 40.0, 6))
     recordings = tuple(recorded(e, law, i) for i, e in enumerate(plan))
     base = Setup(hrc(2, dict(TABLE)), name="phs")
@@ -71,7 +71,7 @@ def refitted(plan: Plan, start: Setup, effect: str, values: dict[str, float]) ->
 
 
 def test_a_delay_and_a_lag_are_told_apart_by_the_recording_that_is_proposed() -> None:
-    g = ground(tau_d=2e-5)
+    g = linearised(tau_d=2e-5)
     members = [
         refitted(g.plan, g.fit.setup, "delay", {"tau_d": 3e-5}),
         refitted(g.plan, g.fit.setup, "sensor_lag", {"tau_y": 3e-5}),
@@ -132,7 +132,7 @@ def test_what_old_recordings_allow_to_move_does_not_count() -> None:
 
 
 def test_the_menu_stays_within_what_is_in_use_and_says_all_that_is_needed() -> None:
-    g = ground(tau_d=2e-5)
+    g = linearised(tau_d=2e-5)
     made = menu(g)
     kinds = ["hold", "slow sine", "near-resonance sine", "amplitude sweep", "multisine", "offset sine"]
     assert [e.kind for e in made] == kinds
@@ -169,7 +169,7 @@ def test_resonance_of_the_actuator_about_rest() -> None:
 
 def test_no_class_no_proposal() -> None:
     made = campaigns.diagnosis("quadratic_drag")
-    g, fits = made.judgement.ground, [made.base, made.judgement.final]
+    g, fits = made.judgement.linearised, [made.base, made.judgement.final]
     names = ("creep", "quadratic_drag")
     members = [
         Trial(Candidate(catalogue()[n], {}, (), 10.0, 1e-5), f) for n, f in zip(names, fits, strict=True)

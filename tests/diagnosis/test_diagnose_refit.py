@@ -12,7 +12,7 @@ import pytest
 
 from phnn.diagnosis import steps
 from phnn.diagnosis.criteria import Refits
-from phnn.diagnosis.ground import direction, prepare
+from phnn.diagnosis.linearised_fit import direction, prepare
 from phnn.diagnosis.name import Candidate, score
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.starts import has_large_starts, large_starts
@@ -98,12 +98,12 @@ def test_large_step_starts_change_about_as_much_as_there_is_to_explain(name: str
     base, chosen = strong(), effect(name)
     if not chosen.can_be_added_to(base.setup):
         pytest.skip("not of an actuator")
-    ground = prepare(base)
-    total = float(np.sum(ground.residual**2))
-    starts = large_starts(ground, chosen)
+    linearised = prepare(base)
+    total = float(np.sum(linearised.residual**2))
+    starts = large_starts(linearised, chosen)
     assert len(starts) <= 4
     assert len({tuple(v.values()) for v in starts}) == len(starts)
-    shares = [float(np.sum(ground.project(direction(ground, chosen, v)) ** 2)) / total for v in starts]
+    shares = [float(np.sum(linearised.project(direction(linearised, chosen, v)) ** 2)) / total for v in starts]
     assert all(0.0 < s <= 3.0 for s in shares)
 
 

@@ -14,7 +14,7 @@ from effect_homes import BASE, SCALES
 
 from phnn.diagnosis import propose as path
 from phnn.diagnosis.distil import Distilled, distil
-from phnn.diagnosis.ground import Ground, prepare
+from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.menu import Experiment, Stretch
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.propose import propose, shrinkage, shrinks
@@ -69,7 +69,7 @@ def by_speed(plan: Plan) -> Fit:
 
 
 @cache
-def at_hand() -> tuple[Rival, Rival, Ground]:
+def at_hand() -> tuple[Rival, Rival, LinearisedFit]:
     """Both kinds of damping, fitted to one sine of one amplitude, on which a linear damper can stand for a good part of
     either."""
     plan = plan_of(sine(SMALL))
@@ -78,24 +78,24 @@ def at_hand() -> tuple[Rival, Rival, Ground]:
     return *models, prepare(position)
 
 
-def learned(plan: Plan) -> tuple[Ground, Distilled]:
+def learned(plan: Plan) -> tuple[LinearisedFit, Distilled]:
     """The learned damper fitted to what the plant does, and its formula."""
     names = [*NAMES, *DAMPER.strengths]
     begun = started(DAMPER.add_to(BASE, DAMPER.grid(SCALES)[0]), plan, names, DAMPER.strengths, None, 2.0)
-    ground = prepare(fit(begun, plan, names, HELD, 20))
-    found = distil(ground, DAMPER)
+    linearised = prepare(fit(begun, plan, names, HELD, 20))
+    found = distil(linearised, DAMPER)
     assert found is not None
-    return ground, found
+    return linearised, found
 
 
 def test_a_larger_amplitude_tells_damping_of_the_position_from_that_of_the_speed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # Equivalent linear dampers of one frequency: b + c A²/4 and b + c' ω A 8/(3π). At one A they are the same.
-    position, speed, ground = at_hand()
+    position, speed, linearised = at_hand()
     offered = (sine(SMALL), sine(75.0))
     monkeypatch.setattr(path, "menu", lambda _: offered)
-    found = propose([Question((position, speed), "learned_damper")], ground)
+    found = propose([Question((position, speed), "learned_damper")], linearised)
     assert found is not None
     assert found.experiment is offered[1]
     assert found.menu[offered[1].kind] > 3.0 * found.menu[offered[0].kind]
@@ -114,25 +114,25 @@ def test_a_larger_amplitude_tells_damping_of_the_position_from_that_of_the_speed
 
 
 def test_a_formula_predicts_new_recordings_as_the_plant_does() -> None:
-    ground, found = learned(plan_of(sine(75.0), sine(40.0, 150.0), sine(75.0, 50.0, 3), noise=NOISE))
+    linearised, found = learned(plan_of(sine(75.0), sine(40.0, 150.0), sine(75.0, 50.0, 3), noise=NOISE))
     assert found.as_good
     model = found.models[0]
     assert model.words.startswith("“viscous damping that grows with the square of the distance from zero")
     asked = sine(60.0, 120.0)
-    bench = Bench(asked.recording(NOISE, ground.plan.recordings[0].units))
+    bench = Bench(asked.recording(NOISE, linearised.plan.recordings[0].units))
     y = simulate(plant(), bench.recording, 4).y
     linear = simulate(plant().with_values({"F_q": 0.0}), bench.recording, 4).y
     assert np.std(model.predicted(bench).y - y) < 0.02 * np.std(linear - y)
     # Moved by its own coordinates: the response to the force and to the base damper.
     assert model.predicted(bench).moved.shape[1] == model.known.shape[1]
-    assert ground.fit is model.fit
+    assert linearised.fit is model.fit
 
 
 def test_formulas_that_fit_as_well_are_asked_for_apart() -> None:
     # Noise of a fiftieth of the motion hides which formula it is.
-    ground, found = learned(plan_of(sine(75.0), sine(40.0, 150.0), noise=4e-6))
+    linearised, found = learned(plan_of(sine(75.0), sine(40.0, 150.0), noise=4e-6))
     assert len(found.models) == 1 + len(found.others) > 1
-    proposed = propose([Question(found.models, "learned_damper")], ground)
+    proposed = propose([Question(found.models, "learned_damper")], linearised)
     assert proposed is not None
     assert proposed.aim == "separate"
     assert set(proposed.separates) <= {m.name for m in found.models}
@@ -143,10 +143,10 @@ def test_formulas_that_fit_as_well_are_asked_for_apart() -> None:
 
 
 def test_an_element_without_a_rival_is_measured_where_its_numbers_show_most(monkeypatch: pytest.MonkeyPatch) -> None:
-    position, _, ground = at_hand()
+    position, _, linearised = at_hand()
     offered = (sine(5.0), sine(75.0))
     monkeypatch.setattr(path, "menu", lambda _: offered)
-    found = propose([Question((position,), "learned_damper")], ground)
+    found = propose([Question((position,), "learned_damper")], linearised)
     assert found is not None
     assert (found.aim, found.separates) == ("measure", ())
     assert found.experiment is offered[1]

@@ -55,7 +55,7 @@ def test_where_nothing_was_tried_there_is_nothing_to_compare() -> None:
 
 
 def test_a_mismatch_without_a_catalogue_is_unknown() -> None:
-    found = scored(campaigns.ground("creep").fit, (), 0)
+    found = scored(campaigns.linearised("creep").fit, (), 0)
     assert found.significant
     judgement = judge(found, (), 0, 2, True)
     assert judgement.verdict == "unknown"
@@ -110,7 +110,7 @@ def test_what_leaves_no_more_than_the_noise_level_is_known_to_stands(left: float
     remaining = mock.Mock(scores={"hysteron": 1.0})
     remaining.name = "hysteron"
     model = mock.Mock(remaining=remaining)
-    model.ground.fit.chi2 = left
+    model.linearised.fit.chi2 = left
     finding = Finding(trial("creep", 0.0), (), (), mock.sentinel.naming)
     last = select.Selected((finding,), model, share)
     first = select.Selected((), mock.Mock(remaining=None), 1.0)

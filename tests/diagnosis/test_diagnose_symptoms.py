@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from phnn.diagnosis.corrected import told
-from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.symptoms import Seen, Symptoms, Trend, seen, symptoms
 from phnn.report.symptoms import symptom_sentences
 
@@ -180,19 +180,19 @@ def test_a_zero_that_jumps_in_the_middle_does_not_repeat() -> None:
 
 @pytest.mark.parametrize("effect", ["none", "quadratic_drag"])
 def test_a_folder_that_neither_drifts_nor_fails_to_repeat(effect: str) -> None:
-    words = " ".join(symptom_sentences(symptoms(seen(campaigns.ground(effect)))))
+    words = " ".join(symptom_sentences(symptoms(seen(campaigns.linearised(effect)))))
     assert "drift" not in words and "period to period" not in words
     assert effect != "none" or not words
 
 
-def changed(by: Callable[[np.ndarray, float], np.ndarray], some: int | None = None) -> Ground:
-    """The ground of a folder with nothing missing, something [noise] added to the residual of its sines, or one."""
-    ground = campaigns.ground("none")
-    residual = ground.fit.residual.copy()
-    for i, (r, rows) in enumerate(zip(ground.plan.recordings, ground.slices, strict=True)):
+def changed(by: Callable[[np.ndarray, float], np.ndarray], some: int | None = None) -> LinearisedFit:
+    """The linearised of a folder with nothing missing, something [noise] added to the residual of its sines, or one."""
+    linearised = campaigns.linearised("none")
+    residual = linearised.fit.residual.copy()
+    for i, (r, rows) in enumerate(zip(linearised.plan.recordings, linearised.slices, strict=True)):
         if r.name.startswith("sine") and some in (None, i):
             residual[rows] += by(r.t[r.mask("identification")], float(r.period or 1.0))
-    return replace(ground, fit=replace(ground.fit, residual=residual))
+    return replace(linearised, fit=replace(linearised.fit, residual=residual))
 
 
 def test_what_does_not_repeat_in_a_folder_is_told_with_the_noise_of_the_others() -> None:
@@ -214,6 +214,6 @@ def test_what_recordings_cannot_show_is_not_said() -> None:
 
 
 def test_symptoms_of_a_folder() -> None:
-    found = symptoms(seen(campaigns.ground("cubic_stiffness")))
+    found = symptoms(seen(campaigns.linearised("cubic_stiffness")))
     assert of(found, "odd")[0] > 0.9
     assert of(found, "odd")[2] < 1e-6

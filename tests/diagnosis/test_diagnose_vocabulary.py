@@ -10,7 +10,7 @@ import pytest
 
 from phnn.configuration import config_folder
 from phnn.diagnosis.dictionary import GROUPS
-from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.picture import picture
 from phnn.diagnosis.vocabulary import vocabulary_of
@@ -22,21 +22,21 @@ from phnn.report.domain_words import in_own_words
 MECHANICAL = ("force", "displacement", "velocity", " N", "µm", " nm", "m/s", "motion", "acceleration")
 
 
-def in_unit(unit: str, source: str) -> Ground:
-    """A ground whose network has other units of its output and its input."""
-    ground = campaigns.ground("none")
-    network = ground.fit.setup.network
+def in_unit(unit: str, source: str) -> LinearisedFit:
+    """A linearised whose network has other units of its output and its input."""
+    linearised = campaigns.linearised("none")
+    network = linearised.fit.setup.network
     other = replace(
         network,
         storages=tuple(replace(s, unit=unit) if s.name == network.output else s for s in network.storages),
         ports=tuple(replace(p, unit=source) for p in network.ports),
     )
-    return replace(ground, fit=replace(ground.fit, setup=replace(ground.fit.setup, network=other)))
+    return replace(linearised, fit=replace(linearised.fit, setup=replace(linearised.fit.setup, network=other)))
 
 
-def at(group: int, ground: Ground) -> Location:
+def at(group: int, linearised: LinearisedFit) -> Location:
     """A location whose group of functions has some strengths."""
-    count = GROUPS[group].functions(ground.trajectories[0], ground.scales).shape[1]
+    count = GROUPS[group].functions(linearised.trajectories[0], linearised.scales).shape[1]
     weights = np.random.default_rng(group).normal(size=count)
     return Location(
         GROUPS[group].location, GROUPS[group].detail, (), {}, {}, {}, group, weights, np.diag(1e-4 * np.ones(count))
@@ -45,11 +45,11 @@ def at(group: int, ground: Ground) -> Location:
 
 @pytest.mark.parametrize("group", [i for i, g in enumerate(GROUPS) if g.detail in ("elastic", "dissipative", "shape")])
 def test_tanks_in_volts_are_told_in_volts(group: int) -> None:
-    ground = in_unit("V", "V")
-    told = fitted_in_words(ground, at(group, ground))
+    linearised = in_unit("V", "V")
+    told = fitted_in_words(linearised, at(group, linearised))
     assert not any(word in told for word in MECHANICAL), told
     assert "effort" in told
-    drawn = picture(ground, at(group, ground))
+    drawn = picture(linearised, at(group, linearised))
     assert drawn is not None
     assert not any(word in f"{drawn.x_label} {drawn.y_label}" for word in MECHANICAL)
     if GROUPS[group].detail == "dissipative":
@@ -57,9 +57,9 @@ def test_tanks_in_volts_are_told_in_volts(group: int) -> None:
 
 
 def test_sizes_have_the_prefix_that_suits() -> None:
-    ground = campaigns.ground("none")
-    large = replace(ground, scales=replace(ground.scales, displacement=19.1))
-    told = fitted_in_words(large, at(0, ground))
+    linearised = campaigns.linearised("none")
+    large = replace(linearised, scales=replace(linearised.scales, displacement=19.1))
+    told = fitted_in_words(large, at(0, linearised))
     assert "at 19.1 m it has reached" in told
     assert "µm" not in told
 

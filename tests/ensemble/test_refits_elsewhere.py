@@ -16,7 +16,7 @@ import pytest
 from phnn.configuration import compose
 from phnn.diagnosis import diagnosis as path
 from phnn.diagnosis.diagnosis import Diagnosis, diagnose
-from phnn.diagnosis.ground import prepare
+from phnn.diagnosis.linearised_fit import prepare
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.starts import has_large_starts, large_starts

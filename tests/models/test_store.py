@@ -23,7 +23,7 @@ def with_effect(name: str) -> Setup:
     if name == "none":
         return base
     entry = catalogue()[name]
-    return entry.add_to(base, entry.grid(campaigns.ground().scales)[-1])
+    return entry.add_to(base, entry.grid(campaigns.linearised().scales)[-1])
 
 
 @pytest.mark.parametrize("name", ["none", *(n for n, e in catalogue().items() if e.can_be_added_to(Setup(hrc(2))))])

@@ -220,7 +220,7 @@ def found_better(content: dict[str, Any]) -> bool:
 def test_a_refit_that_ended_above_the_base_model_has_failed() -> None:
     found = made("found")
     j = found.judgement
-    base = j.ground.fit
+    base = j.linearised.fit
     first = j.tried[0]
     assert first.fit is not None
     for cost, outcome in ((900.0, "the refit failed"), (0.99, "explains too little")):
@@ -242,7 +242,7 @@ def test_places_that_are_tied_have_a_proposal_or_a_reason() -> None:
     why = no_proposal(bare)
     assert "two refitted models" in why or "differ once" in why
     members = tied_members(nameless)
-    assert all(t.cost < j.ground.fit.cost for t in members)
+    assert all(t.cost < j.linearised.fit.cost for t in members)
     places = [t.candidate.effect.location for t in members]
     assert len(set(places)) == len(places) and set(places) <= {"mechanical", "sensor"}
 

@@ -14,7 +14,7 @@ from phnn.diagnosis.distil.model import formula_rival
 from phnn.diagnosis.distil.response import Target, target
 from phnn.diagnosis.distil.search import Formula, best_formulas, tie_of, unit_responses
 from phnn.diagnosis.distil.words import in_words
-from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.rival import Rival
 from phnn.effects import Effect
 from phnn.network.roles import motions
@@ -54,7 +54,7 @@ class Distilled:
     models: tuple[Rival, ...] = field(default=(), compare=False, repr=False)
 
 
-def distil(ground: Ground, element: Effect) -> Distilled | None:
+def distil(linearised: LinearisedFit, element: Effect) -> Distilled | None:
     """The shortest formula of the grammar for a learned element of a fitted model.
 
     The formula takes the element's place in the equations linearised around the fit: its force acts along the
@@ -63,7 +63,7 @@ def distil(ground: Ground, element: Effect) -> Distilled | None:
     squares is chosen, where every number has to save what two refits differ by that count as told apart.
 
     Args:
-        ground: of the fit with the element.
+        linearised: of the fit with the element.
         element: a learned spring or damper.
 
     Returns:
@@ -71,15 +71,15 @@ def distil(ground: Ground, element: Effect) -> Distilled | None:
     """
     if not has_grammar(element.kind.name) or not element.strengths:
         return None
-    goal, few = target(ground, element), ground.first_look()
-    found = best_formulas(goal, goal if few is ground else target(few, element), TERMS[element.kind.name])
+    goal, few = target(linearised, element), linearised.first_look()
+    found = best_formulas(goal, goal if few is linearised else target(few, element), TERMS[element.kind.name])
     if not found:
         return None
-    best, fit = found[0], ground.fit
+    best, fit = found[0], linearised.fit
     reach = tie_of(goal, best)
     size = fit.residual.size
     written = _beside_the_damper(goal, best) or Written(
-        _equation(best), in_words(best, quantity(ground.scales.displacement, "m")), _parameters(best, goal)
+        _equation(best), in_words(best, quantity(linearised.scales.displacement, "m")), _parameters(best, goal)
     )
     rivals = [f for f in found[1:] if f.price <= best.price + reach and len(f.terms) <= len(best.terms)]
     as_good = best.cost <= fit.cost + reach and _stays_passive(goal, best)
@@ -105,7 +105,7 @@ def _models(goal: Target, element: Effect, formulas: Sequence[Formula], words: s
     Args:
         words: of the first formula.
     """
-    reference = quantity(goal.ground.scales.displacement, "m")
+    reference = quantity(goal.linearised.scales.displacement, "m")
     said = [words, *(in_words(f, reference) for f in formulas[1:])]
     names = [f"{text[0].lower()}{text[1:]}".removesuffix(".") for text in said]
     return tuple(formula_rival(goal, element, f, name) for f, name in zip(formulas, names, strict=True))
@@ -123,7 +123,7 @@ def _stays_passive(goal: Target, formula: Formula) -> bool:
     """Whether every positive parameter of the base model stays positive beside a formula."""
     terms = [(term, shapes) for term, _, shapes in formula.by_term]
     values = goal.moved_base(unit_responses(goal, terms), formula.sizes)
-    parameters = goal.ground.fit.setup.parameters
+    parameters = goal.linearised.fit.setup.parameters
     return all(value > 0.0 for name, value in values.items() if parameters[name].positive)
 
 
@@ -138,14 +138,14 @@ def _equation(formula: Formula) -> str:
 
 def _beside_the_damper(goal: Target, formula: Formula) -> Written | None:
     """One viscous term together with the linear damper of the base model; None where it is something else."""
-    network = goal.ground.fit.setup.network
+    network = goal.linearised.fit.setup.network
     moving = [{m.momentum: 1.0} for m in motions(network)[:1]]
     linear = [r.parameters[0] for r in network.resistors if r.law == "linear" and dict(r.on) in moving]
     (term, size, shapes), *others = formula.by_term
     viscous = term.kind == "dissipative" and formula.fixed[0] and shapes[0] == 1.0
     if others or not viscous or len(linear) != 1 or linear[0] not in goal.names:
         return None
-    scales = goal.ground.scales
+    scales = goal.linearised.scales
     b = goal.moved(unit_responses(goal, [(term, shapes)]), formula.sizes, linear[0])
     more = size / scales.velocity
     if term.name in ("forwards", "backwards"):
@@ -164,7 +164,7 @@ def _beside_the_damper(goal: Target, formula: Formula) -> Written | None:
 
 def _parameters(formula: Formula, goal: Target) -> dict[str, tuple[float, str]]:
     sizes = {f"F_{i + 1}": (abs(float(size)), "N") for i, size in enumerate(formula.sizes)}
-    scales = goal.ground.scales
+    scales = goal.linearised.scales
     references = {"q_0": (scales.displacement, "m")}
     if formula.terms[0].kind == "dissipative":
         references["v_0"] = (scales.velocity, "m/s")

@@ -59,18 +59,18 @@ def formula_rival(goal: Target, element: Effect, formula: Formula, name: str) ->
         formula: found for it.
         name: the formula in words.
     """
-    fit = goal.ground.fit
+    fit = goal.linearised.fit
     variables, slopes = everything(fit)
     kept = tuple(i for i in range(slopes.shape[1]) if i >= len(variables.names) or _stays(variables.names[i], element))
     # The derivatives of the residual are those of the output, with the other sign.
     base = -slopes[:, list(kept)]
-    sized, shaped = _coordinates(formula, goal.columns(forces_of(goal.ground.scales, in_slopes(formula))))
+    sized, shaped = _coordinates(formula, goal.columns(forces_of(goal.linearised.scales, in_slopes(formula))))
     least = np.concatenate([base, np.eye(base.shape[1]) / FAR])
     wanted = np.concatenate([goal.wanted - sized.sum(axis=1), np.zeros(base.shape[1])])
     shift = np.linalg.lstsq(least, wanted, rcond=None)[0]
     known, count = bounded(np.hstack([base, sized, shaped])), base.shape[1]
     own = tuple(range(count, known.shape[1]))
-    return FormulaRival(name, fit, variables, known, own, element, formula, goal.ground.scales, kept, shift)
+    return FormulaRival(name, fit, variables, known, own, element, formula, goal.linearised.scales, kept, shift)
 
 
 def _stays(name: str, element: Effect) -> bool:

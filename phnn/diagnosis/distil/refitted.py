@@ -6,7 +6,7 @@ import numpy as np
 
 from phnn.diagnosis.criteria import CRITERIA, Criteria
 from phnn.diagnosis.distil.distilled import Distilled
-from phnn.diagnosis.ground import prepare
+from phnn.diagnosis.linearised_fit import prepare
 from phnn.diagnosis.name import score
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.rival import refitted_rival

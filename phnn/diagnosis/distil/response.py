@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
-from phnn.diagnosis.ground import Ground
+from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.effects import Effect
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.recordings.recording import Recording
@@ -43,14 +43,14 @@ class Target:
     A force ``f`` in its place, with base parameters shifted by ``z``, leaves ``wanted − columns(f) − base z``.
 
     Attributes:
-        ground: of the fit with the element.
+        linearised: of the fit with the element.
         base: (N, K) derivatives of the output by all variables of the fit but the element's strengths.
         names: (K,) of these; a number for an initial state or an instant.
         wanted: (N,) the residual, and the response to the learned force.
         basis: (N, K) orthonormal basis of ``base``.
     """
 
-    ground: Ground
+    linearised: LinearisedFit
     base: Array
     names: tuple[str, ...]
     wanted: Array
@@ -58,7 +58,7 @@ class Target:
 
     def columns(self, forces: Columns) -> Array:
         """(N, F) weighted responses of the output to resisting forces."""
-        return _responses(self.ground, forces)
+        return _responses(self.linearised, forces)
 
     def moved(self, columns: Array, sizes: Array, name: str) -> float:
         """Value [SI] of a base parameter beside forces of given sizes with the responses ``columns`` (N, T)."""
@@ -67,7 +67,7 @@ class Target:
     def moved_base(self, columns: Array, sizes: Array) -> dict[str, float]:
         """The same of every base parameter."""
         shift = np.linalg.lstsq(self.base, self.wanted - columns @ sizes, rcond=None)[0]
-        parameters = self.ground.fit.setup.parameters
+        parameters = self.linearised.fit.setup.parameters
         found = ((parameters[n], float(z)) for n, z in zip(self.names, shift, strict=True) if n in parameters)
         # Forces are linear in the value, not in its logarithm.
         return {p.name: p.value + p.slope(p.value) * z for p, z in found}
@@ -77,17 +77,17 @@ class Target:
         return np.asarray(columns - self.basis @ (self.basis.T @ columns))
 
 
-def target(ground: Ground, element: Effect) -> Target:
+def target(linearised: LinearisedFit, element: Effect) -> Target:
     """The target of a formula for an element of a fitted model."""
-    fit = ground.fit
+    fit = linearised.fit
     named = fit.variables.names
     names = (*named, *map(str, range(len(named), fit.jacobian.shape[1])))
     kept = [n not in element.strengths and bool(np.any(c)) for n, c in zip(names, fit.jacobian.T, strict=True)]
     # The derivatives of the residual are those of the output, with the other sign.
     base = -fit.jacobian[:, kept]
-    learned = _responses(ground, lambda q, v: element_force(fit.setup, element, q, v)[:, None])[:, 0]
+    learned = _responses(linearised, lambda q, v: element_force(fit.setup, element, q, v)[:, None])[:, 0]
     left = tuple(n for n, k in zip(names, kept, strict=True) if k)
-    return Target(ground, base, left, fit.residual + learned, np.linalg.qr(base)[0])
+    return Target(linearised, base, left, fit.residual + learned, np.linalg.qr(base)[0])
 
 
 def pushed(trajectory: Trajectory, forces: Columns) -> Array:
@@ -96,8 +96,8 @@ def pushed(trajectory: Trajectory, forces: Columns) -> Array:
     return output_derivatives(trajectory, (), (), np.ascontiguousarray(pushes))
 
 
-def _responses(ground: Ground, forces: Columns) -> Array:
+def _responses(linearised: LinearisedFit, forces: Columns) -> Array:
     def one(_: Recording, trajectory: Trajectory) -> Array:
         return pushed(trajectory, forces)
 
-    return ground.stack(ground.plan.each(one, ground.trajectories))
+    return linearised.stack(linearised.plan.each(one, linearised.trajectories))

@@ -92,13 +92,13 @@ def best_formulas(goal: Target, look: Target, terms: Sequence[Term]) -> list[For
 def tie_of(goal: Target, formula: Formula) -> float:
     """Difference of sums of squares below which two formulas are not told apart: as of two refits that leave as much
     as this formula."""
-    fit = goal.ground.fit
+    fit = goal.linearised.fit
     return tie(fit) * max(1.0, formula.cost / formula.left.size) / max(1.0, fit.chi2)
 
 
 def unit_responses(goal: Target, terms: Sequence[tuple[Term, Array]]) -> Array:
     """(N, T) responses to terms of size one with the given shapes."""
-    return goal.columns(forces_of(goal.ground.scales, terms))
+    return goal.columns(forces_of(goal.linearised.scales, terms))
 
 
 def forces_of(scales: Scales, terms: Sequence[tuple[Term, Array]]) -> Columns:
@@ -221,7 +221,7 @@ def _intervals(goal: Target, formula: Formula) -> tuple[tuple[float, float], ...
     """95 % intervals of the shapes, everything else free beside them, within their bounds."""
     columns, slopes = _with_slopes(goal, formula)
     jacobian = np.hstack([goal.base, columns, slopes])
-    found = scatter(formula.left, jacobian, goal.ground.plan.recordings, goal.ground.slices)
+    found = scatter(formula.left, jacobian, goal.linearised.plan.recordings, goal.linearised.slices)
     first = jacobian.shape[1] - slopes.shape[1]
     limits = [s for t in formula.terms for s in t.shapes]
     out = []

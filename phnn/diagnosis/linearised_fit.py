@@ -1,4 +1,4 @@
-"""The ground a diagnosis stands on: the fitted base model, its residual and everything projected on them."""
+"""The linearised a diagnosis stands on: the fitted base model, its residual and everything projected on them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Ground:
+class LinearisedFit:
     """A fit with its trajectories.
 
     Attributes:
@@ -104,8 +104,8 @@ class Ground:
 
         return plan.each(run)
 
-    def first_look(self) -> Ground:
-        """The ground as a few recordings show it that lie far apart, the fit as it is."""
+    def first_look(self) -> LinearisedFit:
+        """The linearised as a few recordings show it that lie far apart, the fit as it is."""
         few = first_look(self.plan)
         if few is self.plan:
             return self
@@ -127,15 +127,15 @@ class Ground:
         return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
 
 
-def prepare(fit: Fit, terminals: bool = False, noise: Noise = NOISE) -> Ground:
+def prepare(fit: Fit, terminals: bool = False, noise: Noise = NOISE) -> LinearisedFit:
     """Simulate the fitted model on its plan and take the scales."""
 
     def run(recording: Recording) -> Trajectory:
         return simulate(fit.setup, recording, fit.plan.steps_of(recording), initial=fit.initial(recording.name))
 
     trajectories = tuple(fit.plan.each(run))
-    ground = Ground(fit, trajectories, scales_of(fit, trajectories), terminals, noise)
-    return replace(ground, scales=replace(ground.scales, peaks=ground.spectra.peaks))
+    linearised = LinearisedFit(fit, trajectories, scales_of(fit, trajectories), terminals, noise)
+    return replace(linearised, scales=replace(linearised.scales, peaks=linearised.spectra.peaks))
 
 
 def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:
@@ -158,18 +158,18 @@ def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:
     )
 
 
-def direction(ground: Ground, effect: Effect, values: Mapping[str, float]) -> Array:
+def direction(linearised: LinearisedFit, effect: Effect, values: Mapping[str, float]) -> Array:
     """(N,) weighted change of the output by an effect; zero where the changed model cannot be simulated."""
-    setup = effect.add_to(ground.fit.setup, values)
-    plan = ground.plan.coarse()
+    setup = effect.add_to(linearised.fit.setup, values)
+    plan = linearised.plan.coarse()
 
     def one(recording: Recording, base: Array) -> Array:
-        initial = ground.fit.initial(recording.name)
+        initial = linearised.fit.initial(recording.name)
         if initial is not None:
-            initial = carried(initial, ground.fit.setup, setup, np.zeros(len(setup.network.state_names)))
+            initial = carried(initial, linearised.fit.setup, setup, np.zeros(len(setup.network.state_names)))
         return simulate(setup, recording, plan.steps_of(recording), initial=initial).y - base
 
     try:
-        return ground.stack(plan.each(one, ground.coarse_outputs))
+        return linearised.stack(plan.each(one, linearised.coarse_outputs))
     except SolverFailed:
-        return np.zeros(ground.fit.residual.size)
+        return np.zeros(linearised.fit.residual.size)
