@@ -301,7 +301,7 @@ def test_shifted_energies_know_no_memory() -> None:
     network = thermal_hrc(1)
     system, x = PortHamiltonianSystem(network), torch.zeros(4, dtype=torch.float64)
     for call in (lambda: shifted_energy(system, x, x), lambda: shifted_rate(system, x, x)):
-        with pytest.raises(StructureViolated, match="memory 'theta' goes on moving"):
+        with pytest.raises(StructureViolated, match="state 'theta' still moves"):
             call()
-    with pytest.raises(StructureViolated, match="memory 'theta' goes on moving"):
+    with pytest.raises(StructureViolated, match="state 'theta' still moves"):
         forced_equilibrium(network, torch.zeros(2, dtype=torch.float64), torch.zeros(1, dtype=torch.float64))
