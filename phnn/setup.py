@@ -15,7 +15,7 @@ from phnn.errors import StructureViolated
 from phnn.network.elements import Network
 from phnn.parameters import Parameter, as_table, with_values
 
-__all__ = ["AMPLIFIERS", "COURSES", "NOTHING", "SENSORS", "SOURCES", "Block", "Own", "Setup", "Source"]
+__all__ = ["AMPLIFIERS", "DRIFT_TERMS", "NOTHING", "SENSORS", "SOURCES", "Block", "Own", "Setup", "Source"]
 
 
 @dataclass(frozen=True)
@@ -41,22 +41,22 @@ class Source:
 
 
 class Own(NamedTuple):
-    """What every recording adds to its output in a measure of its own, so that no model predicts it.
+    """Nuisances of the recordings: terms of the output whose amplitudes differ from recording to recording.
 
-    Such parts are projected out like the zero of the output.
+    They are projected out, like the zero of the output.
 
     Attributes:
         lines: frequencies [Hz] of lines, whose amplitude and phase differ from recording to recording.
-        courses: how many half-cosines over the recording make up the slow drift of a sensor.
+        drift_terms: how many half-cosines over the recording make up the slow drift of a sensor.
     """
 
     lines: tuple[float, ...] = ()
-    courses: int = 0
+    drift_terms: int = 0
 
 
 NOTHING = Own()
 # Half-cosines of the slow drift of a sensor: they leave a fourteenth of the variance of a random walk.
-COURSES = 8
+DRIFT_TERMS = 8
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ from phnn.diagnosis.linearised_fit import LinearisedFit, direction
 from phnn.diagnosis.residual_noise import doubt
 from phnn.diagnosis.spectra import FINER, LEVEL_CELLS, strongest
 from phnn.effects import Effect
-from phnn.identification.nuisances import course_columns, line_columns, own_columns, without_nuisances
-from phnn.setup import COURSES, Own
+from phnn.identification.nuisances import drift_columns, line_columns, own_columns, without_nuisances
+from phnn.setup import DRIFT_TERMS, Own
 
 Array = NDArray[np.float64]
 
@@ -106,7 +106,7 @@ def own_score(linearised: LinearisedFit, own: Own, colour: Colour) -> tuple[floa
     stated, left = np.array([np.mean(colour.stated(q)), np.mean(np.diag(colour.left(q)))])
     saved = float(np.sum((q.T @ linearised.residual) ** 2) / stated)
     # A line raises the spectrum that it is compared with; a slow drift does not, it is slower than that spectrum.
-    excess = max(left / stated, 1.0) if own.courses else float(doubt(left, stated, linearised.noise)) ** 2
+    excess = max(left / stated, 1.0) if own.drift_terms else float(doubt(left, stated, linearised.noise)) ** 2
     return _deviate(saved, q.shape[1], 1.0), _deviate(saved / excess, q.shape[1], 1.0)
 
 
@@ -126,14 +126,14 @@ def line_share(linearised: LinearisedFit) -> float:
     return max(saved, 0.0)
 
 
-def course_share(linearised: LinearisedFit) -> float:
+def drift_share(linearised: LinearisedFit) -> float:
     """Sum of squares that a slow drift of each recording removes, in units of the noise.
 
     The drift is fitted to every other stretch of a recording and predicts the stretches between.
     """
     saved = 0.0
     for recording, rows in zip(linearised.plan.recordings, linearised.slices, strict=True):
-        columns = course_columns(recording, COURSES)[recording.mask("identification")]
+        columns = drift_columns(recording, DRIFT_TERMS)[recording.mask("identification")]
         columns, left = np.column_stack([np.ones(columns.shape[0]), columns]), linearised.residual[rows]
         odd = (np.arange(left.size) * 4 * columns.shape[1] // left.size) % 2 == 1
         for fitted in (odd, ~odd):

@@ -18,7 +18,7 @@ from phnn.derivatives import input_force, output_derivatives
 from phnn.diagnosis.criteria import LOCATING, Locating
 from phnn.diagnosis.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
 from phnn.diagnosis.linearised_fit import LinearisedFit
-from phnn.diagnosis.lines import course_share, line_share
+from phnn.diagnosis.lines import drift_share, line_share
 from phnn.network.roles import hysterons, ratios
 from phnn.simulate import Trajectory
 
@@ -174,7 +174,7 @@ def locate(linearised: LinearisedFit, given: Responses | None = None, rule: Loca
     # a slow drift: functions that other recordings test come first where they explain much of the same.
     ranks = dict(details)
     untested = rule.drift_weight
-    for detail, saved, worth in (("environment/lines", line_share, 1.0), ("sensor/drift", course_share, untested)):
+    for detail, saved, worth in (("environment/lines", line_share, 1.0), ("sensor/drift", drift_share, untested)):
         share = min(saved(linearised) / _explainable(linearised), 1.0)
         details[detail], ranks[detail] = max(details[detail], share), max(ranks[detail], worth * share)
     names = list(dict.fromkeys(g.location for g in GROUPS))

@@ -135,7 +135,7 @@ def separations(questions: Sequence[Sequence[Rival]], experiment: Experiment, no
     bench, apart = Bench(experiment.recording(noise, questions[0][0].fit.plan.recordings[0].units)), []
     for rivals in questions:
         owns = [r.fit.setup.own for r in rivals]
-        own = Own(tuple(dict.fromkeys(f for o in owns for f in o.lines)), max(o.courses for o in owns))
+        own = Own(tuple(dict.fromkeys(f for o in owns for f in o.lines)), max(o.drift_terms for o in owns))
         try:
             raw = [r.predicted(bench) for r in rivals]
         except PhnnError:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from phnn.effects import Effect, OfEveryRecording, Placed, Scales, at_sensor, kinds, signed
-from phnn.setup import COURSES, Setup
+from phnn.setup import DRIFT_TERMS, Setup
 
 
 def wander(setup: Setup, parameters: Placed) -> Setup:
     """``y = q + Σ_m c_m cos(πmt/T)``, every recording with coefficients of its own."""
-    return replace(setup, own=setup.own._replace(courses=COURSES))
+    return replace(setup, own=setup.own._replace(drift_terms=DRIFT_TERMS))
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -20,7 +20,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 def steady(setup: Setup) -> bool:
     """The sensor has no course of its own in every recording yet."""
-    return not setup.own.courses
+    return not setup.own.drift_terms
 
 
 def grid_wandering(scales: Scales) -> list[dict[str, float]]:
@@ -53,7 +53,7 @@ EFFECT = Effect(
     applies=steady,
     neighbours=("creep",),
 ).or_as(
-    equation=rf"y = q + \sum_{{m=1}}^{{{COURSES}}} c_m \cos(\pi m t/T)",
+    equation=rf"y = q + \sum_{{m=1}}^{{{DRIFT_TERMS}}} c_m \cos(\pi m t/T)",
     statement="The sensor wanders slowly, otherwise in every recording and whatever the actuator does.",
     declares=(),
     adds=OfEveryRecording(wander),

@@ -39,15 +39,17 @@ def _held(recording: Recording, frequencies: Sequence[float]) -> list[float]:
     return [f for f in dict.fromkeys(frequencies) if 1.0 / duration <= f < 0.5 / recording.dt]
 
 
-def course_columns(recording: Recording, count: int) -> Array:
-    """(N, C) half-cosines ``cos(πmt/T)`` over a recording, ``m = 1, …``: at most a number, and all slower than what
-    drives it, if anything does: so fast a drift cannot be told from a response."""
+def drift_columns(recording: Recording, count: int) -> Array:
+    """(N, C) drift basis: half-cosines ``cos(πmt/T)`` over a recording, ``m = 1, …``, at most ``count``.
+
+    All are slower than the input, if there is one: a faster drift cannot be told from a response.
+    """
     duration, orders = recording.t.size * recording.dt, np.arange(1, _slow(recording, count) + 1)
     return np.asarray(np.cos(np.pi / duration * np.outer(recording.t - recording.t[0], orders)))
 
 
 def _slow(recording: Recording, count: int) -> int:
-    """How many half-cosines, at most a number, are slower than what drives a recording."""
+    """Number of half-cosines, at most ``count``, that are slower than the input of a recording."""
     if not count or not np.ptp(recording.u) > 0.0:
         return count
     duration = recording.t.size * recording.dt
@@ -55,13 +57,13 @@ def _slow(recording: Recording, count: int) -> int:
 
 
 def own_columns(recording: Recording, own: Own) -> Array:
-    """(N, K) everything that a recording adds in a measure of its own."""
-    return np.hstack([line_columns(recording, own.lines), course_columns(recording, own.courses)])
+    """(N, K) basis of all nuisances of a recording but its zero."""
+    return np.hstack([line_columns(recording, own.lines), drift_columns(recording, own.drift_terms)])
 
 
 def own_size(recording: Recording, own: Own) -> int:
-    """How many columns that are."""
-    return 2 * len(_held(recording, own.lines)) + _slow(recording, own.courses)
+    """Number of these columns."""
+    return 2 * len(_held(recording, own.lines)) + _slow(recording, own.drift_terms)
 
 
 def without_nuisances(

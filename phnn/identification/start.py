@@ -54,7 +54,7 @@ def _head_of(setup: Setup, recording: Recording, substeps: int) -> tuple[Setup, 
 
     A slow drift is ignored: over so short a part it looks like a decaying motion.
     """
-    setup = replace(setup, own=setup.own._replace(courses=0))
+    setup = replace(setup, own=setup.own._replace(drift_terms=0))
     last = int(np.flatnonzero(recording.mask("nuisance"))[-1]) + 1 + _BEYOND
     # Which lines a recording can hold is asked of the whole of it; what comes later takes time to simulate and tells
     # nothing of the initial state.

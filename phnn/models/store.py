@@ -59,7 +59,7 @@ def save(setup: Setup, folder: Path | Place, substeps: int = 1) -> None:
         "sensor": [asdict(b) for b in setup.sensor],
         "sources": [asdict(s) for s in setup.sources],
         "lines": list(setup.own.lines),
-        "courses": setup.own.courses,
+        "drift_terms": setup.own.drift_terms,
         "parameters": {n: _plain(p) for n, p in network.parameters.items()},
         "block_parameters": {n: _plain(p) for n, p in (setup.block_parameters or {}).items()},
     }
@@ -164,6 +164,8 @@ def _setup(content: Mapping[str, Any]) -> Setup:
     frequencies = tuple(a_number(f, "a line") for f in lines)
     if any(f <= 0.0 for f in frequencies):
         raise ValueError("a line has a frequency that is not positive")
+    # Files of earlier versions have the number under another name.
+    drift = "drift_terms" if "drift_terms" in content else "courses"
     return Setup(
         network=network,
         amplifier=_all(content, "amplifier", partial(of_fields, Block)),
@@ -171,7 +173,7 @@ def _setup(content: Mapping[str, Any]) -> Setup:
         block_parameters=_parameters(content, "block_parameters"),
         name=a_text(content["name"], "name"),
         sources=_all({"sources": [], **content}, "sources", partial(of_fields, Source)),
-        own=Own(frequencies, a_count(content.get("courses", 0), "courses", 0, LIMITS.lines)),
+        own=Own(frequencies, a_count(content.get(drift, 0), drift, 0, LIMITS.lines)),
     )
 
 

@@ -12,7 +12,7 @@ from phnn.diagnosis.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE,
 from phnn.diagnosis.learn import learn
 from phnn.diagnosis.ledger import account
 from phnn.diagnosis.linearised_fit import direction
-from phnn.diagnosis.lines import course_share, line_share
+from phnn.diagnosis.lines import drift_share, line_share
 from phnn.diagnosis.locate import Location, locate, recording_scores, strongest_frequencies, strongest_times
 from phnn.diagnosis.name import score
 from phnn.diagnosis.picture import missing_force, picture
@@ -197,7 +197,7 @@ def test_what_takes_its_frequency_from_the_residual_is_no_test_of_it() -> None:
     assert scored.statistic == score(linearised, [], alone, 0).statistic
 
 
-def test_a_course_of_its_own_in_every_recording_lies_in_the_sensor() -> None:
+def test_a_drift_of_its_own_in_every_recording_lies_in_the_sensor() -> None:
     linearised = campaigns.linearised()
     rng = np.random.default_rng(1)
     noise = rng.standard_normal(linearised.residual.size)
@@ -209,7 +209,7 @@ def test_a_course_of_its_own_in_every_recording_lies_in_the_sensor() -> None:
         shown = replace(
             linearised, fit=replace(linearised.fit, residual=noise + size * walk, jacobian=np.zeros((noise.size, 0)))
         )
-        power[size] = course_share(shown) / noise.size
+        power[size] = drift_share(shown) / noise.size
         found = locate(shown, campaigns.generic())
         assert ((found.name, found.detail) == ("sensor", "drift")) == bool(size)
     assert power[0.0] < 0.01

@@ -146,9 +146,9 @@ def test_class_of() -> None:
     assert class_of([best, near, far, trial("quadratic_drag", 1300.0)], True) == [best, near, far]
     assert class_of([best, trial("quadratic_drag", 1110.0)], True) == [best]
     # Eight coefficients of every recording's own would take eight of noise.
-    wandering = trial("sensor_drift", 1005.0, own=Own(courses=8))
+    wandering = trial("sensor_drift", 1005.0, own=Own(drift_terms=8))
     assert class_of([best, wandering], False) == [best]
-    assert class_of([best, trial("sensor_drift", 1003.0, own=Own(courses=8))], False)[0] is best
+    assert class_of([best, trial("sensor_drift", 1003.0, own=Own(drift_terms=8))], False)[0] is best
     failed = Trial(Candidate(catalogue()["extra_hysteron"], {}, (), 9.0, 1e-5), None)
     assert class_of([best, failed], True) == [best]
 

@@ -13,7 +13,7 @@ from phnn.effects import effect
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import fit
 from phnn.identification.nuisances import (
-    course_columns,
+    drift_columns,
     line_columns,
     own_columns,
     own_parts,
@@ -81,21 +81,21 @@ def test_lines_that_a_part_cannot_tell_apart_take_no_further_direction() -> None
     np.testing.assert_allclose(left, 0.0, atol=1e-9)
 
 
-def test_a_slow_course_has_nothing_as_fast_as_the_drive() -> None:
+def test_a_slow_drift_has_nothing_as_fast_as_the_drive() -> None:
     # Almost eleven periods of the drive: no half-cosine with as many as 22 half-periods.
     some = recorded("slow", 36.6, 0.0)
-    assert course_columns(some, 8).shape == (T.size, 8)
-    assert course_columns(some, 30).shape == (T.size, 21)
-    np.testing.assert_allclose(course_columns(some, 3)[:, 2], np.cos(3.0 * np.pi * T / (T.size * 2e-4)), atol=1e-12)
-    assert course_columns(some, 0).shape == (T.size, 0)
-    for own in (Own(), Own((50.0, 1e9, 0.1)), Own((50.0,), 8), Own(courses=30)):
+    assert drift_columns(some, 8).shape == (T.size, 8)
+    assert drift_columns(some, 30).shape == (T.size, 21)
+    np.testing.assert_allclose(drift_columns(some, 3)[:, 2], np.cos(3.0 * np.pi * T / (T.size * 2e-4)), atol=1e-12)
+    assert drift_columns(some, 0).shape == (T.size, 0)
+    for own in (Own(), Own((50.0, 1e9, 0.1)), Own((50.0,), 8), Own(drift_terms=30)):
         assert own_size(some, own) == own_columns(some, own).shape[1]
     # Where nothing drives, any course is the sensor's; a step gives no time to tell one.
-    assert course_columns(recording(T, np.zeros(T.size)), 8).shape == (T.size, 8)
-    assert course_columns(recording(T, 50.0 * (T > 0.1)), 8).shape == (T.size, 1)
+    assert drift_columns(recording(T, np.zeros(T.size)), 8).shape == (T.size, 8)
+    assert drift_columns(recording(T, 50.0 * (T > 0.1)), 8).shape == (T.size, 1)
     mask = np.ones(T.size, dtype=bool)
     walk = np.cumsum(np.random.default_rng(4).standard_normal(T.size))
-    left = without_nuisances(walk, mask, some, Own(courses=8))
+    left = without_nuisances(walk, mask, some, Own(drift_terms=8))
     # Of a Wiener process all but Σ_{m>8} 1/m² of Σ 1/m² lies in the first eight half-cosines, on average.
     assert np.sum(left**2) < 0.2 * np.sum((walk - walk.mean()) ** 2)
 

@@ -1,4 +1,4 @@
-"""What every wide law owes its two users: the torch module and the compiled kernel see one function, exactly."""
+"""What every additive-unit law owes its two users: the torch module and the compiled kernel see one function, exactly."""
 
 from __future__ import annotations
 

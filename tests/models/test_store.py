@@ -52,6 +52,13 @@ def written(folder: Path) -> dict[str, object]:
     return json.loads((folder / FILE).read_text())
 
 
+@pytest.mark.parametrize("key", ["drift_terms", "courses"])
+def test_drift_terms_are_read_under_the_name_of_earlier_versions_too(tmp_path: Path, key: str) -> None:
+    content = {k: v for k, v in written(tmp_path).items() if k != "drift_terms"}
+    (tmp_path / FILE).write_text(json.dumps({**content, key: 8}))
+    assert load(tmp_path)[0].own.drift_terms == 8
+
+
 def test_absent_and_unreadable_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputRefused, match=r"absent.*cannot be read.*model/ or base/"):
         load(tmp_path / "absent")
