@@ -1,4 +1,4 @@
-"""What every additive-unit law owes its two users: the torch module and the compiled kernel see one function, exactly."""
+"""Every additive-unit law is exactly one function for its two users, the torch module and the compiled kernel."""
 
 from __future__ import annotations
 
