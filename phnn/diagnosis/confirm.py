@@ -240,7 +240,7 @@ def _tested(
             for use in ("confirmation", "identification")
         )
         assert identified is not None
-        drifts = final.setup.own.courses > alone.setup.own.courses
+        drifts = final.setup.own.drift_terms > alone.setup.own.drift_terms
         case = ElementCase(held_out, identified, rule, drifts)
         outcome = outcome_of(case, record, finding.effect.name)
         tested.append(Tested(finding, outcome, alone, held_out, identified))

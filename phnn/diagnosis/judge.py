@@ -132,8 +132,8 @@ def judge(
     material = Material(linearised.fit, effects, learned, linearised.terminals, seed, executor, criteria, progress)
     word, model, findings = _composed(asked, material, selected, tried, word, record)
     return Judgement(
-        word, linearised, naming, _also(location, also), model.linearised.fit, model.linearised, findings, tried, model.naming,
-        model.remaining, rules=tuple(record.asked),
+        word, linearised, naming, _also(location, also), model.linearised.fit, model.linearised, findings, tried,
+        model.naming, model.remaining, rules=tuple(record.asked),
     )  # fmt: skip
 
 

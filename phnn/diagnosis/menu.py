@@ -155,8 +155,8 @@ def _hold(linearised: LinearisedFit) -> Experiment:
     rate = min(_rate(linearised, 1.6 * long), 2_000.0)
     up, off, end = (round(x * rate) / rate for x in (0.1 * long, 1.1 * long, 1.6 * long))
     words = (
-        f"hold: 0 for {quantity(up, 's')}, a step to {_volts(linearised, v)} held for {quantity(off - up, 's')}, back to 0 "
-        f"for {quantity(end - off, 's')}; {_timed(end, rate)}"
+        f"hold: 0 for {quantity(up, 's')}, a step to {_volts(linearised, v)} held for {quantity(off - up, 's')}, "
+        f"back to 0 for {quantity(end - off, 's')}; {_timed(end, rate)}"
     )
     return Experiment("hold", words, (Stretch(0.0, up), Stretch(up, off, v), Stretch(off, end)), rate, "zero_order")
 
@@ -225,8 +225,8 @@ def _multisine(linearised: LinearisedFit) -> Experiment:
     amplitude = _three(0.995 * scales.voltage / float(np.abs(wave).max()))
     lines = tuple((amplitude, f, float(np.angle(np.exp(1j * (p + 2.0 * np.pi * f * begin))))) for _, f, p in unit.lines)
     words = (
-        f"multisine: {_REPEATS} periods of {quantity(1.0 / first, 's')} with lines of {_volts(linearised, amplitude)} each "
-        f"at {', '.join(f'{f:g}' for _, f, _ in lines)} Hz, phases {', '.join(f'{p:.2f}' for _, _, p in lines)} rad; "
+        f"multisine: {_REPEATS} periods of {quantity(1.0 / first, 's')} with lines of "
+        f"{_volts(linearised, amplitude)} each at {', '.join(f'{f:g}' for _, f, _ in lines)} Hz, phases {', '.join(f'{p:.2f}' for _, _, p in lines)} rad; "
         f"{_timed(duration, rate)}"
     )
     return Experiment("multisine", words, (Stretch(0.0, duration, lines=lines),), rate)
