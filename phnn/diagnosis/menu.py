@@ -226,8 +226,8 @@ def _multisine(linearised: LinearisedFit) -> Experiment:
     lines = tuple((amplitude, f, float(np.angle(np.exp(1j * (p + 2.0 * np.pi * f * begin))))) for _, f, p in unit.lines)
     words = (
         f"multisine: {_REPEATS} periods of {quantity(1.0 / first, 's')} with lines of "
-        f"{_volts(linearised, amplitude)} each at {', '.join(f'{f:g}' for _, f, _ in lines)} Hz, phases {', '.join(f'{p:.2f}' for _, _, p in lines)} rad; "
-        f"{_timed(duration, rate)}"
+        f"{_volts(linearised, amplitude)} each at {', '.join(f'{f:g}' for _, f, _ in lines)} Hz, "
+        f"phases {', '.join(f'{p:.2f}' for _, _, p in lines)} rad; {_timed(duration, rate)}"
     )
     return Experiment("multisine", words, (Stretch(0.0, duration, lines=lines),), rate)
 
