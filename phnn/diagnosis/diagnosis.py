@@ -5,8 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
-from phnn.diagnosis.confirm import confirmed
+from phnn.diagnosis.confirm import confirmed, score_on_all
 from phnn.diagnosis.criteria import CRITERIA, Criteria
 from phnn.diagnosis.distil import Distilled, distil, has_grammar
 from phnn.diagnosis.distil.refitted import refitted_formula
@@ -24,6 +25,7 @@ from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
 from phnn.ensemble import Executor, executor
 from phnn.identification.base import Options, Progress, identify_base, quiet, refined, single
+from phnn.identification.drift import beside_drift, drifts, without_drift
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
 from phnn.identification.identified import Identified, model_of
@@ -118,24 +120,80 @@ def _base(
     return campaign, *identify_base(campaign, options, progress)
 
 
-def _finely_scored(
-    base: Fit,
-    error: NumericalError,
-    effects: Sequence[Effect],
-    options: Options,
-    terminals: bool,
-    criteria: Criteria,
-    progress: Progress,
-) -> tuple[Fit, NumericalError, Scored]:
-    """Scores of all effects, with steps so fine that the numerical error alone scores next to nothing."""
-    found = scored(base, effects, options.seed, error, terminals, criteria)
-    for _ in range(_REFINEMENTS):
-        if found.naming.numerical <= criteria.selection.numerical_score:
-            break
-        progress(f"numerical error could score {found.naming.numerical:.2g}: finer steps")
-        base, error = refined(base, options)
-        found = scored(base, effects, options.seed, error, terminals, criteria)
-    return base, error, found
+@dataclass(frozen=True)
+class _Search:
+    """What a search for missing elements is made with.
+
+    Attributes:
+        effects: of the catalogue that can exist; learned: elements without a name that can.
+        terminals: whether the input was measured where it acts; new: whether held-out recordings bring something new.
+    """
+
+    effects: Sequence[Effect]
+    learned: Sequence[Effect]
+    options: Options
+    criteria: Criteria
+    executor: Executor
+    terminals: bool
+    new: bool
+    progress: Progress
+
+    def scored(self, fitted: Fit, error: NumericalError | None = None) -> Scored:
+        """Scores of all effects in the residual of a fit."""
+        return scored(fitted, self.effects, self.options.seed, error, self.terminals, self.criteria)
+
+    def judged(self, base: Fit, error: NumericalError) -> tuple[Fit, NumericalError, Judgement]:
+        """Search from a base model, refitted with steps so fine that the numerical error alone scores next to nothing.
+
+        Returns:
+            The base model with these steps, its numerical error, and the judgement.
+        """
+        found = self.scored(base, error)
+        for _ in range(_REFINEMENTS):
+            if found.naming.numerical <= self.criteria.selection.numerical_score:
+                break
+            self.progress(f"numerical error could score {found.naming.numerical:.2g}: finer steps")
+            base, error = refined(base, self.options)
+            found = self.scored(base, error)
+        self.progress(f"largest score {found.naming.statistic:.3g}: locate and name")
+        judgement = judge(
+            found, self.effects, self.options.seed, max(1, self.options.max_effects), self.new, self.executor,
+            self.criteria, self.learned, self.progress,
+        )  # fmt: skip
+        return base, error, judgement
+
+    def confirmed(self, campaign: Campaign, base: Fit, error: NumericalError) -> _Outcome:
+        """Search from a base model, and ask held-out recordings."""
+        base, error, judgement = self.judged(base, error)
+        self.progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
+        judgement, before, after = confirmed(judgement, base, campaign, self.criteria, self.scored)
+        return _Outcome(base, error, judgement, before, after)
+
+    def confirmed_beside_drift(self, campaign: Campaign, base: Fit, error: NumericalError) -> _Outcome | None:
+        """Search and confirm beside drift terms. The base and the final model that are reported have none.
+
+        Returns:
+            None where the final model does not hold without them.
+        """
+        found = self.confirmed(campaign, *beside_drift(campaign, self.options, self.progress))
+        if found.judgement.final is found.base:
+            return None
+        final = without_drift(found.judgement.final)
+        self.progress(f"without the drift: {base.chi2**0.5:.3g} → {final.chi2**0.5:.3g} × noise")
+        if base.chi2 - final.chi2 < self.criteria.selection.explains * (base.chi2 - 1.0):
+            return None
+        before, after = score_on_all(base, campaign), score_on_all(final, campaign)
+        return _Outcome(base, error, replace(found.judgement, final=final), before, after)
+
+
+class _Outcome(NamedTuple):
+    """Base model, its numerical error, the judgement, and the scores of base and final model on all recordings."""
+
+    base: Fit
+    error: NumericalError
+    judgement: Judgement
+    before: Evaluation
+    after: Evaluation
 
 
 def _held_against_numerics(judgement: Judgement, criteria: Criteria) -> Judgement:
@@ -178,19 +236,13 @@ def diagnose(
     progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
     if on_base is not None:
         on_base(base)
-    terminals = input_measured(campaign, base.setup)
-    base, error, found = _finely_scored(base, error, catalogue_, chosen, terminals, criteria, progress)
-    progress(f"largest score {found.naming.statistic:.3g}: locate and name")
-    judgement = judge(
-        found, catalogue_, chosen.seed, max(1, chosen.max_effects), campaign.held_out_is_new, refits, criteria,
-        _possible(campaign, base.setup, learned_elements().values()), progress,
+    learned = _possible(campaign, base.setup, learned_elements().values())
+    search = _Search(
+        catalogue_, learned, chosen, criteria, refits, input_measured(campaign, base.setup), campaign.held_out_is_new,
+        progress,
     )  # fmt: skip
-    progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
-
-    def score_again(fitted: Fit) -> Scored:
-        return scored(fitted, catalogue_, chosen.seed, terminals=terminals, criteria=criteria)
-
-    judgement, before, after = confirmed(judgement, base, campaign, criteria, score_again)
+    found = search.confirmed_beside_drift(campaign, base, error) if drifts(base.setup, campaign) else None
+    base, error, judgement, before, after = found or search.confirmed(campaign, base, error)
     judgement = _held_against_numerics(_distilled(judgement, refits, criteria), criteria)
     linearised_fits = {id(g): g for g in (judgement.linearised, judgement.final_linearised)}.values()
     residual = max(check(t) for g in linearised_fits for t in g.trajectories)
