@@ -110,7 +110,11 @@ def steady_slope(network: Network, u: Array, port: int) -> Array:
 
 
 def _implicit(system: PortHamiltonianSystem, steady: Array, u: Tensor, by: Sequence[Tensor]) -> Array:
-    """(n, K) derivatives of a steady state by some scalars on which the system or its inputs depend."""
+    """(n, K) derivatives of a steady state by some scalars on which the system or its inputs depend.
+
+    Raises:
+        SolverFailed: there is no steady state beside it; names what moves on for ever.
+    """
     point = _at(system, u.detach().numpy(), steady)
     x = torch.from_numpy(steady).requires_grad_(True)
     residual, silent = _conditions(system, point, x, u)
@@ -126,6 +130,11 @@ def _implicit(system: PortHamiltonianSystem, steady: Array, u: Tensor, by: Seque
     found, _ = _least(scaled, right)
     # What rounding has left.
     found = found + _least(scaled, right - scaled @ found)[0]
+    defect = np.abs(scaled @ found - right).max(axis=1)
+    if (defect > _BALANCED * np.abs(right).max(initial=0.0)).any():
+        # A small change sets something moving for ever.
+        moving = defect[steady.size : 2 * steady.size] > 0.0
+        raise SolverFailed(_why(system.network, _newton(point, steady)[2], moving))
     return np.asarray((columns[:, None] * found)[: steady.size])
 
 
