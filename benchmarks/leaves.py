@@ -23,8 +23,7 @@ which of them it is held against.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -36,8 +35,10 @@ from benchmarks.reference import reference
 from benchmarks.table import RESULTS, Contender, machine, save, show, timed, write_csv
 from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed
-from phnn.integrate import kernel, quick
+from phnn.integrate.actions import actions
+from phnn.integrate.kernel import kernel_for
 from phnn.integrate.program import compile_network
+from phnn.integrate.scheme import Scheme
 from phnn.laws.leaf import loss
 from phnn.recordings.recording import Recording
 from phnn.simulate import Trajectory, simulate
@@ -65,26 +66,19 @@ _BUDGET = 1.0  # s
 
 @dataclass(frozen=True)
 class Line:
-    """A rule and the kernel it goes through; only the exact rule has a quick one."""
+    """A scheme and the kernel it goes through; only the exact rule has a quick one."""
 
     name: str
-    rule: str
-    quick: bool = False
-
-    @contextmanager
-    def chosen(self) -> Iterator[None]:
-        """Inside, march and sweep go through the kernel of this line."""
-        serves = quick.serves
-        if not self.quick:
-            quick.serves = lambda program: False  # type: ignore[assignment]
-        try:
-            yield
-        finally:
-            quick.serves = serves
+    scheme: Scheme
+    kernel: str = "general"
 
 
-RULES = tuple(Line(rule, rule) for rule in ("exact", "radau", "midpoint"))
-QUICK = Line("exact, single-junction kernel", "exact", quick=True)
+RULES = (
+    Line("exact", Scheme.DISCRETE_GRADIENT),
+    Line("radau", Scheme.RADAU),
+    Line("midpoint", Scheme.MIDPOINT),
+)
+QUICK = Line("exact, quick march", Scheme.DISCRETE_GRADIENT, "single junction")
 LINES = (*RULES, QUICK)
 
 
@@ -94,7 +88,7 @@ class Run:
     def __init__(self, line: Line, substeps: int, recordings: Sequence[Recording] = CAMPAIGN) -> None:
         self.line, self.substeps = line, substeps
         setup = setup_with(TRUTH)
-        program = compile_network(setup.network, leaf_rule=line.rule)
+        program = compile_network(setup.network, line.scheme)
         steps = (simulate(setup, r, substeps) for r in recordings)
         self.trajectories = [replace(t, program=program) for t in steps]
 
@@ -104,17 +98,16 @@ class Run:
         Raises:
             SolverFailed: a step was not solved.
         """
-        with self.line.chosen():
-            for t in self.trajectories:
-                if kernel.march(t.program, t.theta, t.states[0], t.u, t.h, t.states, t.efforts) < t.h.size:
-                    where = f"{self.line.name}, {self.substeps} sub-steps"
-                    raise SolverFailed(f"{where}: {t.recording.name} was not solved")
+        for t in self.trajectories:
+            steps = kernel_for(t.program, self.line.kernel).march
+            if steps(t.program, t.theta, actions(t.program, t.theta, t.u), t.h, t.states, t.efforts) < t.h.size:
+                where = f"{self.line.name}, {self.substeps} sub-steps"
+                raise SolverFailed(f"{where}: {t.recording.name} was not solved")
         return np.stack([t.states[t.nodes, t.program.output] for t in self.trajectories])
 
     def sensitivities(self) -> Array:
         """(R, N, 10) derivatives of the displacements by the logarithms of the parameters, along the march [m]."""
-        with self.line.chosen():
-            return np.stack([output_derivatives(t, NAMES) for t in self.trajectories]) * TRUTH
+        return np.stack([output_derivatives(t, NAMES) for t in self.trajectories]) * TRUTH
 
 
 def node_efforts(trajectory: Trajectory) -> Array:

@@ -20,6 +20,7 @@ from phnn.integrate import kernel
 from phnn.integrate.cycle import steady_cycle
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.rest import equilibrium
+from phnn.integrate.scheme import Scheme
 from phnn.network.elements import Network
 from phnn.recordings.driving import Driving, driving_of, input_before, settled
 from phnn.recordings.recording import Recording
@@ -95,6 +96,7 @@ def simulate(
     substeps: int = 1,
     method: str | None = None,
     initial: Array | None = None,
+    scheme: Scheme = Scheme.DISCRETE_GRADIENT,
 ) -> Trajectory:
     """Simulate a setup on the input of a recording.
 
@@ -109,13 +111,14 @@ def simulate(
         substeps: steps per sample interval.
         method: another reconstruction than the recording's.
         initial: (N,) initial state; without it, the one the recording's start says.
+        scheme: the discretisation of the steps.
 
     Raises:
         SolverFailed: no root of the step equation was found, with the time; no steady cycle, with what moves on.
     """
     setup = sensing(setup, recording)
     network = measured_network(setup.network, recording)
-    program = compile_network(network)
+    program = compile_network(network, scheme)
     theta = program.theta(network)
     driving = driving_of(recording, substeps, method)
     lead, nodes = driving.lead, np.concatenate([[0], np.cumsum(driving.counts)])

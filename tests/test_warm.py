@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from phnn.derivatives import output_derivatives, output_gradient
-from phnn.integrate import kernel, quick, sweep
+from phnn.integrate import general, quick, sweep
 from phnn.models.actuator import hrc
 from phnn.models.neural import neural_hrc
 from phnn.models.variants import hrcl
@@ -17,7 +17,7 @@ from phnn.simulate import simulate
 from phnn.warm import warm_up
 
 KERNELS = {
-    "march": kernel._compiled,
+    "march": general._compiled,
     "quick march": quick._compiled,
     "sensitivities": sweep._sensitivities,
     "adjoint": sweep._adjoint,

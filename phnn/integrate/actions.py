@@ -8,7 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate.program import Program
-from phnn.integrate.tables import PORTS, rows_of
+from phnn.integrate.tables import (
+    LAW,
+    PLACE_1,
+    PORTS,
+    rows_of,
+)
 from phnn.laws import PORT_LAWS
 from phnn.laws.namespace import TINY
 
@@ -19,8 +24,10 @@ def actions(program: Program, theta: Any, u: Array) -> Any:
     """(…, P) ``ψ_p(u_p)`` of inputs (…, P)."""
     out = np.empty(u.shape, dtype=theta.dtype)
     for port, row in enumerate(rows_of(program.table, PORTS)):
-        law = list(PORT_LAWS.values())[row[0]]
-        out[..., port] = law.action(u[..., port], *(theta[place] for place in row[1 : 1 + len(law.example)]))
+        law = list(PORT_LAWS.values())[row[LAW]]
+        out[..., port] = law.action(
+            u[..., port], *(theta[place] for place in row[PLACE_1 : PLACE_1 + len(law.example)])
+        )
     return out
 
 

@@ -2,7 +2,8 @@
 
     x⁺ − x = h ẋ(∇̄H(x, x⁺), (x + x⁺)/2, ū)
 
-with whatever discrete gradient the system offers. The iteration keeps its Jacobian from step to step and renews it
+with whatever discrete gradient the system offers: it has no reducible storages, so that all schemes are this one. The
+iteration keeps its Jacobian from step to step and renews it
 where it stops to converge quickly; gradients are those of the solution, by the implicit function theorem, and so do
 not see how it was found.
 """
@@ -15,9 +16,11 @@ import torch
 from torch import Tensor
 
 from phnn.errors import SolverFailed
-from phnn.integrate import dense
+from phnn.integrate.dense import with_derivatives
+from phnn.integrate.equations import jacobians, step_residual
 
-_TOLERANCE = 1e-11
+# Of the residual, beside one plus the largest state.
+_TOLERANCE = 1e-13
 _ITERATIONS = 40
 _QUICK = 0.2
 _HALVINGS = 12
@@ -50,7 +53,7 @@ def march(
         for n in range(u.shape[0]):
             guess = path[-1] if n == 0 else 2.0 * path[-1] - path[-2]
             path.append(solver.step(path[-1], guess, u[n], h[n], n))
-    return dense.with_derivatives(system, torch.stack(path), x0, u, h)  # type: ignore[arg-type]
+    return with_derivatives(system, torch.stack(path), x0, u, h)  # type: ignore[arg-type]
 
 
 class _Newton:
@@ -59,11 +62,13 @@ class _Newton:
     def __init__(self, system: Energetic) -> None:
         self.system = system
         self.inverse: Tensor | None = None
+        self.scale = torch.ones(())
 
     def step(self, x: Tensor, guess: Tensor, u: Tensor, h: Tensor, n: int) -> Tensor:
         """(B, n) end of one step."""
+        self.scale = 1.0 + x.abs().amax(-1)
         z, residual = guess, self._residual(x, guess, u, h)
-        size, fresh = _size(residual), False
+        size, fresh = self._size(residual), False
         for _ in range(_ITERATIONS):
             if bool((size <= _TOLERANCE).all()):
                 return z
@@ -73,7 +78,7 @@ class _Newton:
             assert self.inverse is not None
             moved = z - (self.inverse @ residual.unsqueeze(-1)).squeeze(-1)
             found = self._residual(x, moved, u, h)
-            after = _size(found)
+            after = self._size(found)
             if bool((after <= torch.clamp(_QUICK * size, min=_TOLERANCE)).all()):
                 z, residual, size = moved, found, after
             elif not fresh:
@@ -88,10 +93,10 @@ class _Newton:
         )
 
     def _residual(self, x: Tensor, z: Tensor, u: Tensor, h: Tensor) -> Tensor:
-        return dense.step_residual(self.system, x, z, u, h)  # type: ignore[arg-type]
+        return step_residual(self.system, x, z, u, h)  # type: ignore[arg-type]
 
     def _renew(self, x: Tensor, z: Tensor, u: Tensor, h: Tensor) -> None:
-        jacobian = dense.jacobians(self.system, x, z, u, h)[0]  # type: ignore[arg-type]
+        jacobian = jacobians(self.system, x, z, u, h)[0]  # type: ignore[arg-type]
         self.inverse = torch.linalg.inv_ex(jacobian)[0]
 
     def _searched(
@@ -102,14 +107,13 @@ class _Newton:
         for _ in range(_HALVINGS):
             moved = z + share.unsqueeze(-1) * (full - z)
             found = self._residual(x, moved, u, h)
-            after = _size(found)
+            after = self._size(found)
             worse = ~(after < size) & (size > _TOLERANCE)
             if not bool(worse.any()):
                 break
             share = torch.where(worse, 0.5 * share, share)
         return moved, found, after
 
-
-def _size(residual: Tensor) -> Tensor:
-    """(B,) largest component."""
-    return residual.abs().amax(-1)
+    def _size(self, residual: Tensor) -> Tensor:
+        """(B,) largest component, relative to the state at the start of the step."""
+        return residual.abs().amax(-1) / self.scale

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import pickle
 import stat
 import sys
 import warnings
@@ -19,14 +18,15 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core.caching import IndexDataCacheFile
 
 import phnn
+from phnn.integrate import hooks
 
 # What compiled code is made from; torch modules beside them may be edited without compiling anew.
 _SOURCES = (
     "laws/*.py",
     "integrate/cache.py",
+    "integrate/hooks.py",
     "integrate/compiled.py",
     "integrate/dispatch.py",
     "integrate/tables.py",
@@ -47,12 +47,11 @@ _SOURCES = (
     "integrate/drives.py",
     "integrate/linearise.py",
     "integrate/recursion.py",
-    "integrate/kernel.py",
+    "integrate/general.py",
     "integrate/sweep.py",
     "modal/elements.py",
     "modal/march.py",
 )
-_HASH = hashlib.sha256().digest_size
 _OWN = 0o700
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
@@ -66,8 +65,12 @@ def compiled(function: Callable[..., Any], **options: Any) -> Any:
     numba.config.CACHE_DIR = str(folder)
     try:
         dispatcher = numba.njit(cache=True, **options)(function)
-        _check_content(dispatcher)
-        return dispatcher
+        if hooks.check_content(dispatcher):
+            return dispatcher
+        warnings.warn(
+            f"compiled code is not kept: numba {numba.__version__} has another cache; take < 0.70", stacklevel=3
+        )
+        return numba.njit(**options)(function)
     except (RuntimeError, OSError):
         # numba found no way to write there.
         return numba.njit(**options)(function)
@@ -129,54 +132,3 @@ def _unsafe(folder: Path) -> str:
     if parent.st_mode & stat.S_IWOTH and not parent.st_mode & stat.S_ISVTX:
         return f"others may replace it, for they may write to {folder.parent}"
     return ""
-
-
-def _check_content(dispatcher: Any) -> None:
-    """Make numba's cache of a function read and write files that begin with the hash of their content."""
-    kept = dispatcher._cache
-    given = kept._cache_file
-    kept._cache_file = _Checked(
-        given._cache_path, given._index_name.removesuffix(".nbi"), source_stamp=given._source_stamp
-    )
-
-
-class _Checked(IndexDataCacheFile):
-    """numba's files of a function: an index of signatures, and machine code for each."""
-
-    def _load_index(self) -> dict[Any, str]:
-        content = self._read(self._index_path)
-        if content is None:
-            return {}
-        version, stamp, overloads = pickle.loads(content)
-        return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
-
-    def _save_index(self, overloads: dict[Any, str]) -> None:
-        self._write(self._index_path, self._dump((self._version, self._source_stamp, overloads)))
-
-    def _load_data(self, name: str) -> Any:
-        content = self._read(self._data_path(name))
-        if content is None:
-            # The caller takes it for a file that was removed.
-            raise FileNotFoundError(name)
-        return pickle.loads(content)
-
-    def _save_data(self, name: str, data: Any) -> None:
-        self._write(self._data_path(name), self._dump(data))
-
-    def _read(self, path: str) -> bytes | None:
-        """The content of a file whose hash is right."""
-        try:
-            with open(path, "rb") as file:
-                content = file.read()
-        except OSError:
-            return None
-        right = hashlib.sha256(content[_HASH:]).digest() == content[:_HASH]
-        return content[_HASH:] if right else None
-
-    def _write(self, path: str, content: bytes) -> None:
-        """Write a file with its hash; on a full disk the function stays compiled in memory."""
-        try:
-            with self._open_for_write(path) as file:
-                file.write(hashlib.sha256(content).digest() + content)
-        except OSError:
-            return

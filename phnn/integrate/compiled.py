@@ -10,13 +10,14 @@ from numba import types
 from numba.extending import intrinsic
 
 from phnn.integrate.cache import compiled
+from phnn.integrate.hooks import loop_options
 
 # Stands in the caller. numba hands the wish to be inlined on to whatever is compiled inside, unless it is refused.
 inline = numba.njit(error_model="numpy", forceinline=True)
 # A call, as far as LLVM does not find otherwise: see `stay_outside`.
 plain = numba.njit(error_model="numpy", forceinline=False)
 # A loop over steps. It owns no memory: reference counts of arrays would cost most of the time.
-loop = numba.njit(error_model="numpy", _nrt=False)
+loop = numba.njit(error_model="numpy", **loop_options())
 
 
 def entry(function: Callable[..., Any]) -> Any:
@@ -26,7 +27,7 @@ def entry(function: Callable[..., Any]) -> Any:
 
 def loop_entry(function: Callable[..., Any]) -> Any:
     """A `loop` that python calls."""
-    return compiled(function, nogil=True, error_model="numpy", _nrt=False)
+    return compiled(function, nogil=True, error_model="numpy", **loop_options())
 
 
 @intrinsic

@@ -8,8 +8,8 @@
                                       adjoint_method="compiled_discrete_gradient_adjoint", adjoint_options={})
     states = runs.samples(ends[-1])
 
-The steps, and so the states and their exact gradients, are those of `phnn.integrate.differentiable`. For the step that
-is solved in torch, for laws of any form and inputs that are functions of time, see `phnn.integrate.method`.
+The steps, and so the states and their exact gradients, are those of `phnn.integrate.differentiable`. For the same steps
+solved in torch, for laws of any form and inputs that are functions of time, see `phnn.integrate.method`.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from typing import Any
 import torch
 import torchdiffeq
 from torch import Tensor
-from torchdiffeq._impl.misc import _PerturbFunc
-from torchdiffeq._impl.odeint import SOLVERS
 
 from phnn.errors import InputRefused
-from phnn.integrate.method import augmented, check_options
+from phnn.integrate import hooks
+from phnn.integrate.method import check_options
 from phnn.integrate.sampled import SampledRuns, Solved
+from phnn.integrate.scheme import Scheme
 from phnn.network.system import PortHamiltonianSystem
 
 COMPILED = "compiled_discrete_gradient"
@@ -39,6 +39,7 @@ def sampled_states(
     nodes: Sequence[Tensor],  # (S_b,) step indices of the samples
     x0: Tensor,  # (B, n) initial states
     adjoint: bool = True,
+    scheme: Scheme = Scheme.DISCRETE_GRADIENT,
 ) -> list[Tensor]:
     """(S_b, n) states at the samples of every run, by `torchdiffeq.odeint_adjoint` or, without a graph of its own,
     by `torchdiffeq.odeint`; differentiable by ``x0`` and the parameters of the system.
@@ -47,7 +48,9 @@ def sampled_states(
         InputRefused: see `SampledRuns`.
         SolverFailed: a step has no solution.
     """
-    runs = SampledRuns(system, u, h, nodes)
+    runs = SampledRuns(system, u, h, nodes, scheme)
+    if not hooks.takes_methods():
+        return runs.samples(runs.differentiable(runs.start(x0)))
     ends = x0.new_tensor([0.0, 1.0])
     if adjoint:
         found = torchdiffeq.odeint_adjoint(
@@ -69,11 +72,7 @@ class CompiledDiscreteGradient:
 
     def __init__(self, func: Any, y0: Tensor, **others: Any) -> None:
         check_options(COMPILED, others)
-        inner, self.holder = func.base_func, None
-        if isinstance(inner, _PerturbFunc):
-            # odeint_adjoint wraps the runs anew for every call and keeps that wrapper as long as the graph of its
-            # result lives: what is solved there belongs to this call alone and goes with it.
-            self.holder, inner = inner, inner.base_func
+        inner, self.holder = hooks.behind(func)
         if not isinstance(inner, SampledRuns):
             raise InputRefused(
                 f"the right-hand side is a {type(inner).__name__}: {COMPILED} integrates SampledRuns from 0 to 1; for "
@@ -110,7 +109,7 @@ class CompiledDiscreteGradientAdjoint:
 
     def __init__(self, func: Any, y0: Tensor, **others: Any) -> None:
         check_options(COMPILED_ADJOINT, others)
-        known = augmented(func)
+        known = hooks.augmented(func)
         solved = getattr(known.get("func"), "solved", None)
         if solved is None:
             raise InputRefused(f"{COMPILED_ADJOINT} is the adjoint_method of odeint_adjoint for {COMPILED!r} alone")
@@ -129,4 +128,4 @@ class CompiledDiscreteGradientAdjoint:
         return torch.stack([self.y0, torch.cat([by_t, x, by_start.reshape(-1), by_parameters + more])])
 
 
-SOLVERS.update({COMPILED: CompiledDiscreteGradient, COMPILED_ADJOINT: CompiledDiscreteGradientAdjoint})
+hooks.add_methods({COMPILED: CompiledDiscreteGradient, COMPILED_ADJOINT: CompiledDiscreteGradientAdjoint})

@@ -21,7 +21,19 @@ from phnn.integrate.lookups import (
     resistor_thresholds,
     stiffness,
 )
-from phnn.integrate.tables import EXACT, JUNCTIONS, LEAVES, RATIO, SIGN
+from phnn.integrate.tables import (
+    EXACT,
+    FIRST_RESISTOR,
+    IS_LINEAR,
+    JUNCTIONS,
+    LAST_RESISTOR,
+    LEAVES,
+    OWN_STORAGE,
+    RATIO,
+    READ,
+    RULE,
+    SIGN,
+)
 from phnn.laws.leaf import relaxation
 
 STIFFNESS, RHO, LOW, HIGH, ONE, TWO, LEAK, LEAK_ONE, LEAK_TWO = range(9)
@@ -36,17 +48,17 @@ def fill_constants(t: Any, theta: Any, h: Any, c: Any) -> None:
     leaves = count(t, LEAVES)
     for leaf in range(leaves):
         row = t[0, LEAVES] + leaf
-        if t[row, 2] > 0:
-            c[leaf, STIFFNESS] = stiffness(t, t[row, 0], theta)
-        r, none = t[row, 3], 0.0 * theta[0]
+        if t[row, IS_LINEAR] > 0:
+            c[leaf, STIFFNESS] = stiffness(t, t[row, OWN_STORAGE], theta)
+        r, none = t[row, FIRST_RESISTOR], 0.0 * theta[0]
         leak = none
-        if t[row, 1] == EXACT:
+        if t[row, RULE] == EXACT:
             # All resistors of such a leaf but the first are linear.
-            for other in range(r + 1, t[row, 4]):
+            for other in range(r + 1, t[row, LAST_RESISTOR]):
                 leak += resistor_flow(t, other, 1.0 + none, none, theta)
         c[leaf, LEAK] = leak
         c[leaf, LEAK_ONE], c[leaf, LEAK_TWO] = relaxation(h * leak * c[leaf, STIFFNESS])
-        if t[row, 1] == EXACT and t[r, 5] < 0:
+        if t[row, RULE] == EXACT and t[r, READ] < 0:
             rho, low, high = resistor_thresholds(t, r, none, theta)
             c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH] = rho, low, high
             c[leaf, ONE], c[leaf, TWO] = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])

@@ -18,10 +18,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from phnn.errors import InputRefused, SolverFailed, StructureViolated
+from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import dense, kernel, sweep
+from phnn.integrate.compilable import can_compile
+from phnn.integrate.inputs import refuse_unfit_march
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.residual import march_residual
+from phnn.integrate.scheme import Scheme
 from phnn.network.system import PortHamiltonianSystem
 
 Array = NDArray[np.float64]
@@ -36,13 +39,15 @@ def simulate_torch(
     x0: Tensor,  # (N,) initial state, in the order of ``system.state_names``
     only: Sequence[str] | None = None,
     window: int = WINDOW,
+    scheme: Scheme = Scheme.DISCRETE_GRADIENT,
 ) -> Tensor:
-    """March the steps of a system, differentiable by its parameters, ``u_mean``, ``x0`` and ``h``.
+    """Integrate the steps of a system, differentiable by its parameters, ``u_mean``, ``x0`` and ``h``.
 
-    Networks whose laws all have compiled forms take the compiled march; those with other torch modules the torch step
-    of `phnn.integrate.dense`.
+    Networks that `phnn.integrate.compilable.can_compile` are solved by the compiled march, the others in torch by
+    `phnn.integrate.dense`: the same steps, and the same gradients.
 
     Args:
+        scheme: the discretisation.
         only: names of the storages whose states are wanted; all of them otherwise.
         window: steps that the backward pass holds in memory at once.
 
@@ -62,11 +67,10 @@ def simulate_torch(
         if name not in system.state_names:
             raise InputRefused(f"no storage called {name!r}: there are {', '.join(system.state_names)}")
     wanted = [system.state_names.index(name) for name in (system.state_names if only is None else only)]
-    try:
-        program = compile_network(system.network)
-    except StructureViolated:
-        path = dense.march(system, x0, u_mean, steps.tolist())
-        return dense.with_derivatives(system, path, x0, u_mean, steps.unsqueeze(-1))[:, wanted]
+    if not can_compile(system.network):
+        path = dense.march(system, x0, u_mean, steps.tolist(), scheme)
+        return dense.with_derivatives(system, path, x0, u_mean, steps.unsqueeze(-1), scheme)[:, wanted]
+    program = compile_network(system.network, scheme)
     march = March(system, program, wanted, window)
     return _Implicit.apply(march, u_mean, steps, x0, *march.parameters)
 
@@ -191,15 +195,3 @@ class _Implicit(torch.autograd.Function):
 
 def _array(tensor: Tensor) -> Array:
     return np.ascontiguousarray(tensor.detach().numpy())
-
-
-def refuse_unfit_march(system: PortHamiltonianSystem, u: Tensor, h: Tensor, x0: Tensor) -> None:
-    """Refuse shapes, types or values of inputs (n, P), steps (n,) or an initial state (N,) that cannot be marched."""
-    states, ports = len(system.state_names), len(system.network.ports)
-    for name, tensor, shape in (("initial state", x0, (states,)), ("mean input", u, (u.shape[0], ports))):
-        if tuple(tensor.shape) != shape:
-            raise InputRefused(f"the {name} has shape {tuple(tensor.shape)}: this network needs {shape}")
-    for name, tensor in (("initial state", x0), ("mean input", u), ("step", h)):
-        dense.refuse_unfit(name, tensor)
-    if not bool((h > 0.0).all()):
-        raise InputRefused(f"a step is {float(h.min()):g} s: give positive steps")

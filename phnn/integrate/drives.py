@@ -15,7 +15,22 @@ from phnn.integrate.constants import STIFFNESS
 from phnn.integrate.lookups import count, mean_effort, memory_decay, memory_rate, resistor_flow
 from phnn.integrate.perturbed import CURVED, KIND, ONLY_LINK, STIFF, STORAGE, parameter, perturb, places_of
 from phnn.integrate.pieces import current_of
-from phnn.integrate.tables import LEAVES, MEMORIES, SOURCES, STORAGES
+from phnn.integrate.tables import (
+    FIRST_SOURCE,
+    IS_LINEAR,
+    LAST_SOURCE,
+    LEAVES,
+    MEMORIES,
+    OWN_STORAGE,
+    READ,
+    SOURCE_EFFORT,
+    SOURCE_FLOW,
+    SOURCE_LEAF,
+    SOURCE_PORT,
+    SOURCE_RESISTOR,
+    SOURCES,
+    STORAGES,
+)
 from phnn.integrate.terms import FLOW, branch_effort, junction_flows, leaf_current, read
 from phnn.laws.memory import advanced
 from phnn.laws.namespace import TINY
@@ -43,7 +58,7 @@ def _known_power(p: Any, d: Any, leaf: Any, current: Any, n: Any, run: Any) -> N
 def _leaf_power(t: Any, p: Any, d: Any, leaf: Any, n: Any, run: Any) -> None:
     """Add the derivatives of what the resistors of a leaf dissipate, ``i ē − ΔH/h``."""
     row, h = t[0, LEAVES] + leaf, run.h[n]
-    k = t[row, 0]
+    k = t[row, OWN_STORAGE]
     for pair in range(p.first[leaf], p.first[leaf + 1]):
         i = p.input[pair]
         which, slot, act = places_of(p, d, i)
@@ -52,7 +67,7 @@ def _leaf_power(t: Any, p: Any, d: Any, leaf: Any, n: Any, run: Any) -> None:
         current, start = leaf_current(t, leaf, d.g[slot], d.a[act], d.wj), d.x[k]
         end = complex(run.states[n + 1, k], TINY * d.by_leaf[pair])
         mean = complex(run.efforts[n, k], TINY * d.by_mean[pair])
-        if t[row, 2] > 0:
+        if t[row, IS_LINEAR] > 0:
             between = 0.5 * d.c[which, leaf, STIFFNESS] * (start + end)
         else:
             between = mean_effort(t, k, start, end, d.theta)
@@ -63,14 +78,14 @@ def _leaf_power(t: Any, p: Any, d: Any, leaf: Any, n: Any, run: Any) -> None:
 @inline
 def _junction_power(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
     """Add the derivatives of what the junction resistor of the source in row ``s`` dissipates."""
-    r, source = t[s, 1], s - t[0, SOURCES]
+    r, source = t[s, SOURCE_RESISTOR], s - t[0, SOURCES]
     for place in range(p.source_first[source], p.source_first[source + 1]):
         i = p.source_input[place]
         which, slot, act = places_of(p, d, i)
         perturb(p, d, i, TINY)
         junction_flows(t, d.theta, d.x, d.y, d.wj)
         effort = branch_effort(t, r, d.g[slot], d.wj)
-        q = read(t, t[r, 5], d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
+        q = read(t, t[r, READ], d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
         d.by_drive[i] += (effort * resistor_flow(t, r, effort, q, d.theta)).imag / TINY
         perturb(p, d, i, 0.0)
 
@@ -78,21 +93,21 @@ def _junction_power(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
 @inline
 def _signal(t: Any, p: Any, d: Any, s: Any) -> None:
     """Add the derivatives of the effort of a leaf, the flow of a junction or the action of a port."""
-    for leaf in range(count(t, LEAVES) if t[s, 2] >= 0 else 0):
-        if t[t[0, LEAVES] + leaf, 0] == t[s, 2]:
+    for leaf in range(count(t, LEAVES) if t[s, SOURCE_EFFORT] >= 0 else 0):
+        if t[t[0, LEAVES] + leaf, OWN_STORAGE] == t[s, SOURCE_EFFORT]:
             for pair in range(p.first[leaf], p.first[leaf + 1]):
                 d.by_drive[p.input[pair]] += d.by_mean[pair]
     source = s - t[0, SOURCES]
     for place in range(p.source_first[source], p.source_first[source + 1]):
         i = p.source_input[place]
         _, _, act = places_of(p, d, i)
-        if t[s, 3] >= 0:
+        if t[s, SOURCE_FLOW] >= 0:
             perturb(p, d, i, TINY)
             junction_flows(t, d.theta, d.x, d.y, d.wj)
-            d.by_drive[i] += d.wj[FLOW, t[s, 3]].imag / TINY
+            d.by_drive[i] += d.wj[FLOW, t[s, SOURCE_FLOW]].imag / TINY
             perturb(p, d, i, 0.0)
         else:
-            d.by_drive[i] += d.a[act, t[s, 4]].imag / TINY
+            d.by_drive[i] += d.a[act, t[s, SOURCE_PORT]].imag / TINY
 
 
 @plain
@@ -108,13 +123,13 @@ def memories_by(t: Any, p: Any, d: Any, k: Any, n: Any, run: Any) -> None:
     row, state, out, h = t[0, MEMORIES] + k, count(t, STORAGES) + k, d.by_memory[k], run.h[n]
     for i in range(out.shape[0]):
         d.by_drive[i] = 0.0
-    for s in range(t[row, 5], t[row, 6]):
-        leaf = t[s, 0]
+    for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):
+        leaf = t[s, SOURCE_LEAF]
         if leaf >= 0 and not d.todo[leaf] and d.kinds[leaf, KIND] != CURVED:
             _known_power(p, d, leaf, current_of(t, d, leaf), n, run)
         elif leaf >= 0:
             _leaf_power(t, p, d, leaf, n, run)
-        elif t[s, 1] >= 0:
+        elif t[s, SOURCE_RESISTOR] >= 0:
             _junction_power(t, p, d, s, h)
         else:
             _signal(t, p, d, s)

@@ -15,7 +15,11 @@ from phnn.integrate.lookups import resistor_thresholds
 from phnn.integrate.perturbed import ABOVE, CROSSING, RESTING, STIFF, STORAGE, parameter, perturb, places_of
 from phnn.integrate.pieces import current_of, exert, fill, piece_of
 from phnn.integrate.prepared import prepare_leaf, prepare_pairs
-from phnn.integrate.tables import LEAVES
+from phnn.integrate.tables import (
+    FIRST_RESISTOR,
+    LEAVES,
+    READ,
+)
 from phnn.integrate.terms import junction_flows, read
 from phnn.laws.leaf import relaxation
 from phnn.laws.namespace import TINY
@@ -29,7 +33,7 @@ def _thresholds(t: Any, p: Any, d: Any, i: Any, r: Any, h: Any) -> Any:
         which, slot, act = places_of(p, d, i)
         perturb(p, d, i, TINY)
     junction_flows(t, d.theta, d.x, d.y, d.wj)
-    q = read(t, t[r, 5], d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
+    q = read(t, t[r, READ], d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
     found = resistor_thresholds(t, r, q, d.theta)
     if i >= 0:
         perturb(p, d, i, 0.0)
@@ -40,7 +44,7 @@ def _thresholds(t: Any, p: Any, d: Any, i: Any, r: Any, h: Any) -> Any:
 def _prepare_slope(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
     """The pieces of a leaf for the slope that its resistor has in this step."""
     stay_outside()
-    none, r = p.active.shape[0], t[t[0, LEAVES] + leaf, 3]
+    none, r = p.active.shape[0], t[t[0, LEAVES] + leaf, FIRST_RESISTOR]
     for k in range(none + 1):
         rho, _, _ = _thresholds(t, p, d, d.x.shape[0] + d.y.shape[0] + k if k < none else -1, r, h)
         c = d.c[k, leaf]
@@ -57,7 +61,7 @@ def _prepare_slope(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
 @inline
 def following_leaf(t: Any, p: Any, d: Any, leaf: Any, mean: Any, h: Any) -> Any:
     """`plain_leaf` of a leaf whose thresholds follow something, its state being loaded."""
-    r, own = t[t[0, LEAVES] + leaf, 3], d.values[leaf]
+    r, own = t[t[0, LEAVES] + leaf, FIRST_RESISTOR], d.values[leaf]
     of = d.whole[p.active.shape[0], leaf]
     rho, lower, upper = _thresholds(t, p, d, -1, r, h)
     low, high = lower.real, upper.real

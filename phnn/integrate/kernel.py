@@ -1,96 +1,67 @@
-"""The compiled march: the steps of `phnn.integrate.step` solved one after the other."""
+"""The compiled kernels that integrate a program, and which of them serves it.
+
+All kernels take the same steps (`phnn.integrate.step`) and differ in speed alone. Derivatives are of those steps, so
+that `phnn.integrate.sweep` differentiates what any kernel has integrated.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate import quick
+from phnn.errors import InputRefused
+from phnn.integrate import general, quick
 from phnn.integrate.actions import actions
-from phnn.integrate.compiled import inline, loop_entry
-from phnn.integrate.constants import CONSTANTS, fill_gains
-from phnn.integrate.lookups import count, is_linear, junction_storage
-from phnn.integrate.memories import advance
 from phnn.integrate.program import Program
-from phnn.integrate.roots import extrapolated
-from phnn.integrate.solve import prepare, rest_guess, solve_many, solve_one
-from phnn.integrate.step import balance
-from phnn.integrate.tables import JUNCTIONS, LEAVES, MEMORIES, rows_of
-from phnn.integrate.terms import EFFORT, NEXT
 
 Array = NDArray[np.float64]
 
 
-@inline
-def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> None:
-    """The unknowns of step ``n`` extrapolated from the two before it; at the start nothing changes."""
-    if n == 0:
-        rest_guess(t, theta, states[0], y)
-        return
-    for j in range(y.shape[0]):
-        k = junction_storage(t, j)
-        y[j] = extrapolated(efforts, n, k) if is_linear(t, j) else extrapolated(states, n + 1, k)
+class Kernel(NamedTuple):
+    """A compiled way to integrate some programs.
+
+    Attributes:
+        name: short name.
+        serves: whether it integrates a program.
+        march: ``(program, theta, actions, h, states, efforts) -> solved``: fills states and efforts from the state in
+            ``states[0]`` and under the actions (n, P) of the ports; returns how many steps were solved.
+    """
+
+    name: str
+    serves: Callable[[Program], bool]
+    march: Callable[[Program, Array, Array, Array, Array, Array], int]
 
 
-def _steps(
-    t: Any, actions: Any, h: Any, states: Any, efforts: Any, values: Any, perturbed: Any, jacobian: Any, step: Any,
-    own: Any,
-) -> Any:  # fmt: skip
-    """March; the last arguments are memory."""
-    theta, c, g, a, x, y, wj, wx = values
-    fill_gains(t, theta, g)
-    for r in range(g.shape[0]):
-        perturbed[2][r] = g[r]
-    c_c, a_c, x_c = perturbed[1], perturbed[3], perturbed[4]
-    m = y.shape[0]
-    slope = 0.0
-    for n in range(actions.shape[0]):
-        for k in range(x.shape[0]):
-            x[k] = states[n, k]
-            x_c[k] = states[n, k]
-        _guess(t, theta, n, states, efforts, y)
-        if n == 0 or h[n] != h[n - 1]:
-            slope = 0.0
-            prepare(t, theta, h[n], c, c_c)
-        for p in range(a.shape[0]):
-            a[p] = actions[n, p]
-            a_c[p] = actions[n, p]
-        solved = True
-        if m == 1:
-            solved, slope = solve_one(t, h[n], slope, values, perturbed)
-        elif m == 0:
-            balance(t, theta, c, g, a, x, y, h[n], wj, wx)
-        else:
-            solved = solve_many(t, h[n], values, perturbed, jacobian, step, own)
-        if count(t, MEMORIES) > 0:
-            advance(t, theta, c, g, a, x, y, h[n], wj, wx)
-        for k in range(x.shape[0]):
-            states[n + 1, k] = wx[NEXT, k]
-            efforts[n, k] = wx[EFFORT, k]
-            solved = solved and np.isfinite(wx[NEXT, k]) and np.isfinite(wx[EFFORT, k])
-        if not solved:
-            return n
-    return actions.shape[0]
+# The fastest first.
+KERNELS = {
+    "single junction": Kernel("single junction", quick.serves, quick.march),
+    "general": Kernel("general", lambda program: True, general.march),
+}
 
 
-_compiled = loop_entry(_steps)
+def kernel_for(program: Program, prefer: str | None = None) -> Kernel:
+    """The fastest kernel that serves a program.
 
+    Args:
+        prefer: name of another one that is to be taken.
 
-def general(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
-    """`march` for every network, from the state in ``states[0]`` and under the actions of its ports."""
-    t = program.table
-    n, m, leaves = states.shape[1], len(rows_of(t, JUNCTIONS)), len(rows_of(t, LEAVES))
-    shapes = ((leaves + m, CONSTANTS), len(t), actions.shape[1], n, m, (4, m), (2, n))
-    values = (theta, *(np.zeros(shape) for shape in shapes))
-    perturbed = (theta.astype(np.complex128), *(np.zeros(shape, np.complex128) for shape in shapes))
-    own = (np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7 + m, m)))
-    return int(_compiled(t, actions, h, states, efforts, values, perturbed, *own))
+    Raises:
+        InputRefused: there is none of that name, or it does not serve the program.
+    """
+    if prefer is None:
+        return next(kernel for kernel in KERNELS.values() if kernel.serves(program))
+    if prefer not in KERNELS:
+        raise InputRefused(f"kernel {prefer!r}: choose one of {', '.join(KERNELS)}")
+    if not KERNELS[prefer].serves(program):
+        raise InputRefused(f"kernel {prefer!r} does not serve this network: take the general one")
+    return KERNELS[prefer]
 
 
 def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states: Array, efforts: Array) -> int:
-    """March ``n`` steps of a program; returns how many were solved.
+    """Integrate ``n`` steps of a program by the fastest kernel; returns how many were solved.
 
     Args:
         theta: (M,) parameters, see `Program.theta`.
@@ -100,5 +71,4 @@ def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states:
             drives of the memories.
     """
     states[0] = x0
-    steps = quick.march if quick.serves(program) else general
-    return steps(program, theta, actions(program, theta, u), h, states, efforts)
+    return kernel_for(program).march(program, theta, actions(program, theta, u), h, states, efforts)

@@ -30,7 +30,13 @@ from phnn.integrate.perturbed import (
 )
 from phnn.integrate.pieces import curved_leaf, plain_leaf
 from phnn.integrate.prepared import part, prepare_leaf, prepare_pairs, prepare_values
-from phnn.integrate.tables import JUNCTION_INLETS, LEAVES, MEMORIES
+from phnn.integrate.tables import (
+    FROM_PORT,
+    INTO_JUNCTION,
+    JUNCTION_INLETS,
+    LEAVES,
+    MEMORIES,
+)
 from phnn.integrate.terms import FORCE, junction_change, junction_flows, junction_term
 from phnn.laws.namespace import TINY
 
@@ -113,12 +119,12 @@ def _linear_terms(t: Any, p: Any, d: Any) -> None:
     for place in range(p.plain.shape[0]):
         r = p.plain[place]
         if r >= t[0, JUNCTION_INLETS]:
-            force = d.by_force[t[r, 1]]
+            force = d.by_force[t[r, INTO_JUNCTION]]
             for s in range(1, p.slots.shape[0]):
-                force[p.slots[s]] -= d.g[s, r].imag / TINY * d.a[0, t[r, 0]].real
+                force[p.slots[s]] -= d.g[s, r].imag / TINY * d.a[0, t[r, FROM_PORT]].real
             for k in range(p.active.shape[0] if d.a.shape[0] > 1 else 0):
                 if p.in_ports[k] >= 0:
-                    force[known + k] -= d.g[0, r].real * (d.a[1 + p.in_ports[k], t[r, 0]].imag / TINY)
+                    force[known + k] -= d.g[0, r].real * (d.a[1 + p.in_ports[k], t[r, FROM_PORT]].imag / TINY)
 
 
 @inline

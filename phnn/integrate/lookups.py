@@ -13,7 +13,18 @@ from phnn.integrate.dispatch import (
     storage_table,
     threshold_table,
 )
-from phnn.integrate.tables import JUNCTIONS, STORAGES
+from phnn.integrate.tables import (
+    IS_LINEAR,
+    JUNCTIONS,
+    LAW,
+    OWN_STORAGE,
+    PLACE_1,
+    PLACE_2,
+    PLACE_3,
+    PLACE_4,
+    PLACE_5,
+    STORAGES,
+)
 
 _mean_effort = storage_table()
 _thresholds = threshold_table()
@@ -33,7 +44,9 @@ def count(t: Any, kind: Any) -> Any:
 def mean_effort(t: Any, k: Any, a: Any, b: Any, theta: Any) -> Any:
     """``ē`` of storage ``k`` between two states."""
     r = t[0, STORAGES] + k
-    return _mean_effort(t[r, 0], a, b, theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4], t[r, 5])
+    return _mean_effort(
+        t[r, LAW], a, b, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4], t[r, PLACE_5]
+    )
 
 
 @inline
@@ -46,40 +59,40 @@ def stiffness(t: Any, k: Any, theta: Any) -> Any:
 @inline
 def resistor_flow(t: Any, r: Any, effort: Any, q: Any, theta: Any) -> Any:
     """``φ(ε, q)`` of the resistor in row ``r``."""
-    return _flow(t[r, 0], effort, q, theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
+    return _flow(t[r, LAW], effort, q, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
 
 
 @inline
 def resistor_thresholds(t: Any, r: Any, q: Any, theta: Any) -> Any:
     """``(ρ, lo, hi)(q)`` of the piecewise linear resistor in row ``r``."""
-    return _thresholds(t[r, 0], q, theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
+    return _thresholds(t[r, LAW], q, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
 
 
 @inline
 def factor(t: Any, r: Any, q: Any, theta: Any) -> Any:
     """``f(q)`` of the modulation in row ``r``."""
-    return _factor(t[r, 0], q, theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
+    return _factor(t[r, LAW], q, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
 
 
 @inline
 def memory_rate(t: Any, r: Any, z: Any, source: Any, theta: Any) -> Any:
     """``f(z, s)`` of the memory in row ``r``."""
-    return _rate(t[r, 0], z, source, theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
+    return _rate(t[r, LAW], z, source, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
 
 
 @inline
 def memory_decay(t: Any, r: Any, theta: Any) -> Any:
     """``d`` of the memory in row ``r``."""
-    return _decay(t[r, 0], theta, t[r, 1], t[r, 2], t[r, 3], t[r, 4])
+    return _decay(t[r, LAW], theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
 
 
 @inline
 def junction_storage(t: Any, j: Any) -> Any:
     """Number of the storage of junction ``j``."""
-    return t[t[0, JUNCTIONS] + j, 0]
+    return t[t[0, JUNCTIONS] + j, OWN_STORAGE]
 
 
 @inline
 def is_linear(t: Any, j: Any) -> Any:
     """Whether the unknown of junction ``j`` is its mean effort; else it is its end state."""
-    return t[t[0, JUNCTIONS] + j, 1] > 0
+    return t[t[0, JUNCTIONS] + j, IS_LINEAR] > 0

@@ -13,7 +13,20 @@ from typing import Any
 
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.lookups import count, mean_effort, memory_decay, memory_rate, resistor_flow
-from phnn.integrate.tables import LEAVES, MEMORIES, STORAGES
+from phnn.integrate.tables import (
+    FIRST_SOURCE,
+    LAST_SOURCE,
+    LEAVES,
+    MEMORIES,
+    OWN_STORAGE,
+    READ,
+    SOURCE_EFFORT,
+    SOURCE_FLOW,
+    SOURCE_LEAF,
+    SOURCE_PORT,
+    SOURCE_RESISTOR,
+    STORAGES,
+)
 from phnn.integrate.terms import EFFORT, FLOW, NEXT, branch_effort, leaf_current, read
 from phnn.laws.memory import advanced
 
@@ -23,20 +36,20 @@ def _source(
     t: Any, s: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any
 ) -> Any:  # fmt: skip
     """What the source in row ``s`` contributes to ``s̄``."""
-    leaf, r = t[s, 0], t[s, 1]
+    leaf, r = t[s, SOURCE_LEAF], t[s, SOURCE_RESISTOR]
     if leaf >= 0:
-        k = t[t[0, LEAVES] + leaf, 0]
+        k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
         end = wx[NEXT, k]
         stored = mean_effort(t, k, x[k], end, theta) * (end - x[k]) / h
         return leaf_current(t, leaf, g, a, wj) * wx[EFFORT, k] - stored
     if r >= 0:
         effort = branch_effort(t, r, g, wj)
-        return effort * resistor_flow(t, r, effort, read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
-    if t[s, 2] >= 0:
-        return wx[EFFORT, t[s, 2]]
-    if t[s, 3] >= 0:
-        return wj[FLOW, t[s, 3]]
-    return a[t[s, 4]]
+        return effort * resistor_flow(t, r, effort, read(t, t[r, READ], c, g, a, x, y, h, wj), theta)
+    if t[s, SOURCE_EFFORT] >= 0:
+        return wx[EFFORT, t[s, SOURCE_EFFORT]]
+    if t[s, SOURCE_FLOW] >= 0:
+        return wj[FLOW, t[s, SOURCE_FLOW]]
+    return a[t[s, SOURCE_PORT]]
 
 
 @plain
@@ -50,7 +63,7 @@ def advance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, 
     for k in range(count(t, MEMORIES)):
         row, z = t[0, MEMORIES] + k, x[first + k]
         total = 0.0 * g[0]
-        for s in range(t[row, 5], t[row, 6]):
+        for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):
             total += _source(t, s, theta, c, g, a, x, y, h, wj, wx)
         wx[EFFORT, first + k] = total
         wx[NEXT, first + k] = advanced(z, h, memory_rate(t, row, z, total, theta), memory_decay(t, row, theta))

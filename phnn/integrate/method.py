@@ -12,7 +12,8 @@ left out: outputs are ends of steps, never interpolated, so that the power balan
 of a step is its mean by two-point Gauss–Legendre quadrature, exact for cubic ``u(t)``; the nodes lie inside the
 step, so that ``u`` may jump where steps meet. Tolerances have no meaning here and are ignored.
 
-A step solves ``R_k(x_k, x_{k+1}; θ) = 0`` (see `phnn.integrate.dense`). Gradients are those of the states computed,
+A step solves ``R_k(x_k, x_{k+1}; θ) = 0`` (see `phnn.integrate.equations`), by default with
+``Scheme.DISCRETE_GRADIENT``: the option ``scheme`` takes another one. Gradients are those of the states computed,
 
     λ_k = ∂L/∂x_k − (∂R_k/∂x_k)ᵀ μ_k,     (∂R_k/∂x_{k+1})ᵀ μ_k = λ_{k+1},     dL/dθ = −Σ_k (∂R_k/∂θ)ᵀ μ_k
 
@@ -25,16 +26,16 @@ by orders of magnitude where outputs are far apart for a decay: they are refused
 
 from __future__ import annotations
 
-import inspect
 from typing import Any
 
 import torch
 from torch import Tensor
-from torchdiffeq._impl.misc import _PerturbFunc, _ReverseFunc
-from torchdiffeq._impl.odeint import SOLVERS
 
 from phnn.errors import InputRefused
-from phnn.integrate.dense import check, march, port_inputs, with_derivatives
+from phnn.integrate import hooks
+from phnn.integrate.dense import march, with_derivatives
+from phnn.integrate.inputs import check, port_inputs
+from phnn.integrate.scheme import Scheme
 from phnn.network.driven import DrivenSystem
 from phnn.network.system import PortHamiltonianSystem
 
@@ -62,6 +63,7 @@ class _Solve:
         x0: Tensor,  # (..., n)
         t: Tensor,  # (K,) output times, increasing
         step_size: float | None,
+        scheme: Scheme,
     ) -> None:
         if t.dtype != torch.float64 or t.shape[0] < 2 or not bool(torch.isfinite(t).all()):
             raise InputRefused(
@@ -69,7 +71,7 @@ class _Solve:
             )
         if step_size is not None and not 0.0 < step_size < float("inf"):
             raise InputRefused(f"step_size = {step_size:g} s: give a positive, finite step")
-        self.driven, self.x0 = driven, x0
+        self.driven, self.x0, self.scheme = driven, x0, scheme
         self.system = driven.system if isinstance(driven, DrivenSystem) else driven
         spacing = t.diff()
         least = torch.ones_like(spacing) if step_size is None else spacing.detach() / step_size * (1.0 - _ROUNDING)
@@ -94,12 +96,13 @@ class _Solve:
     def march(self, u: Tensor) -> Tensor:
         """(N+1, ..., n) states without gradients."""
         check(self.system, self.x0, u, float(self.h.detach().min()))
-        return march(self.system, self.x0, u, self.h.tolist(), float(self.start[0].detach()))
+        return march(self.system, self.x0, u, self.h.tolist(), self.scheme, float(self.start[0].detach()))
 
     def differentiable(self) -> Tensor:
         """(K, ..., n) states at the output times, with the graph of all steps."""
         u = self.inputs()
-        return with_derivatives(self.system, self.march(u), self.x0, u, self._shaped(self.h))[self.output_at]
+        path = with_derivatives(self.system, self.march(u), self.x0, u, self._shaped(self.h), self.scheme)
+        return path[self.output_at]
 
     def recorded(self) -> Tensor:
         """(K, ..., n) states at the output times; those of all steps are kept for `pull_back`."""
@@ -118,7 +121,7 @@ class _Solve:
                 x = self.path[begin].detach().requires_grad_(True)
                 h = self._shaped(self.h[begin:end])
                 u = self.inputs(slice(begin, end))
-                states = with_derivatives(self.system, self.path[begin : end + 1], x, u, h)
+                states = with_derivatives(self.system, self.path[begin : end + 1], x, u, h, self.scheme)
                 wanted, *found = torch.autograd.grad(states[-1], (x, *parameters), wanted, allow_unused=True)
             sums = [s if f is None else s + f for s, f in zip(sums, found, strict=True)]
             end = begin
@@ -136,27 +139,27 @@ class DiscreteGradient:
 
     Raises:
         InputRefused: a right-hand side that is no port-Hamiltonian system, times that decrease, an option other
-            than ``step_size``, an event function, or gradients by ``t`` asked of the adjoint.
+            than ``step_size`` and ``scheme``, an event function, or gradients by ``t`` asked of the adjoint.
         SolverFailed: a step has no solution; names time, state and remedy.
     """
 
-    def __init__(self, func: Any, y0: Tensor, step_size: float | None = None, **others: Any) -> None:
-        check_options(METHOD, others, "step_size")
-        if augmented(func):
+    def __init__(
+        self,
+        func: Any,
+        y0: Tensor,
+        step_size: float | None = None,
+        scheme: Scheme = Scheme.DISCRETE_GRADIENT,
+        **others: Any,
+    ) -> None:
+        check_options(METHOD, others, "step_size and scheme")
+        if hooks.augmented(func):
             raise InputRefused(_OTHER_ADJOINT)
-        inner, self.holder = func.base_func, None
-        if isinstance(inner, _PerturbFunc):
-            # odeint_adjoint wraps the system anew for every call and keeps that wrapper as long as the graph of
-            # its result lives: what is recorded there belongs to this solve alone and goes with it.
-            self.holder, inner = inner, inner.base_func
-        if isinstance(inner, _ReverseFunc):
+        inner, self.holder = hooks.behind(func)
+        if hooks.is_reversed(inner):
             raise InputRefused("the output times decrease: a dissipative system cannot be integrated backwards")
-        if not isinstance(inner, DrivenSystem | PortHamiltonianSystem):
-            raise InputRefused(
-                f"the right-hand side is a {type(inner).__name__}, which has no energy to take the discrete gradient "
-                "of: give a PortHamiltonianSystem or its with_input(u) and one state tensor, or another method"
-            )
+        _refuse_other_systems(inner)
         self.driven, self.y0, self.step_size = inner, y0, step_size
+        self.scheme = Scheme.named(scheme) if isinstance(scheme, str) else scheme
 
     @staticmethod
     def valid_callbacks() -> set[str]:
@@ -166,10 +169,10 @@ class DiscreteGradient:
     def integrate(self, t: Tensor) -> Tensor:
         """(K, ..., n) states at the output times (K,)."""
         if self.holder is None:
-            return _Solve(self.driven, self.y0, t, self.step_size).differentiable()
+            return _Solve(self.driven, self.y0, t, self.step_size, self.scheme).differentiable()
         if t.requires_grad:
             raise InputRefused("odeint_adjoint offers no gradients by t here: use odeint, or t.detach()")
-        self.holder.solve = _Solve(self.driven, self.y0.detach(), t, self.step_size)
+        self.holder.solve = _Solve(self.driven, self.y0.detach(), t, self.step_size, self.scheme)
         # Only a continuous adjoint evaluates the vector field from here on.
         self.holder.register_forward_pre_hook(_refuse_other_adjoint)
         return self.holder.solve.recorded()
@@ -188,7 +191,7 @@ class DiscreteGradientAdjoint:
 
     def __init__(self, func: Any, y0: Tensor, **others: Any) -> None:
         check_options(ADJOINT_METHOD, others)
-        known = augmented(func)
+        known = hooks.augmented(func)
         solve = getattr(known.get("func"), "solve", None)
         if solve is None:
             raise InputRefused(f"{ADJOINT_METHOD} is the adjoint_method of odeint_adjoint for method={METHOD!r} alone")
@@ -222,14 +225,6 @@ def _refuse_other_adjoint(module: Any, arguments: Any) -> None:
     raise InputRefused(_OTHER_ADJOINT)
 
 
-def augmented(func: Any) -> dict[str, Any]:
-    """What the augmented dynamics of torchdiffeq's backward pass was made of; empty for any other function."""
-    while isinstance(func, torch.nn.Module) and hasattr(func, "base_func"):
-        func = func.base_func
-    known = dict(inspect.getclosurevars(func).nonlocals) if inspect.isfunction(func) else {}
-    return known if "adjoint_params" in known else {}
-
-
 def check_options(method: str, options: dict[str, Any], *known: str) -> None:
     """Refuse options that a method does not have."""
     # These three torchdiffeq adds itself.
@@ -239,4 +234,20 @@ def check_options(method: str, options: dict[str, Any], *known: str) -> None:
             f", it takes {name}" for name in known))  # fmt: skip
 
 
-SOLVERS.update({METHOD: DiscreteGradient, ADJOINT_METHOD: DiscreteGradientAdjoint})
+def _refuse_other_systems(inner: Any) -> None:
+    if not isinstance(inner, DrivenSystem | PortHamiltonianSystem):
+        raise InputRefused(
+            f"the right-hand side is a {type(inner).__name__}, which has no energy to take the discrete gradient "
+            "of: give a PortHamiltonianSystem or its with_input(u) and one state tensor, or another method"
+        )
+
+
+def solve(
+    driven: DrivenSystem | PortHamiltonianSystem, x0: Tensor, t: Tensor, step_size: float | None, scheme: Scheme
+) -> Tensor:
+    """The states that ``torchdiffeq.odeint`` with ``method="discrete_gradient"`` returns, without torchdiffeq."""
+    _refuse_other_systems(driven)
+    return _Solve(driven, x0, t, step_size, scheme).differentiable()
+
+
+hooks.add_methods({METHOD: DiscreteGradient, ADJOINT_METHOD: DiscreteGradientAdjoint})

@@ -17,7 +17,9 @@ import torchdiffeq
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate.method import ADJOINT_METHOD, METHOD
+from phnn.integrate import hooks
+from phnn.integrate.method import ADJOINT_METHOD, METHOD, solve
+from phnn.integrate.scheme import Scheme
 from phnn.network.driven import DrivenSystem
 from phnn.network.system import PortHamiltonianSystem
 
@@ -43,6 +45,7 @@ def odeint(
     jump_t: Tensor | None = None,
     max_steps: int = _MAX_STEPS,
     step_size: float | None = None,
+    scheme: Scheme = Scheme.DISCRETE_GRADIENT,
 ) -> Tensor:
     """Solve ``ẋ = system(t, x)`` with torchdiffeq.
 
@@ -55,6 +58,7 @@ def odeint(
         jump_t: (K,) times at which the input or its slope jumps (its knots).
         max_steps: adaptive steps allowed between two outputs.
         step_size: longest step of "discrete_gradient" [s]; one step per output interval where it is left out.
+        scheme: its discretisation of reducible storages.
 
     Returns:
         (N, ..., n) states at the output times.
@@ -68,7 +72,7 @@ def odeint(
     watched = _Watched(system, remember=adjoint or jump_t is not None)
     _check_first(watched, t, x0, adjoint)
     if method == METHOD:
-        return _power_preserving(system, x0, t, adjoint, step_size)
+        return _power_preserving(system, x0, t, adjoint, {"step_size": step_size, "scheme": scheme})
     jumps = _inside(jump_t, t)
     options = _options(method, t, jumps, max_steps)
     try:
@@ -90,9 +94,10 @@ def odeint(
     return xs
 
 
-def _power_preserving(system: nn.Module, x0: Tensor, t: Tensor, adjoint: bool, step_size: float | None) -> Tensor:
+def _power_preserving(system: nn.Module, x0: Tensor, t: Tensor, adjoint: bool, options: dict[str, Any]) -> Tensor:
     """The step of a port-Hamiltonian system, which is not watched: it names its failures itself."""
-    options = {"step_size": step_size}
+    if not hooks.takes_methods():
+        return solve(system, x0, t, **options)  # type: ignore[arg-type]
     if not adjoint:
         return torchdiffeq.odeint(system, x0, t, method=METHOD, options=options)
     return torchdiffeq.odeint_adjoint(

@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from phnn.integrate.scheme import Scheme
+from phnn.integrate.tables import EXACT, GRADIENT, LOSSLESS, RADAU
 from phnn.laws import RESISTOR_LAWS
 from phnn.network.elements import Network, Ratio, Resistor, Storage
 from phnn.network.roles import imposed
@@ -60,6 +62,31 @@ def is_leak(resistor: Resistor) -> bool:
 def exact_order(places: Sequence[int], resistors: Sequence[Resistor]) -> list[int]:
     """The resistors of a leaf in the order in which the kernel has them: leaks after the one with a dead zone."""
     return sorted(places, key=lambda r: is_leak(resistors[r]))
+
+
+def resistors_of(network: Network, storage: str) -> list[int]:
+    """Numbers of the resistors that act on one storage alone, in the order of `exact_order`."""
+    return exact_order([k for k, r in enumerate(network.resistors) if tuple(r.on) == (storage,)], network.resistors)
+
+
+def rule_of(network: Network, storage: str, scheme: Scheme) -> int:
+    """How a leaf is advanced under a scheme: ``LOSSLESS``, ``EXACT``, ``RADAU`` or ``GRADIENT`` of the tables."""
+    resistors = [network.resistors[k] for k in resistors_of(network, storage)]
+    if not resistors:
+        return LOSSLESS
+    if not is_linear(network.storages[network.storage_names.index(storage)]) or scheme is Scheme.MIDPOINT:
+        return GRADIENT
+    first, others = resistors[0].law, resistors[1:]
+    piecewise = isinstance(first, str) and RESISTOR_LAWS[first].thresholds is not None
+    plain = all(r.on[storage] == 1.0 for r in resistors) and all(map(is_leak, others))
+    return EXACT if scheme is Scheme.DISCRETE_GRADIENT and piecewise and plain else RADAU
+
+
+def reducible(network: Network, scheme: Scheme) -> dict[str, int]:
+    """The reducible storages that a scheme advances by another rule than the discrete gradient, and this rule."""
+    junctions = junctions_of(network)
+    rules = {name: rule_of(network, name, scheme) for name in network.storage_names if name not in junctions}
+    return {name: rule for name, rule in rules.items() if rule in (EXACT, RADAU)}
 
 
 def merged_couplings(network: Network) -> dict[tuple[str, str, Ratio], int]:

@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate.program import Program
-from phnn.integrate.tables import PORTS, RATIO, rows_of
+from phnn.integrate.tables import (
+    PLACE_1,
+    PLACE_4,
+    PORTS,
+    RATIO,
+    rows_of,
+)
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -77,7 +83,7 @@ def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
     """The pattern of a program for the parameters at some places."""
     table, uses, known = program.table, program.uses, len(program.states) + len(program.junctions)
     inputs = [*range(known), *(known + place for place in active)]
-    in_ports = np.isin(active, rows_of(table, PORTS)[:, 1:5])
+    in_ports = np.isin(active, rows_of(table, PORTS)[:, PLACE_1 : PLACE_4 + 1])
     first, given = _listed(uses.leaves, inputs)
     leaf = np.repeat(np.arange(len(uses.leaves)), np.diff(first))
     names = np.array(inputs, dtype=np.int64)[given]

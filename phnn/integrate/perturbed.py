@@ -17,7 +17,21 @@ from phnn.integrate.constants import CONSTANTS
 from phnn.integrate.lookups import count, factor, is_linear, junction_storage
 from phnn.integrate.pattern import Pattern, Run
 from phnn.integrate.step import is_closed, leaf_closed, leaf_moved, leaf_search
-from phnn.integrate.tables import FACTORS, JUNCTIONS, LEAVES, MEMORIES, RATIO, SIGN, Integers, rows_of
+from phnn.integrate.tables import (
+    FACTORS,
+    FIRST_LINK,
+    JUNCTIONS,
+    LAST_LINK,
+    LEAVES,
+    MEMORIES,
+    RATIO,
+    RATIO_PLACE,
+    READ,
+    SIGN,
+    TO_JUNCTION,
+    Integers,
+    rows_of,
+)
 from phnn.integrate.terms import FORCE, junction_flows, junction_term, read
 from phnn.laws.namespace import TINY
 
@@ -184,10 +198,10 @@ def scale(t: Any, p: Any, d: Any, h: Any) -> None:
             r = p.scaled[place]
             g[r] = t[r, SIGN] * d.theta[t[r, RATIO]]
         for f in range(t[0, FACTORS], t[0, FACTORS + 1]):
-            by = factor(t, f, read(t, t[f, 5], d.c[which], g, d.a[act], d.x, d.y, h, d.wj), d.theta)
+            by = factor(t, f, read(t, t[f, READ], d.c[which], g, d.a[act], d.x, d.y, h, d.wj), d.theta)
             for place in range(p.scaled.shape[0]):
                 r = p.scaled[place]
-                if t[r, RATIO] == t[f, 6]:
+                if t[r, RATIO] == t[f, RATIO_PLACE]:
                     g[r] *= by
         if i >= 0:
             perturb(p, d, i, 0.0)
@@ -233,8 +247,8 @@ def leaf_in_full(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
         perturb(p, d, i, 0.0)
         d.by_leaf[pair] = end.imag / TINY
         d.by_mean[pair] = mean.imag / TINY
-        for r in range(t[row, 5], t[row, 6]):
-            d.by_force[t[r, 0], i] += (g[r] * mean).imag / TINY
+        for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
+            d.by_force[t[r, TO_JUNCTION], i] += (g[r] * mean).imag / TINY
 
 
 @inline

@@ -34,7 +34,15 @@ from phnn.integrate.perturbed import (
     perturb,
     places_of,
 )
-from phnn.integrate.tables import LEAVES
+from phnn.integrate.tables import (
+    FIRST_INLET,
+    FIRST_LINK,
+    FROM_PORT,
+    LAST_INLET,
+    LAST_LINK,
+    LEAVES,
+    TO_JUNCTION,
+)
 from phnn.laws.leaf import slides_on
 from phnn.laws.namespace import TINY
 
@@ -63,12 +71,12 @@ def _shift(t: Any, p: Any, d: Any, row: Any, i: Any) -> Any:
     """How an input changes the current of the leaf in a row."""
     _, slot, act = places_of(p, d, i)
     total = 0.0
-    for r in range(t[row, 5], t[row, 6]):
-        total += d.g[slot, r].imag / TINY * d.flows[t[r, 0]]
-        if i == d.x.shape[0] + t[r, 0]:
+    for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
+        total += d.g[slot, r].imag / TINY * d.flows[t[r, TO_JUNCTION]]
+        if i == d.x.shape[0] + t[r, TO_JUNCTION]:
             total += d.g[slot, r].real
-    for r in range(t[row, 7], t[row, 8]):
-        total += (d.g[slot, r] * d.a[act, t[r, 0]]).imag / TINY
+    for r in range(t[row, FIRST_INLET], t[row, LAST_INLET]):
+        total += (d.g[slot, r] * d.a[act, t[r, FROM_PORT]]).imag / TINY
     return total
 
 
@@ -81,13 +89,13 @@ def exert(t: Any, p: Any, d: Any, leaf: Any, exerted: Any) -> None:
         for pair in range(p.first[leaf], p.first[leaf + 1]):
             force[p.input[pair]] += ratio * d.by_mean[pair] + d.by_ratio[pair] * exerted
     else:
-        for r in range(t[row, 5], t[row, 6]):
+        for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
             for pair in range(p.first[leaf], p.first[leaf + 1]):
-                d.by_force[t[r, 0], p.input[pair]] += d.g[0, r].real * d.by_mean[pair]
+                d.by_force[t[r, TO_JUNCTION], p.input[pair]] += d.g[0, r].real * d.by_mean[pair]
     if d.kinds[leaf, SHIFTS] > 0:
         for pair in range(p.first[leaf], p.first[leaf + 1]):
-            for r in range(t[row, 5], t[row, 6] if p.shifts[pair] else t[row, 5]):
-                d.by_force[t[r, 0], p.input[pair]] += d.g[p.slot[p.input[pair]], r].imag / TINY * exerted
+            for r in range(t[row, FIRST_LINK], t[row, LAST_LINK] if p.shifts[pair] else t[row, FIRST_LINK]):
+                d.by_force[t[r, TO_JUNCTION], p.input[pair]] += d.g[p.slot[p.input[pair]], r].imag / TINY * exerted
 
 
 @inline
@@ -120,10 +128,10 @@ def current_of(t: Any, d: Any, leaf: Any) -> Any:
     if only >= 0:
         return d.values[leaf, TIMES] * d.flows[only]
     total = 0.0
-    for r in range(t[row, 5], t[row, 6]):
-        total += d.g[0, r].real * d.flows[t[r, 0]]
-    for r in range(t[row, 7], t[row, 8]):
-        total += d.g[0, r].real * d.a[0, t[r, 0]].real
+    for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
+        total += d.g[0, r].real * d.flows[t[r, TO_JUNCTION]]
+    for r in range(t[row, FIRST_INLET], t[row, LAST_INLET]):
+        total += d.g[0, r].real * d.a[0, t[r, FROM_PORT]].real
     return total
 
 

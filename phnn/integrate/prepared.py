@@ -25,7 +25,18 @@ from phnn.integrate.perturbed import (
     WHOLE,
     parameter,
 )
-from phnn.integrate.tables import LEAVES, LOSSLESS
+from phnn.integrate.tables import (
+    FIRST_INLET,
+    FIRST_LINK,
+    IS_LINEAR,
+    LAST_INLET,
+    LAST_LINK,
+    LEAVES,
+    LOSSLESS,
+    OWN_STORAGE,
+    RULE,
+    TO_JUNCTION,
+)
 from phnn.laws.leaf import resting, sliding
 from phnn.laws.namespace import TINY
 
@@ -69,10 +80,10 @@ def prepare_pairs(t: Any, p: Any, d: Any, leaf: Any) -> None:
         k = parameter(d, i)
         # By how much an unknown moves the current.
         d.by_current[pair], d.by_ratio[pair] = 0.0, 0.0
-        for r in range(t[row, 5], t[row, 6]):
-            d.by_current[pair] += d.g[0, r].real if i == n + t[r, 0] and not p.varies[leaf] else 0.0
+        for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
+            d.by_current[pair] += d.g[0, r].real if i == n + t[r, TO_JUNCTION] and not p.varies[leaf] else 0.0
         if only and p.shifts[pair]:
-            d.by_ratio[pair] = d.g[p.slot[i], t[row, 5]].imag / TINY
+            d.by_ratio[pair] = d.g[p.slot[i], t[row, FIRST_LINK]].imag / TINY
         for piece in range(3):
             by, of = d.affine[pair, piece], d.whole[none, leaf, piece]
             threshold = 0.0
@@ -82,7 +93,7 @@ def prepare_pairs(t: Any, p: Any, d: Any, leaf: Any) -> None:
                 for term in range(3):
                     by[4 * out + term] = d.whole[k, leaf, piece, 3 * out + term] if k >= 0 else 0.0
                 by[4 * out + 1] = by[4 * out + 1] * times + of[3 * out + 1] * d.by_ratio[pair]
-                own = of[3 * out] if i == t[row, 0] else 0.0
+                own = of[3 * out] if i == t[row, OWN_STORAGE] else 0.0
                 by[4 * out + 3] = own + of[3 * out + 1] * d.by_current[pair] + of[3 * out + 2] * threshold
 
 
@@ -91,17 +102,17 @@ def prepare_values(t: Any, p: Any, d: Any, leaf: Any) -> None:
     """What a leaf is and has, in one place."""
     stay_outside()
     row, c, kind, own = t[0, LEAVES] + leaf, d.c[p.active.shape[0], leaf], d.kinds[leaf], d.values[leaf]
-    kind[STORAGE], kind[ONLY_LINK], kind[SHIFTS] = t[row, 0], -1, 0
+    kind[STORAGE], kind[ONLY_LINK], kind[SHIFTS] = t[row, OWN_STORAGE], -1, 0
     for pair in range(p.first[leaf], p.first[leaf + 1]):
         if p.shifts[pair]:
             kind[SHIFTS] = 1
-    if t[row, 6] - t[row, 5] == 1 and t[row, 8] == t[row, 7] and not p.varies[leaf]:
+    if t[row, LAST_LINK] - t[row, FIRST_LINK] == 1 and t[row, LAST_INLET] == t[row, FIRST_INLET] and not p.varies[leaf]:
         # What parameters change of its ratio is among the coefficients.
-        kind[ONLY_LINK], kind[SHIFTS] = t[t[row, 5], 0], 0
-        own[TIMES] = d.g[0, t[row, 5]].real
+        kind[ONLY_LINK], kind[SHIFTS] = t[t[row, FIRST_LINK], TO_JUNCTION], 0
+        own[TIMES] = d.g[0, t[row, FIRST_LINK]].real
     kind[KIND] = WHOLE
-    if p.affine[leaf] and t[row, 1] == LOSSLESS:
-        kind[KIND] = ONE_PIECE if t[row, 2] > 0 else CURVED
+    if p.affine[leaf] and t[row, RULE] == LOSSLESS:
+        kind[KIND] = ONE_PIECE if t[row, IS_LINEAR] > 0 else CURVED
     elif p.affine[leaf]:
         kind[KIND] = FOLLOWING if p.reads[leaf] else PIECEWISE
     own[STIFF], own[LEAKS], own[LOWER], own[UPPER] = c[STIFFNESS].real, c[LEAK].real, c[LOW].real, c[HIGH].real

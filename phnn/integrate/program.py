@@ -14,19 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
+from phnn.integrate.compilable import LAWS, obstacle
 from phnn.integrate.dispatch import SCALARS, STORAGE_SCALARS
-from phnn.integrate.partition import exact_order, is_leak, is_linear, junctions_of, merged_couplings
+from phnn.integrate.partition import is_linear, junctions_of, merged_couplings, resistors_of, rule_of
+from phnn.integrate.scheme import Scheme
 from phnn.integrate.sources import source_rows
 from phnn.integrate.tables import (
     BRANCHES,
-    EXACT,
     FACTORS,
-    GRADIENT,
+    FIRST_BRANCH,
+    FIRST_LINK,
+    FIRST_RESISTOR,
+    FIRST_SOURCE,
     GYRATORS,
+    IS_LINEAR,
     JUNCTION_INLETS,
     JUNCTION_RESISTORS,
     JUNCTIONS,
     KINDS,
+    LAST_BRANCH,
+    LAST_LINK,
+    LAST_SOURCE,
     LEAF_INLETS,
     LEAF_RESISTORS,
     LEAVES,
@@ -34,31 +42,25 @@ from phnn.integrate.tables import (
     LOSSLESS,
     MEMORIES,
     NONE,
+    OWN_STORAGE,
     PORTS,
-    RADAU,
+    READ,
     READS,
+    RULE,
+    SOURCE_RESISTOR,
     SOURCES,
     STORAGES,
+    TO_JUNCTION,
     Integers,
     rows_of,
     stack,
 )
 from phnn.integrate.uses import Uses, uses_of
-from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
-from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 from phnn.network.elements import Network, Ratio, Resistor, Storage
 from phnn.network.roles import imposed
 
-LEAF_RULES = ("exact", "radau", "midpoint")
 # What a leaf owns, in the order of its columns.
 _OWNED = (LEAF_RESISTORS, LINKS, LEAF_INLETS)
-_LAWS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
-    "storage": (STORAGE_LAWS, WIDE_STORAGES),
-    "resistor": (RESISTOR_LAWS, WIDE_RESISTORS),
-    "port": (PORT_LAWS, {}),
-    "modulation": (FACTOR_LAWS, {}),
-    "memory": (MEMORY_LAWS, {}),
-}
 _MOST_KNOWN = 512
 _KNOWN: dict[Any, tuple[Any, Program]] = {}
 
@@ -74,6 +76,7 @@ class Program:
         states: names of the storages, then of the memories; junctions, leaves: the storages that are one or the other.
         table: for the kernel, see `phnn.integrate.tables`.
         output: index of the measured storage.
+        scheme: how the steps are discretised.
         moving, travel: indices of the momentum and the displacement of an imposed motion; -1 where none is imposed.
         uses: which inputs the equations of a step contain.
     """
@@ -87,6 +90,7 @@ class Program:
     table: Integers
     output: int
     uses: Uses
+    scheme: Scheme = Scheme.DISCRETE_GRADIENT
     moving: int = NONE
     travel: int = NONE
 
@@ -100,21 +104,21 @@ class Program:
         if output in self.junctions:
             return self.output
         leaf = rows_of(self.table, LEAVES)[self.leaves.index(output)]
-        if leaf[5] == leaf[6]:
+        if leaf[FIRST_LINK] == leaf[LAST_LINK]:
             raise StructureViolated(f"nothing flows into {output}: couple it to another storage")
-        return self.states.index(self.junctions[self.table[leaf[5], 0]])
+        return self.states.index(self.junctions[self.table[leaf[FIRST_LINK], TO_JUNCTION]])
 
     @cached_property
     def linear(self) -> tuple[bool, ...]:
         """Whether the effort of each storage is linear; only meant of junctions."""
         rows = rows_of(self.table, JUNCTIONS)
-        found = {int(row[0]): bool(row[1]) for row in rows}
+        found = {int(row[OWN_STORAGE]): bool(row[IS_LINEAR]) for row in rows}
         return tuple(found.get(k, False) for k in range(len(self.states)))
 
     @cached_property
     def rules(self) -> dict[str, int]:
         """How each leaf is advanced, see `phnn.integrate.tables`."""
-        return dict(zip(self.leaves, rows_of(self.table, LEAVES)[:, 1].tolist(), strict=True))
+        return dict(zip(self.leaves, rows_of(self.table, LEAVES)[:, RULE].tolist(), strict=True))
 
     @cached_property
     def dissipative(self) -> tuple[int, ...]:
@@ -133,37 +137,32 @@ class Program:
         return np.concatenate([np.array([*(values[n] for n in self.names), *self.constants]), *weights])
 
 
-def compile_network(network: Network, leaf_rule: str = "exact") -> Program:
-    """The kernel's program of a network.
-
-    Args:
-        leaf_rule: how a linear storage with resistors is advanced. ``exact``: by its exact flow where it has one
-            piecewise linear resistor, and any number of linear ones, else by two-stage Radau IIA; ``radau``: always by
-            the latter; ``midpoint``: by the discrete gradient, as every other element.
+def compile_network(network: Network, scheme: Scheme = Scheme.DISCRETE_GRADIENT) -> Program:
+    """The kernel's program of a network under a scheme.
 
     Raises:
-        StructureViolated: an unknown law or leaf rule, or a torch module without weights for the kernel;
-            `phnn.integrate.dense` solves it in torch.
+        StructureViolated: an unknown law, or a torch module without weights for the kernel, which
+            `phnn.integrate.dense` solves in torch; see `phnn.integrate.compilable.can_compile`.
     """
-    if leaf_rule not in LEAF_RULES:
-        raise StructureViolated(f"leaf_rule = {leaf_rule!r}: choose one of {', '.join(LEAF_RULES)}")
     # Networks that differ in parameter values alone share their elements.
     n = network
     elements = (n.storages, n.resistors, n.couplings, n.ports, n.modulations, n.memories)
-    key = (*map(id, elements), tuple(network.parameters), network.output, network.senses, leaf_rule)
+    key = (*map(id, elements), tuple(network.parameters), network.output, network.senses, scheme)
     if key not in _KNOWN:
+        if reason := obstacle(network):
+            raise StructureViolated(reason)
         if len(_KNOWN) >= _MOST_KNOWN:
             _KNOWN.clear()
         # The elements are kept with the program, so that no other object can get their identity.
-        _KNOWN[key] = (elements, _Builder(network, leaf_rule).program())
+        _KNOWN[key] = (elements, _Builder(network, scheme).program())
     return _KNOWN[key][1]
 
 
 class _Builder:
     """Gives every element its row, and every name, constant and weight its place in ``theta``."""
 
-    def __init__(self, network: Network, leaf_rule: str) -> None:
-        self.network, self.leaf_rule = network, leaf_rule
+    def __init__(self, network: Network, scheme: Scheme) -> None:
+        self.network, self.scheme = network, scheme
         self.names = tuple(network.parameters)
         # The first constant stands where a law has fewer parameters than the kernel passes.
         self.constants = tuple(sorted({0.0, 1.0} | {float(v) for v in self._all_ratios() if not isinstance(v, str)}))
@@ -189,33 +188,25 @@ class _Builder:
 
     def _law(self, kind: str, name: str, law: Any, parameters: tuple[str, ...]) -> list[int]:
         """Code and places, or the block of weights, of a law."""
-        scalar, wide = _LAWS[kind]
+        scalar, wide = LAWS[kind]
         if isinstance(law, str):
-            if law not in scalar:
-                raise StructureViolated(f"{kind} {name}: no law called {law!r}; there are {', '.join(scalar)}")
             most = STORAGE_SCALARS if kind == "storage" else SCALARS
-            if len(parameters) > most:
-                raise StructureViolated(f"{kind} {name}: {len(parameters)} parameters; the kernel passes {most}")
             places = [self.names.index(n) for n in parameters]
             return [list(scalar).index(law), *places, *[self._place(0.0)] * (most - len(places))]
-        known = str(getattr(law, "law", None))
-        if known not in wide:
-            raise StructureViolated(f"{kind} {name}: this torch module has no kernel; solve with phnn.integrate.dense")
         first = self.size
         self.size += int(law.weights().numel())
         self.modules.append((kind, name))
-        return [len(scalar) + list(wide).index(known), first, int(law.units), first, first]
+        return [len(scalar) + list(wide).index(law.law), first, int(law.units), first, first]
 
     def program(self) -> Program:
         network, leaves, junctions = self.network, self.leaves, self.junctions
         rows: dict[int, list[list[int]]] = {kind: [] for kind in range(KINDS)}
         rows[STORAGES] = [self._law("storage", s.name, s.law, s.parameters) for s in network.storages]
-        rows[JUNCTIONS] = [[self.states.index(j), int(is_linear(self._storage(j)))] for j in junctions]
+        rows[JUNCTIONS] = [[self.states.index(j), NONE, int(is_linear(self._storage(j)))] for j in junctions]
         rows[PORTS] = [self._law("port", p.name, p.law, p.parameters) for p in network.ports]
         rows[READS] = [self._read(name) for name in self.reads]
         for name in leaves:
-            mine = [k for k, r in enumerate(network.resistors) if tuple(r.on) == (name,)]
-            resistors = [network.resistors[k] for k in exact_order(mine, network.resistors)]
+            resistors = [network.resistors[k] for k in resistors_of(network, name)]
             before = [len(rows[k]) for k in _OWNED]
             for r in resistors:
                 self._with_ratio(rows, LEAF_RESISTORS, self._resistor(r), r.on[name])
@@ -223,7 +214,7 @@ class _Builder:
             self._inlets(rows, LEAF_INLETS, name, [])
             storage = self._storage(name)
             ranges = [n for k, first in zip(_OWNED, before, strict=True) for n in (first, len(rows[k]))]
-            rule = self._rule(storage, resistors)
+            rule = rule_of(network, name, self.scheme)
             rows[LEAVES].append([self.states.index(name), rule, int(is_linear(storage)), *ranges])
         for j, name in enumerate(junctions):
             self._inlets(rows, JUNCTION_INLETS, name, [j])
@@ -247,7 +238,7 @@ class _Builder:
         places = () if given is None else map(self.states.index, (given.motion.momentum, given.motion.displacement))
         return Program(
             self.names, self.constants, tuple(self.modules), self.states, junctions, leaves, table,
-            self.states.index(network.output), uses_of(table), *places,
+            self.states.index(network.output), uses_of(table), self.scheme, *places,
         )  # fmt: skip
 
     def _read(self, name: str) -> list[int]:
@@ -267,13 +258,13 @@ class _Builder:
         first = table[0]
         leaves = rows_of(table, LEAVES)
         for column, kind in enumerate(_OWNED):
-            leaves[:, 3 + 2 * column : 5 + 2 * column] += first[kind]
+            leaves[:, FIRST_RESISTOR + 2 * column : FIRST_RESISTOR + 2 * column + 2] += first[kind]
         for kind in (LEAF_RESISTORS, JUNCTION_RESISTORS, FACTORS):
             found = rows_of(table, kind)
-            found[:, 5] = np.where(found[:, 5] >= 0, found[:, 5] + first[READS], NONE)
-        rows_of(table, JUNCTION_RESISTORS)[:, 6:8] += first[BRANCHES]
-        rows_of(table, MEMORIES)[:, 5:7] += first[SOURCES]
-        branches = rows_of(table, SOURCES)[:, 1]
+            found[:, READ] = np.where(found[:, READ] >= 0, found[:, READ] + first[READS], NONE)
+        rows_of(table, JUNCTION_RESISTORS)[:, FIRST_BRANCH : LAST_BRANCH + 1] += first[BRANCHES]
+        rows_of(table, MEMORIES)[:, FIRST_SOURCE : LAST_SOURCE + 1] += first[SOURCES]
+        branches = rows_of(table, SOURCES)[:, SOURCE_RESISTOR]
         branches[branches >= 0] += first[JUNCTION_RESISTORS]
         return table
 
@@ -283,16 +274,6 @@ class _Builder:
     def _resistor(self, r: Resistor) -> list[int]:
         read = NONE if r.modulated_by is None else self.reads.index(r.modulated_by)
         return [*self._law("resistor", r.name, r.law, r.parameters), read]
-
-    def _rule(self, storage: Storage, resistors: list[Resistor]) -> int:
-        if not resistors:
-            return LOSSLESS
-        if not is_linear(storage) or self.leaf_rule == "midpoint":
-            return GRADIENT
-        first, others = resistors[0].law, resistors[1:]
-        piecewise = isinstance(first, str) and RESISTOR_LAWS[first].thresholds is not None
-        plain = all(r.on[storage.name] == 1.0 for r in resistors) and all(map(is_leak, others))
-        return EXACT if self.leaf_rule == "exact" and piecewise and plain else RADAU
 
     def _links(self, rows: dict[int, list[list[int]]], leaf: str) -> None:
         for (to, of, ratio), times in self.couplings.items():

@@ -48,15 +48,31 @@ from phnn.integrate.roots import extrapolated, make_root
 from phnn.integrate.tables import (
     EXACT,
     FACTORS,
+    FIRST_BRANCH,
+    FIRST_INLET,
+    FIRST_LINK,
+    FIRST_RESISTOR,
+    FROM_PORT,
     GYRATORS,
+    IS_LINEAR,
     JUNCTION_INLETS,
     JUNCTION_RESISTORS,
     JUNCTIONS,
+    LAST_BRANCH,
+    LAST_INLET,
+    LAST_LINK,
+    LAW,
     LEAVES,
     LINKS,
     LOSSLESS,
     MEMORIES,
+    OWN_STORAGE,
     RATIO,
+    RATIO_PLACE,
+    READ,
+    READ_LEAF,
+    READ_MEMORY,
+    RULE,
     SIGN,
     STORAGES,
     rows_of,
@@ -68,6 +84,8 @@ from phnn.laws.namespace import TINY
 Array = NDArray[np.float64]
 
 GAIN = CONSTANTS
+# Columns of the leaves' kinds.
+_RULE, _STORAGE, _RESISTOR = range(3)
 # Beside the rules of the table: a lossless leaf whose law is not linear, a leaf whose thresholds follow something.
 _CURVED, _FOLLOWING = -1, -2
 
@@ -77,12 +95,12 @@ def serves(program: Program) -> bool:
     """Whether the steps of a program have the form above."""
     t = program.table
     junctions, leaves = rows_of(t, JUNCTIONS), rows_of(t, LEAVES)
-    if len(junctions) != 1 or not junctions[0, 1] or len(rows_of(t, GYRATORS)):
+    if len(junctions) != 1 or not junctions[0, IS_LINEAR] or len(rows_of(t, GYRATORS)):
         return False
-    single = (leaves[:, 6] - leaves[:, 5] == 1) & (leaves[:, 8] == leaves[:, 7])
-    closed = np.isin(leaves[:, 1], (LOSSLESS, EXACT))
+    single = (leaves[:, LAST_LINK] - leaves[:, FIRST_LINK] == 1) & (leaves[:, LAST_INLET] == leaves[:, FIRST_INLET])
+    closed = np.isin(leaves[:, RULE], (LOSSLESS, EXACT))
     scalable = [row for kind in (LINKS, JUNCTION_INLETS) for row in range(t[0, kind], t[0, kind + 1])]
-    slow = t[rows_of(t, FACTORS)[:, 5], 2] >= 0
+    slow = t[rows_of(t, FACTORS)[:, READ], READ_MEMORY] >= 0
     return bool((single & closed).all() and slow.all()) and set(program.uses.scaled) <= set(scalable)
 
 
@@ -91,11 +109,11 @@ def _read(t: Any, r: Any, y: Any, capacity: Any, gains: Any, kinds: Any, x: Any,
     """`phnn.integrate.step.read`."""
     if r < 0:
         return 0.0 * y
-    leaf = t[r, 0]
-    if t[r, 2] >= 0:
-        return x[t[r, 2]] + 0.0 * y
+    leaf = t[r, READ_LEAF]
+    if t[r, READ_MEMORY] >= 0:
+        return x[t[r, READ_MEMORY]] + 0.0 * y
     if leaf >= 0:
-        return x[kinds[leaf, 1]] + 0.5 * h * gains[leaf, GAIN] * y
+        return x[kinds[leaf, _STORAGE]] + 0.5 * h * gains[leaf, GAIN] * y
     return p + (y * capacity - p)
 
 
@@ -121,36 +139,36 @@ def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
     size = (abs(change.real) + abs(p)) * rate + abs(damping * y.real) + abs(drive)
     for other in range(others.shape[0]):
         r, ratio = others[other], ratios[other]
-        q = _read(t, t[r, 5], y, capacity, c, kinds, x, h, p)
+        q = _read(t, t[r, READ], y, capacity, c, kinds, x, h, p)
         lost = ratio * resistor_flow(t, r, ratio * y, q, theta)
         force += lost
         size += abs(lost.real)
     for leaf in range(kinds.shape[0]):
         gain = c[leaf, GAIN]
-        if kinds[leaf, 0] == LOSSLESS:
+        if kinds[leaf, _RULE] == LOSSLESS:
             moved = h * gain * y
-            end = x[kinds[leaf, 1]] + moved
-            mean = c[leaf, STIFFNESS] * (x[kinds[leaf, 1]] + 0.5 * moved)
-        elif kinds[leaf, 0] == _CURVED:
-            start = x[kinds[leaf, 1]] + 0.0 * y
+            end = x[kinds[leaf, _STORAGE]] + moved
+            mean = c[leaf, STIFFNESS] * (x[kinds[leaf, _STORAGE]] + 0.5 * moved)
+        elif kinds[leaf, _RULE] == _CURVED:
+            start = x[kinds[leaf, _STORAGE]] + 0.0 * y
             end = start + h * gain * y
-            mean = mean_effort(t, kinds[leaf, 1], start, end, theta)
-        elif kinds[leaf, 0] == _FOLLOWING:
-            r = kinds[leaf, 2]
-            q = _read(t, t[r, 5], y, capacity, c, kinds, x, h, p)
+            mean = mean_effort(t, kinds[leaf, _STORAGE], start, end, theta)
+        elif kinds[leaf, _RULE] == _FOLLOWING:
+            r = kinds[leaf, _RESISTOR]
+            q = _read(t, t[r, READ], y, capacity, c, kinds, x, h, p)
             rho, low, high = resistor_thresholds(t, r, q, theta)
             one, two = _relaxation(c[leaf], rho, h)
             end, mean = rc_flow(
-                x[kinds[leaf, 1]], gain * y, h, c[leaf, STIFFNESS], rho, low, high, c[leaf, LEAK], one, two,
+                x[kinds[leaf, _STORAGE]], gain * y, h, c[leaf, STIFFNESS], rho, low, high, c[leaf, LEAK], one, two,
                 c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
             )  # fmt: skip
         else:
             end, mean = rc_flow(
-                x[kinds[leaf, 1]], gain * y, h, c[leaf, STIFFNESS], c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH],
+                x[kinds[leaf, _STORAGE]], gain * y, h, c[leaf, STIFFNESS], c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH],
                 c[leaf, LEAK], c[leaf, ONE], c[leaf, TWO], c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
             )  # fmt: skip
-        ends[kinds[leaf, 1]] = end
-        means[kinds[leaf, 1]] = mean
+        ends[kinds[leaf, _STORAGE]] = end
+        means[kinds[leaf, _STORAGE]] = mean
         force += gain * mean
         size += abs(gain * mean.real)
     return force, size
@@ -187,19 +205,23 @@ def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: 
     fill_constants(t, theta, h, constants)
     for leaf in range(leaves):
         row = t[0, LEAVES] + leaf
-        kinds[leaf, 0], kinds[leaf, 1], kinds[leaf, 2] = t[row, 1], t[row, 0], t[row, 3]
+        kinds[leaf, _RULE], kinds[leaf, _STORAGE], kinds[leaf, _RESISTOR] = (
+            t[row, RULE],
+            t[row, OWN_STORAGE],
+            t[row, FIRST_RESISTOR],
+        )
         for i in range(CONSTANTS):
             c[leaf, i] = constants[leaf, i]
-        c[leaf, GAIN] = g[t[row, 5]]
-        if t[row, 1] == LOSSLESS and t[row, 2] <= 0:
-            kinds[leaf, 0] = _CURVED
-        if t[row, 1] == EXACT and t[t[row, 3], 5] >= 0:
-            kinds[leaf, 0] = _FOLLOWING
+        c[leaf, GAIN] = g[t[row, FIRST_LINK]]
+        if t[row, RULE] == LOSSLESS and t[row, IS_LINEAR] <= 0:
+            kinds[leaf, _RULE] = _CURVED
+        if t[row, RULE] == EXACT and t[t[row, FIRST_RESISTOR], READ] >= 0:
+            kinds[leaf, _RULE] = _FOLLOWING
             c[leaf, RHO] = np.nan
     damping, other = 0.0, 0
     for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
         b = 0.0
-        for branch in range(t[r, 6], t[r, 7]):
+        for branch in range(t[r, FIRST_BRANCH], t[r, LAST_BRANCH]):
             b += g[branch]
         if other < others.shape[0] and others[other] == r:
             ratios[other] = b
@@ -217,13 +239,13 @@ def _scale(t: Any, theta: Any, x: Any, g: Any, scaled: Any, c: Any) -> None:
         r = scaled[place]
         g[r] = t[r, SIGN] * theta[t[r, RATIO]]
     for f in range(t[0, FACTORS], t[0, FACTORS + 1]):
-        by = factor(t, f, x[t[t[f, 5], 2]], theta)
+        by = factor(t, f, x[t[t[f, READ], READ_MEMORY]], theta)
         for place in range(scaled.shape[0]):
             r = scaled[place]
-            if t[r, RATIO] == t[f, 6]:
+            if t[r, RATIO] == t[f, RATIO_PLACE]:
                 g[r] *= by
     for leaf in range(c.shape[0]):
-        c[leaf, GAIN] = g[t[t[0, LEAVES] + leaf, 5]]
+        c[leaf, GAIN] = g[t[t[0, LEAVES] + leaf, FIRST_LINK]]
 
 
 @plain
@@ -259,7 +281,7 @@ def _steps(
             _scale(t, theta, states[n], g, scaled, c)
         drive = 0.0
         for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
-            drive += g[r] * actions[n, t[r, 0]]
+            drive += g[r] * actions[n, t[r, FROM_PORT]]
         p = states[n, k]
         y = extrapolated(efforts, n, k) if n > 0 else p / capacity
         step = (kinds, c, capacity, damping, drive, h[n], p, others, ratios)
@@ -281,12 +303,12 @@ _compiled = loop_entry(_steps)
 
 
 def march(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
-    """`phnn.integrate.kernel.march` from the state in ``states[0]`` and under the actions of the ports."""
+    """`phnn.integrate.kernel.Kernel.march` of the networks that it serves."""
     t = program.table
     leaves, ends = len(rows_of(t, LEAVES)), np.zeros(states.shape[1], np.complex128)
     memory = (np.zeros(len(t)), np.zeros((leaves + 1, CONSTANTS)), np.zeros((leaves, 3), np.int64))
     own = (*memory, np.zeros((leaves, CONSTANTS + 1)), theta.astype(np.complex128), ends, np.zeros_like(ends))
-    linear = np.isin(rows_of(t, JUNCTION_RESISTORS)[:, 0], LINEAR_RESISTOR_CODES)
+    linear = np.isin(rows_of(t, JUNCTION_RESISTORS)[:, LAW], LINEAR_RESISTOR_CODES)
     others = t[0, JUNCTION_RESISTORS] + np.flatnonzero(~linear)
     slow = (np.zeros(1), np.zeros((4, 1)), np.zeros((2, states.shape[1])))
     scaled = np.array(program.uses.scaled, dtype=np.int64)

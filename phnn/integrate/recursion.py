@@ -15,7 +15,10 @@ from typing import Any
 from phnn.integrate.compiled import inline, loop
 from phnn.integrate.elimination import eliminate
 from phnn.integrate.lookups import junction_storage
-from phnn.integrate.tables import LEAVES
+from phnn.integrate.tables import (
+    LEAVES,
+    OWN_STORAGE,
+)
 
 Compiled = Callable[..., Any]
 
@@ -87,7 +90,7 @@ def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, known: Any, fol
         for w in range(varied.shape[0]):
             out[first_varied + w] += by[n + m + varied[w]] * weight_of[w]
     for leaf in range(p.first.shape[0] - 1):
-        out = following[t[t[0, LEAVES] + leaf, 0]]
+        out = following[t[t[0, LEAVES] + leaf, OWN_STORAGE]]
         first, last = p.first[leaf], p.first[leaf + 1]
         # Inputs increase: the leaf's own state is there, and mostly a flow.
         one, two = p.input[first], p.input[first + 1] if first + 1 < last else 0
@@ -157,7 +160,7 @@ def _pull(t: Any, p: Any, d: Any, w: Any, pulled: Any) -> None:
         for i in range(pulled.shape[0]):
             pulled[i] += by[i] * back
     for leaf in range(p.first.shape[0] - 1):
-        back = w[t[t[0, LEAVES] + leaf, 0]]
+        back = w[t[t[0, LEAVES] + leaf, OWN_STORAGE]]
         for pair in range(p.first[leaf], p.first[leaf + 1]):
             pulled[p.input[pair]] += d.by_leaf[pair] * back
     memories = d.by_memory.shape[0]

@@ -17,13 +17,12 @@ import torch
 from torch import Tensor
 
 from phnn.errors import SolverFailed
-from phnn.integrate.partition import exact_order
+from phnn.integrate.partition import resistors_of
 from phnn.integrate.program import Program
+from phnn.integrate.reducible import Surroundings, advanced, shares
 from phnn.integrate.remembered import drives_and_sizes
-from phnn.integrate.stages import gradient_defect, radau_defects
-from phnn.integrate.tables import EXACT, LOSSLESS, RADAU
-from phnn.laws import RESISTOR_LAWS
-from phnn.laws.leaf import rc_flow, relaxation
+from phnn.integrate.stages import gradient_defect
+from phnn.integrate.tables import GRADIENT, LOSSLESS
 from phnn.network.incidence import combined
 from phnn.network.memory import ends
 from phnn.network.power import PowerBalance
@@ -64,15 +63,13 @@ class _Steps:
         self.x, self.ends, self.stored = x, ends.detach(), efforts[:, : self.storages].detach()
         self.junctions = [program.states.index(name) for name in program.junctions]
         self.leaves = [program.states.index(name) for name in program.leaves]
-        self.on = {
-            k: [i for i, r in enumerate(system.network.resistors) if tuple(r.on) == (program.states[k],)]
-            for k in self.leaves
-        }
+        self.on = {k: resistors_of(system.network, program.states[k]) for k in self.leaves}
         self.flow, self.change = {}, {}
         for k in self.junctions:
             self.flow[k], self.change[k] = self._junction(k, ends[:, k], efforts[:, k])
         self.actions = system.actions(u)
         self._middle()
+        self.around = Surroundings(system, self.middle, self.branches, h)
         mean = dict(self.flow)
         self.end = {}
         for k in self.leaves:
@@ -108,62 +105,34 @@ class _Steps:
         flows = [self.flow.get(k, torch.zeros_like(self.h)) for k in range(self.storages)]
         self.current = combined(torch.stack(flows, dim=-1), self.structure.mT) + combined(self.actions, self.inputs.mT)
 
-    def lost(self, k: int, effort: Tensor) -> list[Tensor]:
-        """(n,) ``b φ(b ε)`` of every resistor of a leaf."""
-        return [self.branches[..., k, r] * self.system.branch_flow(r, self.branches[..., k, r] * effort, self.middle)
-                for r in self.on[k]]  # fmt: skip
+    def lost(self, k: int, effort: Tensor) -> Tensor:
+        """(n,) flow into the resistors of a leaf at an effort."""
+        return self.around.lost(k, effort)
 
     def _leaf(self, k: int, current: Tensor) -> tuple[Tensor, Tensor]:
         """(n,) end state and mean effort of a leaf under its constant current."""
-        x, rule, one = self.x[:, k], self.program.rules[self.program.states[k]], torch.ones_like(self.h)
+        x, rule = self.x[:, k], self.program.rules[self.program.states[k]]
         if rule == LOSSLESS:
             end = x + self.h * current
             return end, self.system.mean_effort(k, x, end)
-        if rule == EXACT:
-            s = self.system.mean_effort(k, one, one)
-            first, *others = exact_order(self.on[k], self.system.network.resistors)
-            rho, low, high = self._thresholds(first)
-            leak = sum((self.system.branch_flow(r, one, self.middle) for r in others), torch.zeros_like(one))
-            relaxed = *relaxation(self.h * (rho + leak) * s), *relaxation(self.h * leak * s)
-            return rc_flow(x, current, self.h, s, rho, low, high, leak, *relaxed)
-        if rule == RADAU:
-            return self._radau(k, x, current, self.system.mean_effort(k, one, one))
-        # The march has solved the equation; one Newton step from its solution carries the derivatives.
+        if rule == GRADIENT:
+            end = self._discrete_gradient(k, x, current)
+            return end, self.system.mean_effort(k, x, end)
+        # The march has stored what it found: of Radau's stages the first follows from the mean effort.
+        one, two = torch.ones_like(self.h), self.ends[:, k]
+        stiffness = self.system.mean_effort(k, one, one).detach()
+        stages = (4.0 * self.stored[:, k] / stiffness - two) / 3.0, two
+        return advanced(self.around, k, rule, x, current, stages)
+
+    def _discrete_gradient(self, k: int, x: Tensor, current: Tensor) -> Tensor:
+        """(n,) end state: the march has solved the equation, one Newton step carries the derivatives."""
         end = self.ends[:, k].clone().requires_grad_(True)
         with torch.enable_grad():
-            lost = sum(self.lost(k, self.system.mean_effort(k, x.detach(), end)), torch.zeros_like(x))
+            lost = self.lost(k, self.system.mean_effort(k, x.detach(), end))
             (slope,) = torch.autograd.grad(lost.sum(), end, retain_graph=True)
         end = end.detach()
-        lost = sum(self.lost(k, self.system.mean_effort(k, x, end)), torch.zeros_like(x))
-        end = end - gradient_defect(end - x, current, self.h, lost) / (1.0 + self.h.detach() * slope)
-        return end, self.system.mean_effort(k, x, end)
-
-    def _radau(self, k: int, x: Tensor, current: Tensor, s: Tensor) -> tuple[Tensor, Tensor]:
-        """The same for Radau's stages, of which the first follows from the mean effort that the march has stored."""
-        two = self.ends[:, k]
-        one = (4.0 * self.stored[:, k] / s.detach() - two) / 3.0
-        lost, slopes = [], []
-        for stage in (one, two):
-            at = stage.clone().requires_grad_(True)
-            with torch.enable_grad():
-                taken = sum(self.lost(k, s.detach() * at), torch.zeros_like(at))
-                slopes.append(torch.autograd.grad(taken.sum(), at)[0])
-            lost.append(sum(self.lost(k, s * stage), torch.zeros_like(at)))
-        g1, g2 = radau_defects(one - x, two - x, current, self.h, lost[0], lost[1])
-        a, b = 1.5 + self.h.detach() * slopes[0], 2.5 + self.h.detach() * slopes[1]
-        determinant = a * b + 2.25
-        one = one - (b * g1 - 0.5 * g2) / determinant
-        two = two - (4.5 * g1 + a * g2) / determinant
-        return two, s * (0.75 * one + 0.25 * two)
-
-    def _thresholds(self, r: int) -> tuple[Tensor, Tensor, Tensor]:
-        resistor = self.system.network.resistors[r]
-        thresholds = RESISTOR_LAWS[resistor.law].thresholds
-        if thresholds is None:
-            raise SolverFailed(f"{resistor.name}: the law {resistor.law} has no exact flow: solve with integrate.dense")
-        name = resistor.modulated_by
-        q = torch.zeros_like(self.h) if name is None else self.middle[:, self.program.states.index(name)]
-        return thresholds(q, *map(self.system.value, resistor.parameters))
+        lost = self.lost(k, self.system.mean_effort(k, x, end))
+        return end - gradient_defect(end - x, current, self.h, lost) / (1.0 + self.h.detach() * slope)
 
     def branch_powers(self) -> tuple[Tensor, Tensor]:
         """(n, R) effort on every resistor that joins junctions, and the flow through it; zero for those of leaves."""
@@ -303,20 +272,13 @@ def power_balance(trajectory: Trajectory, system: PortHamiltonianSystem | None =
         taken = list((h.unsqueeze(-1) * on * through).unbind(-1))
         for k, resistors in steps.on.items():
             received = h * steps.current[:, k] * steps.stored[:, k] - change[:, k]
-            for r, share in zip(resistors, _shares(steps.lost(k, steps.stored[:, k])), strict=True):
+            flows = [loss(steps.stored[:, k]) for loss in steps.around.losses(k)]
+            for r, share in zip(resistors, shares(flows), strict=True):
                 taken[r] = share * received
         supplied = h.unsqueeze(-1) * steps.actions * combined(steps.stored, steps.inputs)
         dissipated = columns(taken, h)
         stored = change.sum(-1)
         return PowerBalance(stored, dissipated, supplied, stored - supplied.sum(-1) + dissipated.sum(-1))
-
-
-def _shares(flows: list[Tensor]) -> list[Tensor]:
-    """How the loss of a leaf divides among its resistors: as their flows at its mean effort."""
-    if len(flows) <= 1:
-        return [torch.ones_like(f) for f in flows]
-    total = torch.stack(flows).abs().sum(0)
-    return [torch.where(total > 0.0, f.abs() / total, 1.0 / len(flows)) for f in flows]
 
 
 def columns(values: list[Tensor], like: Tensor) -> Tensor:

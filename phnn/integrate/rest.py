@@ -18,18 +18,34 @@ from numpy.typing import NDArray
 
 from phnn.integrate.actions import actions
 from phnn.integrate.program import Program
-from phnn.integrate.steady import steady_derivative, steady_state
+from phnn.integrate.steady import steady_derivative, steady_slope, steady_state
 from phnn.integrate.tables import (
     FACTORS,
+    FIRST_LINK,
+    FIRST_SOURCE,
+    FROM_PORT,
     GYRATORS,
+    INTO_JUNCTION,
     JUNCTION_INLETS,
+    LAST_LINK,
+    LAST_SOURCE,
+    LAW,
     LEAF_INLETS,
     LEAVES,
     LOSSLESS,
     MEMORIES,
+    OWN_STORAGE,
+    PLACE_1,
+    PLACE_2,
     RATIO,
+    RATIO_PLACE,
+    READ,
+    READ_MEMORY,
+    RULE,
     SIGN,
+    SOURCE_PORT,
     STORAGES,
+    TO_JUNCTION,
     rows_of,
 )
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, STORAGE_LAWS
@@ -40,8 +56,6 @@ from phnn.network.elements import Network
 Array = NDArray[np.float64]
 
 _ITERATIONS = 60
-# Relative step of central differences.
-_STEP = 1e-5
 # Laws with an effort where nothing is stored.
 _WEIGHTS = [code for code, law in enumerate(STORAGE_LAWS.values()) if not law.bounded]
 
@@ -93,15 +107,13 @@ def equilibrium_slope(program: Program, network: Network, u: Array, port: int) -
     if xi is not None and np.linalg.matrix_rank(slopes) == xi.size:
         shift = -np.linalg.solve(slopes, np.imag(_forces(program, theta, u + 1j * TINY * along, xi)) / TINY)
         return np.asarray(np.imag(_states(program, theta, u + 1j * TINY * along, xi + 1j * TINY * shift)) / TINY)
-    step = _STEP * max(abs(float(u[port])), 1.0)
-    above, below = (steady_state(network, u + s * along) for s in (step, -step))
-    return np.asarray((above - below) / (2.0 * step))
+    return steady_slope(network, u, port)
 
 
 def _pulled(program: Program, theta: Array, u: Array) -> bool:
     """Whether inputs, or storages with an effort of their own such as weights, pull at an empty network."""
     rows = rows_of(program.table, STORAGES)
-    weights = np.isin(rows[:, 0], _WEIGHTS).any()
+    weights = np.isin(rows[:, LAW], _WEIGHTS).any()
     return bool(np.any(u) or weights)
 
 
@@ -138,18 +150,18 @@ def _slopes(program: Program, theta: Array, u: Array, xi: Array) -> Array:
 
 def _lossless(program: Program) -> NDArray[np.int64]:
     leaves = rows_of(program.table, LEAVES)
-    return leaves[leaves[:, 1] == LOSSLESS]
+    return leaves[leaves[:, RULE] == LOSSLESS]
 
 
 def _states(program: Program, theta: Any, u: Array, xi: Any) -> Any:
     """(N,) states at junction displacements."""
     x = np.zeros(len(program.states), dtype=np.result_type(theta, xi))
     for leaf in _lossless(program):
-        for row in program.table[leaf[5] : leaf[6]]:
-            x[leaf[0]] += row[SIGN] * theta[row[RATIO]] * xi[row[0]]
+        for row in program.table[leaf[FIRST_LINK] : leaf[LAST_LINK]]:
+            x[leaf[OWN_STORAGE]] += row[SIGN] * theta[row[RATIO]] * xi[row[TO_JUNCTION]]
     for k, row in enumerate(rows_of(program.table, MEMORIES)):
-        law = list(MEMORY_LAWS.values())[row[0]]
-        values = [theta[p] for p in row[1 : 1 + len(law.example)]]
+        law = list(MEMORY_LAWS.values())[row[LAW]]
+        values = [theta[p] for p in row[PLACE_1 : PLACE_1 + len(law.example)]]
         drive = _resting_drive(program, row, theta, u, x)
         x[len(rows_of(program.table, STORAGES)) + k] = law.rate(0.0, drive, *values) / law.decay(*values)
     return x
@@ -158,8 +170,8 @@ def _states(program: Program, theta: Any, u: Array, xi: Any) -> Any:
 def _resting_drive(program: Program, memory: NDArray[np.int64], theta: Any, u: Array, x: Any) -> Any:
     """What drives a memory at rest: efforts of lossless leaves and actions of ports."""
     total = 0.0 * theta[0]
-    lossless = _lossless(program)[:, 0]
-    for _, _, storage, _, port in program.table[memory[5] : memory[6], :5]:
+    lossless = _lossless(program)[:, OWN_STORAGE]
+    for _, _, storage, _, port in program.table[memory[FIRST_SOURCE] : memory[LAST_SOURCE], : SOURCE_PORT + 1]:
         if storage in lossless:
             total = total + _effort(program, storage, theta, x[storage])
         if port >= 0:
@@ -172,33 +184,33 @@ def _forces(program: Program, theta: Any, u: Array, xi: Any) -> Any:
     x = _states(program, theta, u, xi)
     ratio: dict[int, Any] = {}
     for row in rows_of(program.table, FACTORS):
-        place = int(row[6])
+        place = int(row[RATIO_PLACE])
         ratio[place] = ratio.get(place, theta[place]) * _factor(program, row, theta, x)
     force = np.zeros(len(program.junctions), dtype=x.dtype)
     for leaf in _lossless(program):
-        effort = _effort(program, leaf[0], theta, x[leaf[0]])
-        for row in program.table[leaf[5] : leaf[6]]:
-            force[row[0]] += row[SIGN] * ratio.get(int(row[RATIO]), theta[row[RATIO]]) * effort
+        effort = _effort(program, leaf[OWN_STORAGE], theta, x[leaf[OWN_STORAGE]])
+        for row in program.table[leaf[FIRST_LINK] : leaf[LAST_LINK]]:
+            force[row[TO_JUNCTION]] += row[SIGN] * ratio.get(int(row[RATIO]), theta[row[RATIO]]) * effort
     pushed = actions(program, theta, u)
     for row in rows_of(program.table, JUNCTION_INLETS):
-        force[row[1]] -= ratio.get(int(row[RATIO]), theta[row[RATIO]]) * pushed[row[0]]
+        force[row[INTO_JUNCTION]] -= ratio.get(int(row[RATIO]), theta[row[RATIO]]) * pushed[row[FROM_PORT]]
     return force
 
 
 def _factor(program: Program, row: NDArray[np.int64], theta: Any, x: Any) -> Any:
     """``f(x)`` of a modulation; what it reads at rest is a leaf's state, a memory, or a junction's, which is zero."""
-    law = list(FACTOR_LAWS.values())[row[0]]
-    leaf, _, memory = program.table[row[5], :3]
-    q = x[memory] if memory >= 0 else x[rows_of(program.table, LEAVES)[leaf, 0]] if leaf >= 0 else 0.0
-    return law.factor(q, *(theta[p] for p in row[1 : 1 + len(law.example)]))
+    law = list(FACTOR_LAWS.values())[row[LAW]]
+    leaf, _, memory = program.table[row[READ], : READ_MEMORY + 1]
+    q = x[memory] if memory >= 0 else x[rows_of(program.table, LEAVES)[leaf, OWN_STORAGE]] if leaf >= 0 else 0.0
+    return law.factor(q, *(theta[p] for p in row[PLACE_1 : PLACE_1 + len(law.example)]))
 
 
 def _effort(program: Program, storage: int, theta: Any, x: Any) -> Any:
     row = rows_of(program.table, STORAGES)[storage]
     known = list(STORAGE_LAWS.values())
-    if row[0] < len(known):
-        law = known[row[0]]
-        return law.mean_effort(x, x, *(theta[p] for p in row[1 : 1 + len(law.example)]))
-    wide = list(WIDE_STORAGES.values())[row[0] - len(known)]
-    weights = theta[row[1] : row[1] + wide.head + wide.per_unit * row[2]]
+    if row[LAW] < len(known):
+        law = known[row[LAW]]
+        return law.mean_effort(x, x, *(theta[p] for p in row[PLACE_1 : PLACE_1 + len(law.example)]))
+    wide = list(WIDE_STORAGES.values())[row[LAW] - len(known)]
+    weights = theta[row[PLACE_1] : row[PLACE_1] + wide.head + wide.per_unit * row[PLACE_2]]
     return mean_effort(wide, np.asarray(x), np.asarray(x), weights)

@@ -29,9 +29,11 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused
 from phnn.integrate import sweep
-from phnn.integrate.differentiable import March, refuse_unfit_march, simulate_torch
+from phnn.integrate.differentiable import March, simulate_torch
+from phnn.integrate.inputs import refuse_unfit_march
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.residual import steps_residual
+from phnn.integrate.scheme import Scheme
 from phnn.network.evaluation import evaluation
 from phnn.network.system import PortHamiltonianSystem
 
@@ -49,19 +51,26 @@ class SampledRuns(nn.Module):
         u: (n_b, P) mean inputs of the steps of every run.
         h: (n_b,) steps [s] of every run.
         nodes: (S_b,) increasing step indices of the samples of every run.
+        scheme: the discretisation.
 
     Raises:
-        InputRefused: no run, shapes that do not fit, or a law that has no compiled form.
+        InputRefused: no run, or shapes that do not fit.
+        StructureViolated: a law that has no compiled form.
     """
 
     def __init__(
-        self, system: PortHamiltonianSystem, u: Sequence[Tensor], h: Sequence[Tensor], nodes: Sequence[Tensor]
+        self,
+        system: PortHamiltonianSystem,
+        u: Sequence[Tensor],
+        h: Sequence[Tensor],
+        nodes: Sequence[Tensor],
+        scheme: Scheme = Scheme.DISCRETE_GRADIENT,
     ) -> None:
         super().__init__()
         self.system = system
         if not len(u) == len(h) == len(nodes) or not u:
             raise InputRefused(f"{len(u)} inputs, {len(h)} lists of steps and {len(nodes)} of samples: give one a run")
-        compile_network(system.network)
+        self.scheme, self.program = scheme, compile_network(system.network, scheme)
         self.u, self.h, self.nodes = tuple(u), tuple(h), tuple(nodes)
         rest = torch.zeros(len(system.state_names), dtype=torch.float64)
         for inputs, steps, samples in zip(self.u, self.h, self.nodes, strict=True):
@@ -93,7 +102,9 @@ class SampledRuns(nn.Module):
     def differentiable(self, state: Tensor) -> Tensor:
         """(B, (1 + S) n) state at the end, with a graph of one node a run."""
         x0 = self._initial(state)
-        paths = [simulate_torch(self.system, u, h, x) for u, h, x in zip(self.u, self.h, x0, strict=True)]
+        paths = [
+            simulate_torch(self.system, u, h, x, scheme=self.scheme) for u, h, x in zip(self.u, self.h, x0, strict=True)
+        ]
         return self._with_records(paths)
 
     def solve(self, state: Tensor) -> Solved:
@@ -128,7 +139,7 @@ class Solved:
     """
 
     def __init__(self, runs: SampledRuns, x0: Tensor) -> None:
-        self.runs, self.march = runs, March(runs.system, compile_network(runs.system.network))
+        self.runs, self.march = runs, March(runs.system, runs.program)
         self.paths = [
             self.march.steps(u.numpy(), h.numpy(), x.numpy().copy())
             for u, h, x in zip(runs.u, runs.h, x0, strict=True)

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from phnn.errors import SolverFailed
 from phnn.network.elements import Network
@@ -31,8 +32,6 @@ _CONVERGED, _BALANCED = 1e-12, 1e-9
 # A singular value below this share of the largest is zero, rows and columns being of one size.
 _RANK = 1e-11
 _SWEEPS = 20
-# Relative step of central differences.
-_STEP = 1e-5
 
 
 class _Point(NamedTuple):
@@ -41,13 +40,14 @@ class _Point(NamedTuple):
     Attributes:
         rate: (n,) ``ẋ``; terms: (n,) sum of the absolute values of what cancels in it, of memories zero.
         slope: (n, n) derivative of the rate.
-        silent: (S,) efforts of the silent resistors; by_state: (S, n) their derivative.
+        is_silent: (R,) which resistors are silent; silent: (S,) their efforts; by_state: (S, n) derivative.
         invariants: (c, n) ``C``.
     """
 
     rate: Array
     terms: Array
     slope: Array
+    is_silent: NDArray[np.bool_]
     silent: Array
     by_state: Array
     invariants: Array
@@ -76,20 +76,89 @@ def steady_state(network: Network, u: Array) -> Array:
 
 
 def steady_derivative(network: Network, u: Array, names: Sequence[str]) -> Array:
-    """(n, K) derivatives of the steady state by parameters, by central differences."""
-    out = np.empty((len(network.state_names), len(names)))
-    for k, name in enumerate(names):
-        value = network.parameters[name].value
-        step = _STEP * (abs(value) or 1.0)
-        above, below = (steady_state(_moved(network, name, value + s), u) for s in (step, -step))
-        out[:, k] = (above - below) / (2.0 * step)
+    """(n, K) derivatives of the steady state by the values of parameters.
+
+    The state minimises ``½ |ε_S|²`` of the silent resistors under ``G = (ẋ, C x) = 0``. With the multipliers ``λ`` the
+    implicit function theorem gives, for ``L = ½ |ε_S|² + λᵀ G``,
+
+        [ L_xx  G_xᵀ ] [ δx ]     [ L_xθ ]
+        [ G_x   0    ] [ δλ ] = − [ G_θ  ] δθ,
+
+    and of its solutions the least one, as `steady_state` does.
+
+    Raises:
+        SolverFailed: as of `steady_state`.
+    """
+    # Bounds aside, so that every value has a derivative.
+    table = {
+        name: replace(p, lower=-np.inf, upper=np.inf, fixed=False) if name in names else p
+        for name, p in network.parameters.items()
+    }
+    system = PortHamiltonianSystem(replace(network, parameters=table))
+    coordinates = [system.free.z[name] for name in names]
+    by_coordinate = _implicit(system, steady_state(network, u), torch.from_numpy(u), coordinates)
+    values = [torch.autograd.grad(system.value(name), z)[0].item() for name, z in zip(names, coordinates, strict=True)]
+    return by_coordinate / np.array(values)
+
+
+def steady_slope(network: Network, u: Array, port: int) -> Array:
+    """(n,) derivative of the steady state by the input at one port, as `steady_derivative`."""
+    inputs = [torch.tensor(value, dtype=torch.float64, requires_grad=k == port) for k, value in enumerate(u)]
+    return _implicit(PortHamiltonianSystem(network), steady_state(network, u), torch.stack(inputs), [inputs[port]])[
+        :, 0
+    ]
+
+
+def _implicit(system: PortHamiltonianSystem, steady: Array, u: Tensor, by: Sequence[Tensor]) -> Array:
+    """(n, K) derivatives of a steady state by some scalars on which the system or its inputs depend.
+
+    Raises:
+        SolverFailed: there is no steady state beside it; names what moves on for ever.
+    """
+    point = _at(system, u.detach().numpy(), steady)
+    x = torch.from_numpy(steady).requires_grad_(True)
+    residual, silent = _conditions(system, point, x, u)
+    constraint = _rows(residual, [x])
+    multipliers = np.linalg.lstsq(constraint.T, -point.by_state.T @ point.silent, rcond=_RANK)[0]
+    objective = 0.5 * (silent**2).sum() + (torch.from_numpy(multipliers) * residual).sum()
+    (slope,) = torch.autograd.grad(objective, x, create_graph=True)
+    count = constraint.shape[0]
+    matrix = np.block([[_rows(slope, [x]), constraint.T], [constraint, np.zeros((count, count))]])
+    right = -np.vstack([_rows(slope, by), _rows(residual, by)])
+    rows, columns = _equilibrated(matrix)
+    scaled, right = rows[:, None] * matrix * columns, rows[:, None] * right
+    found, _ = _least(scaled, right)
+    # What rounding has left.
+    found = found + _least(scaled, right - scaled @ found)[0]
+    defect = np.abs(scaled @ found - right).max(axis=1)
+    if (defect > _BALANCED * np.abs(right).max(initial=0.0)).any():
+        # A small change sets something moving for ever.
+        moving = defect[steady.size : 2 * steady.size] > 0.0
+        raise SolverFailed(_why(system.network, _newton(point, steady)[2], moving))
+    return np.asarray((columns[:, None] * found)[: steady.size])
+
+
+def _conditions(system: PortHamiltonianSystem, point: _Point, x: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
+    """(n + c,) ``G`` and (S,) efforts of the silent resistors, differentiable to second order."""
+    branches, inputs = system.incidences(x)
+    touched = torch.cat([system.structure(x), branches, inputs], dim=-1)
+    invariants = torch.from_numpy(point.invariants)
+    first = touched.shape[0]
+    # What the invariants are changes with the ratios: δC = −C δA A⁺ for C A = 0.
+    by_ratio = torch.from_numpy(np.linalg.pinv(touched.detach().numpy(), rcond=_RANK)) @ x.detach()[:first]
+    held = invariants @ x - invariants[:, :first] @ (touched @ by_ratio)
+    epsilon = system.branch_efforts(system.efforts(x), x)
+    return torch.cat([system.vector_field(x, u), held]), epsilon[torch.from_numpy(point.is_silent)]
+
+
+def _rows(values: Tensor, by: Sequence[Tensor]) -> Array:
+    """(m, K) derivatives of values (m,) by one vector (K,) or by K scalars."""
+    out = np.zeros((values.shape[0], sum(b.numel() for b in by)))
+    for i in range(values.shape[0]):
+        if values.requires_grad:
+            found = torch.autograd.grad(values[i], list(by), retain_graph=True, materialize_grads=True)
+            out[i] = torch.cat([f.reshape(-1) for f in found]).numpy()
     return out
-
-
-def _moved(network: Network, name: str, value: float) -> Network:
-    """The network with another value of one parameter, its bounds aside."""
-    moved = replace(network.parameters[name], value=value, lower=-np.inf, upper=np.inf)
-    return replace(network, parameters={**network.parameters, name: moved})
 
 
 def _at(system: PortHamiltonianSystem, u: Array, x: Array) -> _Point:
@@ -111,7 +180,7 @@ def _at(system: PortHamiltonianSystem, u: Array, x: Array) -> _Point:
         slow = len(system.network.memories)
         return _Point(
             system.vector_field(state, inputs).numpy(), np.pad(terms.numpy(), (0, slow)), slope.numpy(),
-            epsilon[silent].numpy(), (branches.mT @ stiffness)[silent].numpy(),
+            silent.numpy(), epsilon[silent].numpy(), (branches.mT @ stiffness)[silent].numpy(),
             np.pad(left[:, rank:].T, ((0, 0), (0, slow))),
         )  # fmt: skip
 
@@ -148,7 +217,8 @@ def _least(matrix: Array, right: Array) -> tuple[Array, Array]:
         raise SolverFailed("no rest state was found: the network's rates, or their derivatives, are not finite there")
     left, size, across = np.linalg.svd(matrix)
     rank = int((size > _RANK * size.max(initial=0.0)).sum())
-    return across[:rank].T @ (left[:, :rank].T @ right / size[:rank]), across[rank:].T
+    inverse = across[:rank].T / size[:rank]
+    return inverse @ (left[:, :rank].T @ right), across[rank:].T
 
 
 def _why(network: Network, free: Array, moving: NDArray[np.bool_]) -> str:

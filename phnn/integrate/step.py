@@ -43,10 +43,20 @@ from phnn.integrate.stages import make_gradient, make_radau
 from phnn.integrate.tables import (
     EXACT,
     FACTORS,
+    FIRST_LINK,
+    FIRST_RESISTOR,
+    IS_LINEAR,
     JUNCTIONS,
+    LAST_LINK,
+    LAST_RESISTOR,
     LEAVES,
     LOSSLESS,
+    OWN_STORAGE,
     RADAU,
+    RATIO_PLACE,
+    READ,
+    RULE,
+    TO_JUNCTION,
 )
 from phnn.integrate.terms import (
     CHANGE,
@@ -69,7 +79,7 @@ def modulate(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any,
     stay_outside()
     fill_gains(t, theta, g)
     for r in range(t[0, FACTORS], t[0, FACTORS + 1]):
-        scale_gains(t, t[r, 6], factor(t, r, read(t, t[r, 5], c, g, a, x, y, h, wj), theta), g)
+        scale_gains(t, t[r, RATIO_PLACE], factor(t, r, read(t, t[r, READ], c, g, a, x, y, h, wj), theta), g)
 
 
 @inline
@@ -78,8 +88,8 @@ def _lost(context: Any, effort: Any) -> Any:
     t, leaf, theta, c, g, a, x, y, h, wj = context
     row = t[0, LEAVES] + leaf
     total = 0.0 * effort
-    for r in range(t[row, 3], t[row, 4]):
-        q = read(t, t[r, 5], c, g, a, x, y, h, wj)
+    for r in range(t[row, FIRST_RESISTOR], t[row, LAST_RESISTOR]):
+        q = read(t, t[r, READ], c, g, a, x, y, h, wj)
         total += g[r] * resistor_flow(t, r, g[r] * effort, q, theta)
     return total
 
@@ -90,8 +100,8 @@ def _plainly_lost(context: Any, effort: Any) -> Any:
     t, leaf, theta, c, g, a, x, y, h, wj = context
     row = t[0, LEAVES] + leaf
     total = 0.0 * effort
-    for r in range(t[row, 3], t[row, 4]):
-        q = read(t, t[r, 5], c, g, a, x, y, h, wj)
+    for r in range(t[row, FIRST_RESISTOR], t[row, LAST_RESISTOR]):
+        q = read(t, t[r, READ], c, g, a, x, y, h, wj)
         ratio = real(g[r])
         total += ratio * resistor_flow(t, r, ratio * effort, real(q) + 0.0 * q, theta)
     return total
@@ -103,7 +113,7 @@ def _at_state(lost: Any) -> Any:
     def at_state(state: Any, context: Any) -> Any:
         stay_outside()
         t, leaf, theta = context[:3]
-        return lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, 0], state, state, theta))
+        return lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, OWN_STORAGE], state, state, theta))
 
     return plain(at_state)
 
@@ -114,7 +124,7 @@ def _between_states(lost: Any) -> Any:
     def between_states(start: Any, end: Any, context: Any) -> Any:
         stay_outside()
         t, leaf, theta = context[:3]
-        return lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, 0], start, end, theta))
+        return lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, OWN_STORAGE], start, end, theta))
 
     return plain(between_states)
 
@@ -126,7 +136,7 @@ _gradient_search, _gradient_moved = make_gradient(_between_states(_lost), _betwe
 @inline
 def is_closed(t: Any, leaf: Any) -> Any:
     """Whether the equations of a leaf have a closed solution."""
-    rule = t[t[0, LEAVES] + leaf, 1]
+    rule = t[t[0, LEAVES] + leaf, RULE]
     return (rule == LOSSLESS) | (rule == EXACT)
 
 
@@ -135,9 +145,9 @@ def leaf_search(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y
     """What solves the equations of a leaf without a closed solution, in plain numbers: see `phnn.integrate.stages`."""
     stay_outside()
     row = t[0, LEAVES] + leaf
-    start, current = real(x[t[row, 0]]), real(leaf_current(t, leaf, g, a, wj))
+    start, current = real(x[t[row, OWN_STORAGE]]), real(leaf_current(t, leaf, g, a, wj))
     context = (t, leaf, theta, c, g, a, x, y, h, wj)
-    if t[row, 1] == RADAU:
+    if t[row, RULE] == RADAU:
         return _radau_search(start, current, h, context)
     end, slope = _gradient_search(start, current, h, context)
     return end, slope, 0.0, 0.0
@@ -150,10 +160,10 @@ def leaf_moved(
     """End state and mean effort of a leaf from what `leaf_search` found."""
     stay_outside()
     row = t[0, LEAVES] + leaf
-    k = t[row, 0]
+    k = t[row, OWN_STORAGE]
     context = (t, leaf, theta, c, g, a, x, y, h, wj)
     current = leaf_current(t, leaf, g, a, wj)
-    if t[row, 1] == RADAU:
+    if t[row, RULE] == RADAU:
         return _radau_moved(x[k], current, h, c[leaf, STIFFNESS], found, context)
     end = _gradient_moved(x[k], current, h, (found[0], found[1]), context)
     return end, mean_effort(t, k, x[k], end, theta)
@@ -163,17 +173,17 @@ def leaf_moved(
 def leaf_closed(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
     """End state and mean effort of a leaf with a closed solution."""
     row = t[0, LEAVES] + leaf
-    k, rule = t[row, 0], t[row, 1]
+    k, rule = t[row, OWN_STORAGE], t[row, RULE]
     if rule == LOSSLESS:
         gain = h * leaf_current(t, leaf, g, a, wj)
-        if t[row, 2] > 0:
+        if t[row, IS_LINEAR] > 0:
             return x[k] + gain, c[leaf, STIFFNESS] * (x[k] + 0.5 * gain)
         return x[k] + gain, mean_effort(t, k, x[k], x[k] + gain, theta)
     rho, low, high = c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH]
     one, two, leak = c[leaf, ONE], c[leaf, TWO], c[leaf, LEAK]
-    r = t[row, 3]
-    if t[r, 5] >= 0:
-        rho, low, high = resistor_thresholds(t, r, read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
+    r = t[row, FIRST_RESISTOR]
+    if t[r, READ] >= 0:
+        rho, low, high = resistor_thresholds(t, r, read(t, t[r, READ], c, g, a, x, y, h, wj), theta)
         one, two = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])
     return rc_flow(
         x[k], leaf_current(t, leaf, g, a, wj), h, c[leaf, STIFFNESS], rho, low, high, leak, one, two,
@@ -194,8 +204,8 @@ def leaf_step(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: 
 def leaf_forces(t: Any, leaf: Any, g: Any, effort: Any, wj: Any) -> None:
     """Add what a leaf exerts on its junctions."""
     row = t[0, LEAVES] + leaf
-    for r in range(t[row, 5], t[row, 6]):
-        add(g[r] * effort, t[r, 0], wj)
+    for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
+        add(g[r] * effort, t[r, TO_JUNCTION], wj)
 
 
 @inline
@@ -214,7 +224,7 @@ def inlined_balance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, 
     junction_terms(t, theta, c, g, a, x, y, h, wj)
     for leaf in range(count(t, LEAVES)):
         end, mean = leaf_step(t, leaf, theta, c, g, a, x, y, h, wj)
-        k = t[t[0, LEAVES] + leaf, 0]
+        k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
         wx[NEXT, k] = end
         wx[EFFORT, k] = mean
         leaf_forces(t, leaf, g, mean, wj)

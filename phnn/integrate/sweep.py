@@ -19,7 +19,11 @@ from phnn.integrate.pattern import Pattern, Run, pattern_of
 from phnn.integrate.perturbed import Derivatives, new_derivatives
 from phnn.integrate.program import Program
 from phnn.integrate.recursion import make_adjoint, make_sensitivities
-from phnn.integrate.tables import PORTS, rows_of
+from phnn.integrate.tables import (
+    PLACE_4,
+    PORTS,
+    rows_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -43,7 +47,7 @@ def carrier(program: Program, port: int) -> int:
 
     As an active parameter it changes nothing but the actions that `sensitivities` is given for it.
     """
-    return int(rows_of(program.table, PORTS)[port, 4])
+    return int(rows_of(program.table, PORTS)[port, PLACE_4])
 
 
 def _prepared(

@@ -16,7 +16,7 @@ Integers = NDArray[np.int64]
 
 # Kinds of rows, and what stands in their columns.
 STORAGES = 0  # law (6, with a fifth place): in the order of the network
-JUNCTIONS = 1  # storage number, whether its effort is linear in its state
+JUNCTIONS = 1  # storage number, unused, whether its effort is linear in its state
 LEAVES = 2  # storage number, rule, whether its storage is linear, first and last row of its resistors, links, inlets
 LINKS = 3  # junction number; ratio with the sign of J[leaf, junction]
 LEAF_RESISTORS = 4  # law (5), row of what it reads or -1; ratio
@@ -33,6 +33,21 @@ MEMORIES = 13  # law (5), first and last row of its sources; their states follow
 # that is a leaf or of a junction whose effort, number of a port whose action; the others are -1.
 SOURCES = 14
 KINDS = 15
+# Columns of a row: the code of its law, the places of its parameters (or of a block of weights and its units), the row
+# that it reads, the ratio that it multiplies, and the rows that belong to it.
+LAW, PLACE_1, PLACE_2, PLACE_3, PLACE_4, PLACE_5 = range(6)
+READ = 5
+RATIO_PLACE = 6
+FIRST_BRANCH, LAST_BRANCH = 6, 7
+FIRST_SOURCE, LAST_SOURCE = 5, 6
+# Of a junction the first and the third of these; of a leaf all.
+OWN_STORAGE, RULE, IS_LINEAR = range(3)
+FIRST_RESISTOR, LAST_RESISTOR, FIRST_LINK, LAST_LINK, FIRST_INLET, LAST_INLET = range(3, 9)
+# Of links, branches and gyrators; of inlets.
+TO_JUNCTION, OF_JUNCTION = range(2)
+FROM_PORT, INTO_JUNCTION = range(2)
+READ_LEAF, READ_JUNCTION, READ_MEMORY = range(3)
+SOURCE_LEAF, SOURCE_RESISTOR, SOURCE_EFFORT, SOURCE_FLOW, SOURCE_PORT = range(5)
 # A row with a ratio has its place and its sign in the last two columns; a row without has the place -1.
 RATIO, SIGN = 16, 17
 _COLUMNS = 18

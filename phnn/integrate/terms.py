@@ -7,7 +7,28 @@ from typing import Any
 from phnn.integrate.compiled import inline
 from phnn.integrate.constants import CAPACITY
 from phnn.integrate.lookups import count, is_linear, junction_storage, mean_effort, resistor_flow
-from phnn.integrate.tables import GYRATORS, JUNCTION_INLETS, JUNCTION_RESISTORS, JUNCTIONS, LEAVES
+from phnn.integrate.tables import (
+    FIRST_BRANCH,
+    FIRST_INLET,
+    FIRST_LINK,
+    FROM_PORT,
+    GYRATORS,
+    INTO_JUNCTION,
+    JUNCTION_INLETS,
+    JUNCTION_RESISTORS,
+    JUNCTIONS,
+    LAST_BRANCH,
+    LAST_INLET,
+    LAST_LINK,
+    LEAVES,
+    OF_JUNCTION,
+    OWN_STORAGE,
+    READ,
+    READ_JUNCTION,
+    READ_LEAF,
+    READ_MEMORY,
+    TO_JUNCTION,
+)
 
 # Rows of the two work arrays: per junction (4, m) and per storage (2, N).
 FLOW, CHANGE, FORCE, SIZE = range(4)
@@ -26,10 +47,10 @@ def leaf_current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
     """``i_l``."""
     row = t[0, LEAVES] + leaf
     total = 0.0 * g[0]
-    for r in range(t[row, 5], t[row, 6]):
-        total += g[r] * wj[FLOW, t[r, 0]]
-    for r in range(t[row, 7], t[row, 8]):
-        total += g[r] * a[t[r, 0]]
+    for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
+        total += g[r] * wj[FLOW, t[r, TO_JUNCTION]]
+    for r in range(t[row, FIRST_INLET], t[row, LAST_INLET]):
+        total += g[r] * a[t[r, FROM_PORT]]
     return total
 
 
@@ -41,11 +62,11 @@ def read(t: Any, r: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any
     """
     if r < 0:
         return 0.0 * g[0]
-    leaf, j = t[r, 0], t[r, 1]
-    if t[r, 2] >= 0:
-        return x[t[r, 2]]
+    leaf, j = t[r, READ_LEAF], t[r, READ_JUNCTION]
+    if t[r, READ_MEMORY] >= 0:
+        return x[t[r, READ_MEMORY]]
     if leaf >= 0:
-        return x[t[t[0, LEAVES] + leaf, 0]] + 0.5 * h * leaf_current(t, leaf, g, a, wj)
+        return x[t[t[0, LEAVES] + leaf, OWN_STORAGE]] + 0.5 * h * leaf_current(t, leaf, g, a, wj)
     return x[junction_storage(t, j)] + 0.5 * junction_change(t, j, c, x, y)
 
 
@@ -53,8 +74,8 @@ def read(t: Any, r: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any
 def branch_effort(t: Any, r: Any, g: Any, wj: Any) -> Any:
     """``b_rᵀ v̄`` of the junction resistor in row ``r``."""
     effort = 0.0 * g[0]
-    for b in range(t[r, 6], t[r, 7]):
-        effort += g[b] * wj[FLOW, t[b, 0]]
+    for b in range(t[r, FIRST_BRANCH], t[r, LAST_BRANCH]):
+        effort += g[b] * wj[FLOW, t[b, TO_JUNCTION]]
     return effort
 
 
@@ -76,19 +97,19 @@ def add(term: Any, j: Any, wj: Any) -> None:
 @inline
 def _resistor_term(t: Any, r: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
     effort = branch_effort(t, r, g, wj)
-    flow = resistor_flow(t, r, effort, read(t, t[r, 5], c, g, a, x, y, h, wj), theta)
-    for b in range(t[r, 6], t[r, 7]):
-        add(g[b] * flow, t[b, 0], wj)
+    flow = resistor_flow(t, r, effort, read(t, t[r, READ], c, g, a, x, y, h, wj), theta)
+    for b in range(t[r, FIRST_BRANCH], t[r, LAST_BRANCH]):
+        add(g[b] * flow, t[b, TO_JUNCTION], wj)
 
 
 @inline
 def _gyrator_term(t: Any, r: Any, g: Any, wj: Any) -> None:
-    add(-g[r] * wj[FLOW, t[r, 1]], t[r, 0], wj)
+    add(-g[r] * wj[FLOW, t[r, OF_JUNCTION]], t[r, TO_JUNCTION], wj)
 
 
 @inline
 def _inlet_term(t: Any, r: Any, g: Any, a: Any, wj: Any) -> None:
-    add(-g[r] * a[t[r, 0]], t[r, 1], wj)
+    add(-g[r] * a[t[r, FROM_PORT]], t[r, INTO_JUNCTION], wj)
 
 
 @inline

@@ -16,18 +16,37 @@ from phnn.integrate.partition import LINEAR_RESISTOR_CODES
 from phnn.integrate.tables import (
     EXACT,
     FACTORS,
+    FIRST_BRANCH,
+    FIRST_LINK,
+    FIRST_RESISTOR,
+    FROM_PORT,
     GYRATORS,
+    IS_LINEAR,
     JUNCTION_INLETS,
     JUNCTION_RESISTORS,
     JUNCTIONS,
     KINDS,
+    LAST_BRANCH,
+    LAST_INLET,
+    LAST_RESISTOR,
+    LAW,
     LEAVES,
     LOSSLESS,
     MEMORIES,
+    OF_JUNCTION,
+    OWN_STORAGE,
+    PLACE_1,
     PORTS,
     RATIO,
+    RATIO_PLACE,
+    READ,
+    RULE,
+    SOURCE_FLOW,
+    SOURCE_PORT,
+    SOURCE_RESISTOR,
     SOURCES,
     STORAGES,
+    TO_JUNCTION,
     Integers,
     rows_of,
 )
@@ -96,12 +115,16 @@ class _Finder:
         self.unknown = len(self.storages) + len(rows_of(table, MEMORIES))
         self.theta = self.unknown + len(self.junction_rows)
         self.factors = rows_of(table, FACTORS)
-        self.modulated = {int(place) for place in self.factors[:, 6]}
+        self.modulated = {int(place) for place in self.factors[:, RATIO_PLACE]}
 
     def _law(self, row: Integers, laws: Mapping[str, Any]) -> set[int]:
         """Places of a law's parameters; weights of neural laws are left to the torch module."""
         known = list(laws.values())
-        return {self.theta + int(p) for p in row[1 : 1 + len(known[row[0]].example)]} if row[0] < len(known) else set()
+        return (
+            {self.theta + int(p) for p in row[PLACE_1 : PLACE_1 + len(known[row[LAW]].example)]}
+            if row[LAW] < len(known)
+            else set()
+        )
 
     def _port(self, k: int) -> set[int]:
         """Places of a port's law and of its padding, which may stand for what is pushed there."""
@@ -113,12 +136,12 @@ class _Finder:
     def ratio(self, place: int) -> set[int]:
         """Inputs of a ratio."""
         found = {self.theta + int(place)}
-        for row in self.factors[self.factors[:, 6] == place]:
-            found |= self._law(row, FACTOR_LAWS) | self._read(row[5])
+        for row in self.factors[self.factors[:, RATIO_PLACE] == place]:
+            found |= self._law(row, FACTOR_LAWS) | self._read(row[READ])
         return found
 
     def _flow(self, j: int) -> set[int]:
-        storage, linear = self.junction_rows[j, :2]
+        storage, linear = self.junction_rows[j, [OWN_STORAGE, IS_LINEAR]]
         # The mean effort itself is the unknown of a linear junction; of others it follows from both end states.
         return {self.unknown + int(j)} | (set() if linear else {int(storage)} | self._storage(storage))
 
@@ -127,18 +150,18 @@ class _Finder:
         found: set[int] = set()
         links, inlets = self._connections(leaf)
         for row in links:
-            found |= self.ratio(row[RATIO]) | self._flow(row[0])
+            found |= self.ratio(row[RATIO]) | self._flow(row[TO_JUNCTION])
         for row in inlets:
             found |= self._inlet(row)
         return found
 
     def _connections(self, leaf: int) -> tuple[Integers, Integers]:
         """Rows of a leaf's links and of its inlets."""
-        first, last, first_inlet, last_inlet = self.leaf_rows[leaf, 5:9]
+        first, last, first_inlet, last_inlet = self.leaf_rows[leaf, FIRST_LINK : LAST_INLET + 1]
         return self.table[first:last], self.table[first_inlet:last_inlet]
 
     def _inlet(self, row: Integers) -> set[int]:
-        return self.ratio(row[RATIO]) | self._port(row[0])
+        return self.ratio(row[RATIO]) | self._port(row[FROM_PORT])
 
     def _read(self, row: int) -> set[int]:
         if row < 0:
@@ -147,33 +170,33 @@ class _Finder:
         if memory >= 0:
             return {int(memory)}
         if leaf >= 0:
-            return {int(self.leaf_rows[leaf, 0])} | self.current(int(leaf))
-        storage = int(self.junction_rows[junction, 0])
+            return {int(self.leaf_rows[leaf, OWN_STORAGE])} | self.current(int(leaf))
+        storage = int(self.junction_rows[junction, OWN_STORAGE])
         return {storage, self.unknown + int(junction)} | self._storage(storage)
 
     def _resistor(self, row: Integers) -> set[int]:
-        return self._law(row, RESISTOR_LAWS) | self._read(row[5])
+        return self._law(row, RESISTOR_LAWS) | self._read(row[READ])
 
     def leaf(self, leaf: int) -> set[int]:
         """Inputs of the end state and the mean effort of a leaf, and of what it exerts on its junctions."""
         row = self.leaf_rows[leaf]
-        found = {int(row[0])} | self._storage(row[0]) | self.current(leaf)
-        for resistor in self.table[row[3] : row[4]]:
+        found = {int(row[OWN_STORAGE])} | self._storage(row[OWN_STORAGE]) | self.current(leaf)
+        for resistor in self.table[row[FIRST_RESISTOR] : row[LAST_RESISTOR]]:
             found |= self._resistor(resistor) | self.ratio(resistor[RATIO])
         return found
 
     def thresholds(self, leaf: int) -> set[int]:
         """Inputs of the thresholds of a leaf's first resistor, where these follow something."""
         row = self.leaf_rows[leaf]
-        follows = row[1] == EXACT and self.table[row[3], 5] >= 0
-        return self._resistor(self.table[row[3]]) if follows else set()
+        follows = row[RULE] == EXACT and self.table[row[FIRST_RESISTOR], READ] >= 0
+        return self._resistor(self.table[row[FIRST_RESISTOR]]) if follows else set()
 
     def is_affine(self, leaf: int) -> bool:
         """Whether known ratios make the current linear in the unknowns, and its flow is exact or lossless."""
         row, (links, _) = self.leaf_rows[leaf], self._connections(leaf)
         # A law that is not linear, with a ratio that follows something, is differentiated in full.
-        plain = row[1] == EXACT or (row[1] == LOSSLESS and (row[2] > 0 or not self.varies(leaf)))
-        return bool(plain and all(self.junction_rows[r[0], 1] for r in links))
+        plain = row[RULE] == EXACT or (row[RULE] == LOSSLESS and (row[IS_LINEAR] > 0 or not self.varies(leaf)))
+        return bool(plain and all(self.junction_rows[r[TO_JUNCTION], IS_LINEAR] for r in links))
 
     def varies(self, leaf: int) -> bool:
         """Whether a ratio between a leaf and a junction or a port follows something."""
@@ -181,20 +204,20 @@ class _Finder:
         return bool(self.modulated & {int(r[RATIO]) for r in (*links, *inlets)})
 
     def _branches(self, row: Integers) -> Integers:
-        return self.table[row[6] : row[7]]
+        return self.table[row[FIRST_BRANCH] : row[LAST_BRANCH]]
 
     def is_plain(self, place: int) -> bool:
         """Whether a term of the junctions is linear in the flows, or in an action, with a constant factor."""
         row, kind = self.table[place], self._kind(place)
         if kind == JUNCTION_RESISTORS:
             rows = self._branches(row)
-            linear = row[0] in LINEAR_RESISTOR_CODES and row[5] < 0
-            ends = rows[:, 0]
+            linear = row[LAW] in LINEAR_RESISTOR_CODES and row[READ] < 0
+            ends = rows[:, TO_JUNCTION]
         else:
             rows, linear = row[None], True
             ends = row[:2] if kind == GYRATORS else row[:0]
         constant = not self.modulated & {int(r[RATIO]) for r in rows}
-        return bool(linear and constant and all(self.junction_rows[j, 1] for j in ends))
+        return bool(linear and constant and all(self.junction_rows[j, IS_LINEAR] for j in ends))
 
     def _kind(self, place: int) -> int:
         return int(np.searchsorted(self.table[0, :KINDS], place, side="right")) - 1
@@ -205,7 +228,7 @@ class _Finder:
         if kind == JUNCTION_INLETS:
             return self._inlet(row)
         if kind == GYRATORS:
-            return self.ratio(row[RATIO]) | self._flow(row[1])
+            return self.ratio(row[RATIO]) | self._flow(row[OF_JUNCTION])
         found = self._resistor(row)
         for branch in self._branches(row):
             found |= self.ratio(branch[RATIO]) | self._flow(branch[0])
@@ -217,8 +240,8 @@ class _Finder:
 
     def source(self, row: Integers) -> set[int]:
         """Inputs of what drives a memory; what comes from a leaf is known with the leaf."""
-        if row[1] >= 0:
-            return self.term(int(row[1]))
-        if row[3] >= 0:
-            return self._flow(int(row[3]))
-        return self._port(row[4]) if row[4] >= 0 else set()
+        if row[SOURCE_RESISTOR] >= 0:
+            return self.term(int(row[SOURCE_RESISTOR]))
+        if row[SOURCE_FLOW] >= 0:
+            return self._flow(int(row[SOURCE_FLOW]))
+        return self._port(row[SOURCE_PORT]) if row[SOURCE_PORT] >= 0 else set()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import torch
@@ -32,12 +33,17 @@ def drives(
     efforts: Tensor,  # (..., n) efforts of the storages, of a state or averaged over a step
     x: Tensor,  # (..., n+M) state that modulated laws read
     u: Tensor,  # (..., P)
+    dissipated: Mapping[int, Tensor] | None = None,
 ) -> Tensor:
-    """(..., M) what drives every memory, dissipated powers being ``ε φ(ε)``."""
+    """(..., M) what drives every memory.
+
+    Args:
+        dissipated: powers (...) of some resistors by their numbers; those of the others are ``ε φ(ε)``.
+    """
     epsilon = system.branch_efforts(efforts, x)
     powers, actions = epsilon * system.branch_flows(epsilon, x), system.actions(u)
-    network = system.network
-    found = {r.name: powers[..., k] for k, r in enumerate(network.resistors)}
+    network, known = system.network, dissipated or {}
+    found = {r.name: known.get(k, powers[..., k]) for k, r in enumerate(network.resistors)}
     found |= {s.name: efforts[..., k] for k, s in enumerate(network.storages)}
     found |= {p.name: actions[..., k] for k, p in enumerate(network.ports)}
     none = torch.zeros_like(efforts[..., 0])

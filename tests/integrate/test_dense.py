@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate.dense import ledger, solve_dense, step_residual
+from phnn.integrate.scheme import Scheme
 from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
 from phnn.models.actuator import from_paper
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
@@ -33,12 +34,16 @@ def oscillator(storage: object = "spring", resistor: object = "linear", b: float
     return PortHamiltonianSystem(network)
 
 
-def closes(system: PortHamiltonianSystem, x: Tensor, u: Tensor, h: float) -> bool:
+def closes(
+    system: PortHamiltonianSystem, x: Tensor, u: Tensor, h: float, scheme: Scheme = Scheme.DISCRETE_GRADIENT
+) -> bool:
     """Whether every step keeps the balance to 1e-10 of the energies that meet in it."""
     with torch.no_grad():
-        balance = ledger(system, x, u, h)
+        balance = ledger(system, x, u, h, scheme)
         size = h * (balance.supplied.abs().sum(-1) + balance.dissipated.sum(-1)) + system.energy(x).abs().max()
-    return bool((balance.dissipated >= 0.0).all() and (h * balance.defect.abs() <= 1e-10 * size).all())
+    # What a hysteron-type storage dissipates is a difference, which rounding may leave below zero.
+    lossy = h * balance.dissipated >= -1e-14 * size.unsqueeze(-1)
+    return bool(lossy.all() and (h * balance.defect.abs() <= 1e-10 * size).all())
 
 
 @settings(max_examples=40, deadline=None)
@@ -143,7 +148,8 @@ def test_gradient_is_exact_where_the_step_is_stiff() -> None:
         "p",
     )
     system = PortHamiltonianSystem(network)
-    x = solve_dense(system, torch.ones(1, dtype=torch.float64), torch.zeros(steps, 0, dtype=torch.float64), h)
+    still = torch.zeros(steps, 0, dtype=torch.float64)
+    x = solve_dense(system, torch.ones(1, dtype=torch.float64), still, h, Scheme.MIDPOINT)
     x[-1].sum().backward()
     r = h * b / (2.0 * m)
     factor = (1.0 - r) / (1.0 + r)
@@ -204,12 +210,12 @@ def test_a_step_without_connected_solution_names_time_and_remedy() -> None:
     x0 = torch.zeros(1, dtype=torch.float64)
     u = torch.linspace(0.0, 4.0, 60, dtype=torch.float64)
     with torch.no_grad(), pytest.raises(SolverFailed, match=r"from t = .* has no solution: .* monotone"):
-        solve_dense(system, x0, u, 0.5)
+        solve_dense(system, x0, u, 0.5, Scheme.MIDPOINT)
     # Short steps follow the branch over the top of the friction law.
     u = u.repeat_interleave(10)
     with torch.no_grad():
-        x = solve_dense(system, x0, u, 0.05)
-    assert closes(system, x, u, 0.05)
+        x = solve_dense(system, x0, u, 0.05, Scheme.MIDPOINT)
+    assert closes(system, x, u, 0.05, Scheme.MIDPOINT)
     assert (x[1:] >= x[:-1]).all()
     assert x[-1] / 2.0 > 0.3
 

@@ -16,12 +16,14 @@ from scipy.integrate import solve_ivp
 
 from phnn.effects import effect
 from phnn.effects.bent import bent_spring
-from phnn.errors import StructureViolated
-from phnn.integrate import kernel, quick
+from phnn.errors import InputRefused, StructureViolated
+from phnn.integrate import kernel
 from phnn.integrate import sweep as sweeps
+from phnn.integrate.actions import actions
 from phnn.integrate.partition import junctions_of
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.residual import check, power_balance
+from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.models.thermal import thermal_hrc
 from phnn.models.variants import hrlc
@@ -245,8 +247,8 @@ def test_what_has_no_kernel_is_refused() -> None:
         compile_network(altered(resistors=(Resistor("learned", abs, {"p": 1.0}),)))
     with pytest.raises(StructureViolated, match="no law called 'unheard_of'"):
         compile_network(altered(resistors=(Resistor("odd", "unheard_of", {"p": 1.0}),)))
-    with pytest.raises(StructureViolated, match="choose one of exact, radau, midpoint"):
-        compile_network(hrc(2), "euler")
+    with pytest.raises(InputRefused, match="choose one of discrete_gradient, radau, midpoint"):
+        Scheme.named("euler")
 
 
 def test_junctions_cover_every_coupling() -> None:
@@ -374,17 +376,24 @@ OTHER = {
 
 
 @pytest.mark.parametrize("name", QUICK)
-def test_the_quick_march_is_the_general_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_quick_march_is_the_general_one(name: str) -> None:
     one = marched(QUICK[name])
-    assert quick.serves(one.program)
-    monkeypatch.setattr(quick, "serves", lambda program: False)
-    other = marched(QUICK[name])
-    close(one.states, other.states, 1e-10)
-    close(one.efforts, other.efforts, 1e-10)
+    assert kernel.kernel_for(one.program).name == "single junction"
+    states, efforts = one.states.copy(), one.efforts.copy()
+    pushed = actions(one.program, one.theta, one.u)
+    general = kernel.kernel_for(one.program, "general").march
+    assert general(one.program, one.theta, pushed, one.h, states, efforts) == one.h.size
+    close(one.states, states, 1e-10)
+    close(one.efforts, efforts, 1e-10)
 
 
 def test_the_quick_march_leaves_other_networks_alone() -> None:
-    assert not any(quick.serves(compile_network(network)) for network in OTHER.values())
+    programs = [compile_network(network) for network in OTHER.values()]
+    assert {kernel.kernel_for(program).name for program in programs} == {"general"}
+    with pytest.raises(InputRefused, match="kernel 'single junction' does not serve this network"):
+        kernel.kernel_for(programs[0], "single junction")
+    with pytest.raises(InputRefused, match="choose one of single junction, general"):
+        kernel.kernel_for(programs[0], "other")
 
 
 def in_full(program: Program) -> Program:

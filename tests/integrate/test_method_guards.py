@@ -17,6 +17,7 @@ from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import method, ode
 from phnn.integrate.dense import solve_dense
 from phnn.integrate.method import ADJOINT_METHOD, METHOD
+from phnn.integrate.scheme import Scheme
 from phnn.network import Coupling, DrivenSystem, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.parameters import as_table, positive
 
@@ -179,11 +180,14 @@ def test_guarded_odeint_names_and_offers_the_exact_adjoint() -> None:
     with pytest.raises(InputRefused, match=r"method='discrete_gradient', whose own adjoint .discrete_gradient_adjoint"):
         ode.odeint(relaxation(19.0), x0, t, adjoint=True)
     system = relaxation(1e7)
-    x = ode.odeint(system, x0, t, method=METHOD, adjoint=True, step_size=0.1)
+    midpoint = {"method": METHOD, "step_size": 0.1, "scheme": Scheme.MIDPOINT}
+    x = ode.odeint(system, x0, t, adjoint=True, **midpoint)
     x[-1, 0].backward()
     slope = system.free.gradient("b")
     assert slope == pytest.approx(slope_of_relaxation(1e7, 0.1, 20), rel=1e-9)
-    assert torch.equal(x, ode.odeint(system, x0, t, method=METHOD, step_size=0.1))
+    assert torch.equal(x, ode.odeint(system, x0, t, **midpoint))
+    # The exact flow has nothing left of it after the first step.
+    assert not ode.odeint(system, x0, t, method=METHOD, step_size=0.1)[-1].any()
 
 
 def test_guarded_odeint_refuses_what_the_adjoint_would_leave_out() -> None:

@@ -10,8 +10,8 @@ from junctions import march
 from phnn.configuration import config_folder
 from phnn.errors import SolverFailed
 from phnn.integrate.program import compile_network
-from phnn.integrate.rest import equilibrium, equilibrium_derivative
-from phnn.integrate.steady import steady_derivative, steady_state
+from phnn.integrate.rest import equilibrium, equilibrium_derivative, equilibrium_slope
+from phnn.integrate.steady import steady_derivative, steady_slope, steady_state
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.beam import cantilever, driven_beam
 from phnn.models.network_file import load_network
@@ -91,7 +91,23 @@ def test_tanks_fill_to_their_steady_state() -> None:
     slope = steady_derivative(network, np.array([pumped]), ["g_out", "g", "A_2"])
     outlet, pipe = -pumped / p["g_out"] ** 2, -pumped / p["g"] ** 2
     expected = [[p["A_1"] * outlet, p["A_1"] * pipe, 0.0], [p["A_2"] * outlet, 0.0, second]]
-    np.testing.assert_allclose(slope, expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max(axis=0).min())
+    np.testing.assert_allclose(slope, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max(axis=0).min())
+    np.testing.assert_allclose(steady_slope(network, np.array([pumped]), 0), exact / pumped, rtol=1e-12)
+
+
+def test_derivatives_of_currents_that_flow_are_exact() -> None:
+    network, v = named("hrcl"), 40.0
+    p = {n: q.value for n, q in network.parameters.items()}
+    names, excess = ["C_1", "L", "rho_1", "d_1"], v - 0.5 * p["d_1"]
+    place = {name: network.state_names.index(name) for name in ("Q_1", "phi")}
+    # Q_1 = C_1 v and phi = L rho_1 (v − d_1/2), as above.
+    found = steady_derivative(network, inputs(network, v), names)
+    expected = [p["rho_1"] * excess, p["L"] * excess, -0.5 * p["L"] * p["rho_1"]]
+    np.testing.assert_allclose(found[place["phi"], 1:], expected, rtol=1e-10)
+    assert found[place["Q_1"], 0] == pytest.approx(v, rel=1e-10)
+    slope = steady_slope(network, inputs(network, v), 0)
+    assert slope[place["phi"]] == pytest.approx(p["L"] * p["rho_1"], rel=1e-10)
+    assert slope[place["Q_1"]] == pytest.approx(p["C_1"], rel=1e-10)
 
 
 def test_both_ways_agree_on_the_actuator() -> None:
@@ -102,10 +118,11 @@ def test_both_ways_agree_on_the_actuator() -> None:
     places = np.array([program.names.index(n) for n in names])
     exact = equilibrium_derivative(program, network, u, places)
     assert exact.any()
-    # Rounding is that of the states over a relative step.
     values = np.array([network.parameters[n].value for n in names])
-    noise = 1e-9 * np.abs(steady_state(network, u)).max()
-    np.testing.assert_allclose(steady_derivative(network, u, names) * values, exact * values, rtol=1e-8, atol=noise)
+    noise = 1e-12 * np.abs(steady_state(network, u)).max()
+    np.testing.assert_allclose(steady_derivative(network, u, names) * values, exact * values, rtol=1e-10, atol=noise)
+    exact_slope = equilibrium_slope(program, network, u, 0)
+    np.testing.assert_allclose(steady_slope(network, u, 0), exact_slope, rtol=1e-10, atol=noise)
 
 
 def test_the_beam_bends_as_its_stiffness_says() -> None:

@@ -16,9 +16,10 @@ from torch import Tensor
 
 from phnn.derivatives import output_derivatives, output_gradient
 from phnn.errors import StructureViolated
-from phnn.integrate import quick
+from phnn.integrate import kernel
 from phnn.integrate.dense import solve_dense
 from phnn.integrate.residual import check, power_balance
+from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import hrc
 from phnn.models.thermal import thermal_hrc
 from phnn.network import Memory, Network, PortHamiltonianSystem
@@ -136,7 +137,7 @@ def driven(seconds: float, frequency: float, h: float, amplitude: float = 75.0) 
 def test_the_isothermal_limit_is_the_actuator_bit_for_bit(
     values: dict[str, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(quick, "serves", lambda program: False)
+    monkeypatch.delitem(kernel.KERNELS, "single junction")
     u, h = driven(0.02, 150.0, 1e-5)
     warm = march(thermal_hrc(2, values), u, h, np.zeros(5))
     isothermal = march(hrc(2), u, h, np.zeros(4))
@@ -220,7 +221,8 @@ def test_the_torch_step_keeps_both_laws() -> None:
     u, h = driven(0.002, 500.0, 4e-5)
     x0, inputs = torch.zeros(5, dtype=torch.float64), torch.from_numpy(u)
     with torch.no_grad():
-        x = solve_dense(system, x0, inputs, 4e-5)
+        # Whose mean efforts are the discrete gradients that are written out here.
+        x = solve_dense(system, x0, inputs, 4e-5, Scheme.MIDPOINT)
         efforts, middle = system.mean_efforts(x[:-1], x[1:]), between(system, x[:-1], x[1:])
         thermal = thermal_balance(system, x, drives(system, efforts, middle, inputs), torch.from_numpy(h))
         supplied = 4e-5 * (inputs * (efforts.unsqueeze(-2) @ system.incidences(middle)[1]).squeeze(-2)).sum(-1)

@@ -1,0 +1,68 @@
+"""Which networks the compiled kernels solve; the others are solved in torch (`phnn.integrate.dense`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from phnn.integrate.dispatch import SCALARS, STORAGE_SCALARS
+from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
+from phnn.network.elements import Network
+
+# By kind of element: laws of a few parameters, and laws of torch modules that hand their weights to the kernel.
+LAWS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
+    "storage": (STORAGE_LAWS, WIDE_STORAGES),
+    "resistor": (RESISTOR_LAWS, WIDE_RESISTORS),
+    "port": (PORT_LAWS, {}),
+    "modulation": (FACTOR_LAWS, {}),
+    "memory": (MEMORY_LAWS, {}),
+}
+
+
+def can_compile(network: Network) -> bool:
+    """Whether the compiled kernels solve a network."""
+    return not obstacle(network)
+
+
+def obstacle(network: Network) -> str:
+    """Why the compiled kernels do not solve a network, with the remedy; empty where they do."""
+    n = network
+    elements: list[tuple[str, str, Any]] = [("storage", s.name, s) for s in n.storages]
+    elements += [("resistor", r.name, r) for r in n.resistors]
+    elements += [("port", p.name, p) for p in n.ports] + [("modulation", m.ratio, m) for m in n.modulations]
+    elements += [("memory", m.name, m) for m in n.memories]
+    found = (_law_obstacle(*element) for element in elements)
+    return next(filter(None, found), "") or partly_driven(network, network.storage_names)
+
+
+def _law_obstacle(kind: str, name: str, element: Any) -> str:
+    scalar, wide = LAWS[kind]
+    law = element.law
+    if not isinstance(law, str):
+        known = str(getattr(law, "law", None)) in wide
+        return "" if known else f"{kind} {name}: this torch module has no kernel; solve with phnn.integrate.dense"
+    if law not in scalar:
+        return f"{kind} {name}: no law called {law!r}; there are {', '.join(scalar)}"
+    most = STORAGE_SCALARS if kind == "storage" else SCALARS
+    count = len(element.parameters)
+    return "" if count <= most else f"{kind} {name}: {count} parameters; the kernel passes {most}"
+
+
+def partly_driven(network: Network, storages: Iterable[str]) -> str:
+    """Which memory is driven by some, but not all, of the resistors that act on one of some storages alone.
+
+    Of such a storage a step may know only what all its resistors dissipate together. Empty where there is no such case.
+    """
+    for memory in network.memories:
+        drives = network.drives_of(memory)
+        for storage in storages:
+            resistors = [r.name for r in network.resistors if tuple(r.on) == (storage,)]
+            named = [name for name in resistors if name in drives]
+            missing = [name for name in resistors if name not in drives]
+            if named and missing:
+                return (
+                    f"memory {memory.name}: {named[0]} drives it and {missing[0]}, on the same storage {storage}, does "
+                    "not: name both or neither, or solve with phnn.integrate.dense and Scheme.MIDPOINT"
+                )
+    return ""

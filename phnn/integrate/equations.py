@@ -1,0 +1,191 @@
+"""The equations of a step of any port-Hamiltonian system in torch, under every `phnn.integrate.scheme.Scheme`.
+
+The unknown is the end state ``x⁺``. The residual of a storage with a discrete gradient is
+``x⁺ − x − h [J ē − Σ_r b_r φ_r(b_rᵀ ē, q̄_r) + g ψ(ū)]``, that of a reducible one ``x⁺ − X(x, i)`` with the end ``X``
+that its rule gives under its current ``i``, that of a memory ``z⁺ − Z(z, s̄)`` with its exact flow.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import torch
+from torch import Tensor
+
+from phnn.integrate.partition import reducible, resistors_of
+from phnn.integrate.reducible import Surroundings, advanced, shares
+from phnn.integrate.scheme import Scheme
+from phnn.network import memory
+from phnn.network.evaluation import evaluation
+from phnn.network.incidence import combined
+from phnn.network.power import PowerBalance
+from phnn.network.system import PortHamiltonianSystem
+
+_KNOWN: WeakKeyDictionary[PortHamiltonianSystem, dict[Scheme, dict[int, int]]] = WeakKeyDictionary()
+
+
+class Means(NamedTuple):
+    """What a step leads to.
+
+    Attributes:
+        efforts: (..., n) mean efforts.
+        middle: (..., N) what laws read: energy variables in the middle of the step, memories at its start.
+        currents, ends: by number of a reducible storage, (...) what flows into it and where it ends.
+    """
+
+    efforts: Tensor
+    middle: Tensor
+    currents: dict[int, Tensor]
+    ends: dict[int, Tensor]
+
+
+def reducible_rules(system: PortHamiltonianSystem, scheme: Scheme) -> dict[int, int]:
+    """Numbers of the storages that a scheme advances by another rule than the discrete gradient, and this rule."""
+    known = _KNOWN.setdefault(system, {})
+    if scheme not in known:
+        found = reducible(system.network, scheme)
+        known[scheme] = {system.state_names.index(name): rule for name, rule in found.items()}
+    return known[scheme]
+
+
+def means(
+    system: PortHamiltonianSystem, scheme: Scheme, x: Tensor, x_next: Tensor, u: Tensor, h: float | Tensor
+) -> Means:
+    """The mean efforts of a step from ``x`` (..., N) to ``x_next``; arguments as of `step_residual`."""
+    middle, rules = memory.between(system, x, x_next), reducible_rules(system, scheme)
+    if not rules:
+        return Means(system.mean_efforts(x, x_next), middle, {}, {})
+    none = torch.zeros_like(middle[..., 0])
+    efforts = [
+        none if k in rules else none + system.mean_effort(k, x[..., k], x_next[..., k])
+        for k in range(len(system.network.storages))
+    ]
+    branches, inputs = system.incidences(middle)
+    inflow = combined(torch.stack(efforts, dim=-1), system.structure(middle).mT) + combined(
+        system.actions(u), inputs.mT
+    )
+    around = Surroundings(system, middle, branches, _of_one_storage(h))
+    currents = {k: inflow[..., k] for k in rules}
+    ends = {}
+    for k, rule in rules.items():
+        ends[k], efforts[k] = advanced(around, k, rule, x[..., k], currents[k])
+    return Means(torch.stack(efforts, dim=-1), middle, currents, ends)
+
+
+def _of_one_storage(h: float | Tensor) -> float | Tensor:
+    """A step that was shaped to multiply states, shaped to multiply one of them."""
+    return h[..., 0] if isinstance(h, Tensor) and h.ndim else h
+
+
+def step_residual(
+    system: PortHamiltonianSystem,
+    x: Tensor,  # (..., N) state at the start of the step
+    x_next: Tensor,  # (..., N) and at its end
+    u: Tensor,  # (..., P) mean input of the step
+    h: float | Tensor,  # [s], one for all or shaped to multiply states
+    scheme: Scheme = Scheme.DISCRETE_GRADIENT,
+) -> Tensor:
+    """(..., N) what the step equation leaves: zero at its solution. All steps at once where batched over them."""
+    if isinstance(system, PortHamiltonianSystem):
+        return _network_residual(system, x, x_next, u, h, scheme)
+    # Any system with a discrete gradient of its own: it has no reducible storages.
+    return x_next - x - h * system.rate(system.mean_efforts(x, x_next), 0.5 * (x + x_next), u)
+
+
+@evaluation
+def _network_residual(
+    system: PortHamiltonianSystem, x: Tensor, x_next: Tensor, u: Tensor, h: float | Tensor, scheme: Scheme
+) -> Tensor:
+    found, first = means(system, scheme, x, x_next, u, h), len(system.network.storages)
+    moved = x_next[..., :first] - x[..., :first] - h * system.rate(found.efforts, found.middle, u)
+    if found.ends:
+        columns = list(moved.unbind(-1))
+        for k, end in found.ends.items():
+            columns[k] = x_next[..., k] - end
+        moved = torch.stack(columns, dim=-1)
+    if not system.network.memories:
+        return moved
+    drives = memory.drives(system, found.efforts, found.middle, u, _powers(system, found, x, h))
+    end = memory.ends(system, x[..., first:], drives, h)
+    return torch.cat([moved, x_next[..., first:] - end], dim=-1)
+
+
+def _powers(system: PortHamiltonianSystem, found: Means, x: Tensor, h: float | Tensor) -> dict[int, Tensor]:
+    """By number of a resistor on a reducible storage alone, (...) what it dissipates: the first takes it for all."""
+    powers = {}
+    for k, end in found.ends.items():
+        dissipated = _dissipated(system, found, k, x[..., k], _of_one_storage(h))
+        for place, r in enumerate(resistors_of(system.network, system.state_names[k])):
+            powers[r] = dissipated if place == 0 else torch.zeros_like(end)
+    return powers
+
+
+def _dissipated(system: PortHamiltonianSystem, found: Means, k: int, start: Tensor, h: float | Tensor) -> Tensor:
+    """(...) mean power ``i ē − ΔH/h`` that the resistors of a reducible storage take."""
+    end = found.ends[k]
+    stored = system.mean_effort(k, start + 0.0 * end, end) * (end - start) / h
+    return found.currents[k] * found.efforts[..., k] - stored
+
+
+def powers_of_steps(
+    system: PortHamiltonianSystem, scheme: Scheme, states: Tensor, u: Tensor, h: float | Tensor
+) -> PowerBalance:
+    """Mean powers of the steps (N, ...) through ``states`` (N+1, ..., n), at the steps' own mean efforts."""
+    x, x_next = states[:-1], states[1:]
+    found = means(system, scheme, x, x_next, u, h)
+    own = _of_one_storage(h)
+    stored = (system.energy(x_next) - system.energy(x)) / own
+    balance = system.power(found.efforts, found.middle, u, stored)
+    if not found.ends:
+        return balance
+    around = Surroundings(system, found.middle, system.incidences(found.middle)[0], own)
+    dissipated = list(balance.dissipated.unbind(-1))
+    for k in found.ends:
+        total = _dissipated(system, found, k, x[..., k], own)
+        flows = [loss(found.efforts[..., k]) for loss in around.losses(k)]
+        for r, share in zip(resistors_of(system.network, system.state_names[k]), shares(flows), strict=True):
+            dissipated[r] = share * total
+    lost = torch.stack(dissipated, dim=-1)
+    return PowerBalance(stored, lost, balance.supplied, stored - balance.supplied.sum(-1) + lost.sum(-1))
+
+
+def sizes(
+    system: PortHamiltonianSystem, scheme: Scheme, x: Tensor, z: Tensor, u: Tensor, h: float, jacobian: Tensor
+) -> Tensor:
+    """(..., N) size of the terms that cancel in every row of the residual, and of what rounding ``x⁺`` does to it."""
+    found = means(system, scheme, x, z, u, h)
+    efforts, middle = found.efforts, found.middle
+    branches, inputs = system.incidences(middle)
+    flows = combined(system.branch_flows(combined(efforts, branches), middle).abs(), branches.abs().mT)
+    forces = combined(system.actions(u).abs(), inputs.abs().mT)
+    conserved = (system.structure(middle).abs() @ efforts.abs().unsqueeze(-1)).squeeze(-1)
+    rounding = (jacobian.abs() @ z.abs().unsqueeze(-1)).squeeze(-1)
+    moved = h * (conserved + flows + forces)
+    # The end of a reducible storage is a closed form: nothing of the size of its current cancels there.
+    moved = torch.stack([torch.zeros_like(m) if k in found.ends else m for k, m in enumerate(moved.unbind(-1))], dim=-1)
+    total, first = x.abs() + rounding, efforts.shape[-1]
+    total = torch.cat([total[..., :first] + moved, total[..., first:]], dim=-1)
+    return torch.where(total > 0.0, total, 1.0)
+
+
+def jacobians(
+    system: PortHamiltonianSystem,
+    x: Tensor,  # (..., N) state at the start of the step
+    z: Tensor,  # (..., N) and at its end
+    u: Tensor,  # (..., P)
+    h: float | Tensor,
+    scheme: Scheme = Scheme.DISCRETE_GRADIENT,
+) -> tuple[Tensor, Tensor]:
+    """(..., N, N) derivatives of the residual by the end and by the start of the step, row by row.
+
+    Members of a batch do not see each other, so that one backward pass gives one row for all of them.
+    """
+    with torch.enable_grad():
+        end, start = z.detach().requires_grad_(True), x.detach().requires_grad_(True)
+        residual = step_residual(system, start, end, u, h, scheme)
+        rows = [
+            torch.autograd.grad(residual[..., i].sum(), (end, start), retain_graph=True)
+            for i in range(residual.shape[-1])
+        ]
+    return torch.stack([r[0] for r in rows], dim=-2), torch.stack([r[1] for r in rows], dim=-2)

@@ -1,0 +1,87 @@
+"""The compiled march of any network: the steps of `phnn.integrate.step` solved one after the other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.integrate.compiled import inline, loop_entry
+from phnn.integrate.constants import CONSTANTS, fill_gains
+from phnn.integrate.lookups import count, is_linear, junction_storage
+from phnn.integrate.memories import advance
+from phnn.integrate.program import Program
+from phnn.integrate.roots import extrapolated
+from phnn.integrate.solve import prepare, rest_guess, solve_many, solve_one
+from phnn.integrate.step import balance
+from phnn.integrate.tables import JUNCTIONS, LEAVES, MEMORIES, rows_of
+from phnn.integrate.terms import EFFORT, NEXT
+
+Array = NDArray[np.float64]
+
+
+@inline
+def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> None:
+    """The unknowns of step ``n`` extrapolated from the two before it; at the start nothing changes."""
+    if n == 0:
+        rest_guess(t, theta, states[0], y)
+        return
+    for j in range(y.shape[0]):
+        k = junction_storage(t, j)
+        y[j] = extrapolated(efforts, n, k) if is_linear(t, j) else extrapolated(states, n + 1, k)
+
+
+def _steps(
+    t: Any, actions: Any, h: Any, states: Any, efforts: Any, values: Any, perturbed: Any, jacobian: Any, step: Any,
+    own: Any,
+) -> Any:  # fmt: skip
+    """March; the last arguments are memory."""
+    theta, c, g, a, x, y, wj, wx = values
+    fill_gains(t, theta, g)
+    for r in range(g.shape[0]):
+        perturbed[2][r] = g[r]
+    c_c, a_c, x_c = perturbed[1], perturbed[3], perturbed[4]
+    m = y.shape[0]
+    slope = 0.0
+    for n in range(actions.shape[0]):
+        for k in range(x.shape[0]):
+            x[k] = states[n, k]
+            x_c[k] = states[n, k]
+        _guess(t, theta, n, states, efforts, y)
+        if n == 0 or h[n] != h[n - 1]:
+            slope = 0.0
+            prepare(t, theta, h[n], c, c_c)
+        for p in range(a.shape[0]):
+            a[p] = actions[n, p]
+            a_c[p] = actions[n, p]
+        solved = True
+        if m == 1:
+            solved, slope = solve_one(t, h[n], slope, values, perturbed)
+        elif m == 0:
+            balance(t, theta, c, g, a, x, y, h[n], wj, wx)
+        else:
+            solved = solve_many(t, h[n], values, perturbed, jacobian, step, own)
+        if count(t, MEMORIES) > 0:
+            advance(t, theta, c, g, a, x, y, h[n], wj, wx)
+        for k in range(x.shape[0]):
+            states[n + 1, k] = wx[NEXT, k]
+            efforts[n, k] = wx[EFFORT, k]
+            solved = solved and np.isfinite(wx[NEXT, k]) and np.isfinite(wx[EFFORT, k])
+        if not solved:
+            return n
+    return actions.shape[0]
+
+
+_compiled = loop_entry(_steps)
+
+
+def march(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
+    """`phnn.integrate.kernel.Kernel.march` of every network."""
+    t = program.table
+    n, m, leaves = states.shape[1], len(rows_of(t, JUNCTIONS)), len(rows_of(t, LEAVES))
+    shapes = ((leaves + m, CONSTANTS), len(t), actions.shape[1], n, m, (4, m), (2, n))
+    values = (theta, *(np.zeros(shape) for shape in shapes))
+    perturbed = (theta.astype(np.complex128), *(np.zeros(shape, np.complex128) for shape in shapes))
+    own = (np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7 + m, m)))
+    return int(_compiled(t, actions, h, states, efforts, values, perturbed, *own))

@@ -1,0 +1,158 @@
+"""All that the package uses of numba and torchdiffeq beyond what they document, each with a way to do without.
+
+=============================  =============================================  ======================================
+part                           used for                                       without it
+=============================  =============================================  ======================================
+numba ``dispatcher._cache``,   kept machine code that is checked before it    every function is compiled in memory,
+``IndexDataCacheFile``         is run                                         with a warning
+numba option ``_nrt``          loops without reference counts                 slower loops
+torchdiffeq ``SOLVERS``,       our steps as methods of `torchdiffeq`, which   `phnn.integrate.ode.odeint` and
+``_PerturbFunc``,              find the system and the solve behind what      `compiled_method.sampled_states` take
+``_ReverseFunc``, closure of   they are given                                 the same steps, with gradients by a
+the augmented dynamics                                                        graph
+=============================  =============================================  ======================================
+
+`missing` says which are gone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import inspect
+import pickle
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+_HASH = hashlib.sha256().digest_size
+# By name of a part: its module, and what it is called there.
+_PARTS = {
+    "numba files of a cache": ("numba.core.caching", "IndexDataCacheFile"),
+    "torchdiffeq methods": ("torchdiffeq._impl.odeint", "SOLVERS"),
+    "torchdiffeq perturbed function": ("torchdiffeq._impl.misc", "_PerturbFunc"),
+    "torchdiffeq reversed function": ("torchdiffeq._impl.misc", "_ReverseFunc"),
+}
+_CACHE_FILE = ("_cache_path", "_index_name", "_source_stamp")
+
+
+@cache
+def part(name: str) -> Any:
+    """A private part of another package; None where it is gone."""
+    module, attribute = _PARTS[name]
+    try:
+        return getattr(importlib.import_module(module), attribute, None)
+    except ImportError:
+        return None
+
+
+def missing() -> list[str]:
+    """Names of the parts that the installed numba and torchdiffeq do not have."""
+    gone = [name for name in _PARTS if part(name) is None]
+    return gone + ([] if loop_options() else ["numba option _nrt"])
+
+
+@cache
+def loop_options() -> Mapping[str, bool]:
+    """numba's options of a loop that owns no memory."""
+    from numba.core.options import DefaultOptions
+
+    return {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
+
+
+def check_content(dispatcher: Any) -> bool:
+    """Make numba's cache of a function read and write files that begin with the hash of their content.
+
+    Returns:
+        Whether that was possible; otherwise what is kept must not be used.
+    """
+    kept: Any = getattr(dispatcher, "_cache", None)
+    given: Any = getattr(kept, "_cache_file", None)
+    if part("numba files of a cache") is None or not all(hasattr(given, name) for name in _CACHE_FILE):
+        return False
+    kept._cache_file = _checked_files()(
+        given._cache_path, given._index_name.removesuffix(".nbi"), source_stamp=given._source_stamp
+    )
+    return True
+
+
+@cache
+def _checked_files() -> type:
+    """The class of numba's files of a function: an index of signatures, and machine code for each."""
+
+    class Checked(part("numba files of a cache")):  # type: ignore[misc]
+        def _load_index(self) -> dict[Any, str]:
+            content = self._read(self._index_path)
+            if content is None:
+                return {}
+            version, stamp, overloads = pickle.loads(content)
+            return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
+
+        def _save_index(self, overloads: dict[Any, str]) -> None:
+            self._write(self._index_path, self._dump((self._version, self._source_stamp, overloads)))
+
+        def _load_data(self, name: str) -> Any:
+            content = self._read(self._data_path(name))
+            if content is None:
+                # The caller takes it for a file that was removed.
+                raise FileNotFoundError(name)
+            return pickle.loads(content)
+
+        def _save_data(self, name: str, data: Any) -> None:
+            self._write(self._data_path(name), self._dump(data))
+
+        def _read(self, path: str) -> bytes | None:
+            """The content of a file whose hash is right."""
+            try:
+                with open(path, "rb") as file:
+                    content = file.read()
+            except OSError:
+                return None
+            right = hashlib.sha256(content[_HASH:]).digest() == content[:_HASH]
+            return content[_HASH:] if right else None
+
+        def _write(self, path: str, content: bytes) -> None:
+            """Write a file with its hash; on a full disk the function stays compiled in memory."""
+            try:
+                with self._open_for_write(path) as file:
+                    file.write(hashlib.sha256(content).digest() + content)
+            except OSError:
+                return
+
+    return Checked
+
+
+def add_methods(methods: Mapping[str, type]) -> None:
+    """Make methods known to `torchdiffeq.odeint` and `torchdiffeq.odeint_adjoint`, where these can be told."""
+    if takes_methods():
+        part("torchdiffeq methods").update(methods)
+
+
+def takes_methods() -> bool:
+    """Whether torchdiffeq can be given methods that find the system which they integrate."""
+    return all(part(name) is not None for name in _PARTS if name.startswith("torchdiffeq"))
+
+
+def behind(func: Any) -> tuple[Any, Any]:
+    """The right-hand side behind the function that torchdiffeq gives a method, and the wrapper of ``odeint_adjoint``.
+
+    That wrapper is new for every call and lives as long as the graph of its result: what is kept there belongs to this
+    solve alone and goes with it. It is None under ``odeint``.
+    """
+    inner = func.base_func
+    if isinstance(inner, part("torchdiffeq perturbed function")):
+        return inner.base_func, inner
+    return inner, None
+
+
+def is_reversed(func: Any) -> bool:
+    """Whether a right-hand side goes back in time."""
+    return isinstance(func, part("torchdiffeq reversed function"))
+
+
+def augmented(func: Any) -> dict[str, Any]:
+    """What the augmented dynamics of torchdiffeq's backward pass was made of; empty for any other function."""
+    while hasattr(func, "base_func"):
+        func = func.base_func
+    known = dict(inspect.getclosurevars(func).nonlocals) if inspect.isfunction(func) else {}
+    return known if "adjoint_params" in known else {}

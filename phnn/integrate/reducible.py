@@ -1,0 +1,197 @@
+"""A step of reducible storages in torch, batched and differentiable, by the rules of `phnn.integrate.scheme`.
+
+    ẋ = i − φ(s x),     φ(ε) = Σ_r b_r φ_r(b_r ε, q̄_r)
+
+under a constant current ``i``. The exact flow is `phnn.laws.leaf.rc_flow`, which the compiled kernel calls too; the
+stages of Radau IIA are found without gradients, and one Newton step from them carries the derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from phnn.errors import SolverFailed
+from phnn.integrate.partition import resistors_of
+from phnn.integrate.roots import NOTHING, TOLERANCE
+from phnn.integrate.stages import radau_defects
+from phnn.integrate.tables import EXACT
+from phnn.laws import RESISTOR_LAWS
+from phnn.laws.leaf import rc_flow, relaxation
+from phnn.network.system import PortHamiltonianSystem
+
+# Newton steps for both stages at once, before each is looked for in a bracket.
+_QUICK = 15
+# Steps of a bracketed search: half of them halve the bracket, down to neighbouring floats.
+_BRACKETED = 250
+
+Lost = Callable[[Tensor], Tensor]
+
+
+class Surroundings(NamedTuple):
+    """What the storages of a step have in common.
+
+    Attributes:
+        middle: (..., N) state that laws read at mid-step.
+        branches: (n, R) or (..., n, R) ratios of the resistors.
+        h: step [s], a number or (...).
+    """
+
+    system: PortHamiltonianSystem
+    middle: Tensor
+    branches: Tensor
+    h: float | Tensor
+
+    def losses(self, k: int) -> list[Lost]:
+        """``ε ↦ b φ(b ε)`` of every resistor that acts on storage ``k`` alone, at efforts (...)."""
+        return [self._loss(k, r) for r in resistors_of(self.system.network, self.system.state_names[k])]
+
+    def lost(self, k: int, effort: Tensor) -> Tensor:
+        """(...) flow into all of them."""
+        return sum((loss(effort) for loss in self.losses(k)), torch.zeros_like(effort))
+
+    def _loss(self, k: int, r: int) -> Lost:
+        ratio = self.branches[..., k, r]
+        return lambda effort: ratio * self.system.branch_flow(r, ratio * effort, self.middle)
+
+
+def advanced(
+    around: Surroundings,
+    k: int,
+    rule: int,
+    x: Tensor,  # (...) state at the start of the step
+    current: Tensor,  # (...) constant inflow
+    stages: tuple[Tensor, Tensor] | None = None,
+) -> tuple[Tensor, Tensor]:
+    """(...) end state and mean effort of storage ``k``.
+
+    Args:
+        rule: ``EXACT`` or ``RADAU``.
+        stages: those of Radau IIA, where they are known.
+    """
+    one = torch.ones_like(current)
+    stiffness = around.system.mean_effort(k, one, one)
+    if rule == EXACT:
+        return _exact_flow(around, k, stiffness, x, current)
+    if stages is None:
+        with torch.no_grad():
+            stages = _radau_stages(around, k, stiffness, x, current)
+    return _radau(around, k, stiffness, x, current, stages)
+
+
+def _exact_flow(around: Surroundings, k: int, s: Tensor, x: Tensor, current: Tensor) -> tuple[Tensor, Tensor]:
+    system, h, one = around.system, around.h, torch.ones_like(current)
+    first, *others = resistors_of(system.network, system.state_names[k])
+    rho, low, high = _thresholds(around, first, one)
+    leak = sum((system.branch_flow(r, one, around.middle) for r in others), torch.zeros_like(one))
+    relaxed = *relaxation(h * (rho + leak) * s), *relaxation(h * leak * s)
+    return rc_flow(x + 0.0 * one, current, h + 0.0 * one, s, rho, low, high, leak, *relaxed)
+
+
+def _thresholds(around: Surroundings, r: int, like: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    system = around.system
+    resistor = system.network.resistors[r]
+    thresholds = RESISTOR_LAWS[resistor.law].thresholds
+    if thresholds is None:
+        raise SolverFailed(f"{resistor.name}: the law {resistor.law} has no exact flow: take Scheme.RADAU")
+    name = resistor.modulated_by
+    q = torch.zeros_like(like) if name is None else around.middle[..., system.state_names.index(name)]
+    return thresholds(q, *map(system.value, resistor.parameters))
+
+
+def _radau(
+    around: Surroundings, k: int, s: Tensor, x: Tensor, current: Tensor, stages: tuple[Tensor, Tensor]
+) -> tuple[Tensor, Tensor]:
+    """One Newton step from the stages, whose matrix ``[[a, 1/2], [−9/2, b]]`` has no gradients of its own."""
+    one, two = stages
+    h = around.h
+    fixed = h.detach() if isinstance(h, Tensor) else h
+    slopes = [_with_slope(around, k, s.detach(), stage)[1] for stage in stages]
+    lost = [around.lost(k, s * stage) for stage in stages]
+    g1, g2 = radau_defects(one - x, two - x, current, h, lost[0], lost[1])
+    a, b = 1.5 + fixed * slopes[0], 2.5 + fixed * slopes[1]
+    determinant = a * b + 2.25
+    one = one - (b * g1 - 0.5 * g2) / determinant
+    two = two - (4.5 * g1 + a * g2) / determinant
+    return two, s * (0.75 * one + 0.25 * two)
+
+
+def _with_slope(around: Surroundings, k: int, s: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
+    """(...) flow lost at a state and its slope, both without gradients."""
+    with torch.enable_grad():
+        at = state.detach().clone().requires_grad_(True)
+        lost = around.lost(k, s * at)
+        (slope,) = torch.autograd.grad(lost.sum(), at, materialize_grads=True)
+    return lost.detach(), slope
+
+
+def _radau_stages(around: Surroundings, k: int, s: Tensor, x: Tensor, current: Tensor) -> tuple[Tensor, Tensor]:
+    """Both stages: Newton's method, then two scalar roots within each other where it does not converge.
+
+    The first defect increases with the first stage, and with the first stage so found the second one increases with
+    the second (`phnn.integrate.stages.make_radau`).
+    """
+    h = around.h
+    x = (x + 0.0 * current).detach()
+    i, one, two = current.detach(), x, x
+
+    def at(state: Tensor) -> tuple[Tensor, Tensor]:
+        return _with_slope(around, k, s.detach(), state)
+
+    for _ in range(_QUICK):
+        (taken1, slope1), (taken2, slope2) = at(one), at(two)
+        a, b = 1.5 + h * slope1, 2.5 + h * slope2
+        if not bool(((a > 0.0) & (b > 0.0)).all()):
+            break
+        g1, g2 = radau_defects(one - x, two - x, i, h, taken1, taken2)
+        size = one.abs() + two.abs() + x.abs() + h * i.abs()
+        size1 = size + h * (taken1.abs() + (slope1 * one).abs())
+        size2 = size + h * (taken2.abs() + (slope2 * two).abs())
+        if bool(((g1.abs() <= TOLERANCE * size1 + NOTHING) & (g2.abs() <= TOLERANCE * size2 + NOTHING)).all()):
+            return one, two
+        determinant = a * b + 2.25
+        one, two = one - (b * g1 - 0.5 * g2) / determinant, two - (4.5 * g1 + a * g2) / determinant
+
+    def first(second: Tensor) -> Tensor:
+        def defect(stage: Tensor) -> tuple[Tensor, Tensor]:
+            taken, slope = at(stage)
+            return radau_defects(stage - x, second - x, i, h, taken, 0.0 * taken)[0], 1.5 + h * slope
+
+        return _increasing_root(defect, second, 1.5)
+
+    def defect(second: Tensor) -> tuple[Tensor, Tensor]:
+        taken, slope = at(second)
+        value = radau_defects(first(second) - x, second - x, i, h, 0.0 * taken, taken)[1]
+        return value, 2.5 + h * slope + 2.25 / (1.5 + h * at(first(second))[1])
+
+    two = _increasing_root(defect, x, 2.5)
+    return first(two), two
+
+
+def _increasing_root(function: Callable[[Tensor], tuple[Tensor, Tensor]], guess: Tensor, floor: float) -> Tensor:
+    """(...) roots of increasing functions with a slope of at least ``floor``: Newton's method within brackets."""
+    y, last = guess, torch.full_like(guess, torch.inf)
+    low, high = torch.full_like(guess, -torch.inf), torch.full_like(guess, torch.inf)
+    for _ in range(_BRACKETED):
+        value, slope = function(y)
+        low, high = torch.where(value <= 0.0, y, low), torch.where(value >= 0.0, y, high)
+        newton = y - value / slope
+        good = (newton >= low) & (newton <= high) & (slope > 0.0) & (value.abs() <= 0.5 * last)
+        # Twice the step that the least slope allows leads beyond the root.
+        inside = torch.where((high - low).isfinite(), 0.5 * low + 0.5 * high, y - 2.0 * value / floor)
+        following = torch.where(value == 0.0, y, torch.where(good, newton, inside))
+        if bool((following == y).all()):
+            break
+        y, last = following, value.abs()
+    return y
+
+
+def shares(flows: list[Tensor]) -> list[Tensor]:
+    """How the loss of a storage divides among its resistors: as their flows at its mean effort."""
+    if len(flows) <= 1:
+        return [torch.ones_like(f) for f in flows]
+    total = torch.stack(flows).abs().sum(0)
+    return [torch.where(total > 0.0, f.abs() / total, 1.0 / len(flows)) for f in flows]

@@ -1,0 +1,84 @@
+"""One scheme is one step: every path that solves a network gives the same states and gradients."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+import torch
+from solve_paths import apart, case_of, networks, paths
+from subjects import body
+
+from phnn.errors import InputRefused
+from phnn.integrate import batched
+from phnn.integrate.equations import reducible_rules
+from phnn.integrate.scheme import Scheme
+from phnn.models.actuator import hrc
+from phnn.models.fully_neural import FullyNeural
+from phnn.models.scales import Scales
+from phnn.network import PortHamiltonianSystem
+
+NETWORKS = networks()
+TOLERANCE = 1e-12
+# Parameters that hardly matter are compared on the scale of those that do, see `solve_paths.apart`: of random networks
+# with rates up to 1e9 1/s, which amplify the rounding of a state, all parameters are.
+WEAKEST, STIFF = 1e-3, ("stiff ", "rich ")
+
+
+# Where every path is tried under every scheme even in a hurry: a leaf of every rule, a memory, all laws, no kernel.
+FEW = ("hrc", "thermal_hrc", "leaf coulomb", "leaf monotone", "nonlinear leaf dead_zone", "everything",
+       "leaf of another module")  # fmt: skip
+
+
+def disagreements(name: str, schemes: Iterable[Scheme], every: bool) -> dict[str, tuple[float, float]]:
+    """Paths that are farther from the first one than rounding, with the differences of states and of gradients."""
+    case, wrong = case_of(NETWORKS[name]), {}
+    weakest = 1.0 if name.startswith(STIFF) else WEAKEST
+    for scheme in schemes:
+        first, *others = paths(case, scheme, every).items()
+        assert np.isfinite(first[1].states).all()
+        for path, solution in others:
+            if max(differences := apart(case, first[1], solution, weakest)) > TOLERANCE:
+                wrong[f"{first[0]} and {path}, {scheme}"] = differences
+    return wrong
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_torch_and_kernels_take_the_same_steps(name: str) -> None:
+    assert not disagreements(name, [Scheme.DISCRETE_GRADIENT], every=False)
+
+
+@pytest.mark.parametrize("name", [n if n in FEW else pytest.param(n, marks=pytest.mark.slow) for n in NETWORKS])
+def test_every_path_takes_the_same_steps_under_every_scheme(name: str) -> None:
+    assert not disagreements(name, Scheme, every=True)
+
+
+def test_a_batch_of_a_fully_neural_model_is_its_members() -> None:
+    torch.manual_seed(0)
+    model = FullyNeural(Scales(1e-3, 75.0, 1e-4), 3, 6)
+    x0, u = 0.5 * torch.randn(4, 3, dtype=torch.float64), 75.0 * torch.randn(20, 4, 1, dtype=torch.float64)
+    h = torch.full((20, 4, 1), 1e-4, dtype=torch.float64)
+    together = batched.march(model, x0, u, h)
+    alone = torch.cat([batched.march(model, *(v[..., k : k + 1, :] for v in (x0, u, h))) for k in range(4)], dim=1)
+    parameters = [p for p in model.parameters() if p.requires_grad]
+    one, other = (
+        [path, *torch.autograd.grad(path[-1].sum(), parameters, allow_unused=True, materialize_grads=True)]
+        for path in (together, alone)
+    )
+    for a, b in zip(one, other, strict=True):
+        torch.testing.assert_close(a, b, rtol=0.0, atol=TOLERANCE * max(float(a.detach().abs().max()), 1e-3))
+
+
+def test_schemes_differ_in_reducible_storages_alone() -> None:
+    case = case_of(hrc(2))
+    found = {scheme: paths(case, scheme)["torch"].states for scheme in Scheme}
+    assert np.abs(found[Scheme.DISCRETE_GRADIENT] - found[Scheme.MIDPOINT]).max() > 1e-6 * case.scale.max()
+    assert reducible_rules(case.system, Scheme.MIDPOINT) == {}
+    assert not reducible_rules(PortHamiltonianSystem(body()), Scheme.DISCRETE_GRADIENT)
+
+
+def test_a_scheme_has_a_name() -> None:
+    assert [Scheme.named(s.value) for s in Scheme] == list(Scheme)
+    with pytest.raises(InputRefused, match="scheme = 'euler': choose one of discrete_gradient, radau, midpoint"):
+        Scheme.named("euler")
