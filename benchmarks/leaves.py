@@ -78,7 +78,7 @@ RULES = (
     Line("radau", Scheme.RADAU),
     Line("midpoint", Scheme.MIDPOINT),
 )
-QUICK = Line("exact, quick march", Scheme.DISCRETE_GRADIENT, "single junction")
+QUICK = Line("exact, single-junction kernel", Scheme.DISCRETE_GRADIENT, "single junction")
 LINES = (*RULES, QUICK)
 
 

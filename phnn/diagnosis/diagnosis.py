@@ -143,7 +143,7 @@ class _Search:
         return scored(fitted, self.effects, self.options.seed, error, self.terminals, self.criteria)
 
     def judged(self, base: Fit, error: NumericalError) -> tuple[Fit, NumericalError, Judgement]:
-        """Search from a base model, refitted with steps so fine that the numerical error alone scores next to nothing.
+        """Search from a base model, refitted with finer steps where the numerical error alone has a score.
 
         Returns:
             The base model with these steps, its numerical error, and the judgement.

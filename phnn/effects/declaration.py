@@ -45,7 +45,7 @@ class Declared:
         place: makes the parameter from ``name``, ``value``, ``unit`` and ``description``, with its bounds.
         strength: it is zero when the effect is absent.
         lower, upper: bounds that it has wherever it is placed.
-        plausible: where it lies in actuators that exist; see `plausibly`.
+        plausible: its range in actuators that exist; see `plausibly`.
     """
 
     name: str

@@ -137,7 +137,7 @@ def behind(func: Any) -> tuple[Any, Any]:
     """The right-hand side behind the function that torchdiffeq gives a method, and the wrapper of ``odeint_adjoint``.
 
     That wrapper is new for every call and lives as long as the graph of its result: what is kept there belongs to this
-    solve alone and goes with it. It is None under ``odeint``.
+    solve alone and goes with it. Under ``odeint`` there is no wrapper: None.
     """
     inner = func.base_func
     if isinstance(inner, part("torchdiffeq perturbed function")):

@@ -49,7 +49,7 @@ def kernel_for(program: Program, prefer: str | None = None) -> Kernel:
         prefer: name of another one that is to be taken.
 
     Raises:
-        InputRefused: there is none of that name, or it does not serve the program.
+        InputRefused: no kernel has that name, or it does not serve the program.
     """
     if prefer is None:
         return next(kernel for kernel in KERNELS.values() if kernel.serves(program))

@@ -31,7 +31,7 @@ def integrates(network: Network, duration: float) -> bool:
     The gain ``|C (iω − A)⁻¹ B|`` from the first port to the output grows as ``1/ω`` where it does.
 
     Args:
-        duration: longest time of interest [s]; what settles within a thousand of it is no integrator.
+        duration: longest time of interest [s]; a relaxation within a thousand durations is no integrator.
     """
     if network.senses or not network.ports:
         return False

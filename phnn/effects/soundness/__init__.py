@@ -1,6 +1,6 @@
 """What every effect owes: words, declared parameters, structure, strength and derivatives.
 
-The checks of the catalogue's own effects, and of those that `phnn.effects.register` takes.
+The checks hold the effects of the catalogue and those given to `phnn.effects.register`.
 """
 
 from __future__ import annotations
