@@ -125,7 +125,7 @@ def _checked(key: str, value: Any, default: Any) -> Any:
         InputRefused: wrong kind or out of range.
     """
     if key == "criteria":
-        from phnn.diagnosis.criteria import CRITERIA
+        from phnn.criteria import CRITERIA
 
         if not isinstance(value, Mapping):
             raise InputRefused(f"setting {key}={value} must name criteria: write criteria.NAME=value")

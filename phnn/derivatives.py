@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.chain.passage import measured_changes, place_of, sensed, sounded
 from phnn.integrate import sweep
 from phnn.integrate.cycle import cycle_derivative, without_impulse
 from phnn.integrate.rest import equilibrium_derivative, equilibrium_slope
 from phnn.laws import FACTOR_LAWS, PORT_LAWS
 from phnn.laws.namespace import TINY
+from phnn.passage import measured_changes, place_of, sensed, sounded
 from phnn.recordings.driving import input_before, settled
 from phnn.setup import Block
 from phnn.signals.reconstruct import mean_input

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.chain import REMEMBERING
-from phnn.chain.passage import amplified, measured, place_of, sensed, sounded
 from phnn.chain.rate import rate
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel
@@ -22,6 +21,7 @@ from phnn.integrate.program import Program, compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import Scheme
 from phnn.network.elements import Network
+from phnn.passage import amplified, measured, place_of, sensed, sounded
 from phnn.recordings.driving import Driving, driving_of, input_before, settled
 from phnn.recordings.recording import Recording
 from phnn.sensing import is_displacement, sensing

@@ -16,8 +16,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from phnn.criteria import Criteria
 from phnn.demo import Sealed, draw_case, make_case
-from phnn.diagnosis.criteria import Criteria
 from phnn.diagnosis.diagnosis import available, diagnose
 from phnn.effects import Effect, effect
 from phnn.errors import PhnnError

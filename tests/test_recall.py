@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phnn.diagnosis.criteria import CRITERIA
+from phnn.criteria import CRITERIA
 from phnn.diagnosis.diagnosis import diagnose
 from phnn.effects import effect
 from phnn.identification.base import Options

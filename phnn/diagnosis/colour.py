@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtri_exp
 from scipy.stats import t as student
 
-from phnn.diagnosis.criteria import Noise
+from phnn.criteria import Noise
 from phnn.diagnosis.linearised_fit import LinearisedFit
-from phnn.diagnosis.residual_noise import NoiseSpectrum, noise_spectra
+from phnn.identification.residual_noise import NoiseSpectrum, noise_spectra
 from phnn.recordings.recording import Recording
 
 Array = NDArray[np.float64]

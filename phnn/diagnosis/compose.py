@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from phnn.diagnosis.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnosis.finding import Finding, effects_of
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.name import Candidate

@@ -29,7 +29,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from phnn.diagnosis.criteria import Confirmation, Criteria
+from phnn.criteria import Confirmation, Criteria
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Immaterial, Judgement, immaterial, unexplained
 from phnn.diagnosis.linearised_fit import LinearisedFit

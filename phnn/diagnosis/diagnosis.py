@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from phnn.criteria import CRITERIA, Criteria
 from phnn.diagnosis.confirm import confirmed, score_on_all
-from phnn.diagnosis.criteria import CRITERIA, Criteria
 from phnn.diagnosis.distil import Distilled, distil, has_grammar
 from phnn.diagnosis.distil.refitted import refitted_formula
 from phnn.diagnosis.finding import Finding

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from phnn.diagnosis.criteria import SELECTION
+from phnn.criteria import SELECTION
 from phnn.diagnosis.distil import Distilled
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.trial import Trial

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from phnn.criteria import CRITERIA, SELECTION, Criteria
 from phnn.diagnosis.compose import Material, compose
-from phnn.diagnosis.criteria import CRITERIA, SELECTION, Criteria
 from phnn.diagnosis.finding import Finding, effects_of
 from phnn.diagnosis.learn import learn
 from phnn.diagnosis.linearised_fit import LinearisedFit

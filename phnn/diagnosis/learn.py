@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnosis.criteria import REFITS
+from phnn.criteria import REFITS
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.strengths import started
 from phnn.effects import Kind, Scales

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnosis.criteria import NOISE, Noise
+from phnn.criteria import NOISE, Noise
 from phnn.diagnosis.spectra import Spectra, spectra_of
 from phnn.effects import Effect, Scales
 from phnn.effects.places import values_by_role

@@ -19,10 +19,10 @@ from scipy.stats import f as f_distribution
 
 from phnn.diagnosis.colour import Colour
 from phnn.diagnosis.linearised_fit import LinearisedFit, direction
-from phnn.diagnosis.residual_noise import doubt
 from phnn.diagnosis.spectra import FINER, LEVEL_CELLS, strongest
 from phnn.effects import Effect
 from phnn.identification.nuisances import drift_columns, line_columns, own_columns, without_nuisances
+from phnn.identification.residual_noise import doubt
 from phnn.setup import DRIFT_TERMS, Own
 
 Array = NDArray[np.float64]

@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.criteria import LOCATING, Locating
 from phnn.derivatives import input_force, output_derivatives
-from phnn.diagnosis.criteria import LOCATING, Locating
 from phnn.diagnosis.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.lines import drift_share, line_share

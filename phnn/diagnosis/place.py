@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from phnn.diagnosis.criteria import LOCATING, SELECTION, Locating, Selection
+from phnn.criteria import LOCATING, SELECTION, Locating, Selection
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.trial import Trial, class_of, simplest_first
 from phnn.effects import Effect

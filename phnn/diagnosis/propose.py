@@ -26,7 +26,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnosis.criteria import SELECTION
+from phnn.criteria import SELECTION
 from phnn.diagnosis.following import NextExperiment, why_it_measures, why_it_separates
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.menu import Experiment, menu

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from phnn.diagnosis.criteria import CRITERIA, Criteria
+from phnn.criteria import CRITERIA, Criteria
 from phnn.diagnosis.finding import Finding, effects_of
 from phnn.diagnosis.judge import Judgement
 from phnn.diagnosis.retest import fit_with

@@ -8,7 +8,7 @@ from functools import partial
 from operator import attrgetter
 from typing import Any
 
-from phnn.diagnosis.criteria import CRITERIA, Criteria, Race
+from phnn.criteria import CRITERIA, Criteria, Race
 from phnn.diagnosis.linearised_fit import prepare
 from phnn.diagnosis.name import Candidate, first_by_name
 from phnn.diagnosis.starts import has_large_starts

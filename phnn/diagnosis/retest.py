@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from phnn.diagnosis.criteria import CRITERIA, SELECTION, Criteria
+from phnn.criteria import CRITERIA, SELECTION, Criteria
 from phnn.diagnosis.finding import Finding, own_parameters
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.place import in_place

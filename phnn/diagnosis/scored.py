@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from phnn.diagnosis.criteria import CRITERIA, Criteria, Noise
+from phnn.criteria import CRITERIA, Criteria, Noise
 from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.locate import Location, Responses, locate, responses
 from phnn.diagnosis.name import Naming, score

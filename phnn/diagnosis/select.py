@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from phnn.diagnosis.criteria import CRITERIA, Criteria, Selection
+from phnn.criteria import CRITERIA, Criteria, Selection
 from phnn.diagnosis.finding import Finding, effects_of, own_parameters
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location

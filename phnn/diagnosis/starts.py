@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from phnn.diagnosis.criteria import REFITS, Refits
+from phnn.criteria import REFITS, Refits
 from phnn.diagnosis.linearised_fit import LinearisedFit, direction
 from phnn.effects import Effect
 from phnn.errors import PhnnError

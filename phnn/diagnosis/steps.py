@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnosis.criteria import REFITS, Refits
+from phnn.criteria import REFITS, Refits
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.starts import clamped, large_starts

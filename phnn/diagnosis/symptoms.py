@@ -1,7 +1,7 @@
 """What a residual looks like before anything is named: growth, harmonics, phase, repetition, drift.
 
 Every figure comes with the probability that noise alone would give it, noise as the residual shows it
-(`phnn.diagnosis.residual_noise`); residuals are in units of the noise. Periods with a transient are
+(`phnn.identification.residual_noise`); residuals are in units of the noise. Periods with a transient are
 left out: what is still on its way neither repeats nor stays level, whatever the model misses.
 """
 
@@ -16,7 +16,7 @@ from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from phnn.diagnosis.linearised_fit import LinearisedFit
-from phnn.diagnosis.residual_noise import NoiseSpectrum, noise_of_others
+from phnn.identification.residual_noise import NoiseSpectrum, noise_of_others
 from phnn.recordings.excitation import excitation_of
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnosis.criteria import SELECTION, Selection
+from phnn.criteria import SELECTION, Selection
 from phnn.diagnosis.name import Candidate
 from phnn.identification.fit import Fit
 from phnn.identification.nuisances import own_size

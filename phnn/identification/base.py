@@ -52,7 +52,7 @@ class Options:
         error_bound_sigma: bound on the numerical error over the plan, in standard deviations.
         max_effects: how many effects a diagnosis may add.
         without: effects of the catalogue that a diagnosis must not use.
-        criteria: values of `phnn.diagnosis.criteria.Criteria` that replace the defaults, by name.
+        criteria: values of `phnn.criteria.Criteria` that replace the defaults, by name.
         workers: threads of a fit.
         executor: where the refits of a diagnosis are done, for choices see `phnn.ensemble.executor.executor`; anywhere
             but in ``serial`` each refit has one thread.

@@ -26,6 +26,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.criteria import NOISE
+from phnn.identification.residual_noise import noise_spectra
 from phnn.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -81,10 +83,6 @@ def scatter(residual: Array, jacobian: Array, recordings: Sequence[Recording], s
         residual: (N,) weighted by the stated deviation of the noise; jacobian: (N, K) its derivatives.
         recordings: of which it consists; slices: their rows, in the same order.
     """
-    # The criteria belong to the diagnosis, which itself begins with a fit.
-    from phnn.diagnosis.criteria import NOISE
-    from phnn.diagnosis.residual_noise import noise_spectra
-
     count = jacobian.shape[1]
     if count == 0:
         return Scatter(np.zeros((0, 0)), np.zeros(0))

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from phnn.diagnosis.criteria import CRITERIA
+from phnn.criteria import CRITERIA
 from phnn.diagnosis.diagnosis import available
 from phnn.diagnosis.linearised_fit import prepare
 from phnn.diagnosis.locate import responses

@@ -15,7 +15,7 @@ Another hysteresis and effects:
     their names or a class, beside which what acts on the hysteron may stand; ``unknown`` at the location of the effect
     or at the hysteron counts as a class.
 
-The held-out error really falls where it falls by more than the share that `phnn.diagnosis.criteria` calls material.
+The held-out error really falls where it falls by more than the share that `phnn.criteria` calls material.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from phnn.criteria import CRITERIA
 from phnn.demo import Sealed
 from phnn.demo.other_base import LOCATION
-from phnn.diagnosis.criteria import CRITERIA
 
 # A class or a set of locations larger than this helps nobody.
 CLASS, TIED = 4, 3

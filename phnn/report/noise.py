@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.residual_noise import difference
 from phnn.diagnosis.scored import SIGNIFICANT
 from phnn.effects.places import values_by_role
+from phnn.identification.residual_noise import difference
 from phnn.network.roles import capacitances
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup

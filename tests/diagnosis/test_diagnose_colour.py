@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 
 from phnn.diagnosis.colour import Colour
 from phnn.diagnosis.linearised_fit import LinearisedFit
-from phnn.diagnosis.residual_noise import doubt
+from phnn.identification.residual_noise import doubt
 from tests import campaigns
 
 

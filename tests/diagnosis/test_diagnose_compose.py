@@ -10,10 +10,10 @@ from unittest import mock
 
 import pytest
 
+from phnn.criteria import CRITERIA
 from phnn.diagnosis import compose as composing
 from phnn.diagnosis import judge as judging
 from phnn.diagnosis.compose import _chosen, _Grown, _still_needed
-from phnn.diagnosis.criteria import CRITERIA
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import _Asked, _claimed, _composed
 from phnn.diagnosis.name import Candidate

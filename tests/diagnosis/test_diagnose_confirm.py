@@ -9,9 +9,9 @@ import campaigns
 import numpy as np
 import pytest
 
+from phnn.criteria import CRITERIA, Confirmation
 from phnn.diagnosis import confirm
 from phnn.diagnosis.confirm import Outcome, _no_surer, confirmed, outcome_of
-from phnn.diagnosis.criteria import CRITERIA, Confirmation
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Judgement
 from phnn.diagnosis.name import Candidate

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 import phnn.diagnosis
 from phnn.configuration import compose
+from phnn.criteria import CRITERIA, Criteria
+from phnn.criteria.criterion import Criterion
 from phnn.diagnosis import diagnose
-from phnn.diagnosis.criteria import CRITERIA, Criteria
-from phnn.diagnosis.criteria.criterion import Criterion
 from phnn.errors import InputRefused
 from phnn.identification.base import Options
 

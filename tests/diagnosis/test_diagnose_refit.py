@@ -10,8 +10,8 @@ import campaigns
 import numpy as np
 import pytest
 
+from phnn.criteria import Refits
 from phnn.diagnosis import steps
-from phnn.diagnosis.criteria import Refits
 from phnn.diagnosis.linearised_fit import direction, prepare
 from phnn.diagnosis.name import Candidate, score
 from phnn.diagnosis.refit import refit

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from phnn.diagnosis.criteria import CRITERIA, Confirmation
+from phnn.criteria import CRITERIA, Confirmation
 from phnn.diagnosis.rules import Applied, Record, composition, held_out, search, verdict
 from phnn.diagnosis.rules.composition import CLAIM, GAIN, LEAVES
 from phnn.diagnosis.rules.held_out import ELEMENT, MODEL, NAMELESS, NUMERICS, REMAINDER

@@ -9,8 +9,8 @@ import campaigns
 import numpy as np
 import pytest
 
+from phnn.criteria import CRITERIA
 from phnn.diagnosis import retest, select
-from phnn.diagnosis.criteria import CRITERIA
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import judge
 from phnn.diagnosis.name import Candidate

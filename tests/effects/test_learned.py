@@ -14,13 +14,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from phnn.chain.passage import amplified, measured
 from phnn.effects import Effect, catalogue
 from phnn.effects.learned import learned_elements
 from phnn.errors import InputRefused
 from phnn.laws import RESISTOR_LAWS
 from phnn.models.store import load, save
 from phnn.network import PortHamiltonianSystem
+from phnn.passage import amplified, measured
 from phnn.setup import Setup
 from phnn.simulate import simulate
 

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from phnn.check import check
+from phnn.criteria import CRITERIA
 from phnn.diagnosis.confirm import confirmed
-from phnn.diagnosis.criteria import CRITERIA
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.questions import tied_members
 from phnn.effects import catalogue

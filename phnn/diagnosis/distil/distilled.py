@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from phnn.diagnosis.criteria import RACE
+from phnn.criteria import RACE
 from phnn.diagnosis.distil.grammar import TERMS, has_grammar
 from phnn.diagnosis.distil.model import formula_rival
 from phnn.diagnosis.distil.response import Target, target

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from phnn.diagnosis.criteria import CRITERIA, Criteria
+from phnn.criteria import CRITERIA, Criteria
 from phnn.diagnosis.distil.distilled import Distilled
 from phnn.diagnosis.linearised_fit import prepare
 from phnn.diagnosis.name import score

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from phnn.diagnosis.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnosis.rules import Applied
 from phnn.identification.gain import Gain
 

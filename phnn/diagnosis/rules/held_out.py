@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from phnn.diagnosis.criteria import Confirmation, Criteria
+from phnn.criteria import Confirmation, Criteria
 from phnn.diagnosis.rules import Applied
 from phnn.identification.gain import Gain
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from phnn.diagnosis.criteria import Criteria, Selection
+from phnn.criteria import Criteria, Selection
 from phnn.diagnosis.rules import Applied
 
 STOP, DISCARD = "stop", "discard and stop"

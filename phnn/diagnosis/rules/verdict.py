@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from phnn.diagnosis.criteria import Selection
+from phnn.criteria import Selection
 from phnn.diagnosis.rules import Applied
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.signal import periodogram
 
-from phnn.diagnosis.criteria import NOISE, Noise
+from phnn.criteria import NOISE, Noise
 from phnn.recordings.recording import Recording
 
 Array = NDArray[np.float64]

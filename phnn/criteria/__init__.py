@@ -11,13 +11,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
-from phnn.diagnosis.criteria.composition import COMPOSITION, Composition
-from phnn.diagnosis.criteria.confirmation import CONFIRMATION, Confirmation
-from phnn.diagnosis.criteria.criterion import Criterion, row
-from phnn.diagnosis.criteria.location import LOCATING, Locating
-from phnn.diagnosis.criteria.noise import NOISE, Noise
-from phnn.diagnosis.criteria.refits import RACE, REFITS, Race, Refits
-from phnn.diagnosis.criteria.selection import SELECTION, Selection
+from phnn.criteria.composition import COMPOSITION, Composition
+from phnn.criteria.confirmation import CONFIRMATION, Confirmation
+from phnn.criteria.criterion import Criterion, row
+from phnn.criteria.location import LOCATING, Locating
+from phnn.criteria.noise import NOISE, Noise
+from phnn.criteria.refits import RACE, REFITS, Race, Refits
+from phnn.criteria.selection import SELECTION, Selection
 from phnn.errors import InputRefused
 
 __all__ = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from phnn.diagnosis.criteria.criterion import criterion
+from phnn.criteria.criterion import criterion
 
 
 @dataclass(frozen=True)

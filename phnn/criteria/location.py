@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from phnn.diagnosis.criteria.criterion import STUDIED, criterion
+from phnn.criteria.criterion import STUDIED, criterion
 
 
 @dataclass(frozen=True)

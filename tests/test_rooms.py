@@ -1,0 +1,95 @@
+"""The rooms of the package: imports point one way, between files and between rooms."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+PACKAGE = Path(__file__).resolve().parent.parent / "phnn"
+# Entry points: they name what they lead to, and nothing imports them but the package's own first file.
+FACADE = "phnn"
+
+
+def _modules() -> dict[str, Path]:
+    """Path of every module by its dotted name; a package has the name of its folder."""
+    found = {}
+    for path in PACKAGE.rglob("*.py"):
+        parts = (PACKAGE.name, *path.relative_to(PACKAGE).with_suffix("").parts)
+        if "configs" not in parts:
+            found[".".join(parts).removesuffix(".__init__")] = path
+    return found
+
+
+MODULES = _modules()
+
+
+def _module_of(name: str) -> str:
+    """The module that a dotted name stands for, or in which it is defined; empty outside the package."""
+    while name and name not in MODULES:
+        name = name.rpartition(".")[0]
+    return name
+
+
+def _for_types_only(tree: ast.Module) -> set[int]:
+    """Identities of the nodes under ``if TYPE_CHECKING``."""
+    blocks = [n for n in ast.walk(tree) if isinstance(n, ast.If) and "TYPE_CHECKING" in ast.dump(n.test)]
+    return {id(inner) for block in blocks for inner in ast.walk(block)}
+
+
+def _in_functions(tree: ast.Module) -> set[int]:
+    """Identities of the nodes inside functions: what they import is loaded when they are called."""
+    return {id(inner) for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) for inner in ast.walk(n)}
+
+
+def _imported(name: str, within_functions: bool) -> Iterator[str]:
+    """Modules of the package that a module imports."""
+    tree = ast.parse(MODULES[name].read_text(encoding="utf-8"))
+    left_out = _for_types_only(tree) | (set() if within_functions else _in_functions(tree))
+    for node in ast.walk(tree):
+        if id(node) in left_out:
+            continue
+        named: list[str] = []
+        if isinstance(node, ast.ImportFrom) and node.module is not None:
+            named = [f"{node.module}.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.Import):
+            named = [alias.name for alias in node.names]
+        yield from (m for m in map(_module_of, named) if m not in ("", name))
+
+
+def _room(module: str) -> str:
+    """The room of a module: the package or file right under ``phnn``."""
+    return ".".join(module.split(".")[:2])
+
+
+def _cycle(graph: Mapping[str, set[str]]) -> list[str]:
+    """One cycle of a graph; empty where there is none."""
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def test_no_file_imports_itself_through_others() -> None:
+    assert _cycle({name: set(_imported(name, within_functions=False)) for name in MODULES}) == []
+
+
+def test_no_room_imports_itself_through_others() -> None:
+    rooms: dict[str, set[str]] = {}
+    for name in MODULES:
+        if name != FACADE:
+            others = {_room(m) for m in _imported(name, within_functions=True)} - {_room(name), FACADE}
+            rooms.setdefault(_room(name), set()).update(others)
+    assert _cycle(rooms) == []
+
+
+def test_the_generator_of_sealed_cases_shares_no_code_with_the_models() -> None:
+    allowed = {"phnn.demo", "phnn.errors", "phnn.intake", "phnn.output", "phnn"}
+    used = {_room(m) for name in MODULES if _room(name) == "phnn.demo" for m in _imported(name, within_functions=True)}
+    assert used <= allowed, used - allowed
+
+
+def test_a_cycle_is_found() -> None:
+    assert _cycle({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": set()}) != []
