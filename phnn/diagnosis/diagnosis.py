@@ -5,10 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 from phnn.criteria import CRITERIA, Criteria
-from phnn.diagnosis.confirm import confirmed, score_on_all
+from phnn.diagnosis.confirm import confirmed
 from phnn.diagnosis.distil import Distilled, distil, has_grammar
 from phnn.diagnosis.distil.refitted import refitted_formula
 from phnn.diagnosis.finding import Finding
@@ -25,7 +24,6 @@ from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
 from phnn.ensemble import Executor, executor
 from phnn.identification.base import Options, Progress, identify_base, quiet, refined, single
-from phnn.identification.drift import beside_drift, drifts, without_drift
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
 from phnn.identification.identified import Identified, model_of
@@ -162,39 +160,6 @@ class _Search:
         )  # fmt: skip
         return base, error, judgement
 
-    def confirmed(self, campaign: Campaign, base: Fit, error: NumericalError) -> _Outcome:
-        """Search from a base model, and ask held-out recordings."""
-        base, error, judgement = self.judged(base, error)
-        self.progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
-        judgement, before, after = confirmed(judgement, base, campaign, self.criteria, self.scored)
-        return _Outcome(base, error, judgement, before, after)
-
-    def confirmed_beside_drift(self, campaign: Campaign, base: Fit, error: NumericalError) -> _Outcome | None:
-        """Search and confirm beside drift terms. The base and the final model that are reported have none.
-
-        Returns:
-            None where the final model does not hold without them.
-        """
-        found = self.confirmed(campaign, *beside_drift(campaign, self.options, self.progress))
-        if found.judgement.final is found.base:
-            return None
-        final = without_drift(found.judgement.final)
-        self.progress(f"without the drift: {base.chi2**0.5:.3g} → {final.chi2**0.5:.3g} × noise")
-        if base.chi2 - final.chi2 < self.criteria.selection.explains * (base.chi2 - 1.0):
-            return None
-        before, after = score_on_all(base, campaign), score_on_all(final, campaign)
-        return _Outcome(base, error, replace(found.judgement, final=final), before, after)
-
-
-class _Outcome(NamedTuple):
-    """Base model, its numerical error, the judgement, and the scores of base and final model on all recordings."""
-
-    base: Fit
-    error: NumericalError
-    judgement: Judgement
-    before: Evaluation
-    after: Evaluation
-
 
 def _held_against_numerics(judgement: Judgement, criteria: Criteria) -> Judgement:
     """The judgement without a name that the numerical error alone could confound."""
@@ -241,8 +206,9 @@ def diagnose(
         catalogue_, learned, chosen, criteria, refits, input_measured(campaign, base.setup), campaign.held_out_is_new,
         progress,
     )  # fmt: skip
-    found = search.confirmed_beside_drift(campaign, base, error) if drifts(base.setup, campaign) else None
-    base, error, judgement, before, after = found or search.confirmed(campaign, base, error)
+    base, error, judgement = search.judged(base, error)
+    progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
+    judgement, before, after = confirmed(judgement, base, campaign, criteria, search.scored)
     judgement = _held_against_numerics(_distilled(judgement, refits, criteria), criteria)
     linearised_fits = {id(g): g for g in (judgement.linearised, judgement.final_linearised)}.values()
     residual = max(check(t) for g in linearised_fits for t in g.trajectories)

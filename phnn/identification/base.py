@@ -118,7 +118,7 @@ def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
     plan = identification_plan(campaign, workers)
     is_shared(campaign.recordings)
     if "network" in campaign.setup:
-        return Prepared(plan, "network", 0, described(campaign))
+        return Prepared(plan, "network", 0, _described(campaign))
     gain_known(campaign.recordings)
     single(campaign.recordings, "this model has one input and one output")
     displacement_shown(campaign.recordings)
@@ -133,7 +133,7 @@ def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
     return Prepared(plan, model, hysterons)
 
 
-def described(campaign: Campaign) -> Setup:
+def _described(campaign: Campaign) -> Setup:
     """The network of the manifest, a file or a setup, with its anchors."""
     given = campaign.setup["network"]
     path = Path(given.name if isinstance(given, Setup) else str(given))
@@ -148,12 +148,6 @@ def described(campaign: Campaign) -> Setup:
     if not setup.network.ports:
         raise InputRefused(f"{printable(path.name)}: no source for the recorded input: add an element of type Se or Sf")
     return with_unknown_gain(setup, campaign.recordings)
-
-
-def identify_described(setup: Setup, campaign: Campaign, options: Options) -> Fit:
-    """A first fit of a described setup, from its own values and others around them."""
-    plan = identification_plan(campaign, options.workers)
-    return identify_network(setup, plan, campaign.known, options.starts, options.seed)
 
 
 def identify_base(campaign: Campaign, options: Options, progress: Progress = quiet) -> tuple[Fit, NumericalError]:
