@@ -89,6 +89,9 @@ def steady_derivative(network: Network, u: Array, names: Sequence[str]) -> Array
     Raises:
         SolverFailed: as of `steady_state`.
     """
+    steady = steady_state(network, u)
+    if not names:
+        return np.zeros((steady.size, 0))
     # Bounds aside, so that every value has a derivative.
     table = {
         name: replace(p, lower=-np.inf, upper=np.inf, fixed=False) if name in names else p
@@ -96,7 +99,7 @@ def steady_derivative(network: Network, u: Array, names: Sequence[str]) -> Array
     }
     system = PortHamiltonianSystem(replace(network, parameters=table))
     coordinates = [system.free.z[name] for name in names]
-    by_coordinate = _implicit(system, steady_state(network, u), torch.from_numpy(u), coordinates)
+    by_coordinate = _implicit(system, steady, torch.from_numpy(u), coordinates)
     values = [torch.autograd.grad(system.value(name), z)[0].item() for name, z in zip(names, coordinates, strict=True)]
     return by_coordinate / np.array(values)
 
@@ -104,9 +107,8 @@ def steady_derivative(network: Network, u: Array, names: Sequence[str]) -> Array
 def steady_slope(network: Network, u: Array, port: int) -> Array:
     """(n,) derivative of the steady state by the input at one port, as `steady_derivative`."""
     inputs = [torch.tensor(value, dtype=torch.float64, requires_grad=k == port) for k, value in enumerate(u)]
-    return _implicit(PortHamiltonianSystem(network), steady_state(network, u), torch.stack(inputs), [inputs[port]])[
-        :, 0
-    ]
+    found = _implicit(PortHamiltonianSystem(network), steady_state(network, u), torch.stack(inputs), [inputs[port]])
+    return np.asarray(found[:, 0])
 
 
 def _implicit(system: PortHamiltonianSystem, steady: Array, u: Tensor, by: Sequence[Tensor]) -> Array:

@@ -101,6 +101,7 @@ def test_derivatives_of_currents_that_flow_are_exact() -> None:
     names, excess = ["C_1", "L", "rho_1", "d_1"], v - 0.5 * p["d_1"]
     place = {name: network.state_names.index(name) for name in ("Q_1", "phi")}
     # Q_1 = C_1 v and phi = L rho_1 (v − d_1/2), as above.
+    assert steady_derivative(network, inputs(network, v), []).shape == (len(network.state_names), 0)
     found = steady_derivative(network, inputs(network, v), names)
     expected = [p["rho_1"] * excess, p["L"] * excess, -0.5 * p["L"] * p["rho_1"]]
     np.testing.assert_allclose(found[place["phi"], 1:], expected, rtol=1e-10)
