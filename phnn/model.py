@@ -68,7 +68,8 @@ class Model:
 
         Args:
             t: (N,) time [s], increasing in equal steps.
-            u: (N,) input, for an actuator its voltage [V].
+            u: (N,) input in the SI unit of the network's first port: for an actuator its voltage [V], for an imposed
+                motion its velocity [m/s].
             input_before: constant input before the first sample, in whose equilibrium the model begins; None: ``u[0]``.
             further: (N,) inputs at further ports, by the port's name; zero where left out.
             substeps: integration steps in an interval; those of the model if None.
