@@ -293,7 +293,8 @@ def electrostrictive(hysterons: int) -> Network:
 
 def bent(hysterons: int) -> Network:
     """The same with a spring whose law is curved."""
-    return bent_spring(electrostrictive(hysterons), "cubic_spring", (Parameter("kappa", 0.3), Parameter("q_0", 5e-5)))
+    bend = {name: Parameter(name, value) for name, value in (("kappa", 0.3), ("q_0", 5e-5))}
+    return bent_spring(Setup(electrostrictive(hysterons)), "cubic_spring", bend).network
 
 
 @dataclass(frozen=True)

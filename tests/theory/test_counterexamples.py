@@ -13,7 +13,7 @@ from random_actuators import edge, window
 from scipy.integrate import solve_ivp
 from torch import Tensor, nn
 
-from phnn.effects.hysteresis_asymmetry import build
+from phnn.effects.hysteresis_asymmetry import EFFECT as ASYMMETRY
 from phnn.integrate.dense import ledger, solve_dense
 from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.network import Network, PortHamiltonianSystem
@@ -123,7 +123,7 @@ def rises(network: Network, x: Tensor, u: Tensor, zero: float) -> None:
 
 
 def test_thresholds_that_follow_the_displacement_may_make_it_rise() -> None:
-    network = build(Setup(from_paper()), {"kappa_d": 0.5, "q_d": 1e-4}).network
+    network = ASYMMETRY.add_to(Setup(from_paper()), {"kappa_d": 0.5, "q_d": 1e-4}).network
     system, u = PortHamiltonianSystem(network), torch.tensor([75.0, 0.0], dtype=torch.float64)
     charges = torch.tensor([0.45 * TABLE_1["d_1"] * TABLE_1["C_1"], 0.0], dtype=torch.float64)
     x_star = forced_equilibrium(network, u, charges)
