@@ -15,7 +15,7 @@ from phnn.diagnosis.following import NextExperiment
 from phnn.diagnosis.judge import Judgement, judge
 from phnn.diagnosis.propose import propose
 from phnn.diagnosis.questions import questions
-from phnn.diagnosis.retest import fit_with
+from phnn.diagnosis.retest import better_base, fit_with
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.held_out import NUMERICS, NumericsCase
 from phnn.diagnosis.scored import Scored, scored
@@ -23,7 +23,7 @@ from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
 from phnn.ensemble import Executor, executor
-from phnn.identification.base import Options, Progress, identify_base, quiet, refined, single
+from phnn.identification.base import Options, Progress, identify_base, quiet, refined, settled, single
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
 from phnn.identification.identified import Identified, model_of
@@ -35,6 +35,8 @@ from phnn.setup import Setup
 
 # How often all steps are halved where the numerical error could be taken for physics.
 _REFINEMENTS = 2
+# How often a search begins again from a better optimum of the base model.
+_BASES = 2
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,21 @@ class _Search:
         return scored(fitted, self.effects, self.options.seed, error, self.terminals, self.criteria)
 
     def judged(self, base: Fit, error: NumericalError) -> tuple[Fit, NumericalError, Judgement]:
+        """Search from a base model, and again from a better optimum of it where the search has come upon one.
+
+        Returns:
+            As `_judged_from`.
+        """
+        found = self._judged_from(base, error)
+        for _ in range(_BASES):
+            better = better_base(found[0], found[2].final)
+            if better is None:
+                break
+            self.progress(f"the base model itself fits better: residual {better.chi2**0.5:.3g} × noise; search again")
+            found = self._judged_from(*settled(better, self.options.error_bound_sigma))
+        return found
+
+    def _judged_from(self, base: Fit, error: NumericalError) -> tuple[Fit, NumericalError, Judgement]:
         """Search from a base model, refitted with finer steps where the numerical error alone has a score.
 
         Returns:
@@ -185,7 +202,8 @@ def diagnose(
         options: how hard to try; those of the identification where it has been done, defaults otherwise.
         progress: called with a line of text at every stage.
         effects: the catalogue to use; all that can exist otherwise.
-        on_base: called with the base fit as soon as there is one, so that it can be kept whatever comes.
+        on_base: called with the base fit as soon as there is one and whenever a better one takes its place, so that it
+            can be kept whatever comes.
 
     Raises:
         InputRefused: a criterion is not known, the executor is not understood or does not answer, an effect to do
@@ -199,6 +217,7 @@ def diagnose(
     campaign, base, error = _base(recorded, chosen, progress)
     catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, left_out)
     progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
+    kept = base
     if on_base is not None:
         on_base(base)
     learned = _possible(campaign, base.setup, learned_elements().values())
@@ -207,6 +226,8 @@ def diagnose(
         progress,
     )  # fmt: skip
     base, error, judgement = search.judged(base, error)
+    if on_base is not None and base is not kept:
+        on_base(base)
     progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
     judgement, before, after = confirmed(judgement, base, campaign, criteria, search.scored)
     judgement = _held_against_numerics(_distilled(judgement, refits, criteria), criteria)

@@ -16,6 +16,9 @@ from phnn.errors import PhnnError
 from phnn.identification.fit import Fit
 from phnn.identification.staged import EVALUATIONS, fit_identified, stated_only
 
+# Share of what a larger model explains that the base model alone must explain to have been at a local optimum.
+_MOST = 0.5
+
 
 def retested(
     base: Fit,
@@ -92,19 +95,37 @@ def without(
     return best
 
 
+def better_base(base: Fit, final: Fit) -> Fit | None:
+    """The base model fitted from where a larger model has ended, if that explains most of what the larger one does.
+
+    Then the first fit of the base model had stopped at a local optimum, and an element only led the way out of it.
+    """
+    if final is base:
+        return None
+    again = fit_with(base, (), final.setup.values(), origin=final)
+    if again is None or fair_cost(base) - fair_cost(again) < _MOST * (fair_cost(base) - fair_cost(final)):
+        return None
+    return again
+
+
 def fit_with(
-    base: Fit, findings: Sequence[Finding], values: Mapping[str, float], evaluations: int = EVALUATIONS
+    base: Fit,
+    findings: Sequence[Finding],
+    values: Mapping[str, float],
+    evaluations: int = EVALUATIONS,
+    origin: Fit | None = None,
 ) -> Fit | None:
     """The base model with some effects, fitted from parameter values.
 
     Args:
         evaluations: bound on the simulations of all recordings.
+        origin: whose initial states to start from; those of the base model otherwise.
     """
     setup = base.setup.with_values({n: values[n] for n in base.setup.free})
     try:
         for f in findings:
             setup = f.effect.add_to(setup, values)
         held = stated_only(base.held)
-        return fit_identified(setup, base.plan, held, evaluations, base, own_parameters(findings))
+        return fit_identified(setup, base.plan, held, evaluations, origin or base, own_parameters(findings))
     except PhnnError:
         return None

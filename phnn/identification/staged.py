@@ -16,6 +16,8 @@ from phnn.identification.fit import TOLERANCE, Fit, distinct_optima, fit, uniden
 from phnn.identification.looks import first_look
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
+from phnn.identification.start import with_starts
+from phnn.identification.variables import starts_unknown
 from phnn.models.actuator import hrc
 from phnn.recall import recalled
 from phnn.recordings.driving import input_before
@@ -76,6 +78,11 @@ def identify_actuator(
     # The first steps say little about where a start ends: several of the best go on.
     tried.sort(key=lambda f: f.cost)
     finished = [fit_identified(f.setup, plan, held, _FULL, f) for f in tried[:_FINALISTS]]
+    certain = tuple(r for r in plan.recordings if not starts_unknown(r))
+    if 0 < len(certain) < len(plan.recordings):
+        # Unknown initial states make many local optima: first the parameters from what starts known, then the states.
+        first = identify_actuator(replace(plan, recordings=certain), known, hysterons, starts, seed)
+        finished.append(fit_identified(first.setup, plan, held, _FULL, with_starts(first.setup, plan)))
     best, alternatives = distinct_optima(finished)
     return replace(best, alternatives=alternatives)
 

@@ -19,21 +19,29 @@ Array = NDArray[np.float64]
 # Samples beyond those that are fitted: an input between samples depends on the ones after it.
 _BEYOND = 200
 # An initial state is sought from so many states drawn from its prior, for thresholds bend the way to it: a few
-# evaluations from each, and enough from the best.
-_DRAWN, _FEW, _ENOUGH, _SEED = 5, 12, 60, 0
+# evaluations from each, and enough from the best ones, until one leaves hardly more than the noise.
+_DRAWN, _FEW, _BEST, _ENOUGH, _SEED = 5, 12, 3, 60, 0
+_NOISE = 1.2
 
 
-def estimated_start(setup: Setup, recording: Recording, substeps: int) -> Array | None:
-    """(N,) initial state of a recording with a head that is not scored, estimated from that head; None where its start
-    says it."""
-    setup, plan = _head_of(setup, recording, substeps)
+def estimated_start(setup: Setup, recording: Recording, substeps: int, use: str = "nuisance") -> Array | None:
+    """(N,) initial state of a recording, estimated from the samples of one use, those of the head that is not scored;
+    None where its start says it."""
+    setup, plan = _head_of(setup, recording, substeps, use)
     variables = variables_of(setup, plan, ())
     if not variables.unknown:
         return None
     starts = [variables.expected[recording.name].mean, *_draws(variables, recording.name, _DRAWN)]
-    found = min((_fitted(setup, plan, _beginning(variables, recording.name, x), _FEW) for x in starts), key=_cost)
-    last = _beginning(variables, recording.name, found.initial(recording.name))
-    return _fitted(setup, plan, last, _ENOUGH).initial(recording.name)
+    begun = sorted(
+        (_fitted(setup, plan, _beginning(variables, recording.name, x), use, _FEW) for x in starts), key=_cost
+    )
+    ended: list[Fit] = []
+    for found in begun[:_BEST]:
+        last = _beginning(variables, recording.name, found.initial(recording.name))
+        ended.append(_fitted(setup, plan, last, use, _ENOUGH))
+        if ended[-1].chi2 <= _NOISE**2:
+            break
+    return min(ended, key=_cost).initial(recording.name)
 
 
 def likely_start(setup: Setup, recording: Recording, substeps: int) -> Array | None:
@@ -49,13 +57,13 @@ def _cost(fitted: Fit) -> float:
     return fitted.cost
 
 
-def _head_of(setup: Setup, recording: Recording, substeps: int) -> tuple[Setup, Plan]:
+def _head_of(setup: Setup, recording: Recording, substeps: int, use: str) -> tuple[Setup, Plan]:
     """A recording as far as its head is concerned, and the setup for it.
 
     A slow drift is ignored: over so short a part it looks like a decaying motion.
     """
     setup = replace(setup, own=setup.own._replace(drift_terms=0))
-    last = int(np.flatnonzero(recording.mask("nuisance"))[-1]) + 1 + _BEYOND
+    last = int(np.flatnonzero(recording.mask(use))[-1]) + 1 + _BEYOND
     # Which lines a recording can hold is asked of the whole of it; what comes later takes time to simulate and tells
     # nothing of the initial state.
     head = recording if setup.own.lines else recording.only(slice(last))
@@ -72,6 +80,15 @@ def _beginning(variables: Variables, name: str, state: Array | None) -> Variable
     return variables if state is None else replace(variables, origin={name: state})
 
 
-def _fitted(setup: Setup, plan: Plan, variables: Variables, evaluations: int) -> Fit:
-    problem = Problem(setup, plan, variables, "nuisance")
-    return fit(setup, plan, (), max_evaluations=evaluations, use="nuisance", begun=problem)
+def _fitted(setup: Setup, plan: Plan, variables: Variables, use: str, evaluations: int) -> Fit:
+    problem = Problem(setup, plan, variables, use)
+    return fit(setup, plan, (), max_evaluations=evaluations, use=use, begun=problem)
+
+
+def with_starts(setup: Setup, plan: Plan) -> Fit:
+    """A setup on a plan, its parameters held, with every unknown initial state estimated recording by recording."""
+    variables = variables_of(setup, plan, ())
+    unknown = [r for r in plan.recordings if r.name in variables.unknown]
+    found = {r.name: estimated_start(setup, r, plan.steps_of(r), "identification") for r in unknown}
+    origin = dict(variables.origin) | {n: state for n, state in found.items() if state is not None}
+    return _fitted(setup, plan, replace(variables, origin=origin), "identification", 1)

@@ -134,7 +134,7 @@ class Variables:
 def variables_of(setup: Setup, plan: Plan, names: Sequence[str]) -> Variables:
     """The variables of a fit: the named parameters, initial states where a start is unknown, instants of jumps."""
     instants = {r.name: x for r in plan.recordings if (x := unknown_instants(r)).size}
-    unknown = [r for r in plan.recordings if r.start.state == "unknown" or aperiodic(r)]
+    unknown = [r for r in plan.recordings if starts_unknown(r)]
     if not unknown:
         return Variables(tuple(names), (), np.zeros(0), {}, instants)
     trajectories = {r.name: _first_guess(setup, r, plan.steps_of(r)) for r in unknown}
@@ -151,6 +151,11 @@ def _first_guess(setup: Setup, recording: Recording, substeps: int) -> Trajector
         return simulate(setup, recording, substeps)
     except SolverFailed:
         return simulate(setup, recording, substeps, initial=np.zeros(len(setup.network.state_names)))
+
+
+def starts_unknown(recording: Recording) -> bool:
+    """Whether the initial state of a recording has to be estimated."""
+    return recording.start.state == "unknown" or aperiodic(recording)
 
 
 def aperiodic(recording: Recording) -> bool:

@@ -13,8 +13,8 @@ from phnn.recordings.recording import Part, Recording
 
 _HELD_OUT_SHARE = 0.28  # of the recordings
 _NUISANCE_SHARE, _NUISANCE_LEAST = 0.02, 50
-# An input that moves by less than this share of its range in the head of a recording stands still there.
-_STILL = 0.05
+# Share of its range that an input has to cover in the head of a recording whose initial state follows from that head.
+_COVERED = 0.9
 # Of a recording that starts nobody knows how, where its input has no swing after which a hysteresis has forgotten.
 _UNKNOWN_SHARE = 0.2
 _SAME = 0.05  # amplitudes and frequencies nearer than this are no new ones
@@ -27,7 +27,8 @@ class Candidate:
     Attributes:
         use: what the manifest demands, ``None`` if nothing.
         begun: nobody knows in which state it starts.
-        still: its input hardly moves in its head, so that nothing there tells zero and initial state apart.
+        untold: its input covers too little of its range in its head to tell the initial state and the zero: thresholds
+            that only the rest of the range crosses have not been met.
     """
 
     name: str
@@ -36,7 +37,7 @@ class Candidate:
     excitation: Excitation
     use: str | None
     begun: bool = False
-    still: bool = False
+    untold: bool = False
 
     @property
     def head(self) -> int:
@@ -56,8 +57,8 @@ def candidate_of(recording: Recording, excitation: Excitation, use: str | None =
     """What the choice needs to know of a recording."""
     begun, u = recording.start.state == "unknown", recording.drive
     one = Candidate(recording.name, recording.t.size, recording.dt, excitation, use, begun)
-    still = begun and np.ptp(u[: one.head]) <= _STILL * np.ptp(u)
-    return replace(one, still=bool(still))
+    covered = np.ptp(u) > 0.0 and np.ptp(u[: one.head]) >= _COVERED * np.ptp(u)
+    return replace(one, untold=bool(begun and not covered))
 
 
 def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ...]], bool, tuple[str, ...]]:
@@ -158,7 +159,7 @@ def _spread_over(group: Sequence[Candidate], count: int) -> list[Candidate]:
 def _worth_keeping(one: Candidate, everyone: Sequence[Candidate]) -> int:
     """0: interpolated by the rest, 1: repeats another, 2: smallest amplitude, 3: an extreme, 4: unique in kind, or of
     no use to confirm, as its first samples tell nothing of its start."""
-    if one.still:
+    if one.untold:
         return 4
     tones = [c for c in everyone if c.excitation.kind in ("sine", "periodic")]
     others = [c for c in everyone if c is not one]

@@ -122,10 +122,10 @@ def _draft(
         not_clipped(drive, y, label, channels[y_name].factor, where, entry.sensor)
         if _is_actuator(said):
             checks.like_an_actuator(float(np.ptp(y)), "displacement", channels[y_name].label, where)
-    if _is_actuator(said):
-        checks.like_an_actuator(
-            max(float(np.abs(u).max()), abs(before or 0.0)), "voltage", channels[u_name].label, where
-        )
+    largest = max(float(np.abs(u).max()), abs(before or 0.0))
+    if _is_actuator(said) and (largest > 0.0 or start.state != "unknown"):
+        # Under no voltage what began before the first sample may go on, as it may under a constant one.
+        checks.like_an_actuator(largest, "voltage", channels[u_name].label, where)
     excitation = _excitation(drive, dt, entry, table, where)
     name, measures = entry.name or printable(Path(entry.file).stem), y_name if y_name in entry.outputs else None
     if measures is not None:

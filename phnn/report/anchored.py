@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from phnn.diagnosis.diagnosis import Diagnosis
 
-from phnn.identification.staged import fixes_common_factor
-from phnn.network.elements import Network
+# Units of what a common factor of all forces and charges changes, where voltages and displacements stay as they are.
+FORCE_UNITS = ("kg", "N", "N/m", "N s/m", "N s²/m²", "N/V", "C", "C/m", "F", "S", "Ω")
 
 
-def forces_known(known: Iterable[str], network: Network) -> bool:
-    """Whether forces are known in newtons: a known parameter fixes the common factor, or the force was measured."""
-    return bool(network.senses) or fixes_common_factor(known)
+def forces_known(diagnosis: Diagnosis) -> bool:
+    """Whether forces are known in newtons: one was measured or imposed, or a stated parameter fixes the factor."""
+    setup, units = diagnosis.base.setup, diagnosis.campaign.recordings[0].units
+    measured = (units.input, units.output)
+    stated = [p.unit for n, p in setup.parameters.items() if n in diagnosis.campaign.known or (p.fixed and p.value)]
+    return bool(setup.network.senses) or any(unit in FORCE_UNITS for unit in (*measured, *stated))

@@ -13,12 +13,10 @@ from phnn.diagnosis.picture import is_effort
 from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.effects.places import place_of
 from phnn.identification.fit import Fit
-from phnn.report.anchored import forces_known
+from phnn.report.anchored import FORCE_UNITS, forces_known
 from phnn.report.sentence import unknown_character, unknown_statement
 from phnn.units import quantity
 
-# Units of what is known only up to one common factor where nothing anchors it.
-FORCE_UNITS = ("kg", "N", "N/m", "N s/m", "N s²/m²", "N/V", "F", "S")
 _UP_TO_FACTOR = " Absolute values are known up to one common factor, because nothing anchors them."
 _PROVISIONAL = " It is part of the model because it improves predictions; nothing proves that it is the physical cause."
 
@@ -29,12 +27,12 @@ def missing_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     if j.verdict == "none":
         return []
     if not j.findings:
-        return [_nameless(j, forces_known(diagnosis.campaign.known, diagnosis.base.setup.network))]
+        return [_nameless(j, forces_known(diagnosis))]
     return [_entry(diagnosis, f) for f in j.findings]
 
 
 def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
-    final, anchored = diagnosis.judgement.final, forces_known(diagnosis.campaign.known, diagnosis.base.setup.network)
+    final, anchored = diagnosis.judgement.final, forces_known(diagnosis)
     effect = finding.effect
     parameters = final.setup.parameters
     shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in effect.parameters}

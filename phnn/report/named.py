@@ -11,9 +11,8 @@ from phnn.diagnosis.trial import Trial, tie
 from phnn.effects import Plausible
 from phnn.parameters import Parameter
 from phnn.recordings.recording import ACTUATOR
-from phnn.report.anchored import forces_known
+from phnn.report.anchored import FORCE_UNITS, forces_known
 from phnn.report.fingerprint import fingerprint
-from phnn.report.missing import FORCE_UNITS
 from phnn.report.support import PlausibleRow, RivalRow, Support
 from phnn.units import quantity
 
@@ -30,7 +29,7 @@ def _support(diagnosis: Diagnosis, finding: Finding) -> Support:
     effect, final = finding.effect, diagnosis.judgement.final
     before = final.setup.parameters
     actuator = diagnosis.campaign.recordings[0].units == ACTUATOR
-    anchored = forces_known(diagnosis.campaign.known, diagnosis.base.setup.network)
+    anchored = forces_known(diagnosis)
     fitted = finding.trial.fit
     return Support(
         effect=effect.name,

@@ -27,10 +27,10 @@ from phnn.diagnosis.trial import tie
 from phnn.models.store import save
 from phnn.network.roles import auxiliary
 from phnn.output import Place, claim, finite
-from phnn.report.anchored import forces_known
+from phnn.report.anchored import FORCE_UNITS, forces_known
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, RuleRow, Trace
 from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
-from phnn.report.missing import FORCE_UNITS, missing_entries
+from phnn.report.missing import missing_entries
 from phnn.report.named import supports
 from phnn.report.noise import noise_statements
 from phnn.report.sentence import sentence
@@ -164,7 +164,7 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
     for linearised, where in ((j.linearised, j.location), (j.final_linearised, left)):
         found = picture(linearised, where) if where is not None else None
         if where is not None and found is not None:
-            free = is_effort(where) and not forces_known(diagnosis.campaign.known, diagnosis.base.setup.network)
+            free = is_effort(where) and not forces_known(diagnosis)
             curves.append(_curve(found, linearised is not j.linearised, free))
     curves[1:1] = [_curve(law, False) for law in _learned_laws(j)]
     return Evidence(
@@ -229,7 +229,7 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
     j = diagnosis.judgement
     before, after = diagnosis.base.setup.parameters, j.final.setup.parameters
     std, held = j.final.std(), j.final.held
-    anchored = forces_known(diagnosis.campaign.known, diagnosis.base.setup.network)
+    anchored = forces_known(diagnosis)
     rows = []
     hidden = auxiliary(j.final.setup.network)
     for name, p in ((n, p) for n, p in after.items() if n not in hidden):

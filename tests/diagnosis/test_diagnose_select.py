@@ -17,7 +17,7 @@ from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.scored import scored
 from phnn.diagnosis.trial import Trial
 from phnn.effects import effect
-from phnn.identification.fit import Fit
+from phnn.identification.fit import Fit, fit
 
 VALUES = {"amplifier_lowpass": {"tau_a": 1e-5}, "sensor_lag": {"tau_y": 1e-5}, "creep": {"k_s": 4e3, "tau_s": 5e-3}}
 
@@ -115,3 +115,20 @@ def test_what_leaves_no_more_than_the_noise_level_is_known_to_stands(left: float
     last = select.Selected((finding,), model, share)
     first = select.Selected((), mock.Mock(remaining=None), 1.0)
     assert select._kept([first, last]) is stands
+
+
+def test_a_base_model_at_a_local_optimum_is_told_from_one_that_lacks_physics() -> None:
+    """Swapped and narrowed dead zones stop a descent far above the noise; an element that vanishes led out of it."""
+    good = campaigns.base()
+    wrong = good.setup.with_values({n: 0.05 * good.setup.values()[n] for n in ("d_1", "d_2")})
+    stopped = fit(wrong, good.plan, good.variables.names, good.held, max_evaluations=2)
+    assert stopped.chi2 > 2.0
+    vanishing = replace(good, setup=effect("creep").add_to(good.setup, {"k_s": 1e-4, "tau_s": 1e-5}))
+    found = retest.better_base(stopped, vanishing)
+    assert found is not None and found.chi2 == pytest.approx(good.chi2, rel=1e-2)
+    assert set(found.setup.parameters) == set(good.setup.parameters)
+
+    lacking = campaigns.base("quadratic_drag")
+    real = campaigns.diagnosis("quadratic_drag", "quadratic_drag").judgement.final
+    assert retest.better_base(lacking, real) is None
+    assert retest.better_base(good, good) is None

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
+from pathlib import Path
 
+import campaigns
 import numpy as np
 import pytest
+import yaml
 from campaigns import recorded
 
+from phnn.diagnosis.confirm import score_on_all
+from phnn.identification.base import Options, identify_base
 from phnn.identification.begun import expected_start
 from phnn.identification.evaluate import evaluate
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
 from phnn.identification.variables import variables_of
 from phnn.models.actuator import hrc
+from phnn.recordings import read
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
 from phnn.simulate import simulate
@@ -96,3 +103,30 @@ def test_a_slice_is_predicted_as_well_as_the_whole(whole: Recording, first: int)
     later = sliced(whole, first, head=1000)
     found = evaluate(SETUP, Plan((later,), {"slice": 4}, 1), {})
     assert found.over_noise("confirmation") == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(5))
+def test_recordings_cut_at_random_predict_as_well_as_the_whole(tmp_path: Path, seed: int) -> None:
+    whole, cut = campaigns.concealed()[0], tmp_path / "cut"
+    cut.mkdir()
+    manifest, rng = yaml.safe_load((whole / "recordings.yaml").read_text()), np.random.default_rng(seed)
+    print(f"seed {seed}")
+    entries = []
+    for entry in manifest["recordings"]:
+        head, *rows = (whole / entry["file"]).read_text().splitlines()
+        inner = [(0.2, 0.8)] if rng.random() < 0.5 else [(0.2, 0.4), (0.6, 0.8)]
+        cuts = [0, *(int(rng.uniform(*share) * len(rows)) for share in inner), len(rows)]
+        for i, (a, b) in enumerate(itertools.pairwise(cuts)):
+            name = f"{entry['name']}_{i}"
+            (cut / f"{name}.csv").write_text("\n".join([head, *rows[a:b]]) + "\n")
+            start = {"start": "unknown"} if a else {}
+            entries.append(entry | {"file": f"{name}.csv", "name": name} | start)
+    (cut / "recordings.yaml").write_text(yaml.safe_dump(manifest | {"recordings": entries}))
+
+    def held_out(folder: Path) -> float:
+        campaign = read(folder)
+        fitted, _ = identify_base(campaign, Options(starts=2, workers=1))
+        return score_on_all(fitted, campaign).over_noise("confirmation")
+
+    assert held_out(cut) == pytest.approx(held_out(whole), rel=0.1)

@@ -141,9 +141,12 @@ def test_constant_input_after_a_stated_step_is_a_recording(tmp_path: Path) -> No
     assert read(tmp_path).recordings[0].start.state == "rest"
 
 
-def test_a_slice_with_a_constant_input_is_read_where_its_start_is_said_to_be_unknown(tmp_path: Path) -> None:
+@pytest.mark.parametrize("level", [20.0, 0.0])
+def test_a_slice_with_a_constant_input_is_read_where_its_start_is_said_to_be_unknown(
+    tmp_path: Path, level: float
+) -> None:
     t, u, y = good()
-    write(tmp_path / "a.csv", t, np.full_like(u, 20.0), y)
+    write(tmp_path / "a.csv", t, np.full_like(u, level), y)
     write_sine(tmp_path, "b", 5.0, 40.0)
     (tmp_path / "recordings.yaml").write_text("recordings: [{file: a.csv, start: unknown}, {file: b.csv}]")
     assert {r.name: r.start.state for r in read(tmp_path).recordings}["a"] == "unknown"

@@ -267,12 +267,23 @@ def test_a_slice_whose_first_samples_tell_nothing_of_its_start_is_not_held_out()
         recorded_input(75.0 * (np.arange(size) < size * share), "late" if share > 0.5 else "early")
         for share in (0.7, 0.02)
     )
-    assert candidate_of(late, step).still
-    assert not candidate_of(early, step).still
-    assert not candidate_of(replace(late, start=Start("rest", 0.0)), step).still
+    assert candidate_of(late, step).untold
+    assert not candidate_of(early, step).untold
+    assert not candidate_of(replace(late, start=Start("rest", 0.0)), step).untold
     others = [replace(candidate_of(early, step), name=name) for name in ("a", "b", "c")]
     parts, _, _ = divide([candidate_of(late, step), *others])
     assert [p.use for p in parts["late"]] == ["identification"]
+
+
+@pytest.mark.parametrize(("periods", "first", "untold"), [(0.7, 0.2, True), (2.5, 0.2, False), (0.6, 0.25, True)])
+def test_a_slice_confirms_only_if_its_head_covers_the_range_of_its_input(
+    periods: float, first: float, untold: bool
+) -> None:
+    """A dead zone that only the rest of the range crosses has not been met in the head."""
+    size = 2000
+    u = np.sin(2 * np.pi * (first + periods * np.arange(size) / size))
+    sine = Excitation("sine", periods / (1e-3 * size), periods / (1e-3 * size), 1.0, None, 0.0, (0, size))
+    assert candidate_of(recorded_input(u, "sine"), sine).untold is untold
 
 
 def recorded_input(u: np.ndarray, name: str) -> Recording:
