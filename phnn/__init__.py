@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from phnn import effects, models
     from phnn.errors import InputRefused, PhnnError, SolverFailed
-    from phnn.identification.base import Options
+    from phnn.identification.options import Options
     from phnn.model import Model
     from phnn.network.elements import Network
     from phnn.network.system import PortHamiltonianSystem
@@ -42,7 +42,7 @@ _DEFINED_IN = {
     "InputRefused": "phnn.errors",
     "Model": "phnn.model",
     "Network": "phnn.network.elements",
-    "Options": "phnn.identification.base",
+    "Options": "phnn.identification.options",
     "PhnnError": "phnn.errors",
     "PortHamiltonianSystem": "phnn.network.system",
     "Setup": "phnn.setup",

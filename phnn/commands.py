@@ -18,9 +18,10 @@ from phnn.check import check as check_recordings
 from phnn.diagnosis.confirm import score_on_all
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.diagnosis import diagnose as run_diagnosis
-from phnn.identification.base import Options, Progress, identify_base, prepare
+from phnn.identification.base import Progress, identify_base, prepare
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
+from phnn.identification.options import Options
 from phnn.intake.names import printable
 from phnn.models.store import save
 from phnn.network.roles import auxiliary
@@ -85,8 +86,8 @@ def identify(
     folder: Path, out: Path, manifest: Path | None, config: Config, outside: bool = False, overwrite: bool = False
 ) -> None:
     """Fit the base model; writes ``base/`` and ``identify.json``."""
-    campaign = read(folder, manifest, allow_outside=outside)
     options = Options.from_config(config)
+    campaign = read(folder, manifest, allow_outside=outside)
     with claim(out, "identify", [folder], ("base", "identify.json"), overwrite=overwrite) as place:
         parameters, scores = _identify(campaign, options, place)
     console = Console()
@@ -131,7 +132,8 @@ def diagnose(
     folder: Path, out: Path, manifest: Path | None, config: Config, outside: bool = False, overwrite: bool = False
 ) -> None:
     """Diagnose a folder; writes ``diagnosis.json``, ``report.html``, ``model/``, ``base/`` and ``figures/``."""
-    campaign, options = read(folder, manifest, allow_outside=outside), Options.from_config(config)
+    options = Options.from_config(config)
+    campaign = read(folder, manifest, allow_outside=outside)
     with claim(out, "diagnose", [folder], RESULTS, overwrite=overwrite) as place:
         diagnose_into(campaign, place, options, out)
 
@@ -151,7 +153,8 @@ def diagnose_into(campaign: Campaign, place: Place, options: Options, out: Path)
 
 def diagnose_quietly(folder: Path, place: Place, config: Config) -> Diagnosis:
     """The same without a word on the terminal; the settings as in ``configs/diagnose.yaml``."""
-    diagnosis = run_diagnosis(read(folder), Options.from_config(config))
+    options = Options.from_config(config)
+    diagnosis = run_diagnosis(read(folder), options)
     write_into(diagnosis, place)
     return diagnosis
 

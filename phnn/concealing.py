@@ -12,7 +12,7 @@ from rich.table import Table
 
 from phnn.commands import diagnose_into
 from phnn.errors import PhnnError
-from phnn.identification.base import Options
+from phnn.identification.options import Options
 from phnn.output import claim, write_atomic
 from phnn.recordings import read
 

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused
-
-# What a value must satisfy beyond having the type of its default: a test, and the words for a refusal.
-_LEAST = {"seed": 0, "max_effects": 0} | dict.fromkeys(
-    ("inputs", "starts", "workers", "experiments", "iterations", "stops"), 1
-)
+from phnn.intake import settings
 
 
 @cache
@@ -44,10 +39,10 @@ def compose(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
     overrides = [_in_full(override, defaults) for override in overrides]
     for override in overrides:
         _check_key(command, override.removeprefix("++") if override.startswith("++criteria.") else override, defaults)
-    settings = _values(None if overrides else content, command, overrides, "read", "write key=value")
-    if not isinstance(settings, dict):
+    given = _values(None if overrides else content, command, overrides, "read", "write key=value")
+    if not isinstance(given, dict):
         raise InputRefused(f"{folder / command}.yaml must hold key: value lines")
-    return checked(command, {str(key): value for key, value in settings.items()})
+    return checked(command, {str(key): value for key, value in given.items()})
 
 
 def _values(content: Any, command: str, overrides: Sequence[str], verb: str, remedy: str) -> Any:
@@ -75,7 +70,7 @@ def _values(content: Any, command: str, overrides: Sequence[str], verb: str, rem
         raise InputRefused(f"settings {' '.join(overrides)} cannot be {verb} ({reason}): {remedy}") from error
 
 
-def checked(command: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+def checked(command: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """Settings that were composed elsewhere, held against the defaults of a command.
 
     Raises:
@@ -84,7 +79,7 @@ def checked(command: str, settings: Mapping[str, Any]) -> dict[str, Any]:
     from omegaconf import OmegaConf
 
     defaults = dict(OmegaConf.load(config_folder() / f"{command}.yaml"))
-    return {key: _checked(key, value, defaults[key]) for key, value in settings.items()}
+    return {key: _checked(key, value, defaults[key]) for key, value in given.items()}
 
 
 def compose_groups(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
@@ -93,8 +88,8 @@ def compose_groups(command: str, overrides: Sequence[str] = ()) -> dict[str, Any
     Raises:
         InputRefused: an override that hydra cannot apply: an unknown key, file or grammar, or a value that is missing.
     """
-    settings = _values(None, command, overrides, "used", f"see phnn {command} --help")
-    return {str(key): value for key, value in dict(settings).items()}
+    given = _values(None, command, overrides, "used", f"see phnn {command} --help")
+    return {str(key): value for key, value in dict(given).items()}
 
 
 def _check_key(command: str, override: str, defaults: Mapping[str, Any]) -> None:
@@ -136,18 +131,7 @@ def _checked(key: str, value: Any, default: Any) -> Any:
         if not isinstance(value, bool):
             raise InputRefused(f"setting {key}={value} must be true or false")
         return value
-    if isinstance(default, float):
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
-            raise InputRefused(f"setting {key}={value} must be a positive number")
-        return float(value)
-    if isinstance(default, int):
-        from phnn.intake.limits import LIMITS
-
-        name = key.rpartition(".")[2]
-        least, most = _LEAST.get(name, 0), LIMITS.most(name)
-        if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise InputRefused(f"setting {key}={value} must be a whole number, {least} or more")
-        if value > most:
-            raise InputRefused(f"setting {key} must be a whole number, {most} or less")
-        return value
+    if isinstance(default, int | float):
+        # Whoever has the setting knows how small it may be.
+        return settings.checked(key, value, 0.0 if isinstance(default, float) else 0)
     return value

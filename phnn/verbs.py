@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 from phnn.diagnosis.diagnosis import Diagnosis as Finished
 from phnn.diagnosis.diagnosis import diagnose as run_diagnosis
 from phnn.effects import Effect
-from phnn.identification.base import Options, Progress, quiet
+from phnn.identification.base import Progress, quiet
 from phnn.identification.identified import Identified, identify
+from phnn.identification.options import Options
 from phnn.model import Model, load
 from phnn.prediction import Predicted
 from phnn.predictor import of_network, predictor

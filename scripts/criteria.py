@@ -21,7 +21,8 @@ from phnn.demo import Sealed, draw_case, make_case
 from phnn.diagnosis.diagnosis import available, diagnose
 from phnn.effects import Effect, effect
 from phnn.errors import PhnnError
-from phnn.identification.base import Options, identify_base
+from phnn.identification.base import identify_base
+from phnn.identification.options import Options
 from phnn.output import Place
 from phnn.prove.cases import LEVELS, Task
 from phnn.prove.grades import WRONG

@@ -16,7 +16,8 @@ from phnn.configuration import checked
 from phnn.errors import PhnnError
 from phnn.experiment.recordings import Conditions
 from phnn.experiment.run import run_folder, run_paper, show
-from phnn.identification.base import Options, quiet
+from phnn.identification.base import quiet
+from phnn.identification.options import Options
 
 
 def run(config: DictConfig) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import MISSING, asdict, fields
 from functools import cache, partial
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import hydra
 import numpy as np
 import pytest
 import torch
+import yaml
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.plugins import Plugins
 from hydra.types import HydraContext, RunMode
@@ -21,8 +22,9 @@ from phnn import commands
 from phnn.comparison import settings as comparison
 from phnn.comparison.trainers import Case, Way
 from phnn.configuration import compose, compose_groups, config_folder
+from phnn.errors import InputRefused
 from phnn.experiment.recordings import Conditions
-from phnn.identification.base import Options
+from phnn.identification.options import Options
 from phnn.learn import Settings
 from phnn.learn.methods import METHODS
 from phnn.learn.objective import Objective
@@ -192,3 +194,27 @@ def test_the_file_is_used(file: str) -> None:
 
 def test_no_group_is_empty() -> None:
     assert {file.rpartition("/")[0] for file in FILES} == set(USES)
+
+
+OWNERS = {"identify": Options, "diagnose": Options, "modes": ModalSettings, "prove": ProofSettings, "train": Settings}
+
+
+@pytest.mark.parametrize("command", OWNERS)
+def test_files_repeat_the_defaults_of_the_dataclasses(command: str) -> None:
+    owner = OWNERS[command]
+    said = compose_groups(command, ["folder=a", "out=b"]) if command == "train" else compose(command)
+    own = {f.name: f.default for f in fields(owner) if f.name in said and f.default is not MISSING}
+    assert {n: tuple(v) if isinstance(v, list) else v for n, v in said.items() if n in own} == own
+
+
+@pytest.mark.parametrize(("command", "wrong"), [
+    ("diagnose", "starts=0"), ("diagnose", "seed=-1"), ("identify", "workers=0"), ("identify", "error_bound_sigma=0"),
+    ("diagnose", "max_effects=1.5"), ("modes", "stops=0"), ("diagnose", "starts=100000"),
+])  # fmt: skip
+def test_the_command_line_and_python_refuse_the_same_values_with_the_same_words(command: str, wrong: str) -> None:
+    name, _, value = wrong.partition("=")
+    with pytest.raises(InputRefused) as typed:
+        OWNERS[command].from_config(compose(command, [wrong]))
+    with pytest.raises(InputRefused) as called:
+        OWNERS[command](**{name: yaml.safe_load(value)})
+    assert str(typed.value) == str(called.value)

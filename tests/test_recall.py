@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from phnn.criteria import CRITERIA
 from phnn.diagnosis.diagnosis import diagnose
 from phnn.effects import effect
-from phnn.identification.base import Options
+from phnn.identification.options import Options
 from phnn.recall import recalled, recalling
 from phnn.report.result import document
 

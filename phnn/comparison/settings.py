@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from phnn.errors import InputRefused
-from phnn.identification.base import Options
+from phnn.identification.options import Options
+from phnn.intake.settings import check, whole
 
 # Networks whose time step the identified model tells.
 NETWORKS = ("phs_neural", "phs_adjoint", "phs_neural_adjoint")
@@ -52,9 +53,12 @@ class Settings:
 
     options: Options
     models: tuple[str, ...]
-    inputs: int
     resume: bool
     recipes: Mapping[str, Recipe]
+    inputs: int = whole(1000, least=1)
+
+    def __post_init__(self) -> None:
+        check(self)
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> Settings:
@@ -72,7 +76,7 @@ class Settings:
         if not chosen:
             raise InputRefused(f"models: none is named: choose from {', '.join(MODELS)}, or all")
         recipes = {name: Recipe(**config[name]) for name in TRAINED}
-        return cls(Options.from_config(config), chosen, int(config["inputs"]), bool(config["resume"]), recipes)
+        return cls(Options.from_config(config), chosen, bool(config["resume"]), recipes, int(config["inputs"]))
 
     def of(self, model: str) -> dict[str, Any]:
         """All that the result of one model depends on besides the recordings, as plain numbers and texts."""

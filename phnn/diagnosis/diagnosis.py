@@ -23,11 +23,12 @@ from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
 from phnn.ensemble import Executor, executor
-from phnn.identification.base import Options, Progress, identify_base, quiet, refined, settled, single
+from phnn.identification.base import Progress, identify_base, quiet, refined, settled, single
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
 from phnn.identification.identified import Identified, model_of
 from phnn.identification.numerics import NumericalError
+from phnn.identification.options import Options
 from phnn.integrate.residual import check
 from phnn.model import Model
 from phnn.recordings.recording import Campaign

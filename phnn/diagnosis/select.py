@@ -20,9 +20,10 @@ from phnn.diagnosis.trial import Trial, class_of, criterion, tie
 from phnn.effects import Effect
 from phnn.ensemble import Executor
 from phnn.errors import PhnnError
-from phnn.identification.base import Options, Progress, quiet, settled
+from phnn.identification.base import Progress, quiet, settled
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import numerical_error
+from phnn.identification.options import Options
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from phnn.experiment.document import cells, document, heads, markdown, table_csv
 from phnn.experiment.figures import draw_all
 from phnn.experiment.recordings import Conditions, Made, write_recordings
 from phnn.experiment.table import REFITTED, Comparison, compare
-from phnn.identification.base import Options, Progress, quiet
+from phnn.identification.base import Progress, quiet
+from phnn.identification.options import Options
 from phnn.models.store import save
 from phnn.output import Place, claim
 from phnn.recordings import Campaign, read

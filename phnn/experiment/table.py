@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 from phnn.diagnosis.confirm import score_on_all
 from phnn.experiment.published import TABLE_3, Printed, line_of
-from phnn.identification.base import Options, Progress, identify_base, identify_bouc_wen, quiet
+from phnn.identification.base import Progress, identify_base, identify_bouc_wen, quiet
 from phnn.identification.evaluate import Evaluation, PartScore
 from phnn.identification.fit import Fit, fit
+from phnn.identification.options import Options
 from phnn.models.actuator import from_paper
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Campaign

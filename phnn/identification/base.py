@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.identification.described import identify_network
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import NumericalError, numerical_error, substeps_for
+from phnn.identification.options import Options
 from phnn.identification.order import MOST_HYSTERONS, hysterons_needed
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
@@ -38,40 +38,6 @@ from phnn.setup import Setup
 from phnn.simulate import check_names
 
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Options:
-    """How hard to try; the keys of the configuration files.
-
-        phnn.diagnose(campaign, phnn.Options(starts=2, executor="processes:2"))
-
-    Attributes:
-        seed: of every random draw.
-        starts: starting points of the nonlinear stage per resonance.
-        error_bound_sigma: bound on the numerical error over the plan, in standard deviations.
-        max_effects: how many effects a diagnosis may add.
-        without: effects of the catalogue that a diagnosis must not use.
-        criteria: values of `phnn.criteria.Criteria` that replace the defaults, by name.
-        workers: threads of a fit.
-        executor: where the refits of a diagnosis are done, for choices see `phnn.ensemble.executor.executor`; anywhere
-            but in ``serial`` each refit has one thread.
-    """
-
-    seed: int = 0
-    starts: int = 4
-    error_bound_sigma: float = 1.0
-    max_effects: int = 3
-    without: tuple[str, ...] = ()
-    criteria: Mapping[str, float] = field(default_factory=dict)
-    workers: int = 2
-    executor: str = "serial"
-
-    @classmethod
-    def from_config(cls, config: Any) -> Options:
-        """From a mapping such as a hydra configuration; keys it lacks keep their defaults."""
-        known = cls()
-        return cls(**{n: type(getattr(known, n))(config[n]) for n in cls.__dataclass_fields__ if n in config})
 
 
 def quiet(message: str) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 from phnn.errors import InputRefused
-from phnn.identification.base import Options, Progress, identify_base, quiet
+from phnn.identification.base import Progress, identify_base, quiet
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import NumericalError
+from phnn.identification.options import Options
 from phnn.model import Model
 from phnn.models.actuator import hrc
 from phnn.network.elements import Network

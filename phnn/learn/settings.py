@@ -9,7 +9,7 @@ from typing import Any
 
 from phnn.errors import InputRefused
 from phnn.intake.files import named_file
-from phnn.intake.limits import LIMITS
+from phnn.intake.settings import check, positive, whole
 from phnn.intake.yaml_file import load_yaml
 from phnn.output import same
 
@@ -50,38 +50,25 @@ class Settings:
     model: Mapping[str, Any] = field(default_factory=lambda: {"kind": "neural_hrc"})
     solver: Mapping[str, Any] = field(default_factory=lambda: {"name": "discrete_gradient"})
     base: str | None = None
-    seed: int = 0
-    stride: int = 1
-    substeps: int = 1
-    window: int = 0
-    continuity: float = 1.0
+    seed: int = whole(0)
+    stride: int = whole(1, least=1)
+    substeps: int = whole(1, least=1)
+    window: int = whole(0)
+    continuity: float = positive(1.0)
     validation: tuple[str, ...] | None = None
-    adam: int = 50
-    lbfgs: int = 0
-    gauss_newton: int = 40
-    rate: float = 0.01
-    lbfgs_iterations: int = 10
-    patience: int = 20
-    validate_every: int = 1
-    checkpoint_every: int = 1
+    adam: int = whole(0)
+    lbfgs: int = whole(0)
+    gauss_newton: int = whole(60)
+    rate: float = positive(0.01)
+    lbfgs_iterations: int = whole(10, least=1)
+    patience: int = whole(15, least=1)
+    validate_every: int = whole(1, least=1)
+    checkpoint_every: int = whole(1, least=1)
     tensorboard: bool = True
     resume: bool = True
 
     def __post_init__(self) -> None:
-        least = {
-            "seed": 0, "stride": 1, "substeps": 1, "window": 0, "adam": 0, "lbfgs": 0, "gauss_newton": 0,
-            "lbfgs_iterations": 1, "patience": 1, "validate_every": 1, "checkpoint_every": 1,
-        }  # fmt: skip
-        for name, lowest in least.items():
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < lowest:
-                raise InputRefused(f"setting {name}={value} must be a whole number, {lowest} or more")
-            if value > LIMITS.most(name):
-                raise InputRefused(f"setting {name} must be a whole number, {LIMITS.most(name)} or less")
-        for name in ("rate", "continuity"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < float("inf"):
-                raise InputRefused(f"setting {name}={value} must be a positive number")
+        check(self)
         if not isinstance(self.allow_outside, bool):
             raise InputRefused(f"setting allow_outside={self.allow_outside} must be true or false")
         if self.window == 1:

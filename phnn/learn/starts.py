@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from phnn.errors import InputRefused
-from phnn.identification.base import Options, identification_plan, identify_base
+from phnn.identification.base import identification_plan, identify_base
+from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.staged import (
     drive_amplitude,

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from phnn.intake.settings import check, whole
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -16,10 +18,13 @@ class Settings:
         iterations: derivatives of a fit; stops: of a hysteron element; workers: threads.
     """
 
-    experiments: int
-    iterations: int
-    stops: int
-    workers: int
+    experiments: int = whole(2, least=1)
+    iterations: int = whole(40, least=1)
+    stops: int = whole(8, least=1)
+    workers: int = whole(2, least=1)
+
+    def __post_init__(self) -> None:
+        check(self)
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> Settings:

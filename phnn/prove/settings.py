@@ -9,12 +9,18 @@ from typing import Any
 from phnn.demo.conditions import PLAIN, Conditions
 from phnn.demo.families import asked
 from phnn.errors import InputRefused
+from phnn.intake.settings import check, whole
 from phnn.prove.families import family
 
 FAST, FULL = "fast", "full"
 STRATA = ("none", "same", "other", "outside", "pair", "triple")
 GROUPS = ("fast_none", "fast_weak", *STRATA, "few")
 NULLS = "nulls"
+# Of the nulls, see `phnn.prove.families`.
+FAMILIES = (
+    "white", "first_order", "process:0.03", "process:0.1", "process:0.5", "pink:0.1", "heavy", "quantised", "jittered",
+    "step", "ramp", "triangle", "stair", "smooth",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -37,39 +43,42 @@ class Settings:
         keep: whether recordings and whole reports are kept.
     """
 
-    seed: int
-    fast_none: int
-    fast_weak: int
-    none: int
-    same: int
-    other: int
-    outside: int
-    pair: int
-    triple: int
-    few: int
-    nulls: int
-    only: tuple[str, ...]
-    null_families: tuple[str, ...]
-    noise: str
-    background: bool
-    hysterons: int
-    wrong_order: bool
-    anchor_error: bool
-    base: str
-    fast_plan: str
-    plan: str
-    null_plan: str
-    executor: str
-    starts: int
-    max_effects: int
-    keep: bool
+    seed: int = whole(2026)
+    fast_none: int = whole(400)
+    fast_weak: int = whole(400)
+    none: int = whole(20)
+    same: int = whole(60)
+    other: int = whole(20)
+    outside: int = whole(20)
+    pair: int = whole(12)
+    triple: int = whole(0)
+    few: int = whole(8)
+    nulls: int = whole(0)
+    only: tuple[str, ...] = ()
+    null_families: tuple[str, ...] = FAMILIES
+    noise: str = ""
+    background: bool = PLAIN.background
+    hysterons: int = whole(PLAIN.hysterons)
+    wrong_order: bool = PLAIN.wrong_order
+    anchor_error: bool = PLAIN.anchor_error
+    base: str = PLAIN.base
+    fast_plan: str = "short"
+    plan: str = "demo"
+    null_plan: str = "short"
+    executor: str = "processes:2"
+    starts: int = whole(4, least=1)
+    max_effects: int = whole(3)
+    keep: bool = False
+
+    def __post_init__(self) -> None:
+        check(self)
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> Settings:
         """From the composed configuration.
 
         Raises:
-            InputRefused: a number of cases is negative, all are zero, or a group or family is unknown.
+            InputRefused: a number is out of range, no case is asked for, or a group or family is unknown.
         """
         lists = {n: tuple(str(v) for v in config[n]) for n in ("only", "null_families")}
         found = cls(**({n: config[n] for n in cls.__dataclass_fields__} | lists))
@@ -81,9 +90,8 @@ class Settings:
         if found.noise:
             asked(found.noise)
         counts = {n: found.count(n) for n in (*GROUPS, NULLS)}
-        wrong = [f"{n}={c}" for n, c in counts.items() if c < 0]
-        if wrong or not any(counts.values()):
-            raise InputRefused(f"{wrong[0] if wrong else 'no cases'}: give numbers of cases, 0 or more, not all 0")
+        if not any(counts.values()):
+            raise InputRefused("no cases: give numbers of cases, 0 or more, not all 0")
         another = found.conditions.base != PLAIN.base
         if another and counts[NULLS]:
             raise InputRefused(

@@ -16,7 +16,7 @@ from phnn.criteria import CRITERIA, Criteria
 from phnn.criteria.criterion import Criterion
 from phnn.diagnosis import diagnose
 from phnn.errors import InputRefused
-from phnn.identification.base import Options
+from phnn.identification.options import Options
 
 TABLE = Criteria.table()
 HOME = Path(phnn.diagnosis.__file__).parent

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from phnn.diagnosis.diagnosis import diagnose
-from phnn.identification.base import Options
+from phnn.identification.options import Options
 from phnn.recordings import read
 from phnn.report.missing import missing_entries
 

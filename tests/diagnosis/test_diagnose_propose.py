@@ -23,7 +23,7 @@ from phnn.diagnosis.propose import left, propose
 from phnn.diagnosis.questions import Question, of_trials
 from phnn.diagnosis.trial import Trial, class_of, tie
 from phnn.effects import catalogue
-from phnn.identification.base import Options
+from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc

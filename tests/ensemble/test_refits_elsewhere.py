@@ -24,9 +24,9 @@ from phnn.diagnosis.trial import Trial
 from phnn.effects import Scales, catalogue, effect
 from phnn.ensemble import SERIAL, Executor, executor
 from phnn.errors import InputRefused
-from phnn.identification.base import Options
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import numerical_error
+from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc

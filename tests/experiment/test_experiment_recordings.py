@@ -13,7 +13,7 @@ from phnn.demo.actuator import TABLE, simulate_all
 from phnn.errors import InputRefused
 from phnn.experiment.recordings import Conditions, paper_plan, write_recordings
 from phnn.experiment.table import compare
-from phnn.identification.base import Options
+from phnn.identification.options import Options
 from phnn.recordings import read
 
 

@@ -10,8 +10,9 @@ import pytest
 from phnn.demo.actuator import TABLE
 from phnn.diagnosis.confirm import score_on_all
 from phnn.experiment.recordings import Conditions, write_recordings
-from phnn.identification.base import Options, identify_base
+from phnn.identification.base import identify_base
 from phnn.identification.fit import Fit
+from phnn.identification.options import Options
 from phnn.recordings import read
 
 NOISE = 0.05e-6

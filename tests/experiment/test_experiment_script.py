@@ -14,7 +14,7 @@ import pytest
 
 from phnn.configuration import config_folder
 from phnn.experiment.recordings import Conditions
-from phnn.identification.base import Options
+from phnn.identification.options import Options
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted(p.stem for p in (config_folder() / "experiment").glob("*.yaml"))

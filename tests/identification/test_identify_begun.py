@@ -13,9 +13,10 @@ import yaml
 from campaigns import recorded
 
 from phnn.diagnosis.confirm import score_on_all
-from phnn.identification.base import Options, identify_base
+from phnn.identification.base import identify_base
 from phnn.identification.begun import expected_start
 from phnn.identification.evaluate import evaluate
+from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
 from phnn.identification.variables import variables_of

@@ -11,8 +11,9 @@ from junctions import recording
 
 from phnn.configuration import config_folder
 from phnn.errors import InputRefused
-from phnn.identification.base import Options, identify_base
+from phnn.identification.base import identify_base
 from phnn.identification.evaluate import evaluate
+from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.models.network_file import load_network
 from phnn.models.store import load, save

@@ -1,0 +1,49 @@
+"""How hard an identification and a diagnosis try."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from phnn.intake.settings import check, positive, whole
+
+
+@dataclass(frozen=True)
+class Options:
+    """How hard to try; the keys of the configuration files.
+
+        phnn.diagnose(campaign, phnn.Options(starts=2, executor="processes:2"))
+
+    Attributes:
+        seed: of every random draw.
+        starts: starting points of the nonlinear stage per resonance.
+        error_bound_sigma: bound on the numerical error over the plan, in standard deviations.
+        max_effects: how many effects a diagnosis may add.
+        without: effects of the catalogue that a diagnosis must not use.
+        criteria: values of `phnn.criteria.Criteria` that replace the defaults, by name.
+        workers: threads of a fit.
+        executor: where the refits of a diagnosis are done, for choices see `phnn.ensemble.executor.executor`; anywhere
+            but in ``serial`` each refit has one thread.
+
+    Raises:
+        InputRefused: a number is of the wrong kind or out of range.
+    """
+
+    seed: int = whole(0)
+    starts: int = whole(4, least=1)
+    error_bound_sigma: float = positive(1.0)
+    max_effects: int = whole(3)
+    without: tuple[str, ...] = ()
+    criteria: Mapping[str, float] = field(default_factory=dict)
+    workers: int = whole(2, least=1)
+    executor: str = "serial"
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    @classmethod
+    def from_config(cls, config: Any) -> Options:
+        """From a mapping such as a hydra configuration; keys it lacks keep their defaults."""
+        known = cls()
+        return cls(**{n: type(getattr(known, n))(config[n]) for n in cls.__dataclass_fields__ if n in config})
