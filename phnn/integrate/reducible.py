@@ -27,6 +27,8 @@ from phnn.network.system import PortHamiltonianSystem
 _QUICK = 15
 # Steps of a bracketed search: half of them halve the bracket, down to neighbouring floats.
 _BRACKETED = 250
+# Steps of a search for a root, over the root: of the size of rounding; and what rounding of the defect itself may cause.
+_ROUNDING, _NOISE = 2e-16, 1e-14
 
 Lost = Callable[[Tensor], Tensor]
 
@@ -182,7 +184,10 @@ def _increasing_root(function: Callable[[Tensor], tuple[Tensor, Tensor]], guess:
         good = (newton >= low) & (newton <= high) & (slope > 0.0) & (value.abs() <= 0.5 * last)
         # Twice the step that the least slope allows leads beyond the root.
         inside = torch.where((high - low).isfinite(), 0.5 * low + 0.5 * high, y - 2.0 * value / floor)
-        following = torch.where(value == 0.0, y, torch.where(good, newton, inside))
+        # A step of the size of rounding, or of little more where rounding keeps it from helping, has arrived.
+        least = torch.where(good, _ROUNDING, _NOISE) * y.abs()
+        arrived = (value == 0.0) | ((slope > 0.0) & ((newton - y).abs() <= least))
+        following = torch.where(arrived, y, torch.where(good, newton, inside))
         if bool((following == y).all()):
             break
         y, last = following, value.abs()

@@ -50,6 +50,7 @@ def test_march_alone_is_what_the_whole_call_computes() -> None:
     assert np.array_equal(case.march_alone(RISE, [2])(), case.whole_call(RISE, [2])())
 
 
+@pytest.mark.slow
 def test_all_gradients_are_the_slope_of_the_cost(truth: tuple[np.ndarray, np.ndarray]) -> None:
     wanted = 1.1 * truth[0]
     makers = (case.swept_gradient, case.backward_gradient, case.adjoint_gradient)

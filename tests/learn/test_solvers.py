@@ -107,7 +107,7 @@ def test_the_step_under_torchdiffeq_is_that_of_the_compiled_march() -> None:
 )
 def test_gradients_are_those_of_the_states_computed(kind: str, options: dict[str, object]) -> None:
     plant = KINDS[kind]()
-    objective = Objective(plant, solver_for(options, plant), [thinned(r, 4) for r in example.recordings()], 12, 2)
+    objective = Objective(plant, solver_for(options, plant), [thinned(example.recording(), 4)], 12, 2)
     random = torch.Generator().manual_seed(1)
     with torch.no_grad():
         objective.offsets.copy_(0.1 * torch.randn(objective.offsets.shape, generator=random, dtype=torch.float64))
@@ -126,6 +126,7 @@ def test_gradients_are_those_of_the_states_computed(kind: str, options: dict[str
     assert slope == pytest.approx((values[0] - values[1]) / (2 * size), rel=2e-4)
 
 
+@pytest.mark.slow
 def test_continuous_adjoint_agrees_where_outputs_are_dense() -> None:
     plant = example.fully_neural()
     gradients = []
