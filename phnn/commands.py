@@ -34,6 +34,7 @@ from phnn.report.checked import write_check
 from phnn.report.formatting import interval
 from phnn.report.predicted import score_table
 from phnn.report.result import RESULTS, evidence, write_into
+from phnn.warm import compile_later_kernels
 
 Config = Mapping[str, Any]
 _PIPE = 200
@@ -140,6 +141,7 @@ def diagnose(
 
 def diagnose_into(campaign: Campaign, place: Place, options: Options, out: Path) -> Diagnosis:
     """Diagnose, write what `diagnose` writes, and print it; ``out`` is the place as the user calls it."""
+    compile_later_kernels()
     with _progress() as progress:
         diagnosis = run_diagnosis(campaign, options, progress, on_base=lambda fitted: _keep(fitted, place / "base"))
         progress("write the report")

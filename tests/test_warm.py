@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from unittest import mock
+
 import campaigns
 import numpy as np
 import pytest
 
+from phnn import warm
 from phnn.derivatives import output_derivatives, output_gradient
-from phnn.integrate import general, quick, sweep
+from phnn.integrate import cache, general, quick, sweep
 from phnn.models.actuator import hrc
 from phnn.models.neural import neural_hrc
 from phnn.models.variants import hrcl
@@ -36,3 +40,34 @@ def test_nothing_is_left_to_compile(network: Network) -> None:
     output_derivatives(trajectory, names, (0,), np.ones((20, 1)), [(names[0], np.ones(20))])
     output_gradient(trajectory, names, np.ones(21))
     assert {name: list(function.signatures) for name, function in KERNELS.items()} == known
+
+
+def test_later_kernels_are_compiled_once_in_another_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[list[str]] = []
+    monkeypatch.setattr(warm.subprocess, "Popen", lambda command, **_: begun.append(command) or mock.Mock())
+    monkeypatch.setattr(warm, "has_kept", lambda module: True)
+    warm.compile_later_kernels()
+    assert not begun
+    monkeypatch.setattr(warm, "has_kept", lambda module: False)
+    warm.compile_later_kernels()
+    assert [command[1:] for command in begun] == [["-m", "phnn.warm", "later"]]
+
+
+def test_machine_code_is_found_where_it_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, "_folder", lambda: tmp_path)
+    assert not cache.has_kept("general")
+    (tmp_path / "integrate_1").mkdir()
+    (tmp_path / "integrate_1" / "general._steps-35.py311.nbi").touch()
+    assert cache.has_kept("general")
+    assert not cache.has_kept("quick")
+    monkeypatch.setattr(cache, "_folder", lambda: None)
+    assert cache.has_kept("general")
+
+
+def test_a_machine_that_starts_no_process_compiles_when_it_has_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError("no more processes")
+
+    monkeypatch.setattr(warm, "has_kept", lambda module: False)
+    monkeypatch.setattr(warm.subprocess, "Popen", refuse)
+    warm.compile_later_kernels()

@@ -78,6 +78,12 @@ def compiled(function: Callable[..., Any], **options: Any) -> Any:
         numba.config.CACHE_DIR = before
 
 
+def has_kept(module: str) -> bool:
+    """Whether machine code of a module's functions is kept, or can be kept nowhere."""
+    folder = _folder()
+    return folder is None or any(folder.glob(f"*/{module}.*.nbi"))
+
+
 @cache
 def fingerprint() -> str:
     """Hash of the sources a kernel is made from, and of what compiles them.

@@ -27,7 +27,7 @@ from phnn.network.system import PortHamiltonianSystem
 _QUICK = 15
 # Steps of a bracketed search: half of them halve the bracket, down to neighbouring floats.
 _BRACKETED = 250
-# Steps of a search for a root, over the root: of the size of rounding; and what rounding of the defect itself may cause.
+# Steps of a search for a root, over the root: of the size of rounding; and what rounding of the defect may cause.
 _ROUNDING, _NOISE = 2e-16, 1e-14
 
 Lost = Callable[[Tensor], Tensor]

@@ -42,7 +42,7 @@ def test_cases_of_a_group_stay_when_its_number_grows() -> None:
 
 @pytest.mark.parametrize("wrong", [{"none": -1}, dict.fromkeys(("fast_none", "fast_weak"), 0)])
 def test_numbers_of_cases_that_make_no_sense_are_refused(wrong: dict[str, int]) -> None:
-    with pytest.raises(InputRefused, match="give numbers of cases|0 or more"):
+    with pytest.raises(InputRefused, match=r"give numbers of cases|0 or more"):
         settings(**wrong)
 
 
