@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,6 +13,8 @@ from phnn.errors import SolverFailed
 from phnn.modal.elements import PortElement
 from phnn.modal.experiment import Experiment
 from phnn.modal.march import march
+from phnn.modal.network import network_of
+from phnn.network.elements import Network
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -63,6 +66,22 @@ class ModalModel:
     element: PortElement
     k: Array
     thresholds: Array
+
+    def to_network(self, ports: Sequence[str] = (), unit: str = "V") -> Network:
+        """Build the port-Hamiltonian network of this structure, see `phnn.modal.network.network_of`.
+
+            network = model.to_network()
+            phnn.PortHamiltonianSystem(network).structure(x)     # (n, n) J = −Jᵀ
+
+        Args:
+            ports: (P,) names of the inputs; ``port_1``, ``port_2``, … if left out.
+            unit: of the inputs.
+
+        Raises:
+            StructureViolated: the model has a slow part, which no network expresses.
+            InputRefused: another number of names than there are ports, or two alike.
+        """
+        return network_of(self, ports, unit)
 
     def substeps(self, dt: float) -> int:
         """Steps in a sampling interval."""
