@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from phnn.errors import SolverFailed
 from phnn.modal.elements import PortElement
 from phnn.modal.experiment import Experiment
-from phnn.modal.march import march
+from phnn.modal.march import Structure, march
 from phnn.modal.network import network_of
+from phnn.modal.step import Parts
 from phnn.network.elements import Network
 
 Array = NDArray[np.float64]
@@ -66,6 +67,16 @@ class ModalModel:
     element: PortElement
     k: Array
     thresholds: Array
+
+    @property
+    def structure(self) -> Structure:
+        """The modes and their ratios to the ports."""
+        return Structure(self.omega, self.zeta, self.b)
+
+    @property
+    def parts(self) -> Parts:
+        """The parts of the element at every port."""
+        return Parts(self.element.kinds, self.k, self.thresholds)
 
     def to_network(self, ports: Sequence[str] = (), unit: str = "V") -> Network:
         """Build the port-Hamiltonian network of this structure, see `phnn.modal.network.network_of`.
@@ -123,9 +134,7 @@ class ModalModel:
         s = np.asarray(2j * np.pi * f, dtype=np.complex128)
         begin = np.stack([np.fft.irfft(x, size, axis=0)[0] for x in (q, s[:, None] * q)])
         before = 2.0 * (np.abs(q @ self.b)[1:] ** 2).sum(axis=0) / size**2
-        done = march(
-            steps, self.omega, self.zeta, self.b, self.element.kinds, self.k, self.thresholds, h, begin, before
-        )
+        done = march(steps, self.structure, self.parts, h, begin, before)
         if not done.solved:
             raise SolverFailed(f"{experiment.name}: {self.element.name} is too stiff for steps of {h:.3g} s")
         parts = np.fft.rfft(done.s, axis=0)[: f.size] / count * hold[:, :, None]

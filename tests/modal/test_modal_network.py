@@ -54,8 +54,7 @@ def inputs(t: Array) -> Array:
 
 
 def extensions_by_march(model: ModalModel, u: Array, h: float) -> Array:
-    m = model
-    done = march(u, m.omega, m.zeta, m.b, m.element.kinds, m.k, m.thresholds, h, periods=1)
+    done = march(u, model.structure, model.parts, h, periods=1)
     assert done.solved
     return np.asarray(done.q @ model.b)
 
@@ -170,17 +169,7 @@ def test_a_model_of_the_network_simulates() -> None:
     t = h * np.arange(n)
     u = inputs(t)
     q = Model(Setup(model.to_network(("input", "force_2")))).simulate(t, u[:, 0], further={"force_2": u[:, 1]})
-    done = march(
-        inputs(t + 0.5 * h),
-        model.omega,
-        model.zeta,
-        model.b,
-        model.element.kinds,
-        model.k,
-        model.thresholds,
-        h,
-        periods=1,
-    )
+    done = march(inputs(t + 0.5 * h), model.structure, model.parts, h, periods=1)
     assert np.abs(q - done.q[:, 0]).max() < 5e-3 * np.abs(q).max()
 
 
