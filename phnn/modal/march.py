@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from phnn.integrate.compiled import inline, loop_entry
 from phnn.modal.step import (
-    Modes,
+    ModeState,
     Parts,
-    Ports,
+    PortState,
     Step,
     close_period,
     extend,
@@ -78,7 +78,7 @@ def _keep(modes: Any, step: Any, now: Any, out: Any) -> None:
 
 
 @loop_entry
-def _march(u: Array, modes: Modes, parts: Parts, ports: Ports, step: Step, periods: int, out: _Period) -> bool:
+def _march(u: Array, modes: ModeState, parts: Parts, ports: PortState, step: Step, periods: int, out: _Period) -> bool:
     """Fill ``out`` with the last of some periods; False where a step has no solution."""
     largest = _LEAST
     prepare(modes, ports, step)
@@ -134,8 +134,8 @@ def march(
         periods = 1 + min(_PERIODS, int(np.ceil(-np.log(_DECAYED) / max(slowest, 1e-12))))
     q, v = np.zeros((2, count)) if begin is None else begin.copy()
     calm = np.zeros(number) if before is None else before.copy()
-    modes = Modes(propagator_of(structure.omega, structure.zeta, h), structure.b, q, v)
-    ports = Ports(np.zeros(number), np.zeros(number), calm, np.zeros(parts.k.shape))
+    modes = ModeState(propagator_of(structure.omega, structure.zeta, h), structure.b, q, v)
+    ports = PortState(np.zeros(number), np.zeros(number), calm, np.zeros(parts.k.shape))
     out = _Period(np.empty((n, count)), np.empty((n, *parts.k.shape)))
     solved = _march(u, modes, parts, ports, step_of(h, parts.k.shape), periods, out)
     return Marched(*out, bool(solved))

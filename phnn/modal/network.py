@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 # Time in which a stop slides back to its threshold, times the highest natural frequency. At a velocity v the stop
 # exceeds its threshold by τ|v|: at the fastest mode by this share of the amplitude of x.
 _SLIP = 1e-6
-# The elements of a network that several places refer to.
+# Names of the constants.
 _STIFFNESS, _SLIP_TIME = "stiffness", "slip_time"
 
 
@@ -89,10 +89,10 @@ def network_of(model: ModalModel, ports: Sequence[str] = (), unit: str = "V") ->
 
 def _modal_parameters(model: ModalModel, unit: str) -> list[Parameter]:
     """The parameters of the modes, the ratios, and the constants."""
-    table = [
-        constant(_STIFFNESS, 1.0, "1", "modal stiffness in coordinates in which it is one"),
-        constant(_SLIP_TIME, _SLIP / float(model.omega.max()), "s", "time in which a stop slides to its threshold"),
-    ]
+    table = [constant(_STIFFNESS, 1.0, "1", "modal stiffness in coordinates in which it is one")]
+    if (model.k[:, model.element.kinds == STOP] > 0.0).any():
+        slip = _SLIP / float(model.omega.max())
+        table.append(constant(_SLIP_TIME, slip, "s", "time in which a stop slides to its threshold"))
     for i, (w, z) in enumerate(zip(model.omega.tolist(), model.zeta.tolist(), strict=True), start=1):
         table.append(positive(f"m_{i}", w**-2, "s2", f"inertia of mode {i}, 1/ω²"))
         table.append(positive(f"c_{i}", 2.0 * z / w, "s", f"damping of mode {i}, 2ζ/ω"))

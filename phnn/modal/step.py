@@ -33,8 +33,8 @@ class Parts(NamedTuple):
     r: Array
 
 
-class Modes(NamedTuple):
-    """Modes: propagator (4, M) of one step, rows of ``exp(A h)``; b (M, P) ratios; q, v = q̇ (M,)."""
+class ModeState(NamedTuple):
+    """The modes: propagator (4, M) of one step, rows of ``exp(A h)``; b (M, P) ratios; q, v = q̇ (M,)."""
 
     propagator: Array
     b: Array
@@ -42,8 +42,8 @@ class Modes(NamedTuple):
     v: Array
 
 
-class Ports(NamedTuple):
-    """Ports: (P,) extensions x, Σ x² of this period, ⟨x²⟩ of the one before; s (P, count) deflections of the stops."""
+class PortState(NamedTuple):
+    """The ports: (P,) extensions x, Σ x² of this period, ⟨x²⟩ of the one before; s (P, count) of the stops."""
 
     x: Array
     square: Array

@@ -190,7 +190,8 @@ def test_a_slow_part_has_no_network() -> None:
 
 def test_parts_of_no_weight_are_left_out() -> None:
     model = model_of(PARTS["all"])
-    assert replace(model, k=0.0 * model.k).to_network().state_names == model_of([]).to_network().state_names
+    without, linear = replace(model, k=0.0 * model.k).to_network(), model_of([]).to_network()
+    assert without.state_names == linear.state_names and set(without.parameters) == set(linear.parameters)
 
 
 def test_names_of_ports() -> None:
