@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phnn.errors import InputRefused
-from phnn.models.store import load as load_setup
 from phnn.models.store import save
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
@@ -99,20 +98,6 @@ class Model:
             InputRefused: the folder holds other files, or cannot be written to.
         """
         save(self.setup, Path(folder), self.substeps)
-
-
-def load(folder: str | Path) -> Model:
-    """Load a model that a command or `Model.save` wrote.
-
-        y = phnn.load("out/model").simulate(t, voltage)
-
-    Args:
-        folder: ``model/`` or ``base/`` of a result.
-
-    Raises:
-        InputRefused: there is no model, or a damaged one.
-    """
-    return Model(*load_setup(Path(folder)))
 
 
 def _series(name: str, values: Any) -> NDArray[np.float64]:

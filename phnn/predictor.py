@@ -3,41 +3,63 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from phnn.errors import InputRefused
+from phnn.model import Model
 from phnn.models.store import setup_from, stored
 from phnn.prediction import Predicted, predicted
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
 from phnn.simulate import check_names
 
+if TYPE_CHECKING:
+    from phnn.modal.store import StoredModes
+
 # Predictions of a campaign's recordings, in their order; the campaign is refused before the first is simulated.
 Predictor = Callable[[Campaign], Iterable[Predicted]]
 
 
-def predictor(model: Path, outside: bool = False) -> Predictor:
+def loaded(folder: Path, outside: bool = False) -> Model | StoredModes:
     """Load a model that any command wrote.
 
     Args:
-        model: its folder or file; outside: the file in the folder may be a link that leads out of it.
+        folder: of the model, or its file; outside: the file in the folder may be a link that leads out of it.
+
+    Returns:
+        The model of a network; of ``phnn modes``, the fit with its channels.
 
     Raises:
-        InputRefused: it is no model, or a damaged one.
+        InputRefused: there is no model, or a damaged one.
     """
     from phnn.modal.store import MODEL_SCHEMA, model_from
 
-    content, shown = stored(model, outside)
+    content, shown = stored(folder, outside)
     if content.get("schema") != MODEL_SCHEMA:
-        setup, substeps = setup_from(content, shown)
-        return lambda campaign: of_network(setup, substeps, campaign)
-    from phnn.modal.predicting import predicted_modes
-
+        return Model(*setup_from(content, shown))
     try:
-        modes = model_from(content)
+        return model_from(content)
     except InputRefused as error:
         raise InputRefused(f"{shown}: {error}") from error
-    return lambda campaign: predicted_modes(modes, campaign)
+
+
+def predictor(model: Path | Model | StoredModes, outside: bool = False) -> Predictor:
+    """What predicts with a model, or with the model in a folder or file.
+
+    Args:
+        outside: the file in the folder may be a link that leads out of it.
+
+    Raises:
+        InputRefused: there is no model, or a damaged one.
+    """
+    found = loaded(model, outside) if isinstance(model, Path) else model
+    if isinstance(found, Model):
+        return partial(of_network, found.setup, found.substeps)
+    from phnn.modal.predicting import predicted_modes
+
+    return partial(predicted_modes, found)
 
 
 def of_network(setup: Setup, substeps: int, campaign: Campaign) -> Iterator[Predicted]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,14 +13,15 @@ from phnn.effects import Effect
 from phnn.identification.base import Progress, quiet
 from phnn.identification.identified import Identified, identify
 from phnn.identification.options import Options
-from phnn.model import Model, load
+from phnn.model import Model
 from phnn.prediction import Predicted
-from phnn.predictor import of_network, predictor
+from phnn.predictor import loaded, predictor
 from phnn.recordings.recording import Campaign
 from phnn.report.result import write
 
 if TYPE_CHECKING:
     from phnn.comparison.document import Table
+    from phnn.modal.store import StoredModes
 
 __all__ = ["Diagnosis", "compare", "diagnose", "identify", "load", "predict"]
 
@@ -73,7 +74,25 @@ def diagnose(
     return Diagnosis(**vars(run_diagnosis(recorded, options, progress, effects)))
 
 
-def predict(model: Model | str | Path, campaign: Campaign) -> tuple[Predicted, ...]:
+def load(folder: str | Path) -> Model | StoredModes:
+    """Load a model that a command or `Model.save` wrote.
+
+        y = phnn.load("out/model").simulate(t, voltage)
+        network = phnn.load("out/modes/model").to_network()  # of a model that phnn modes wrote
+
+    Args:
+        folder: ``model/`` or ``base/`` of a result, or the file of a model.
+
+    Returns:
+        A `Model`; of ``phnn modes`` the fit with its channels, see `phnn.modal.store.StoredModes`.
+
+    Raises:
+        InputRefused: there is no model, or a damaged one.
+    """
+    return loaded(Path(folder))
+
+
+def predict(model: Model | StoredModes | str | Path, campaign: Campaign) -> tuple[Predicted, ...]:
     """Simulate the recordings of a campaign, in their order.
 
         for found in phnn.predict("out/model", phnn.read("other/")):
@@ -83,18 +102,14 @@ def predict(model: Model | str | Path, campaign: Campaign) -> tuple[Predicted, .
     scored.
 
     Args:
-        model: a model, or the folder of one, that of ``phnn modes`` included.
+        model: what `phnn.load` returned, or its folder; models of ``phnn modes`` included.
         campaign: read it with ``phnn.read(folder, need_output=False)`` where no output was recorded.
 
     Raises:
         InputRefused: there is no model, or a damaged one, or the recordings do not fit its ports and outputs.
         SolverFailed: a step has no solution.
     """
-    if isinstance(model, Model):
-        found: Iterable[Predicted] = of_network(model.setup, model.substeps, campaign)
-    else:
-        found = predictor(Path(model))(campaign)
-    return tuple(found)
+    return tuple(predictor(Path(model) if isinstance(model, str) else model)(campaign))
 
 
 def compare(

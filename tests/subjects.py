@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 import torch
 from networks import remembering
 from torch import Tensor, nn
@@ -18,6 +19,8 @@ from torch import Tensor, nn
 import phnn.laws.neural
 import phnn.models
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.modal.elements import DRAG, HARDENING, SOFTENING, STOP, PortElement
+from phnn.modal.model import ModalModel
 from phnn.models.fully_neural import FullyNeural
 from phnn.models.learned import _KINDS
 from phnn.models.network_file import load_network
@@ -237,6 +240,18 @@ def everything() -> Network:
     return remembering(plain, 3)
 
 
-CORE = (("everything", lambda: NetworkSubject(everything())),)
+def modal_network() -> Network:
+    """Two modes and two ports, with every part that a network of modes may have at both ports."""
+    kinds = np.array([STOP, SOFTENING, HARDENING, DRAG])
+    element = PortElement(("made",), kinds, np.ones(kinds.size))
+    b = np.array([[0.9, 0.5], [0.6, -0.8]])
+    k = np.tile([0.2, 0.3, 0.1, 0.05], (2, 1))
+    return ModalModel(np.array([2.0, 7.0]), np.array([0.02, 0.05]), b, np.zeros(1), element, k, 0.5 + k).to_network()
+
+
+CORE = (
+    ("everything", lambda: NetworkSubject(everything())),
+    ("modal_network", lambda: NetworkSubject(modal_network())),
+)
 EVERY = dict((*CORE, *laws(), *learned(), *models()))
 assert FullyNeural.__name__ in EVERY

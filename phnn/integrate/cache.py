@@ -50,6 +50,7 @@ _SOURCES = (
     "integrate/general.py",
     "integrate/sweep.py",
     "modal/elements.py",
+    "modal/step.py",
     "modal/march.py",
 )
 _OWN = 0o700

@@ -40,13 +40,17 @@ def junctions_of(network: Network) -> tuple[str, ...]:
     following |= {n for p in network.ports for n, ratio in p.on.items() if ratio in modulated}
     # What laws read at mid-step has to be known from the unknowns alone.
     forced |= {name for name in reads if name is not None and (name in lossy or name in following)}
-    order = network.storage_names
+    order, chosen = network.storage_names, set(forced)
     linear = {s.name: is_linear(s) for s in network.storages}
-    while open_edges := [e for e in edges if not e & forced]:
+    while open_edges := [e for e in edges if not e & chosen]:
         degrees = {n: sum(n in e for e in open_edges) for n in order}
         # Among equals a linear storage, whose end state follows from its effort, and by custom the momentum comes last.
-        forced.add(max(order, key=lambda n: (degrees[n], linear[n], order.index(n))))
-    return tuple(n for n in order if n in forced)
+        chosen.add(max(order, key=lambda n: (degrees[n], linear[n], order.index(n))))
+    for name in order:
+        # One that was chosen early may be coupled with junctions only: as a leaf it is no unknown.
+        if name in chosen - forced and all(e & (chosen - {name}) for e in edges):
+            chosen.remove(name)
+    return tuple(n for n in order if n in chosen)
 
 
 def is_linear(storage: Storage) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 
 from phnn.domain import ANY, NONNEGATIVE, POSITIVE
 from phnn.laws.law import StorageLaw, register
-from phnn.laws.namespace import absolute, maximum, minimum, real, reciprocal, shared, where
+from phnn.laws.namespace import absolute, maximum, minimum, real, reciprocal, shared, sqrt, where
 
 
 def capacitor_energy(x: Any, capacitance: Any) -> Any:
@@ -164,6 +164,33 @@ def saturating_spring_mean_effort(a: Any, b: Any, stiffness: Any, reach: Any) ->
     return 0.5 * stiffness * (inner_a + inner_b + (inner_b - inner_a) * (outside / span))
 
 
+@shared
+def _bend(x: Any, reach: Any) -> Any:
+    """``√(1 + (x/r)²)``."""
+    s = x / reach
+    return sqrt(1.0 + s * s)
+
+
+def softening_spring_energy(x: Any, stiffness: Any, reach: Any) -> Any:
+    """``H = k r² (√(1 + (x/r)²) − 1)``, effort ``k x/√(1 + (x/r)²)``: at most ``k r``; convex, ``H ≥ 0``."""
+    return stiffness * x * x / (1.0 + _bend(x, reach))
+
+
+def softening_spring_mean_effort(a: Any, b: Any, stiffness: Any, reach: Any) -> Any:
+    """``k (a + b)/(√(1 + (a/r)²) + √(1 + (b/r)²))``: the difference of the roots by that of their squares."""
+    return stiffness * (a + b) / (_bend(a, reach) + _bend(b, reach))
+
+
+def hardening_spring_energy(x: Any, coefficient: Any) -> Any:
+    """``H = k₃ x⁴/4``, effort ``k₃ x³``: the spring has no stiffness at rest; convex, ``H ≥ 0``."""
+    return 0.25 * coefficient * x * x * x * x
+
+
+def hardening_spring_mean_effort(a: Any, b: Any, coefficient: Any) -> Any:
+    """``k₃ (b⁴ − a⁴)/(4 (b − a))``, factored."""
+    return 0.25 * coefficient * (a + b) * (a * a + b * b)
+
+
 _BENT = (NONNEGATIVE, ANY, POSITIVE)
 
 register(StorageLaw("capacitor", capacitor_energy, capacitor_mean_effort, (0.7,), domains=(POSITIVE,)))
@@ -189,3 +216,14 @@ register(
         domains=(NONNEGATIVE, NONNEGATIVE),
     )
 )  # fmt: skip
+register(
+    StorageLaw(
+        "softening_spring", softening_spring_energy, softening_spring_mean_effort, (1.3, 0.4),
+        domains=(NONNEGATIVE, POSITIVE),
+    )
+)  # fmt: skip
+register(
+    StorageLaw(
+        "hardening_spring", hardening_spring_energy, hardening_spring_mean_effort, (0.9,), domains=(NONNEGATIVE,)
+    )
+)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,7 +12,10 @@ from numpy.typing import NDArray
 from phnn.errors import SolverFailed
 from phnn.modal.elements import PortElement
 from phnn.modal.experiment import Experiment
-from phnn.modal.march import march
+from phnn.modal.march import Structure, march
+from phnn.modal.network import network_of
+from phnn.modal.step import Parts
+from phnn.network.elements import Network
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -64,6 +68,32 @@ class ModalModel:
     k: Array
     thresholds: Array
 
+    @property
+    def structure(self) -> Structure:
+        """The modes and their ratios to the ports."""
+        return Structure(self.omega, self.zeta, self.b)
+
+    @property
+    def parts(self) -> Parts:
+        """The parts of the element at every port."""
+        return Parts(self.element.kinds, self.k, self.thresholds)
+
+    def to_network(self, ports: Sequence[str] = (), unit: str = "V") -> Network:
+        """Build the port-Hamiltonian network of this structure, see `phnn.modal.network.network_of`.
+
+            network = model.to_network()
+            phnn.PortHamiltonianSystem(network).structure(x)     # (n, n) J = −Jᵀ
+
+        Args:
+            ports: (P,) names of the inputs; ``port_1``, ``port_2``, … if left out.
+            unit: of the inputs.
+
+        Raises:
+            StructureViolated: the model has a slow part, which no network expresses.
+            InputRefused: another number of names than there are ports, or two alike.
+        """
+        return network_of(self, ports, unit)
+
     def substeps(self, dt: float) -> int:
         """Steps in a sampling interval."""
         return max(2, int(np.ceil(_STEPS * dt * self.omega.max() / (2.0 * np.pi))))
@@ -104,9 +134,7 @@ class ModalModel:
         s = np.asarray(2j * np.pi * f, dtype=np.complex128)
         begin = np.stack([np.fft.irfft(x, size, axis=0)[0] for x in (q, s[:, None] * q)])
         before = 2.0 * (np.abs(q @ self.b)[1:] ** 2).sum(axis=0) / size**2
-        done = march(
-            steps, self.omega, self.zeta, self.b, self.element.kinds, self.k, self.thresholds, h, begin, before
-        )
+        done = march(steps, self.structure, self.parts, h, begin, before)
         if not done.solved:
             raise SolverFailed(f"{experiment.name}: {self.element.name} is too stiff for steps of {h:.3g} s")
         parts = np.fft.rfft(done.s, axis=0)[: f.size] / count * hold[:, :, None]

@@ -20,6 +20,7 @@ from phnn.modal.judge import DESCRIBED, PROVISIONAL, UNKNOWN, Candidate
 from phnn.modal.model import ModalModel
 from phnn.modal.study import Result
 from phnn.models.typed import a_count, a_list, a_name, a_number, an_object, brief
+from phnn.network.elements import Network
 
 Array = NDArray[np.float64]
 
@@ -36,10 +37,18 @@ class Channels:
 
 
 class StoredModes(NamedTuple):
-    """A model and the channels that it was fitted to."""
+    """A fitted model and the channels that it was fitted to."""
 
     fit: ModalFit
     channels: Channels
+
+    def to_network(self) -> Network:
+        """Build the network of the model, its ports named as the inputs; see `phnn.modal.network.network_of`.
+
+        Raises:
+            StructureViolated: the model has a slow part, which no network expresses.
+        """
+        return self.fit.model.to_network(self.channels.inputs, self.channels.units["input"])
 
 
 def _plain(channels: Channels) -> dict[str, Any]:

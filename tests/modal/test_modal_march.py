@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from phnn.modal.elements import DRAG, HARDENING, SLOW, SOFTENING, STOP
-from phnn.modal.march import march, propagator_of
+from phnn.modal.march import Structure, march, propagator_of
+from phnn.modal.step import Parts
 
 Array = NDArray[np.float64]
 
@@ -48,7 +49,7 @@ def test_what_is_supplied_is_stored_or_lost_in_every_step(seed: int, modes: int,
     rng = np.random.default_rng(seed + 2)
     n = 60
     u = rng.standard_normal((n, ports))
-    done = march(u, omega, zeta, b, ALL, k, r, h, before=np.full(ports, 0.5), periods=1)
+    done = march(u, Structure(omega, zeta, b), Parts(ALL, k, r), h, before=np.full(ports, 0.5), periods=1)
     assert done.solved
     x = done.q @ b
     dx, mean = np.diff(x, axis=0), done.s[:-1]
@@ -100,7 +101,7 @@ def test_a_march_follows_an_adaptive_integrator(kind: int) -> None:
     k = np.array([[1e-5 if kind == DRAG else 0.2]]) / float((b**2).sum())
     r, h, n = np.array([[0.6]]), 2e-5, 4000
     u = np.sin(2.0 * np.pi * 37.0 * h * (np.arange(n) + 0.5))[:, None]
-    done = march(u, omega, zeta, b, np.array([kind]), k, r, h, periods=1)
+    done = march(u, Structure(omega, zeta, b), Parts(np.array([kind]), k, r), h, periods=1)
 
     def slope(t: float, state: Array) -> Array:
         q, v, s = state[:2], state[2:4], state[4]
@@ -125,7 +126,7 @@ def test_a_slow_spring_softens_with_the_period_before() -> None:
     omega, zeta, b = structure(5, 2, 1)
     k, r, h = np.array([[0.3]]), np.array([[0.5]]), 2e-4
     u = np.sin(2.0 * np.pi * np.arange(500) / 500.0)[:, None]
-    done = march(u, omega, zeta, b, np.array([SLOW]), k, r, h, periods=60)
+    done = march(u, Structure(omega, zeta, b), Parts(np.array([SLOW]), k, r), h, periods=60)
     x = done.q @ b[:, 0]
     # Far below resonance the port is a spring: its compliance in parallel with what the slow spring is by now.
     stiffness = 1.0 / (1.0 + (x**2).mean() / 0.25)

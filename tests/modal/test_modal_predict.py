@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 from structure import write_folder
 
+import phnn
 from phnn.cli import main
 from phnn.errors import InputRefused
 from phnn.modal.experiment import study_of
@@ -74,6 +75,20 @@ def test_predict_takes_the_model_and_scores_as_the_study(middle: tuple[Path, Pat
     assert document["totals"]["held_out"]["recordings"] == 2 * (1 + 5 + 1)
     one = out / "models" / "linear.json"
     assert main(["predict", str(one), str(folder), "--out", str(tmp_path / "q")]) == 0
+
+
+def test_a_stored_model_is_loaded_and_has_a_network(middle: tuple[Path, Path]) -> None:
+    folder, out = middle
+    path = out / "models" / "extra_hysteron.json"
+    modes = phnn.load(path)
+    network = modes.to_network()
+    assert [(p.name, p.unit) for p in network.ports] == [("input", "V"), ("voltage_2", "V")]
+    assert {s.name for s in network.storages if s.name.startswith("s_")} == {
+        f"s_{j}_{a}" for j in (1, 2) for a in range(1, 6) if modes.fit.model.k[j - 1, a - 1] > 0.0
+    }
+    campaign = phnn.read(folder)
+    for one, other in zip(phnn.predict(modes, campaign), phnn.predict(path, campaign), strict=True):
+        assert np.array_equal(one.y, other.y)
 
 
 def test_recordings_without_outputs_are_predicted(middle: tuple[Path, Path], tmp_path: Path) -> None:
