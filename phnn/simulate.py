@@ -130,10 +130,8 @@ def simulate(
         known = program.travel >= 0 and is_displacement(setup, recording)
         place = driving.fine(recording)[0, 0] if known else None
         x0 = _begun(program, network, u[:cycle], h[:cycle], held, place, recording.name)
-    n = u.shape[0]
-    states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
-    done = kernel.march(program, theta, x0, u, h, states, efforts)
-    if done < n:
+    states, efforts, done = _integrated(program, theta, x0, u, h)
+    if done < h.size:
         raise SolverFailed(
             f"{recording.name}: no solution of the step at t = {h[:done].sum() - lead * recording.dt:.6g} s; "
             "a parameter is probably far from physical: narrow its bounds or use more sub-steps"
@@ -159,6 +157,14 @@ def _port_inputs(
     for source in setup.sources:
         u[:, place_of(setup, source)] += sounded(setup, source, h, driving.lead * recording.dt)
     return fine, u, held
+
+
+def _integrated(program: Program, theta: Array, x0: Array, u: Array, h: Array) -> tuple[Array, Array, int]:
+    """States (n+1, N) and mean efforts (n, N) under mean inputs, and how many of the steps could be solved."""
+    n = u.shape[0]
+    states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
+    done = kernel.march(program, theta, x0, u, h, states, efforts)
+    return states, efforts, done
 
 
 def _begun(

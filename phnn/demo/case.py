@@ -118,15 +118,8 @@ def draw_case(
     Raises:
         InputRefused: unknown stratum, plan or noise, a negative seed, or no range of positive numbers.
     """
-    if stratum not in STRATA:
-        raise InputRefused(f"stratum = {stratum!r}: take one of {', '.join(STRATA)}")
-    if plan not in (*PLANS, *VARIED):
-        raise InputRefused(f"no plan called {plan!r}: take one of {', '.join((*PLANS, *VARIED))}")
-    if seed < 0:
-        raise InputRefused(f"seed = {seed}: give a whole number, 0 or more")
     low, high = levels if deltas is None else deltas
-    if not 0.0 < low <= high < math.inf:
-        raise InputRefused(f"from {low} to {high}: give two positive numbers, the smaller one first")
+    _check(seed, stratum, plan, low, high)
     order = in_turn(stratum, seed, conditions.base)
     effects = len(order[0].effects)
     if effects > 1 and deltas is None:
@@ -140,12 +133,30 @@ def draw_case(
     if noise is not None:
         made, family = of_family(noise, made, _stream(seed, stratum, "noise")), noise.partition(":")[0]
     hysterons = conditions.drawn_number(_stream(seed, stratum, "number"))
-    if conditions.base != HYSTERONS:
-        base = with_hysteresis(base, conditions.base, _stream(seed, stratum, "hysteresis"))
-    elif hysterons != _HYSTERONS:
-        base = with_hysterons(base, hysterons, _stream(seed, stratum, "hysterons"))
+    base = _under(conditions, base, hysterons, seed, stratum)
     return Case(
         seed, stratum, order, plan, base, made, targets[:effects], deltas is not None, family,
         conditions, hysterons, conditions.stated_number(hysterons, _stream(seed, stratum, "order")),
         conditions.stated_mass(base["m"], _stream(seed, stratum, "anchor")),
     )  # fmt: skip
+
+
+def _check(seed: int, stratum: str, plan: str, low: float, high: float) -> None:
+    """Refuse a case that cannot be drawn; see `draw_case`."""
+    if stratum not in STRATA:
+        raise InputRefused(f"stratum = {stratum!r}: take one of {', '.join(STRATA)}")
+    if plan not in (*PLANS, *VARIED):
+        raise InputRefused(f"no plan called {plan!r}: take one of {', '.join((*PLANS, *VARIED))}")
+    if seed < 0:
+        raise InputRefused(f"seed = {seed}: give a whole number, 0 or more")
+    if not 0.0 < low <= high < math.inf:
+        raise InputRefused(f"from {low} to {high}: give two positive numbers, the smaller one first")
+
+
+def _under(conditions: Conditions, base: dict[str, float], hysterons: int, seed: int, stratum: str) -> dict[str, float]:
+    """The base actuator with the hysteresis or the number of hysterons that the conditions ask for."""
+    if conditions.base != HYSTERONS:
+        return with_hysteresis(base, conditions.base, _stream(seed, stratum, "hysteresis"))
+    if hysterons != _HYSTERONS:
+        return with_hysterons(base, hysterons, _stream(seed, stratum, "hysterons"))
+    return base

@@ -75,19 +75,17 @@ def odeint(
         return _power_preserving(system, x0, t, adjoint, {"step_size": step_size, "scheme": scheme})
     jumps = _inside(jump_t, t)
     options = _options(method, t, jumps, max_steps)
+    chosen = {"rtol": rtol, "atol": atol, "method": method, "options": options}
     try:
         if adjoint:
             # The augmented state has other components, so that only a number can be its tolerance.
             floor = float(torch.as_tensor(atol).min())
-            xs = torchdiffeq.odeint_adjoint(
-                watched, x0, t, rtol=rtol, atol=atol, method=method, options=options, adjoint_atol=floor
-            )
+            xs = torchdiffeq.odeint_adjoint(watched, x0, t, **chosen, adjoint_atol=floor)
         else:
-            xs = torchdiffeq.odeint(watched, x0, t, rtol=rtol, atol=atol, method=method, options=options)
+            xs = torchdiffeq.odeint(watched, x0, t, **chosen)
     except AssertionError as error:
         raise SolverFailed(_cause_of_stop(watched, str(error), max_steps)) from error
-    if not bool(torch.isfinite(xs).all()):
-        raise SolverFailed(_cause_of_overflow(watched, xs, t, method))
+    _check_solution(watched, xs, t, method)
     _check_jumps(watched, jumps)
     if adjoint:
         _check_adjoint(watched, t)
@@ -259,6 +257,12 @@ def _cause_of_stop(watched: _Watched, message: str, max_steps: int) -> str:
             f"give the times of jumps in the input as jump_t, or {remedy}"
         )
     return f"{place} torchdiffeq stopped: {message}; {remedy}"
+
+
+def _check_solution(watched: _Watched, xs: Tensor, t: Tensor, method: str) -> None:
+    """Every state of the solution must be finite."""
+    if not bool(torch.isfinite(xs).all()):
+        raise SolverFailed(_cause_of_overflow(watched, xs, t, method))
 
 
 def _cause_of_overflow(watched: _Watched, xs: Tensor, t: Tensor, method: str) -> str:
