@@ -13,10 +13,11 @@ from phnn.comparison.result import Result, keep, kept
 from phnn.comparison.settings import NETWORKS, Settings
 from phnn.comparison.supply import Response, Supply, of_plant, of_setup, supply
 from phnn.comparison.trained import Trained, train
-from phnn.diagnosis.confirm import score_on_all
-from phnn.identification.base import Progress, identification_plan, identify_base, identify_bouc_wen
+from phnn.diagnosis.tested import score_on_all
+from phnn.identification.base import Progress, identify_base, identify_bouc_wen
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
+from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import identify_actuator
 from phnn.learn.passivity import violations
 from phnn.learn.plant import LatentPlant, NetworkPlant, Plant

@@ -16,7 +16,8 @@ from phnn.comparison.figures import draw_all
 from phnn.comparison.models import Bench
 from phnn.comparison.settings import Settings
 from phnn.experiment.recordings import Conditions, Made, comparison_plan, write_recordings
-from phnn.identification.base import Progress, quiet, single
+from phnn.identification.base import Progress, quiet
+from phnn.identification.prepare import single
 from phnn.identification.zero import own_zeros
 from phnn.output import Place, claim
 from phnn.recordings import Campaign, read

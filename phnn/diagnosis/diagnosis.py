@@ -23,11 +23,13 @@ from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
 from phnn.ensemble import Executor, executor
-from phnn.identification.base import Options, Progress, identify_base, quiet, refined, settled, single
+from phnn.identification.base import Options, Progress, identify_base, quiet
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
 from phnn.identification.identified import Identified, model_of
 from phnn.identification.numerics import NumericalError
+from phnn.identification.prepare import single
+from phnn.identification.refinement import refined, settled
 from phnn.integrate.residual import check
 from phnn.model import Model
 from phnn.recordings.recording import Campaign
@@ -151,7 +153,7 @@ def _judged_from(
         if found.naming.numerical <= search.criteria.selection.numerical_score:
             break
         search.progress(f"numerical error could score {found.naming.numerical:.2g}: finer steps")
-        base, error = refined(base, options)
+        base, error = refined(base)
         found = search.scored(base, error)
     search.progress(f"largest score {found.naming.statistic:.3g}: locate and name")
     return base, error, judge(found, search)

@@ -18,9 +18,10 @@ from phnn.diagnosis.scored import Scored, excess
 from phnn.diagnosis.search import Search
 from phnn.diagnosis.trial import Trial, class_of, criterion, tie
 from phnn.errors import PhnnError
-from phnn.identification.base import Options, settled
+from phnn.identification.base import Options
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import numerical_error
+from phnn.identification.refinement import settled
 
 
 @dataclass(frozen=True)

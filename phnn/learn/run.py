@@ -13,8 +13,8 @@ import torch
 from omegaconf import OmegaConf
 
 from phnn.errors import InputRefused
-from phnn.identification.base import single
 from phnn.identification.evaluate import Evaluation
+from phnn.identification.prepare import single
 from phnn.learn import checkpoint, logs
 from phnn.learn.methods import with_gradients
 from phnn.learn.objective import Objective

@@ -12,14 +12,11 @@ import torch
 from torch import Tensor
 
 from phnn.errors import InputRefused
-from phnn.identification.base import Options, identification_plan, identify_base
+from phnn.identification.base import Options, identify_base
 from phnn.identification.plan import Plan
-from phnn.identification.staged import (
-    drive_amplitude,
-    held_by_statement,
-    mechanical_points,
-    middle_frequency,
-)
+from phnn.identification.prepare import identification_plan
+from phnn.identification.staged import held_by_statement
+from phnn.identification.starting_points import drive_amplitude, mechanical_points, middle_frequency
 from phnn.intake.limits import LIMITS
 from phnn.learn.plant import LatentPlant, NetworkPlant, Plant
 from phnn.models.actuator import hrc
