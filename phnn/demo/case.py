@@ -120,22 +120,21 @@ def draw_case(
     """
     low, high = levels if deltas is None else deltas
     _check(seed, stratum, plan, low, high)
-    order = in_turn(stratum, seed, conditions.base)
+    order, rng = in_turn(stratum, seed, conditions.base), _stream(seed, stratum, "choices")
     effects = len(order[0].effects)
     if effects > 1 and deltas is None:
         low, high = max(low, _EACH), max(high, _EACH)
-    rng = _stream(seed, stratum, "choices")
     base = draw_base(rng)
     deviation, step = float(rng.uniform(20e-9, 80e-9)), int(rng.integers(5, 21)) * 1e-9
     targets = tuple(float(np.exp(rng.uniform(math.log(low), math.log(high)))) for _ in range(max(effects, 2)))
     colour = float(rng.uniform(*_COLOURS)) if rng.random() < _COLOURED else 0.0
-    made, family = Noise(deviation, step, colour), ""
+    made = Noise(deviation, step, colour)
     if noise is not None:
-        made, family = of_family(noise, made, _stream(seed, stratum, "noise")), noise.partition(":")[0]
+        made = of_family(noise, made, _stream(seed, stratum, "noise"))
     hysterons = conditions.drawn_number(_stream(seed, stratum, "number"))
     base = _under(conditions, base, hysterons, seed, stratum)
     return Case(
-        seed, stratum, order, plan, base, made, targets[:effects], deltas is not None, family,
+        seed, stratum, order, plan, base, made, targets[:effects], deltas is not None, (noise or "").partition(":")[0],
         conditions, hysterons, conditions.stated_number(hysterons, _stream(seed, stratum, "order")),
         conditions.stated_mass(base["m"], _stream(seed, stratum, "anchor")),
     )  # fmt: skip

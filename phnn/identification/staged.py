@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from phnn.errors import InputRefused, PhnnError
-from phnn.identification.fit import TOLERANCE, Fit, distinct_optima, fit, unidentified, variables_from
+from phnn.identification.fit import TOLERANCE, Fit, distinct_optima, fit, fit_problem, unidentified, variables_from
 from phnn.identification.looks import first_look
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
@@ -146,8 +146,9 @@ def fit_identified(
         if name not in keep:
             reasons[name] = _reason(setup, name)
     names = [n for n in free if n not in reasons]
-    begun = problem if names == free else None
-    found = fit(setup, plan, names, reasons, max_evaluations, tolerance, origin, begun=begun)
+    if names != free:
+        problem = Problem(setup, plan, variables_from(setup, plan, names, origin))
+    found = fit_problem(problem, reasons, max_evaluations, tolerance)
     weak = [n for n in unidentified(found.jacobian[:, : len(names)], names) if n not in keep]
     if not weak:
         return found

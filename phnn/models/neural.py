@@ -107,20 +107,26 @@ def neural_hrc(
     laws, motion = laws or LearnedLaws(), motion or Motion()
     known = hrc(hysterons, dict(values or {}))
     v = {n: p.value for n, p in known.parameters.items()}
-    learned = []
-    for i in range(1, hysterons + 1):
-        effort, flow = effort_and_flow(i, v, motion)
-        if start == "parametric":
-            zone = v[f"d_{i}"]
-            rho = conductance = min(v[f"rho_{i}"], flow / (_FINEST * 0.5 * zone))
-        else:
-            zone, rho, conductance = staggered(i, effort, flow)
-        learned.append(laws.resistor(effort, conductance, seed + i))
-        fit_dead_zone(learned[-1], rho, zone, 2.5 * effort)
+    learned = [_learned(i, laws, start, v, motion, seed + i) for i in range(1, hysterons + 1)]
     network = replace(known, resistors=_with_laws(known.resistors, learned))
     if laws.spring_width:
         network = _with_spring(network, v["k"], motion.reach, laws.spring_width)
     return _only_used(network, hold)
+
+
+def _learned(
+    number: int, laws: LearnedLaws, start: str, values: Mapping[str, float], motion: Motion, seed: int
+) -> DampingMLP | MonotoneMLP:
+    """The resistor of one hysteron, fitted to the dead zone from which its training starts."""
+    effort, flow = effort_and_flow(number, values, motion)
+    if start == "parametric":
+        zone = values[f"d_{number}"]
+        rho = conductance = min(values[f"rho_{number}"], flow / (_FINEST * 0.5 * zone))
+    else:
+        zone, rho, conductance = staggered(number, effort, flow)
+    resistor = laws.resistor(effort, conductance, seed)
+    fit_dead_zone(resistor, rho, zone, 2.5 * effort)
+    return resistor
 
 
 def effort_and_flow(number: int, values: Mapping[str, float], motion: Motion) -> tuple[float, float]:
