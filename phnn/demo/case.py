@@ -128,9 +128,8 @@ def draw_case(
     deviation, step = float(rng.uniform(20e-9, 80e-9)), int(rng.integers(5, 21)) * 1e-9
     targets = tuple(float(np.exp(rng.uniform(math.log(low), math.log(high)))) for _ in range(max(effects, 2)))
     colour = float(rng.uniform(*_COLOURS)) if rng.random() < _COLOURED else 0.0
-    made = Noise(deviation, step, colour)
-    if noise is not None:
-        made = of_family(noise, made, _stream(seed, stratum, "noise"))
+    plain = Noise(deviation, step, colour)
+    made = plain if noise is None else of_family(noise, plain, _stream(seed, stratum, "noise"))
     hysterons = conditions.drawn_number(_stream(seed, stratum, "number"))
     base = _under(conditions, base, hysterons, seed, stratum)
     return Case(

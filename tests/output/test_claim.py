@@ -270,7 +270,7 @@ def test_a_refused_run_leaves_a_folder_as_it_was(tmp_path: Path) -> None:
     assert not (tmp_path / "new").exists()
     refused(tmp_path / "new", "notes.txt")
     assert seen(tmp_path / "new") == {"notes.txt": b"mine"}
-    with claim(tmp_path / "old", "train", (), RESULTS, {"a": 1}) as place:
+    with claim(tmp_path / "old", "train", (), RESULTS, Origin({"a": 1})) as place:
         (place / "next.csv").write(b"1")
     refused(tmp_path / "old")
     assert seen(tmp_path / "old") == {"next.csv": b"1"}
