@@ -28,12 +28,11 @@ def _exercise(program: Program, network: Network) -> None:
     states, efforts = np.empty((_STEPS + 1, size)), np.empty((_STEPS, size))
     u, h = np.ones((_STEPS, len(network.ports))), np.full(_STEPS, _STEP)
     kernel.march(program, theta, np.zeros(size), u, h, states, efforts)
-    active, none, empty = np.array([0]), np.zeros(0, dtype=np.int64), np.zeros((_STEPS, 0))
-    sweep.sensitivities(
-        program, theta, active, states, efforts, u, h, np.zeros((size, 1)), none, empty, none, empty,
-        np.arange(_STEPS + 1),
-    )  # fmt: skip
-    sweep.adjoint(program, theta, active, states, efforts, u, h, np.zeros_like(states))
+    march = sweep.Marched(program, theta, states, efforts, u, h)
+    active, none = np.array([0]), np.zeros(0, dtype=np.int64)
+    by = sweep.by_parameters(active, _STEPS)
+    sweep.sensitivities(march, by, np.zeros((size, 1)), none, np.arange(_STEPS + 1))
+    sweep.adjoint(march, active, np.zeros_like(states))
 
 
 if __name__ == "__main__":
