@@ -184,10 +184,9 @@ def _slope_at(y: Any, context: Any) -> Any:
 _root = inline(make_root(_value_at, _slope_at))
 
 
-@plain
+@inline
 def _remember(s: Any, wx: Any, next_x: Any, means: Any) -> None:
     """Advance the memories at the end of a step to ``next_x``, see `phnn.integrate.memories`."""
-    stay_outside()
     storages = count(s.t, STORAGES)
     s.y[0] = means[junction_storage(s.t, 0)]
     s.wj[FLOW, 0] = s.y[0]
