@@ -15,13 +15,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from phnn.check import check as check_recordings
-from phnn.diagnosis.confirm import score_on_all
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.diagnosis import diagnose as run_diagnosis
-from phnn.identification.base import Progress, identify_base, prepare
+from phnn.diagnosis.tested import score_on_all
+from phnn.identification.base import Progress, identify_base
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
+from phnn.identification.prepare import prepare
 from phnn.intake.names import printable
 from phnn.models.store import save
 from phnn.network.roles import auxiliary

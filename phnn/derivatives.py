@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from phnn.integrate import sweep
 from phnn.integrate.cycle import cycle_derivative, without_impulse
 from phnn.integrate.rest import equilibrium_derivative, equilibrium_slope
+from phnn.integrate.sweep import Marched, Perturbed
 from phnn.laws import FACTOR_LAWS, PORT_LAWS
 from phnn.laws.namespace import TINY
 from phnn.passage import measured_changes, place_of, sensed, sounded
@@ -49,16 +50,16 @@ def output_derivatives(
     active = np.concatenate([places, [sweep.carrier(program, a.port) for a in acting]]).astype(np.int64)
     looks, times, samples_of = sensed(setup, trajectory.nodes, trajectory.h)
     none = np.zeros((trajectory.h.size, 0))
-    moved = _Moved(
+    moved = Perturbed(
         active,
-        {places.size + j: a.action for j, a in enumerate(acting)},
         none if forces is None else np.ascontiguousarray(settled(forces, trajectory.cycle)),
         np.array([network_names.index(n) for n, _ in varied], dtype=np.int64),
         settled(np.column_stack([none, *(w for _, w in varied)]), trajectory.cycle),
+        {places.size + j: a.action for j, a in enumerate(acting)},
     )
     start = np.insert(_start_derivative(trajectory, moved, places), [active.size] * len(initial), 0.0, axis=1)
     start[:, places.size : active.size] += np.column_stack([np.zeros((start.shape[0], 0)), *(a.rest for a in acting)])
-    out = moved.swept(trajectory, start, np.array(initial, dtype=np.int64), looks)
+    out = sweep.sensitivities(_marched(trajectory), moved, start, np.array(initial, dtype=np.int64), looks)
     changes = out
     if list(names) != network_names or acting:
         head = np.zeros((out.shape[0], len(names)))
@@ -85,57 +86,26 @@ def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Arr
     places = np.array([program.names.index(n) for n in names], dtype=np.int64)
     along = np.zeros_like(trajectory.states)
     along[trajectory.nodes[trajectory.lead :], program.output] = cotangent
-    gradient, back = sweep.adjoint(
-        program, trajectory.theta, places, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h, along
-    )
-    none = np.zeros((trajectory.h.size, 0))
-    moved = _Moved(places, {}, none, np.zeros(0, dtype=np.int64), none)
+    gradient, back = sweep.adjoint(_marched(trajectory), places, along)
+    moved = sweep.by_parameters(places, trajectory.h.size)
     return np.asarray(gradient + (back + along[0]) @ _start_derivative(trajectory, moved, places))
 
 
-class _Moved(NamedTuple):
-    """What is perturbed all along a simulation.
-
-    Attributes:
-        active, pushed, forces, varied, signals: as of `phnn.integrate.sweep.sensitivities`, there called weights.
-    """
-
-    active: NDArray[np.int64]
-    pushed: Mapping[int, Array]
-    forces: Array
-    varied: NDArray[np.int64]
-    signals: Array
-
-    @property
-    def columns(self) -> int:
-        """How many perturbations there are."""
-        return self.active.size + self.forces.shape[1] + self.varied.size
-
-    def swept(
-        self,
-        run: Trajectory,
-        start: Array,
-        initial: NDArray[np.int64],
-        nodes: NDArray[np.int64],
-        steps: int | None = None,
-        end: Array | None = None,
-    ) -> Array:
-        """(M, C + S) derivatives of the output in the first steps of a simulation, those by initial states behind those
-        of the active parameters."""
-        return sweep.sensitivities(
-            run.program, run.theta, self.active, run.states[: None if steps is None else steps + 1],
-            run.efforts[:steps], run.u[:steps], run.h[:steps], start, initial, self.forces[:steps], self.varied,
-            self.signals[:steps], nodes, {k: action[:steps] for k, action in self.pushed.items()}, end,
-        )  # fmt: skip
+def _marched(trajectory: Trajectory) -> Marched:
+    """The simulation as the sweeps take it."""
+    return Marched(
+        trajectory.program, trajectory.theta, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h
+    )
 
 
-def _start_derivative(trajectory: Trajectory, moved: _Moved, places: NDArray[np.int64]) -> Array:
+def _start_derivative(trajectory: Trajectory, moved: Perturbed, places: NDArray[np.int64]) -> Array:
     """(N, C) derivatives of the state in which a simulation begins; at rest those by the network's parameters alone."""
     n, cycle = trajectory.states.shape[1], trajectory.cycle
     start = np.zeros((n, moved.columns))
     if cycle:
         end = np.empty((n, moved.columns + n))
-        moved.swept(trajectory, start[:, :0], np.arange(n), np.zeros(1, dtype=np.int64), cycle, end)
+        march, none = _marched(trajectory).first(cycle), np.zeros(1, dtype=np.int64)
+        sweep.sensitivities(march, moved.first(cycle), start[:, :0], np.arange(n), none, end)
         end = without_impulse(trajectory.program, end, moved.active.size)
         return cycle_derivative(end, moved.active.size, trajectory.states[: cycle + 1])
     if trajectory.rest is not None:

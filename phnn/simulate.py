@@ -130,17 +130,11 @@ def simulate(
         known = program.travel >= 0 and is_displacement(setup, recording)
         place = driving.fine(recording)[0, 0] if known else None
         x0 = _begun(program, network, u[:cycle], h[:cycle], held, place, recording.name)
-    n = u.shape[0]
-    states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
-    done = kernel.march(program, theta, x0, u, h, states, efforts)
-    if done < n:
-        raise SolverFailed(
-            f"{recording.name}: no solution of the step at t = {h[:done].sum() - lead * recording.dt:.6g} s; "
-            "a parameter is probably far from physical: narrow its bounds or use more sub-steps"
-        )
-    looks, times, samples_of = sensed(setup, nodes, h)
-    q, times, copied = long_settled(setup, states[looks, program.output], times - lead * recording.dt, cycle, looks)
-    y = measured(setup, q, times)[copied:][samples_of]
+    before = lead * recording.dt
+    states, efforts, done = _integrated(program, theta, x0, u, h)
+    if done < h.size:
+        raise SolverFailed(_cause_of_stop(recording, h[:done].sum() - before))
+    y = _measured(setup, states[:, program.output], nodes, h, before, cycle)
     return Trajectory(
         setup, recording, program, theta, driving, h, nodes, lead, cycle, cycle if initial is None else 0, rest,
         recording.t, y[lead:], fine, u, states, efforts,
@@ -159,6 +153,32 @@ def _port_inputs(
     for source in setup.sources:
         u[:, place_of(setup, source)] += sounded(setup, source, h, driving.lead * recording.dt)
     return fine, u, held
+
+
+def _integrated(program: Program, theta: Array, x0: Array, u: Array, h: Array) -> tuple[Array, Array, int]:
+    """States (n+1, N) and mean efforts (n, N) under mean inputs, and how many of the steps could be solved."""
+    n = u.shape[0]
+    states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
+    done = kernel.march(program, theta, x0, u, h, states, efforts)
+    return states, efforts, done
+
+
+def _cause_of_stop(recording: Recording, t: float) -> str:
+    return (
+        f"{recording.name}: no solution of the step at t = {t:.6g} s; "
+        "a parameter is probably far from physical: narrow its bounds or use more sub-steps"
+    )
+
+
+def _measured(setup: Setup, q: Array, nodes: NDArray[np.int64], h: Array, before: float, cycle: int) -> Array:
+    """(N,) the sensor's output at the samples, from the measured state (n+1,) at the nodes.
+
+    Args:
+        before: time from the first node to the first recorded sample [s].
+    """
+    looks, times, samples_of = sensed(setup, nodes, h)
+    seen, times, copied = long_settled(setup, q[looks], times - before, cycle, looks)
+    return measured(setup, seen, times)[copied:][samples_of]
 
 
 def _begun(

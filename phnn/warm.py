@@ -8,19 +8,15 @@ from __future__ import annotations
 import atexit
 import subprocess
 import sys
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phnn.integrate import kernel, sweep
 from phnn.integrate.cache import has_kept
-from phnn.integrate.program import Program, compile_network
+from phnn.integrate.program import compile_network
 from phnn.models.actuator import hrc
 from phnn.models.variants import hrlc
 from phnn.network.elements import Network
-
-Array = NDArray[np.float64]
 
 _STEPS, _STEP = 4, 1e-5
 _LATER = "later"
@@ -48,34 +44,20 @@ def compile_later_kernels() -> None:
     atexit.register(started.terminate)
 
 
-class _Marched(NamedTuple):
-    """A march: what it was made with, and what it has filled."""
-
-    program: Program
-    theta: Array
-    states: Array
-    efforts: Array
-    u: Array
-    h: Array
-
-
-def _march(network: Network) -> _Marched:
+def _march(network: Network) -> sweep.Marched:
     program = compile_network(network)
     theta, size = program.theta(network), len(program.states)
     states, efforts = np.empty((_STEPS + 1, size)), np.empty((_STEPS, size))
     u, h = np.ones((_STEPS, len(network.ports))), np.full(_STEPS, _STEP)
     kernel.march(program, theta, np.zeros(size), u, h, states, efforts)
-    return _Marched(program, theta, states, efforts, u, h)
+    return sweep.Marched(program, theta, states, efforts, u, h)
 
 
-def _differentiate(marched: _Marched) -> None:
-    program, theta, states, efforts, u, h = marched
-    size, active, none = len(program.states), np.array([0]), np.zeros(0, dtype=np.int64)
-    start, empty = np.zeros((size, 1)), np.zeros((_STEPS, 0))
-    sweep.sensitivities(
-        program, theta, active, states, efforts, u, h, start, none, empty, none, empty, np.arange(_STEPS + 1)
-    )
-    sweep.adjoint(program, theta, active, states, efforts, u, h, np.zeros_like(states))
+def _differentiate(march: sweep.Marched) -> None:
+    active, none = np.array([0]), np.zeros(0, dtype=np.int64)
+    by, start = sweep.by_parameters(active, _STEPS), np.zeros((len(march.program.states), 1))
+    sweep.sensitivities(march, by, start, none, np.arange(_STEPS + 1))
+    sweep.adjoint(march, active, np.zeros_like(march.states))
 
 
 if __name__ == "__main__":

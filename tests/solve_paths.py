@@ -152,10 +152,8 @@ def compiled(case: Case, scheme: Scheme, prefer: str | None = None) -> Solution:
     total, size = np.zeros(places.size), np.zeros(places.size)
     for k in _INSTANTS:
         end, none = np.zeros((case.x0.size, places.size)), np.zeros(0, np.int64)
-        sweep.sensitivities(
-            program, theta, places, states[: k + 1], efforts[:k], case.u[:k], case.h[:k], np.zeros_like(end), none,
-            np.zeros((k, 0)), none, np.zeros((k, 0)), np.arange(k + 1), end=end,
-        )  # fmt: skip
+        march = sweep.Marched(program, theta, states, efforts, case.u, case.h).first(k)
+        sweep.sensitivities(march, sweep.by_parameters(places, k), np.zeros_like(end), none, np.arange(k + 1), end)
         total += case.scaled_weights[k] @ end
         size += np.abs(case.scaled_weights[k]) @ np.abs(end)
     return Solution(states, dict(zip(free, total, strict=True)), dict(zip(free, size, strict=True)))

@@ -13,7 +13,7 @@ from phnn import warm
 from phnn.derivatives import output_derivatives, output_gradient
 from phnn.integrate import cache, general, quick, sweep
 from phnn.models.actuator import hrc
-from phnn.models.neural import neural_hrc
+from phnn.models.neural import LearnedLaws, neural_hrc
 from phnn.models.variants import hrcl
 from phnn.network.elements import Network
 from phnn.setup import Setup
@@ -28,7 +28,9 @@ KERNELS = {
 }
 
 
-@pytest.mark.parametrize("network", [hrc(2), neural_hrc(1, 3), hrcl(1).network()], ids=["hrc", "neural", "hrcl"])
+@pytest.mark.parametrize(
+    "network", [hrc(2), neural_hrc(1, LearnedLaws(3)), hrcl(1).network()], ids=["hrc", "neural", "hrcl"]
+)
 def test_nothing_is_left_to_compile(network: Network) -> None:
     warm_up()
     known = {name: list(function.signatures) for name, function in KERNELS.items()}

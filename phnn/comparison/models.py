@@ -12,11 +12,12 @@ import numpy as np
 from phnn.comparison.result import Result, keep, kept
 from phnn.comparison.settings import NETWORKS, Settings
 from phnn.comparison.supply import Response, Supply, of_plant, of_setup, supply
-from phnn.comparison.trained import Trained, train
-from phnn.diagnosis.confirm import score_on_all
-from phnn.identification.base import Progress, identification_plan, identify_base, identify_bouc_wen
+from phnn.comparison.trained import Trained, Training, train
+from phnn.diagnosis.tested import score_on_all
+from phnn.identification.base import Progress, identify_base, identify_bouc_wen
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
+from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import identify_actuator
 from phnn.learn.passivity import violations
 from phnn.learn.plant import LatentPlant, NetworkPlant, Plant
@@ -145,10 +146,8 @@ def _trained(bench: Bench, model: str) -> Result:
         substeps = max(plan.steps_of(r) for r in plan.recordings)
         hysterons = int(bench.campaign.setup.get("hysterons", 2))
         recipe = replace(recipe, model={**recipe.model, "hysterons": hysterons})
-    found = train(
-        model, recipe, bench.campaign, bench.home(model), options.seed, bench.settings.resume, substeps, base,
-        bench.progress,
-    )  # fmt: skip
+    training = Training(model, recipe, bench.campaign, bench.home(model), options.seed, bench.settings.resume)
+    found = train(training, substeps, base, bench.progress)
     if isinstance(found.plant, NetworkPlant):
         save(Setup(found.plant.network, name=model), bench.home(model), substeps)
     facts = _facts(bench, model, found.parameters, found.seconds) | {

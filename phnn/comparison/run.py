@@ -16,9 +16,10 @@ from phnn.comparison.figures import draw_all
 from phnn.comparison.models import Bench
 from phnn.comparison.settings import Settings
 from phnn.experiment.recordings import Conditions, Made, comparison_plan, write_recordings
-from phnn.identification.base import Progress, quiet, single
+from phnn.identification.base import Progress, quiet
+from phnn.identification.prepare import single
 from phnn.identification.zero import own_zeros
-from phnn.output import Place, claim
+from phnn.output import Origin, Place, claim
 from phnn.recordings import Campaign, read
 from phnn.report.figures import Drawing
 from phnn.report.formatting import number
@@ -52,15 +53,8 @@ def _claimed(
     out: Path, inputs: Sequence[Path], settings: Settings, overwrite: bool = False
 ) -> AbstractContextManager[Place]:
     """Models know themselves what they were made of, so that one can be added to those that were fitted before."""
-    return claim(
-        out,
-        "compare",
-        inputs,
-        (*RESULTS, *settings.models),
-        resume=settings.resume,
-        overwrite=overwrite,
-        anew="resume=false",
-    )
+    origin = Origin(resume=settings.resume, anew="resume=false")
+    return claim(out, "compare", inputs, (*RESULTS, *settings.models), origin, overwrite)
 
 
 def _compare(campaign: Campaign, place: Place, settings: Settings, progress: Progress, origin: str = "") -> Table:

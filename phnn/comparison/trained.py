@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -55,19 +54,32 @@ class Trained:
     validation: tuple[str, ...]
 
 
-def train(
-    name: str, recipe: Recipe, campaign: Campaign, place: Place, seed: int, resume: bool, substeps: int,
-    base: Path | None, progress: Progress,
-) -> Trained:  # fmt: skip
-    """Train one model, stage by stage; a stage that was finished before is read back from its checkpoint.
+@dataclass(frozen=True)
+class Training:
+    """What one model is trained with.
 
-    Args:
+    Attributes:
         name: of the model, for what is said.
         recipe: how.
         campaign: recordings; those for confirmation are looked at once, at the end.
         place: gets one folder a stage.
         seed: of initial weights.
         resume: go on from what lies in the folder.
+    """
+
+    name: str
+    recipe: Recipe
+    campaign: Campaign
+    place: Place
+    seed: int
+    resume: bool
+
+
+def train(training: Training, substeps: int, base: Path | None, progress: Progress) -> Trained:
+    """Train one model, stage by stage; a stage that was finished before is read back from its checkpoint.
+
+    Args:
+        training: what the model is trained with.
         substeps: steps a sample interval when it is scored; training takes those of its stages.
         base: identified model to start from.
         progress: told one line an epoch.
@@ -76,21 +88,21 @@ def train(
         InputRefused: settings that cannot be used, or other than those of the training that lies there.
         SolverFailed: the model could not be simulated however small the steps of training.
     """
-    torch.manual_seed(seed)
+    recipe, campaign, place = training.recipe, training.campaign, training.place
+    torch.manual_seed(training.seed)
     aside = validation_names(campaign, None)
-    training, validation = set_aside(campaign.recordings, aside)
-    plant = _plant(recipe, campaign, seed, base)
+    plant = _plant(recipe, campaign, training.seed, base)
     solver = solver_for(recipe.solver, plant)
-    used, held = (_thinned(rs, recipe, plant) for rs in (training, validation))
+    used, held = (_thinned(rs, recipe, plant) for rs in set_aside(campaign.recordings, aside))
     seconds, losses = 0.0, {}
-    for stage, given in recipe.stages.items():
-        settings = _settings(name, stage, given, recipe, campaign, place / stage, seed, resume)
+    for stage in recipe.stages:
+        settings = _settings(training, stage)
         objective = Objective(plant, solver, used, settings.window, settings.substeps, settings.continuity)
-        told = _told(progress, f"train {name}, {stage}")
+        told = _told(progress, f"train {training.name}, {stage}")
         validate = _validation(plant, solver, held, settings.substeps) if held else None
         found = Trainer(objective, validate, settings, place / stage, told, digest(campaign)).run()
         seconds, losses[stage] = seconds + found.seconds, found.best
-    progress(f"score {name}")
+    progress(f"score {training.name}")
     scores = evaluate(plant, solver, campaign.recordings, substeps, {})
     count = sum(p.numel() for p in plant.trained())
     (place / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
@@ -110,22 +122,21 @@ def _plant(recipe: Recipe, campaign: Campaign, seed: int, base: Path | None) -> 
     return plant
 
 
-def _settings(
-    name: str, stage: str, given: Any, recipe: Recipe, campaign: Campaign, home: Place, seed: int, resume: bool
-) -> Settings:
+def _settings(training: Training, stage: str) -> Settings:
     """The settings of one stage.
 
     Raises:
         InputRefused: a key that training does not have.
     """
+    recipe, given = training.recipe, training.recipe.stages[stage]
     none = {"adam": 0, "lbfgs": 0, "gauss_newton": 0, "tensorboard": False}
     own = {
-        "folder": campaign.folder, "out": str(home.path), "model": dict(recipe.model), "solver": dict(recipe.solver),
-        "seed": seed, "resume": resume,
+        "folder": training.campaign.folder, "out": str((training.place / stage).path), "model": dict(recipe.model),
+        "solver": dict(recipe.solver), "seed": training.seed, "resume": training.resume,
     }  # fmt: skip
     for key in given:
         if key in own:
-            raise InputRefused(f"{name}.stages.{stage}.{key}: is set for the whole model; leave it out here")
+            raise InputRefused(f"{training.name}.stages.{stage}.{key}: is set for the whole model; leave it out here")
     return Settings.from_config(none | dict(given) | own)
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from phnn.demo.actuator import simulate_all
+from phnn.demo.actuator import Array, simulate_all
 from phnn.demo.base import draw_base
-from phnn.demo.concealed import EFFECTS, ON_REQUEST, described, draw
+from phnn.demo.concealed import EFFECTS, ON_REQUEST, Concealed, described, draw
 from phnn.demo.excitation import Excitation
 from phnn.demo.folder import MANIFEST, Writer, measured, refuse_strangers, write_manifest, write_recording
 from phnn.demo.listed import LOCATIONS
@@ -50,18 +50,14 @@ def generate(
     target = float(np.exp(choices.uniform(*np.log(_TARGETS))))
 
     name = effect or drawn
-    parameters: dict[str, float] = {}
-    reached = 0.0
+    outputs: Sequence[Array]
+    parameters: Mapping[str, float] = {}
+    left = 0.0
     if name == "none":
         outputs = simulate_all(base, excitations)
     else:
         concealed = draw(name, choices, base, excitations)
-        measure = ruler(base, excitations)
-        strength, left = find_strength(
-            lambda z: measure.residual(concealed, z), concealed.guess, concealed.most, target * noise
-        )
-        parameters, reached = described(concealed, strength), left / noise
-        outputs = concealing(base, excitations, [(concealed, strength)])
+        outputs, parameters, left = _with_effect(concealed, base, excitations, target * noise)
 
     folder.mkdir(parents=True, exist_ok=True)
     for excitation, q in zip(excitations, outputs, strict=True):
@@ -70,8 +66,21 @@ def generate(
     effects = () if name == "none" else (name,)
     location, stratum = tuple(LOCATIONS[n] for n in effects), "same" if effects else "none"
     return Sealed(
-        name, parameters, base, reached, noise, quantisation, seed, plan, effects, stratum, location=location
+        name, parameters, base, left / noise, noise, quantisation, seed, plan, effects, stratum, location=location
     )  # fmt: skip
+
+
+def _with_effect(
+    effect: Concealed, base: Mapping[str, float], excitations: tuple[Excitation, ...], wanted: float
+) -> tuple[Sequence[Array], Mapping[str, float], float]:
+    """Outputs of an actuator with an effect, the effect's parameters, and the residual that it leaves [m].
+
+    Args:
+        wanted: residual that it should leave [m].
+    """
+    measure = ruler(base, excitations)
+    strength, left = find_strength(lambda z: measure.residual(effect, z), effect.guess, effect.most, wanted)
+    return concealing(base, excitations, [(effect, strength)]), described(effect, strength), left
 
 
 def _check(seed: int, effect: str | None, folder: Path, plan: Sequence[Excitation]) -> None:

@@ -118,34 +118,43 @@ def draw_case(
     Raises:
         InputRefused: unknown stratum, plan or noise, a negative seed, or no range of positive numbers.
     """
+    low, high = levels if deltas is None else deltas
+    _check(seed, stratum, plan, low, high)
+    order, rng = in_turn(stratum, seed, conditions.base), _stream(seed, stratum, "choices")
+    effects = len(order[0].effects)
+    if effects > 1 and deltas is None:
+        low, high = max(low, _EACH), max(high, _EACH)
+    base = draw_base(rng)
+    deviation, step = float(rng.uniform(20e-9, 80e-9)), int(rng.integers(5, 21)) * 1e-9
+    targets = tuple(float(np.exp(rng.uniform(math.log(low), math.log(high)))) for _ in range(max(effects, 2)))
+    colour = float(rng.uniform(*_COLOURS)) if rng.random() < _COLOURED else 0.0
+    plain = Noise(deviation, step, colour)
+    made = plain if noise is None else of_family(noise, plain, _stream(seed, stratum, "noise"))
+    hysterons = conditions.drawn_number(_stream(seed, stratum, "number"))
+    base = _under(conditions, base, hysterons, seed, stratum)
+    return Case(
+        seed, stratum, order, plan, base, made, targets[:effects], deltas is not None, (noise or "").partition(":")[0],
+        conditions, hysterons, conditions.stated_number(hysterons, _stream(seed, stratum, "order")),
+        conditions.stated_mass(base["m"], _stream(seed, stratum, "anchor")),
+    )  # fmt: skip
+
+
+def _check(seed: int, stratum: str, plan: str, low: float, high: float) -> None:
+    """Refuse a case that cannot be drawn; see `draw_case`."""
     if stratum not in STRATA:
         raise InputRefused(f"stratum = {stratum!r}: take one of {', '.join(STRATA)}")
     if plan not in (*PLANS, *VARIED):
         raise InputRefused(f"no plan called {plan!r}: take one of {', '.join((*PLANS, *VARIED))}")
     if seed < 0:
         raise InputRefused(f"seed = {seed}: give a whole number, 0 or more")
-    low, high = levels if deltas is None else deltas
     if not 0.0 < low <= high < math.inf:
         raise InputRefused(f"from {low} to {high}: give two positive numbers, the smaller one first")
-    order = in_turn(stratum, seed, conditions.base)
-    effects = len(order[0].effects)
-    if effects > 1 and deltas is None:
-        low, high = max(low, _EACH), max(high, _EACH)
-    rng = _stream(seed, stratum, "choices")
-    base = draw_base(rng)
-    deviation, step = float(rng.uniform(20e-9, 80e-9)), int(rng.integers(5, 21)) * 1e-9
-    targets = tuple(float(np.exp(rng.uniform(math.log(low), math.log(high)))) for _ in range(max(effects, 2)))
-    colour = float(rng.uniform(*_COLOURS)) if rng.random() < _COLOURED else 0.0
-    made, family = Noise(deviation, step, colour), ""
-    if noise is not None:
-        made, family = of_family(noise, made, _stream(seed, stratum, "noise")), noise.partition(":")[0]
-    hysterons = conditions.drawn_number(_stream(seed, stratum, "number"))
+
+
+def _under(conditions: Conditions, base: dict[str, float], hysterons: int, seed: int, stratum: str) -> dict[str, float]:
+    """The base actuator with the hysteresis or the number of hysterons that the conditions ask for."""
     if conditions.base != HYSTERONS:
-        base = with_hysteresis(base, conditions.base, _stream(seed, stratum, "hysteresis"))
-    elif hysterons != _HYSTERONS:
-        base = with_hysterons(base, hysterons, _stream(seed, stratum, "hysterons"))
-    return Case(
-        seed, stratum, order, plan, base, made, targets[:effects], deltas is not None, family,
-        conditions, hysterons, conditions.stated_number(hysterons, _stream(seed, stratum, "order")),
-        conditions.stated_mass(base["m"], _stream(seed, stratum, "anchor")),
-    )  # fmt: skip
+        return with_hysteresis(base, conditions.base, _stream(seed, stratum, "hysteresis"))
+    if hysterons != _HYSTERONS:
+        return with_hysterons(base, hysterons, _stream(seed, stratum, "hysterons"))
+    return base

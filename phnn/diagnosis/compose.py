@@ -22,13 +22,12 @@ from phnn.diagnosis.refit import refit
 from phnn.diagnosis.retest import fit_with
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.composition import GAIN, KEPT, LEAVES, WHOLE, GainCase, LeavesCase, WholeCase
-from phnn.diagnosis.scored import Scored, scored
+from phnn.diagnosis.scored import Scored
+from phnn.diagnosis.search import Search
 from phnn.diagnosis.select import Selected
 from phnn.diagnosis.trial import Trial, class_of
 from phnn.effects import Effect
-from phnn.ensemble import Executor
 from phnn.errors import PhnnError
-from phnn.identification.base import Progress, quiet
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
 from phnn.identification.gain import Gain
@@ -47,20 +46,16 @@ class Material:
 
     Attributes:
         base: the fit without any element, to all identification recordings.
-        effects: the catalogue; learned: elements without a name.
-        terminals: whether the input was measured at the port.
-        seed: of the null of the scores; executor: where candidates are refitted; criteria: what is added.
-        progress: told what is tried.
+        search: what there is to add to it, and how that is chosen.
     """
 
     base: Fit
-    effects: Sequence[Effect]
-    learned: Sequence[Effect]
-    terminals: bool
-    seed: int
-    executor: Executor
-    criteria: Criteria
-    progress: Progress = quiet
+    search: Search
+
+    @property
+    def criteria(self) -> Criteria:
+        """Every threshold."""
+        return self.search.criteria
 
 
 @dataclass(frozen=True)
@@ -77,9 +72,7 @@ class _Grown:
     @cached_property
     def model(self) -> Scored:
         """With its scores, which take longest: only of a model that may be composed further."""
-        own = self.material
-        every = (*own.effects, *own.learned)
-        return scored(self.fit, every, own.seed, terminals=own.terminals, criteria=own.criteria)
+        return self.material.search.scored_with_learned(self.fit)
 
     @property
     def leaves(self) -> LeavesCase:
@@ -172,10 +165,10 @@ def _further(
     criteria = material.criteria
     candidates = _candidates(material, here, again)
     many = len(candidates)
-    material.progress(
+    material.search.progress(
         f"{here.left:.3g} × noise on recordings that choose; refit {many} candidates for a further element"
     )
-    trials = refit(here.fit, candidates, material.executor, criteria=criteria)
+    trials = refit(here.fit, candidates, material.search.executor, criteria=criteria)
     able = [t for t in trials if t.fit is not None and t.fit.cost < here.fit.cost]
     found = _chosen(material, held, here, able[: criteria.composition.asked_of_selection], record)
     if found is None:
@@ -232,7 +225,7 @@ def _chosen(
 
 def _named(material: Material, candidate: Candidate) -> bool:
     """Whether a candidate belongs to the catalogue."""
-    return any(candidate.effect is e for e in material.effects)
+    return any(candidate.effect is e for e in material.search.effects)
 
 
 def _candidates(material: Material, here: _Grown, again: Sequence[Candidate]) -> list[Candidate]:

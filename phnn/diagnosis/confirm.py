@@ -26,67 +26,23 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import replace
 
 from phnn.criteria import Confirmation, Criteria
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Immaterial, Judgement, immaterial, unexplained
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.name import Naming
-from phnn.diagnosis.retest import without
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.composition import CLAIM, ClaimCase
-from phnn.diagnosis.rules.held_out import ELEMENT, MODEL, NAMELESS, REMAINDER, ElementCase, ModelCase, NamelessCase
+from phnn.diagnosis.rules.held_out import MODEL, NAMELESS, REMAINDER, ModelCase, NamelessCase
 from phnn.diagnosis.scored import Scored
 from phnn.diagnosis.select import share_of
+from phnn.diagnosis.tested import SURE, Outcome, Tested, score_on_all, tested_elements
 from phnn.effects import Effect
-from phnn.identification.evaluate import Evaluation, evaluate
+from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
-from phnn.identification.gain import Gain, gain
-from phnn.identification.plan import Plan
 from phnn.recordings.recording import Campaign
-
-
-class Outcome(Enum):
-    """What the held-out recordings say of one element; see the table above."""
-
-    PROVEN = "proven"
-    OPEN = "open"
-    PROVISIONAL = "provisional"
-    IMMATERIAL = "immaterial"
-    REFUTED = "refuted"
-
-
-_SURE = (Outcome.PROVEN, Outcome.OPEN)
-
-
-@dataclass(frozen=True)
-class Tested:
-    """One element: what it gains on held-out and on identification recordings, and what follows.
-
-    Attributes:
-        alone: the model without it; the model itself where that cannot be fitted.
-        held_out: None where nothing was held out.
-    """
-
-    finding: Finding
-    outcome: Outcome
-    alone: Fit
-    held_out: Gain | None
-    identified: Gain
-
-    @property
-    def shown(self) -> Gain:
-        """The gain on held-out recordings, on those identified where there are none."""
-        return self.held_out or self.identified
-
-
-def outcome_of(case: ElementCase, record: Record | None = None, element: str = "") -> Outcome:
-    """What follows from the gains of one element, by the rules of `phnn.diagnosis.rules.held_out.ELEMENT`."""
-    decided = (record or Record()).decide(ELEMENT, case, element)
-    assert decided is not None
-    return Outcome(decided.outcome)
 
 
 def confirmed(
@@ -107,12 +63,12 @@ def confirmed(
     before, record = score_on_all(base, campaign), Record(list(judgement.rules))
     if judgement.location is None:
         return judgement, before, before
-    after, tested = _tested(judgement, before, campaign, criteria, record)
-    doubted = {t.finding.effect for t in tested if t.outcome not in _SURE}
+    after, tested = tested_elements(judgement, before, campaign, criteria, record)
+    doubted = {t.finding.effect for t in tested if t.outcome not in SURE}
     looks = len(tested)
     while len(tested) > 1 and (harmful := [t for t in tested if not _helps(t, criteria.confirmation)]):
         judgement = _dropped(judgement, min(harmful, key=lambda t: t.shown.share_of_noise), score_again)
-        after, tested = _tested(judgement, before, campaign, criteria, record)
+        after, tested = tested_elements(judgement, before, campaign, criteria, record)
         looks += len(tested)
         level = criteria.confirmation.held_out_level / looks
         tested = [_no_surer(t, level) if t.finding.effect in doubted else t for t in tested]
@@ -136,7 +92,7 @@ def _no_surer(tested: Tested, level: float) -> Tested:
     held = tested.held_out
     if tested.outcome is Outcome.PROVEN and held is not None and held.falls is not None and held.falls < level:
         return tested
-    return replace(tested, outcome=Outcome.PROVISIONAL) if tested.outcome in _SURE else tested
+    return replace(tested, outcome=Outcome.PROVISIONAL) if tested.outcome in SURE else tested
 
 
 def _helps(tested: Tested, rule: Confirmation) -> bool:
@@ -145,7 +101,7 @@ def _helps(tested: Tested, rule: Confirmation) -> bool:
     Whether it has a name is another question.
     """
     shown = tested.shown
-    if tested.outcome in _SURE:
+    if tested.outcome in SURE:
         return True
     open_ = tested.outcome is Outcome.PROVISIONAL and shown.after <= shown.before
     return open_ or rule.falls(shown.before, shown.after, shown.share_of_noise)
@@ -206,7 +162,7 @@ def _shown(tested: Sequence[Tested], nameless: bool = False) -> tuple[Finding, .
         replace(
             t.finding,
             held_out=t.held_out,
-            provisional=nameless or t.finding.provisional or t.outcome not in _SURE,
+            provisional=nameless or t.finding.provisional or t.outcome not in SURE,
         )
         for t in tested
     )
@@ -218,41 +174,6 @@ def _small_remainder(judgement: Judgement, criteria: Criteria, record: Record) -
         return None
     decided = record.decide(REMAINDER, _nameless_case(judgement.final_linearised, judgement.remainder, criteria))
     return _size(judgement.final_linearised, judgement.remainder) if decided is not None else None
-
-
-def _tested(
-    judgement: Judgement, before: Evaluation, campaign: Campaign, criteria: Criteria, record: Record
-) -> tuple[Evaluation, list[Tested]]:
-    """The final model's scores on all recordings, and each of its elements held against the model without it."""
-    base, final, rule = judgement.linearised.fit, judgement.final, criteria.confirmation
-    after, tested = score_on_all(final, campaign), []
-    for finding in judgement.findings:
-        others = tuple(f for f in judgement.findings if f is not finding)
-        alone = finding.others_alone
-        if alone is None:
-            alone = without(base, others, finding, final, criteria.selection.tie) if others else base
-        if alone is None:
-            tested.append(_untold(finding, final, after, campaign, rule))
-            continue
-        shown = before if alone is base else score_on_all(alone, campaign)
-        held_out, identified = (
-            gain(shown, after, campaign.recordings, use, rule.held_out_blocks, (alone.setup.own, final.setup.own))
-            for use in ("confirmation", "identification")
-        )
-        assert identified is not None
-        drifts = final.setup.own.drift_terms > alone.setup.own.drift_terms
-        case = ElementCase(held_out, identified, rule, drifts)
-        outcome = outcome_of(case, record, finding.effect.name)
-        tested.append(Tested(finding, outcome, alone, held_out, identified))
-    return after, tested
-
-
-def _untold(finding: Finding, final: Fit, after: Evaluation, campaign: Campaign, rule: Confirmation) -> Tested:
-    """An element without which the others cannot be fitted: it stays, and nothing is known of what it gains."""
-    own, uses = (final.setup.own, final.setup.own), ("confirmation", "identification")
-    held_out, identified = (gain(after, after, campaign.recordings, u, rule.held_out_blocks, own) for u in uses)
-    assert identified is not None
-    return Tested(finding, Outcome.PROVISIONAL, final, held_out, identified)
 
 
 def _dropped(judgement: Judgement, fallen: Tested, score_again: Callable[[Fit], Scored]) -> Judgement:
@@ -295,12 +216,3 @@ def _size(linearised: LinearisedFit, naming: Naming) -> Immaterial:
     share = naming.statistic / math.sqrt(linearised.fit.residual.size)
     leading = next((c.effect.name for c in naming.candidates if c.score >= naming.generic), None)
     return Immaterial(leading, share * linearised.scales.noise, share)
-
-
-def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
-    """A fit's scores on every recording of a campaign; held-out ones get the finest sub-steps of the fit's plan."""
-    finest = max((fitted.plan.steps_of(r) for r in fitted.plan.recordings), default=1)
-    known = {r.name: r for r in fitted.plan.recordings}
-    recordings = tuple(known.get(r.name, r) for r in campaign.recordings)
-    steps = {r.name: fitted.plan.substeps.get(r.name, finest) for r in recordings}
-    return evaluate(fitted.setup, Plan(recordings, steps, fitted.plan.workers), fitted.initial_states)

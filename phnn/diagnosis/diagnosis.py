@@ -18,17 +18,19 @@ from phnn.diagnosis.questions import questions
 from phnn.diagnosis.retest import better_base, fit_with
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.held_out import NUMERICS, NumericsCase
-from phnn.diagnosis.scored import Scored, scored
+from phnn.diagnosis.search import Search
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
 from phnn.ensemble import Executor, executor
-from phnn.identification.base import Progress, identify_base, quiet, refined, settled, single
+from phnn.identification.base import Progress, identify_base, quiet
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
 from phnn.identification.identified import Identified, model_of
 from phnn.identification.numerics import NumericalError
 from phnn.identification.options import Options
+from phnn.identification.prepare import single
+from phnn.identification.refinement import refined, settled
 from phnn.integrate.residual import check
 from phnn.model import Model
 from phnn.recordings.recording import Campaign
@@ -121,62 +123,41 @@ def _base(
     return campaign, *identify_base(campaign, options, progress)
 
 
-@dataclass(frozen=True)
-class _Search:
-    """What a search for missing elements is made with.
+def _judged(
+    search: Search, options: Options, base: Fit, error: NumericalError
+) -> tuple[Fit, NumericalError, Judgement]:
+    """Search from a base model, and again from a better optimum of it where the search has come upon one.
 
-    Attributes:
-        effects: of the catalogue that can exist; learned: elements without a name that can.
-        terminals: whether the input was measured where it acts; new: whether held-out recordings bring something new.
+    Returns:
+        As `_judged_from`.
     """
+    found = _judged_from(search, options, base, error)
+    for _ in range(_BASES):
+        better = better_base(found[0], found[2].final)
+        if better is None:
+            break
+        search.progress(f"the base model itself fits better: residual {better.chi2**0.5:.3g} × noise; search again")
+        found = _judged_from(search, options, *settled(better, options.error_bound_sigma))
+    return found
 
-    effects: Sequence[Effect]
-    learned: Sequence[Effect]
-    options: Options
-    criteria: Criteria
-    executor: Executor
-    terminals: bool
-    new: bool
-    progress: Progress
 
-    def scored(self, fitted: Fit, error: NumericalError | None = None) -> Scored:
-        """Scores of all effects in the residual of a fit."""
-        return scored(fitted, self.effects, self.options.seed, error, self.terminals, self.criteria)
+def _judged_from(
+    search: Search, options: Options, base: Fit, error: NumericalError
+) -> tuple[Fit, NumericalError, Judgement]:
+    """Search from a base model, refitted with finer steps where the numerical error alone has a score.
 
-    def judged(self, base: Fit, error: NumericalError) -> tuple[Fit, NumericalError, Judgement]:
-        """Search from a base model, and again from a better optimum of it where the search has come upon one.
-
-        Returns:
-            As `_judged_from`.
-        """
-        found = self._judged_from(base, error)
-        for _ in range(_BASES):
-            better = better_base(found[0], found[2].final)
-            if better is None:
-                break
-            self.progress(f"the base model itself fits better: residual {better.chi2**0.5:.3g} × noise; search again")
-            found = self._judged_from(*settled(better, self.options.error_bound_sigma))
-        return found
-
-    def _judged_from(self, base: Fit, error: NumericalError) -> tuple[Fit, NumericalError, Judgement]:
-        """Search from a base model, refitted with finer steps where the numerical error alone has a score.
-
-        Returns:
-            The base model with these steps, its numerical error, and the judgement.
-        """
-        found = self.scored(base, error)
-        for _ in range(_REFINEMENTS):
-            if found.naming.numerical <= self.criteria.selection.numerical_score:
-                break
-            self.progress(f"numerical error could score {found.naming.numerical:.2g}: finer steps")
-            base, error = refined(base, self.options)
-            found = self.scored(base, error)
-        self.progress(f"largest score {found.naming.statistic:.3g}: locate and name")
-        judgement = judge(
-            found, self.effects, self.options.seed, max(1, self.options.max_effects), self.new, self.executor,
-            self.criteria, self.learned, self.progress,
-        )  # fmt: skip
-        return base, error, judgement
+    Returns:
+        The base model with these steps, its numerical error, and the judgement.
+    """
+    found = search.scored(base, error)
+    for _ in range(_REFINEMENTS):
+        if found.naming.numerical <= search.criteria.selection.numerical_score:
+            break
+        search.progress(f"numerical error could score {found.naming.numerical:.2g}: finer steps")
+        base, error = refined(base)
+        found = search.scored(base, error)
+    search.progress(f"largest score {found.naming.statistic:.3g}: locate and name")
+    return base, error, judge(found, search)
 
 
 def _held_against_numerics(judgement: Judgement, criteria: Criteria) -> Judgement:
@@ -222,11 +203,11 @@ def diagnose(
     if on_base is not None:
         on_base(base)
     learned = _possible(campaign, base.setup, learned_elements().values())
-    search = _Search(
-        catalogue_, learned, chosen, criteria, refits, input_measured(campaign, base.setup), campaign.held_out_is_new,
-        progress,
+    search = Search(
+        catalogue_, learned, chosen.seed, max(1, chosen.max_effects), criteria, refits,
+        input_measured(campaign, base.setup), campaign.held_out_is_new, progress,
     )  # fmt: skip
-    base, error, judgement = search.judged(base, error)
+    base, error, judgement = _judged(search, chosen, base, error)
     if on_base is not None and base is not kept:
         on_base(base)
     progress(f"verdict {judgement.verdict}; confirm on held-out recordings")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from phnn.criteria import CRITERIA, SELECTION, Criteria
+from phnn.criteria import SELECTION, Criteria
 from phnn.diagnosis.compose import Material, compose
 from phnn.diagnosis.finding import Finding, effects_of
 from phnn.diagnosis.learn import learn
@@ -17,12 +17,11 @@ from phnn.diagnosis.rules import Applied, Record
 from phnn.diagnosis.rules.composition import CLAIM, ClaimCase
 from phnn.diagnosis.rules.search import BASE, BaseCase
 from phnn.diagnosis.rules.verdict import VERDICT, VerdictCase
-from phnn.diagnosis.scored import Scored, excess, scored
+from phnn.diagnosis.scored import Scored, excess
+from phnn.diagnosis.search import Search
 from phnn.diagnosis.select import Selected, misplaced, select, share_of
 from phnn.diagnosis.trial import Trial
 from phnn.effects import Effect
-from phnn.ensemble import SERIAL, Executor
-from phnn.identification.base import Progress, quiet
 from phnn.identification.fit import Fit
 
 
@@ -93,17 +92,7 @@ class Judgement:
         return (self.location.name, *self.location.tied)
 
 
-def judge(
-    found: Scored,
-    effects: Sequence[Effect],
-    seed: int,
-    max_effects: int,
-    new_in_held_out: bool,
-    executor: Executor = SERIAL,
-    criteria: Criteria = CRITERIA,
-    learned: Sequence[Effect] = (),
-    progress: Progress = quiet,
-) -> Judgement:
+def judge(found: Scored, search: Search) -> Judgement:
     """Locate, name, compose and judge.
 
     A search for effects comes first; where it explains everything, its words stand. Where something is left, the model
@@ -111,26 +100,18 @@ def judge(
 
     Args:
         found: the scores of the base model.
-        effects: the catalogue entries that can exist in this setup.
-        seed: of the null distribution.
-        max_effects: how many effects may be named.
-        new_in_held_out: whether confirmation brings something new; without it the word is ``equivalent`` at most.
-        executor: where candidates are refitted.
-        criteria: every threshold.
-        learned: elements without a name that a model may be composed of.
-        progress: told what is tried.
+        search: what there is to add to it, and how that is chosen.
     """
     linearised, naming, record = found.linearised, found.naming, Record()
-    record.decide(BASE, BaseCase(naming.p_value, criteria.selection))
+    record.decide(BASE, BaseCase(naming.p_value, search.criteria.selection))
     location = found.remaining
     if location is None:
         return Judgement("none", linearised, naming, None, linearised.fit, linearised, rules=tuple(record.asked))
-    selected, tried = select(found, location, effects, seed, max_effects, executor, criteria, progress)
+    selected, tried = select(found, search)
     record.asked.extend(selected.rules)
-    asked = _Asked(found, location, new_in_held_out, criteria)
+    asked = _Asked(found, location, search)
     word, also = _word(asked, selected, record)
-    material = Material(linearised.fit, effects, learned, linearised.terminals, seed, executor, criteria, progress)
-    word, model, findings = _composed(asked, material, selected, tried, word, record)
+    word, model, findings = _composed(asked, selected, tried, word, record)
     return Judgement(
         word, linearised, naming, _also(location, also), model.linearised.fit, model.linearised, findings, tried,
         model.naming, model.remaining, rules=tuple(record.asked),
@@ -139,17 +120,17 @@ def judge(
 
 @dataclass(frozen=True)
 class _Asked:
-    """What a verdict is asked of: scores and location of the base model, and whether confirmation brings new."""
+    """What a verdict is asked of: scores and location of the base model, and how it was searched."""
 
     found: Scored
     location: Location
-    new_in_held_out: bool
-    criteria: Criteria
+    search: Search
 
 
 def _word(asked: _Asked, selected: Selected, record: Record) -> tuple[str, str]:
     """The verdict on a selection, and a location that comes into question beside that of the whole mismatch."""
-    linearised, location, rule = asked.found.linearised, asked.location, asked.criteria.selection
+    linearised, location, criteria = asked.found.linearised, asked.location, asked.search.criteria
+    rule = criteria.selection
     here = selected.model
     final, left = here.linearised.fit, here.remaining
     share = share_of(linearised.fit, final, asked.found.naming)
@@ -161,33 +142,33 @@ def _word(asked: _Asked, selected: Selected, record: Record) -> tuple[str, str]:
         members=max((len(f.members) for f in selected.findings), default=0),
         share=share,
         chi2=final.chi2,
-        misplaced=bool(selected.findings) and misplaced(selected, location, asked.criteria),
+        misplaced=bool(selected.findings) and misplaced(selected, location, criteria),
         excess=excess(final),
         learned=excess(alone) if alone is not None else None,
-        new_in_held_out=asked.new_in_held_out,
+        new_in_held_out=asked.search.new_in_held_out,
         rule=rule,
     )
     decided = record.decide(VERDICT, case)
     assert decided is not None
     further = case.misplaced and share > rule.explains_further and left is not None
-    if decided.outcome == "unknown" and further and left is not None and located(left, asked.criteria.location):
+    if decided.outcome == "unknown" and further and left is not None and located(left, criteria.location):
         return decided.outcome, left.name
     return decided.outcome, location.name
 
 
 def _composed(
-    asked: _Asked, material: Material, selected: Selected, tried: tuple[Trial, ...], word: str, record: Record
+    asked: _Asked, selected: Selected, tried: tuple[Trial, ...], word: str, record: Record
 ) -> tuple[str, Scored, tuple[Finding, ...]]:
     """Verdict, model and elements after composing, where the search has left something."""
-    criteria, named = asked.criteria, selected.findings if word != "unknown" else ()
+    named = selected.findings if word != "unknown" else ()
+    material = Material(asked.found.linearised.fit, asked.search)
     findings, fitted = compose(material, selected, tried, record)
     model = selected.model
     if fitted is not model.linearised.fit:
-        terminals = asked.found.linearised.terminals
-        model = scored(fitted, material.effects, material.seed, terminals=terminals, criteria=criteria)
+        model = asked.search.scored(fitted)
         word, named = "unknown", ()
         # Whatever had a name before has to claim it anew beside what was added.
-        if claimed := _claimed(findings, model, criteria, record):
+        if claimed := _claimed(findings, model, asked.search.criteria, record):
             share = share_of(asked.found.linearised.fit, fitted, asked.found.naming)
             word, _ = _word(asked, Selected(claimed, model, share), record)
             named = claimed if word != "unknown" else ()

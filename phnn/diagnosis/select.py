@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 from phnn.criteria import CRITERIA, Criteria, Selection
 from phnn.diagnosis.finding import Finding, effects_of, own_parameters
-from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.place import elsewhere, in_place, located, may_lie, of_its_kinds
@@ -15,15 +14,14 @@ from phnn.diagnosis.refit import refit
 from phnn.diagnosis.retest import retested
 from phnn.diagnosis.rules import Applied, Record
 from phnn.diagnosis.rules.search import DISCARD, FORM, KEEP, REFIT, STEP, STOP, KeepCase, StepCase
-from phnn.diagnosis.scored import Scored, excess, scored
+from phnn.diagnosis.scored import Scored, excess
+from phnn.diagnosis.search import Search
 from phnn.diagnosis.trial import Trial, class_of, criterion, tie
-from phnn.effects import Effect
-from phnn.ensemble import Executor
 from phnn.errors import PhnnError
-from phnn.identification.base import Progress, quiet, settled
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import numerical_error
 from phnn.identification.options import Options
+from phnn.identification.refinement import settled
 
 
 @dataclass(frozen=True)
@@ -43,39 +41,7 @@ class Selected:
     longest: Selected | None = None
 
 
-@dataclass(frozen=True)
-class _Search:
-    """What stays the same from step to step.
-
-    Attributes:
-        linearised, location: of the base model; effects: the catalogue.
-        seed: of the null; executor: where candidates are refitted.
-        criteria: what is added and kept; progress: told what is tried.
-    """
-
-    linearised: LinearisedFit
-    location: Location
-    effects: Sequence[Effect]
-    seed: int
-    executor: Executor
-    criteria: Criteria
-    progress: Progress
-
-    def scored(self, fitted: Fit) -> Scored:
-        """A model of this search with its scores."""
-        return scored(fitted, self.effects, self.seed, terminals=self.linearised.terminals, criteria=self.criteria)
-
-
-def select(
-    found: Scored,
-    location: Location,
-    effects: Sequence[Effect],
-    seed: int,
-    max_effects: int,
-    executor: Executor,
-    criteria: Criteria = CRITERIA,
-    progress: Progress = quiet,
-) -> tuple[Selected, tuple[Trial, ...]]:
+def select(base: Scored, search: Search) -> tuple[Selected, tuple[Trial, ...]]:
     """Forward selection with backward deletion; and what was tried for the first effect.
 
     Of two effects of one size the first explains but half, so that one is tried upon another while each takes some of
@@ -83,45 +49,71 @@ def select(
     kept in the end either leaves nothing significant, or its last effect took most of what there was and left nothing
     that has a location: a further effect has to remove most of what the one before left. One effect in another form
     gives way to two only where these leave nothing.
+
+    Args:
+        base: the base model, which leaves something significant.
     """
-    search, record = _Search(found.linearised, location, effects, seed, executor, criteria, progress), Record()
-    steps = [Selected((), found, 1.0)]
+    record = Record()
+    steps, tried = _forward(base, search, record)
+    longest = steps[-1]
+    while len(steps) > 1 and not _kept(steps, search.criteria, record):
+        steps.pop()
+    kept = steps[-1]
+    return replace(kept, rules=tuple(record.asked), longest=None if kept is longest else longest), tried
+
+
+def _forward(base: Scored, search: Search, record: Record) -> tuple[list[Selected], tuple[Trial, ...]]:
+    """The steps of the forward selection, the base model first, and what was tried for the first effect."""
+    steps = [Selected((), base, 1.0)]
     tried: tuple[Trial, ...] = ()
     # How many steps make up one that may be all there is in another form: more of them must leave nothing.
     enough: int | None = None
-    while len(steps) <= max_effects and steps[-1].model.significant:
-        last = steps[-1]
-        trials = _refitted(search, last)
+    while len(steps) <= search.max_effects and steps[-1].model.significant:
+        trials = _refitted(search, base, steps[-1])
         tried = tried or tuple(trials)
-        if not trials or trials[0].fit is None:
-            break
-        share = share_of(last.model.linearised.fit, trials[0].fit, last.model.naming)
-        best = StepCase(share, trials[0].fit.chi2, None, None, criteria)
-        if record.decide(REFIT, best, trials[0].candidate.effect.name) is not None:
-            break
-        step = _with(search, last, trials)
-        if not last.findings:
-            step = _at_home(search, last, trials, step)
-        stop = record.decide(STEP, _step_case(step, criteria), _added(step))
-        if stop is not None and stop.outcome == DISCARD:
+        step, goes_on = _next(search, base, steps[-1], trials, record)
+        if step is None:
             break
         steps.append(step)
         left = step.model.remaining
-        if stop is not None or left is None:
+        if not goes_on or left is None:
             break
         if enough is None:
-            form = replace(_step_case(step, criteria), form=_in_another_form(step, location, left, criteria))
+            other_form = _in_another_form(step, _location(base), left, search.criteria)
+            form = replace(_step_case(step, search.criteria), form=other_form)
             stop = record.decide(FORM, form, _added(step))
             enough = len(steps) if stop is not None else None
             if stop is not None and stop.outcome == STOP:
                 break
     if enough is not None and steps[-1].model.remaining is not None:
         del steps[enough:]
-    longest = steps[-1]
-    while len(steps) > 1 and not _kept(steps, criteria, record):
-        steps.pop()
-    kept = steps[-1]
-    return replace(kept, rules=tuple(record.asked), longest=None if kept is longest else longest), tried
+    return steps, tried
+
+
+def _next(
+    search: Search, base: Scored, last: Selected, trials: Sequence[Trial], record: Record
+) -> tuple[Selected | None, bool]:
+    """The step with one more effect, None where no trial is worth one, and whether the selection goes on after it."""
+    if not trials or trials[0].fit is None:
+        return None, False
+    share = share_of(last.model.linearised.fit, trials[0].fit, last.model.naming)
+    best = StepCase(share, trials[0].fit.chi2, None, None, search.criteria)
+    if record.decide(REFIT, best, trials[0].candidate.effect.name) is not None:
+        return None, False
+    step = _with(search, base, last, trials)
+    if not last.findings:
+        step = _at_home(search, base, last, trials, step)
+    stop = record.decide(STEP, _step_case(step, search.criteria), _added(step))
+    if stop is not None and stop.outcome == DISCARD:
+        return None, False
+    return step, stop is None
+
+
+def _location(base: Scored) -> Location:
+    """Where the mismatch of a base model is that leaves something significant."""
+    location = base.remaining
+    assert location is not None
+    return location
 
 
 def _step_case(step: Selected, criteria: Criteria) -> StepCase:
@@ -134,9 +126,9 @@ def _added(step: Selected) -> str:
     return step.findings[-1].effect.name if step.findings else ""
 
 
-def _refitted(search: _Search, last: Selected) -> list[Trial]:
+def _refitted(search: Search, base: Scored, last: Selected) -> list[Trial]:
     """Refits of what may be added next, best first."""
-    here, criteria = last.model.remaining or search.location, search.criteria
+    here, criteria = last.model.remaining or _location(base), search.criteria
     rule, place = criteria.selection, criteria.location
     able = [c for c in last.model.naming.candidates if c.p_value < rule.level and may_lie(c.effect, here, place)]
     able = able[: rule.further_refits if last.findings else rule.first_refits]
@@ -147,19 +139,19 @@ def _refitted(search: _Search, last: Selected) -> list[Trial]:
     return in_place(_compared(trials, own_parameters(last.findings), rule), here, rule)
 
 
-def _at_home(search: _Search, last: Selected, trials: Sequence[Trial], step: Selected) -> Selected:
+def _at_home(search: Search, base: Scored, last: Selected, trials: Sequence[Trial], step: Selected) -> Selected:
     """The step, or that with another effect which explains well and, unlike the best one, leaves nothing elsewhere.
 
     What fits better than that one stays in its class.
     """
-    criteria = search.criteria
-    if not misplaced(step, search.location, criteria):
+    criteria, location = search.criteria, _location(base)
+    if not misplaced(step, location, criteria):
         return step
     for rival in trials[1:]:
         if rival.fit is not None and _explains_well(rival.fit, last, criteria):
-            tried = _with(search, last, [rival, *(t for t in trials if t is not rival)])
+            tried = _with(search, base, last, [rival, *(t for t in trials if t is not rival)])
             left = tried.model.remaining
-            if left is None or (located(left, criteria.location) and not misplaced(tried, search.location, criteria)):
+            if left is None or (located(left, criteria.location) and not misplaced(tried, location, criteria)):
                 return tried
     return step
 
@@ -198,7 +190,7 @@ def _kept(steps: Sequence[Selected], criteria: Criteria = CRITERIA, record: Reco
     return found is not None and found.outcome == "keep"
 
 
-def _with(search: _Search, last: Selected, trials: Sequence[Trial]) -> Selected:
+def _with(search: Search, base: Scored, last: Selected, trials: Sequence[Trial]) -> Selected:
     """The step with the best of some trials, what came before tested again."""
     best, fitted, rule = trials[0], trials[0].fit, search.criteria.selection
     assert fitted is not None
@@ -212,7 +204,7 @@ def _with(search: _Search, last: Selected, trials: Sequence[Trial]) -> Selected:
     found = Finding(best, tuple(members), tuple(trials), last.model.naming, level=rule.level)
     findings = (*last.findings, found)
     findings, fitted = retested(
-        search.linearised.fit, search.location, findings, fitted, search.executor, search.criteria
+        base.linearised.fit, _location(base), findings, fitted, search.executor, search.criteria
     )
     if fitted is not model.linearised.fit:
         model = search.scored(fitted)

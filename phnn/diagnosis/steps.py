@@ -16,9 +16,9 @@ from phnn.diagnosis.strengths import started
 from phnn.diagnosis.trial import Trial
 from phnn.effects import Effect
 from phnn.errors import PhnnError, SolverFailed
-from phnn.identification.base import released
 from phnn.identification.fit import TOLERANCE, Fit, distinct_optima, fit, variables_from
 from phnn.identification.problem import Problem
+from phnn.identification.refinement import released
 from phnn.identification.staged import fit_identified, stated_only
 from phnn.recall import recalled
 from phnn.setup import Setup

@@ -102,7 +102,7 @@ def signed(
         negative: it may be negative.
     """
     lower = -math.inf if negative else 0.0
-    place = partial(_signed, reach=reach, typical=typical, own_size=own_size, lower=lower)
+    place = _OnLinearScale(reach, typical, own_size, lower)
     return Declared(name, unit, description, place, strength, lower)
 
 
@@ -146,22 +146,22 @@ def constant(name: str, unit: str, description: str) -> Declared:
     return Declared(name, unit, description, parameters.constant)
 
 
-# Functions of a module and not closures: an effect is sent to other processes.
+# Functions and classes of a module and not closures: an effect is sent to other processes.
 
 
-def _signed(
-    name: str,
-    value: float,
-    unit: str,
-    description: str,
-    reach: float,
-    typical: float,
-    own_size: bool,
-    lower: float,
-) -> Parameter:
-    size = abs(value) if own_size else 0.0
-    placed = parameters.signed(name, value, unit, reach, size or typical, description)
-    return replace(placed, lower=max(lower, placed.lower))
+@dataclass(frozen=True)
+class _OnLinearScale:
+    """How `signed` places a parameter; for the attributes see there."""
+
+    reach: float
+    typical: float
+    own_size: bool
+    lower: float
+
+    def __call__(self, name: str, value: float, unit: str, description: str) -> Parameter:
+        size = abs(value) if self.own_size else 0.0
+        placed = parameters.signed(name, value, unit, self.reach, size or self.typical, description)
+        return replace(placed, lower=max(self.lower, placed.lower))
 
 
 def _limit(name: str, value: float, unit: str, description: str, span: float, signed: bool) -> Parameter:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from phnn.diagnosis.confirm import score_on_all
+from phnn.diagnosis.tested import score_on_all
 from phnn.experiment.published import TABLE_3, Printed, line_of
 from phnn.identification.base import Progress, identify_base, identify_bouc_wen, quiet
 from phnn.identification.evaluate import Evaluation, PartScore

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.identification.censoring import beyond_limit
-from phnn.identification.fit import fit
+from phnn.identification.fit import fit_problem
 from phnn.identification.nuisances import constant_and_own, own_parts
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
@@ -130,7 +130,7 @@ def with_instants(setup: Setup, recording: Recording, substeps: int, initial: Ar
     plan = Plan((whole,), {recording.name: substeps}, workers=1)
     held = {} if initial is None else {recording.name: initial}
     problem = Problem(setup, plan, Variables((), (), np.zeros(0), held, {recording.name: unknown}))
-    found = fit(setup, plan, (), max_evaluations=_INSTANTS, begun=problem)
+    found = fit_problem(problem, max_evaluations=_INSTANTS)
     return replace(recording, instants=found.plan.recordings[0].instants), found.scatter.covariance
 
 

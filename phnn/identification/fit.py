@@ -178,8 +178,6 @@ def fit(
     max_evaluations: int = 40,
     tolerance: float = TOLERANCE,
     origin: Fit | None = None,
-    use: str = "identification",
-    begun: Problem | None = None,
 ) -> Fit:
     """Estimate the named parameters from the identification samples of a plan.
 
@@ -190,12 +188,19 @@ def fit(
         max_evaluations: bound on the simulations of the plan.
         tolerance: relative change of the cost and of ``z`` at which to stop.
         origin: an earlier fit whose estimated initial states to start from.
-        use: which samples are fitted.
-        begun: the same problem, where it has been looked at already at its start.
     """
-    assert begun is None or (begun.plan is plan and begun.variables.names == tuple(names))
-    problem = begun or Problem(setup, plan, variables_from(setup, plan, names, origin), use)
-    variables = problem.variables
+    problem = Problem(setup, plan, variables_from(setup, plan, names, origin))
+    return fit_problem(problem, held, max_evaluations, tolerance)
+
+
+def fit_problem(
+    problem: Problem,
+    held: Mapping[str, str] | None = None,
+    max_evaluations: int = 40,
+    tolerance: float = TOLERANCE,
+) -> Fit:
+    """Estimate the variables of a problem, which begins at the values of its template; arguments as of `fit`."""
+    setup, variables = problem.template, problem.variables
     lower, upper = variables.bounds(setup)
     start = np.clip(variables.start(setup), lower + 1e-12, upper - 1e-12)
     if start.size == 0:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.identification.fit import Fit, fit
+from phnn.identification.fit import Fit, fit_problem
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
 from phnn.identification.variables import Variables, variables_of
@@ -81,8 +81,7 @@ def _beginning(variables: Variables, name: str, state: Array | None) -> Variable
 
 
 def _fitted(setup: Setup, plan: Plan, variables: Variables, use: str, evaluations: int) -> Fit:
-    problem = Problem(setup, plan, variables, use)
-    return fit(setup, plan, (), max_evaluations=evaluations, use=use, begun=problem)
+    return fit_problem(Problem(setup, plan, variables, use), max_evaluations=evaluations)
 
 
 def with_starts(setup: Setup, plan: Plan) -> Fit:

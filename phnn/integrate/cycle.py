@@ -103,12 +103,9 @@ def _settled(monodromy: Array, change: Array, reach: Array) -> Array:
 
 def _swept(program: Program, theta: Array, states: Array, efforts: Array, u: Array, h: Array) -> Array:
     """(N, N) ``∂P/∂x``."""
-    n, none = states.shape[1], np.zeros(0, dtype=np.int64)
-    end = np.empty((n, n))
-    sweep.sensitivities(
-        program, theta, none, states, efforts, u, h, np.zeros((n, 0)), np.arange(n), np.zeros((h.size, 0)), none,
-        np.zeros((h.size, 0)), np.zeros(1, dtype=np.int64), end=end,
-    )  # fmt: skip
+    n, march = states.shape[1], sweep.Marched(program, theta, states, efforts, u, h)
+    end, by = np.empty((n, n)), sweep.by_parameters(np.zeros(0, dtype=np.int64), h.size)
+    sweep.sensitivities(march, by, np.zeros((n, 0)), np.arange(n), np.zeros(1, dtype=np.int64), end)
     return without_impulse(program, end, 0)
 
 

@@ -142,10 +142,8 @@ class March:
             cotangent = np.zeros_like(states)
             cotangent[1:, self.wanted] = wanted[part.start + 1 : part.stop + 1]
             multipliers = np.empty((own_h.shape[0], states.shape[1] + len(self.program.junctions)))
-            _, carry = sweep.adjoint(
-                self.program, self.theta, none, states, efforts, _array(own_u), _array(own_h), cotangent, multipliers,
-                carry,
-            )  # fmt: skip
+            march = sweep.Marched(self.program, self.theta, states, efforts, _array(own_u), _array(own_h))
+            _, carry = sweep.adjoint(march, none, cotangent, multipliers, carry)
             if any(needs):
                 self._add_gradients(found, part, [own_u, own_h, *parameters], states, efforts, multipliers)
         carry[self.wanted] += wanted[0]

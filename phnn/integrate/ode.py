@@ -18,6 +18,7 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import hooks
+from phnn.integrate.backward import check_spacing
 from phnn.integrate.method import ADJOINT_METHOD, METHOD, solve
 from phnn.integrate.scheme import Scheme
 from phnn.network.driven import DrivenSystem
@@ -26,9 +27,6 @@ from phnn.network.system import PortHamiltonianSystem
 ADAPTIVE = ("dopri5", "dopri8", "bosh3", "adaptive_heun", "fehlberg2")
 FIXED = ("euler", "midpoint", "heun2", "heun3", "rk4")
 
-# Largest decay rate × output spacing at which the adjoint's backward integration is still trusted.
-ADJOINT_LIMIT = 5.0
-_PROBES = 24
 _MAX_STEPS = 1_000_000
 # A state of this size was reached by instability, not by a law that fails at ordinary values.
 _ASTRONOMIC = 1e30
@@ -74,24 +72,25 @@ def odeint(
     if method == METHOD:
         return _power_preserving(system, x0, t, adjoint, {"step_size": step_size, "scheme": scheme})
     jumps = _inside(jump_t, t)
-    options = _options(method, t, jumps, max_steps)
+    chosen = {"rtol": rtol, "atol": atol, "method": method, "options": _options(method, t, jumps, max_steps)}
     try:
-        if adjoint:
-            # The augmented state has other components, so that only a number can be its tolerance.
-            floor = float(torch.as_tensor(atol).min())
-            xs = torchdiffeq.odeint_adjoint(
-                watched, x0, t, rtol=rtol, atol=atol, method=method, options=options, adjoint_atol=floor
-            )
-        else:
-            xs = torchdiffeq.odeint(watched, x0, t, rtol=rtol, atol=atol, method=method, options=options)
+        xs = _solved(watched, x0, t, adjoint, chosen)
     except AssertionError as error:
         raise SolverFailed(_cause_of_stop(watched, str(error), max_steps)) from error
-    if not bool(torch.isfinite(xs).all()):
-        raise SolverFailed(_cause_of_overflow(watched, xs, t, method))
+    _check_finite(watched, xs, t, method)
     _check_jumps(watched, jumps)
     if adjoint:
-        _check_adjoint(watched, t)
+        check_spacing(watched.system, watched.visited, t)
     return xs
+
+
+def _solved(watched: _Watched, x0: Tensor, t: Tensor, adjoint: bool, chosen: dict[str, Any]) -> Tensor:
+    if not adjoint:
+        return torchdiffeq.odeint(watched, x0, t, **chosen)
+    # The augmented state has other components, so that only a number can be its tolerance.
+    return torchdiffeq.odeint_adjoint(
+        watched, x0, t, **chosen, adjoint_atol=float(torch.as_tensor(chosen["atol"]).min())
+    )
 
 
 def _power_preserving(system: nn.Module, x0: Tensor, t: Tensor, adjoint: bool, options: dict[str, Any]) -> Tensor:
@@ -261,38 +260,13 @@ def _cause_of_stop(watched: _Watched, message: str, max_steps: int) -> str:
     return f"{place} torchdiffeq stopped: {message}; {remedy}"
 
 
-def _cause_of_overflow(watched: _Watched, xs: Tensor, t: Tensor, method: str) -> str:
-    first = int(torch.nonzero(~torch.isfinite(xs).reshape(len(t), -1).all(1))[0])
-    when = f"the solution is not finite from t = {float(t[first]):.6g} s on"
+def _check_finite(watched: _Watched, xs: Tensor, t: Tensor, method: str) -> None:
+    """Every state of the solution must be finite."""
+    finite = torch.isfinite(xs)
+    if bool(finite.all()):
+        return
+    first = int(torch.nonzero(~finite.reshape(len(t), -1).all(1))[0])
+    cause = f"{method} is unstable at this step; use more output times, dopri5, or phnn.integrate.dense"
     if watched.first_bad is not None and float(watched.first_bad[1].abs().max()) < _ASTRONOMIC:
-        return f"{when}: {_why_not_finite(watched, *watched.first_bad)}"
-    return f"{when}: {method} is unstable at this step; use more output times, dopri5, or phnn.integrate.dense"
-
-
-def fastest_decay(
-    system: nn.Module,
-    t: Tensor,  # ()
-    x: Tensor,  # (..., n)
-) -> float:
-    """Fastest decay rate ``max(−Re λ)`` [1/s] of the linearisation at a time, over a batch of states."""
-    with torch.enable_grad():
-        z = x.detach().requires_grad_(True)
-        rate = system(t.detach(), z)
-        # Members of a batch do not see each other: one backward pass gives one row for all of them.
-        rows = [torch.autograd.grad(rate[..., i].sum(), z, retain_graph=True)[0] for i in range(rate.shape[-1])]
-    return float((-torch.linalg.eigvals(torch.stack(rows, dim=-2)).real).max().clamp_min(0.0))
-
-
-def _check_adjoint(watched: _Watched, t: Tensor) -> None:
-    """Refuse output grids on which the backward integration amplifies errors beyond use."""
-    chosen = torch.linspace(0, len(watched.visited) - 1, min(_PROBES, len(watched.visited))).round().long().tolist()
-    rates = [(fastest_decay(watched.system, *watched.visited[k]), float(watched.visited[k][0])) for k in chosen]
-    rate, when = max(rates)
-    spacing = float((t[1:] - t[:-1]).max())
-    if rate * spacing > ADJOINT_LIMIT:
-        raise InputRefused(
-            f"the continuous adjoint would return wrong gradients: a mode decays at {rate:.3g} 1/s (t = {when:.4g} s) "
-            f"while outputs are {spacing:.3g} s apart, a product of {rate * spacing:.3g} where at most "
-            f"{ADJOINT_LIMIT:g} is safe; space outputs at most {ADJOINT_LIMIT / rate:.2g} s, use adjoint=False, or "
-            f"method={METHOD!r}, whose own adjoint ({ADJOINT_METHOD}) is exact at any spacing"
-        )
+        cause = _why_not_finite(watched, *watched.first_bad)
+    raise SolverFailed(f"the solution is not finite from t = {float(t[first]):.6g} s on: {cause}")

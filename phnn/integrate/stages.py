@@ -53,6 +53,14 @@ def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any], compile
     """
     defects = compiled(radau_defects)
     lost = compiled(_make_lost(plain_flow))
+    first, second = _make_radau_roots(defects, lost, compiled)
+    return _make_radau_search(defects, lost, first, second, compiled), _make_radau_moved(defects, flow, compiled)
+
+
+def _make_radau_roots(
+    defects: Callable[..., Any], lost: Callable[..., Any], compiled: Callable[..., Any]
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """The two scalar roots, one within the other: ``first`` finds ``X_1`` for a given ``X_2``, ``second`` ``X_2``."""
 
     @compiled
     def first_value(one: Any, given: Any) -> Any:
@@ -82,7 +90,17 @@ def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any], compile
         one, _ = first(two, 1.5, 0.0, (x, two, i, h, context))
         return 2.5 + h * lost(two, context)[1] + 2.25 / (1.5 + h * lost(one, context)[1])
 
-    second = compiled(make_root(second_value, second_slope))
+    return first, compiled(make_root(second_value, second_slope))
+
+
+def _make_radau_search(
+    defects: Callable[..., Any],
+    lost: Callable[..., Any],
+    first: Callable[..., Any],
+    second: Callable[..., Any],
+    compiled: Callable[..., Any],
+) -> Callable[..., Any]:
+    """The search of `make_radau`: Newton's method, and the nested roots where it does not arrive."""
 
     @compiled
     def search(x: Any, i: Any, h: Any, context: Any) -> Any:
@@ -107,6 +125,14 @@ def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any], compile
         one, _ = first(two, 1.5, 0.0, (x, two, i, h, context))
         return one, two, 1.5 + h * lost(one, context)[1], 2.5 + h * lost(two, context)[1]
 
+    return search
+
+
+def _make_radau_moved(
+    defects: Callable[..., Any], flow: Callable[..., Any], compiled: Callable[..., Any]
+) -> Callable[..., Any]:
+    """The step of `make_radau` in perturbed numbers, from stages that were found in real ones."""
+
     @compiled
     def moved(x: Any, current: Any, h: Any, s: Any, found: Any, context: Any) -> Any:
         stay_outside()
@@ -118,7 +144,7 @@ def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any], compile
         after = after - (4.5 * g1 + a * g2) * inverse
         return after, s * (0.75 * before + 0.25 * after)
 
-    return search, moved
+    return moved
 
 
 def make_gradient(flow: Callable[..., Any], plain_flow: Callable[..., Any], compiled: Callable[..., Any]) -> Any:

@@ -122,11 +122,9 @@ class GaussNewton:
             raise SolverFailed(f"no solution of the step at t = {h[:done].sum():.6g} s: lower the rate of learning")
         places = _places(program, self.plant)
         initial = np.arange(x0.size if estimated >= 0 else 0, dtype=np.int64)
-        none = np.zeros(0, np.int64)
-        found = sweep.sensitivities(
-            program, theta, places, states, efforts, u, h, np.zeros((x0.size, places.size)), initial,
-            np.zeros((h.size, 0)), none, np.zeros((h.size, 0)), window.nodes.numpy(),
-        )  # fmt: skip
+        march = sweep.Marched(program, theta, states, efforts, u, h)
+        by, start = sweep.by_parameters(places, h.size), np.zeros((x0.size, places.size))
+        found = sweep.sensitivities(march, by, start, initial, window.nodes.numpy())
         out = np.zeros((found.shape[0], columns))
         out[:, : chain.shape[1]] = found[:, : places.size] @ chain
         if estimated >= 0:

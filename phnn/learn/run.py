@@ -13,8 +13,8 @@ import torch
 from omegaconf import OmegaConf
 
 from phnn.errors import InputRefused
-from phnn.identification.base import single
 from phnn.identification.evaluate import Evaluation
+from phnn.identification.prepare import single
 from phnn.learn import checkpoint, logs
 from phnn.learn.methods import with_gradients
 from phnn.learn.objective import Objective
@@ -27,7 +27,7 @@ from phnn.learn.starts import plant_for
 from phnn.learn.trainer import Progress, Trainer
 from phnn.learn.windows import thinned
 from phnn.models.store import FILE, save
-from phnn.output import Place, claim, finished, sha256_of
+from phnn.output import Origin, Place, claim, finished, sha256_of
 from phnn.recordings import Campaign, read
 from phnn.recordings.digest import digest
 from phnn.recordings.excitation import excitation_of
@@ -59,12 +59,13 @@ def train(settings: Settings, say: Callable[[str], None] = lambda line: None) ->
     campaign = read(settings.folder, settings.manifest, allow_outside=settings.allow_outside)
     single(campaign.recordings, "training follows one input to one output")
     made_of = {"recordings": digest(campaign), "base": _hash(settings.base)}
+    origin = Origin(made_of, settings.resume, anew="resume=false")
     inputs = [Path(p) for p in (settings.folder, settings.base) if p]
-    if settings.resume and finished(settings.home, "train", made_of, "resume=false"):
+    if settings.resume and finished(settings.home, "train", origin):
         ended = _ended(settings)
         if ended is not None:
             return ended
-    with claim(settings.home, "train", inputs, RESULTS, made_of, settings.resume, anew="resume=false") as place:
+    with claim(settings.home, "train", inputs, RESULTS, origin) as place:
         if not settings.resume:
             (place / checkpoint.FILE).remove()
             (place / METRICS).remove()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,20 +12,17 @@ import torch
 from torch import Tensor
 
 from phnn.errors import InputRefused
-from phnn.identification.base import identification_plan, identify_base
+from phnn.identification.base import identify_base
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
-from phnn.identification.staged import (
-    drive_amplitude,
-    held_by_statement,
-    mechanical_points,
-    middle_frequency,
-)
+from phnn.identification.prepare import identification_plan
+from phnn.identification.staged import held_by_statement
+from phnn.identification.starting_points import drive_amplitude, mechanical_points, middle_frequency
 from phnn.intake.limits import LIMITS
 from phnn.learn.plant import LatentPlant, NetworkPlant, Plant
 from phnn.models.actuator import hrc
 from phnn.models.fully_neural import FullyNeural
-from phnn.models.neural import STARTS, neural_hrc, staggered
+from phnn.models.neural import STARTS, LearnedLaws, Motion, effort_and_flow, neural_hrc, staggered
 from phnn.models.neural_ode import NeuralODE
 from phnn.models.scales import Scales
 from phnn.models.store import load
@@ -56,10 +53,10 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
     """The untrained plant of a run.
 
     Args:
-        model: ``kind`` and the arguments of `neural_hrc`, `FullyNeural` or `NeuralODE`; ``hrc`` is the parametric
-            network. ``start`` of a network: ``parametric`` begins from the identified base model, ``none`` from
-            one of the recordings' gain whose hysterons have no dead zone, ``staggered`` (of ``hrc``) from the dead
-            zones that the drive alone gives, with which learned resistors begin under ``none``.
+        model: ``kind`` and the arguments of `neural_hrc` and `LearnedLaws`, of `FullyNeural` or of `NeuralODE`;
+            ``hrc`` is the parametric network. ``start`` of a network: ``parametric`` begins from the identified base
+            model, ``none`` from one of the recordings' gain whose hysterons have no dead zone, ``staggered`` (of
+            ``hrc``) from the dead zones that the drive alone gives, with which learned resistors begin under ``none``.
         base: folder of an identified base model, to save its identification.
 
     Raises:
@@ -73,34 +70,33 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
         return LatentPlant(LATENT[kind](scales_of(recordings), seed=seed, **arguments))
     if kind not in NETWORKS:
         raise InputRefused(f"model.kind = {kind!r}: choose one of {', '.join((*NETWORKS, *LATENT))}")
-    known = ("hysterons", "start") if kind == "hrc" else (
-        "hysterons", "start", "width", "law", "symmetric", "spring_width")  # fmt: skip
-    _check(kind, arguments, known)
+    form = tuple(f.name for f in fields(LearnedLaws)) if kind == "neural_hrc" else ()
+    _check(kind, arguments, ("hysterons", "start", *form))
     hysterons, start = int(arguments.get("hysterons", 2)), str(arguments.get("start", "parametric"))
     if kind == "hrc" and start not in (*STARTS, STAGGERED):
         raise InputRefused(f"model.start = {start!r}: choose {', '.join((*STARTS, STAGGERED))}")
     values = _values(campaign, hysterons, start, base, seed)
     hold = tuple(held_by_statement(campaign.known))
-    reach, speed = reach_and_speed(recordings)
+    motion = motion_of(recordings)
     if kind == "hrc":
         if start == STAGGERED:
-            values |= _dead_zones(values, hysterons, reach, speed)
+            values |= _dead_zones(values, hysterons, motion)
         network = _held(hrc(hysterons, values), hold)
     else:
         if start == "none":
             # A closed dead zone is no start to be fitted to.
             values = {n: v for n, v in values.items() if not n.startswith("d_")}
         hold = tuple(n for n in hold if not n.startswith(("rho_", "d_")))
-        network = neural_hrc(**arguments, values=values, reach=reach, speed=speed, hold=hold, seed=seed)
+        laws = LearnedLaws(**{n: v for n, v in arguments.items() if n in form})
+        network = neural_hrc(hysterons, laws, start, values, motion, hold, seed)
     return NetworkPlant(network, typical_states(network, recordings))
 
 
-def _dead_zones(values: Mapping[str, float], hysterons: int, reach: float, speed: float) -> dict[str, float]:
+def _dead_zones(values: Mapping[str, float], hysterons: int, motion: Motion) -> dict[str, float]:
     """Thresholds and slopes that the drive alone gives."""
     found = {}
     for i in range(1, hysterons + 1):
-        effort, flow = 0.5 * values["alpha"] * reach / values[f"C_{i}"], values["alpha"] * speed
-        found[f"d_{i}"], found[f"rho_{i}"], _ = staggered(i, effort, flow)
+        found[f"d_{i}"], found[f"rho_{i}"], _ = staggered(i, *effort_and_flow(i, values, motion))
     return found
 
 
@@ -158,13 +154,13 @@ def scales_of(recordings: Sequence[Recording]) -> Scales:
     """Time by the highest main frequency, ``1/(2π f)``; input by its largest value; output by half its range."""
     fastest = max(dominant_frequency(r) for r in recordings)
     largest = max(float(np.abs(r.u).max()) for r in recordings)
-    return Scales(1.0 / (2.0 * np.pi * fastest), largest, reach_and_speed(recordings)[0])
+    return Scales(1.0 / (2.0 * np.pi * fastest), largest, motion_of(recordings).reach)
 
 
-def reach_and_speed(recordings: Sequence[Recording]) -> tuple[float, float]:
+def motion_of(recordings: Sequence[Recording]) -> Motion:
     """Half the largest range of the output [m], and the largest velocity of a sine of that size [m/s]."""
     halves = [(0.5 * float(np.ptp(r.y)), dominant_frequency(r)) for r in recordings]
-    return max(h for h, _ in halves), max(2.0 * np.pi * f * h for h, f in halves)
+    return Motion(max(h for h, _ in halves), max(2.0 * np.pi * f * h for h, f in halves))
 
 
 def typical_states(network: Network, recordings: Sequence[Recording]) -> Tensor:

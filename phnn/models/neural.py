@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -28,16 +28,50 @@ _POINTS = 200
 _ITERATIONS = 200
 
 
+@dataclass(frozen=True)
+class LearnedLaws:
+    """The learned laws of an actuator.
+
+    Attributes:
+        width: units of every learned resistor.
+        law: ``damping`` (`DampingMLP`, sign-constrained) or ``monotone`` (`MonotoneMLP`).
+        symmetric: odd resistors; of ``damping`` only.
+        spring_width: units of a learned convex spring (`EnergyMLP`) fitted to ``k q²/2`` first; 0 for a linear one.
+
+    Raises:
+        InputRefused: an unknown law.
+    """
+
+    width: int = 16
+    law: str = "damping"
+    symmetric: bool = True
+    spring_width: int = 0
+
+    def __post_init__(self) -> None:
+        if self.law not in LAWS:
+            raise InputRefused(f"law = {self.law!r}: choose {' or '.join(LAWS)}")
+
+    def resistor(self, effort: float, conductance: float, seed: int) -> DampingMLP | MonotoneMLP:
+        """An untrained resistor of a typical conductance [S] at an effort scale [V]."""
+        if self.law == "monotone":
+            return MonotoneMLP(effort, conductance * effort, self.width)
+        return DampingMLP(effort, conductance * effort, self.width, self.symmetric, seed)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The largest displacement ``reach`` [m] and velocity ``speed`` [m/s] of recordings."""
+
+    reach: float = 1.2e-4
+    speed: float = 0.12
+
+
 def neural_hrc(
     hysterons: int = 2,
-    width: int = 16,
+    laws: LearnedLaws | None = None,
     start: str = "parametric",
-    law: str = "damping",
-    symmetric: bool = True,
-    spring_width: int = 0,
     values: Mapping[str, float] | None = None,
-    reach: float = 1.2e-4,
-    speed: float = 0.12,
+    motion: Motion | None = None,
     hold: Sequence[str] = (),
     seed: int = 0,
 ) -> Network:
@@ -46,50 +80,58 @@ def neural_hrc(
         Q̇_i = α p/m − φ_i(Q_i/C_i),   ε φ_i(ε) ≥ 0 for all weights
 
     The effort scale of a hysteron is half of what it would reach if nothing leaked, ``α reach/C_i``; conductances are
-    scaled for a threshold as steep as recordings of this ``speed`` can tell. A symmetric law is the default because
-    displacement says nothing of a common shift of both thresholds of a hysteron: it is the same as another zero.
+    scaled for a threshold as steep as recordings of the ``speed`` of ``motion`` can tell. A symmetric law is the
+    default because displacement says nothing of a common shift of both thresholds of a hysteron: it is the same as
+    another zero.
 
     Args:
         hysterons: ``n ≥ 1``.
-        width: units of every learned resistor.
+        laws: form and size of the learned laws; those of `LearnedLaws` by default.
         start: ``parametric``: each learned resistor is first fitted to the dead zone of ``values``, with a slope no
             steeper than recordings of this ``speed`` resolve; ``none``: to thresholds that the drive alone gives, at
             staggered shares of the effort scale, as play operators are usually laid out. Two starts without any
             threshold were tried: from linear resistors training ends in hysterons that are dampers, from cubic ones it
             comes down tenfold more slowly.
-        law: ``damping`` (`DampingMLP`, sign-constrained) or ``monotone`` (`MonotoneMLP`).
-        symmetric: odd resistors; of ``damping`` only.
-        spring_width: units of a learned convex spring (`EnergyMLP`) fitted to ``k q²/2`` first; 0 for a linear one.
         values: starting values of the parameters of `hrc`; those left out are Table 1's.
-        reach, speed: largest displacement [m] and velocity [m/s] of the recordings.
+        motion: how far and how fast the recordings go.
         hold: parameters that stay at their values (a mass, where no anchor fixes the common factor).
         seed: of the initial weights.
 
     Raises:
-        InputRefused: no hysteron, an unknown start or law, or a name that the model does not have.
+        InputRefused: no hysteron, an unknown start, or a name that the model does not have.
     """
     if hysterons < 1:
         raise InputRefused(f"hysterons = {hysterons}: a neural actuator has at least one")
     if start not in STARTS:
         raise InputRefused(f"start = {start!r}: choose {' or '.join(STARTS)}")
-    if law not in LAWS:
-        raise InputRefused(f"law = {law!r}: choose {' or '.join(LAWS)}")
+    laws, motion = laws or LearnedLaws(), motion or Motion()
     known = hrc(hysterons, dict(values or {}))
     v = {n: p.value for n, p in known.parameters.items()}
-    laws = []
-    for i in range(1, hysterons + 1):
-        effort, flow = 0.5 * v["alpha"] * reach / v[f"C_{i}"], v["alpha"] * speed
-        if start == "parametric":
-            zone = v[f"d_{i}"]
-            rho = conductance = min(v[f"rho_{i}"], flow / (_FINEST * 0.5 * zone))
-        else:
-            zone, rho, conductance = staggered(i, effort, flow)
-        laws.append(_untrained(law, effort, conductance, width=width, symmetric=symmetric, seed=seed + i))
-        fit_dead_zone(laws[-1], rho, zone, 2.5 * effort)
-    network = replace(known, resistors=_with_laws(known.resistors, laws))
-    if spring_width:
-        network = _with_spring(network, v["k"], reach, spring_width)
+    learned = [_learned(i, laws, start, v, motion, seed + i) for i in range(1, hysterons + 1)]
+    network = replace(known, resistors=_with_laws(known.resistors, learned))
+    if laws.spring_width:
+        network = _with_spring(network, v["k"], motion.reach, laws.spring_width)
     return _only_used(network, hold)
+
+
+def _learned(
+    number: int, laws: LearnedLaws, start: str, values: Mapping[str, float], motion: Motion, seed: int
+) -> DampingMLP | MonotoneMLP:
+    """The resistor of one hysteron, fitted to the dead zone from which its training starts."""
+    effort, flow = effort_and_flow(number, values, motion)
+    if start == "parametric":
+        zone = values[f"d_{number}"]
+        rho = conductance = min(values[f"rho_{number}"], flow / (_FINEST * 0.5 * zone))
+    else:
+        zone, rho, conductance = staggered(number, effort, flow)
+    resistor = laws.resistor(effort, conductance, seed)
+    fit_dead_zone(resistor, rho, zone, 2.5 * effort)
+    return resistor
+
+
+def effort_and_flow(number: int, values: Mapping[str, float], motion: Motion) -> tuple[float, float]:
+    """Effort scale [V] of a hysteron, numbered from 1, and the fastest current [A]."""
+    return 0.5 * values["alpha"] * motion.reach / values[f"C_{number}"], values["alpha"] * motion.speed
 
 
 def staggered(number: int, effort: float, flow: float) -> tuple[float, float, float]:
@@ -102,15 +144,6 @@ def staggered(number: int, effort: float, flow: float) -> tuple[float, float, fl
     carried = _CARRIED[(number - 1) % len(_CARRIED)] * flow
     rho = carried * number / ((1.0 - _STAGGERED) * effort)
     return 2.0 * _STAGGERED * effort / number, rho, 2.0 * carried / effort
-
-
-def _untrained(
-    law: str, effort: float, conductance: float, width: int, symmetric: bool, seed: int
-) -> DampingMLP | MonotoneMLP:
-    """A resistor of a typical conductance."""
-    if law == "monotone":
-        return MonotoneMLP(effort, conductance * effort, width)
-    return DampingMLP(effort, conductance * effort, width, symmetric, seed)
 
 
 def fit_dead_zone(

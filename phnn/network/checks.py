@@ -1,4 +1,4 @@
-"""What a network must satisfy before a torch module is made of it."""
+"""What a network must satisfy before a torch module is made of it, and what this module can be evaluated at."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from phnn.errors import StructureViolated
+from phnn.errors import InputRefused, StructureViolated
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.sector import READ, check_energy, check_sector
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
-from phnn.network.elements import Network, Resistor, Storage
+from phnn.network.elements import Network, Port, Resistor, Storage
 
 Array = NDArray[np.float64]
 
@@ -53,6 +53,23 @@ def check_laws(network: Network) -> None:
                     f"{kind} {name}: the law {element.law} takes {wanted} parameters, "
                     f"{len(element.parameters)} are given"
                 )
+
+
+def check_state(x: Tensor, names: Sequence[str]) -> None:
+    """Refuse states (..., n) whose last dimension is not the number of state names."""
+    if x.shape[-1:] != (len(names),):
+        raise InputRefused(
+            f"a state has shape {tuple(x.shape)}: its last dimension must be {len(names)} ({', '.join(names)})"
+        )
+
+
+def check_input(u: Tensor, ports: Sequence[Port]) -> None:
+    """Refuse inputs (..., P) whose last dimension is not the number of ports."""
+    if u.shape[-1:] != (len(ports),):
+        raise InputRefused(
+            f"an input has shape {tuple(u.shape)}: its last dimension must be {len(ports)}, the number of ports "
+            f"({', '.join(p.name for p in ports) or 'none'})"
+        )
 
 
 def is_learned(law: Any) -> bool:

@@ -7,7 +7,7 @@ What the ports exchange leaves one system as it enters the other: the joint ``J`
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from phnn.errors import StructureViolated
 from phnn.network.elements import Coupling, Memory, Network, Port, Ratio, Resistor, Storage
@@ -49,21 +49,11 @@ def interconnect(
     """
     near, far = _port(one, port), _port(other, other_port)
     _check_names(one, other)
-    storages, resistors = (*other.storages, *one.storages), (*other.resistors, *one.resistors)
-    couplings: tuple[Coupling, ...] = ()
-    if isinstance(kind, Storage):
-        storages = (*other.storages, kind, *one.storages)
-        couplings = tuple(Coupling(kind.name, k, ratio) for on in (near.on, far.on) for k, ratio in on.items())
-    elif isinstance(kind, Resistor):
-        resistors = (*resistors, replace(kind, on={**near.on, **far.on}))
-    elif kind == "feedback":
-        couplings = tuple(_coupling(to, a, of, b) for to, a in far.on.items() for of, b in near.on.items())
-    else:
-        raise StructureViolated(f"kind = {kind!r}: write feedback, or give the Storage or Resistor between the ports")
+    between = _between(near, far, kind)
     return Network(
-        storages,
-        resistors,
-        (*other.couplings, *one.couplings, *couplings),
+        (*other.storages, *between.storages, *one.storages),
+        (*other.resistors, *one.resistors, *between.resistors),
+        (*other.couplings, *one.couplings, *between.couplings),
         (*(p for p in one.ports if p is not near), *(p for p in other.ports if p is not far)),
         as_table((*one.parameters.values(), *other.parameters.values(), *parameters)),
         one.output,
@@ -71,6 +61,27 @@ def interconnect(
         (*_own(one), *_own(other)),
         one.senses if one.senses != port else "",
     )
+
+
+class _Between(NamedTuple):
+    """The elements that join two ports."""
+
+    storages: tuple[Storage, ...] = ()
+    resistors: tuple[Resistor, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
+
+
+def _between(near: Port, far: Port, kind: Kind) -> _Between:
+    """What joins two ports; see `interconnect`."""
+    if isinstance(kind, Storage):
+        ratios = [*near.on.items(), *far.on.items()]
+        return _Between((kind,), couplings=tuple(Coupling(kind.name, k, ratio) for k, ratio in ratios))
+    if isinstance(kind, Resistor):
+        return _Between(resistors=(replace(kind, on={**near.on, **far.on}),))
+    if kind == "feedback":
+        pairs = ((to, a, of, b) for to, a in far.on.items() for of, b in near.on.items())
+        return _Between(couplings=tuple(_coupling(to, a, of, b) for to, a, of, b in pairs))
+    raise StructureViolated(f"kind = {kind!r}: write feedback, or give the Storage or Resistor between the ports")
 
 
 def renamed(network: Network, prefix: str) -> Network:

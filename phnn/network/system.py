@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from phnn.errors import InputRefused
-from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, gradient
-from phnn.laws.diverged import check_weights
+from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, gradient
 from phnn.network import memory
-from phnn.network.bounded import BoundedParameters
-from phnn.network.checks import check_laws, check_module, check_name, is_learned
+from phnn.network.checks import check_input, check_state, is_learned
 from phnn.network.driven import DrivenSystem
 from phnn.network.elements import Network
-from phnn.network.evaluation import Present, evaluation, present_of
+from phnn.network.evaluation import evaluation
 from phnn.network.incidence import Entry, Incidence, columns, combined
+from phnn.network.parameterised import ParameterisedNetwork
 from phnn.network.power import PowerBalance
 
 
-class PortHamiltonianSystem(nn.Module):
+class PortHamiltonianSystem(ParameterisedNetwork):
     """The port-Hamiltonian system of a network.
 
         system = phnn.PortHamiltonianSystem(phnn.models.hrc(hysterons=2))
@@ -50,24 +48,7 @@ class PortHamiltonianSystem(nn.Module):
     """
 
     def __init__(self, network: Network) -> None:
-        super().__init__()
-        self.network = network
-        self.constants = nn.Module()
-        self.laws = nn.ModuleDict()
-        for name, parameter in network.parameters.items():
-            check_name(name, self.constants if parameter.fixed else nn.ParameterDict())
-            if parameter.fixed:
-                self.constants.register_buffer(name, torch.tensor(parameter.value, dtype=torch.float64))
-        self.free = BoundedParameters({n: p for n, p in network.parameters.items() if not p.fixed})
-        self._present: Present = None
-        check_laws(network)
-        for kind, elements in (("storage", network.storages), ("resistor", network.resistors)):
-            for element in elements:
-                if not isinstance(element.law, str):
-                    key = f"{kind}_{element.name}"
-                    check_module(kind, element)
-                    check_name(key, self.laws)
-                    self.laws[key] = element.law
+        super().__init__(network)
         place = {name: k for k, name in enumerate(network.storage_names)}
         n = len(place)
         couplings: list[Entry] = [(place[c.to], place[c.of], c.ratio) for c in network.couplings]
@@ -75,63 +56,12 @@ class PortHamiltonianSystem(nn.Module):
         self._branches = columns(network.resistors, place)
         self._inputs = columns(network.ports, place)
         place = {name: k for k, name in enumerate(network.state_names)}
-        self._factors = tuple((place[m.by], m) for m in network.modulations)
         self._modulators = tuple(None if r.modulated_by is None else place[r.modulated_by] for r in network.resistors)
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the energy variables and then the modulator states, in the order of ``x``."""
-        return self.network.state_names
-
-    def value(self, name: str) -> Tensor:
-        """() present value of a parameter [SI]."""
-        if name not in self.free:
-            return getattr(self.constants, name)
-        # Kept for the time of one evaluation only: from a tensor kept longer the adjoint method would get no gradient.
-        present = present_of(self)
-        return self.free.value(name) if present is None else present[name]
-
-    def set_values(self, values: Mapping[str, float]) -> None:
-        """Set parameters that are not fixed [SI]; of fixed ones build the network with other values.
-
-        Raises:
-            InputRefused: an unknown or fixed name, or a value that is not finite or outside the parameter's bounds.
-        """
-        self.free.assign(values)
-
-    def present_values(self) -> dict[str, Tensor]:
-        """Values of all free parameters, once they and all weights have been found finite.
-
-        Raises:
-            SolverFailed: one is not; names it.
-        """
-        for key, law in self.laws.items():
-            check_weights(law, f"{key}.")
-        return self.free.values()
-
-    def ratios(
-        self,
-        x: Tensor,  # (..., n) state that modulated ratios read
-    ) -> Callable[[str], Tensor]:
-        """The function from a ratio's name to its value (...) at a state."""
-
-        def ratio(name: str) -> Tensor:
-            value = self.value(name)
-            for place, m in self._factors:
-                if m.ratio == name:
-                    value = value * FACTOR_LAWS[m.law].factor(x[..., place], *map(self.value, m.parameters))
-            return value
-
-        return ratio
-
-    def as_network(self) -> Network:
-        """The network with the present parameter values."""
-        return self.network.with_values({name: value.item() for name, value in self.present_values().items()})
 
     @evaluation
     def energies(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(..., n) energy of every storage [J]."""
-        self._check_state(x)
+        check_state(x, self.state_names)
         values = []
         for k, s in enumerate(self.network.storages):
             known = STORAGE_LAWS[s.law].energy if isinstance(s.law, str) else s.law.energy
@@ -149,7 +79,7 @@ class PortHamiltonianSystem(nn.Module):
         b: Tensor,  # (..., n) and at its end
     ) -> Tensor:
         """(..., n) discrete gradient ``ē_k = (H_k(b_k) − H_k(a_k))/(b_k − a_k)``; ``∇H(a)`` where ``b = a``."""
-        self._check_state(a)
+        check_state(a, self.state_names)
         first = len(self.network.storages)
         ends = zip(a.unbind(-1)[:first], (a if a is b else b).unbind(-1)[:first], strict=True)
         return torch.stack([self.mean_effort(k, start, end) for k, (start, end) in enumerate(ends)], dim=-1)
@@ -269,7 +199,7 @@ class PortHamiltonianSystem(nn.Module):
         Raises:
             InputRefused: the last dimension is not the number of ports.
         """
-        self._check_input(u)
+        check_input(u, self.network.ports)
         values = [
             PORT_LAWS[p.law].action(u[..., k], *map(self.value, p.parameters)) for k, p in enumerate(self.network.ports)
         ]
@@ -312,7 +242,7 @@ class PortHamiltonianSystem(nn.Module):
 
         For a nonlinear port ``yᵀu`` also fills the port's own field energy; what enters ``H`` is ``ψ(u) gᵀ∇H``.
         """
-        self._check_input(u)
+        check_input(u, self.network.ports)
         flows = combined(self.efforts(x), self.incidences(x)[1])
         slopes = [
             PORT_LAWS[p.law].slope(u[..., k], *map(self.value, p.parameters)) for k, p in enumerate(self.network.ports)
@@ -354,18 +284,3 @@ class PortHamiltonianSystem(nn.Module):
     def with_input(self, u: Callable[[Tensor], Tensor], ports: Sequence[str] | None = None) -> DrivenSystem:
         """This system driven by ``u(t)``; see `DrivenSystem`."""
         return DrivenSystem(self, u, ports)
-
-    def _check_state(self, x: Tensor) -> None:
-        n = len(self.state_names)
-        if x.shape[-1:] != (n,):
-            raise InputRefused(
-                f"a state has shape {tuple(x.shape)}: its last dimension must be {n} ({', '.join(self.state_names)})"
-            )
-
-    def _check_input(self, u: Tensor) -> None:
-        ports = self.network.ports
-        if u.shape[-1:] != (len(ports),):
-            raise InputRefused(
-                f"an input has shape {tuple(u.shape)}: its last dimension must be {len(ports)}, the number of ports "
-                f"({', '.join(p.name for p in ports) or 'none'})"
-            )

@@ -1,6 +1,6 @@
 """Where results go: one folder claimed for one run, whole files, names that stay inside it."""
 
-from phnn.output.claim import apart, claim, finished
+from phnn.output.claim import Origin, apart, claim, finished
 from phnn.output.files import finite, write_atomic, write_new
 from phnn.output.names import file_name, unique_names
 from phnn.output.place import Place
@@ -8,6 +8,7 @@ from phnn.output.record import sha256_of
 from phnn.output.sameness import same
 
 __all__ = [
+    "Origin",
     "Place",
     "apart",
     "claim",

@@ -6,7 +6,7 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -27,16 +27,29 @@ _PROBED = 64 << 10
 _SCHEMA = "phnn.run/1"
 
 
+@dataclass(frozen=True)
+class Origin:
+    """What the results of a run are made of, and whether the run goes on from those of an earlier one.
+
+    Attributes:
+        made_of: what decides the results, as hashes of data and settings; the version is added.
+        resume: go on from what an earlier run with the same ``made_of`` has left.
+        anew: how the user begins anew, for messages.
+    """
+
+    made_of: Mapping[str, Any] = field(default_factory=dict)
+    resume: bool = False
+    anew: str = ""
+
+
 @contextmanager
 def claim(
     out: Path,
     command: str,
     inputs: Sequence[Path] = (),
     results: Sequence[str] = (),
-    made_of: Mapping[str, Any] | None = None,
-    resume: bool = False,
+    origin: Origin | None = None,
     overwrite: bool | None = None,
-    anew: str = "",
 ) -> Iterator[Place]:
     """Claim ``out`` for one run; all that the run writes goes through the `Place` that comes back.
 
@@ -48,30 +61,28 @@ def claim(
         command: what runs, for people.
         inputs: folders of recordings and models; ``out`` may not be one of them, contain one or lie in one.
         results: names directly below ``out`` that the command writes, so that a stranger's file is met at the start.
-        made_of: what decides the results, as hashes of data and settings; the version is added.
-        resume: go on from what an earlier run with the same ``made_of`` has left.
-        anew: how the user begins anew, for messages.
+        origin: what the results are made of; None where nobody can go on from them.
         overwrite: replace results of phnn even where they were changed since; None where the user cannot say so.
 
     Raises:
         InputRefused: the folder belongs to recordings, to another run or to a stranger, or cannot be written to.
         OutputFailed: the disk is full.
     """
-    root = _resolved(out)
+    root, origin = _resolved(out), origin or Origin()
     apart(out, inputs)
     new = not root.exists()
     _prepare(root)
     with _locked(root):
         record = _entered(root, results, overwrite)
-        run = {"schema": _SCHEMA, "command": command, "made_of": _complete(made_of)}
+        run = {"schema": _SCHEMA, "command": command, "made_of": _complete(origin.made_of)}
         before = _before(root)
-        if resume:
-            _go_on(out, before, run, anew)
+        if origin.resume:
+            _go_on(out, before, run, origin.anew)
         record.compact()
         place, earlier = Place(root, overwrite=overwrite, by=command, record=record), list(record.lines())
         with _begun(place, run, before, new):
             yield place
-        if not resume:
+        if not origin.resume:
             _forget(place, results, earlier, list(record.lines())[len(earlier) :])
         _mark(root, {**run, "complete": True})
         (place / INCOMPLETE).remove()
@@ -123,7 +134,7 @@ def _locked(root: Path) -> Iterator[None]:
         lock.release()
 
 
-def finished(out: Path, command: str, made_of: Mapping[str, Any], anew: str = "") -> bool:
+def finished(out: Path, command: str, origin: Origin) -> bool:
     """Whether a run of the same command has come to its end in a folder, made of the same.
 
     Raises:
@@ -131,13 +142,13 @@ def finished(out: Path, command: str, made_of: Mapping[str, Any], anew: str = ""
     """
     root = _resolved(out)
     before = _before(root)
-    _go_on(out, before, {"command": command, "made_of": _complete(made_of)}, anew)
+    _go_on(out, before, {"command": command, "made_of": _complete(origin.made_of)}, origin.anew)
     return before is not None and before.get("complete") is True
 
 
-def _complete(made_of: Mapping[str, Any] | None) -> dict[str, Any]:
+def _complete(made_of: Mapping[str, Any]) -> dict[str, Any]:
     """With the version, as it comes back from disk."""
-    found: dict[str, Any] = json.loads(json.dumps(finite(made_of or {})))
+    found: dict[str, Any] = json.loads(json.dumps(finite(made_of)))
     return {**found, "version": version("phnn")}
 
 

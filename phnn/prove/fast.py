@@ -12,8 +12,9 @@ from phnn.diagnosis.linearised_fit import prepare
 from phnn.diagnosis.locate import responses
 from phnn.diagnosis.name import score
 from phnn.diagnosis.scored import SIGNIFICANT
-from phnn.identification.base import identification_plan, settled
 from phnn.identification.options import Options
+from phnn.identification.prepare import identification_plan
+from phnn.identification.refinement import settled
 from phnn.identification.staged import fit_identified, held_by_statement
 from phnn.models.actuator import from_paper
 from phnn.recordings import read

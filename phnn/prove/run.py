@@ -19,7 +19,7 @@ from phnn.demo import Sealed, make_case, open_seal, write_seal
 from phnn.effects import catalogue
 from phnn.ensemble import executor
 from phnn.errors import OutputFailed, OutputRefused, PhnnError
-from phnn.output import Place, claim, write_atomic
+from phnn.output import Origin, Place, claim, write_atomic
 from phnn.prove.cases import Task, tasks
 from phnn.prove.fast import score_folder
 from phnn.prove.full import diagnose_folder
@@ -85,7 +85,7 @@ def prove(settings: Settings, place: Place, say: Say) -> tuple[list[Outcome], st
 
 def claimed(out: Path, settings: Settings, overwrite: bool = False) -> AbstractContextManager[Place]:
     """Claim a folder for a proof; one that was begun there goes on if the same settings decide its cases."""
-    return claim(out, "prove", (), RESULTS, settings.changes_cases, resume=True, overwrite=overwrite)
+    return claim(out, "prove", (), RESULTS, Origin(settings.changes_cases, resume=True), overwrite)
 
 
 def _all(work: Callable[[Task], None], todo: Sequence[Task], settings: Settings, say: Say, verb: str) -> None:

@@ -83,20 +83,38 @@ def driving_of(recording: Recording, substeps: int, method: str | None = None) -
         substeps: steps a sample interval, more of them after jumps.
         method: another reconstruction than the recording's.
     """
-    return _driving(
+    declared = recording.instants_declared
+    given = _Given(
         _Same(recording.u), tuple(_Same(x) for x in recording.further.values()), recording.cycle,
-        input_before(recording, recording.u), substeps, method or recording.interpolation,
-        recording.rise / recording.dt, 0.0 if recording.instants_declared else (recording.period or 0.0) / recording.dt,
-        recording.instants_declared,
+        input_before(recording, recording.u), recording.rise / recording.dt,
+        0.0 if declared else (recording.period or 0.0) / recording.dt, declared,
     )  # fmt: skip
+    return _driving(given, substeps, method or recording.interpolation)
+
+
+class _Given(NamedTuple):
+    """What a recording says of its inputs, as the key of a cache.
+
+    Attributes:
+        u: the first input; further: the other ones.
+        cycle: samples of a steady cycle; before: the input before the first sample.
+        rise, period: of a jump and of the input in sample intervals; 0 for none.
+        alone: every jump has an instant of its own.
+    """
+
+    u: _Same
+    further: tuple[_Same, ...]
+    cycle: int
+    before: float
+    rise: float
+    period: float
+    alone: bool
 
 
 @lru_cache(maxsize=64)
-def _driving(
-    u: _Same, further: Sequence[_Same], cycle: int, before: float, substeps: int, method: str, rise: float,
-    period: float, alone: bool,
-) -> Driving:  # fmt: skip
-    lead, samples, others = cycle, u.array, [x.array for x in further]
+def _driving(given: _Given, substeps: int, method: str) -> Driving:
+    cycle, before = given.cycle, given.before
+    lead, samples, others = cycle, given.u.array, [x.array for x in given.further]
     if cycle:
         samples, *others = (np.concatenate([x[:cycle], x]) for x in (samples, *others))
     elif method in WITH_BREAKS and starts_with_jump(samples, before):
@@ -106,12 +124,12 @@ def _driving(
     for x in others:
         counts = np.maximum(counts, substep_counts(x, float(x[0]), substeps))
     counts = settled(counts, cycle)
-    command = Reconstruction(samples, counts, method, rise)
+    command = Reconstruction(samples, counts, method, given.rise)
     means = np.zeros((int(counts.sum()), len(others)))
     for k, x in enumerate(others):
         means[:, k] = mean_input(substep_input(x, counts, method))
     means.flags.writeable = False
-    group = _shared(command.breaks.jumps, cycle, period, samples.size, alone)
+    group = _shared(command.breaks.jumps, cycle, given.period, samples.size, given.alone)
     if group.max(initial=-1) + 1 < group.size:
         # Jumps that share an instant have to mean the same by it.
         command = replace(command, sharp=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -130,7 +131,7 @@ def _draft(
     name, measures = entry.name or printable(Path(entry.file).stem), y_name if y_name in entry.outputs else None
     if measures is not None:
         name = f"{name}.{measures}"
-    floor, recording = _recording(name, printable(", ".join(entry.files)), dt, u, y, start, entry, excitation, drive)
+    floor, recording = _recording(name, entry, _Signals(dt, u, y, drive), start, excitation)
     further = {q: values[q] for q in FURTHER if q in values and q != u_name}
     units = Units(_si(channels[u_name]), _si(channels[y_name]) if y_name is not None else ACTUATOR.output)
     gain = entry.columns[u_name].gain if u_name in entry.columns else recording.gain
@@ -148,25 +149,32 @@ def _si(channel: Channel) -> str:
     return known_unit(channel.unit).si
 
 
+class _Signals(NamedTuple):
+    """Signals on a uniform grid.
+
+    Attributes:
+        dt: sampling interval [s].
+        u, y: (N,) first input, and output; NaN where none was recorded.
+        drive: (N,) what all inputs do together, see `phnn.recordings.recording.drive_of`.
+    """
+
+    dt: float
+    u: np.ndarray
+    y: np.ndarray
+    drive: np.ndarray
+
+
 def _recording(
-    name: str,
-    file: str,
-    dt: float,
-    u: np.ndarray,
-    y: np.ndarray,
-    start: Start,
-    entry: Entry,
-    excitation: Excitation,
-    drive: np.ndarray,
+    name: str, entry: Entry, signals: _Signals, start: Start, excitation: Excitation
 ) -> tuple[NoiseFloor, Recording]:
     floor = NoiseFloor(float("nan"), "no output recorded", WHITE)
-    if np.isfinite(y).all():
-        floor = _noise(drive, y, dt, start, entry.sensor, excitation)
+    if np.isfinite(signals.y).all():
+        floor = _noise(signals, start, entry.sensor, excitation)
     return floor, Recording(
         name=name,
-        t=dt * np.arange(u.size),
-        u=u,
-        y=y,
+        t=signals.dt * np.arange(signals.u.size),
+        u=signals.u,
+        y=signals.y,
         start=start,
         interpolation=entry.input or "cubic",
         parts=(),
@@ -175,16 +183,15 @@ def _recording(
         noise_correlation=floor.correlation,
         period=excitation.period,
         channels={},
-        source=file,
+        source=printable(", ".join(entry.files)),
         sensor=entry.sensor,
         offset=entry.offset,
     )
 
 
-def _noise(
-    drive: np.ndarray, y: np.ndarray, dt: float, start: Start, sensor: Sensor, excitation: Excitation
-) -> NoiseFloor:
+def _noise(signals: _Signals, start: Start, sensor: Sensor, excitation: Excitation) -> NoiseFloor:
     """The noise floor of an output; where a sensor saturates, samples at the limit carry no noise."""
+    drive, y, dt = signals.drive, signals.y, signals.dt
     stuck = sensor.at_limit(y) != 0
     floor = noise_floor(drive, y, dt, excitation.period, excitation.span, start.state == "periodic")
     if not stuck.any():

@@ -10,10 +10,11 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from phnn.report.document import Document, Missing, Score, read_document
+from phnn.report.document import Document, Missing, Score
 from phnn.report.domain_words import in_own_words
 from phnn.report.evidence import Evidence
 from phnn.report.formatting import Unit, display_unit, interval, listing, p_value, percent, ratio, with_error, words
+from phnn.report.reading import read_document
 from phnn.report.verdicts import equivalence_sentence, headline, no_proposal_sentence, remainder_sentence, tied
 
 _STYLES = {"named": "bold green", "equivalent": "bold yellow", "unknown": "bold magenta", "none": "bold cyan"}

@@ -22,7 +22,8 @@ from phnn.diagnosis.locate import (
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.picture import Picture, is_effort, learned_picture, missing_force, picture
 from phnn.diagnosis.rules import Applied
-from phnn.diagnosis.symptoms import seen, symptoms
+from phnn.diagnosis.seen import seen
+from phnn.diagnosis.symptoms import symptoms
 from phnn.diagnosis.trial import tie
 from phnn.models.store import save
 from phnn.network.roles import auxiliary

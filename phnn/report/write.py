@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from phnn.output import Place
-from phnn.report.document import read_document
 from phnn.report.domain_words import in_own_words
 from phnn.report.evidence import Evidence
+from phnn.report.reading import read_document
 from phnn.report.shares import ledger_shares
 
 

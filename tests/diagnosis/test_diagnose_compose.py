@@ -13,12 +13,13 @@ import pytest
 from phnn.criteria import CRITERIA
 from phnn.diagnosis import compose as composing
 from phnn.diagnosis import judge as judging
-from phnn.diagnosis.compose import _chosen, _Grown, _still_needed
+from phnn.diagnosis.compose import Material, _chosen, _Grown, _still_needed
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import _Asked, _claimed, _composed
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.composition import LeavesCase
+from phnn.diagnosis.search import Search
 from phnn.diagnosis.trial import Trial
 from phnn.effects import Effect, effect
 from phnn.effects.learned import learned_elements
@@ -80,7 +81,7 @@ class World:
         return str(here.fit.model)  # type: ignore[attr-defined]
 
 
-MATERIAL: Any = SimpleNamespace(effects=list(NAMED.values()), criteria=CRITERIA, progress=None)
+MATERIAL = Material(mock.Mock(), Search(list(NAMED.values())))
 
 
 def a_finding(element: Effect, gained: Gain | None = None) -> Finding:
@@ -150,16 +151,13 @@ class TestANameInAComposedModel:
         before, added = a_finding(NAMED["A"], a_gain(10.0, 7.0)), a_finding(LEARNED["L"], a_gain(7.0, 1.0))
         whole = SimpleNamespace(chi2=1.0)
         model = SimpleNamespace(significant=False, linearised=SimpleNamespace(fit=whole))
-        asked = _Asked(mock.Mock(), mock.Mock(), True, CRITERIA)
+        search = mock.Mock(criteria=CRITERIA, new_in_held_out=True, scored=lambda *a: model)
+        asked = _Asked(mock.Mock(), mock.Mock(), search)
         searched = mock.Mock(findings=(before,))
-        patched = {"compose": lambda *a: ((before, added), whole), "scored": lambda *a, **k: model}
-        with mock.patch.multiple(judging, **patched):
-            word, _, findings = _composed(asked, MATERIAL_TO_JUDGE, searched, (), "named", Record())
+        with mock.patch.object(judging, "compose", lambda *a: ((before, added), whole)):
+            word, _, findings = _composed(asked, searched, (), "named", Record())
         assert word == "unknown"
         assert all(f.provisional for f in findings)
-
-
-MATERIAL_TO_JUDGE: Any = mock.Mock(criteria=CRITERIA)
 
 
 class TestTheNumberOfHysterons:
@@ -208,4 +206,4 @@ def test_a_composed_model_forgets_what_the_search_fitted_without_an_element() ->
     assert all(f.others_alone is None for f in findings)
 
 
-MATERIAL_ON_BASE: Any = SimpleNamespace(base=None, effects=[], criteria=CRITERIA, progress=None)
+MATERIAL_ON_BASE = Material(mock.Mock(), Search([]))

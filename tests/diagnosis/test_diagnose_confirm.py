@@ -11,11 +11,13 @@ import pytest
 
 from phnn.criteria import CRITERIA, Confirmation
 from phnn.diagnosis import confirm
-from phnn.diagnosis.confirm import Outcome, _no_surer, confirmed, outcome_of
+from phnn.diagnosis import tested as testing
+from phnn.diagnosis.confirm import _no_surer, confirmed
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Judgement
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.rules.held_out import ElementCase
+from phnn.diagnosis.tested import Outcome, outcome_of
 from phnn.diagnosis.trial import Trial
 from phnn.effects import effect
 from phnn.effects.learned import learned_elements
@@ -118,7 +120,8 @@ class World:
         self.again = mock.Mock(fit=judgement.linearised.fit)
         self.again.scales.noise = NOISE
         here = mock.Mock(linearised=self.again, naming=judgement.naming, remaining=judgement.remainder_location)
-        with mock.patch.multiple(confirm, score_on_all=self.scores, without=without):
+        patched = {"score_on_all": self.scores, "without": without}
+        with mock.patch.multiple(testing, **patched), mock.patch.object(confirm, "score_on_all", self.scores):
             return confirmed(judgement, judgement.linearised.fit, CAMPAIGN, CRITERIA, mock.Mock(return_value=here))
 
 
@@ -189,7 +192,7 @@ def test_an_element_without_which_the_others_cannot_be_fitted_is_not_proven() ->
 def test_a_second_look_proves_what_the_first_did_not_only_below_a_level_that_all_looks_share(
     p_value: float, proven: bool
 ) -> None:
-    tested = confirm.Tested(mock.Mock(), Outcome.PROVEN, mock.Mock(), a_gain(3.0, 1.0, p_value), a_gain(3.0, 1.0))
+    tested = testing.Tested(mock.Mock(), Outcome.PROVEN, mock.Mock(), a_gain(3.0, 1.0, p_value), a_gain(3.0, 1.0))
     assert (_no_surer(tested, 0.01 / 20).outcome is Outcome.PROVEN) == proven
     fallen = replace(tested, outcome=Outcome.REFUTED)
     assert _no_surer(fallen, 0.01 / 20).outcome is Outcome.REFUTED
@@ -265,7 +268,7 @@ def test_a_name_that_is_not_proven_leaves_its_element_in_the_model_where_that_he
     """A gain that chance might make: 1.08 → 1.0 with p = 0.02."""
     world = World()
     base, final = world.fit(3.0, 0.41), world.fit(1.0, 0.0)
-    doubtful = mock.patch.object(confirm, "gain", side_effect=lambda *_: a_gain(1.08, 1.0, 0.02))
+    doubtful = mock.patch.object(testing, "gain", side_effect=lambda *_: a_gain(1.08, 1.0, 0.02))
     with doubtful:
         found, *_ = world.judge(base, final)
     assert found.verdict == "unknown" and found.final is final and named(found) == ["creep"]

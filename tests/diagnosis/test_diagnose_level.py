@@ -16,9 +16,9 @@ from phnn.diagnosis import select
 from phnn.diagnosis.finding import effects_of
 from phnn.diagnosis.name import Candidate, Naming, _null_of_supremum, tail
 from phnn.diagnosis.scored import SIGNIFICANT, Scored
+from phnn.diagnosis.search import Search
 from phnn.diagnosis.trial import Trial
 from phnn.effects import Effect, effect
-from phnn.ensemble import SERIAL
 from phnn.identification.fit import Fit
 
 SIZE, STRONG, RUNS = 300, 30.0, 3000
@@ -63,7 +63,7 @@ class LinearWorld:
         naming = Naming(candidates, candidates[0].score, candidates[0].p_value, 0.0, 0.0)
         return Scored(mock.Mock(fit=fitted), mock.Mock(), naming)
 
-    def trials(self, _: object, last: select.Selected) -> list[Trial]:
+    def trials(self, _: object, base: Scored, last: select.Selected) -> list[Trial]:
         before = self.added[id(last.model.linearised.fit)]
         able = [c for c in last.model.naming.candidates if c.p_value < SIGNIFICANT]
         fits = [Trial(c, self.fit(before | {EFFECTS.index(c.effect)})) for c in able]
@@ -74,7 +74,7 @@ class LinearWorld:
 def searching(world: LinearWorld) -> Iterator[None]:
     """The search itself, with refits and scores of a linear world and everything at its place."""
     with (
-        mock.patch.object(select, "scored", lambda fitted, *_, **__: world.scored(fitted)),
+        mock.patch("phnn.diagnosis.search.scored", lambda fitted, *_: world.scored(fitted)),
         mock.patch.object(select, "_refitted", world.trials),
         mock.patch.object(select, "_exact", lambda fitted, *_: fitted),
         mock.patch.object(select, "retested", lambda base, place, findings, fitted, *_: (findings, fitted)),
@@ -94,7 +94,7 @@ def found(rng: np.random.Generator, true: frozenset[int]) -> tuple[list[Effect],
         begun = world.scored(world.fit(frozenset()))
         if not begun.significant:
             return [], False
-        selected, _ = select.select(begun, mock.Mock(), EFFECTS, 0, 4, SERIAL)
+        selected, _ = select.select(begun, Search(EFFECTS, max_effects=4))
     return effects_of(selected.findings), selected.model.significant
 
 

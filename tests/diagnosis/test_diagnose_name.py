@@ -16,7 +16,7 @@ from scipy.stats import kstest
 from phnn.diagnosis import name as naming
 from phnn.diagnosis.judge import judge
 from phnn.diagnosis.name import Candidate, score, tail
-from phnn.diagnosis.scored import scored as scored_base
+from phnn.diagnosis.search import Search
 from phnn.diagnosis.trial import Trial, class_of
 from phnn.effects import catalogue
 from phnn.identification.numerics import numerical_error
@@ -155,7 +155,8 @@ def test_class_of() -> None:
 
 def test_nothing_missing_is_found_to_be_nothing() -> None:
     fitted = campaigns.base()
-    found = judge(scored_base(fitted, EVERY, 0, numerical_error(fitted)), EVERY, 0, 2, True)
+    search = Search(EVERY, max_effects=2, new_in_held_out=True)
+    found = judge(search.scored(fitted, numerical_error(fitted)), search)
     assert found.verdict == "none"
     assert found.findings == ()
     assert found.location is None

@@ -15,6 +15,7 @@ from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import judge
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.scored import scored
+from phnn.diagnosis.search import Search
 from phnn.diagnosis.trial import Trial
 from phnn.effects import effect
 from phnn.identification.fit import Fit, fit
@@ -57,7 +58,7 @@ def test_where_nothing_was_tried_there_is_nothing_to_compare() -> None:
 def test_a_mismatch_without_a_catalogue_is_unknown() -> None:
     found = scored(campaigns.linearised("creep").fit, (), 0)
     assert found.significant
-    judgement = judge(found, (), 0, 2, True)
+    judgement = judge(found, Search((), max_effects=2, new_in_held_out=True))
     assert judgement.verdict == "unknown"
     assert judgement.findings == () and judgement.tried == ()
 

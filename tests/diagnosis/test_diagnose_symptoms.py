@@ -11,7 +11,8 @@ import pytest
 
 from phnn.diagnosis.corrected import told
 from phnn.diagnosis.linearised_fit import LinearisedFit
-from phnn.diagnosis.symptoms import Seen, Symptoms, Trend, seen, symptoms
+from phnn.diagnosis.seen import Seen, seen
+from phnn.diagnosis.symptoms import Symptoms, Trend, symptoms
 from phnn.report.symptoms import symptom_sentences
 
 NOISE, DT, MODEL = 5e-8, 1e-4, 1e-6

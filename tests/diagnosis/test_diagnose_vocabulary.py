@@ -16,8 +16,8 @@ from phnn.diagnosis.picture import picture
 from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.diagnosis.words import fitted_in_words
 from phnn.models.network_file import load_network
-from phnn.report.document import read_document
 from phnn.report.domain_words import in_own_words
+from phnn.report.reading import read_document
 
 MECHANICAL = ("force", "displacement", "velocity", " N", "µm", " nm", "m/s", "motion", "acceleration")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from phnn.demo.actuator import TABLE
-from phnn.diagnosis.confirm import score_on_all
+from phnn.diagnosis.tested import score_on_all
 from phnn.experiment.recordings import Conditions, write_recordings
 from phnn.identification.base import identify_base
 from phnn.identification.fit import Fit

@@ -10,7 +10,7 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.diagnosis.confirm import score_on_all
+from phnn.diagnosis.tested import score_on_all
 from phnn.experiment.document import cells, document, heads, markdown, table_csv
 from phnn.experiment.figures import draw_all, panels, responses
 from phnn.experiment.published import TABLE_3

@@ -13,13 +13,15 @@ import pytest
 from phnn.demo.actuator import simulate as true_output
 from phnn.demo.excitation import sine
 from phnn.errors import InputRefused
-from phnn.identification.base import identification_plan, identify_base, identify_bouc_wen
+from phnn.identification.base import identify_base, identify_bouc_wen
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import MAX_SUBSTEPS, NumericalError, numerical_error, substeps_for
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
-from phnn.identification.staged import falls_throughout, identify_actuator
+from phnn.identification.prepare import identification_plan
+from phnn.identification.staged import identify_actuator
+from phnn.identification.starting_points import falls_throughout
 from phnn.models.actuator import hrc
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Campaign, Part, Recording, Start

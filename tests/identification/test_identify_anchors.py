@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from phnn.effects import effect
-from phnn.identification.base import identification_plan
 from phnn.identification.fit import Fit, fit
 from phnn.identification.plan import Plan
+from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import held_at
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Anchor

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from campaigns import recorded
 
-from phnn.diagnosis.confirm import score_on_all
+from phnn.diagnosis.tested import score_on_all
 from phnn.identification.base import identify_base
 from phnn.identification.begun import expected_start
 from phnn.identification.evaluate import evaluate

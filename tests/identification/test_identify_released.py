@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import campaigns
 
-from phnn.identification.base import released
+from phnn.identification.refinement import released
 from phnn.identification.staged import fit_identified
 
 

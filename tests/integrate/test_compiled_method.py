@@ -19,7 +19,7 @@ from phnn.integrate.method import METHOD
 from phnn.integrate.program import compile_network
 from phnn.integrate.sampled import SampledRuns
 from phnn.models.actuator import from_paper
-from phnn.models.neural import neural_hrc
+from phnn.models.neural import LearnedLaws, neural_hrc
 from phnn.network import Network, PortHamiltonianSystem
 
 torch.set_num_threads(1)
@@ -78,7 +78,7 @@ def compare(system: PortHamiltonianSystem, x0: Tensor, runs: Runs, tolerance: fl
 
 @pytest.mark.parametrize("kind", ["dead zones", "learned"])
 def test_states_and_gradients_are_those_of_the_exact_sweep(kind: str) -> None:
-    network = from_paper() if kind == "dead zones" else neural_hrc(2, 5)
+    network = from_paper() if kind == "dead zones" else neural_hrc(2, LearnedLaws(5))
     system = PortHamiltonianSystem(network)
     # 1.2e-6 m of displacement, so that all states and their gradients matter.
     x0 = torch.zeros(3, 4, dtype=torch.float64)

@@ -151,6 +151,12 @@ def test_stiff_leaf_does_not_ring_at_long_steps() -> None:
     assert np.abs(np.diff(sliding)).max() < 1e-3 * np.abs(sliding).max()
 
 
+def integrated(trajectory: Trajectory) -> sweeps.Marched:
+    """A simulation as the sweeps take it."""
+    t = trajectory
+    return sweeps.Marched(t.program, t.theta, t.states, t.efforts, t.u, t.h)
+
+
 def sweep(trajectory: Trajectory, names: list[str], initial: list[int], output: int) -> np.ndarray:
     """(n+1, K+S) derivatives of one state by parameters and initial states."""
     program, n = replace(trajectory.program, output=output), trajectory.h.size
@@ -159,9 +165,8 @@ def sweep(trajectory: Trajectory, names: list[str], initial: list[int], output: 
         vars(program)["flow"] = trajectory.program.flow
     active = np.array([program.names.index(name) for name in names], dtype=np.int64)
     return sweeps.sensitivities(
-        program, trajectory.theta, active, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h,
-        np.zeros((trajectory.states.shape[1], len(names))), np.array(initial, dtype=np.int64), np.zeros((n, 0)),
-        np.zeros(0, np.int64), np.zeros((n, 0)), np.arange(n + 1),
+        integrated(trajectory)._replace(program=program), sweeps.by_parameters(active, n),
+        np.zeros((trajectory.states.shape[1], len(names))), np.array(initial, dtype=np.int64), np.arange(n + 1),
     )  # fmt: skip
 
 
@@ -215,9 +220,7 @@ def test_adjoint_is_the_transpose_of_the_forward_sweep(seed: int, memories: bool
     cotangent = np.random.default_rng(seed).normal(size=states.shape)
     names = list(trajectory.setup.network.parameters)
     active = np.array([program.names.index(name) for name in names], dtype=np.int64)
-    gradient, back = sweeps.adjoint(
-        program, trajectory.theta, active, states, trajectory.efforts, trajectory.u, trajectory.h, cotangent
-    )
+    gradient, back = sweeps.adjoint(integrated(trajectory), active, cotangent)
     start = list(range(states.shape[1]))
     forward = sum(cotangent[:, j] @ sweep(trajectory, names, start, j) for j in start)
     got = np.concatenate([gradient, back + cotangent[0]])
@@ -229,11 +232,9 @@ def test_a_parameter_varied_by_a_constant_signal_is_that_parameter() -> None:
     program, n = trajectory.program, trajectory.h.size
     names = ["m", "alpha", "beta"]
     active = np.array([program.names.index(name) for name in names], dtype=np.int64)
-    out = sweeps.sensitivities(
-        program, trajectory.theta, active, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h,
-        np.zeros((trajectory.states.shape[1], 3)), np.zeros(0, np.int64), np.zeros((n, 0)), np.arange(3),
-        np.ones((n, 3)), np.arange(n + 1),
-    )  # fmt: skip
+    perturbed = sweeps.Perturbed(active, np.zeros((n, 0)), np.arange(3), np.ones((n, 3)), {})
+    start = np.zeros((trajectory.states.shape[1], 3))
+    out = sweeps.sensitivities(integrated(trajectory), perturbed, start, np.zeros(0, np.int64), np.arange(n + 1))
     assert np.abs(out[:, 0]).max() > 0.0
     np.testing.assert_allclose(out[:, 3:], out[:, :3], rtol=1e-12, atol=1e-14 * np.abs(out).max())
 
@@ -418,16 +419,15 @@ def test_derivatives_by_pieces_are_those_in_full(name: str) -> None:
     active, n = np.arange(len(program.names)), len(program.states)
     # A view with strides is another type: everything would be compiled for it once more.
     varied = active[::2].copy()
-    columns = (
-        random.normal(size=(n, active.size)), np.arange(n), random.normal(size=(500, 3)), varied,
-        random.normal(size=(500, varied.size)), np.arange(0, 501, 5),
-    )  # fmt: skip
-    given = (run.theta, active, run.states, run.efforts, run.u, run.h)
+    start, forces, weights = (random.normal(size=s) for s in ((n, active.size), (500, 3), (500, varied.size)))
+    perturbed = sweeps.Perturbed(active, forces, varied, weights, {})
     cotangent = random.normal(size=run.states.shape)
     found = []
     for by in (program, in_full(program)):
         multipliers = np.empty((500, n + len(program.junctions)))
-        back = sweeps.adjoint(by, *given, cotangent, multipliers)
-        found.append((sweeps.sensitivities(by, *given, *columns), *back, multipliers))
+        march = integrated(run)._replace(program=by)
+        back = sweeps.adjoint(march, active, cotangent, multipliers)
+        forward = sweeps.sensitivities(march, perturbed, start, np.arange(n), np.arange(0, 501, 5))
+        found.append((forward, *back, multipliers))
     for one, two in zip(*found, strict=True):
         close(one, two, 1e-8)

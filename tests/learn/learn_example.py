@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import campaigns
 import numpy as np
@@ -12,7 +13,7 @@ from phnn.learn.plant import LatentPlant, NetworkPlant
 from phnn.learn.starts import typical_states
 from phnn.models.actuator import hrc
 from phnn.models.fully_neural import FullyNeural
-from phnn.models.neural import neural_hrc
+from phnn.models.neural import LearnedLaws, Motion, neural_hrc
 from phnn.models.neural_ode import NeuralODE
 from phnn.models.scales import Scales
 from phnn.recordings.recording import Recording
@@ -43,9 +44,9 @@ def parametric(**moved: float) -> NetworkPlant:
     return NetworkPlant(network, typical_states(network, recordings()))
 
 
-def neural(width: int = 4, start: str = "none", **others: object) -> NetworkPlant:
-    """A network with a learned resistor."""
-    network = neural_hrc(1, width, start=start, values=VALUES, speed=0.06, hold=("m",), **others)  # type: ignore[arg-type]
+def neural(width: int = 4, start: str = "none", **others: Any) -> NetworkPlant:
+    """A network with a learned resistor, and other learned laws where they are given."""
+    network = neural_hrc(1, LearnedLaws(width, **others), start, VALUES, Motion(speed=0.06), ("m",))
     return NetworkPlant(network, typical_states(network, recordings()))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import learn_example as example
 import numpy as np
@@ -23,7 +24,7 @@ def unknown_start() -> list:
 
 
 @pytest.mark.parametrize("others", [{}, {"law": "monotone"}, {"spring_width": 3}], ids=str)
-def test_derivatives_by_weights_and_initial_states_are_exact(others: dict[str, object]) -> None:
+def test_derivatives_by_weights_and_initial_states_are_exact(others: dict[str, Any]) -> None:
     plant = example.neural(3, **others)
     method = GaussNewton(Objective(plant, compiled, unknown_start()))
     o = method.objective

@@ -18,7 +18,7 @@ from phnn.learn.objective import Objective, settled
 from phnn.learn.passivity import violations
 from phnn.learn.score import evaluate
 from phnn.learn.solvers import compiled
-from phnn.learn.starts import reach_and_speed, scales_of
+from phnn.learn.starts import motion_of, scales_of
 from phnn.recordings.recording import Part, Start
 from phnn.setup import Setup
 from phnn.simulate import simulate
@@ -109,11 +109,11 @@ def test_no_trained_model_violates_passivity_and_a_wrong_one_is_noticed(monkeypa
 
 def test_scales_come_from_the_recordings() -> None:
     found = scales_of(example.recordings())
-    reach, speed = reach_and_speed(example.recordings())
+    motion = motion_of(example.recordings())
     assert found.input == pytest.approx(75.0, rel=1e-3)
     assert found.time == pytest.approx(1.0 / (2 * np.pi * 120.0), rel=0.02)
-    assert found.output == reach == pytest.approx(max(0.5 * np.ptp(r.y) for r in example.recordings()))
-    assert speed == pytest.approx(2 * np.pi * 120.0 * 0.5 * np.ptp(example.recordings()[1].y), rel=0.05)
+    assert found.output == motion.reach == pytest.approx(max(0.5 * np.ptp(r.y) for r in example.recordings()))
+    assert motion.speed == pytest.approx(2 * np.pi * 120.0 * 0.5 * np.ptp(example.recordings()[1].y), rel=0.05)
 
 
 def test_coordinates_stay_within_the_bounds_of_the_parameters() -> None:

@@ -17,7 +17,7 @@ from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
 from phnn.learn.characteristic import thresholds
 from phnn.models.actuator import TABLE_1, hrc
 from phnn.models.fully_neural import FullyNeural
-from phnn.models.neural import neural_hrc
+from phnn.models.neural import LearnedLaws, neural_hrc
 from phnn.models.neural_ode import NeuralODE
 from phnn.models.scales import Scales
 from phnn.models.store import FILE, load, save
@@ -31,7 +31,7 @@ fuzzy = settings(max_examples=40, deadline=None)
 
 @pytest.mark.parametrize("law", ["damping", "monotone"])
 def test_a_parametric_start_is_the_dead_zone(law: str) -> None:
-    network = neural_hrc(2, 16, law=law)
+    network = neural_hrc(2, LearnedLaws(16, law))
     for i, r in enumerate(network.resistors[:2], start=1):
         half = 0.5 * TABLE_1[f"d_{i}"]
         # Where the recordings go: hysteron 1 hardly beyond its threshold, hysteron 2 to about twice its own.
@@ -44,7 +44,7 @@ def test_a_parametric_start_is_the_dead_zone(law: str) -> None:
 @pytest.mark.parametrize("law", ["damping", "monotone"])
 def test_without_a_start_thresholds_are_those_of_the_drive(law: str) -> None:
     told = {"rho_1": 1.0, "rho_2": 2.0, "d_1": 3.0, "d_2": 4.0}
-    networks = [neural_hrc(2, 16, start="none", law=law, values=values) for values in ({}, told)]
+    networks = [neural_hrc(2, LearnedLaws(16, law), "none", values) for values in ({}, told)]
     for i in (1, 2):
         scale = 0.5 * TABLE_1["alpha"] * 1.2e-4 / TABLE_1[f"C_{i}"]
         for network in networks:
@@ -55,21 +55,22 @@ def test_without_a_start_thresholds_are_those_of_the_drive(law: str) -> None:
 
 
 def test_a_learned_spring_starts_as_the_linear_one() -> None:
-    spring = next(s for s in neural_hrc(1, 8, spring_width=8).storages if s.name == "q").law
+    spring = next(s for s in neural_hrc(1, LearnedLaws(8, spring_width=8)).storages if s.name == "q").law
     q = torch.linspace(-1.2e-4, 1.2e-4, 25, dtype=torch.float64)
     np.testing.assert_allclose(spring(q).detach(), TABLE_1["k"] * q, atol=0.01 * TABLE_1["k"] * 1.2e-4)
 
 
 def test_held_parameters_are_fixed_and_strangers_refused() -> None:
-    assert neural_hrc(1, 4, start="none", hold=("m",)).parameters["m"].fixed
+    assert neural_hrc(1, LearnedLaws(4), "none", hold=("m",)).parameters["m"].fixed
     for wrong, words in (
         ({"hold": ("rho_1",)}, "hold: no parameter rho_1"),
         ({"start": "warm"}, "choose parametric or none"),
-        ({"law": "spline"}, "choose damping or monotone"),
         ({"hysterons": 0}, "at least one"),
     ):
         with pytest.raises(InputRefused, match=words):
-            neural_hrc(**{"width": 4, "start": "none", **wrong})  # type: ignore[arg-type]
+            neural_hrc(**{"laws": LearnedLaws(4), "start": "none", **wrong})  # type: ignore[arg-type]
+    with pytest.raises(InputRefused, match="choose damping or monotone"):
+        LearnedLaws(law="spline")
 
 
 def fully(states: int, width: int, seed: int) -> FullyNeural:
@@ -153,7 +154,7 @@ def test_black_boxes_repeat_from_their_seed_and_refuse_nothing(kind: type) -> No
 @pytest.mark.parametrize("law", ["damping", "monotone"])
 @pytest.mark.parametrize("symmetric", [True, False])
 def test_learned_laws_survive_the_disk(tmp_path: Path, law: str, symmetric: bool) -> None:
-    network = neural_hrc(2, 3, start="none", law=law, symmetric=symmetric, spring_width=2, values={"d_1": 4.0})
+    network = neural_hrc(2, LearnedLaws(3, law, symmetric, 2), "none", {"d_1": 4.0})
     save(Setup(network, name="neural"), tmp_path, 2)
     again, steps = load(tmp_path)
     assert steps == 2
@@ -164,7 +165,7 @@ def test_learned_laws_survive_the_disk(tmp_path: Path, law: str, symmetric: bool
 
 
 def test_damaged_or_foreign_laws_are_refused(tmp_path: Path) -> None:
-    network = neural_hrc(1, 3, start="none")
+    network = neural_hrc(1, LearnedLaws(3), "none")
     save(Setup(network), tmp_path)
     content = json.loads((tmp_path / FILE).read_text())
     law = content["resistors"][0]["law"]

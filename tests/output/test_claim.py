@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phnn.errors import InputRefused, OutputFailed
-from phnn.output import Place, claim, file_name, finished, unique_names
+from phnn.output import Origin, Place, claim, file_name, finished, unique_names
 from phnn.output.claim import INCOMPLETE
 
 RESULTS = ("report.html", "figures", "next.csv")
@@ -114,18 +114,18 @@ def test_an_interrupted_run_leaves_its_mark_and_what_it_finished(tmp_path: Path)
         raise KeyboardInterrupt
     told = (tmp_path / INCOMPLETE).read_text()
     assert "phnn diagnose has begun here" in told and "figures/a.png" in told
-    assert not finished(tmp_path, "diagnose", {})
+    assert not finished(tmp_path, "diagnose", Origin({}))
     with claim(tmp_path, "diagnose", (), RESULTS) as place:
         (place / "report.html").write(b"1")
     assert seen(tmp_path) == {"report.html": b"1"}
-    assert finished(tmp_path, "diagnose", {})
+    assert finished(tmp_path, "diagnose", Origin({}))
 
 
 def test_a_run_goes_on_only_with_the_same_data_and_settings(tmp_path: Path) -> None:
     made = {"recordings": "abc", "seed": 1}
-    with claim(tmp_path, "train", made_of=made, resume=True) as place:
+    with claim(tmp_path, "train", origin=Origin(made, resume=True)) as place:
         (place / "kept").write(b"1")
-    with claim(tmp_path, "train", (), ("kept",), made, resume=True):
+    with claim(tmp_path, "train", (), ("kept",), Origin(made, resume=True)):
         pass
     assert seen(tmp_path) == {"kept": b"1"}
     for other, words in (
@@ -133,9 +133,9 @@ def test_a_run_goes_on_only_with_the_same_data_and_settings(tmp_path: Path) -> N
         ({"recordings": "abc", "seed": 2}, "seed: 1 before"),
     ):  # fmt: skip
         with pytest.raises(InputRefused, match=words):
-            claim(tmp_path, "train", made_of=other, resume=True).__enter__()
+            claim(tmp_path, "train", origin=Origin(other, resume=True)).__enter__()
     with pytest.raises(InputRefused, match="holds results of phnn train"):
-        claim(tmp_path, "prove", made_of=made, resume=True).__enter__()
+        claim(tmp_path, "prove", origin=Origin(made, resume=True)).__enter__()
 
 
 def test_a_full_disk_is_met_before_the_work_and_named_during_it(
@@ -270,18 +270,18 @@ def test_a_refused_run_leaves_a_folder_as_it_was(tmp_path: Path) -> None:
     assert not (tmp_path / "new").exists()
     refused(tmp_path / "new", "notes.txt")
     assert seen(tmp_path / "new") == {"notes.txt": b"mine"}
-    with claim(tmp_path / "old", "train", (), RESULTS, {"a": 1}) as place:
+    with claim(tmp_path / "old", "train", (), RESULTS, Origin({"a": 1})) as place:
         (place / "next.csv").write(b"1")
     refused(tmp_path / "old")
     assert seen(tmp_path / "old") == {"next.csv": b"1"}
-    assert finished(tmp_path / "old", "train", {"a": 1})
+    assert finished(tmp_path / "old", "train", Origin({"a": 1}))
 
 
 def test_beginning_anew_is_never_going_on(tmp_path: Path) -> None:
-    with claim(tmp_path, "prove", made_of={"seed": 1}, resume=True) as place:
+    with claim(tmp_path, "prove", origin=Origin({"seed": 1}, resume=True)) as place:
         (place / "answer").write(b"1")
     with pytest.raises(InputRefused, match="seed: 1 before, 2 now"):
-        claim(tmp_path, "prove", made_of={"seed": 2}, resume=True, overwrite=True).__enter__()
+        claim(tmp_path, "prove", origin=Origin({"seed": 2}, resume=True), overwrite=True).__enter__()
 
 
 def test_halves_of_files_go_from_folders_of_its_own_too(tmp_path: Path) -> None:

@@ -12,9 +12,9 @@ import pytest
 from phnn.check import check
 from phnn.demo import draw_case, make_case
 from phnn.demo.actuator import simulate_all
-from phnn.diagnosis.confirm import score_on_all
-from phnn.identification.base import identification_plan
+from phnn.diagnosis.tested import score_on_all
 from phnn.identification.plan import Plan
+from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import Campaign, read

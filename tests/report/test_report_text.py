@@ -14,7 +14,7 @@ from rich.console import Console
 
 from phnn.report import Evidence, console_summary, verdicts
 from phnn.report import formatting as f
-from phnn.report.document import read_document
+from phnn.report.reading import read_document
 
 EMPTY = Evidence((), (), (), (), (), (), "")
 

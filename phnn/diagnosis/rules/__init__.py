@@ -17,7 +17,7 @@ The tables stand in `phnn.diagnosis.rules.search`, ``.composition``, ``.verdict`
 | ``composition.LEAVES`` | of a model that may be composed further | ``stop`` |
 | ``composition.GAIN`` | of one more element, by recordings that were left out | ``add``, ``leave out`` |
 | ``composition.CLAIM`` | of an element of a composed model | ``no name`` |
-| ``held_out.ELEMENT`` | of every element | see `phnn.diagnosis.confirm.Outcome` |
+| ``held_out.ELEMENT`` | of every element | see `phnn.diagnosis.tested.Outcome` |
 | ``held_out.MODEL`` | of all elements together | ``none``, ``unknown``, ``equivalent``, ``kept`` |
 | ``held_out.NAMELESS`` | of a base model to which nothing is added | ``none`` |
 | ``held_out.REMAINDER`` | of what the final model leaves | ``immaterial`` |

@@ -1,0 +1,48 @@
+"""What stays the same throughout a search for missing elements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from phnn.criteria import CRITERIA, Criteria
+from phnn.diagnosis.scored import Scored, scored
+from phnn.effects import Effect
+from phnn.ensemble import SERIAL, Executor
+from phnn.identification.base import Progress, quiet
+from phnn.identification.fit import Fit
+from phnn.identification.numerics import NumericalError
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a search for missing elements is made with.
+
+    Attributes:
+        effects: catalogue entries that can exist in the setup; learned: elements without a name that can.
+        seed: of the null distribution of the scores.
+        max_effects: how many effects may be named.
+        criteria: every threshold.
+        executor: where candidates are refitted.
+        terminals: whether the input was measured where it acts.
+        new_in_held_out: whether confirmation brings something new; without it the word is ``equivalent`` at most.
+        progress: told what is tried.
+    """
+
+    effects: Sequence[Effect]
+    learned: Sequence[Effect] = ()
+    seed: int = 0
+    max_effects: int = 3
+    criteria: Criteria = CRITERIA
+    executor: Executor = SERIAL
+    terminals: bool = False
+    new_in_held_out: bool = False
+    progress: Progress = quiet
+
+    def scored(self, fitted: Fit, error: NumericalError | None = None) -> Scored:
+        """Scores of the catalogue in the residual of a fit."""
+        return scored(fitted, self.effects, self.seed, error, self.terminals, self.criteria)
+
+    def scored_with_learned(self, fitted: Fit) -> Scored:
+        """Scores of the catalogue and of the learned elements."""
+        return scored(fitted, (*self.effects, *self.learned), self.seed, None, self.terminals, self.criteria)

@@ -1,0 +1,107 @@
+"""What every element of a model gains on held-out recordings, and what follows for this element alone.
+
+An element is what the model has and the model without it, refitted, has not. `phnn.diagnosis.confirm` decides what
+follows for the model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from phnn.criteria import Confirmation, Criteria
+from phnn.diagnosis.finding import Finding
+from phnn.diagnosis.judge import Judgement
+from phnn.diagnosis.retest import without
+from phnn.diagnosis.rules import Record
+from phnn.diagnosis.rules.held_out import ELEMENT, ElementCase
+from phnn.identification.evaluate import Evaluation, evaluate
+from phnn.identification.fit import Fit
+from phnn.identification.gain import Gain, gain
+from phnn.identification.plan import Plan
+from phnn.recordings.recording import Campaign
+
+
+class Outcome(Enum):
+    """What the held-out recordings say of one element; see the table in `phnn.diagnosis.confirm`."""
+
+    PROVEN = "proven"
+    OPEN = "open"
+    PROVISIONAL = "provisional"
+    IMMATERIAL = "immaterial"
+    REFUTED = "refuted"
+
+
+SURE = (Outcome.PROVEN, Outcome.OPEN)
+
+
+@dataclass(frozen=True)
+class Tested:
+    """One element: what it gains on held-out and on identification recordings, and what follows.
+
+    Attributes:
+        alone: the model without it; the model itself where that cannot be fitted.
+        held_out: None where nothing was held out.
+    """
+
+    finding: Finding
+    outcome: Outcome
+    alone: Fit
+    held_out: Gain | None
+    identified: Gain
+
+    @property
+    def shown(self) -> Gain:
+        """The gain on held-out recordings, on those identified where there are none."""
+        return self.held_out or self.identified
+
+
+def outcome_of(case: ElementCase, record: Record | None = None, element: str = "") -> Outcome:
+    """What follows from the gains of one element, by the rules of `phnn.diagnosis.rules.held_out.ELEMENT`."""
+    decided = (record or Record()).decide(ELEMENT, case, element)
+    assert decided is not None
+    return Outcome(decided.outcome)
+
+
+def tested_elements(
+    judgement: Judgement, before: Evaluation, campaign: Campaign, criteria: Criteria, record: Record
+) -> tuple[Evaluation, list[Tested]]:
+    """The final model's scores on all recordings, and each of its elements held against the model without it."""
+    base, final, rule = judgement.linearised.fit, judgement.final, criteria.confirmation
+    after, tested = score_on_all(final, campaign), []
+    for finding in judgement.findings:
+        others = tuple(f for f in judgement.findings if f is not finding)
+        alone = finding.others_alone
+        if alone is None:
+            alone = without(base, others, finding, final, criteria.selection.tie) if others else base
+        if alone is None:
+            tested.append(_untold(finding, final, after, campaign, rule))
+            continue
+        shown = before if alone is base else score_on_all(alone, campaign)
+        held_out, identified = (
+            gain(shown, after, campaign.recordings, use, rule.held_out_blocks, (alone.setup.own, final.setup.own))
+            for use in ("confirmation", "identification")
+        )
+        assert identified is not None
+        drifts = final.setup.own.drift_terms > alone.setup.own.drift_terms
+        case = ElementCase(held_out, identified, rule, drifts)
+        outcome = outcome_of(case, record, finding.effect.name)
+        tested.append(Tested(finding, outcome, alone, held_out, identified))
+    return after, tested
+
+
+def _untold(finding: Finding, final: Fit, after: Evaluation, campaign: Campaign, rule: Confirmation) -> Tested:
+    """An element without which the others cannot be fitted: it stays, and nothing is known of what it gains."""
+    own, uses = (final.setup.own, final.setup.own), ("confirmation", "identification")
+    held_out, identified = (gain(after, after, campaign.recordings, u, rule.held_out_blocks, own) for u in uses)
+    assert identified is not None
+    return Tested(finding, Outcome.PROVISIONAL, final, held_out, identified)
+
+
+def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
+    """A fit's scores on every recording of a campaign; held-out ones get the finest sub-steps of the fit's plan."""
+    finest = max((fitted.plan.steps_of(r) for r in fitted.plan.recordings), default=1)
+    known = {r.name: r for r in fitted.plan.recordings}
+    recordings = tuple(known.get(r.name, r) for r in campaign.recordings)
+    steps = {r.name: fitted.plan.substeps.get(r.name, finest) for r in recordings}
+    return evaluate(fitted.setup, Plan(recordings, steps, fitted.plan.workers), fitted.initial_states)

@@ -1,0 +1,127 @@
+"""Starting points of an actuator's identification, from the recordings alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.errors import InputRefused
+from phnn.identification.plan import Plan
+from phnn.models.actuator import hrc
+from phnn.recordings.driving import input_before
+from phnn.recordings.recording import Recording, dominant_frequency
+from phnn.setup import Setup
+
+Array = NDArray[np.float64]
+
+DEFAULT_MASS = 1.0e-3
+_RESONANCES_HZ = (200.0, 800.0, 3000.0)
+# Bins of the input over which an output is averaged; share of its way that leads down where it falls throughout.
+_GAIN_BINS, _DOWNHILL = 12, 0.8
+
+
+def mechanical_points(plan: Plan, anchored: Mapping[str, float]) -> list[Setup]:
+    """Mass–spring–dampers with the static gain of the recordings, one for each of several resonances.
+
+    Hysterons start from these and not from a fit of them: a linear model takes hysteresis for a lag and loses its mass.
+    """
+    gain = static_gain(plan.recordings)
+    mass = anchored.get("m", DEFAULT_MASS)
+    points = []
+    for resonance in _RESONANCES_HZ:
+        omega = 2.0 * np.pi * resonance
+        k = anchored.get("k", mass * omega**2)
+        values = {"m": anchored.get("m", k / omega**2), "k": k, "b": 0.6 * mass * omega, "alpha": gain * k} | {
+            n: v for n, v in anchored.items() if n in ("m", "k", "b", "alpha")
+        }
+        points.append(Setup(hrc(0, values), name="linear"))
+    return points
+
+
+def static_gain(recordings: Sequence[Recording]) -> float:
+    """Displacement per volt from the recording with the largest output.
+
+    Raises:
+        InputRefused: the output falls, all the way, where the input rises.
+    """
+    chosen = max(recordings, key=lambda r: float(np.ptp(r.y)))
+    span = _input_range(chosen)
+    if not chosen.sensor.rectified and falls_throughout(chosen.u, chosen.y):
+        raise InputRefused(
+            f"{chosen.source}: the output falls where the input rises; give one of them `scale: -1` under columns in "
+            "recordings.yaml"
+        )
+    return float(np.ptp(chosen.y) / span)
+
+
+def falls_throughout(u: Array, y: Array) -> bool:
+    """Whether an output (N,) falls with the input (N,) over its whole range, and not only on a part of it.
+
+    Means of the output over bins of the input take both branches of a loop together. They fall if nearly all their way
+    leads down: a loop that is widened or lags behind does so, a butterfly, which falls and rises again, does not.
+    """
+    if np.ptp(u) == 0.0:
+        return False
+    place = np.minimum(((u - u.min()) / np.ptp(u) * _GAIN_BINS).astype(int), _GAIN_BINS - 1)
+    count = np.bincount(place, minlength=_GAIN_BINS)
+    means = np.bincount(place, y, _GAIN_BINS)[count > 0] / count[count > 0]
+    way = np.diff(means)
+    return bool(way.sum() < -_DOWNHILL * np.abs(way).sum())
+
+
+def _input_range(recording: Recording) -> float:
+    """Range of the input, what was before the first sample included."""
+    return float(np.ptp(np.append(recording.u, input_before(recording, recording.u))))
+
+
+def with_hysterons(
+    linear: Setup,
+    anchored: Mapping[str, float],
+    shares: Sequence[float],
+    rates: Sequence[float],
+    widths: Sequence[float],
+) -> Setup:
+    """Hysterons added to a linear setup: ``α²/C_i = share·k``, relaxation rate ``ϱ_i⁻¹/C_i``, dead zone.
+
+    Stiffness gives up what the hysterons take while they stick, so that the small-signal gain stays.
+    """
+    v = linear.values()
+    total = v["k"]
+    k = total / (1.0 + 0.5 * sum(shares))
+    values = {"m": v["m"], "k": k, "b": v["b"], "alpha": v["alpha"]}
+    for i, (share, rate, width) in enumerate(zip(shares, rates, widths, strict=True), start=1):
+        c = v["alpha"] ** 2 / (share * k)
+        values |= {f"C_{i}": c, f"rho_{i}": rate * c, f"d_{i}": width}
+    network = hrc(len(shares), values | {n: a for n, a in anchored.items() if n in values})
+    return Setup(network, name="phs")
+
+
+def random_starts(
+    linear: Setup, plan: Plan, hysterons: int, anchored: Mapping[str, float], count: int, seed: int
+) -> list[Setup]:
+    """Starting points spread over shares, relaxation rates and dead zones; the first is the typical actuator."""
+    rng = np.random.default_rng(seed)
+    drive = drive_amplitude(plan.recordings)
+    omega = 2.0 * np.pi * middle_frequency(plan.recordings)
+    found = []
+    for number in range(count):
+        spread = 0.0 if number == 0 else 1.0
+        shares = 0.15 * np.exp(0.5 * spread * rng.standard_normal(hysterons))
+        fast = np.where(np.arange(hysterons) % 2 == 0, 30.0, 1.0)
+        rates = omega * fast * np.exp(1.2 * spread * rng.standard_normal(hysterons))
+        widths = drive * 0.2 / (1.0 + 0.7 * np.arange(hysterons)) * np.exp(spread * rng.standard_normal(hysterons))
+        found.append(with_hysterons(linear, anchored, shares.tolist(), rates.tolist(), widths.tolist()))
+    return found
+
+
+def drive_amplitude(recordings: Sequence[Recording]) -> float:
+    """Half the largest range of the input."""
+    return 0.5 * max(_input_range(r) for r in recordings)
+
+
+def middle_frequency(recordings: Sequence[Recording]) -> float:
+    """Geometric mean of the excited frequencies [Hz]."""
+    found = [f for r in recordings if (f := dominant_frequency(r)) > 0.0]
+    return float(np.exp(np.mean(np.log(found)))) if found else 10.0
