@@ -131,7 +131,9 @@ def _checked(key: str, value: Any, default: Any) -> Any:
         if not isinstance(value, bool):
             raise InputRefused(f"setting {key}={value} must be true or false")
         return value
+    if isinstance(default, int) and "." not in key:
+        # The dataclass of the command knows how small it may be.
+        return value
     if isinstance(default, int | float):
-        # Whoever has the setting knows how small it may be.
         return settings.checked(key, value, 0.0 if isinstance(default, float) else 0)
     return value

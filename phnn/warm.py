@@ -8,6 +8,7 @@ from __future__ import annotations
 import atexit
 import subprocess
 import sys
+from functools import cache
 
 import numpy as np
 
@@ -28,20 +29,28 @@ def warm_up() -> None:
         _differentiate(_march(network))
 
 
+@cache
 def compile_later_kernels() -> None:
     """Begin to compile, in a process of its own, the kernel that a diagnosis needs after the one of its base model.
 
-    Where that has been done before, or no process can be started, nothing happens.
+    Once in a run; where it has been done before, or no process can be started, nothing happens.
     """
     if has_kept("general"):
         return
     try:
+        # -P: a folder of recordings may hold modules, which are not to be imported.
         started = subprocess.Popen(
-            [sys.executable, "-m", "phnn.warm", _LATER], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
+            [sys.executable, "-P", "-m", "phnn.warm", _LATER],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
     except OSError:
         return
-    atexit.register(started.terminate)
+    atexit.register(_end, started)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.terminate()
+    process.wait()
 
 
 def _march(network: Network) -> sweep.Marched:

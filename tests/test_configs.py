@@ -207,14 +207,27 @@ def test_files_repeat_the_defaults_of_the_dataclasses(command: str) -> None:
     assert {n: tuple(v) if isinstance(v, list) else v for n, v in said.items() if n in own} == own
 
 
-@pytest.mark.parametrize(("command", "wrong"), [
-    ("diagnose", "starts=0"), ("diagnose", "seed=-1"), ("identify", "workers=0"), ("identify", "error_bound_sigma=0"),
-    ("diagnose", "max_effects=1.5"), ("modes", "stops=0"), ("diagnose", "starts=100000"),
-])  # fmt: skip
+WRONG = {
+    "diagnose": ("starts=0", "starts=-1", "starts=1.5", "starts=100000", "seed=-1", "max_effects=1.5"),
+    "identify": ("workers=0", "error_bound_sigma=0"),
+    "modes": ("stops=0",), "prove": ("same=-1",), "train": ("patience=0",),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("command", "wrong"), [(c, w) for c, some in WRONG.items() for w in some])
 def test_the_command_line_and_python_refuse_the_same_values_with_the_same_words(command: str, wrong: str) -> None:
     name, _, value = wrong.partition("=")
+    needed = {"folder": "a", "out": "b"} if command == "train" else {}
     with pytest.raises(InputRefused) as typed:
-        OWNERS[command].from_config(compose(command, [wrong]))
+        given = [wrong, *(f"{n}={v}" for n, v in needed.items())]
+        OWNERS[command].from_config((compose_groups if command == "train" else compose)(command, given))
     with pytest.raises(InputRefused) as called:
-        OWNERS[command](**{name: yaml.safe_load(value)})
+        OWNERS[command](**needed | {name: yaml.safe_load(value)})
     assert str(typed.value) == str(called.value)
+
+
+def test_options_take_numbers_of_numpy_and_no_others() -> None:
+    assert Options.from_config({"starts": np.int64(3)}).starts == 3
+    for wrong in ({"starts": 2.9}, {"workers": True}):
+        with pytest.raises(InputRefused, match="whole number"):
+            Options.from_config(wrong)

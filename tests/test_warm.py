@@ -48,11 +48,15 @@ def test_later_kernels_are_compiled_once_in_another_process(monkeypatch: pytest.
     begun: list[list[str]] = []
     monkeypatch.setattr(warm.subprocess, "Popen", lambda command, **_: begun.append(command) or mock.Mock())
     monkeypatch.setattr(warm, "has_kept", lambda module: True)
+    warm.compile_later_kernels.cache_clear()
     warm.compile_later_kernels()
     assert not begun
+    warm.compile_later_kernels.cache_clear()
     monkeypatch.setattr(warm, "has_kept", lambda module: False)
-    warm.compile_later_kernels()
-    assert [command[1:] for command in begun] == [["-m", "phnn.warm", "later"]]
+    for _ in range(2):
+        warm.compile_later_kernels()
+    # Modules that lie in the working directory are not imported (-P).
+    assert [command[1:] for command in begun] == [["-P", "-m", "phnn.warm", "later"]]
 
 
 def test_machine_code_is_found_where_it_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -72,4 +76,5 @@ def test_a_machine_that_starts_no_process_compiles_when_it_has_to(monkeypatch: p
 
     monkeypatch.setattr(warm, "has_kept", lambda module: False)
     monkeypatch.setattr(warm.subprocess, "Popen", refuse)
+    warm.compile_later_kernels.cache_clear()
     warm.compile_later_kernels()

@@ -76,7 +76,7 @@ class Settings:
         if not chosen:
             raise InputRefused(f"models: none is named: choose from {', '.join(MODELS)}, or all")
         recipes = {name: Recipe(**config[name]) for name in TRAINED}
-        return cls(Options.from_config(config), chosen, bool(config["resume"]), recipes, int(config["inputs"]))
+        return cls(Options.from_config(config), chosen, bool(config["resume"]), recipes, config["inputs"])
 
     def of(self, model: str) -> dict[str, Any]:
         """All that the result of one model depends on besides the recordings, as plain numbers and texts."""

@@ -23,6 +23,7 @@ from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
 from phnn.ensemble import Executor, executor
+from phnn.errors import PhnnError
 from phnn.identification.base import Progress, identify_base, quiet
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
@@ -124,26 +125,29 @@ def _base(
 
 
 def _judged(
-    search: Search, options: Options, base: Fit, error: NumericalError
+    search: Search, options: Options, base: Fit, error: NumericalError, on_base: Callable[[Fit], None]
 ) -> tuple[Fit, NumericalError, Judgement]:
     """Search from a base model, and again from a better optimum of it where the search has come upon one.
 
     Returns:
         As `_judged_from`.
     """
-    found = _judged_from(search, options, base, error)
+    found = _judged_from(search, base, error)
     for _ in range(_BASES):
         better = better_base(found[0], found[2].final)
         if better is None:
             break
         search.progress(f"the base model itself fits better: residual {better.chi2**0.5:.3g} × noise; search again")
-        found = _judged_from(search, options, *settled(better, options.error_bound_sigma))
+        try:
+            begun = settled(better, options.error_bound_sigma)
+        except PhnnError:
+            break
+        on_base(begun[0])
+        found = _judged_from(search, *begun)
     return found
 
 
-def _judged_from(
-    search: Search, options: Options, base: Fit, error: NumericalError
-) -> tuple[Fit, NumericalError, Judgement]:
+def _judged_from(search: Search, base: Fit, error: NumericalError) -> tuple[Fit, NumericalError, Judgement]:
     """Search from a base model, refitted with finer steps where the numerical error alone has a score.
 
     Returns:
@@ -184,8 +188,8 @@ def diagnose(
         options: how hard to try; those of the identification where it has been done, defaults otherwise.
         progress: called with a line of text at every stage.
         effects: the catalogue to use; all that can exist otherwise.
-        on_base: called with the base fit as soon as there is one and whenever a better one takes its place, so that it
-            can be kept whatever comes.
+        on_base: called with the base fit as soon as there is one, and before a search begins again from a better one,
+            so that it can be kept whatever comes.
 
     Raises:
         InputRefused: a criterion is not known, the executor is not understood or does not answer, an effect to do
@@ -199,17 +203,14 @@ def diagnose(
     campaign, base, error = _base(recorded, chosen, progress)
     catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, left_out)
     progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
-    kept = base
-    if on_base is not None:
-        on_base(base)
+    tell = on_base or (lambda fitted: None)
+    tell(base)
     learned = _possible(campaign, base.setup, learned_elements().values())
     search = Search(
         catalogue_, learned, chosen.seed, max(1, chosen.max_effects), criteria, refits,
         input_measured(campaign, base.setup), campaign.held_out_is_new, progress,
     )  # fmt: skip
-    base, error, judgement = _judged(search, chosen, base, error)
-    if on_base is not None and base is not kept:
-        on_base(base)
+    base, error, judgement = _judged(search, chosen, base, error, tell)
     progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
     judgement, before, after = confirmed(judgement, base, campaign, criteria, search.scored)
     judgement = _held_against_numerics(_distilled(judgement, refits, criteria), criteria)

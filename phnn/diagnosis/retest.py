@@ -103,9 +103,12 @@ def better_base(base: Fit, final: Fit) -> Fit | None:
     if final is base:
         return None
     again = fit_with(base, (), final.setup.values(), origin=final)
-    if again is None or fair_cost(base) - fair_cost(again) < _MOST * (fair_cost(base) - fair_cost(final)):
+    if again is None:
         return None
-    return again
+    gain, whole = fair_cost(base) - fair_cost(again), fair_cost(base) - fair_cost(final)
+    if gain < max(_MOST * whole, tie(base)):
+        return None
+    return replace(again, alternatives=(base.setup, *base.alternatives))
 
 
 def fit_with(

@@ -45,5 +45,6 @@ class Options:
     @classmethod
     def from_config(cls, config: Any) -> Options:
         """From a mapping such as a hydra configuration; keys it lacks keep their defaults."""
-        known = cls()
-        return cls(**{n: type(getattr(known, n))(config[n]) for n in cls.__dataclass_fields__ if n in config})
+        given = {n: config[n] for n in cls.__dataclass_fields__ if n in config}
+        wholes = {n: kind(given[n]) for n, kind in {"without": tuple, "criteria": dict}.items() if n in given}
+        return cls(**(given | wholes))

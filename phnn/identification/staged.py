@@ -78,13 +78,25 @@ def identify_actuator(
     # The first steps say little about where a start ends: several of the best go on.
     tried.sort(key=lambda f: f.cost)
     finished = [fit_identified(f.setup, plan, held, _FULL, f) for f in tried[:_FINALISTS]]
-    certain = tuple(r for r in plan.recordings if not starts_unknown(r))
-    if 0 < len(certain) < len(plan.recordings):
-        # Unknown initial states make many local optima: first the parameters from what starts known, then the states.
-        first = identify_actuator(replace(plan, recordings=certain), known, hysterons, starts, seed)
-        finished.append(fit_identified(first.setup, plan, held, _FULL, with_starts(first.setup, plan)))
-    best, alternatives = distinct_optima(finished)
+    by_known_starts = _from_known_starts(plan, known, hysterons, starts, seed)
+    best, alternatives = distinct_optima([f for f in (*finished, by_known_starts) if f is not None])
     return replace(best, alternatives=alternatives)
+
+
+def _from_known_starts(plan: Plan, known: Mapping[str, Anchor], hysterons: int, starts: int, seed: int) -> Fit | None:
+    """A fit whose parameters come from the recordings of known start, and then the unknown initial states.
+
+    Unknown initial states make many local optima. None where all starts are known, or none, and where the recordings
+    of known start do not identify the model by themselves.
+    """
+    certain = tuple(r for r in plan.recordings if not starts_unknown(r))
+    if not 0 < len(certain) < len(plan.recordings):
+        return None
+    try:
+        first = identify_actuator(replace(plan, recordings=certain), known, hysterons, starts, seed)
+        return fit_identified(first.setup, plan, held_by_statement(known), _FULL, with_starts(first.setup, plan))
+    except PhnnError:
+        return None
 
 
 def check_known(known: Iterable[str], parameters: Iterable[str]) -> None:

@@ -44,9 +44,12 @@ def static_gain(recordings: Sequence[Recording]) -> float:
     """Displacement per volt from the recording with the largest output.
 
     Raises:
-        InputRefused: the output falls, all the way, where the input rises.
+        InputRefused: no input moves, or the output falls, all the way, where the input rises.
     """
-    chosen = max(recordings, key=lambda r: float(np.ptp(r.y)))
+    driven = [r for r in recordings if _input_range(r) > 0.0]
+    if not driven:
+        raise InputRefused(f"{recordings[0].source}: the input stands still in all recordings: nothing tells the gain")
+    chosen = max(driven, key=lambda r: float(np.ptp(r.y)))
     span = _input_range(chosen)
     if not chosen.sensor.rectified and falls_throughout(chosen.u, chosen.y):
         raise InputRefused(

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import field, fields
+from numbers import Integral, Real
 from typing import Any
 
 from phnn.errors import InputRefused
@@ -53,12 +54,12 @@ def checked(name: str, value: Any, least: float) -> float:
         InputRefused: wrong kind or out of range.
     """
     if isinstance(least, float):
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
+        if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 < float(value) < math.inf:
             raise InputRefused(f"setting {name}={value} must be a positive number")
         return float(value)
     most = LIMITS.most(name.rpartition(".")[2])
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
         raise InputRefused(f"setting {name}={value} must be a whole number, {least} or more")
     if value > most:
         raise InputRefused(f"setting {name} must be a whole number, {most} or less")
-    return value
+    return int(value)

@@ -61,7 +61,7 @@ class Marched(NamedTuple):
     h: Array
 
     def first(self, steps: int | None) -> Marched:
-        """The same up to a number of steps; all of it where that is None."""
+        """The same up to a number of steps; all of it where it is None."""
         nodes = None if steps is None else steps + 1
         return Marched(
             self.program, self.theta, self.states[:nodes], self.efforts[:steps], self.u[:steps], self.h[:steps]

@@ -132,9 +132,12 @@ def choose(candidates: Sequence[Candidate]) -> set[str]:
     """Names of the recordings to hold out: about a quarter, inside the span of the rest, spread over it.
 
     Kept for identification where possible: the extremes of frequency and of amplitude, and whatever is unique in
-    kind (steps, chirps, broadband signals). The choice depends on nothing but the recordings.
+    kind (steps, chirps, broadband signals). Where some starts are unknown, the largest recording of known start stays
+    in any case: parameters are identified from it first. The choice depends on nothing but the recordings.
     """
-    free = [c for c in candidates if c.use is None]
+    certain = [c for c in candidates if not c.begun and c.use != "confirmation"]
+    largest = max(certain, key=lambda c: c.excitation.amplitude) if 0 < len(certain) < len(candidates) else None
+    free = [c for c in candidates if c.use is None and c is not largest]
     wanted = min(max(1, round(_HELD_OUT_SHARE * len(candidates))), len(candidates) - 1, len(free))
     rank = {c.name: _worth_keeping(c, candidates) for c in candidates}
     held: list[Candidate] = []

@@ -5,12 +5,16 @@ from __future__ import annotations
 from phnn.diagnosis.diagnosis import Diagnosis
 
 # Units of what a common factor of all forces and charges changes, where voltages and displacements stay as they are.
-FORCE_UNITS = ("kg", "N", "N/m", "N s/m", "N s²/m²", "N/V", "C", "C/m", "F", "S", "Ω")
+FORCE_UNITS = (
+    "kg", "N", "N/m", "N s/m", "N s²/m²", "N/V", "kg m/s", "N m", "N m/rad", "N m s/rad", "kg m²",
+    "C", "C/m", "A", "F", "S", "Ohm", "ohm", "H", "V s", "Wb",
+)  # fmt: skip
 
 
 def forces_known(diagnosis: Diagnosis) -> bool:
     """Whether forces are known in newtons: one was measured or imposed, or a stated parameter fixes the factor."""
-    setup, units = diagnosis.base.setup, diagnosis.campaign.recordings[0].units
-    measured = (units.input, units.output)
+    setup, recording = diagnosis.base.setup, diagnosis.campaign.recordings[0]
+    # An input of unknown gain is a force in no known unit.
+    measured = (recording.units.output, *([recording.units.input] if recording.gain == "known" else []))
     stated = [p.unit for n, p in setup.parameters.items() if n in diagnosis.campaign.known or (p.fixed and p.value)]
     return bool(setup.network.senses) or any(unit in FORCE_UNITS for unit in (*measured, *stated))

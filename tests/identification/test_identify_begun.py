@@ -13,6 +13,8 @@ import yaml
 from campaigns import recorded
 
 from phnn.diagnosis.tested import score_on_all
+from phnn.errors import PhnnError
+from phnn.identification import staged
 from phnn.identification.base import identify_base
 from phnn.identification.begun import expected_start
 from phnn.identification.evaluate import evaluate
@@ -131,3 +133,20 @@ def test_recordings_cut_at_random_predict_as_well_as_the_whole(tmp_path: Path, s
         return score_on_all(fitted, campaign).over_noise("confirmation")
 
     assert held_out(cut) == pytest.approx(held_out(whole), rel=0.1)
+
+
+@pytest.mark.parametrize("fails", ["identify_actuator", "with_starts"])
+def test_known_starts_that_identify_nothing_by_themselves_stop_no_identification(
+    whole: Recording, monkeypatch: pytest.MonkeyPatch, fails: str
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PhnnError("not from these")
+
+    short = replace(
+        whole, t=whole.t[:800], u=whole.u[:800], y=whole.y[:800], parts=(Part("all", 0, 800, "identification"),)
+    )
+    plan = Plan((short, sliced(whole, 1500)), {}, 1)
+    monkeypatch.setattr(staged, fails, refuse)
+    assert staged._from_known_starts(plan, {}, 1, 1, 0) is None
+    monkeypatch.undo()
+    assert staged._from_known_starts(Plan((short,), {}, 1), {}, 1, 1, 0) is None

@@ -286,6 +286,19 @@ def test_a_slice_confirms_only_if_its_head_covers_the_range_of_its_input(
     assert candidate_of(recorded_input(u, "sine"), sine).untold is untold
 
 
+def test_a_recording_of_known_start_always_identifies() -> None:
+    def sine(name: str, frequency: float, **more: bool) -> Candidate:
+        return Candidate(
+            name, 2000, 1e-3, Excitation("sine", frequency, frequency, 40.0, None, 9.0, (0, 2000)), None, **more
+        )
+
+    slices = [sine(f"slice_{i}", 20.0 + i, begun=True, untold=True) for i in range(6)]
+    known = [sine("slow", 5.0), sine("fast", 200.0)]
+    kept = {c.name for c in known} - choose([*known, *slices])
+    assert kept
+    assert choose([sine("one", 5.0), *slices]) <= {c.name for c in slices}
+
+
 def recorded_input(u: np.ndarray, name: str) -> Recording:
     t = 1e-3 * np.arange(u.size)
     parts = (Part(name, 0, u.size, "identification"),)

@@ -28,3 +28,9 @@ def test_a_stated_value_or_a_measured_force_fixes_the_common_factor(
     first, *others = found.campaign.recordings
     campaign = replace(found.campaign, known=known, recordings=(replace(first, units=units), *others))
     assert forces_known(replace(found, campaign=campaign)) is expected
+
+
+def test_a_force_of_unknown_gain_fixes_nothing() -> None:
+    found = campaigns.diagnosis("quadratic_drag", "quadratic_drag")
+    recordings = tuple(replace(r, units=Units("N", "m"), gain="unknown") for r in found.campaign.recordings)
+    assert not forces_known(replace(found, campaign=replace(found.campaign, known={}, recordings=recordings)))
