@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from phnn.integrate.compiled import inline, plain, stay_outside
+from phnn.integrate.compiled import plain, stay_outside
 from phnn.integrate.lookups import (
     count,
     is_linear,
@@ -34,23 +34,11 @@ from phnn.integrate.tables import (
     RULE,
     SIGN,
 )
-from phnn.laws.leaf import Branch, Relaxed, relaxation
+from phnn.laws.leaf import relaxation
 
 STIFFNESS, RHO, LOW, HIGH, ONE, TWO, LEAK, LEAK_ONE, LEAK_TWO = range(9)
 CONSTANTS = 9
 CAPACITY = 0
-
-
-@inline
-def branch_of(c: Any) -> Any:
-    """The `Branch` of a leaf with constants ``c`` (9,)."""
-    return Branch(c[STIFFNESS], c[RHO], c[LOW], c[HIGH], c[LEAK])
-
-
-@inline
-def relaxed_of(c: Any) -> Any:
-    """The `Relaxed` of a leaf with constants ``c`` (9,)."""
-    return Relaxed(c[ONE], c[TWO], c[LEAK_ONE], c[LEAK_TWO])
 
 
 @plain

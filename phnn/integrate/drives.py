@@ -13,7 +13,7 @@ from typing import Any
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import STIFFNESS
 from phnn.integrate.lookups import count, mean_effort, memory_decay, memory_rate, resistor_flow
-from phnn.integrate.perturbed import CURVED, KIND, ONLY_LINK, STIFF, STORAGE, parameter, perturb, places_of, step_at
+from phnn.integrate.perturbed import CURVED, KIND, ONLY_LINK, STIFF, STORAGE, parameter, perturb, places_of
 from phnn.integrate.pieces import current_of
 from phnn.integrate.tables import (
     FIRST_SOURCE,
@@ -81,11 +81,11 @@ def _junction_power(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
     r, source = t[s, SOURCE_RESISTOR], s - t[0, SOURCES]
     for place in range(p.source_first[source], p.source_first[source + 1]):
         i = p.source_input[place]
+        which, slot, act = places_of(p, d, i)
         perturb(p, d, i, TINY)
         junction_flows(t, d.theta, d.x, d.y, d.wj)
-        here = step_at(t, d, places_of(p, d, i), h)
-        effort = branch_effort(t, r, here.g, d.wj)
-        q = read(here, t[r, READ])
+        effort = branch_effort(t, r, d.g[slot], d.wj)
+        q = read(t, t[r, READ], d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
         d.by_drive[i] += (effort * resistor_flow(t, r, effort, q, d.theta)).imag / TINY
         perturb(p, d, i, 0.0)
 

@@ -12,8 +12,8 @@ import numpy as np
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import LEAK, ONE, RHO, STIFFNESS, TWO
 from phnn.integrate.lookups import resistor_thresholds
-from phnn.integrate.perturbed import ABOVE, CROSSING, RESTING, STIFF, STORAGE, parameter, perturb, places_of, step_at
-from phnn.integrate.pieces import Entering, current_of, exert, fill, piece_of
+from phnn.integrate.perturbed import ABOVE, CROSSING, RESTING, STIFF, STORAGE, parameter, perturb, places_of
+from phnn.integrate.pieces import current_of, exert, fill, piece_of
 from phnn.integrate.prepared import prepare_leaf, prepare_pairs
 from phnn.integrate.tables import (
     FIRST_RESISTOR,
@@ -28,12 +28,12 @@ from phnn.laws.namespace import TINY
 @inline
 def _thresholds(t: Any, p: Any, d: Any, i: Any, r: Any, h: Any) -> Any:
     """``(ρ, lo, hi)`` of the resistor in row ``r`` with input ``i`` perturbed, or none."""
-    places = (p.active.shape[0], 0, 0)
+    which, slot, act = p.active.shape[0], 0, 0
     if i >= 0:
-        places = places_of(p, d, i)
+        which, slot, act = places_of(p, d, i)
         perturb(p, d, i, TINY)
     junction_flows(t, d.theta, d.x, d.y, d.wj)
-    q = read(step_at(t, d, places, h), t[r, READ])
+    q = read(t, t[r, READ], d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
     found = resistor_thresholds(t, r, q, d.theta)
     if i >= 0:
         perturb(p, d, i, 0.0)
@@ -83,7 +83,7 @@ def following_leaf(t: Any, p: Any, d: Any, leaf: Any, mean: Any, h: Any) -> Any:
             if slope.imag / TINY != d.slopes[pair]:
                 return False
             d.thresholds[pair] = (upper if piece == ABOVE else lower).imag / TINY
-    fill(t, p, d, leaf, piece, Entering(x, current, high if piece == ABOVE else low))
+    fill(t, p, d, leaf, piece, x, current, high if piece == ABOVE else low)
     for pair in range(p.first[leaf], p.first[leaf + 1] if slides else p.first[leaf]):
         d.by_leaf[pair] += of[piece, 2] * d.thresholds[pair]
         d.by_mean[pair] += of[piece, 5] * d.thresholds[pair]

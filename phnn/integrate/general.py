@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.arguments import March, Room, Values, step_of
 from phnn.integrate.compiled import inline, loop_entry
 from phnn.integrate.constants import CONSTANTS, fill_gains
 from phnn.integrate.lookups import count, is_linear, junction_storage
@@ -33,14 +32,16 @@ def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> Non
         y[j] = extrapolated(efforts, n, k) if is_linear(t, j) else extrapolated(states, n + 1, k)
 
 
-def _steps(run: Any, values: Any, perturbed: Any, room: Any) -> Any:
-    """March; all but the run is memory."""
-    t, actions, h, states, efforts = run
-    theta, c, g, a, x, y, _, wx = values
+def _steps(
+    t: Any, actions: Any, h: Any, states: Any, efforts: Any, values: Any, perturbed: Any, jacobian: Any, step: Any,
+    own: Any,
+) -> Any:  # fmt: skip
+    """March; the last arguments are memory."""
+    theta, c, g, a, x, y, wj, wx = values
     fill_gains(t, theta, g)
     for r in range(g.shape[0]):
-        perturbed.g[r] = g[r]
-    c_c, a_c, x_c = perturbed.c, perturbed.a, perturbed.x
+        perturbed[2][r] = g[r]
+    c_c, a_c, x_c = perturbed[1], perturbed[3], perturbed[4]
     m = y.shape[0]
     slope = 0.0
     for n in range(actions.shape[0]):
@@ -58,11 +59,11 @@ def _steps(run: Any, values: Any, perturbed: Any, room: Any) -> Any:
         if m == 1:
             solved, slope = solve_one(t, h[n], slope, values, perturbed)
         elif m == 0:
-            balance(step_of(t, h[n], values), wx)
+            balance(t, theta, c, g, a, x, y, h[n], wj, wx)
         else:
-            solved = solve_many(t, h[n], values, perturbed, room)
+            solved = solve_many(t, h[n], values, perturbed, jacobian, step, own)
         if count(t, MEMORIES) > 0:
-            advance(step_of(t, h[n], values), wx)
+            advance(t, theta, c, g, a, x, y, h[n], wj, wx)
         for k in range(x.shape[0]):
             states[n + 1, k] = wx[NEXT, k]
             efforts[n, k] = wx[EFFORT, k]
@@ -80,7 +81,7 @@ def march(program: Program, theta: Array, actions: Array, h: Array, states: Arra
     t = program.table
     n, m, leaves = states.shape[1], len(rows_of(t, JUNCTIONS)), len(rows_of(t, LEAVES))
     shapes = ((leaves + m, CONSTANTS), len(t), actions.shape[1], n, m, (4, m), (2, n))
-    values = Values(theta, *(np.zeros(shape) for shape in shapes))
-    perturbed = Values(theta.astype(np.complex128), *(np.zeros(shape, np.complex128) for shape in shapes))
-    room = Room(np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7 + m, m)))
-    return int(_compiled(March(t, actions, h, states, efforts), values, perturbed, room))
+    values = (theta, *(np.zeros(shape) for shape in shapes))
+    perturbed = (theta.astype(np.complex128), *(np.zeros(shape, np.complex128) for shape in shapes))
+    own = (np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7 + m, m)))
+    return int(_compiled(t, actions, h, states, efforts, values, perturbed, *own))

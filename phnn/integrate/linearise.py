@@ -27,7 +27,6 @@ from phnn.integrate.perturbed import (
     load_actions,
     perturb,
     scale,
-    step_at,
 )
 from phnn.integrate.pieces import curved_leaf, plain_leaf
 from phnn.integrate.prepared import part, prepare_leaf, prepare_pairs, prepare_values
@@ -47,7 +46,7 @@ def _prepare_junctions(t: Any, p: Any, d: Any, k: Any, h: Any) -> None:
     """The linear terms with parameter ``k`` perturbed, as functions of the flows."""
     n, m, none = d.x.shape[0], d.y.shape[0], p.active.shape[0]
     perturbed = k < none
-    slot = p.slot[n + m + k] if perturbed else 0
+    g = d.g[p.slot[n + m + k] if perturbed else 0]
     for s in range(n):
         d.x[s] = 0.0
     for b in range(m):
@@ -59,7 +58,7 @@ def _prepare_junctions(t: Any, p: Any, d: Any, k: Any, h: Any) -> None:
         d.wj[FORCE, b] = change / h
         for place in range(p.plain.shape[0]):
             if p.plain[place] < t[0, JUNCTION_INLETS]:
-                junction_term(step_at(t, d, (k, slot, 0), h), p.plain[place])
+                junction_term(t, p.plain[place], d.theta, d.c[k], g, d.a[0], d.x, d.y, h, d.wj)
         # By a parameter the terms are multiples of the flow, by the flow itself they are constants.
         i, row = (n + m + k, b) if perturbed else (n + b, m)
         if perturbed:

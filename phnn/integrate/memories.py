@@ -32,38 +32,38 @@ from phnn.laws.memory import advanced
 
 
 @inline
-def _source(s: Any, row: Any, wx: Any) -> Any:
-    """What the source in a row contributes to ``s̄``."""
-    t, x = s.t, s.x
-    leaf, r = t[row, SOURCE_LEAF], t[row, SOURCE_RESISTOR]
+def _source(
+    t: Any, s: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any
+) -> Any:  # fmt: skip
+    """What the source in row ``s`` contributes to ``s̄``."""
+    leaf, r = t[s, SOURCE_LEAF], t[s, SOURCE_RESISTOR]
     if leaf >= 0:
         k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
         end = wx[NEXT, k]
-        stored = mean_effort(t, k, x[k], end, s.theta) * (end - x[k]) / s.h
-        return leaf_current(t, leaf, s.g, s.a, s.wj) * wx[EFFORT, k] - stored
+        stored = mean_effort(t, k, x[k], end, theta) * (end - x[k]) / h
+        return leaf_current(t, leaf, g, a, wj) * wx[EFFORT, k] - stored
     if r >= 0:
-        effort = branch_effort(t, r, s.g, s.wj)
-        return effort * resistor_flow(t, r, effort, read(s, t[r, READ]), s.theta)
-    if t[row, SOURCE_EFFORT] >= 0:
-        return wx[EFFORT, t[row, SOURCE_EFFORT]]
-    if t[row, SOURCE_FLOW] >= 0:
-        return s.wj[FLOW, t[row, SOURCE_FLOW]]
-    return s.a[t[row, SOURCE_PORT]]
+        effort = branch_effort(t, r, g, wj)
+        return effort * resistor_flow(t, r, effort, read(t, t[r, READ], c, g, a, x, y, h, wj), theta)
+    if t[s, SOURCE_EFFORT] >= 0:
+        return wx[EFFORT, t[s, SOURCE_EFFORT]]
+    if t[s, SOURCE_FLOW] >= 0:
+        return wj[FLOW, t[s, SOURCE_FLOW]]
+    return a[t[s, SOURCE_PORT]]
 
 
 @plain
-def advance(s: Any, wx: Any) -> None:
+def advance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any) -> None:
     """Fill the end states and the mean drives ``s̄`` of all memories from those of a step that has been solved.
 
     Args: as of `phnn.integrate.step.inlined_balance`; ``x`` and ``wx`` have the memories after the storages.
     """
     stay_outside()
-    t, theta = s.t, s.theta
     first = count(t, STORAGES)
     for k in range(count(t, MEMORIES)):
-        row, z = t[0, MEMORIES] + k, s.x[first + k]
-        total = 0.0 * s.g[0]
-        for source in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):
-            total += _source(s, source, wx)
+        row, z = t[0, MEMORIES] + k, x[first + k]
+        total = 0.0 * g[0]
+        for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):
+            total += _source(t, s, theta, c, g, a, x, y, h, wj, wx)
         wx[EFFORT, first + k] = total
-        wx[NEXT, first + k] = advanced(z, s.h, memory_rate(t, row, z, total, theta), memory_decay(t, row, theta))
+        wx[NEXT, first + k] = advanced(z, h, memory_rate(t, row, z, total, theta), memory_decay(t, row, theta))

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.arguments import Step
 from phnn.integrate.compiled import inline
 from phnn.integrate.constants import CONSTANTS
 from phnn.integrate.lookups import count, factor, is_linear, junction_storage
@@ -167,13 +166,6 @@ def places_of(p: Any, d: Any, i: Any) -> Any:
 
 
 @inline
-def step_at(t: Any, d: Any, places: Any, h: Any) -> Any:
-    """The step that is differentiated, with the constants, ratios and actions in some `places_of` an input."""
-    which, slot, act = places
-    return Step(t, d.theta, d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
-
-
-@inline
 def load_actions(d: Any, n: Any, run: Any) -> None:
     """The actions of a step; only those by parameters of port laws are perturbed."""
     for port in range(d.a.shape[1]):
@@ -201,13 +193,12 @@ def scale(t: Any, p: Any, d: Any, h: Any) -> None:
         if i >= 0:
             which, _, act = places_of(p, d, i)
             perturb(p, d, i, TINY)
-        here = step_at(t, d, (which, s, act), h)
         junction_flows(t, d.theta, d.x, d.y, d.wj)
         for place in range(p.scaled.shape[0]):
             r = p.scaled[place]
             g[r] = t[r, SIGN] * d.theta[t[r, RATIO]]
         for f in range(t[0, FACTORS], t[0, FACTORS + 1]):
-            by = factor(t, f, read(here, t[f, READ]), d.theta)
+            by = factor(t, f, read(t, t[f, READ], d.c[which], g, d.a[act], d.x, d.y, h, d.wj), d.theta)
             for place in range(p.scaled.shape[0]):
                 r = p.scaled[place]
                 if t[r, RATIO] == t[f, RATIO_PLACE]:
@@ -222,11 +213,12 @@ def terms_in_full(t: Any, p: Any, d: Any, h: Any) -> None:
     for term in range(p.terms.shape[0]):
         for place in range(p.term_first[term], p.term_first[term + 1]):
             i = p.term_input[place]
+            which, slot, act = places_of(p, d, i)
             perturb(p, d, i, TINY)
             junction_flows(t, d.theta, d.x, d.y, d.wj)
             for j in range(d.y.shape[0]):
                 d.wj[FORCE, j] = 0.0
-            junction_term(step_at(t, d, places_of(p, d, i), h), p.terms[term])
+            junction_term(t, p.terms[term], d.theta, d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
             for j in range(d.y.shape[0]):
                 d.by_force[j, i] += d.wj[FORCE, j].imag / TINY
             perturb(p, d, i, 0.0)
@@ -235,27 +227,28 @@ def terms_in_full(t: Any, p: Any, d: Any, h: Any) -> None:
 @inline
 def leaf_in_full(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
     """Fill the derivatives of a leaf."""
-    row = t[0, LEAVES] + leaf
+    none, row = p.active.shape[0], t[0, LEAVES] + leaf
     closed = is_closed(t, leaf)
     found = (0.0, 0.0, 0.0, 0.0)
     if not closed:
         # Solved once, for all derivatives of the step.
         junction_flows(t, d.theta, d.x, d.y, d.wj)
-        found = leaf_search(step_at(t, d, (p.active.shape[0], 0, 0), h), leaf)
+        found = leaf_search(t, leaf, d.theta, d.c[none], d.g[0], d.a[0], d.x, d.y, h, d.wj)
     for pair in range(p.first[leaf], p.first[leaf + 1]):
         i = p.input[pair]
+        which, slot, act = places_of(p, d, i)
         perturb(p, d, i, TINY)
         junction_flows(t, d.theta, d.x, d.y, d.wj)
-        here = step_at(t, d, places_of(p, d, i), h)
+        c, g, a = d.c[which], d.g[slot], d.a[act]
         if closed:
-            end, mean = leaf_closed(here, leaf)
+            end, mean = leaf_closed(t, leaf, d.theta, c, g, a, d.x, d.y, h, d.wj)
         else:
-            end, mean = leaf_moved(here, leaf, found)
+            end, mean = leaf_moved(t, leaf, d.theta, c, g, a, d.x, d.y, h, d.wj, found)
         perturb(p, d, i, 0.0)
         d.by_leaf[pair] = end.imag / TINY
         d.by_mean[pair] = mean.imag / TINY
         for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
-            d.by_force[t[r, TO_JUNCTION], i] += (here.g[r] * mean).imag / TINY
+            d.by_force[t[r, TO_JUNCTION], i] += (g[r] * mean).imag / TINY
 
 
 @inline

@@ -11,7 +11,7 @@ meet a threshold, leaves whose law is curved, and those whose slope moves too, a
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from phnn.integrate.compiled import inline
 from phnn.integrate.lookups import mean_effort
@@ -45,14 +45,6 @@ from phnn.integrate.tables import (
 )
 from phnn.laws.leaf import slides_on
 from phnn.laws.namespace import TINY
-
-
-class Entering(NamedTuple):
-    """What the coefficients of a piece multiply: state and current of a leaf, and the threshold it is beyond."""
-
-    x: Any
-    current: Any
-    threshold: Any
 
 
 @inline
@@ -117,9 +109,8 @@ def _shifted(t: Any, p: Any, d: Any, leaf: Any, end: Any, mean: Any) -> None:
 
 
 @inline
-def fill(t: Any, p: Any, d: Any, leaf: Any, piece: Any, entering: Any) -> None:
+def fill(t: Any, p: Any, d: Any, leaf: Any, piece: Any, x: Any, current: Any, threshold: Any) -> None:
     """The derivatives of a leaf within a piece, but for what it exerts."""
-    x, current, threshold = entering
     of, only = d.whole[p.active.shape[0], leaf, piece], d.kinds[leaf, ONLY_LINK]
     flow = d.flows[only] if only >= 0 else current
     for pair in range(p.first[leaf], p.first[leaf + 1]):
@@ -158,7 +149,7 @@ def plain_leaf(t: Any, p: Any, d: Any, leaf: Any, x: Any, mean: Any) -> Any:
         piece = piece_of(d.whole[p.active.shape[0], leaf], own, own[LOWER], own[UPPER], x, current)
         if piece == CROSSING:
             return False
-    fill(t, p, d, leaf, piece, Entering(x, current, own[UPPER] if piece == ABOVE else own[LOWER]))
+    fill(t, p, d, leaf, piece, x, current, own[UPPER] if piece == ABOVE else own[LOWER])
     exert(t, p, d, leaf, mean)
     return True
 

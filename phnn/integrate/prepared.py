@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from phnn.integrate.compiled import inline, plain, stay_outside
-from phnn.integrate.constants import HIGH, LEAK, LOW, STIFFNESS, branch_of, relaxed_of
+from phnn.integrate.constants import HIGH, LEAK, LEAK_ONE, LEAK_TWO, LOW, ONE, RHO, STIFFNESS, TWO
 from phnn.integrate.perturbed import (
     ABOVE,
     CURVED,
@@ -47,8 +47,8 @@ def _term(piece: Any, h: Any, c: Any, term: Any) -> Any:
     none, unit = 0.0 * c[STIFFNESS], 1.0 + 0.0 * c[STIFFNESS]
     x, current, threshold = unit if term == 0 else none, unit if term == 1 else none, unit if term == 2 else none
     if piece == RESTING:
-        return resting(x, current, h, branch_of(c), relaxed_of(c))
-    return sliding(x, current, h, branch_of(c), relaxed_of(c), threshold)
+        return resting(x, current, h, c[STIFFNESS], c[LEAK], c[LEAK_ONE], c[LEAK_TWO])
+    return sliding(x, current, h, c[STIFFNESS], c[RHO], threshold, c[LEAK], c[ONE], c[TWO])
 
 
 @inline

@@ -12,28 +12,30 @@ equations in general.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.arguments import March, Step
 from phnn.integrate.compiled import inline, loop_entry, plain, stay_outside
 from phnn.integrate.constants import (
+    CAPACITY,
     CONSTANTS,
+    HIGH,
     LEAK,
     LEAK_ONE,
     LEAK_TWO,
+    LOW,
     ONE,
     RHO,
     STIFFNESS,
     TWO,
-    branch_of,
+    fill_constants,
     fill_gains,
-    relaxed_of,
 )
 from phnn.integrate.lookups import (
     count,
+    factor,
     junction_storage,
     mean_effort,
     resistor_flow,
@@ -42,19 +44,21 @@ from phnn.integrate.lookups import (
 from phnn.integrate.memories import advance
 from phnn.integrate.partition import LINEAR_RESISTOR_CODES
 from phnn.integrate.program import Program
-from phnn.integrate.resolved import CURVED, FOLLOWING, GAIN, KIND, RESISTOR, STORAGE, Leaves, Memory, resolve, scale
 from phnn.integrate.roots import extrapolated, make_root
 from phnn.integrate.tables import (
     EXACT,
     FACTORS,
+    FIRST_BRANCH,
     FIRST_INLET,
     FIRST_LINK,
+    FIRST_RESISTOR,
     FROM_PORT,
     GYRATORS,
     IS_LINEAR,
     JUNCTION_INLETS,
     JUNCTION_RESISTORS,
     JUNCTIONS,
+    LAST_BRANCH,
     LAST_INLET,
     LAST_LINK,
     LAW,
@@ -62,28 +66,28 @@ from phnn.integrate.tables import (
     LINKS,
     LOSSLESS,
     MEMORIES,
+    OWN_STORAGE,
+    RATIO,
+    RATIO_PLACE,
     READ,
     READ_LEAF,
     READ_MEMORY,
     RULE,
+    SIGN,
     STORAGES,
     rows_of,
 )
 from phnn.integrate.terms import EFFORT, FLOW, NEXT
-from phnn.laws.leaf import Branch, Relaxed, rc_flow, relaxation
+from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.namespace import TINY
 
 Array = NDArray[np.float64]
 
-
-class _Junction(NamedTuple):
-    """The junction in one step: ``1/s``, ``d``, the drive ``Σ g ψ``, the step's size ``h`` and the state ``p``."""
-
-    capacity: Any
-    damping: Any
-    drive: Any
-    h: Any
-    p: Any
+GAIN = CONSTANTS
+# Columns of the leaves' kinds.
+_RULE, _STORAGE, _RESISTOR = range(3)
+# Beside the rules of the table: a lossless leaf whose law is not linear, a leaf whose thresholds follow something.
+_CURVED, _FOLLOWING = -1, -2
 
 
 @lru_cache(maxsize=512)
@@ -101,16 +105,16 @@ def serves(program: Program) -> bool:
 
 
 @inline
-def _read(t: Any, r: Any, y: Any, leaves: Any, junction: Any, x: Any) -> Any:
-    """`phnn.integrate.terms.read`."""
+def _read(t: Any, r: Any, y: Any, capacity: Any, gains: Any, kinds: Any, x: Any, h: Any, p: Any) -> Any:
+    """`phnn.integrate.step.read`."""
     if r < 0:
         return 0.0 * y
     leaf = t[r, READ_LEAF]
     if t[r, READ_MEMORY] >= 0:
         return x[t[r, READ_MEMORY]] + 0.0 * y
     if leaf >= 0:
-        return x[leaves.kinds[leaf, STORAGE]] + 0.5 * junction.h * leaves.c[leaf, GAIN] * y
-    return junction.p + (y * junction.capacity - junction.p)
+        return x[kinds[leaf, _STORAGE]] + 0.5 * h * gains[leaf, GAIN] * y
+    return p + (y * capacity - p)
 
 
 @inline
@@ -128,41 +132,43 @@ def _relaxation(c: Any, rho: Any, h: Any) -> Any:
 @inline
 def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
     """``F``, the size of its terms, and what the step leads to."""
-    t, theta, leaves, junction = context
-    kinds, c, others, ratios = leaves
-    capacity, damping, drive, h, p = junction
+    t, theta, kinds, c, capacity, damping, drive, h, p, others, ratios = context
     change = 2.0 * (y * capacity - p)
     rate = 1.0 / h
     force = change * rate + damping * y - drive
     size = (abs(change.real) + abs(p)) * rate + abs(damping * y.real) + abs(drive)
     for other in range(others.shape[0]):
         r, ratio = others[other], ratios[other]
-        q = _read(t, t[r, READ], y, leaves, junction, x)
+        q = _read(t, t[r, READ], y, capacity, c, kinds, x, h, p)
         lost = ratio * resistor_flow(t, r, ratio * y, q, theta)
         force += lost
         size += abs(lost.real)
     for leaf in range(kinds.shape[0]):
         gain = c[leaf, GAIN]
-        if kinds[leaf, KIND] == LOSSLESS:
+        if kinds[leaf, _RULE] == LOSSLESS:
             moved = h * gain * y
-            end = x[kinds[leaf, STORAGE]] + moved
-            mean = c[leaf, STIFFNESS] * (x[kinds[leaf, STORAGE]] + 0.5 * moved)
-        elif kinds[leaf, KIND] == CURVED:
-            start = x[kinds[leaf, STORAGE]] + 0.0 * y
+            end = x[kinds[leaf, _STORAGE]] + moved
+            mean = c[leaf, STIFFNESS] * (x[kinds[leaf, _STORAGE]] + 0.5 * moved)
+        elif kinds[leaf, _RULE] == _CURVED:
+            start = x[kinds[leaf, _STORAGE]] + 0.0 * y
             end = start + h * gain * y
-            mean = mean_effort(t, kinds[leaf, STORAGE], start, end, theta)
-        elif kinds[leaf, KIND] == FOLLOWING:
-            r = kinds[leaf, RESISTOR]
-            q = _read(t, t[r, READ], y, leaves, junction, x)
+            mean = mean_effort(t, kinds[leaf, _STORAGE], start, end, theta)
+        elif kinds[leaf, _RULE] == _FOLLOWING:
+            r = kinds[leaf, _RESISTOR]
+            q = _read(t, t[r, READ], y, capacity, c, kinds, x, h, p)
             rho, low, high = resistor_thresholds(t, r, q, theta)
             one, two = _relaxation(c[leaf], rho, h)
-            branch = Branch(c[leaf, STIFFNESS], rho, low, high, c[leaf, LEAK])
-            relaxed = Relaxed(one, two, c[leaf, LEAK_ONE], c[leaf, LEAK_TWO])
-            end, mean = rc_flow(x[kinds[leaf, STORAGE]], gain * y, h, branch, relaxed)
+            end, mean = rc_flow(
+                x[kinds[leaf, _STORAGE]], gain * y, h, c[leaf, STIFFNESS], rho, low, high, c[leaf, LEAK], one, two,
+                c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
+            )  # fmt: skip
         else:
-            end, mean = rc_flow(x[kinds[leaf, STORAGE]], gain * y, h, branch_of(c[leaf]), relaxed_of(c[leaf]))
-        ends[kinds[leaf, STORAGE]] = end
-        means[kinds[leaf, STORAGE]] = mean
+            end, mean = rc_flow(
+                x[kinds[leaf, _STORAGE]], gain * y, h, c[leaf, STIFFNESS], c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH],
+                c[leaf, LEAK], c[leaf, ONE], c[leaf, TWO], c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
+            )  # fmt: skip
+        ends[kinds[leaf, _STORAGE]] = end
+        means[kinds[leaf, _STORAGE]] = mean
         force += gain * mean
         size += abs(gain * mean.real)
     return force, size
@@ -184,45 +190,110 @@ def _slope_at(y: Any, context: Any) -> Any:
 _root = inline(make_root(_value_at, _slope_at))
 
 
-@inline
-def _remember(s: Any, wx: Any, next_x: Any, means: Any) -> None:
-    """Advance the memories at the end of a step to ``next_x``, see `phnn.integrate.memories`."""
-    storages = count(s.t, STORAGES)
-    s.y[0] = means[junction_storage(s.t, 0)]
-    s.wj[FLOW, 0] = s.y[0]
+@plain
+def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: Any, others: Any, ratios: Any) -> Any:
+    """Fill the constants of the leaves for steps of size ``h``; returns the junction's ``1/s`` and its damping.
+
+    Args:
+        g: gains; constants: (L+1, 9) memory.
+        kinds: (L, 3) filled with the rule and the storage of every leaf, and the row of its first resistor.
+        c: (L, 10) filled with its constants, see `phnn.integrate.constants`, and its ratio.
+        others: (R,) rows of the junction's resistors that are not linear; ratios: (R,) filled with theirs.
+    """
+    stay_outside()
+    leaves = count(t, LEAVES)
+    fill_constants(t, theta, h, constants)
+    for leaf in range(leaves):
+        row = t[0, LEAVES] + leaf
+        kinds[leaf, _RULE], kinds[leaf, _STORAGE], kinds[leaf, _RESISTOR] = (
+            t[row, RULE],
+            t[row, OWN_STORAGE],
+            t[row, FIRST_RESISTOR],
+        )
+        for i in range(CONSTANTS):
+            c[leaf, i] = constants[leaf, i]
+        c[leaf, GAIN] = g[t[row, FIRST_LINK]]
+        if t[row, RULE] == LOSSLESS and t[row, IS_LINEAR] <= 0:
+            kinds[leaf, _RULE] = _CURVED
+        if t[row, RULE] == EXACT and t[t[row, FIRST_RESISTOR], READ] >= 0:
+            kinds[leaf, _RULE] = _FOLLOWING
+            c[leaf, RHO] = np.nan
+    damping, other = 0.0, 0
+    for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
+        b = 0.0
+        for branch in range(t[r, FIRST_BRANCH], t[r, LAST_BRANCH]):
+            b += g[branch]
+        if other < others.shape[0] and others[other] == r:
+            ratios[other] = b
+            other += 1
+        else:
+            damping += b * b * resistor_flow(t, r, 1.0, 0.0, theta)
+    return constants[leaves, CAPACITY], damping
+
+
+@plain
+def _scale(t: Any, theta: Any, x: Any, g: Any, scaled: Any, c: Any) -> None:
+    """Set the ratios in some rows to what the memories make of them, and those of the leaves in their constants."""
+    stay_outside()
+    for place in range(scaled.shape[0]):
+        r = scaled[place]
+        g[r] = t[r, SIGN] * theta[t[r, RATIO]]
+    for f in range(t[0, FACTORS], t[0, FACTORS + 1]):
+        by = factor(t, f, x[t[t[f, READ], READ_MEMORY]], theta)
+        for place in range(scaled.shape[0]):
+            r = scaled[place]
+            if t[r, RATIO] == t[f, RATIO_PLACE]:
+                g[r] *= by
+    for leaf in range(c.shape[0]):
+        c[leaf, GAIN] = g[t[t[0, LEAVES] + leaf, FIRST_LINK]]
+
+
+@plain
+def _remember(
+    t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, next_x: Any, means: Any, h: Any, y: Any, wj: Any, wx: Any
+) -> None:  # fmt: skip
+    """Advance the memories; ``y`` (1,), ``wj`` and ``wx`` are their memory, see `phnn.integrate.memories`."""
+    stay_outside()
+    storages = count(t, STORAGES)
+    y[0] = means[junction_storage(t, 0)]
+    wj[FLOW, 0] = y[0]
     for k in range(storages):
         wx[NEXT, k], wx[EFFORT, k] = next_x[k], means[k]
-    advance(s, wx)
-    for k in range(storages, next_x.shape[0]):
+    advance(t, theta, c, g, a, x, y, h, wj, wx)
+    for k in range(storages, x.shape[0]):
         next_x[k], means[k] = wx[NEXT, k], wx[EFFORT, k]
 
 
-def _steps(run: Any, theta: Any, memory: Any) -> Any:
-    """March; ``theta`` (M,) are the parameters."""
-    t, actions, h, states, efforts = run
-    g, leaves = memory.g, memory.leaves
+def _steps(
+    t: Any, theta: Any, actions: Any, h: Any, states: Any, efforts: Any, g: Any, constants: Any, kinds: Any, c: Any,
+    perturbed: Any, ends: Any, means: Any, others: Any, ratios: Any, slow: Any,
+    scaled: Any,
+) -> Any:  # fmt: skip
+    """March; the last arguments are memory: ``perturbed`` is theta in complex numbers."""
     fill_gains(t, theta, g)
     k, remembers = junction_storage(t, 0), count(t, MEMORIES) > 0
     slope, capacity, damping = 0.0, 0.0, 0.0
     for n in range(actions.shape[0]):
         if n == 0 or h[n] != h[n - 1]:
-            capacity, damping = resolve(t, theta, h[n], memory)
+            capacity, damping = _resolve(t, theta, h[n], g, constants, kinds, c, others, ratios)
             slope = 0.0
         if count(t, FACTORS) > 0:
-            scale(t, theta, states[n], g, memory.scaled, leaves.c)
+            _scale(t, theta, states[n], g, scaled, c)
         drive = 0.0
         for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
             drive += g[r] * actions[n, t[r, FROM_PORT]]
         p = states[n, k]
         y = extrapolated(efforts, n, k) if n > 0 else p / capacity
-        step = (leaves, _Junction(capacity, damping, drive, h[n], p))
-        around = ((t, theta, memory.perturbed), step, states[n], states[n + 1], efforts[n], memory.ends, memory.means)
+        step = (kinds, c, capacity, damping, drive, h[n], p, others, ratios)
+        around = ((t, theta, perturbed), step, states[n], states[n + 1], efforts[n], ends, means)
         y, slope = _root(y, 2.0 * capacity / h[n], slope, around)
         efforts[n, k] = y
         states[n + 1, k] = p + 2.0 * (y * capacity - p)
         if remembers:
-            here = Step(t, theta, memory.constants, g, actions[n], states[n], memory.y, h[n], memory.wj)
-            _remember(here, memory.wx, states[n + 1], efforts[n])
+            _remember(
+                t, theta, constants, g, actions[n], states[n], states[n + 1], efforts[n], h[n], slow[0], slow[1],
+                slow[2],
+            )  # fmt: skip
         if not np.isfinite(y):
             return n
     return actions.shape[0]
@@ -234,13 +305,11 @@ _compiled = loop_entry(_steps)
 def march(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
     """`phnn.integrate.kernel.Kernel.march` of the networks that it serves."""
     t = program.table
-    size, ends = len(rows_of(t, LEAVES)), np.zeros(states.shape[1], np.complex128)
+    leaves, ends = len(rows_of(t, LEAVES)), np.zeros(states.shape[1], np.complex128)
+    memory = (np.zeros(len(t)), np.zeros((leaves + 1, CONSTANTS)), np.zeros((leaves, 3), np.int64))
+    own = (*memory, np.zeros((leaves, CONSTANTS + 1)), theta.astype(np.complex128), ends, np.zeros_like(ends))
     linear = np.isin(rows_of(t, JUNCTION_RESISTORS)[:, LAW], LINEAR_RESISTOR_CODES)
     others = t[0, JUNCTION_RESISTORS] + np.flatnonzero(~linear)
-    leaves = Leaves(np.zeros((size, 3), np.int64), np.zeros((size, CONSTANTS + 1)), others, np.zeros(others.size))
-    memory = Memory(
-        np.zeros(len(t)), np.zeros((size + 1, CONSTANTS)), leaves, theta.astype(np.complex128), ends,
-        np.zeros_like(ends), np.zeros(1), np.zeros((4, 1)), np.zeros((2, states.shape[1])),
-        np.array(program.uses.scaled, dtype=np.int64),
-    )  # fmt: skip
-    return int(_compiled(March(t, actions, h, states, efforts), theta, memory))
+    slow = (np.zeros(1), np.zeros((4, 1)), np.zeros((2, states.shape[1])))
+    scaled = np.array(program.uses.scaled, dtype=np.int64)
+    return int(_compiled(t, theta, actions, h, states, efforts, *own, others, np.zeros(others.size), slow, scaled))

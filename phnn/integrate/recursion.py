@@ -10,7 +10,7 @@ Made for one way to differentiate a step, a function that fills the derivatives.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 from phnn.integrate.compiled import inline, loop
 from phnn.integrate.elimination import eliminate
@@ -21,59 +21,6 @@ from phnn.integrate.tables import (
 )
 
 Compiled = Callable[..., Any]
-
-
-class Columns(NamedTuple):
-    """What the right-hand sides perturb beside the active parameters and the initial states.
-
-    Attributes:
-        junction: whose force is perturbed; first_force: the first column of such a perturbation.
-        first_varied: the first column of a parameter perturbed by a signal; varied: (W,) which these are.
-    """
-
-    junction: Any
-    first_force: Any
-    first_varied: Any
-    varied: Any
-
-
-class Request(NamedTuple):
-    """What a forward sweep is asked: perturbations and the steps at which the output is wanted.
-
-    Attributes:
-        columns: see there; forces: (n, F) of the junction; weights: (n, W) signals.
-        nodes: (M,) step indices; output: number of the state.
-    """
-
-    columns: Any
-    forces: Any
-    weights: Any
-    nodes: Any
-    output: Any
-
-
-class Rows(NamedTuple):
-    """Memory of a forward sweep: (N+m, C) states and unknowns before and after a step, and (m, m)."""
-
-    known: Any
-    following: Any
-    matrix: Any
-
-
-class Backward(NamedTuple):
-    """What a backward sweep fills, and its memory.
-
-    Attributes:
-        w: (N,) filled with ``dL/dx`` at the first node; gradient: (K,); multipliers: (n, N+m), or (0, 0).
-        pulled: (I,), mu: (m, 1) and matrix: (m, m) memory.
-    """
-
-    w: Any
-    gradient: Any
-    multipliers: Any
-    pulled: Any
-    mu: Any
-    matrix: Any
 
 
 @inline
@@ -93,7 +40,7 @@ def _set(out: Any, a: Any, x: Any, b: Any, y: Any) -> None:
 @inline
 def _solve_unknowns(p: Any, d: Any, force: Any, columns: Any, known: Any, matrix: Any) -> None:
     """Fill the rows of the unknowns from those of the states."""
-    (junction, first_force, first_varied, varied), weight_of = columns
+    junction, first_force, first_varied, varied, weight_of = columns
     m, k_active = matrix.shape[0], p.active.shape[0]
     n = known.shape[0] - m
     for j in range(m):
@@ -118,16 +65,16 @@ def _solve_unknowns(p: Any, d: Any, force: Any, columns: Any, known: Any, matrix
 
 
 @inline
-def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, rows: Any) -> None:
+def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, known: Any, following: Any, matrix: Any) -> None:
     """One step of the recursion for all columns.
 
     Args:
         force: (F,) perturbations of one junction's force.
-        columns: the `Columns`, and the signals at this step.
-        rows: the states are known, the unknowns are filled in, and the states that follow.
+        columns: that junction, the first columns of those perturbations and of the parameters perturbed by a signal,
+            which these are, and their signals at this step.
+        known: (N+m, C) the states, and the unknowns, which are filled in; following: (N+m, C) its states are filled.
     """
-    (_, _, first_varied, varied), weight_of = columns
-    known, following, matrix = rows
+    _, _, first_varied, varied, weight_of = columns
     m = matrix.shape[0]
     n = known.shape[0] - m
     _solve_unknowns(p, d, force, columns, known, matrix)
@@ -164,7 +111,7 @@ def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, rows: Any) -> N
 @inline
 def _remember(d: Any, columns: Any, known: Any, following: Any, inputs: Any) -> None:
     """The memories' rows; ``inputs`` counts states and unknowns."""
-    (_, _, first_varied, varied), weight_of = columns
+    _, _, first_varied, varied, weight_of = columns
     memories = d.by_memory.shape[0]
     for k in range(memories):
         # The last states.
@@ -182,15 +129,18 @@ def make_sensitivities(derivatives_at: Compiled) -> Compiled:
     """The forward sweep of `phnn.integrate.sweep.sensitivities`, which owns its memory."""
 
     @loop
-    def steps(t: Any, p: Any, d: Any, run: Any, request: Any, rows: Any, out: Any) -> None:
-        columns, forces, weights, nodes, output = request
-        known, following, matrix = rows
+    def steps(
+        t: Any, p: Any, d: Any, run: Any, forces: Any, columns: Any, weights: Any, nodes: Any, output: Any, known: Any,
+        following: Any, matrix: Any, out: Any,
+    ) -> None:  # fmt: skip
+        junction, first_force, first_varied, varied = columns
         for c in range(out.shape[1]):
             out[0, c] = known[output, c]
         node = 1
         for n in range(run.h.shape[0]):
             derivatives_at(t, p, d, n, run, n == 0 or run.h[n] != run.h[n - 1])
-            _propagate(t, p, d, forces[n], (columns, weights[n]), Rows(known, following, matrix))
+            here = (junction, first_force, first_varied, varied, weights[n])
+            _propagate(t, p, d, forces[n], here, known, following, matrix)
             known, following = following, known
             if node < nodes.shape[0] and nodes[node] == n + 1:
                 for c in range(out.shape[1]):
@@ -224,8 +174,10 @@ def make_adjoint(derivatives_at: Compiled) -> Compiled:
     """The backward sweep of `phnn.integrate.sweep.adjoint`, which owns its memory."""
 
     @loop
-    def steps(t: Any, p: Any, d: Any, run: Any, cotangent: Any, filled: Any) -> None:
-        w, gradient, multipliers, pulled, mu, matrix = filled
+    def steps(
+        t: Any, p: Any, d: Any, run: Any, cotangent: Any, w: Any, gradient: Any, multipliers: Any, pulled: Any,
+        mu: Any, matrix: Any,
+    ) -> None:  # fmt: skip
         n, m = w.shape[0], mu.shape[0]
         last = run.h.shape[0] - 1
         for step in range(last, -1, -1):

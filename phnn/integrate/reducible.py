@@ -20,7 +20,7 @@ from phnn.integrate.roots import NOTHING, TOLERANCE
 from phnn.integrate.stages import radau_defects
 from phnn.integrate.tables import EXACT
 from phnn.laws import RESISTOR_LAWS
-from phnn.laws.leaf import Branch, Relaxed, rc_flow, relaxation
+from phnn.laws.leaf import rc_flow, relaxation
 from phnn.network.system import PortHamiltonianSystem
 
 # Newton steps for both stages at once, before each is looked for in a bracket.
@@ -89,8 +89,8 @@ def _exact_flow(around: Surroundings, k: int, s: Tensor, x: Tensor, current: Ten
     first, *others = resistors_of(system.network, system.state_names[k])
     rho, low, high = _thresholds(around, first, one)
     leak = sum((system.branch_flow(r, one, around.middle) for r in others), torch.zeros_like(one))
-    relaxed = Relaxed(*relaxation(h * (rho + leak) * s), *relaxation(h * leak * s))
-    return rc_flow(x + 0.0 * one, current, h + 0.0 * one, Branch(s, rho, low, high, leak), relaxed)
+    relaxed = *relaxation(h * (rho + leak) * s), *relaxation(h * leak * s)
+    return rc_flow(x + 0.0 * one, current, h + 0.0 * one, s, rho, low, high, leak, *relaxed)
 
 
 def _thresholds(around: Surroundings, r: int, like: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from phnn.integrate.arguments import step_of
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import CAPACITY, fill_constants
 from phnn.integrate.elimination import eliminate
@@ -35,18 +34,20 @@ _STEP, _BEGIN, _POINT, _NORMAL, _SCALE, _ROUNDING, _KEPT, _LATEST = range(8)
 @inline
 def _value_at(y: Any, context: Any) -> Any:
     t, h, values, _ = context
-    values.y[0] = y
-    inlined_balance(step_of(t, h, values), values.wx)
-    return values.wj[FORCE, 0], values.wj[SIZE, 0]
+    theta, c, g, a, x, ys, wj, wx = values
+    ys[0] = y
+    inlined_balance(t, theta, c, g, a, x, ys, h, wj, wx)
+    return wj[FORCE, 0], wj[SIZE, 0]
 
 
 @plain
 def _slope_at(y: Any, context: Any) -> Any:
     stay_outside()
     t, h, _, perturbed = context
-    perturbed.y[0] = complex(y, TINY)
-    balance(step_of(t, h, perturbed), perturbed.wx)
-    return perturbed.wj[FORCE, 0].imag / TINY
+    theta, c, g, a, x, ys, wj, wx = perturbed
+    ys[0] = complex(y, TINY)
+    balance(t, theta, c, g, a, x, ys, h, wj, wx)
+    return wj[FORCE, 0].imag / TINY
 
 
 _root = inline(make_root(_value_at, _slope_at))
@@ -74,11 +75,12 @@ def solve_one(t: Any, h: Any, slope: Any, values: Any, perturbed: Any) -> Any:
 
     Args:
         slope: of an earlier step that may still hold, or 0.
-        values: of the step; left at the root.
+        values: (theta, c, g, a, x, y, wj, wx) as for `balance`; left at the root.
         perturbed: the same in complex numbers, without perturbations.
     """
-    y, slope = _root(values.y[0], inertia(t, 0, values.c) / h, slope, (t, h, values, perturbed))
-    values.y[0] = y
+    _, c, _, _, _, ys, _, _ = values
+    y, slope = _root(ys[0], inertia(t, 0, c) / h, slope, (t, h, values, perturbed))
+    ys[0] = y
     return np.isfinite(y), slope
 
 
@@ -86,15 +88,16 @@ def solve_one(t: Any, h: Any, slope: Any, values: Any, perturbed: Any) -> Any:
 def fill_jacobian(t: Any, h: Any, y: Any, perturbed: Any, jacobian: Any) -> None:
     """(m, m) ``∂F/∂y``, a column for every perturbed unknown."""
     stay_outside()
-    ys, m = perturbed.y, y.shape[0]
+    theta, c, g, a, x, ys, wj, wx = perturbed
+    m = y.shape[0]
     for j in range(m):
         ys[j] = complex(y[j], 0.0)
     for i in range(m):
         ys[i] = complex(y[i], TINY)
-        balance(step_of(t, h, perturbed), perturbed.wx)
+        balance(t, theta, c, g, a, x, ys, h, wj, wx)
         ys[i] = complex(y[i], 0.0)
         for j in range(m):
-            jacobian[j, i] = perturbed.wj[FORCE, j].imag / TINY
+            jacobian[j, i] = wj[FORCE, j].imag / TINY
 
 
 @plain
@@ -126,7 +129,7 @@ def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
     iterate is projected on a plane that separates it from the solution and comes nearer to it (Solodov & Svaiter 1998).
     """
     stay_outside()
-    y, wj = values.y, values.wj
+    theta, c, g, a, x, y, wj, wx = values
     m = y.shape[0]
     before = _merit(wj, own)
     length = 0.0
@@ -138,7 +141,7 @@ def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
     for _ in range(_HALVINGS):
         for j in range(m):
             y[j] = own[_BEGIN, j] + part * own[_STEP, j]
-        balance(step_of(t, h, values), values.wx)
+        balance(t, theta, c, g, a, x, y, h, wj, wx)
         if _merit(wj, own) <= (1.0 - _SUFFICIENT * part) * before:
             return True
         gain = 0.0
@@ -157,7 +160,7 @@ def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
     for j in range(m):
         shift = along / norm * own[_NORMAL, j] / own[_SCALE, j] ** 2 if separated else 0.0
         y[j] = own[_BEGIN, j] - shift
-    balance(step_of(t, h, values), values.wx)
+    balance(t, theta, c, g, a, x, y, h, wj, wx)
     return separated
 
 
@@ -168,56 +171,55 @@ def _magnitude(t: Any, j: Any, x: Any, y: Any) -> Any:
 
 
 @inline
-def _ask(t: Any, values: Any, room: Any) -> None:
+def _ask(t: Any, x: Any, y: Any, wj: Any, jacobian: Any, step: Any, own: Any) -> None:
     """What a Newton step is to take away, and what rounding leaves of it."""
-    y, (jacobian, step, own) = values.y, room
     for j in range(y.shape[0]):
-        step[j, 0] = -values.wj[FORCE, j]
+        step[j, 0] = -wj[FORCE, j]
         own[_ROUNDING, j] = 0.0
         for i in range(y.shape[0]):
-            own[_ROUNDING, j] += abs(jacobian[j, i]) * _magnitude(t, i, values.x, y)
+            own[_ROUNDING, j] += abs(jacobian[j, i]) * _magnitude(t, i, x, y)
 
 
 @plain
-def _once(t: Any, h: Any, values: Any, room: Any) -> bool:
+def _once(t: Any, h: Any, values: Any, jacobian: Any, step: Any, own: Any) -> bool:
     """One step with the latest Jacobian: where the equations are piecewise linear that mostly is all it takes.
 
     Where it is not the unknowns are put back.
     """
     stay_outside()
-    y, (jacobian, step, own) = values.y, room
+    theta, c, g, a, x, y, wj, wx = values
     m = y.shape[0]
-    balance(step_of(t, h, values), values.wx)
+    balance(t, theta, c, g, a, x, y, h, wj, wx)
     for j in range(m):
         for i in range(m):
             jacobian[j, i] = own[_LATEST + j, i]
-    _ask(t, values, room)
+    _ask(t, x, y, wj, jacobian, step, own)
     eliminate(jacobian, step)
     for j in range(m):
         own[_BEGIN, j] = y[j]
         y[j] += step[j, 0]
-    balance(step_of(t, h, values), values.wx)
-    found = _converged(values.wj, own, False)
+    balance(t, theta, c, g, a, x, y, h, wj, wx)
+    found = _converged(wj, own, False)
     for j in range(0 if found else m):
         y[j] = own[_BEGIN, j]
     return found
 
 
 @plain
-def _newton(t: Any, h: Any, values: Any, perturbed: Any, room: Any, damped: bool) -> bool:
+def _newton(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any, damped: bool) -> bool:
     """Newton's method from ``y``, damped by `_advance` or with whole steps."""
     stay_outside()
-    y, wj, (jacobian, step, own) = values.y, values.wj, room
+    theta, c, g, a, x, y, wj, wx = values
     m = y.shape[0]
     for j in range(m):
-        own[_SCALE, j] = np.sqrt(inertia(t, j, values.c) / h)
-    balance(step_of(t, h, values), values.wx)
+        own[_SCALE, j] = np.sqrt(inertia(t, j, c) / h)
+    balance(t, theta, c, g, a, x, y, h, wj, wx)
     for iteration in range(_ITERATIONS if damped else _WHOLE):
         fill_jacobian(t, h, y, perturbed, jacobian)
         for j in range(m):
             for i in range(m):
                 own[_LATEST + j, i] = jacobian[j, i]
-        _ask(t, values, room)
+        _ask(t, x, y, wj, jacobian, step, own)
         if _converged(wj, own, iteration >= _STRICT):
             return True
         eliminate(jacobian, step)
@@ -229,7 +231,7 @@ def _newton(t: Any, h: Any, values: Any, perturbed: Any, room: Any, damped: bool
         else:
             for j in range(m):
                 y[j] += step[j, 0]
-            balance(step_of(t, h, values), values.wx)
+            balance(t, theta, c, g, a, x, y, h, wj, wx)
     return _converged(wj, own, True)
 
 
@@ -242,28 +244,28 @@ def rest_guess(t: Any, theta: Any, x: Any, y: Any) -> None:
 
 
 @plain
-def _followed(t: Any, h: Any, values: Any, perturbed: Any, room: Any) -> bool:
+def _followed(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any) -> bool:
     """The solution of ever longer parts of the step, each begun at that of the one before.
 
     The equations of monotone laws have one solution for every length, which depends on it continuously. Close to it
     whole Newton steps find their way across kinks at which a line search may stop.
     """
     stay_outside()
-    y, own = values.y, room.own
+    theta, c, _, _, x, y, _, _ = values
     m = y.shape[0]
-    rest_guess(t, values.theta, values.x, y)
+    rest_guess(t, theta, x, y)
     done, part = 0.0, _FIRST_PART
     while done < 1.0:
         part = min(part, 1.0 - done)
         for j in range(m):
             own[_KEPT, j] = y[j]
         length = (done + part) * h
-        prepare(t, values.theta, length, values.c, perturbed.c)
-        found = _newton(t, length, values, perturbed, room, False)
+        prepare(t, theta, length, c, perturbed[1])
+        found = _newton(t, length, values, perturbed, jacobian, step, own, False)
         if not found:
             for j in range(m):
                 y[j] = own[_KEPT, j]
-            found = _newton(t, length, values, perturbed, room, True)
+            found = _newton(t, length, values, perturbed, jacobian, step, own, True)
         if found:
             done, part = done + part, 2.0 * part
         else:
@@ -271,22 +273,22 @@ def _followed(t: Any, h: Any, values: Any, perturbed: Any, room: Any) -> bool:
                 y[j] = own[_KEPT, j]
             part *= 0.5
             if part < _LEAST_PART:
-                prepare(t, values.theta, h, values.c, perturbed.c)
+                prepare(t, theta, h, c, perturbed[1])
                 return False
     return True
 
 
 @plain
-def solve_many(t: Any, h: Any, values: Any, perturbed: Any, room: Any) -> bool:
+def solve_many(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any) -> bool:
     """Solve for several junctions from the guess in ``y``; the values are left at the solution.
 
     Args:
         values, perturbed: as for `solve_one`.
-        room: memory.
+        jacobian: (m, m), step: (m, 1) and own: (7+m, m) memory, zero before the first step.
     """
     stay_outside()
-    if room.own[_LATEST, 0] != 0.0 and _once(t, h, values, room):
+    if own[_LATEST, 0] != 0.0 and _once(t, h, values, jacobian, step, own):
         return True
-    if _newton(t, h, values, perturbed, room, True):
+    if _newton(t, h, values, perturbed, jacobian, step, own, True):
         return True
-    return _followed(t, h, values, perturbed, room)
+    return _followed(t, h, values, perturbed, jacobian, step, own)

@@ -19,13 +19,16 @@ from typing import Any
 
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import (
+    HIGH,
     LEAK,
     LEAK_ONE,
     LEAK_TWO,
+    LOW,
+    ONE,
+    RHO,
     STIFFNESS,
-    branch_of,
+    TWO,
     fill_gains,
-    relaxed_of,
     scale_gains,
 )
 from phnn.integrate.lookups import (
@@ -66,29 +69,27 @@ from phnn.integrate.terms import (
     leaf_current,
     read,
 )
-from phnn.laws.leaf import Branch, Relaxed, rc_flow, relaxation
+from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.namespace import real
 
 
 @plain
-def modulate(s: Any) -> None:
+def modulate(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
     """Set the gains to what they are at mid-step."""
     stay_outside()
-    t = s.t
-    fill_gains(t, s.theta, s.g)
+    fill_gains(t, theta, g)
     for r in range(t[0, FACTORS], t[0, FACTORS + 1]):
-        scale_gains(t, t[r, RATIO_PLACE], factor(t, r, read(s, t[r, READ]), s.theta), s.g)
+        scale_gains(t, t[r, RATIO_PLACE], factor(t, r, read(t, t[r, READ], c, g, a, x, y, h, wj), theta), g)
 
 
 @inline
 def _lost(context: Any, effort: Any) -> Any:
     """``Σ_r b_r φ_r(b_r ε)`` of a leaf at an effort."""
-    s, leaf = context
-    t, theta, g = s.t, s.theta, s.g
+    t, leaf, theta, c, g, a, x, y, h, wj = context
     row = t[0, LEAVES] + leaf
     total = 0.0 * effort
     for r in range(t[row, FIRST_RESISTOR], t[row, LAST_RESISTOR]):
-        q = read(s, t[r, READ])
+        q = read(t, t[r, READ], c, g, a, x, y, h, wj)
         total += g[r] * resistor_flow(t, r, g[r] * effort, q, theta)
     return total
 
@@ -96,12 +97,11 @@ def _lost(context: Any, effort: Any) -> Any:
 @inline
 def _plainly_lost(context: Any, effort: Any) -> Any:
     """`_lost` without the perturbations of ratios and of what laws read; ``theta`` has none."""
-    s, leaf = context
-    t, theta, g = s.t, s.theta, s.g
+    t, leaf, theta, c, g, a, x, y, h, wj = context
     row = t[0, LEAVES] + leaf
     total = 0.0 * effort
     for r in range(t[row, FIRST_RESISTOR], t[row, LAST_RESISTOR]):
-        q = read(s, t[r, READ])
+        q = read(t, t[r, READ], c, g, a, x, y, h, wj)
         ratio = real(g[r])
         total += ratio * resistor_flow(t, r, ratio * effort, real(q) + 0.0 * q, theta)
     return total
@@ -112,8 +112,8 @@ def _at_state(lost: Any) -> Any:
 
     def at_state(state: Any, context: Any) -> Any:
         stay_outside()
-        s, leaf = context
-        return lost(context, mean_effort(s.t, s.t[s.t[0, LEAVES] + leaf, OWN_STORAGE], state, state, s.theta))
+        t, leaf, theta = context[:3]
+        return lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, OWN_STORAGE], state, state, theta))
 
     return plain(at_state)
 
@@ -123,8 +123,8 @@ def _between_states(lost: Any) -> Any:
 
     def between_states(start: Any, end: Any, context: Any) -> Any:
         stay_outside()
-        s, leaf = context
-        return lost(context, mean_effort(s.t, s.t[s.t[0, LEAVES] + leaf, OWN_STORAGE], start, end, s.theta))
+        t, leaf, theta = context[:3]
+        return lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, OWN_STORAGE], start, end, theta))
 
     return plain(between_states)
 
@@ -141,59 +141,63 @@ def is_closed(t: Any, leaf: Any) -> Any:
 
 
 @plain
-def leaf_search(s: Any, leaf: Any) -> Any:
+def leaf_search(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
     """What solves the equations of a leaf without a closed solution, in plain numbers: see `phnn.integrate.stages`."""
     stay_outside()
-    t, context = s.t, (s, leaf)
     row = t[0, LEAVES] + leaf
-    start, current = real(s.x[t[row, OWN_STORAGE]]), real(leaf_current(t, leaf, s.g, s.a, s.wj))
+    start, current = real(x[t[row, OWN_STORAGE]]), real(leaf_current(t, leaf, g, a, wj))
+    context = (t, leaf, theta, c, g, a, x, y, h, wj)
     if t[row, RULE] == RADAU:
-        return _radau_search(start, current, s.h, context)
-    end, slope = _gradient_search(start, current, s.h, context)
+        return _radau_search(start, current, h, context)
+    end, slope = _gradient_search(start, current, h, context)
     return end, slope, 0.0, 0.0
 
 
 @plain
-def leaf_moved(s: Any, leaf: Any, found: Any) -> Any:
+def leaf_moved(
+    t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, found: Any
+) -> Any:  # fmt: skip
     """End state and mean effort of a leaf from what `leaf_search` found."""
     stay_outside()
-    t, context = s.t, (s, leaf)
     row = t[0, LEAVES] + leaf
     k = t[row, OWN_STORAGE]
-    start, current = s.x[k], leaf_current(t, leaf, s.g, s.a, s.wj)
+    context = (t, leaf, theta, c, g, a, x, y, h, wj)
+    current = leaf_current(t, leaf, g, a, wj)
     if t[row, RULE] == RADAU:
-        return _radau_moved(start, current, s.h, s.c[leaf, STIFFNESS], found, context)
-    end = _gradient_moved(start, current, s.h, (found[0], found[1]), context)
-    return end, mean_effort(t, k, start, end, s.theta)
+        return _radau_moved(x[k], current, h, c[leaf, STIFFNESS], found, context)
+    end = _gradient_moved(x[k], current, h, (found[0], found[1]), context)
+    return end, mean_effort(t, k, x[k], end, theta)
 
 
 @inline
-def leaf_closed(s: Any, leaf: Any) -> Any:
+def leaf_closed(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
     """End state and mean effort of a leaf with a closed solution."""
-    t, x, h, c = s.t, s.x, s.h, s.c[leaf]
     row = t[0, LEAVES] + leaf
     k, rule = t[row, OWN_STORAGE], t[row, RULE]
     if rule == LOSSLESS:
-        gain = h * leaf_current(t, leaf, s.g, s.a, s.wj)
+        gain = h * leaf_current(t, leaf, g, a, wj)
         if t[row, IS_LINEAR] > 0:
-            return x[k] + gain, c[STIFFNESS] * (x[k] + 0.5 * gain)
-        return x[k] + gain, mean_effort(t, k, x[k], x[k] + gain, s.theta)
-    branch, relaxed = branch_of(c), relaxed_of(c)
+            return x[k] + gain, c[leaf, STIFFNESS] * (x[k] + 0.5 * gain)
+        return x[k] + gain, mean_effort(t, k, x[k], x[k] + gain, theta)
+    rho, low, high = c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH]
+    one, two, leak = c[leaf, ONE], c[leaf, TWO], c[leaf, LEAK]
     r = t[row, FIRST_RESISTOR]
     if t[r, READ] >= 0:
-        rho, low, high = resistor_thresholds(t, r, read(s, t[r, READ]), s.theta)
-        branch = Branch(c[STIFFNESS], rho, low, high, c[LEAK])
-        one, two = relaxation(h * (rho + c[LEAK]) * c[STIFFNESS])
-        relaxed = Relaxed(one, two, c[LEAK_ONE], c[LEAK_TWO])
-    return rc_flow(x[k], leaf_current(t, leaf, s.g, s.a, s.wj), h, branch, relaxed)
+        rho, low, high = resistor_thresholds(t, r, read(t, t[r, READ], c, g, a, x, y, h, wj), theta)
+        one, two = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])
+    return rc_flow(
+        x[k], leaf_current(t, leaf, g, a, wj), h, c[leaf, STIFFNESS], rho, low, high, leak, one, two,
+        c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
+    )  # fmt: skip
 
 
 @inline
-def leaf_step(s: Any, leaf: Any) -> Any:
+def leaf_step(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
     """End state and mean effort of a leaf."""
-    if is_closed(s.t, leaf):
-        return leaf_closed(s, leaf)
-    return leaf_moved(s, leaf, leaf_search(s, leaf))
+    if is_closed(t, leaf):
+        return leaf_closed(t, leaf, theta, c, g, a, x, y, h, wj)
+    found = leaf_search(t, leaf, theta, c, g, a, x, y, h, wj)
+    return leaf_moved(t, leaf, theta, c, g, a, x, y, h, wj, found)
 
 
 @inline
@@ -205,31 +209,33 @@ def leaf_forces(t: Any, leaf: Any, g: Any, effort: Any, wj: Any) -> None:
 
 
 @inline
-def inlined_balance(s: Any, wx: Any) -> None:
-    """``F`` at the unknowns of a `phnn.integrate.arguments.Step`, and what they lead to.
+def inlined_balance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any) -> None:
+    """``F`` at the unknowns ``y``, and what they lead to.
 
     Args:
+        t: table; theta: (M,) parameters; x: (N,) state; y: (m,) unknowns; h: step.
+        c, g, a: see `phnn.integrate.constants`; modulated gains are filled in here.
+        wj: (4, m) filled with ``v̄``, ``z − p``, ``F`` and the size of its terms.
         wx: (2, N) filled with end states and mean efforts.
     """
-    t = s.t
-    junction_flows(t, s.theta, s.x, s.y, s.wj)
+    junction_flows(t, theta, x, y, wj)
     if count(t, FACTORS) > 0:
-        modulate(s)
-    junction_terms(s)
+        modulate(t, theta, c, g, a, x, y, h, wj)
+    junction_terms(t, theta, c, g, a, x, y, h, wj)
     for leaf in range(count(t, LEAVES)):
-        end, mean = leaf_step(s, leaf)
+        end, mean = leaf_step(t, leaf, theta, c, g, a, x, y, h, wj)
         k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
         wx[NEXT, k] = end
         wx[EFFORT, k] = mean
-        leaf_forces(t, leaf, s.g, mean, s.wj)
+        leaf_forces(t, leaf, g, mean, wj)
     for j in range(count(t, JUNCTIONS)):
         k = junction_storage(t, j)
-        wx[NEXT, k] = s.x[k] + s.wj[CHANGE, j]
-        wx[EFFORT, k] = s.wj[FLOW, j]
+        wx[NEXT, k] = x[k] + wj[CHANGE, j]
+        wx[EFFORT, k] = wj[FLOW, j]
 
 
 @plain
-def balance(s: Any, wx: Any) -> None:
+def balance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any) -> None:
     """`inlined_balance` as a call."""
     stay_outside()
-    inlined_balance(s, wx)
+    inlined_balance(t, theta, c, g, a, x, y, h, wj, wx)

@@ -18,7 +18,7 @@ from phnn.integrate.linearise import derivatives_at
 from phnn.integrate.pattern import Pattern, Run, pattern_of
 from phnn.integrate.perturbed import Derivatives, new_derivatives
 from phnn.integrate.program import Program
-from phnn.integrate.recursion import Backward, Columns, Request, Rows, make_adjoint, make_sensitivities
+from phnn.integrate.recursion import make_adjoint, make_sensitivities
 from phnn.integrate.tables import (
     PLACE_4,
     PORTS,
@@ -61,7 +61,7 @@ class Marched(NamedTuple):
     h: Array
 
     def first(self, steps: int | None) -> Marched:
-        """The same up to a number of steps; all of it where it is None."""
+        """The same in the first steps; in all of them where ``steps`` is None."""
         nodes = None if steps is None else steps + 1
         return Marched(
             self.program, self.theta, self.states[:nodes], self.efforts[:steps], self.u[:steps], self.h[:steps]
@@ -148,10 +148,11 @@ def sensitivities(
     known[: states.shape[1], : start.shape[1]] = start
     known[initial, active.size + np.arange(initial.size)] = 1.0
     junction, following = program.junctions.index(program.states[program.flow]) if m else 0, np.zeros_like(known)
-    columns = Columns(junction, first_force, first_varied, varied)
-    request = Request(columns, perturbed.forces, perturbed.weights, nodes, program.output)
-    rows = Rows(known, following, np.zeros((m, m)))
-    _sensitivities(program.table, pattern, memory, run, request, rows, out)
+    columns = (junction, first_force, first_varied, varied)
+    _sensitivities(
+        program.table, pattern, memory, run, perturbed.forces, columns, perturbed.weights, nodes, program.output, known,
+        following, np.zeros((m, m)), out,
+    )  # fmt: skip
     if end is not None:
         # The sweep goes back and forth between the two.
         end[:] = (following if march.h.size % 2 else known)[: states.shape[1]]
@@ -182,6 +183,8 @@ def adjoint(
     w = np.zeros(march.states.shape[1]) if carry is None else carry.copy()
     gradient, pulled = np.zeros(active.size), np.zeros(pattern.slot.size)
     room = np.zeros((0, 0)) if multipliers is None else multipliers
-    filled = Backward(w, gradient, room, pulled, np.zeros((m, 1)), np.zeros((m, m)))
-    _adjoint(march.program.table, pattern, memory, run, cotangent, filled)
+    _adjoint(
+        march.program.table, pattern, memory, run, cotangent, w, gradient, room, pulled, np.zeros((m, 1)),
+        np.zeros((m, m)),
+    )  # fmt: skip
     return gradient, w

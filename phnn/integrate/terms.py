@@ -55,20 +55,19 @@ def leaf_current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
 
 
 @inline
-def read(s: Any, r: Any) -> Any:
+def read(t: Any, r: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
     """Mid-step energy variable, or memory, that a law may read; 0 for none.
 
     The ratios of a leaf that is read follow no energy variable; a memory is read as it is at the start of the step.
     """
-    t, x = s.t, s.x
     if r < 0:
-        return 0.0 * s.g[0]
+        return 0.0 * g[0]
     leaf, j = t[r, READ_LEAF], t[r, READ_JUNCTION]
     if t[r, READ_MEMORY] >= 0:
         return x[t[r, READ_MEMORY]]
     if leaf >= 0:
-        return x[t[t[0, LEAVES] + leaf, OWN_STORAGE]] + 0.5 * s.h * leaf_current(t, leaf, s.g, s.a, s.wj)
-    return x[junction_storage(t, j)] + 0.5 * junction_change(t, j, s.c, x, s.y)
+        return x[t[t[0, LEAVES] + leaf, OWN_STORAGE]] + 0.5 * h * leaf_current(t, leaf, g, a, wj)
+    return x[junction_storage(t, j)] + 0.5 * junction_change(t, j, c, x, y)
 
 
 @inline
@@ -96,10 +95,9 @@ def add(term: Any, j: Any, wj: Any) -> None:
 
 
 @inline
-def _resistor_term(s: Any, r: Any) -> None:
-    t, g, wj = s.t, s.g, s.wj
+def _resistor_term(t: Any, r: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
     effort = branch_effort(t, r, g, wj)
-    flow = resistor_flow(t, r, effort, read(s, t[r, READ]), s.theta)
+    flow = resistor_flow(t, r, effort, read(t, t[r, READ], c, g, a, x, y, h, wj), theta)
     for b in range(t[r, FIRST_BRANCH], t[r, LAST_BRANCH]):
         add(g[b] * flow, t[b, TO_JUNCTION], wj)
 
@@ -115,29 +113,28 @@ def _inlet_term(t: Any, r: Any, g: Any, a: Any, wj: Any) -> None:
 
 
 @inline
-def junction_term(s: Any, r: Any) -> None:
+def junction_term(t: Any, r: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
     """Add what the junction resistor, gyrator or junction inlet in row ``r`` exerts."""
-    if r < s.t[0, JUNCTION_RESISTORS + 1]:
-        _resistor_term(s, r)
-    elif r < s.t[0, GYRATORS + 1]:
-        _gyrator_term(s.t, r, s.g, s.wj)
+    if r < t[0, JUNCTION_RESISTORS + 1]:
+        _resistor_term(t, r, theta, c, g, a, x, y, h, wj)
+    elif r < t[0, GYRATORS + 1]:
+        _gyrator_term(t, r, g, wj)
     else:
-        _inlet_term(s.t, r, s.g, s.a, s.wj)
+        _inlet_term(t, r, g, a, wj)
 
 
 @inline
-def junction_terms(s: Any) -> None:
+def junction_terms(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
     """``F`` without the leaves, the size of its terms, and ``z − p``."""
-    t, x, wj = s.t, s.x, s.wj
-    rate = 1.0 / s.h
+    rate = 1.0 / h
     for j in range(count(t, JUNCTIONS)):
-        change = junction_change(t, j, s.c, x, s.y)
+        change = junction_change(t, j, c, x, y)
         wj[CHANGE, j] = change
         wj[FORCE, j] = change * rate
         wj[SIZE, j] = (abs(change.real) + abs(x[junction_storage(t, j)].real)) * rate
     for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
-        _resistor_term(s, r)
+        _resistor_term(t, r, theta, c, g, a, x, y, h, wj)
     for r in range(t[0, GYRATORS], t[0, GYRATORS + 1]):
-        _gyrator_term(t, r, s.g, wj)
+        _gyrator_term(t, r, g, wj)
     for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
-        _inlet_term(t, r, s.g, s.a, wj)
+        _inlet_term(t, r, g, a, wj)

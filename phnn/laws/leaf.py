@@ -10,7 +10,7 @@ stiff storages without ringing, and returns the *average* effort ``ē = (1/h)∫
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from numba.extending import register_jitable
 
@@ -22,36 +22,6 @@ _SATURATED = 40.0
 _NEVER = 1e300
 # An end this close to a threshold, relative to the effort it came from, may lie on either side of it.
 _ROUNDING = 1e-12
-
-
-class Branch(NamedTuple):
-    """A linear storage with a piecewise linear resistor and a leak.
-
-    Attributes:
-        stiffness: ``1/C`` with ``e = x/C``.
-        rho, low, high: slope and thresholds of the resistor, ``ρ ≥ 0``, ``lo ≤ 0 ≤ hi``.
-        leak: conductance ``g ≥ 0`` beside the resistor.
-    """
-
-    stiffness: Any
-    rho: Any
-    low: Any
-    high: Any
-    leak: Any
-
-
-class Relaxed(NamedTuple):
-    """The relaxation of a `Branch` in steps of one size: given, because it stays the same from step to step.
-
-    Attributes:
-        one, two: `relaxation` of ``h (ρ + g)/C``, beyond a threshold.
-        leak_one, leak_two: the same of ``h g/C``, inside the dead zone.
-    """
-
-    one: Any
-    two: Any
-    leak_one: Any
-    leak_two: Any
 
 
 @shared
@@ -99,9 +69,10 @@ def _time_to_threshold(depth: Any, current: Any, rho: Any, capacitance: Any) -> 
 
 
 @register_jitable(error_model="numpy", forceinline=False)
-def _across(current: Any, h: Any, branch: Any, e0: Any, drive: Any) -> Any:
-    """The step region by region, for those that meet a threshold, from the effort ``e0``."""
-    stiffness, rho, low, high, leak = branch
+def _across(
+    x: Any, current: Any, h: Any, stiffness: Any, rho: Any, low: Any, high: Any, leak: Any, e0: Any, drive: Any
+) -> Any:  # fmt: skip
+    """The step region by region, for those that meet a threshold."""
     capacitance, slope = reciprocal(stiffness), rho + leak
     # Mirror a falling state: what follows moves upwards through (below, inside, above).
     falling = real(drive) < 0.0
@@ -133,20 +104,20 @@ def _across(current: Any, h: Any, branch: Any, e0: Any, drive: Any) -> Any:
 
 
 @shared
-def resting(x: Any, current: Any, h: Any, branch: Any, relaxed: Any) -> Any:
-    """End state and average effort of a step inside the dead zone."""
-    stiffness = branch.stiffness
-    gain = (current - branch.leak * (x * stiffness)) * h
-    return x + gain * relaxed.leak_one, stiffness * (x + gain * relaxed.leak_two)
+def resting(x: Any, current: Any, h: Any, stiffness: Any, leak: Any, one: Any, two: Any) -> Any:
+    """End state and average effort of a step inside the dead zone; ``one``, ``two``: `relaxation` of ``h g/C``."""
+    gain = (current - leak * (x * stiffness)) * h
+    return x + gain * one, stiffness * (x + gain * two)
 
 
 @shared
-def sliding(x: Any, current: Any, h: Any, branch: Any, relaxed: Any, threshold: Any) -> Any:
-    """The same of a step beyond one threshold."""
-    stiffness = branch.stiffness
+def sliding(
+    x: Any, current: Any, h: Any, stiffness: Any, rho: Any, threshold: Any, leak: Any, one: Any, two: Any
+) -> Any:  # fmt: skip
+    """The same of a step beyond one threshold; ``one`` and ``two`` are `relaxation` of ``h (ρ + g)/C``."""
     effort = x * stiffness
-    gain = (current - branch.leak * effort - branch.rho * (effort - threshold)) * h
-    return x + gain * relaxed.one, stiffness * (x + gain * relaxed.two)
+    gain = (current - leak * effort - rho * (effort - threshold)) * h
+    return x + gain * one, stiffness * (x + gain * two)
 
 
 @shared
@@ -166,36 +137,42 @@ def slides_on(effort: Any, end: Any, above: Any, threshold: Any, current: Any, l
 
 
 @shared
-def rc_flow(x: Any, current: Any, h: Any, branch: Any, relaxed: Any) -> Any:
+def rc_flow(
+    x: Any, current: Any, h: Any, stiffness: Any, rho: Any, low: Any, high: Any, leak: Any, one: Any, two: Any,
+    leak_one: Any, leak_two: Any,
+) -> Any:  # fmt: skip
     """Advance one storage by ``h`` under a constant current.
 
     Args:
         x: charge [C] (or the energy variable of any linear storage).
         current: constant inflow [A].
         h: duration [s], positive.
-        branch: the `Branch`; relaxed: its relaxation in steps of this duration, `Relaxed`.
+        stiffness: ``1/C`` with ``e = x/C``.
+        rho, low, high: slope and thresholds of the resistor, ``ρ ≥ 0``, ``lo ≤ 0 ≤ hi``.
+        leak: conductance ``g ≥ 0`` beside the resistor.
+        one, two: `relaxation` of ``h (ρ + g)/C``; given, because they stay the same from step to step.
+        leak_one, leak_two: the same of ``h g/C``.
 
     Returns:
         ``(x⁺, ē)``: the charge at the end and the average effort.
     """
-    stiffness, rho, low, high, leak = branch
     e0 = x * stiffness
     excess = e0 - high
     deficit = e0 - low
     # Most steps meet no threshold: one closed form, recognised by its end. Without a dead zone nothing rests in it.
     if certain((real(excess) <= 0.0) & (real(deficit) >= 0.0) & (real(high) > real(low))):
-        end, mean = resting(x, current, h, branch, relaxed)
+        end, mean = resting(x, current, h, stiffness, leak, leak_one, leak_two)
         last = real(end) * real(stiffness)
         if certain((last <= real(high)) & (last >= real(low))):
             return end, mean
     elif certain(real(rho) > 0.0):
         above = real(excess) > 0.0
         threshold = where(above, high, low)
-        end, mean = sliding(x, current, h, branch, relaxed, threshold)
+        end, mean = sliding(x, current, h, stiffness, rho, threshold, leak, one, two)
         if certain(slides_on(e0, real(end) * real(stiffness), above, threshold, current, leak)):
             return end, mean
     drive = current - leak * e0 - rho * (maximum(excess, 0.0 * excess) + minimum(deficit, 0.0 * deficit))
-    return _across(current, h, branch, e0, drive)
+    return _across(x, current, h, stiffness, rho, low, high, leak, e0, drive)
 
 
 def loss(x: Any, x_next: Any, current: Any, mean_effort: Any, h: Any, capacitance: Any) -> Any:

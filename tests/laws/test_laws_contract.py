@@ -29,7 +29,7 @@ from phnn.laws import (
     StorageLaw,
     register,
 )
-from phnn.laws.leaf import Branch, Relaxed, loss, rc_flow, relaxation
+from phnn.laws.leaf import loss, rc_flow, relaxation
 from phnn.laws.namespace import TINY
 from phnn.laws.resistor import piecewise_linear
 
@@ -282,8 +282,8 @@ Leaf = dict[str, float]
 def advanced(x, current, h, capacitance, rho, low, high, leak):  # type: ignore[no-untyped-def]
     """End state and mean effort of a leaf."""
     s = 1.0 / capacitance
-    relaxed = Relaxed(*relaxation(h * (rho + leak) * s), *relaxation(h * leak * s))
-    return rc_flow(x, current, h, Branch(s, rho, low, high, leak), relaxed)
+    known = *relaxation(h * (rho + leak) * s), *relaxation(h * leak * s)
+    return rc_flow(x, current, h, s, rho, low, high, leak, *known)
 
 
 def reference(leaf: Leaf) -> tuple[float, float, float]:
