@@ -65,8 +65,8 @@ def random_network(
     """A network that depends on the seed alone.
 
     Args:
-        monotone: only convex energies and monotone resistors, for which every step has exactly one solution; with
-            ``rich`` also no law that follows a state.
+        monotone: only convex energies and monotone resistors, and no law that follows a state: every step then has
+            exactly one solution.
         stiff: factor on one resistor's first parameter.
         rich: neural laws and a modulated ratio among the elements, and every resistor's rate from 1e-3 to 1e9 1/s.
     """
@@ -85,7 +85,7 @@ def random_network(
             stores.append(Storage(name, law.name, draw.values(name, law.example)))
     for r in range(resistors):
         law = pick(resistor_laws)  # type: ignore[arg-type]
-        modulator = str(pick(names)) if draw.random.random() < 0.5 and not (rich and monotone) else None
+        modulator = str(pick(names)) if draw.random.random() < 0.5 and not monotone else None
         if rich and draw.random.random() < 0.15:
             learned = MonotoneMLP(1.0, float(10.0 ** draw.random.uniform(-3.0, 9.0)), 4)
             hindrances.append(Resistor(f"r{r}", learned, draw.on_linear(names, stores) if monotone else draw.on(names)))

@@ -23,7 +23,7 @@ NETWORKS = networks()
 TOLERANCE = 1e-12
 # Parameters that hardly matter are compared on the scale of those that do, see `solve_paths.apart`: of random networks
 # with rates up to 1e9 1/s, which amplify the rounding of a state, all parameters are.
-WEAKEST, STIFF = 1e-3, ("stiff ", "rich ")
+WEAKEST, STIFF = 1e-3, ("stiff ", "rich ", "network ")
 
 
 # Where every path is tried under every scheme even in a hurry: leaves with a closed solution and without, no kernel.
