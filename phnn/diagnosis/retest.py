@@ -15,9 +15,13 @@ from phnn.ensemble import Executor
 from phnn.errors import PhnnError
 from phnn.identification.fit import Fit
 from phnn.identification.staged import EVALUATIONS, fit_identified, stated_only
+from phnn.setup import Setup
+from phnn.units import FORCE_UNITS
 
 # Share of what a larger model explains that the base model alone must explain to have been at a local optimum.
 _MOST = 0.5
+# Added masses that weigh more than this times the first one leave its stated value without a meaning.
+_FAR = 10.0
 
 
 def retested(
@@ -86,13 +90,28 @@ def without(
     """
     values, own = fitted.setup.values(), dropped.effect.equivalents
     best = None
-    for moved in ({}, base.setup.values(), *(own(values) if own is not None else ())):
+    scaled = at_the_mass_of(base.setup, fitted.setup)
+    for moved in ({}, base.setup.values(), *scaled, *(own(values) if own is not None else ())):
         if best is not None and fair_cost(best) - fair_cost(fitted) < tie(fitted, variances):
             break
         known = {n: v for n, v in moved.items() if n not in stated_only(base.held)}
         other = fit_with(base, others, {**values, **known})
         best = min((f for f in (best, other) if f is not None), key=fair_cost, default=None)
     return best
+
+
+def at_the_mass_of(base: Setup, fitted: Setup) -> tuple[dict[str, float], ...]:
+    """The values of a larger model, all forces and charges scaled as its masses are to those of the base model; empty
+    where both have about the same.
+
+    Voltage and displacement leave one factor of all forces and charges open, which a stated mass fixes. A second mass
+    that moves with the first sets it free again: one mass then does what both do, at smaller forces.
+    """
+    masses = [sum(p.value for p in s.parameters.values() if p.unit == "kg") for s in (base, fitted)]
+    if min(masses) <= 0.0 or masses[1] < _FAR * masses[0]:
+        return ()
+    factor = masses[0] / masses[1]
+    return ({n: p.value * factor if p.unit in FORCE_UNITS else p.value for n, p in fitted.parameters.items()},)
 
 
 def better_base(base: Fit, final: Fit) -> Fit | None:

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 from phnn.diagnosis.diagnosis import Diagnosis
-
-# Units of what a common factor of all forces and charges changes, where voltages and displacements stay as they are.
-FORCE_UNITS = (
-    "kg", "N", "N/m", "N s/m", "N s²/m²", "N/V", "kg m/s", "N m", "N m/rad", "N m s/rad", "kg m²",
-    "C", "C/m", "A", "F", "S", "Ohm", "ohm", "H", "V s", "Wb",
-)  # fmt: skip
+from phnn.units import FORCE_UNITS
 
 
 def forces_known(diagnosis: Diagnosis) -> bool:

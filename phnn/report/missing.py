@@ -13,9 +13,9 @@ from phnn.diagnosis.picture import is_effort
 from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.effects.places import place_of
 from phnn.identification.fit import Fit
-from phnn.report.anchored import FORCE_UNITS, forces_known
+from phnn.report.anchored import forces_known
 from phnn.report.sentence import unknown_character, unknown_statement
-from phnn.units import quantity
+from phnn.units import FORCE_UNITS, quantity
 
 _UP_TO_FACTOR = " Absolute values are known up to one common factor, because nothing anchors them."
 _PROVISIONAL = " It is part of the model because it improves predictions; nothing proves that it is the physical cause."

@@ -11,10 +11,10 @@ from phnn.diagnosis.trial import Trial, tie
 from phnn.effects import Plausible
 from phnn.parameters import Parameter
 from phnn.recordings.recording import ACTUATOR
-from phnn.report.anchored import FORCE_UNITS, forces_known
+from phnn.report.anchored import forces_known
 from phnn.report.fingerprint import fingerprint
 from phnn.report.support import PlausibleRow, RivalRow, Support
-from phnn.units import quantity
+from phnn.units import FORCE_UNITS, quantity
 
 # Rivals that are shown beside the neighbours.
 _RIVALS = 6

@@ -28,7 +28,7 @@ from phnn.diagnosis.trial import tie
 from phnn.models.store import save
 from phnn.network.roles import auxiliary
 from phnn.output import Place, claim, finite
-from phnn.report.anchored import FORCE_UNITS, forces_known
+from phnn.report.anchored import forces_known
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, RuleRow, Trace
 from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
 from phnn.report.missing import missing_entries
@@ -37,6 +37,7 @@ from phnn.report.noise import noise_statements
 from phnn.report.sentence import sentence
 from phnn.report.symptoms import symptom_sentences
 from phnn.report.write import write_report
+from phnn.units import FORCE_UNITS
 
 SCHEMA = "phnn.diagnosis/1"
 # What a diagnosis writes into its folder.

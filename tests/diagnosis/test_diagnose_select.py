@@ -19,6 +19,7 @@ from phnn.diagnosis.search import Search
 from phnn.diagnosis.trial import Trial
 from phnn.effects import effect
 from phnn.identification.fit import Fit, fit
+from phnn.units import FORCE_UNITS
 
 VALUES = {"amplifier_lowpass": {"tau_a": 1e-5}, "sensor_lag": {"tau_y": 1e-5}, "creep": {"k_s": 4e3, "tau_s": 5e-3}}
 
@@ -133,3 +134,17 @@ def test_a_base_model_at_a_local_optimum_is_told_from_one_that_lacks_physics() -
     real = campaigns.diagnosis("quadratic_drag", "quadratic_drag").judgement.final
     assert retest.better_base(lacking, real) is None
     assert retest.better_base(good, good) is None
+
+
+def test_a_heavy_mass_that_moves_with_the_first_leaves_the_forces_of_one_mass() -> None:
+    """All forces and charges 2000-fold, and a second mass that takes the first along: the same motion."""
+    good, factor = campaigns.base("quadratic_drag"), 2000.0
+    true = effect("quadratic_drag").add_to(good.setup, {"c_2": 10.0})
+    m = good.setup.values()["m"]
+    large = {n: p.value * factor for n, p in true.parameters.items() if p.unit in FORCE_UNITS and n != "m"}
+    mode = {"m_2": (factor - 1.0) * m, "k_2": 1e7, "b_2": 1e7}
+    heavy = effect("second_mode").add_to(true.with_values(large), mode)
+    (values,) = retest.at_the_mass_of(good.setup, heavy)
+    found = {n: values[n] for n in true.parameters if n != "m"}
+    assert found == pytest.approx({n: true.values()[n] for n in found}, rel=1e-9)
+    assert retest.at_the_mass_of(good.setup, true) == ()
