@@ -29,7 +29,8 @@ def compose(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
         overrides: ``key=value`` in hydra's grammar.
 
     Raises:
-        InputRefused: an override without ``=``, an unknown key, a value of the wrong kind or out of range.
+        InputRefused: an override without ``=``, an unknown key, a value of the wrong kind or out of range; whole
+            numbers are for the dataclass of the command to check.
     """
     from omegaconf import OmegaConf
 

@@ -111,7 +111,7 @@ def at_the_mass_of(base: Setup, fitted: Setup) -> tuple[dict[str, float], ...]:
     if min(masses) <= 0.0 or masses[1] < _FAR * masses[0]:
         return ()
     factor = masses[0] / masses[1]
-    return ({n: p.value * factor if p.unit in FORCE_UNITS else p.value for n, p in fitted.parameters.items()},)
+    return ({n: p.value * factor ** FORCE_UNITS.get(p.unit, 0) for n, p in fitted.parameters.items()},)
 
 
 def better_base(base: Fit, final: Fit) -> Fit | None:

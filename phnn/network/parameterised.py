@@ -18,14 +18,7 @@ from phnn.network.evaluation import Present, present_of
 class ParameterisedNetwork(nn.Module):
     """The parameters of a network and those of its laws that are modules, to be trained or held.
 
-    Attributes:
-        network: the network as built; `as_network` has the present values.
-        free: the parameters that are trained. `value` reads a physical value, `set_values` sets some.
-        constants: the values of parameters that are fixed, as buffers.
-        laws: the laws that are torch modules.
-
-    Raises:
-        StructureViolated: see `phnn.network.system.PortHamiltonianSystem`.
+    Its attributes and what it refuses are those of `phnn.network.system.PortHamiltonianSystem`.
     """
 
     def __init__(self, network: Network) -> None:
