@@ -100,7 +100,7 @@ def _untold(finding: Finding, final: Fit, after: Evaluation, campaign: Campaign,
 
 def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
     """A fit's scores on every recording of a campaign; held-out ones get the finest sub-steps of the fit's plan."""
-    finest = max((fitted.plan.steps_of(r) for r in fitted.plan.recordings), default=1)
+    finest = fitted.plan.finest
     known = {r.name: r for r in fitted.plan.recordings}
     recordings = tuple(known.get(r.name, r) for r in campaign.recordings)
     steps = {r.name: fitted.plan.substeps.get(r.name, finest) for r in recordings}

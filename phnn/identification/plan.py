@@ -32,6 +32,11 @@ class Plan:
         """Sub-steps of a recording, 1 where nothing was chosen."""
         return self.substeps.get(recording.name, 1)
 
+    @property
+    def finest(self) -> int:
+        """The most sub-steps of any recording."""
+        return max((self.steps_of(r) for r in self.recordings), default=1)
+
     def each(self, function: Callable[..., Any], *sequences: Sequence[Any]) -> list[Any]:
         """Apply a function to every recording (and matching entries of the sequences), in threads."""
         tasks = list(zip(self.recordings, *sequences, strict=True))

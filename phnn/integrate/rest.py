@@ -11,6 +11,7 @@ Where this leaves something open, or currents come in beside the junctions, `phn
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,6 @@ from numpy.typing import NDArray
 
 from phnn.integrate.actions import actions
 from phnn.integrate.program import Program
-from phnn.integrate.steady import steady_derivative, steady_slope, steady_state
 from phnn.integrate.tables import (
     FACTORS,
     FIRST_LINK,
@@ -70,7 +70,7 @@ def equilibrium(program: Program, network: Network, u: Array) -> Array:
     if not _pulled(program, theta, u) and not len(rows_of(program.table, MEMORIES)):
         return np.zeros(len(program.states))
     xi = _displacements(program, theta, u)
-    return steady_state(network, u) if xi is None else np.real(_states(program, theta, u, xi))
+    return _steady().steady_state(network, u) if xi is None else np.real(_states(program, theta, u, xi))
 
 
 def equilibrium_derivative(program: Program, network: Network, u: Array, places: NDArray[np.int64]) -> Array:
@@ -82,7 +82,7 @@ def equilibrium_derivative(program: Program, network: Network, u: Array, places:
         return out
     xi, shift = _displacements(program, theta, u), np.zeros(len(program.junctions))
     if xi is None:
-        return steady_derivative(network, u, [program.names[place] for place in places])
+        return _steady().steady_derivative(network, u, [program.names[place] for place in places])
     slopes = _slopes(program, theta, u, xi) if pulled else np.eye(xi.size)
     for k, place in enumerate(places):
         moved = theta.astype(complex)
@@ -107,7 +107,14 @@ def equilibrium_slope(program: Program, network: Network, u: Array, port: int) -
     if xi is not None and np.linalg.matrix_rank(slopes) == xi.size:
         shift = -np.linalg.solve(slopes, np.imag(_forces(program, theta, u + 1j * TINY * along, xi)) / TINY)
         return np.asarray(np.imag(_states(program, theta, u + 1j * TINY * along, xi + 1j * TINY * shift)) / TINY)
-    return steady_slope(network, u, port)
+    return _steady().steady_slope(network, u, port)
+
+
+def _steady() -> ModuleType:
+    """`phnn.integrate.steady`, imported on first use: it needs torch, whose import takes longer than most solves."""
+    from phnn.integrate import steady
+
+    return steady
 
 
 def _pulled(program: Program, theta: Array, u: Array) -> bool:
