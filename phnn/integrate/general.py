@@ -1,4 +1,4 @@
-"""The compiled march of any network: the steps of `phnn.integrate.step` solved one after the other."""
+"""The compiled integration of any network: it solves the steps of `phnn.integrate.step` one after the other."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @inline
 def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> None:
-    """The unknowns of step ``n`` extrapolated from the two before it; at the start nothing changes."""
+    """Extrapolate the unknowns of step ``n`` from the two steps before it; the first step keeps its initial values."""
     if n == 0:
         rest_guess(t, theta, states[0], y)
         return
@@ -36,7 +36,7 @@ def _steps(
     t: Any, actions: Any, h: Any, states: Any, efforts: Any, values: Any, perturbed: Any, jacobian: Any, step: Any,
     own: Any,
 ) -> Any:  # fmt: skip
-    """March; the last arguments are memory."""
+    """Integrate; the last arguments are work arrays."""
     theta, c, g, a, x, y, wj, wx = values
     fill_gains(t, theta, g)
     for r in range(g.shape[0]):

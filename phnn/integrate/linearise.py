@@ -1,8 +1,8 @@
-"""Derivatives of one step: what is affine from coefficients that hold for many steps, the rest by complex steps.
+"""Derivatives of one step: affine parts from coefficients that hold for many steps, the rest by complex steps.
 
-The linear terms of the junctions and the leaves away from their thresholds (`phnn.integrate.pieces`) take their
-derivatives from coefficients that are prepared whenever the size of the steps changes. What is left is differentiated
-block by block (`phnn.integrate.perturbed`), and memories follow from what drives them (`phnn.integrate.drives`).
+The linear terms of the junctions, and reducible storages away from their thresholds (`phnn.integrate.pieces`), take
+their derivatives from coefficients. These are prepared whenever the step size changes. `phnn.integrate.perturbed`
+differentiates all other blocks one by one. `phnn.integrate.drives` differentiates the modulator states.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def _prepare_junctions(t: Any, p: Any, d: Any, k: Any, h: Any) -> None:
         for place in range(p.plain.shape[0]):
             if p.plain[place] < t[0, JUNCTION_INLETS]:
                 junction_term(t, p.plain[place], d.theta, d.c[k], g, d.a[0], d.x, d.y, h, d.wj)
-        # By a parameter the terms are multiples of the flow, by the flow itself they are constants.
+        # By a parameter the terms are multiples of the flow; by the flow itself they are constants.
         i, row = (n + m + k, b) if perturbed else (n + b, m)
         if perturbed:
             d.change[b, i] = change.imag / TINY
@@ -75,7 +75,7 @@ def _prepare_junctions(t: Any, p: Any, d: Any, k: Any, h: Any) -> None:
 
 @plain
 def _prepare(t: Any, p: Any, d: Any, h: Any) -> None:
-    """Everything that is the same in all steps of size ``h``."""
+    """Prepare the quantities that are the same in all steps of size ``h``."""
     stay_outside()
     known, none = d.x.shape[0] + d.y.shape[0], p.active.shape[0]
     for s in range(p.slots.shape[0]):
@@ -129,7 +129,7 @@ def _linear_terms(t: Any, p: Any, d: Any) -> None:
 
 @inline
 def derivatives_at(t: Any, p: Any, d: Any, n: Any, run: Any, fresh: Any) -> None:
-    """Fill the derivatives of step ``n``; ``fresh`` where its size differs from that of the last call."""
+    """Fill the derivatives of step ``n``; ``fresh`` if its size differs from that of the last call."""
     h = run.h[n]
     if fresh:
         _prepare(t, p, d, h)

@@ -1,4 +1,4 @@
-"""Where the derivatives of a step are not zero, as arrays that the compiled sweeps read."""
+"""The sparsity pattern of a step's derivatives, as arrays that the compiled sweeps read."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Integers = NDArray[np.int64]
 
 
 class Run(NamedTuple):
-    """A march, and how its ports' actions follow the parameters in their laws.
+    """An integrated program, and how its ports' actions follow the parameters in their laws.
 
     Attributes:
         states: (n+1, N); efforts: (n, N); h: (n,) sizes of the steps [s].
@@ -38,22 +38,23 @@ class Run(NamedTuple):
 
 
 class Pattern(NamedTuple):
-    """Where the derivatives of a step by states, unknowns and some parameters are not zero, inputs in that order.
+    """The nonzero derivatives of a step by states, unknowns and some parameters; inputs are numbered in that order.
 
-    A leaf and an input that its equations contain are a *pair*; pairs are listed leaf by leaf, inputs increasing. Every
-    other list is cut in the same way: entries ``first[k]`` to ``first[k+1]`` belong to element ``k``.
+    A reducible storage and an input that its equations contain are a *pair*. Pairs are listed storage by storage,
+    inputs increasing. Every other list is cut in the same way: entries ``first[k]`` to ``first[k+1]`` belong to element
+    ``k``.
 
     Attributes:
-        active: (K,) places in theta.
+        active: (K,) indices into theta.
         in_ports: (K,) number of a parameter among those in port laws, −1 for the others.
         first, input: of the pairs.
-        shifts: (pairs,) whether an input changes the leaf's current, but for unknowns of junctions at a constant ratio;
-            follows: (pairs,) whether it changes the thresholds of a leaf that reads something.
-        affine, varies: (L,) see `phnn.integrate.uses`; reads: (L,) whether thresholds read something.
+        shifts: (pairs,) whether an input changes the storage's current, except for unknowns of junctions at a constant
+            ratio; follows: (pairs,) whether it changes the modulated thresholds of the storage.
+        affine, varies: (L,) see `phnn.integrate.uses`; reads: (L,) whether thresholds are modulated.
         plain: (R,) rows of the junctions' linear terms; terms: (T,) rows of the others, and their inputs.
         slots: (G,) inputs that change a ratio, the first −1 for none; slot: (I,) the place of an input among them.
-        scaled: rows whose ratio follows something.
-        memory, source: inputs of every memory's law and of every source.
+        scaled: rows with a modulated ratio.
+        memory, source: inputs of the law of every modulator state and of every source.
     """
 
     active: Integers
@@ -80,7 +81,7 @@ class Pattern(NamedTuple):
 
 @lru_cache(maxsize=256)
 def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
-    """The pattern of a program for the parameters at some places."""
+    """The pattern of a program for the parameters at some entries of theta."""
     table, uses, known = program.table, program.uses, len(program.states) + len(program.junctions)
     inputs = [*range(known), *(known + place for place in active)]
     in_ports = np.isin(active, rows_of(table, PORTS)[:, PLACE_1 : PLACE_4 + 1])
@@ -117,7 +118,7 @@ def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
 
 
 def _listed(sets: Iterable[frozenset[int]], inputs: list[int]) -> tuple[Integers, Integers]:
-    """Where the list of every set begins, and all lists: numbers of the inputs that are in it."""
+    """The start of every set's list, and all lists one after the other: numbers of the inputs in each set."""
     lists = [[i for i, name in enumerate(inputs) if name in found] for found in sets]
     first = np.cumsum([0, *map(len, lists)])
     return first.astype(np.int64), np.array([i for found in lists for i in found], dtype=np.int64)

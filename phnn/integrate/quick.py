@@ -1,12 +1,12 @@
-"""The march of the commonest networks with everything resolved beforehand: the same steps at a fraction of the price.
+"""The compiled integration of networks with a single linear junction: the same steps, several times faster.
 
-One linear junction; leaves that hang on it through one ratio each and are lossless, or have an exact flow; resistors
-and inlets on the junction. Ratios of leaves and inlets may follow memories. Then a step is
+The reducible storages are coupled to the junction through one ratio each; they are lossless or have an exact flow.
+Resistors and inlets act on the junction. Ratios of storages and inlets may follow modulator states. Then a step is
 
     F(v̄) = (2/h)(v̄/s − p) + d v̄ + Σ_r b_r φ_r(b_r v̄) + Σ_l a_l ē_l(a_l v̄) − Σ_p g_p ψ_p(ū_p)
 
-with constants for nearly everything but the states, ``d`` of all linear resistors. `phnn.integrate.step` holds the
-equations in general.
+with the damping ``d`` of all linear resistors. Except for the states, nearly every term is a constant that is computed
+once. `phnn.integrate.step` has the equations in general.
 """
 
 from __future__ import annotations
@@ -84,9 +84,9 @@ from phnn.laws.namespace import TINY
 Array = NDArray[np.float64]
 
 GAIN = CONSTANTS
-# Columns of the leaves' kinds.
+# Columns of ``kinds``.
 _RULE, _STORAGE, _RESISTOR = range(3)
-# Beside the rules of the table: a lossless leaf whose law is not linear, a leaf whose thresholds follow something.
+# In addition to the rules of the table: a lossless storage with a nonlinear law, a storage with modulated thresholds.
 _CURVED, _FOLLOWING = -1, -2
 
 
@@ -119,7 +119,7 @@ def _read(t: Any, r: Any, y: Any, capacity: Any, gains: Any, kinds: Any, x: Any,
 
 @inline
 def _relaxation(c: Any, rho: Any, h: Any) -> Any:
-    """That of a leaf with slope ``rho``; the one of the slope before is kept in its constants ``c``."""
+    """The relaxation functions of a reducible storage with slope ``rho``; ``c`` keeps those of the latest slope."""
     one, two = c[ONE] + 0.0 * rho, c[TWO] + 0.0 * rho
     if rho.real != c[RHO]:
         one, two = relaxation(h * (rho + c[LEAK]) * c[STIFFNESS])
@@ -131,7 +131,7 @@ def _relaxation(c: Any, rho: Any, h: Any) -> Any:
 
 @inline
 def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
-    """``F``, the size of its terms, and what the step leads to."""
+    """``F`` and the size of its terms; fills the end states and mean efforts."""
     t, theta, kinds, c, capacity, damping, drive, h, p, others, ratios = context
     change = 2.0 * (y * capacity - p)
     rate = 1.0 / h
@@ -192,13 +192,13 @@ _root = inline(make_root(_value_at, _slope_at))
 
 @plain
 def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: Any, others: Any, ratios: Any) -> Any:
-    """Fill the constants of the leaves for steps of size ``h``; returns the junction's ``1/s`` and its damping.
+    """Fill the constants of the reducible storages for steps of size ``h``; returns the junction's ``1/s`` and damping.
 
     Args:
-        g: gains; constants: (L+1, 9) memory.
-        kinds: (L, 3) filled with the rule and the storage of every leaf, and the row of its first resistor.
+        g: gains; constants: (L+1, 9) work array.
+        kinds: (L, 3) filled with the rule and the number of every reducible storage, and the row of its first resistor.
         c: (L, 10) filled with its constants, see `phnn.integrate.constants`, and its ratio.
-        others: (R,) rows of the junction's resistors that are not linear; ratios: (R,) filled with theirs.
+        others: (R,) rows of the junction's nonlinear resistors; ratios: (R,) filled with theirs.
     """
     stay_outside()
     leaves = count(t, LEAVES)
@@ -233,7 +233,7 @@ def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: 
 
 @plain
 def _scale(t: Any, theta: Any, x: Any, g: Any, scaled: Any, c: Any) -> None:
-    """Set the ratios in some rows to what the memories make of them, and those of the leaves in their constants."""
+    """Set the ratios in some rows to their modulated values, also in the constants of the reducible storages."""
     stay_outside()
     for place in range(scaled.shape[0]):
         r = scaled[place]
@@ -252,7 +252,7 @@ def _scale(t: Any, theta: Any, x: Any, g: Any, scaled: Any, c: Any) -> None:
 def _remember(
     t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, next_x: Any, means: Any, h: Any, y: Any, wj: Any, wx: Any
 ) -> None:  # fmt: skip
-    """Advance the memories; ``y`` (1,), ``wj`` and ``wx`` are their memory, see `phnn.integrate.memories`."""
+    """Advance the modulator states; ``y`` (1,), ``wj`` and ``wx`` are work arrays, see `phnn.integrate.memories`."""
     stay_outside()
     storages = count(t, STORAGES)
     y[0] = means[junction_storage(t, 0)]
@@ -269,7 +269,7 @@ def _steps(
     perturbed: Any, ends: Any, means: Any, others: Any, ratios: Any, slow: Any,
     scaled: Any,
 ) -> Any:  # fmt: skip
-    """March; the last arguments are memory: ``perturbed`` is theta in complex numbers."""
+    """Integrate; the last arguments are work arrays: ``perturbed`` is theta in complex numbers."""
     fill_gains(t, theta, g)
     k, remembers = junction_storage(t, 0), count(t, MEMORIES) > 0
     slope, capacity, damping = 0.0, 0.0, 0.0
@@ -303,7 +303,7 @@ _compiled = loop_entry(_steps)
 
 
 def march(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
-    """`phnn.integrate.kernel.Kernel.march` of the networks that it serves."""
+    """`phnn.integrate.kernel.Kernel.march` of the networks that this kernel serves."""
     t = program.table
     leaves, ends = len(rows_of(t, LEAVES)), np.zeros(states.shape[1], np.complex128)
     memory = (np.zeros(len(t)), np.zeros((leaves + 1, CONSTANTS)), np.zeros((leaves, 3), np.int64))

@@ -1,4 +1,4 @@
-"""What junctions and leaves see of each other in a step: flows, currents, what laws read; the junctions' own terms."""
+"""The coupling of junctions and reducible storages in a step: flows, currents, modulating variables, junction terms."""
 
 from __future__ import annotations
 
@@ -56,9 +56,10 @@ def leaf_current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
 
 @inline
 def read(t: Any, r: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
-    """Mid-step energy variable, or memory, that a law may read; 0 for none.
+    """Mid-step energy variable, or modulator state, that a law may read; 0 for none.
 
-    The ratios of a leaf that is read follow no energy variable; a memory is read as it is at the start of the step.
+    The ratios of a reducible storage that is read follow no energy variable. A modulator state is read at the start of
+    the step.
     """
     if r < 0:
         return 0.0 * g[0]
@@ -114,7 +115,7 @@ def _inlet_term(t: Any, r: Any, g: Any, a: Any, wj: Any) -> None:
 
 @inline
 def junction_term(t: Any, r: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
-    """Add what the junction resistor, gyrator or junction inlet in row ``r`` exerts."""
+    """Add the force of the junction resistor, gyrator or junction inlet in row ``r``."""
     if r < t[0, JUNCTION_RESISTORS + 1]:
         _resistor_term(t, r, theta, c, g, a, x, y, h, wj)
     elif r < t[0, GYRATORS + 1]:
@@ -125,7 +126,7 @@ def junction_term(t: Any, r: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y:
 
 @inline
 def junction_terms(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
-    """``F`` without the leaves, the size of its terms, and ``z − p``."""
+    """``F`` without the reducible storages, the size of its terms, and ``z − p``."""
     rate = 1.0 / h
     for j in range(count(t, JUNCTIONS)):
         change = junction_change(t, j, c, x, y)
