@@ -7,7 +7,8 @@ from phnn.network.elements import Memory, Modulation
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Coercive voltages below the largest one, times from a tenth of the longest recording to thrice its length."""
+    """Coercive voltages below the largest voltage; times from a tenth of the longest recording to three times its
+    length."""
     return [
         {"delta_z": 1e-3, "tau_z": span * scales.duration, "V_c": share * scales.voltage}
         for share in (0.3, 0.6, 0.85)

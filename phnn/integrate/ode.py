@@ -198,10 +198,10 @@ def _check_first(watched: _Watched, t: Tensor, x0: Tensor, adjoint: bool) -> Non
         raise InputRefused(f"the right-hand side has shape {tuple(rate.shape)} for a state of shape {tuple(x0.shape)}")
     if adjoint:
         known = {id(p) for p in watched.parameters()}
-        for leaf in _leaves(rate):
-            if id(leaf) not in known:
+        for tensor in _leaves(rate):
+            if id(tensor) not in known:
                 raise InputRefused(
-                    f"a tensor of shape {tuple(leaf.shape)} that requires a gradient is used but is no parameter of "
+                    f"a tensor of shape {tuple(tensor.shape)} that requires a gradient is used but is no parameter of "
                     "the module: the adjoint would leave its gradient out; register it (an input as nn.Module), or "
                     "use adjoint=False"
                 )

@@ -67,8 +67,8 @@ class Uses(NamedTuple):
         plain, others: rows of junction resistors, gyrators and junction inlets: plain ones are linear in the flows with
             constant factors; for the others, their inputs.
         gains, scaled: inputs of all modulated ratios, and the rows that have them.
-        memories, sources: of each modulator state's law alone, its state included, and of every source except reducible
-            storages.
+        memories: inputs of each modulator state's law, its state included, without its drive;
+            sources: of every source except reducible storages.
     """
 
     leaves: tuple[Inputs, ...]
