@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 from phnn.integrate.compiled import plain, stay_outside
-from phnn.integrate.lookups import (
+from phnn.integrate.table_access import (
     count,
     is_linear,
     junction_storage,

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from phnn.integrate.affine import current_of, exert, fill, piece_of
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import LEAK, ONE, RHO, STIFFNESS, TWO
-from phnn.integrate.lookups import resistor_thresholds
 from phnn.integrate.perturbed import ABOVE, CROSSING, RESTING, STIFF, STORAGE, parameter, perturb, places_of
-from phnn.integrate.pieces import current_of, exert, fill, piece_of
 from phnn.integrate.prepared import prepare_leaf, prepare_pairs
+from phnn.integrate.table_access import resistor_thresholds
 from phnn.integrate.tables import (
     FIRST_RESISTOR,
     LEAVES,

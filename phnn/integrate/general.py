@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from phnn.integrate.compiled import inline, loop_entry
 from phnn.integrate.constants import CONSTANTS, fill_gains
-from phnn.integrate.lookups import count, is_linear, junction_storage
-from phnn.integrate.memories import advance
+from phnn.integrate.modulator_states import advance
 from phnn.integrate.program import Program
 from phnn.integrate.roots import extrapolated
 from phnn.integrate.solve import prepare, rest_guess, solve_many, solve_one
 from phnn.integrate.step import balance
+from phnn.integrate.table_access import count, is_linear, junction_storage
 from phnn.integrate.tables import JUNCTIONS, LEAVES, MEMORIES, rows_of
 from phnn.integrate.terms import EFFORT, NEXT
 

@@ -1,6 +1,6 @@
 """Derivatives of one step: affine parts from coefficients that hold for many steps, the rest by complex steps.
 
-The linear terms of the junctions, and reducible storages away from their thresholds (`phnn.integrate.pieces`), take
+The linear terms of the junctions, and reducible storages away from their thresholds (`phnn.integrate.affine`), take
 their derivatives from coefficients. These are prepared whenever the step size changes. `phnn.integrate.perturbed`
 differentiates all other blocks one by one. `phnn.integrate.drives` differentiates the modulator states.
 """
@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from phnn.integrate.affine import curved_leaf, plain_leaf
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import fill_constants, fill_gains
 from phnn.integrate.drives import memories_by
 from phnn.integrate.following import following_leaf
-from phnn.integrate.lookups import count, is_linear, junction_storage
 from phnn.integrate.perturbed import (
     CURVED,
     FOLLOWING,
@@ -28,8 +28,8 @@ from phnn.integrate.perturbed import (
     perturb,
     scale,
 )
-from phnn.integrate.pieces import curved_leaf, plain_leaf
 from phnn.integrate.prepared import part, prepare_leaf, prepare_pairs, prepare_values
+from phnn.integrate.table_access import count, is_linear, junction_storage
 from phnn.integrate.tables import (
     FROM_PORT,
     INTO_JUNCTION,

@@ -50,7 +50,7 @@ class Pattern(NamedTuple):
         first, input: of the pairs.
         shifts: (pairs,) whether an input changes the storage's current, except for unknowns of junctions at a constant
             ratio; follows: (pairs,) whether it changes the modulated thresholds of the storage.
-        affine, varies: (L,) see `phnn.integrate.uses`; reads: (L,) whether thresholds are modulated.
+        affine, varies: (L,) see `phnn.integrate.sparsity`; reads: (L,) whether thresholds are modulated.
         plain: (R,) rows of the junctions' linear terms; terms: (T,) rows of the others, and their inputs.
         slots: (G,) inputs that change a ratio, the first −1 for none; slot: (I,) the place of an input among them.
         scaled: rows with a modulated ratio.
@@ -82,18 +82,19 @@ class Pattern(NamedTuple):
 @lru_cache(maxsize=256)
 def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
     """The pattern of a program for the parameters at some entries of theta."""
-    table, uses, known = program.table, program.uses, len(program.states) + len(program.junctions)
+    table, sparsity, known = program.table, program.sparsity, len(program.states) + len(program.junctions)
     inputs = [*range(known), *(known + place for place in active)]
     in_ports = np.isin(active, rows_of(table, PORTS)[:, PLACE_1 : PLACE_4 + 1])
-    first, given = _listed(uses.leaves, inputs)
-    leaf = np.repeat(np.arange(len(uses.leaves)), np.diff(first))
+    first, given = _listed(sparsity.leaves, inputs)
+    leaf = np.repeat(np.arange(len(sparsity.leaves)), np.diff(first))
     names = np.array(inputs, dtype=np.int64)[given]
     by_current = [
-        (name >= known or uses.varies[k]) and name in uses.currents[k] for k, name in zip(leaf, names, strict=True)
+        (name >= known or sparsity.varies[k]) and name in sparsity.currents[k]
+        for k, name in zip(leaf, names, strict=True)
     ]
-    by_threshold = [name in uses.thresholds[k] for k, name in zip(leaf, names, strict=True)]
+    by_threshold = [name in sparsity.thresholds[k] for k, name in zip(leaf, names, strict=True)]
     ratios = {known + int(place) for place in table[1:, RATIO] if place >= 0}
-    slots = [i for i, name in enumerate(inputs) if name in ratios or name in uses.gains]
+    slots = [i for i, name in enumerate(inputs) if name in ratios or name in sparsity.gains]
     slot = np.zeros(len(inputs), dtype=np.int64)
     slot[slots] = 1 + np.arange(len(slots))
     return Pattern(
@@ -103,17 +104,17 @@ def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
         given,
         np.array(by_current, dtype=np.bool_),
         np.array(by_threshold, dtype=np.bool_),
-        np.array(uses.affine, dtype=np.bool_),
-        np.array(uses.varies, dtype=np.bool_),
-        np.array([bool(found) for found in uses.thresholds], dtype=np.bool_),
-        np.array(uses.plain, dtype=np.int64),
-        np.array(list(uses.others), dtype=np.int64),
-        *_listed(uses.others.values(), inputs),
+        np.array(sparsity.affine, dtype=np.bool_),
+        np.array(sparsity.varies, dtype=np.bool_),
+        np.array([bool(found) for found in sparsity.thresholds], dtype=np.bool_),
+        np.array(sparsity.plain, dtype=np.int64),
+        np.array(list(sparsity.others), dtype=np.int64),
+        *_listed(sparsity.others.values(), inputs),
         np.array([-1, *slots], dtype=np.int64),
         slot,
-        np.array(uses.scaled, dtype=np.int64),
-        *_listed(uses.memories, inputs),
-        *_listed(uses.sources, inputs),
+        np.array(sparsity.scaled, dtype=np.int64),
+        *_listed(sparsity.memories, inputs),
+        *_listed(sparsity.sources, inputs),
     )
 
 

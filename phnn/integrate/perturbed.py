@@ -2,7 +2,7 @@
 
 A step maps inputs — states, unknowns, parameters — to the end states of reducible storages and modulator states, the
 changes of junction states and the balance ``F``. Every reducible storage is a block, and so is every term of the
-junctions that is not linear. `phnn.integrate.uses` lists the inputs of each block, so that a block is perturbed by
+junctions that is not linear. `phnn.integrate.sparsity` lists the inputs of each block, so that a block is perturbed by
 these alone.
 """
 
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from phnn.integrate.compiled import inline
 from phnn.integrate.constants import CONSTANTS
-from phnn.integrate.lookups import count, factor, is_linear, junction_storage
 from phnn.integrate.pattern import Pattern, Run
 from phnn.integrate.step import is_closed, leaf_closed, leaf_moved, leaf_search
+from phnn.integrate.table_access import count, factor, is_linear, junction_storage
 from phnn.integrate.tables import (
     FACTORS,
     FIRST_LINK,

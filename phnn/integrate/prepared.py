@@ -1,4 +1,4 @@
-"""Coefficients of the affine pieces of a reducible storage, which many steps share; see `phnn.integrate.pieces`."""
+"""Coefficients of the affine pieces of a reducible storage, which many steps share; see `phnn.integrate.affine`."""
 
 from __future__ import annotations
 

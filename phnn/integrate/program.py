@@ -19,6 +19,7 @@ from phnn.integrate.dispatch import SCALARS, STORAGE_SCALARS
 from phnn.integrate.partition import is_linear, junctions_of, merged_couplings, resistors_of, rule_of
 from phnn.integrate.scheme import Scheme
 from phnn.integrate.sources import source_rows
+from phnn.integrate.sparsity import Sparsity, sparsity_of
 from phnn.integrate.tables import (
     BRANCHES,
     FACTORS,
@@ -55,7 +56,6 @@ from phnn.integrate.tables import (
     rows_of,
     stack,
 )
-from phnn.integrate.uses import Uses, uses_of
 from phnn.network.elements import Network, Ratio, Resistor, Storage
 from phnn.network.roles import imposed
 
@@ -79,7 +79,7 @@ class Program:
         output: index of the measured storage.
         scheme: how the steps are discretised.
         moving, travel: indices of the momentum and the displacement of an imposed motion; -1 if no motion is imposed.
-        uses: which inputs the equations of a step contain.
+        sparsity: which inputs the equations of a step contain.
     """
 
     names: tuple[str, ...]
@@ -90,7 +90,7 @@ class Program:
     leaves: tuple[str, ...]
     table: Integers
     output: int
-    uses: Uses
+    sparsity: Sparsity
     scheme: Scheme = Scheme.DISCRETE_GRADIENT
     moving: int = NONE
     travel: int = NONE
@@ -239,7 +239,7 @@ class _Builder:
         places = () if given is None else map(self.states.index, (given.motion.momentum, given.motion.displacement))
         return Program(
             self.names, self.constants, tuple(self.modules), self.states, junctions, leaves, table,
-            self.states.index(network.output), uses_of(table), self.scheme, *places,
+            self.states.index(network.output), sparsity_of(table), self.scheme, *places,
         )  # fmt: skip
 
     def _read(self, name: str) -> list[int]:

@@ -33,7 +33,11 @@ from phnn.integrate.constants import (
     fill_constants,
     fill_gains,
 )
-from phnn.integrate.lookups import (
+from phnn.integrate.modulator_states import advance
+from phnn.integrate.partition import LINEAR_RESISTOR_CODES
+from phnn.integrate.program import Program
+from phnn.integrate.roots import extrapolated, make_root
+from phnn.integrate.table_access import (
     count,
     factor,
     junction_storage,
@@ -41,10 +45,6 @@ from phnn.integrate.lookups import (
     resistor_flow,
     resistor_thresholds,
 )
-from phnn.integrate.memories import advance
-from phnn.integrate.partition import LINEAR_RESISTOR_CODES
-from phnn.integrate.program import Program
-from phnn.integrate.roots import extrapolated, make_root
 from phnn.integrate.tables import (
     EXACT,
     FACTORS,
@@ -101,7 +101,7 @@ def serves(program: Program) -> bool:
     closed = np.isin(leaves[:, RULE], (LOSSLESS, EXACT))
     scalable = [row for kind in (LINKS, JUNCTION_INLETS) for row in range(t[0, kind], t[0, kind + 1])]
     slow = t[rows_of(t, FACTORS)[:, READ], READ_MEMORY] >= 0
-    return bool((single & closed).all() and slow.all()) and set(program.uses.scaled) <= set(scalable)
+    return bool((single & closed).all() and slow.all()) and set(program.sparsity.scaled) <= set(scalable)
 
 
 @inline
@@ -252,7 +252,7 @@ def _scale(t: Any, theta: Any, x: Any, g: Any, scaled: Any, c: Any) -> None:
 def _remember(
     t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, next_x: Any, means: Any, h: Any, y: Any, wj: Any, wx: Any
 ) -> None:  # fmt: skip
-    """Advance the modulator states; ``y`` (1,), ``wj`` and ``wx`` are work arrays, see `phnn.integrate.memories`."""
+    """Advance the modulator states; ``y`` (1,), ``wj`` and ``wx`` are work arrays, see `phnn.integrate.modulator_states`."""
     stay_outside()
     storages = count(t, STORAGES)
     y[0] = means[junction_storage(t, 0)]
@@ -311,5 +311,5 @@ def march(program: Program, theta: Array, actions: Array, h: Array, states: Arra
     linear = np.isin(rows_of(t, JUNCTION_RESISTORS)[:, LAW], LINEAR_RESISTOR_CODES)
     others = t[0, JUNCTION_RESISTORS] + np.flatnonzero(~linear)
     slow = (np.zeros(1), np.zeros((4, 1)), np.zeros((2, states.shape[1])))
-    scaled = np.array(program.uses.scaled, dtype=np.int64)
+    scaled = np.array(program.sparsity.scaled, dtype=np.int64)
     return int(_compiled(t, theta, actions, h, states, efforts, *own, others, np.zeros(others.size), slow, scaled))

@@ -14,7 +14,7 @@ from typing import Any
 
 from phnn.integrate.compiled import inline, loop
 from phnn.integrate.elimination import eliminate
-from phnn.integrate.lookups import junction_storage
+from phnn.integrate.table_access import junction_storage
 from phnn.integrate.tables import (
     LEAVES,
     OWN_STORAGE,

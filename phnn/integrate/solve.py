@@ -9,9 +9,9 @@ import numpy as np
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import CAPACITY, fill_constants
 from phnn.integrate.elimination import eliminate
-from phnn.integrate.lookups import count, is_linear, junction_storage, mean_effort
 from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, make_root
 from phnn.integrate.step import balance, inlined_balance
+from phnn.integrate.table_access import count, is_linear, junction_storage, mean_effort
 from phnn.integrate.tables import LEAVES
 from phnn.integrate.terms import FORCE, SIZE
 from phnn.laws.namespace import TINY

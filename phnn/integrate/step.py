@@ -31,7 +31,8 @@ from phnn.integrate.constants import (
     fill_gains,
     scale_gains,
 )
-from phnn.integrate.lookups import (
+from phnn.integrate.stages import make_gradient, make_radau
+from phnn.integrate.table_access import (
     count,
     factor,
     junction_storage,
@@ -39,7 +40,6 @@ from phnn.integrate.lookups import (
     resistor_flow,
     resistor_thresholds,
 )
-from phnn.integrate.stages import make_gradient, make_radau
 from phnn.integrate.tables import (
     EXACT,
     FACTORS,

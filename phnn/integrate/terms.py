@@ -6,7 +6,7 @@ from typing import Any
 
 from phnn.integrate.compiled import inline
 from phnn.integrate.constants import CAPACITY
-from phnn.integrate.lookups import count, is_linear, junction_storage, mean_effort, resistor_flow
+from phnn.integrate.table_access import count, is_linear, junction_storage, mean_effort, resistor_flow
 from phnn.integrate.tables import (
     FIRST_BRANCH,
     FIRST_INLET,

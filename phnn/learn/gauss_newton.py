@@ -139,8 +139,8 @@ def with_weights(program: Program, plant: NetworkPlant) -> Program:
     The adjoint leaves them to the torch module; a forward sweep by weights needs them in its pattern.
     """
     base = len(program.states) + len(program.junctions)
-    leaves = [set(inputs) for inputs in program.uses.leaves]
-    others = {row: set(inputs) for row, inputs in program.uses.others.items()}
+    leaves = [set(inputs) for inputs in program.sparsity.leaves]
+    others = {row: set(inputs) for row, inputs in program.sparsity.others.items()}
     for (kind, element), places in _weight_places(program, plant).items():
         owner = _owner(plant, kind, element)
         weights = {base + p for p in places}
@@ -148,7 +148,7 @@ def with_weights(program: Program, plant: NetworkPlant) -> Program:
         mine = [leaves[program.leaves.index(owner)]] if owner in program.leaves else [*leaves, *others.values()]
         for inputs in mine:
             inputs |= weights
-    uses = program.uses._replace(
+    uses = program.sparsity._replace(
         leaves=tuple(map(frozenset, leaves)), others={row: frozenset(inputs) for row, inputs in others.items()}
     )
     return replace(program, uses=uses)

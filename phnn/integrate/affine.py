@@ -16,7 +16,6 @@ from __future__ import annotations
 from typing import Any
 
 from phnn.integrate.compiled import inline
-from phnn.integrate.lookups import mean_effort
 from phnn.integrate.perturbed import (
     ABOVE,
     BELOW,
@@ -36,6 +35,7 @@ from phnn.integrate.perturbed import (
     perturb,
     places_of,
 )
+from phnn.integrate.table_access import mean_effort
 from phnn.integrate.tables import (
     FIRST_INLET,
     FIRST_LINK,

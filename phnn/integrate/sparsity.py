@@ -55,7 +55,7 @@ from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 Inputs = frozenset[int]
 
 
-class Uses(NamedTuple):
+class Sparsity(NamedTuple):
     """The inputs of every equation, and properties of the reducible storages' equations.
 
     Attributes:
@@ -84,7 +84,7 @@ class Uses(NamedTuple):
     sources: tuple[Inputs, ...]
 
 
-def uses_of(table: Integers) -> Uses:
+def sparsity_of(table: Integers) -> Sparsity:
     """Find the inputs of the equations of a table."""
     found = _Finder(table)
     leaves = range(len(rows_of(table, LEAVES)))
@@ -92,7 +92,7 @@ def uses_of(table: Integers) -> Uses:
     terms = [row for rows in ranges for row in rows]
     plain = [row for row in terms if found.is_plain(row)]
     ratios = (found.ratio(place) for place in found.modulated)
-    return Uses(
+    return Sparsity(
         tuple(frozenset(found.leaf(leaf)) for leaf in leaves),
         tuple(frozenset(found.current(leaf)) for leaf in leaves),
         tuple(frozenset(found.thresholds(leaf)) for leaf in leaves),
