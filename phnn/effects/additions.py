@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from phnn.laws import STORAGE_LAWS
-from phnn.network.elements import Coupling, Memory, Modulation, Network, Resistor, Storage
+from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Block, Setup
 
@@ -26,7 +26,7 @@ class Parts:
     resistors: tuple[Resistor, ...] = ()
     couplings: tuple[Coupling, ...] = ()
     modulations: tuple[Modulation, ...] = ()
-    memories: tuple[Memory, ...] = ()
+    memories: tuple[ModulatorState, ...] = ()
 
     @property
     def passive(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from phnn.effects import Effect, Parts, Scales, has_transducer, kinds, positive
-from phnn.network.elements import Memory, Modulation
+from phnn.network.elements import Modulation, ModulatorState
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -33,7 +33,7 @@ EFFECT = Effect(
     ),
     adds=Parts(
         modulations=(Modulation("alpha", "depolarised", "declining", ("delta_z",)),),
-        memories=(Memory("depolarised", "exceeding", ("tau_z", "V_c"), ("voltage",)),),
+        memories=(ModulatorState("depolarised", "exceeding", ("tau_z", "V_c"), ("voltage",)),),
     ),
     grid=grid,
     applies=has_transducer,

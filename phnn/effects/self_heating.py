@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from phnn.effects import Effect, Parts, Scales, bounded, constant, has_transducer, kinds, positive
-from phnn.network.elements import Memory, Modulation
+from phnn.network.elements import Modulation, ModulatorState
 from phnn.setup import Setup
 
 # Heat capacity of a gram of ceramic. Recordings without a temperature determine κ_T/C_T and R_T C_T only: the capacity
@@ -55,7 +55,7 @@ EFFECT = Effect(
     ),
     adds=Parts(
         modulations=(Modulation("alpha", "theta", "affine", ("kappa_T", "T_s")),),
-        memories=(Memory("theta", "thermal", ("C_T", "R_T", "T_a", "T_a"), unit="K"),),
+        memories=(ModulatorState("theta", "thermal", ("C_T", "R_T", "T_a", "T_a"), unit="K"),),
     ),
     grid=grid,
     applies=applies,

@@ -63,9 +63,9 @@ def steady_cycle(program: Program, theta: Array, x: Array, u: Array, h: Array) -
         size = float(np.abs(change / reach).max())
         if size <= _STEADY or _NEARLY >= size >= _PROGRESS * before:
             return x
-        step = _settled(_swept(program, theta, states, efforts, u, h), change[:, None], reach)[:, 0]
-        marched, before = x + change, size
-        for target in (*(x + share * step for share in _DAMPED), marched):
+        step = _steady_change(_swept(program, theta, states, efforts, u, h), change[:, None], reach)[:, 0]
+        integrated, before = x + change, size
+        for target in (*(x + share * step for share in _DAMPED), integrated):
             change, reach = period(target)
             # The Newton step may leave the region where the linearised period map is accurate.
             if np.abs(change / reach).max() <= _PROGRESS * size:
@@ -95,10 +95,10 @@ def cycle_derivative(end: Array, first: int, states: Array) -> Array:
         states: (n+1, N) of the period.
     """
     inside = np.arange(first, first + states.shape[1])
-    return _settled(end[:, inside], np.delete(end, inside, axis=1), _reach(states))
+    return _steady_change(end[:, inside], np.delete(end, inside, axis=1), _reach(states))
 
 
-def _settled(monodromy: Array, change: Array, reach: Array) -> Array:
+def _steady_change(monodromy: Array, change: Array, reach: Array) -> Array:
     """(N, C) ``(I − M)⁻¹ δ`` of changes (N, C) within a period; zero along neutral directions."""
     matrix = np.eye(reach.size) - monodromy * reach / reach[:, None]
     return np.asarray(reach[:, None] * np.linalg.lstsq(matrix, change / reach[:, None], rcond=_NEUTRAL)[0])
@@ -106,7 +106,7 @@ def _settled(monodromy: Array, change: Array, reach: Array) -> Array:
 
 def _swept(program: Program, theta: Array, states: Array, efforts: Array, u: Array, h: Array) -> Array:
     """(N, N) ``∂P/∂x``."""
-    n, march = states.shape[1], sweep.Marched(program, theta, states, efforts, u, h)
+    n, march = states.shape[1], sweep.Integrated(program, theta, states, efforts, u, h)
     end, by = np.empty((n, n)), sweep.by_parameters(np.zeros(0, dtype=np.int64), h.size)
     sweep.sensitivities(march, by, np.zeros((n, 0)), np.arange(n), np.zeros(1, dtype=np.int64), end)
     return without_impulse(program, end, 0)

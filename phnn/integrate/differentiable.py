@@ -143,7 +143,7 @@ class March:
             cotangent = np.zeros_like(states)
             cotangent[1:, self.wanted] = wanted[part.start + 1 : part.stop + 1]
             multipliers = np.empty((own_h.shape[0], states.shape[1] + len(self.program.junctions)))
-            march = sweep.Marched(self.program, self.theta, states, efforts, _array(own_u), _array(own_h))
+            march = sweep.Integrated(self.program, self.theta, states, efforts, _array(own_u), _array(own_h))
             _, carry = sweep.adjoint(march, none, cotangent, multipliers, carry)
             if any(needs):
                 self._add_gradients(found, part, [own_u, own_h, *parameters], states, efforts, multipliers)

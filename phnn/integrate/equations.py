@@ -16,7 +16,7 @@ from torch import Tensor
 from phnn.integrate.partition import reducible, resistors_of
 from phnn.integrate.reducible import Surroundings, advanced, shares
 from phnn.integrate.scheme import Scheme
-from phnn.network import memory
+from phnn.network import modulator_states
 from phnn.network.evaluation import evaluation
 from phnn.network.incidence import combined
 from phnn.network.power import PowerBalance
@@ -53,7 +53,7 @@ def means(
     system: PortHamiltonianSystem, scheme: Scheme, x: Tensor, x_next: Tensor, u: Tensor, h: float | Tensor
 ) -> Means:
     """The mean efforts of a step from ``x`` (..., N) to ``x_next``; arguments as of `step_residual`."""
-    middle, rules = memory.between(system, x, x_next), reducible_rules(system, scheme)
+    middle, rules = modulator_states.between(system, x, x_next), reducible_rules(system, scheme)
     if not rules:
         return Means(system.mean_efforts(x, x_next), middle, {}, {})
     none = torch.zeros_like(middle[..., 0])
@@ -106,8 +106,8 @@ def _network_residual(
         moved = torch.stack(columns, dim=-1)
     if not system.network.memories:
         return moved
-    drives = memory.drives(system, found.efforts, found.middle, u, _powers(system, found, x, h))
-    end = memory.ends(system, x[..., first:], drives, h)
+    drives = modulator_states.drives(system, found.efforts, found.middle, u, _powers(system, found, x, h))
+    end = modulator_states.ends(system, x[..., first:], drives, h)
     return torch.cat([moved, x_next[..., first:] - end], dim=-1)
 
 

@@ -249,10 +249,10 @@ def _scale(t: Any, theta: Any, x: Any, g: Any, scaled: Any, c: Any) -> None:
 
 
 @plain
-def _remember(
+def _advance_modulators(
     t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, next_x: Any, means: Any, h: Any, y: Any, wj: Any, wx: Any
 ) -> None:  # fmt: skip
-    """Advance the modulator states; ``y`` (1,), ``wj`` and ``wx`` are work arrays, see `phnn.integrate.modulator_states`."""
+    """Advance the modulator states (`phnn.integrate.modulator_states`); ``y`` (1,), ``wj``, ``wx`` are work arrays."""
     stay_outside()
     storages = count(t, STORAGES)
     y[0] = means[junction_storage(t, 0)]
@@ -290,7 +290,7 @@ def _steps(
         efforts[n, k] = y
         states[n + 1, k] = p + 2.0 * (y * capacity - p)
         if remembers:
-            _remember(
+            _advance_modulators(
                 t, theta, constants, g, actions[n], states[n], states[n + 1], efforts[n], h[n], slow[0], slow[1],
                 slow[2],
             )  # fmt: skip

@@ -106,11 +106,11 @@ def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, known: Any, fol
                 for w in range(varied.shape[0]):
                     if varied[w] == i - n - m:
                         out[first_varied + w] += d.by_leaf[pair] * weight_of[w]
-    _remember(d, columns, known, following, n + m)
+    _modulator_rows(d, columns, known, following, n + m)
 
 
 @inline
-def _remember(d: Any, columns: Any, known: Any, following: Any, inputs: Any) -> None:
+def _modulator_rows(d: Any, columns: Any, known: Any, following: Any, inputs: Any) -> None:
     """Fill the rows of the modulator states; ``inputs`` counts states and unknowns."""
     _, _, first_varied, varied, weight_of = columns
     memories = d.by_memory.shape[0]

@@ -17,14 +17,14 @@ import torch
 from torch import Tensor
 
 from phnn.errors import SolverFailed
+from phnn.integrate.modulator_drives import drives_and_sizes
 from phnn.integrate.partition import resistors_of
 from phnn.integrate.program import Program
 from phnn.integrate.reducible import Surroundings, advanced, shares
-from phnn.integrate.remembered import drives_and_sizes
 from phnn.integrate.stages import gradient_defect
 from phnn.integrate.tables import GRADIENT, LOSSLESS
 from phnn.network.incidence import combined
-from phnn.network.memory import ends
+from phnn.network.modulator_states import ends
 from phnn.network.power import PowerBalance
 from phnn.network.system import PortHamiltonianSystem
 

@@ -171,7 +171,7 @@ class Solved:
         march, (states, efforts) = self.march, self.paths[b]
         u, h = self.runs.u[b].numpy(), self.runs.h[b].numpy()
         mu = np.empty((h.size, states.shape[1] + len(march.program.junctions)))
-        run = sweep.Marched(march.program, march.theta, states, efforts, u, h)
+        run = sweep.Integrated(march.program, march.theta, states, efforts, u, h)
         by_theta, carry = sweep.adjoint(run, self.active, cotangent, mu)
         return by_theta, carry, mu
 

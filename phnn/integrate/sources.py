@@ -12,10 +12,12 @@ from phnn.integrate.tables import (
     SOURCE_PORT,
     SOURCE_RESISTOR,
 )
-from phnn.network.elements import Memory, Network
+from phnn.network.elements import ModulatorState, Network
 
 
-def source_rows(network: Network, memory: Memory, leaves: Sequence[str], junctions: Sequence[str]) -> list[list[int]]:
+def source_rows(
+    network: Network, memory: ModulatorState, leaves: Sequence[str], junctions: Sequence[str]
+) -> list[list[int]]:
     """The rows of one modulator state's sources; junction resistors are counted within their kind."""
     on_junctions = [r.name for r in network.resistors if set(r.on) <= set(junctions)]
     ports = [p.name for p in network.ports]

@@ -50,7 +50,7 @@ def carrier(program: Program, port: int) -> int:
     return int(rows_of(program.table, PORTS)[port, PLACE_4])
 
 
-class Marched(NamedTuple):
+class Integrated(NamedTuple):
     """An integrated program; for the shapes see `phnn.integrate.kernel.march`."""
 
     program: Program
@@ -60,10 +60,10 @@ class Marched(NamedTuple):
     u: Array
     h: Array
 
-    def first(self, steps: int | None) -> Marched:
+    def first(self, steps: int | None) -> Integrated:
         """The same in the first steps; in all of them where ``steps`` is None."""
         nodes = None if steps is None else steps + 1
-        return Marched(
+        return Integrated(
             self.program, self.theta, self.states[:nodes], self.efforts[:steps], self.u[:steps], self.h[:steps]
         )
 
@@ -102,7 +102,7 @@ def by_parameters(active: NDArray[np.int64], steps: int) -> Perturbed:
 
 
 def _prepared(
-    march: Marched, active: NDArray[np.int64], pushed: Mapping[int, Array]
+    march: Integrated, active: NDArray[np.int64], pushed: Mapping[int, Array]
 ) -> tuple[Pattern, Run, Derivatives]:
     """The arguments of a program's sweeps: pattern, integrated steps and work arrays."""
     program, theta, states, efforts, u, h = march
@@ -116,7 +116,7 @@ def _prepared(
 
 
 def sensitivities(
-    march: Marched,
+    march: Integrated,
     perturbed: Perturbed,
     start: Array,
     initial: NDArray[np.int64],
@@ -160,7 +160,7 @@ def sensitivities(
 
 
 def adjoint(
-    march: Marched,
+    march: Integrated,
     active: NDArray[np.int64],
     cotangent: Array,
     multipliers: Array | None = None,

@@ -122,7 +122,7 @@ class GaussNewton:
             raise SolverFailed(f"no solution of the step at t = {h[:done].sum():.6g} s: lower the rate of learning")
         places = _places(program, self.plant)
         initial = np.arange(x0.size if estimated >= 0 else 0, dtype=np.int64)
-        march = sweep.Marched(program, theta, states, efforts, u, h)
+        march = sweep.Integrated(program, theta, states, efforts, u, h)
         by, start = sweep.by_parameters(places, h.size), np.zeros((x0.size, places.size))
         found = sweep.sensitivities(march, by, start, initial, window.nodes.numpy())
         out = np.zeros((found.shape[0], columns))

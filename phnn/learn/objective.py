@@ -145,7 +145,7 @@ def begin(plant: Plant, recording: Recording) -> Tensor:
     return torch.from_numpy(equilibrium(compile_network(network), network, u))
 
 
-def settled(plant: Plant, solver: Solver, recording: Recording, substeps: int) -> Tensor:
+def estimated_start(plant: Plant, solver: Solver, recording: Recording, substeps: int) -> Tensor:
     """(n,) initial state of a recording, estimated from its first samples with the plant held.
 
     The samples are those of its nuisance part or, where it has none, the first 2 % and 50 at least.

@@ -21,7 +21,7 @@ from phnn.integrate.program import compile_network
 from phnn.models.learned import as_json, from_json
 from phnn.models.typed import a_count, a_list, a_name, a_number, a_text, an_object, brief, of_fields
 from phnn.network.checks import check_laws
-from phnn.network.elements import Coupling, Memory, Modulation, Network, Port, Resistor, Storage
+from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage
 from phnn.output import Place, claim
 from phnn.parameters import Parameter
 from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Own, Setup, Source
@@ -157,7 +157,7 @@ def _setup(content: Mapping[str, Any]) -> Setup:
         output=a_name(content["output"], "output"),
         # Files of earlier versions have none of these, nor sources and nuisances.
         modulations=_all({"modulations": [], **content}, "modulations", partial(of_fields, Modulation)),
-        memories=_all({"memories": [], **content}, "memories", partial(of_fields, Memory)),
+        memories=_all({"memories": [], **content}, "memories", partial(of_fields, ModulatorState)),
         senses=a_name(content["senses"], "senses") if "senses" in content else "",
     )
     lines = a_list(content.get("lines", []), "lines", LIMITS.lines)

@@ -151,10 +151,10 @@ def test_stiff_leaf_does_not_ring_at_long_steps() -> None:
     assert np.abs(np.diff(sliding)).max() < 1e-3 * np.abs(sliding).max()
 
 
-def integrated(trajectory: Trajectory) -> sweeps.Marched:
+def integrated(trajectory: Trajectory) -> sweeps.Integrated:
     """A simulation as the sweeps take it."""
     t = trajectory
-    return sweeps.Marched(t.program, t.theta, t.states, t.efforts, t.u, t.h)
+    return sweeps.Integrated(t.program, t.theta, t.states, t.efforts, t.u, t.h)
 
 
 def sweep(trajectory: Trajectory, names: list[str], initial: list[int], output: int) -> np.ndarray:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from phnn.errors import StructureViolated
-from phnn.network.elements import Memory, Modulation, Network, Ratio
+from phnn.network.elements import Modulation, ModulatorState, Network, Ratio
 from phnn.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ class BondGraph:
     output: str = "q"
     merge: bool = True
     modulations: tuple[Modulation, ...] = ()
-    memories: tuple[Memory, ...] = ()
+    memories: tuple[ModulatorState, ...] = ()
 
     def __post_init__(self) -> None:
         for name, kind in self.junctions.items():
