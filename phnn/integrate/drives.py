@@ -20,7 +20,7 @@ from phnn.integrate.tables import (
     IS_LINEAR,
     LAST_SOURCE,
     LEAVES,
-    MEMORIES,
+    MODULATOR_STATES,
     OWN_STORAGE,
     READ,
     SOURCE_EFFORT,
@@ -120,7 +120,7 @@ def _end(t: Any, row: Any, z: Any, drive: Any, h: Any, theta: Any) -> Any:
 @inline
 def memories_by(t: Any, p: Any, d: Any, k: Any, n: Any, run: Any) -> None:
     """Fill the derivatives of modulator state ``k`` from those of the reducible storages."""
-    row, state, out, h = t[0, MEMORIES] + k, count(t, STORAGES) + k, d.by_memory[k], run.h[n]
+    row, state, out, h = t[0, MODULATOR_STATES] + k, count(t, STORAGES) + k, d.by_modulator[k], run.h[n]
     for i in range(out.shape[0]):
         d.by_drive[i] = 0.0
     for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):

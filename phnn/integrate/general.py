@@ -15,7 +15,7 @@ from phnn.integrate.roots import extrapolated
 from phnn.integrate.solve import prepare, rest_guess, solve_many, solve_one
 from phnn.integrate.step import balance
 from phnn.integrate.table_access import count, is_linear, junction_storage
-from phnn.integrate.tables import JUNCTIONS, LEAVES, MEMORIES, rows_of
+from phnn.integrate.tables import JUNCTIONS, LEAVES, MODULATOR_STATES, rows_of
 from phnn.integrate.terms import EFFORT, NEXT
 
 Array = NDArray[np.float64]
@@ -62,7 +62,7 @@ def _steps(
             balance(t, theta, c, g, a, x, y, h[n], wj, wx)
         else:
             solved = solve_many(t, h[n], values, perturbed, jacobian, step, own)
-        if count(t, MEMORIES) > 0:
+        if count(t, MODULATOR_STATES) > 0:
             advance(t, theta, c, g, a, x, y, h[n], wj, wx)
         for k in range(x.shape[0]):
             states[n + 1, k] = wx[NEXT, k]

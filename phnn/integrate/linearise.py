@@ -35,7 +35,7 @@ from phnn.integrate.tables import (
     INTO_JUNCTION,
     JUNCTION_INLETS,
     LEAVES,
-    MEMORIES,
+    MODULATOR_STATES,
 )
 from phnn.integrate.terms import FORCE, junction_change, junction_flows, junction_term
 from phnn.laws.namespace import TINY
@@ -137,7 +137,7 @@ def derivatives_at(t: Any, p: Any, d: Any, n: Any, run: Any, fresh: Any) -> None
         d.flows[j] = run.efforts[n, junction_storage(t, j)]
     load_actions(d, n, run)
     _linear_terms(t, p, d)
-    leaves, remembers = count(t, LEAVES), count(t, MEMORIES) > 0
+    leaves, remembers = count(t, LEAVES), count(t, MODULATOR_STATES) > 0
     loaded = p.terms.shape[0] > 0 or p.scaled.shape[0] > 0 or remembers
     for leaf in range(leaves):
         loaded = loaded or d.kinds[leaf, KIND] in (WHOLE, FOLLOWING)
@@ -161,5 +161,5 @@ def derivatives_at(t: Any, p: Any, d: Any, n: Any, run: Any, fresh: Any) -> None
         load(t, d, n, run)
     if left:
         in_full(t, p, d, n, run)
-    for k in range(count(t, MEMORIES)):
+    for k in range(count(t, MODULATOR_STATES)):
         memories_by(t, p, d, k, n, run)

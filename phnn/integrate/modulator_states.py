@@ -17,7 +17,7 @@ from phnn.integrate.tables import (
     FIRST_SOURCE,
     LAST_SOURCE,
     LEAVES,
-    MEMORIES,
+    MODULATOR_STATES,
     OWN_STORAGE,
     READ,
     SOURCE_EFFORT,
@@ -60,8 +60,8 @@ def advance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, 
     """
     stay_outside()
     first = count(t, STORAGES)
-    for k in range(count(t, MEMORIES)):
-        row, z = t[0, MEMORIES] + k, x[first + k]
+    for k in range(count(t, MODULATOR_STATES)):
+        row, z = t[0, MODULATOR_STATES] + k, x[first + k]
         total = 0.0 * g[0]
         for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):
             total += _source(t, s, theta, c, g, a, x, y, h, wj, wx)

@@ -113,7 +113,7 @@ def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
         np.array([-1, *slots], dtype=np.int64),
         slot,
         np.array(sparsity.scaled, dtype=np.int64),
-        *_listed(sparsity.memories, inputs),
+        *_listed(sparsity.modulators, inputs),
         *_listed(sparsity.sources, inputs),
     )
 

@@ -24,7 +24,7 @@ from phnn.integrate.tables import (
     JUNCTIONS,
     LAST_LINK,
     LEAVES,
-    MEMORIES,
+    MODULATOR_STATES,
     RATIO,
     RATIO_PLACE,
     READ,
@@ -74,7 +74,7 @@ class Derivatives(NamedTuple):
         flows: (m,) mean efforts of the junctions; todo: (L,) reducible storages to be differentiated in full.
         by_leaf, by_mean: (pairs,) of the end states and mean efforts of the reducible storages, as listed by the
             pattern.
-        by_force, by_change: (m, I) of ``F`` and of ``z − p``; by_memory: (M, I) of the modulator states' end states;
+        by_force, by_change: (m, I) of ``F`` and of ``z − p``; by_modulator: (M, I) of the modulator states' end states;
             by_drive: (I,) of the drive of one modulator state.
     """
 
@@ -103,7 +103,7 @@ class Derivatives(NamedTuple):
     by_mean: Any
     by_force: Any
     by_change: Any
-    by_memory: Any
+    by_modulator: Any
     by_drive: Any
 
 
@@ -137,7 +137,7 @@ def new_derivatives(t: Integers, p: Pattern, theta: Array, run: Run) -> Derivati
         np.zeros(pairs),
         np.zeros((m, inputs)),
         np.zeros((m, inputs)),
-        np.zeros((len(rows_of(t, MEMORIES)), inputs)),
+        np.zeros((len(rows_of(t, MODULATOR_STATES)), inputs)),
         np.zeros(inputs),
     )
 

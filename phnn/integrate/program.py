@@ -41,7 +41,7 @@ from phnn.integrate.tables import (
     LEAVES,
     LINKS,
     LOSSLESS,
-    MEMORIES,
+    MODULATOR_STATES,
     NONE,
     OWN_STORAGE,
     PORTS,
@@ -233,7 +233,7 @@ class _Builder:
         for memory in network.memories:
             law = self._law("memory", memory.name, memory.law, memory.parameters)
             sources = source_rows(network, memory, leaves, junctions)
-            rows[MEMORIES].append([*law, len(rows[SOURCES]), len(rows[SOURCES]) + len(sources)])
+            rows[MODULATOR_STATES].append([*law, len(rows[SOURCES]), len(rows[SOURCES]) + len(sources)])
             rows[SOURCES] += sources
         table, given = self._absolute(rows), imposed(network)
         places = () if given is None else map(self.states.index, (given.motion.momentum, given.motion.displacement))
@@ -264,7 +264,7 @@ class _Builder:
             found = rows_of(table, kind)
             found[:, READ] = np.where(found[:, READ] >= 0, found[:, READ] + first[READS], NONE)
         rows_of(table, JUNCTION_RESISTORS)[:, FIRST_BRANCH : LAST_BRANCH + 1] += first[BRANCHES]
-        rows_of(table, MEMORIES)[:, FIRST_SOURCE : LAST_SOURCE + 1] += first[SOURCES]
+        rows_of(table, MODULATOR_STATES)[:, FIRST_SOURCE : LAST_SOURCE + 1] += first[SOURCES]
         branches = rows_of(table, SOURCES)[:, SOURCE_RESISTOR]
         branches[branches >= 0] += first[JUNCTION_RESISTORS]
         return table

@@ -65,13 +65,13 @@ from phnn.integrate.tables import (
     LEAVES,
     LINKS,
     LOSSLESS,
-    MEMORIES,
+    MODULATOR_STATES,
     OWN_STORAGE,
     RATIO,
     RATIO_PLACE,
     READ,
     READ_LEAF,
-    READ_MEMORY,
+    READ_MODULATOR,
     RULE,
     SIGN,
     STORAGES,
@@ -100,7 +100,7 @@ def serves(program: Program) -> bool:
     single = (leaves[:, LAST_LINK] - leaves[:, FIRST_LINK] == 1) & (leaves[:, LAST_INLET] == leaves[:, FIRST_INLET])
     closed = np.isin(leaves[:, RULE], (LOSSLESS, EXACT))
     scalable = [row for kind in (LINKS, JUNCTION_INLETS) for row in range(t[0, kind], t[0, kind + 1])]
-    slow = t[rows_of(t, FACTORS)[:, READ], READ_MEMORY] >= 0
+    slow = t[rows_of(t, FACTORS)[:, READ], READ_MODULATOR] >= 0
     return bool((single & closed).all() and slow.all()) and set(program.sparsity.scaled) <= set(scalable)
 
 
@@ -110,8 +110,8 @@ def _read(t: Any, r: Any, y: Any, capacity: Any, gains: Any, kinds: Any, x: Any,
     if r < 0:
         return 0.0 * y
     leaf = t[r, READ_LEAF]
-    if t[r, READ_MEMORY] >= 0:
-        return x[t[r, READ_MEMORY]] + 0.0 * y
+    if t[r, READ_MODULATOR] >= 0:
+        return x[t[r, READ_MODULATOR]] + 0.0 * y
     if leaf >= 0:
         return x[kinds[leaf, _STORAGE]] + 0.5 * h * gains[leaf, GAIN] * y
     return p + (y * capacity - p)
@@ -239,7 +239,7 @@ def _scale(t: Any, theta: Any, x: Any, g: Any, scaled: Any, c: Any) -> None:
         r = scaled[place]
         g[r] = t[r, SIGN] * theta[t[r, RATIO]]
     for f in range(t[0, FACTORS], t[0, FACTORS + 1]):
-        by = factor(t, f, x[t[t[f, READ], READ_MEMORY]], theta)
+        by = factor(t, f, x[t[t[f, READ], READ_MODULATOR]], theta)
         for place in range(scaled.shape[0]):
             r = scaled[place]
             if t[r, RATIO] == t[f, RATIO_PLACE]:
@@ -271,7 +271,7 @@ def _steps(
 ) -> Any:  # fmt: skip
     """Integrate; the last arguments are work arrays: ``perturbed`` is theta in complex numbers."""
     fill_gains(t, theta, g)
-    k, remembers = junction_storage(t, 0), count(t, MEMORIES) > 0
+    k, remembers = junction_storage(t, 0), count(t, MODULATOR_STATES) > 0
     slope, capacity, damping = 0.0, 0.0, 0.0
     for n in range(actions.shape[0]):
         if n == 0 or h[n] != h[n - 1]:

@@ -113,10 +113,10 @@ def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, known: Any, fol
 def _modulator_rows(d: Any, columns: Any, known: Any, following: Any, inputs: Any) -> None:
     """Fill the rows of the modulator states; ``inputs`` counts states and unknowns."""
     _, _, first_varied, varied, weight_of = columns
-    memories = d.by_memory.shape[0]
+    memories = d.by_modulator.shape[0]
     for k in range(memories):
         # Modulator states are the last states.
-        out, by = following[inputs - d.by_force.shape[0] - memories + k], d.by_memory[k]
+        out, by = following[inputs - d.by_force.shape[0] - memories + k], d.by_modulator[k]
         _set(out, by[0], known[0], 0.0, known[0])
         for i in range(1, inputs):
             _add(out, by[i], known[i])
@@ -164,9 +164,9 @@ def _pull(t: Any, p: Any, d: Any, w: Any, pulled: Any) -> None:
         back = w[t[t[0, LEAVES] + leaf, OWN_STORAGE]]
         for pair in range(p.first[leaf], p.first[leaf + 1]):
             pulled[p.input[pair]] += d.by_leaf[pair] * back
-    memories = d.by_memory.shape[0]
+    memories = d.by_modulator.shape[0]
     for k in range(memories):
-        by, back = d.by_memory[k], w[w.shape[0] - memories + k]
+        by, back = d.by_modulator[k], w[w.shape[0] - memories + k]
         for i in range(pulled.shape[0]):
             pulled[i] += by[i] * back
 

@@ -35,14 +35,14 @@ from phnn.integrate.tables import (
     LEAF_INLETS,
     LEAVES,
     LOSSLESS,
-    MEMORIES,
+    MODULATOR_STATES,
     OWN_STORAGE,
     PLACE_1,
     PLACE_2,
     RATIO,
     RATIO_PLACE,
     READ,
-    READ_MEMORY,
+    READ_MODULATOR,
     RULE,
     SIGN,
     SOURCE_PORT,
@@ -69,7 +69,7 @@ def equilibrium(program: Program, network: Network, u: Array) -> Array:
         SolverFailed: a state grows without bound, so that there is no rest state; names the state.
     """
     theta = program.theta(network)
-    if not _pulled(program, theta, u) and not len(rows_of(program.table, MEMORIES)):
+    if not _pulled(program, theta, u) and not len(rows_of(program.table, MODULATOR_STATES)):
         return np.zeros(len(program.states))
     xi = _displacements(program, theta, u)
     return steady_state(network, u) if xi is None else np.real(_states(program, theta, u, xi))
@@ -81,7 +81,7 @@ def equilibrium_derivative(program: Program, network: Network, u: Array, places:
     out = np.zeros((len(program.states), places.size))
     theta = program.theta(network)
     pulled = _pulled(program, theta, u)
-    if not pulled and not len(rows_of(program.table, MEMORIES)):
+    if not pulled and not len(rows_of(program.table, MODULATOR_STATES)):
         return out
     xi, shift = _displacements(program, theta, u), np.zeros(len(program.junctions))
     if xi is None:
@@ -163,7 +163,7 @@ def _states(program: Program, theta: Any, u: Array, xi: Any) -> Any:
     for leaf in _lossless(program):
         for row in program.table[leaf[FIRST_LINK] : leaf[LAST_LINK]]:
             x[leaf[OWN_STORAGE]] += row[SIGN] * theta[row[RATIO]] * xi[row[TO_JUNCTION]]
-    for k, row in enumerate(rows_of(program.table, MEMORIES)):
+    for k, row in enumerate(rows_of(program.table, MODULATOR_STATES)):
         law = list(MEMORY_LAWS.values())[row[LAW]]
         values = [theta[p] for p in row[PLACE_1 : PLACE_1 + len(law.example)]]
         drive = _resting_drive(program, row, theta, u, x)
@@ -205,7 +205,7 @@ def _factor(program: Program, row: NDArray[np.int64], theta: Any, x: Any) -> Any
     """``f(x)`` of a modulation. It reads a reducible storage, a modulator state, or a junction, which is zero at
     rest."""
     law = list(FACTOR_LAWS.values())[row[LAW]]
-    leaf, _, memory = program.table[row[READ], : READ_MEMORY + 1]
+    leaf, _, memory = program.table[row[READ], : READ_MODULATOR + 1]
     q = x[memory] if memory >= 0 else x[rows_of(program.table, LEAVES)[leaf, OWN_STORAGE]] if leaf >= 0 else 0.0
     return law.factor(q, *(theta[p] for p in row[PLACE_1 : PLACE_1 + len(law.example)]))
 

@@ -32,7 +32,7 @@ from phnn.integrate.tables import (
     LAW,
     LEAVES,
     LOSSLESS,
-    MEMORIES,
+    MODULATOR_STATES,
     OF_JUNCTION,
     OWN_STORAGE,
     PLACE_1,
@@ -67,7 +67,7 @@ class Sparsity(NamedTuple):
         plain, others: rows of junction resistors, gyrators and junction inlets: plain ones are linear in the flows with
             constant factors; for the others, their inputs.
         gains, scaled: inputs of all modulated ratios, and the rows that have them.
-        memories: inputs of each modulator state's law, its state included, without its drive;
+        modulators: inputs of each modulator state's law, its state included, without its drive;
             sources: of every source except reducible storages.
     """
 
@@ -80,7 +80,7 @@ class Sparsity(NamedTuple):
     others: Mapping[int, Inputs]
     gains: Inputs
     scaled: tuple[int, ...]
-    memories: tuple[Inputs, ...]
+    modulators: tuple[Inputs, ...]
     sources: tuple[Inputs, ...]
 
 
@@ -102,7 +102,7 @@ def sparsity_of(table: Integers) -> Sparsity:
         {row: frozenset(found.term(row)) for row in terms if row not in plain},
         frozenset().union(*ratios),
         tuple(np.flatnonzero(np.isin(table[:, RATIO], list(found.modulated))).tolist()),
-        tuple(frozenset(found.memory(k)) for k in range(len(rows_of(table, MEMORIES)))),
+        tuple(frozenset(found.modulator(k)) for k in range(len(rows_of(table, MODULATOR_STATES)))),
         tuple(frozenset(found.source(row)) for row in rows_of(table, SOURCES)),
     )
 
@@ -114,7 +114,7 @@ class _Finder:
         self.table = table
         self.storages, self.ports = rows_of(table, STORAGES), rows_of(table, PORTS)
         self.junction_rows, self.leaf_rows = rows_of(table, JUNCTIONS), rows_of(table, LEAVES)
-        self.unknown = len(self.storages) + len(rows_of(table, MEMORIES))
+        self.unknown = len(self.storages) + len(rows_of(table, MODULATOR_STATES))
         self.theta = self.unknown + len(self.junction_rows)
         self.factors = rows_of(table, FACTORS)
         self.modulated = {int(place) for place in self.factors[:, RATIO_PLACE]}
@@ -236,9 +236,9 @@ class _Finder:
             found |= self.ratio(branch[RATIO]) | self._flow(branch[0])
         return found
 
-    def memory(self, k: int) -> set[int]:
+    def modulator(self, k: int) -> set[int]:
         """Inputs of a modulator state's law without its drive."""
-        return {len(self.storages) + k} | self._law(rows_of(self.table, MEMORIES)[k], MEMORY_LAWS)
+        return {len(self.storages) + k} | self._law(rows_of(self.table, MODULATOR_STATES)[k], MEMORY_LAWS)
 
     def source(self, row: Integers) -> set[int]:
         """Inputs of a source of a modulator state; those of a reducible storage are listed with the storage."""

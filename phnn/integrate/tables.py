@@ -28,7 +28,7 @@ LEAF_INLETS = 9  # port number; ratio
 JUNCTION_INLETS = 10  # port number, junction number; ratio
 READS = 11  # number of a reducible storage or -1, of a junction or -1, of a modulator state or -1
 FACTORS = 12  # law (5), row of the variable that it reads, place of the ratio that it multiplies
-MEMORIES = 13  # law (5), first and last row of its sources; modulator states follow the states of the storages
+MODULATOR_STATES = 13  # law (5), first and last row of its sources; modulator states follow the states of the storages
 # One of these, the others being -1: number of a reducible storage (power of its resistors), row of a junction resistor
 # (its power), number of a reducible storage (its effort), of a junction (its flow), of a port (its action).
 SOURCES = 14
@@ -46,7 +46,7 @@ FIRST_RESISTOR, LAST_RESISTOR, FIRST_LINK, LAST_LINK, FIRST_INLET, LAST_INLET = 
 # Of links, branches and gyrators; then of inlets.
 TO_JUNCTION, OF_JUNCTION = range(2)
 FROM_PORT, INTO_JUNCTION = range(2)
-READ_LEAF, READ_JUNCTION, READ_MEMORY = range(3)
+READ_LEAF, READ_JUNCTION, READ_MODULATOR = range(3)
 SOURCE_LEAF, SOURCE_RESISTOR, SOURCE_EFFORT, SOURCE_FLOW, SOURCE_PORT = range(5)
 # A row with a ratio has its place and its sign in the last two columns; a row without one has the place -1.
 RATIO, SIGN = 16, 17

@@ -26,7 +26,7 @@ from phnn.integrate.tables import (
     READ,
     READ_JUNCTION,
     READ_LEAF,
-    READ_MEMORY,
+    READ_MODULATOR,
     TO_JUNCTION,
 )
 
@@ -64,8 +64,8 @@ def read(t: Any, r: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any
     if r < 0:
         return 0.0 * g[0]
     leaf, j = t[r, READ_LEAF], t[r, READ_JUNCTION]
-    if t[r, READ_MEMORY] >= 0:
-        return x[t[r, READ_MEMORY]]
+    if t[r, READ_MODULATOR] >= 0:
+        return x[t[r, READ_MODULATOR]]
     if leaf >= 0:
         return x[t[t[0, LEAVES] + leaf, OWN_STORAGE]] + 0.5 * h * leaf_current(t, leaf, g, a, wj)
     return x[junction_storage(t, j)] + 0.5 * junction_change(t, j, c, x, y)

@@ -204,6 +204,6 @@ def input_before(recording: Recording, samples: Array) -> float:
 def made_periodic(x: Any, cycle: int) -> Any:
     """(n, …) quantities of the steps of a simulation, the first cycle replaced by the second, which is periodic.
 
-    A recording of one cycle lacks the last interval of its second cycle, but in that interval its first is periodic too.
+    A recording of one cycle lacks the last interval of its second cycle, but there the first is periodic too.
     """
     return np.concatenate([x[cycle : 2 * cycle], x[min(cycle, x.shape[0] - cycle) :]]) if cycle else x
