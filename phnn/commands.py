@@ -1,4 +1,4 @@
-"""What the console commands do: thin covers over reading, identifying, diagnosing and writing."""
+"""The console commands: thin covers over reading, identifying, diagnosing and writing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the console commands `demo` and `prove` do: they conceal effects, diagnose them and count."""
+"""The console commands `demo` and `prove`: they conceal effects, diagnose them and count the outcomes."""
 
 from __future__ import annotations
 

@@ -76,6 +76,11 @@ def test_no_private_words(pattern: str) -> None:
     assert not hits, f"say: {REPLACE[pattern]}\n" + "\n".join(hits)
 
 
+def test_no_module_begins_with_a_question() -> None:
+    begins = re.compile(r'"""(What|How|Where|Which|Whether|Why|When)\b')
+    assert not [path.name for path in MODULES if begins.match(path.read_text("utf-8"))]
+
+
 def test_the_glossary_is_in_order() -> None:
     rows = [line.split("|")[1] for line in (ROOT / "docs/glossary.md").read_text("utf-8").splitlines() if "|" in line]
     terms = [t.strip(" `").lower() for t in rows[2 : rows.index(" location ", 3)]]

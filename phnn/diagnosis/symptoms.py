@@ -1,4 +1,4 @@
-"""What a residual looks like before anything is named: growth, harmonics, phase, repetition, drift.
+"""Symptoms of a residual before anything is named: growth, harmonics, phase, repetition, drift.
 
 Every figure comes with the probability that noise alone would give it, noise as the residual shows it
 (`phnn.identification.residual_noise`); residuals are in units of the noise. Periods with a transient are

@@ -1,4 +1,4 @@
-"""What training makes small: residual over noise, and the jumps between windows.
+"""The objective of training: residual over noise, and the jumps between windows.
 
     L = mean_n ((y_n − ŷ_n − zero)/σ)² + c mean_k |(x_k(end) − x_{k+1}(start))/(ν s)|²,     ν = σ/rms(y)
 

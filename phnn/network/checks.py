@@ -1,4 +1,4 @@
-"""What a network must satisfy before a torch module is made of it, and what this module can be evaluated at."""
+"""Checks of a network before it becomes a torch module, and of the arguments with which this module is evaluated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a bond graph consists of, as values: junctions, one-ports that hang on them, and bonds between them.
+"""The parts of a bond graph as values: junctions, one-ports that hang on them, and bonds between them.
 
 Conventions (Karnopp, Margolis & Rosenberg 2012; the paper's Table A.5): power flows into ``C``, ``I`` and ``R``, out of
 ``Se`` and ``Sf``, and along a bond from its start to its end. Effort ``e`` times flow ``f`` is power.
