@@ -148,10 +148,10 @@ def with_weights(program: Program, plant: NetworkPlant) -> Program:
         mine = [leaves[program.leaves.index(owner)]] if owner in program.leaves else [*leaves, *others.values()]
         for inputs in mine:
             inputs |= weights
-    uses = program.sparsity._replace(
+    sparsity = program.sparsity._replace(
         leaves=tuple(map(frozenset, leaves)), others={row: frozenset(inputs) for row, inputs in others.items()}
     )
-    return replace(program, uses=uses)
+    return replace(program, sparsity=sparsity)
 
 
 def _weight_places(program: Program, plant: NetworkPlant) -> dict[tuple[str, str], range]:
