@@ -400,11 +400,11 @@ def test_the_quick_march_leaves_other_networks_alone() -> None:
 
 def in_full(program: Program) -> Program:
     """The program with nothing known to be affine: its steps are differentiated block by block."""
-    uses, count = program.sparsity, len(program.states) + len(program.junctions)
+    sparsity, count = program.sparsity, len(program.states) + len(program.junctions)
     everything = frozenset(range(count + len(program.names) + len(program.constants)))
-    others = {**dict.fromkeys(uses.plain, everything), **uses.others}
-    uses = uses._replace(affine=(False,) * len(program.leaves), plain=(), others=others)
-    return replace(program, uses=uses)
+    others = {**dict.fromkeys(sparsity.plain, everything), **sparsity.others}
+    sparsity = sparsity._replace(affine=(False,) * len(program.leaves), plain=(), others=others)
+    return replace(program, sparsity=sparsity)
 
 
 @pytest.mark.parametrize("name", [*QUICK, *OTHER])
