@@ -1,4 +1,4 @@
-"""What every element of a model gains on held-out recordings, and what follows for this element alone.
+"""The gain of every element of a model on held-out recordings, and the resulting status of this element.
 
 An element is what the model has and the model without it, refitted, has not. `phnn.diagnosis.confirm` decides what
 follows for the model.

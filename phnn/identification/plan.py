@@ -1,4 +1,4 @@
-"""Which recordings take part in a fit, and how finely they are simulated."""
+"""The plan of a fit: the recordings that take part, and the steps with which they are simulated."""
 
 from __future__ import annotations
 

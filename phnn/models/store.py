@@ -19,7 +19,7 @@ from phnn.intake.limits import LIMITS
 from phnn.intake.names import printable
 from phnn.integrate.program import compile_network
 from phnn.models.typed import a_count, a_list, a_name, a_number, a_text, an_object, brief, of_fields
-from phnn.network.elements import Coupling, Memory, Modulation, Network, Port, Resistor, Storage
+from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage
 from phnn.network.named_laws import check_laws
 from phnn.output import Place, claim
 from phnn.parameters import Parameter
@@ -156,7 +156,7 @@ def _setup(content: Mapping[str, Any]) -> Setup:
         output=a_name(content["output"], "output"),
         # Files of earlier versions have none of these, nor sources and nuisances.
         modulations=_all({"modulations": [], **content}, "modulations", partial(of_fields, Modulation)),
-        memories=_all({"memories": [], **content}, "memories", partial(of_fields, Memory)),
+        memories=_all({"memories": [], **content}, "memories", partial(of_fields, ModulatorState)),
         senses=a_name(content["senses"], "senses") if "senses" in content else "",
     )
     lines = a_list(content.get("lines", []), "lines", LIMITS.lines)
