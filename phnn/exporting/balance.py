@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from phnn.export.elements import Elements, refuse
+from phnn.exporting.elements import Elements, refuse
 from phnn.integrate.partition import (
     is_leak,
     is_linear,

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from phnn.export.build import Hold, build
-from phnn.export.c import c_header, c_source
-from phnn.export.program import Program
-from phnn.export.python import python
+from phnn.exporting.build import Hold, build
+from phnn.exporting.c import c_header, c_source
+from phnn.exporting.program import Program
+from phnn.exporting.python import python
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
 from phnn.simulate import simulate
@@ -76,6 +76,8 @@ def apart(found: np.ndarray, wanted: np.ndarray) -> float:
     return float(np.abs(found - wanted).max() / np.ptp(wanted))
 
 
-def exported(setup: Setup, t: np.ndarray, substeps: int, hold: Hold = "linear") -> Program:
+def exported(
+    setup: Setup, t: np.ndarray, substeps: int, hold: Hold = "linear", name: str = "model", initial: float = 0.0
+) -> Program:
     """The program of a setup at the sample time of a drive."""
-    return build(setup, float(t[1] - t[0]), substeps, hold, "model")
+    return build(setup, float(t[1] - t[0]), substeps, hold, name, initial_input=initial)

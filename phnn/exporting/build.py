@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
+import numpy as np
+
 from phnn.errors import SolverFailed
-from phnn.export import solvers
-from phnn.export.balance import Balance
-from phnn.export.chain import Chain
-from phnn.export.elements import Elements, refuse
-from phnn.export.names import identifier, one_line
-from phnn.export.program import Constant, Program, function
-from phnn.export.rest import Rest
+from phnn.exporting import solvers
+from phnn.exporting.balance import Balance
+from phnn.exporting.chain import Chain
+from phnn.exporting.elements import Elements, refuse
+from phnn.exporting.names import identifier, one_line
+from phnn.exporting.program import Constant, Program, function
+from phnn.exporting.rest import Rest
 from phnn.integrate.compilable import obstacle
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
@@ -25,7 +27,13 @@ ROOTS = ("init", "step", "substep", "output")
 
 
 def build(
-    setup: Setup, dt: float, substeps: int, hold: Hold = "linear", name: str = "", further: Sequence[str] = ()
+    setup: Setup,
+    dt: float,
+    substeps: int,
+    hold: Hold = "linear",
+    name: str = "",
+    further: Sequence[str] = (),
+    initial_input: float = 0.0,
 ) -> Program:
     """The program of a model.
 
@@ -35,6 +43,7 @@ def build(
         hold: the input between two samples: ``linear`` from one to the next, or ``zero_order``, held.
         name: prefix of what targets make public; that of the model if empty.
         further: ports that are inputs beside the first; the input of the others is zero.
+        initial_input: of the first port, at whose rest the program begins if it cannot compute rest by itself.
 
     Raises:
         InputRefused: a law or block has no exported form; names it, the cause and the remedy.
@@ -45,7 +54,7 @@ def build(
     if network.senses:
         raise refuse(setup.name, "its output is a rate, which needs the sample after", "let its output be a storage")
     builder = _Builder(setup, dt, substeps, hold, name, further)
-    return builder.program()
+    return builder.program(initial_input)
 
 
 class _Builder:
@@ -69,13 +78,13 @@ class _Builder:
         self.rest = Rest(self.b)
         self.further = [identifier(p.name) for p in inputs[1:]]
 
-    def program(self) -> Program:
+    def program(self, initial_input: float) -> Program:
         """The finished program."""
         self.p.from_rest = self.rest.follows_input
         self._solver_fields()
         self._add("balance", (), self.b.write(), "Equations of a step at the unknowns y: what is left, and its terms")
         solve = self._solver("balance", "FLOORS", "")
-        self._init(self._rest_solver() if self.p.from_rest else "")
+        self._init(self._rest_solver() if self.p.from_rest else "", initial_input)
         self._substep(solve)
         self._step()
         self._output()
@@ -124,7 +133,7 @@ class _Builder:
     def _actions(self, values: dict[str, str]) -> list[str]:
         return [f"{self.b.action(p.name)} = {self.e.action(p, values[p.name])}" for p in self.network.ports]
 
-    def _init(self, solve: str) -> None:
+    def _init(self, solve: str, initial_input: float) -> None:
         first = self.inputs[0].name
         given = {p.name: f"u_{identifier(p.name)}" for p in self.inputs[1:]}
         zero = {p.name: "0.0" for p in self.network.ports if p not in self.inputs}
@@ -134,7 +143,7 @@ class _Builder:
         for n in self.further:
             self.p.state(f"u_{n}", f"last input of the port {n}")
         lines += [*self.chain.begin, *self._actions({first: "u", **given, **zero})]
-        lines += self._at_rest(solve) if solve else self._at_zero()
+        lines += self._at_rest(solve) if solve else self._stored(initial_input)
         for j, name in enumerate(self.b.junctions):
             start = f"{self.b.x(name)}"
             if self.b.is_linear(name):
@@ -158,13 +167,12 @@ class _Builder:
     def _storages(self) -> list[str]:
         return [self.b.x(name) for name in self.network.storage_names]
 
-    def _at_zero(self) -> list[str]:
-        """The state of rest without input, where it depends on more than the input."""
-        program = compile_network(self.network)
+    def _stored(self, initial_input: float) -> list[str]:
+        """The state of rest under one input, where something flows at rest."""
+        program, u = compile_network(self.network), np.zeros(len(self.network.ports))
+        u[0] = initial_input
         try:
-            import numpy as np
-
-            values = equilibrium(program, self.network, np.zeros(len(self.network.ports))).tolist()
+            values = equilibrium(program, self.network, u).tolist()
         except SolverFailed:
             values = [0.0] * len(program.states)
         return [f"{self.b.x(name)} = {value!r}" for name, value in zip(program.states, values, strict=True)]
@@ -191,7 +199,7 @@ class _Builder:
 
     def _remembered(self, memory) -> list[str]:  # type: ignore[no-untyped-def]
         """The step of a modulator state by its mean drive."""
-        from phnn.export.drives import drives
+        from phnn.exporting.drives import drives
 
         key = self.e.states.of(memory.name)
         x, what = self.b.x(memory.name), f"memory {memory.name}"

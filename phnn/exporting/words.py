@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from phnn.export.program import Program
+from phnn.exporting.program import Program
 
 _HOLD = {
     "linear": "the input runs straight from the last value to the given one",
@@ -26,7 +26,7 @@ def header(program: Program) -> str:
 def _begin(program: Program) -> str:
     if program.from_rest:
         return "init begins in the equilibrium under a constant input, in which hysterons are empty."
-    return "init begins in the state of rest without input; its input only fills the amplifier's blocks."
+    return "init begins in the state of rest that was computed at the export; its input only fills the amplifier."
 
 
 def constants_about(program: Program) -> list[str]:

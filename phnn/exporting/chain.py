@@ -16,7 +16,7 @@ from phnn.chain.amplifiers import slew_step
 from phnn.chain.bouc_wen import bouc_wen_step
 from phnn.chain.delay import parabola
 from phnn.chain.lowpass import first_order_step, first_order_weights, second_order_step, second_order_weights
-from phnn.export.elements import Elements, refuse
+from phnn.exporting.elements import Elements, refuse
 from phnn.setup import Block, Setup, Source
 
 _STATIC_AMPLIFIERS = ("saturation", "soft_saturation", "offset", "gain", "knee", "dead_band")

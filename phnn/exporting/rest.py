@@ -6,7 +6,7 @@ junctions carry into them, so that no force is left on any junction.
 
 from __future__ import annotations
 
-from phnn.export.balance import Balance, scaled
+from phnn.exporting.balance import Balance, scaled
 from phnn.integrate.tables import LOSSLESS
 from phnn.laws import STORAGE_LAWS
 

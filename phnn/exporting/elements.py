@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from phnn.errors import InputRefused
-from phnn.export.names import Names, one_line
-from phnn.export.program import Constant, Function, Program, function
-from phnn.export.sources import Sources
+from phnn.exporting.names import Names, one_line
+from phnn.exporting.program import Constant, Function, Program, function
+from phnn.exporting.sources import Sources
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 from phnn.parameters import Parameter

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.export.program import INTRINSICS, Function, made
+from phnn.exporting.program import INTRINSICS, Function, made
 from phnn.laws import namespace
 
 # Functions that are known to every target, by the objects that the package's sources name.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from phnn.export.balance import Balance
+from phnn.exporting.balance import Balance
 from phnn.network.elements import Memory
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import ast
 import copy
 
-from phnn.export.names import one_line
-from phnn.export.program import Field, Function, Program
-from phnn.export.words import constants_about, header
+from phnn.exporting.names import one_line
+from phnn.exporting.program import Field, Function, Program
+from phnn.exporting.words import constants_about, header
 
 _MATH = ("exp", "sqrt", "log", "log1p", "tanh", "sin", "cos", "isfinite")
 _BUILTIN = {"absolute": "abs", "maximum": "max", "minimum": "min"}
