@@ -64,7 +64,9 @@ def program_of(model: Model | Setup | Network | StoredModes, wanted: Wanted) -> 
     if not wanted.sensor:
         setup = replace(setup, sensor=())
     chosen = wanted.substeps if wanted.substeps is not None else substeps
-    return build(setup, wanted.dt, chosen, wanted.hold, wanted.name, wanted.ports, wanted.initial_input)
+    # What drives a unit of co-simulation holds its input during a communication step.
+    hold = "zero_order" if wanted.to == "fmu" else wanted.hold
+    return build(setup, wanted.dt, chosen, hold, wanted.name, wanted.ports, wanted.initial_input)
 
 
 def write(
