@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from phnn.exporting.elements import Elements, refuse
+from phnn.exporting.elements import Elements
 from phnn.integrate.partition import (
     is_leak,
     is_linear,
@@ -18,7 +18,7 @@ from phnn.integrate.partition import (
     rule_of,
 )
 from phnn.integrate.scheme import Scheme
-from phnn.integrate.tables import EXACT, GRADIENT, LOSSLESS, RADAU
+from phnn.integrate.tables import EXACT, LOSSLESS
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
 
@@ -211,20 +211,19 @@ class Balance:
         """End state and mean effort of a reducible storage, as an expression with two values."""
         x, current, rule, storage = self.x(name), self.current(name), self.rules[name], self.storage(name)
         if rule == LOSSLESS and self.is_linear(name):
-            stiffness = self._stiffness(name)
+            stiffness = self.stiffness(name)
             return f"{x} + H * {current}, {stiffness} * ({x} + 0.5 * H * {current})"
         if rule == LOSSLESS:
             return f"{x} + H * {current}, {self.e.mean_effort(storage, x, f'{x} + H * {current}')}"
         if rule == EXACT:
             return self._exact(name)
-        kind = {RADAU: "no dead zone", GRADIENT: "a storage that is not linear"}[rule]
-        raise refuse(
-            f"storage {name}",
-            f"its resistors have {kind}, so that its step is an equation of its own",
-            "export a model without it",
-        )
+        # It needs the balance's expressions.
+        from phnn.exporting.searched import searched
 
-    def _stiffness(self, name: str) -> str:
+        return searched(self, name)
+
+    def stiffness(self, name: str) -> str:
+        """The constant ``s`` of a linear storage."""
         key = self.e.states.of(name)
         return self.e.derived(f"stiffness_{key}", self.stiffness_of(name), f"s of {name}, effort = s state")
 
@@ -253,9 +252,9 @@ class Balance:
         else:
             given, both = [f"{part}_{key}" for part in ("rho", "low", "high")], [f"one_{key}", f"two_{key}"]
             self.lines.append(f"{', '.join(given)} = {self.e.thresholds(first, self.reading(first.modulated_by))}")
-            duration = f"H * ({given[0]} + {leaking}) * {self._stiffness(name)}"
+            duration = f"H * ({given[0]} + {leaking}) * {self.stiffness(name)}"
             self.lines.append(f"{', '.join(both)} = {self.e.call(relaxation, f'resistor {first.name}', duration)}")
-        arguments = (self.x(name), self.current(name), "H", self._stiffness(name), *given, leaking, *both)
+        arguments = (self.x(name), self.current(name), "H", self.stiffness(name), *given, leaking, *both)
         return self.e.call(rc_flow, f"storage {name}", *arguments, leak_one, leak_two)
 
 

@@ -118,9 +118,12 @@ class _Builder:
         floors = self._floors() if not suffix else self.rest.floors()
         about = "least slope of every equation in its unknown"
         self.p.constants[table] = Constant(table, (tuple(floors),), about)
-        chosen = solvers.solve_one if m == 1 else solvers.solve_many
         renamed = {"balance": balance, "UNKNOWNS": str(m), "FLOORS": table}
-        return self.e.sources.name_of(chosen, "solver", renamed, f"solve{suffix}")
+        if m > 1:
+            return self.e.sources.name_of(solvers.solve_many, "solver", renamed, f"solve{suffix}", suffix)
+        value = self.e.sources.name_of(solvers.balance_value, "solver", renamed, "", suffix)
+        renamed = renamed | {"value": value}
+        return self.e.sources.name_of(solvers.solve_one, "solver", renamed, f"solve{suffix}", suffix)
 
     def _rest_solver(self) -> str:
         self._add("rest_balance", (), self.rest.write(), "Forces on the junctions at rest at the displacements y")

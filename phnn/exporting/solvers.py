@@ -12,15 +12,17 @@ from __future__ import annotations
 from typing import Any
 
 from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE
-from phnn.laws.namespace import absolute, where
+from phnn.integrate.stages import gradient_defect, radau_defects
+from phnn.laws.namespace import absolute, maximum, where
 
 _FAR = 1e300
 _STRICT = 12
 _ITERATIONS = 300
 # A slope between two values is believed if they differ by more than this share of the equation's terms.
 _SEEN = 1e-8
-# Relative step of a finite difference, and the least one.
-_STEP, _LEAST = 1e-7, 1e-30
+# By how much of its terms a finite difference is to change an equation, its least step as a share of the unknown,
+# and the least of all.
+_STEP, _FINEST, _LEAST = 1e-8, 1e-9, 1e-30
 _HALVINGS = 30
 _SUFFICIENT = 1e-4
 # What rounding of the unknowns leaves, as a share of their part in an equation.
@@ -28,6 +30,7 @@ _ROUNDING = 4e-16
 
 UNKNOWNS = 1
 FLOORS: Any = ((1.0,),)
+H = 1.0
 
 
 def balance(s: Any) -> None:
@@ -35,45 +38,126 @@ def balance(s: Any) -> None:
     raise NotImplementedError
 
 
-def solve_one(s: Any) -> Any:
-    """Find the unknown ``y[0]`` by secant steps inside a bracket; 1 where it was found, 0 otherwise."""
+def lost(s: Any, state: Any) -> Any:
+    """The flow into the resistors of a storage at a state."""
+    raise NotImplementedError
+
+
+def mean_effort(a: Any, b: Any) -> Any:
+    """The mean effort of a storage between two states."""
+    raise NotImplementedError
+
+
+def value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
+    """An equation at the unknown ``y``, and the size of its terms."""
+    raise NotImplementedError
+
+
+def root(s: Any, x: Any, other: Any, current: Any, guess: Any, floor: Any, slope: Any) -> Any:
+    """The root of an increasing equation by secant steps inside a bracket, and the last slope; 1e300 for none.
+
+    ``slope`` is tried first, and one step of the least slope ``floor`` leads beyond the root.
+    """
     low, high, last, reach = -_FAR, _FAR, _FAR, 1.0
-    before, before_value, slope, exhausted = 0.0, 0.0, s.slope, 0.0
+    before, before_value, y, exhausted = 0.0, 0.0, guess, 0.0
     for iteration in range(_ITERATIONS):
-        balance(s)
-        value, size, y = s.force[0], s.size[0], s.y[0]
-        if absolute(value) <= where(iteration < _STRICT, TOLERANCE, RELAXED) * size + NOTHING or exhausted > 0.0:
-            s.slope = slope
-            return 1.0
-        if not absolute(value) < _FAR:
-            return 0.0
-        if iteration > 0 and absolute(value - before_value) > _SEEN * size and y != before:
-            secant = (value - before_value) / (y - before)
+        left, size = value(s, y, x, other, current)
+        if absolute(left) <= where(iteration < _STRICT, TOLERANCE, RELAXED) * size + NOTHING or exhausted > 0.0:
+            return y, slope
+        if not absolute(left) < _FAR:
+            return _FAR, floor
+        if iteration > 0 and absolute(left - before_value) > _SEEN * size and y != before:
+            secant = (left - before_value) / (y - before)
             slope = where(secant > 0.0, secant, slope)
-        before, before_value = y, value
-        low = where(value > 0.0, low, y)
-        high = where(value > 0.0, y, high)
-        step = y - value / slope
-        if step >= low and step <= high and absolute(value) <= 0.5 * last:
-            s.y[0] = step
+        before, before_value = y, left
+        low = where(left > 0.0, low, y)
+        high = where(left > 0.0, y, high)
+        step = y - left / slope
+        if step >= low and step <= high and absolute(left) <= 0.5 * last:
+            y = step
         elif low > -_FAR and high < _FAR:
-            s.y[0] = 0.5 * (low + high)
-            exhausted = where(s.y[0] <= low or s.y[0] >= high, 1.0, 0.0)
+            y = 0.5 * (low + high)
+            exhausted = where(y <= low or y >= high, 1.0, 0.0)
         else:
-            s.y[0] = y - reach * value / FLOORS[0][0]
+            y = y - reach * left / floor
             reach = 2.0 * reach
-        last = where(iteration > 0, absolute(value), _FAR)
-    return 0.0
+        last = where(iteration > 0, absolute(left), _FAR)
+    return _FAR, floor
+
+
+def balance_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
+    """The equation of a step with one unknown."""
+    s.y[0] = y
+    balance(s)
+    return s.force[0], s.size[0]
+
+
+def solve_one(s: Any) -> Any:
+    """Find the unknown ``y[0]``; 1 where it was found, 0 otherwise."""
+    y, slope = root(s, 0.0, 0.0, 0.0, s.y[0], FLOORS[0][0], s.slope)
+    s.slope = slope
+    return where(y < _FAR, 1.0, 0.0)
+
+
+def first_stage_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
+    """The first equation of Radau IIA at its first stage, for a given second one."""
+    taken = lost(s, y)
+    left, unused = radau_defects(y - x, other - x, current, H, taken, 0.0)
+    return left, absolute(y) + absolute(other) + absolute(x) + H * (absolute(current) + absolute(taken))
+
+
+def second_stage_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
+    """The second equation at the second stage, with the first stage that solves the first one."""
+    taken, one = lost(s, y), first_stage(s, y, x, current)
+    unused, left = radau_defects(one - x, y - x, current, H, 0.0, taken)
+    return left, absolute(one) + absolute(y) + absolute(x) + H * (absolute(current) + absolute(taken))
+
+
+def first_stage(s: Any, two: Any, x: Any, current: Any) -> Any:
+    """The first stage for a given second one."""
+    raise NotImplementedError
+
+
+def first_root(s: Any, two: Any, x: Any, current: Any) -> Any:
+    """The first stage for a given second one."""
+    one, unused = root(s, x, two, current, two, 1.5, 1.5)
+    return one
+
+
+def radau(s: Any, x: Any, current: Any) -> Any:
+    """Both stages of a storage under a constant current; the second is its end state."""
+    two, unused = root(s, x, 0.0, current, x, 2.5, 2.5)
+    return first_stage(s, two, x, current), two
+
+
+def gradient_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
+    """The equation of the discrete gradient at the end state."""
+    taken = lost(s, mean_effort(x, y))
+    left = gradient_defect(y - x, current, H, taken)
+    return left, absolute(y) + absolute(x) + H * (absolute(current) + absolute(taken))
+
+
+def gradient(s: Any, x: Any, current: Any) -> Any:
+    """The end state of a storage under a constant current."""
+    end, unused = root(s, x, 0.0, current, x, 1.0, 1.0)
+    return end
 
 
 def fill_jacobian(s: Any) -> None:
-    """Derivatives of the equations by finite differences; the equations are left as they are."""
+    """Derivatives of the equations by finite differences; the equations are left as they are.
+
+    Steps are such that the slope known before would change an equation by `_STEP`: a slope that was too small, of a law
+    that is steep at one place, is corrected from iteration to iteration.
+    """
     for i in range(UNKNOWNS):
         s.base[i] = s.force[i]
         s.scale[i] = s.size[i]
+        if s.known < 1.0:
+            s.jacobian[i][i] = FLOORS[0][i]
     for i in range(UNKNOWNS):
         kept = s.y[i]
-        s.y[i] = kept + _STEP * (absolute(kept) + s.scale[i] / FLOORS[0][i]) + _LEAST
+        slope = maximum(absolute(s.jacobian[i][i]), FLOORS[0][i])
+        s.y[i] = kept + _STEP * s.scale[i] / slope + _FINEST * absolute(kept) + _LEAST
         change = s.y[i] - kept
         balance(s)
         for j in range(UNKNOWNS):

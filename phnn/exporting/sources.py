@@ -35,23 +35,28 @@ class Sources:
         self._names: dict[Any, str] = {}
 
     def name_of(
-        self, source: Callable[..., Any], what: str, renamed: Mapping[str, str] | None = None, called: str = ""
+        self,
+        source: Callable[..., Any],
+        what: str,
+        renamed: Mapping[str, str] | None = None,
+        called: str = "",
+        suffix: str = "",
     ) -> str:
         """The name under which a function of the package is called in the program; it is translated the first time.
 
         Args:
             what: the element whose law it is, for messages.
-            renamed: what stands for names in its source; the functions of a solver are translated with it too.
-            called: its name in the program; its own where it is left out.
+            renamed: what stands for names in its source, and in functions of its module that it calls.
+            called: its name in the program; its own where it is left out, followed by the suffix.
 
         Raises:
             InputRefused: its source cannot be read, or uses more than the exported subset of Python.
         """
         key = (source, tuple(sorted((renamed or {}).items())))
         if key not in self._names:
-            name = _free(called or source.__name__.lstrip("_"), source, self.functions)
+            name = _free(called or source.__name__.lstrip("_") + suffix, source, self.functions)
             tree = _definition(source, what)
-            inner = _Simplified(self, source, what, renamed or {})
+            inner = _Simplified(self, source, what, renamed or {}, suffix)
             tree = ast.fix_missing_locations(inner.visit(tree))
             _refuse_beyond(tree, what)
             self._names[key] = name
@@ -96,8 +101,11 @@ def _refuse_beyond(tree: ast.FunctionDef, what: str) -> None:
 class _Simplified(ast.NodeTransformer):
     """Resolves names, and drops what only arrays, tensors, complex steps and the compiler need."""
 
-    def __init__(self, sources: Sources, source: Callable[..., Any], what: str, renamed: Mapping[str, str]) -> None:
-        self.sources, self.what, self.renamed = sources, what, renamed
+    def __init__(
+        self, sources: Sources, source: Callable[..., Any], what: str, renamed: Mapping[str, str], suffix: str
+    ) -> None:
+        self.sources, self.what, self.renamed, self.suffix = sources, what, renamed, suffix
+        self.module = source.__module__
         self.scope = source.__globals__
         self.local = set(source.__code__.co_varnames)
         self.temporaries = 0
@@ -174,7 +182,9 @@ class _Simplified(ast.NodeTransformer):
         if function in _KNOWN:
             name = _KNOWN[function]
         elif inspect.isfunction(function):
-            name = self.sources.name_of(function, self.what, self.renamed)
+            own = function.__module__ == self.module
+            renamed, suffix = (self.renamed, self.suffix) if own else ({}, "")
+            name = self.sources.name_of(function, self.what, renamed, suffix=suffix)
         else:
             raise _refused(self.what, f"its source calls {ast.unparse(node.func)}, which has no translation")
         return ast.Call(ast.Name(name, ast.Load()), [self.visit(a) for a in node.args], [])
