@@ -21,7 +21,6 @@ from phnn.integrate.scheme import Scheme
 from phnn.integrate.tables import EXACT, LOSSLESS
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
-
 from phnn.network.elements import Network, Ratio, Resistor, Storage
 
 
@@ -52,8 +51,8 @@ class Balance:
 
     def x(self, name: str) -> str:
         """The field of a state."""
-        about = f"state {name} [{self._unit(name)}]"
-        return self.e.program.state(f"x_{self.e.states.of(name)}", about)
+        field = self.e.program.states.setdefault(name, f"x_{self.e.states.of(name)}")
+        return self.e.program.state(field, f"state {name} [{self._unit(name)}]")
 
     def end(self, name: str) -> str:
         """The field of a state's value at the end of the step."""
@@ -84,7 +83,7 @@ class Balance:
         return f"change_{self.e.states.of(name)}"
 
     def _unit(self, name: str) -> str:
-        units = {s.name: s.unit for s in (*self.network.storages, *self.network.memories)}
+        units = {s.name: s.unit for s in self.network.storages} | {m.name: m.unit for m in self.network.memories}
         return units[name]
 
     def ratio(self, ratio: Ratio) -> str:
@@ -178,7 +177,11 @@ class Balance:
 
     def _add(self, junction: str, term: str) -> None:
         key = self.e.states.of(junction)
-        self.lines += [f"term = {term}", f"force_{key} = force_{key} + term", f"size_{key} = size_{key} + absolute(term)"]
+        self.lines += [
+            f"term = {term}",
+            f"force_{key} = force_{key} + term",
+            f"size_{key} = size_{key} + absolute(term)",
+        ]
 
     def _junctions(self) -> None:
         rate = self.e.derived("rate", 1.0 / self.h, "1/H [1/s]")

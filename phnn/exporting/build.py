@@ -11,6 +11,7 @@ from phnn.errors import SolverFailed
 from phnn.exporting import solvers
 from phnn.exporting.balance import Balance
 from phnn.exporting.chain import Chain
+from phnn.exporting.drives import drives
 from phnn.exporting.elements import Elements, refuse
 from phnn.exporting.names import identifier, one_line
 from phnn.exporting.program import Constant, Program, function
@@ -19,6 +20,7 @@ from phnn.integrate.compilable import obstacle
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.laws.memory import advanced
+from phnn.network.elements import Memory
 from phnn.setup import Setup
 
 Hold = Literal["linear", "zero_order"]
@@ -60,15 +62,14 @@ def build(
 class _Builder:
     """Writes all functions of a program."""
 
-    def __init__(
-        self, setup: Setup, dt: float, substeps: int, hold: Hold, name: str, further: Sequence[str]
-    ) -> None:
+    def __init__(self, setup: Setup, dt: float, substeps: int, hold: Hold, name: str, further: Sequence[str]) -> None:
         network, self.h = setup.network, dt / substeps
         inputs = (network.ports[0], *(p for p in network.ports[1:] if p.name in further))
         storage = next(s for s in network.storages if s.name == network.output)
         self.p = Program(
             identifier(name or setup.name), one_line(setup.name), dt, substeps, hold,
-            tuple((identifier(p.name), one_line(p.unit)) for p in inputs), (one_line(storage.name), one_line(storage.unit)),
+            tuple((identifier(p.name), one_line(p.unit)) for p in inputs),
+            (one_line(storage.name), one_line(storage.unit)),
         )  # fmt: skip
         self.p.constant("H", self.h, "step of the integration [s]")
         self.setup, self.network, self.inputs = setup, network, inputs
@@ -117,7 +118,7 @@ class _Builder:
             return ""
         floors = self._floors() if not suffix else self.rest.floors()
         about = "least slope of every equation in its unknown"
-        self.p.constants[table] = Constant(table, (tuple(floors),), about)
+        self.p.constants[table] = Constant(table, (tuple(map(float, floors)),), about)
         renamed = {"balance": balance, "UNKNOWNS": str(m), "FLOORS": table}
         if m > 1:
             return self.e.sources.name_of(solvers.solve_many, "solver", renamed, f"solve{suffix}", suffix)
@@ -131,7 +132,7 @@ class _Builder:
 
     def _floors(self) -> list[float]:
         linear = (2.0 / self.b.stiffness_of(n) if self.b.is_linear(n) else 1.0 for n in self.b.junctions)
-        return [value / self.h for value in linear]
+        return [float(value) / self.h for value in linear]
 
     def _actions(self, values: dict[str, str]) -> list[str]:
         return [f"{self.b.action(p.name)} = {self.e.action(p, values[p.name])}" for p in self.network.ports]
@@ -198,12 +199,12 @@ class _Builder:
         lines += [f"{self.b.x(name)} = {self.b.end(name)}" for name in states]
         lines += ["s.count = s.count + 1.0"] if self.chain_counts else []
         arguments = ("u_start", "u_middle", "u_end", *means.values())
-        self._add("substep", arguments, [*lines, "return solved"], "One step; 1 where its equations were solved, else 0")
+        self._add(
+            "substep", arguments, [*lines, "return solved"], "One step; 1 where its equations were solved, else 0"
+        )
 
-    def _remembered(self, memory) -> list[str]:  # type: ignore[no-untyped-def]
+    def _remembered(self, memory: Memory) -> list[str]:
         """The step of a modulator state by its mean drive."""
-        from phnn.exporting.drives import drives
-
         key = self.e.states.of(memory.name)
         x, what = self.b.x(memory.name), f"memory {memory.name}"
         rate = self.e.memory(memory, "rate", x, f"drive_{key}")
@@ -214,14 +215,12 @@ class _Builder:
     def _step(self) -> None:
         k = self.p.substeps
         lines = ["solved = 1.0"]
-        ends = [f"mean_{n}" for n in self.further]
         if self.p.hold == "linear":
-            lines += ["rise = (u - s.u) / %d.0" % k, *(f"rise_{n} = (u_{n} - s.u_{n}) / {k}.0" for n in self.further)]
+            lines += [f"rise = (u - s.u) / {k}.0", *(f"rise_{n} = (u_{n} - s.u_{n}) / {k}.0" for n in self.further)]
             points = [f"s.u + (i + {at}) * rise" for at in ("0.0", "0.5", "1.0")]
             further = [f"s.u_{n} + (i + 0.5) * rise_{n}" for n in self.further]
         else:
             points, further = ["u"] * 3, [f"u_{n}" for n in self.further]
-        assert len(ends) == len(further)
         lines += [
             f"for i in range({k}):",
             f"    done = substep(s, {', '.join([*points, *further])})",

@@ -11,8 +11,9 @@ from phnn.exporting.words import constants_about, header
 
 _FUNCTIONS = {"absolute": "fabs", "isfinite": "isfinite"}
 _OPERATORS: dict[type, tuple[str, int]] = {
-    ast.Add: ("+", 6), ast.Sub: ("-", 6), ast.Mult: ("*", 7), ast.Div: ("/", 7), ast.Lt: ("<", 5), ast.LtE: ("<=", 5),
-    ast.Gt: (">", 5), ast.GtE: (">=", 5), ast.Eq: ("==", 4), ast.NotEq: ("!=", 4), ast.And: ("&&", 3), ast.Or: ("||", 2),
+    ast.Add: ("+", 6), ast.Sub: ("-", 6), ast.Mult: ("*", 7), ast.Div: ("/", 7), ast.Lt: ("<", 5),
+    ast.LtE: ("<=", 5), ast.Gt: (">", 5), ast.GtE: (">=", 5), ast.Eq: ("==", 4), ast.NotEq: ("!=", 4),
+    ast.And: ("&&", 3), ast.Or: ("||", 2),
 }  # fmt: skip
 _CONDITIONAL, _UNARY, _PRIMARY = 1, 8, 9
 _HELPERS = {
@@ -76,7 +77,10 @@ class _Body:
             return f"{self.expression(node.left, level)} {sign} {self.expression(node.right, level + 1)}", level
         if isinstance(node, ast.Compare):
             sign, level = _OPERATORS[type(node.ops[0])]
-            return f"{self.expression(node.left, level)} {sign} {self.expression(node.comparators[0], level + 1)}", level
+            return (
+                f"{self.expression(node.left, level)} {sign} {self.expression(node.comparators[0], level + 1)}",
+                level,
+            )
         if isinstance(node, ast.BoolOp):
             sign, level = _OPERATORS[type(node.op)]
             # Brackets around mixed conditions, which compilers ask for.

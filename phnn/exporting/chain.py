@@ -59,7 +59,9 @@ class Chain:
         for block in setup.sensor:
             what = f"sensor {block.kind}"
             if block.kind not in _STATIC_SENSORS:
-                raise refuse(what, _LOOKS_AHEAD, "leave the sensor out (--no-sensor), the output is then what it senses")
+                raise refuse(
+                    what, _LOOKS_AHEAD, "leave the sensor out (--no-sensor), the output is then what it senses"
+                )
             time = "s.count * H"
             self.e.program.state("count", "steps since the start")
             self.output.append(f"y = {self._static(SENSORS, block, what, 'y', time)}")
@@ -71,7 +73,7 @@ class Chain:
         values = [self._static(SOURCES, source, what, f"(s.count + {at}) * H") for at in ("0.0", "0.5", "1.0")]
         return f"({values[0]} + 4.0 * {values[1]} + {values[2]}) / 6.0"
 
-    def _static(self, kinds: dict, block: Block | Source, what: str, *leading: str) -> str:  # type: ignore[type-arg]
+    def _static(self, kinds: dict, block: Block | Source, what: str, *leading: str) -> str:
         return self.e.call(kinds[block.kind], what, *leading, *(self.e.parameter(n) for n in block.parameters))
 
     def _weights(self, key: str, names: tuple[str, ...], values: tuple[np.ndarray, ...]) -> list[str]:
@@ -132,7 +134,11 @@ class Chain:
     def _delay(self, block: Block, key: str) -> None:
         """A ring of rows, each the input at start, middle and end of a step, read at the point ``τ`` ago."""
         if self.hold == "zero_order":
-            raise refuse("amplifier delay", "an input that jumps at every sample has no parabola", "take --input linear")
+            raise refuse(
+                "amplifier delay",
+                "an input that jumps at every sample has no parabola",
+                "take --input linear and a target other than fmu",
+            )
         steps = self.e.values(block.parameters)[0] / self.h
         whole = math.floor(steps)
         if whole > _LONGEST:
@@ -145,7 +151,9 @@ class Chain:
         for k, u in enumerate(_POINTS):
             # Points of the present step lie ``steps − k/2`` before its start.
             back = max(math.ceil(steps - 0.5 * k - _ROUNDED), 0)
-            share = self.e.derived(f"{key}_share_{k}", back - (steps - 0.5 * k), "place within the delayed step, 0 to 1")
+            share = self.e.derived(
+                f"{key}_share_{k}", back - (steps - 0.5 * k), "place within the delayed step, 0 to 1"
+            )
             row = f"{key}_{k}"
             self.step += [f"{row} = {at} - {back}", f"if {row} < 0:", f"    {row} = {row} + {rows}"]
             entries = (f"{ring}[{row}][{i}]" for i in range(3))

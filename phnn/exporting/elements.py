@@ -83,9 +83,7 @@ class Elements:
         """``rate`` or ``decay`` of a modulator state."""
         return self.law(MEMORY_LAWS[memory.law], part, f"memory {memory.name}", leading, memory.parameters)
 
-    def _sum_over_units(
-        self, known: Mapping[str, Any], element: Any, what: str, arguments: tuple[str, ...]
-    ) -> str:
+    def _sum_over_units(self, known: Mapping[str, Any], element: Any, what: str, arguments: tuple[str, ...]) -> str:
         """A function of a law that is a sum over units, with its weights in a table; returns its name."""
         law = known[element.law.law]
         name = f"law_{self.tables.of(what)}"

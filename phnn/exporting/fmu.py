@@ -78,7 +78,7 @@ def description(program: Program, guid: str) -> str:
     number = len(variables)
     taken = {name for name, _ in program.inputs}
     variables.append(
-        f'<ScalarVariable name={quoteattr(output if output not in taken else f"{output}_measured")} '
+        f"<ScalarVariable name={quoteattr(output if output not in taken else f'{output}_measured')} "
         f'valueReference="{number}" causality="output" variability="continuous" initial="calculated">'
         f"<Real unit={quoteattr(unit)}/></ScalarVariable>"
     )

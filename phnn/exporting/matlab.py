@@ -14,8 +14,9 @@ from phnn.exporting.words import constants_about, header
 
 _FUNCTIONS = {"absolute": "abs", "maximum": "max", "minimum": "min"}
 _OPERATORS: dict[type, tuple[str, int]] = {
-    ast.Add: ("+", 6), ast.Sub: ("-", 6), ast.Mult: ("*", 7), ast.Div: ("/", 7), ast.Lt: ("<", 5), ast.LtE: ("<=", 5),
-    ast.Gt: (">", 5), ast.GtE: (">=", 5), ast.Eq: ("==", 5), ast.NotEq: ("~=", 5), ast.And: ("&&", 3), ast.Or: ("||", 2),
+    ast.Add: ("+", 6), ast.Sub: ("-", 6), ast.Mult: ("*", 7), ast.Div: ("/", 7), ast.Lt: ("<", 5),
+    ast.LtE: ("<=", 5), ast.Gt: (">", 5), ast.GtE: (">=", 5), ast.Eq: ("==", 5), ast.NotEq: ("~=", 5),
+    ast.And: ("&&", 3), ast.Or: ("||", 2),
 }  # fmt: skip
 _UNARY, _PRIMARY = 8, 9
 _WHERE = """function r = where(condition, a, b)
@@ -32,11 +33,14 @@ class _Body:
 
     def __init__(self, program: Program, function: Function) -> None:
         self.program, self.function = program, function
+        nodes = [n for statement in function.body for n in ast.walk(statement)]
+        self.local = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+        self.local |= set(function.arguments)
         self.results = [f"out_{i}" for i in range(function.returns)]
 
     def name(self, name: str) -> str:
         """A local name or a field of the constants; words of the language get an underscore."""
-        if name in self.program.constants:
+        if name in self.program.constants and name not in self.local:
             return f"c.{name}"
         return f"{name}_" if name in RESERVED - {"s", "y", "u", "h"} or name in ("i", "c", "where") else name
 
@@ -90,7 +94,7 @@ class _Body:
         lines = [f"function {left}{f.name}({', '.join(map(self.name, f.arguments))})"]
         lines += [f"% {_text(f.about)}"] if f.about else []
         named = {n.id for s in f.body for n in ast.walk(s) if isinstance(n, ast.Name)}
-        lines += ["c = constants();"] if named & set(self.program.constants) else []
+        lines += ["c = constants();"] if (named - self.local) & set(self.program.constants) else []
         return [*lines, *self._block(f.body), "end"]
 
     def _block(self, body: Iterable[ast.stmt]) -> list[str]:
@@ -100,7 +104,7 @@ class _Body:
         if isinstance(node, ast.Assign):
             return self._assign(node.targets[0], node.value)
         if isinstance(node, ast.AugAssign):
-            left = self.expression(node.target)  # type: ignore[arg-type]
+            left = self.expression(node.target)
             return [f"{left} = {left} {_OPERATORS[type(node.op)][0]} ({self.expression(node.value)});"]
         if isinstance(node, ast.If):
             return [*self._branches(node, "if"), "end"]

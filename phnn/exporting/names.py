@@ -5,15 +5,16 @@ from __future__ import annotations
 import re
 
 # Words that some target language, or its library, keeps for itself.
-RESERVED = frozenset(
-    """
-    auto break case char const continue default do double else enum extern float for goto if inline int long register
-    restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
-    and as assert async await class def del elif except finally from global import in is lambda nonlocal not or pass
-    raise try with yield None True False end elseif function otherwise parfor persistent spmd
-    s y u h main self math
-    """.split()
-)
+_WORDS = """
+auto break case char const continue default do double else enum extern float for goto if inline int long register
+restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+and as assert async await class def del elif except finally from global import in is lambda nonlocal not or pass
+raise try with yield None True False end elseif function otherwise parfor persistent spmd
+s y u h main self math
+"""
+RESERVED = frozenset(_WORDS.split())
+# Longest identifier: MATLAB takes 63 characters, with what is put before and behind it.
+_LONGEST = 40
 
 
 class Names:
@@ -34,7 +35,7 @@ class Names:
 
 def identifier(name: str) -> str:
     """A name with what no identifier may hold replaced by underscores."""
-    plain = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") or "x"
+    plain = re.sub(r"[^A-Za-z0-9]+", "_", name)[:_LONGEST].strip("_") or "x"
     return f"x_{plain}" if plain[0].isdigit() else plain
 
 

@@ -80,6 +80,7 @@ class Program:
         dt: sample time [s]; substeps: steps in it; hold: the input between samples, ``linear`` or ``zero_order``.
         inputs: (name, unit) of the inputs, the recorded one first; output: (name, unit).
         constants, fields, functions: by name, a function after those that it calls.
+        states: fields of the network's states, by the names that the network gives them.
         from_rest: the initial state follows the constant input that it is given; else it is that of zero input.
     """
 
@@ -94,6 +95,7 @@ class Program:
     constants: dict[str, Constant] = field(default_factory=dict)
     fields: dict[str, Field] = field(default_factory=dict)
     functions: dict[str, Function] = field(default_factory=dict)
+    states: dict[str, str] = field(default_factory=dict)
 
     def constant(self, name: str, value: float, about: str = "") -> str:
         """Add a constant, once; returns its name."""
@@ -116,7 +118,7 @@ class Program:
         return [f for f in self.fields.values() if f.name in names]
 
     def prune(self, roots: tuple[str, ...]) -> None:
-        """Drop functions that the roots do not call."""
+        """Drop functions that the roots, and what these call, do not call."""
         kept: set[str] = set()
         for name in reversed(self.functions):
             if name in roots or name in kept:

@@ -35,7 +35,7 @@ class Rest:
             for other, ratio, _ in self.b.links(name):
                 factor = self.e.parameters[ratio].value if isinstance(ratio, str) else float(ratio)
                 total[other] += factor * factor * self._slope(name)
-        return list(total.values())
+        return [float(value) for value in total.values()]
 
     def _slope(self, name: str) -> float:
         storage = self.b.storage(name)

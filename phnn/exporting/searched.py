@@ -1,4 +1,4 @@
-"""Storages with resistors whose step has no closed form, as functions of an exported program: `phnn.integrate.stages`."""
+"""Storages with resistors whose step has no closed form, as functions of a program: `phnn.integrate.stages`."""
 
 from __future__ import annotations
 

@@ -102,14 +102,14 @@ def solve_one(s: Any) -> Any:
 def first_stage_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
     """The first equation of Radau IIA at its first stage, for a given second one."""
     taken = lost(s, y)
-    left, unused = radau_defects(y - x, other - x, current, H, taken, 0.0)
+    left, _unused = radau_defects(y - x, other - x, current, H, taken, 0.0)
     return left, absolute(y) + absolute(other) + absolute(x) + H * (absolute(current) + absolute(taken))
 
 
 def second_stage_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
     """The second equation at the second stage, with the first stage that solves the first one."""
     taken, one = lost(s, y), first_stage(s, y, x, current)
-    unused, left = radau_defects(one - x, y - x, current, H, 0.0, taken)
+    _unused, left = radau_defects(one - x, y - x, current, H, 0.0, taken)
     return left, absolute(one) + absolute(y) + absolute(x) + H * (absolute(current) + absolute(taken))
 
 
@@ -120,13 +120,13 @@ def first_stage(s: Any, two: Any, x: Any, current: Any) -> Any:
 
 def first_root(s: Any, two: Any, x: Any, current: Any) -> Any:
     """The first stage for a given second one."""
-    one, unused = root(s, x, two, current, two, 1.5, 1.5)
+    one, _unused = root(s, x, two, current, two, 1.5, 1.5)
     return one
 
 
 def radau(s: Any, x: Any, current: Any) -> Any:
     """Both stages of a storage under a constant current; the second is its end state."""
-    two, unused = root(s, x, 0.0, current, x, 2.5, 2.5)
+    two, _unused = root(s, x, 0.0, current, x, 2.5, 2.5)
     return first_stage(s, two, x, current), two
 
 
@@ -139,7 +139,7 @@ def gradient_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
 
 def gradient(s: Any, x: Any, current: Any) -> Any:
     """The end state of a storage under a constant current."""
-    end, unused = root(s, x, 0.0, current, x, 1.0, 1.0)
+    end, _unused = root(s, x, 0.0, current, x, 1.0, 1.0)
     return end
 
 
@@ -240,4 +240,3 @@ def solve_many(s: Any) -> Any:
         if found < 1.0 and iteration > 0:
             return is_solved(s, RELAXED, 1e-13)
     return 0.0
-

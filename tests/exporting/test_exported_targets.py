@@ -16,10 +16,10 @@ from effect_homes import BASE, point
 from exported import COMPILER, FLAGS, apart, exported, in_c, in_python, needs_compiler, reference
 
 import phnn
+from phnn.configuration import config_folder
 from phnn.effects import effect
 from phnn.exporting.build import build
 from phnn.models.network_file import load_network
-from phnn.configuration import config_folder
 from phnn.parameters import positive
 from phnn.recordings.driving import driving_of
 from phnn.recordings.recording import unrecorded
@@ -172,7 +172,9 @@ def test_an_fmu_holds_its_description_and_its_sources(tmp_path: Path) -> None:
 
 
 @needs_compiler
-@pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason="fmpy is not installed: pip install 'phnn[export]'")
+@pytest.mark.skipif(
+    importlib.util.find_spec("fmpy") is None, reason="fmpy is not installed: pip install 'phnn[export]'"
+)
 @pytest.mark.parametrize("setup", [PIEZO, MODES], ids=["piezo", "modes"])
 def test_an_fmu_in_fmpy(setup: Setup, tmp_path: Path) -> None:
     import fmpy
