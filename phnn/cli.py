@@ -72,6 +72,27 @@ def _training_settings() -> str:
     return "\n".join([*lines, *(f"  {line}" for line in text.strip().splitlines())])
 
 
+def _add_export(command: argparse.ArgumentParser) -> None:
+    """The options of ``phnn export``."""
+    add = command.add_argument
+    add("model", type=Path, metavar="MODEL", help="model/ or base/ of an earlier result, or the folder of a diagnosis")
+    add("--to", required=True, metavar="TARGET", help="c, fmu, python or matlab")
+    add("--dt", type=float, default=1e-4, metavar="S", help="sample time in seconds; default: %(default)s")
+    add("--substeps", type=int, metavar="N", help="integration steps in a sample time; default: those of the model")
+    add("--input", dest="hold", default="linear", metavar="HOLD", help="between samples: linear (default), zero_order")
+    add("--name", default="", metavar="NAME", help="prefix of functions and files; default: that of the model")
+    add(
+        "--port",
+        dest="ports",
+        action="append",
+        default=[],
+        metavar="PORT",
+        help="a further port that is an input; may be repeated",
+    )
+    add("--no-sensor", dest="sensor", action="store_false", help="leave the sensor out: the output is what it senses")
+    add("--initial-input", type=float, default=0.0, metavar="U", help="begin at rest under it, where rest is stored")
+
+
 @cache
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
@@ -86,6 +107,7 @@ def _parser() -> argparse.ArgumentParser:
     identify = _add_command(commands, "identify", "fit the base model")
     diagnose = _add_command(commands, "diagnose", "find out what the base model leaves out")
     predict = _add_command(commands, "predict", "simulate recordings with a model that was written earlier")
+    export = _add_command(commands, "export", "write a model as a program: C, FMU, Python or MATLAB")
     compare = _add_command(commands, "compare", "fit several kinds of model and compare them")
     modes = _add_command(commands, "modes", "find the modes of a structure, and what moves them with amplitude")
     train = _add_command(commands, "train", "train a neural or parametric model: phnn train folder=DIR out=DIR ...")
@@ -93,22 +115,23 @@ def _parser() -> argparse.ArgumentParser:
     demo = _add_command(commands, "demo", "conceal an effect in simulated recordings, seal it, diagnose it")
     prove = _add_command(commands, "prove", "conceal many effects, seal them, diagnose them all, and count")
     predict.add_argument("model", type=Path, metavar="MODEL", help="model/ or base/ of an earlier result")
+    _add_export(export)
     for command in (check, identify, diagnose, predict, compare, modes):
         command.add_argument("folder", type=Path, metavar="FOLDER", help="folder of recordings")
         command.add_argument("--manifest", type=Path, metavar="FILE", help="recordings.yaml that lies elsewhere")
     template.add_argument("folder", type=Path, metavar="FOLDER", help="folder of recordings")
     template.add_argument("--out", type=Path, metavar="FILE", help="a new file to write; printed if left out")
-    for command in (check, template, identify, diagnose, predict, compare, modes):
+    for command in (check, template, identify, diagnose, predict, export, compare, modes):
         command.add_argument(
             "--allow-outside",
             dest="outside",
             action="store_true",
             help="read files outside FOLDER that it names, links or refers to",
         )
-    for command in (identify, diagnose, predict, compare, modes, prove):
+    for command in (identify, diagnose, predict, export, compare, modes, prove):
         command.add_argument("--out", type=Path, metavar="DIR", required=True, help="where the results go")
     check.add_argument("--out", type=Path, metavar="DIR", help="write check.json there, too")
-    for command in (check, identify, diagnose, predict, compare, modes, prove, demo):
+    for command in (check, identify, diagnose, predict, export, compare, modes, prove, demo):
         command.add_argument(
             "--overwrite", action="store_true", help="replace results of phnn in DIR even where they were changed since"
         )
@@ -142,8 +165,9 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
     for variable, count in ONE_THREAD.items():
         os.environ.setdefault(variable, count)
     command = getattr(import_module(f"phnn.commands.{name}"), name)
+    offered = {**vars(arguments), "config": config, "options": vars(arguments)}
     taken = inspect.signature(command).parameters
-    command(**{key: value for key, value in {**vars(arguments), "config": config}.items() if key in taken})
+    command(**{key: value for key, value in offered.items() if key in taken})
 
 
 def _say(text: str) -> None:
