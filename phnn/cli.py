@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import FrameType
@@ -70,6 +70,34 @@ def _training_settings() -> str:
     return "\n".join([*lines, *(f"  {line}" for line in text.strip().splitlines())])
 
 
+def _add_invert(commands: argparse._SubParsersAction) -> argparse.ArgumentParser:
+    command = _add_command(commands, "invert", "find the voltage with which a model's displacement follows a reference")
+    command.add_argument("model", type=Path, metavar="MODEL", help="model/ or base/ of an earlier result")
+    command.add_argument("reference", type=Path, metavar="FILE", help="time_s, displacement_um: what is to be followed")
+    for option, unit, text in (
+        ("--smooth", "HZ", "low-pass without phase for the reference: its corner"),
+        ("--slew", "V/s", "largest rate of the voltage"),
+        ("--lead-in", "S", "time in which the motion begins from rest before the first sample"),
+        ("--tolerance", "M", "error that counts as none, in the SI unit of the output"),
+    ):
+        command.add_argument(option, type=float, metavar=unit, help=text)
+    command.add_argument("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"), help="lowest and highest voltage, V")
+    command.add_argument(
+        "--hold", choices=("cubic", "zero_order"), help="the voltage between its samples; zero_order for a converter"
+    )
+    return command
+
+
+def _invert(arguments: argparse.Namespace, given: Mapping[str, bool]) -> None:
+    from phnn.inverse import InverseOptions
+    from phnn.inverting import invert_file
+
+    asked = {n: getattr(arguments, n) for n in ("smooth", "slew", "lead_in", "tolerance", "hold")}
+    limits = tuple(arguments.limits) if arguments.limits else None
+    options = InverseOptions(limits=limits, **{n: v for n, v in asked.items() if v is not None})
+    invert_file(arguments.model, arguments.reference, arguments.out, options, **given)
+
+
 @cache
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
@@ -84,6 +112,7 @@ def _parser() -> argparse.ArgumentParser:
     identify = _add_command(commands, "identify", "fit the base model")
     diagnose = _add_command(commands, "diagnose", "find out what the base model leaves out")
     predict = _add_command(commands, "predict", "simulate recordings with a model that was written earlier")
+    invert = _add_invert(commands)
     compare = _add_command(commands, "compare", "fit several kinds of model and compare them")
     modes = _add_command(commands, "modes", "find the modes of a structure, and what moves them with amplitude")
     train = _add_command(commands, "train", "train a neural or parametric model: phnn train folder=DIR out=DIR ...")
@@ -96,14 +125,14 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--manifest", type=Path, metavar="FILE", help="recordings.yaml that lies elsewhere")
     template.add_argument("folder", type=Path, metavar="FOLDER", help="folder of recordings")
     template.add_argument("--out", type=Path, metavar="FILE", help="a new file to write; printed if left out")
-    for command in (check, template, identify, diagnose, predict, compare, modes):
+    for command in (check, template, identify, diagnose, predict, invert, compare, modes):
         command.add_argument(
             "--allow-outside", action="store_true", help="read files outside FOLDER that it names, links or refers to"
         )
-    for command in (identify, diagnose, predict, compare, modes, prove):
+    for command in (identify, diagnose, predict, invert, compare, modes, prove):
         command.add_argument("--out", type=Path, metavar="DIR", required=True, help="where the results go")
     check.add_argument("--out", type=Path, metavar="DIR", help="write check.json there, too")
-    for command in (check, identify, diagnose, predict, compare, modes, prove, demo):
+    for command in (check, identify, diagnose, predict, invert, compare, modes, prove, demo):
         command.add_argument(
             "--overwrite", action="store_true", help="replace results of phnn in DIR even where they were changed since"
         )
@@ -152,6 +181,8 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
         commands.train(config)
     elif name == "predict":
         commands.predict(arguments.model, arguments.folder, arguments.out, arguments.manifest, **given)
+    elif name == "invert":
+        _invert(arguments, given)
     elif name == "compare":
         commands.compare(arguments.folder, arguments.out, arguments.manifest, config, **given)
     elif name == "modes":

@@ -34,8 +34,9 @@ def solve_rising(function: Callable[[Array], Array], target: Array) -> Solved:
         function: (N,) values of (N,) arguments, elementwise.
         target: (N,) values that are wanted.
     """
-    reach = max(float(np.abs(target).max(initial=0.0)), np.finfo(float).tiny)
-    upwards = target >= function(np.zeros_like(target))
+    at_zero = function(np.zeros_like(target))
+    reach = max(float(np.abs(target).max(initial=0.0)), float(np.abs(at_zero).max(initial=0.0)), np.finfo(float).tiny)
+    upwards = target >= at_zero
     side = np.where(upwards, 1.0, -1.0)
     near, far = np.zeros_like(target), np.full_like(target, _FIRST * reach)
     short = _short(function, side, far, target)

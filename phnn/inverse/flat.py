@@ -33,7 +33,7 @@ from phnn.integrate.rest import equilibrium, equilibrium_slope
 from phnn.inverse.elementwise import Solved, solve_rising
 from phnn.inverse.path import Path
 from phnn.laws import PORT_LAWS
-from phnn.network.elements import Network, Port
+from phnn.network.elements import Network, Port, Storage
 from phnn.network.roles import motions
 from phnn.network.system import PortHamiltonianSystem
 from phnn.parameters import as_table, constant
@@ -85,7 +85,7 @@ class FlatNetwork:
         return self.setup.network.state_names.index(motions(self.setup.network)[0].momentum)
 
     @cached_property
-    def mass(self):  # noqa: ANN201
+    def mass(self) -> Storage:
         """The storage of the momentum."""
         return self.setup.network.storages[self.momentum]
 

@@ -33,6 +33,8 @@ STATIC = ("drift", "polynomial", "zero", "knee", "cubic", "drifting_gain")
 _REACHED = 1e-6
 # Share of the largest speed below which a play is crossed.
 _CROSSING = 0.02
+# Share of the range of an output that may lie below zero and still count as none: rounding, and corrections.
+_BELOW = 1e-3
 
 
 def displacement(setup: Setup, output: Signal, dt: float) -> Signal:
@@ -72,7 +74,7 @@ def _clock(y: Array, t: Array, change: float, scale: float) -> Array:
 
 
 def _rectification(y: Array, t: Array) -> Array:
-    if y.min() < 0.0:
+    if y.min() < -_BELOW * np.ptp(y):
         worst = int(np.argmin(y))
         raise InputRefused(
             f"the model's sensor reports |q|, and the reference is {y[worst]:.4g} m at t = {t[worst]:.6g} s: give a "
