@@ -12,8 +12,8 @@ network integrates them with its motion imposed, and
 For the actuator this is ``V = Σ e_i + (k q + b q̇ + m q̈)/α``. Effects in the network (creep, friction, a second mode, a
 bent spring or port, ratios that follow a state) are in ``f``, ``f_p``, ``g`` and ``ψ``.
 
-The motion is imposed by a mass so heavy that no force moves it, and a port that gives it its velocity: the network keeps
-its structure, and its own compiled step integrates it.
+The motion is imposed by a mass so heavy that no force moves it, and a port that gives it its velocity: the network
+keeps its structure, and its own compiled step integrates it.
 """
 
 from __future__ import annotations

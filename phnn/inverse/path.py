@@ -50,7 +50,8 @@ def path_through(samples: Array, dt: float, substeps: int) -> Path:
     places = np.arange((samples.size - 1) * substeps + 1) / substeps
     h = dt / substeps
     q, v, a, jerk = (np.asarray(curve(places, nu)) / dt**nu for nu in range(4))
-    return Path(h * np.arange(places.size), h, q, v, a, v - h * h / 12.0 * jerk)
+    times: Array = h * np.arange(places.size, dtype=np.float64)
+    return Path(times, h, q, v, a, v - h * h / 12.0 * jerk)
 
 
 def derivative(samples: Array, dt: float) -> Array:

@@ -29,7 +29,7 @@ class Attempt(NamedTuple):
     """Attributes:
     command: (N,) at the samples [V], and where it is not what was asked for.
     before: the command before the first sample [V].
-    output: (N,) what the model makes of it [m].
+    output: (N,) of the complete model under it [m].
     """
 
     command: Signal
@@ -65,7 +65,7 @@ class Plant:
         Returns:
             The command at the samples [V], the one before them, and the port voltage at the nodes.
         """
-        q = displacement(self.setup, reachable(output), self.dt)
+        q = displacement(self.setup, reachable(output), self.dt, strict=known is None)
         path = path_through(q.values, self.dt, self.substeps)
         port = self.network.voltage(path, known)
         moved = Signal(path.q, np.repeat(q.lost, self.substeps)[: path.q.size], q.causes)

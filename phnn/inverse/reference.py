@@ -20,7 +20,7 @@ _FAST = 0.25
 # Share of the command's range above that frequency from which on it is told, and from which on it is refused.
 _NOTED, _REFUSED = 0.02, 0.3
 # Share of the largest speed with which a reference may begin and still count as beginning at rest.
-_AT_REST = 1e-3
+_AT_REST = 1e-2
 
 
 def checked(t: Array, reference: Array) -> float:

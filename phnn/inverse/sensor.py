@@ -37,21 +37,24 @@ _CROSSING = 0.02
 _BELOW = 1e-3
 
 
-def displacement(setup: Setup, output: Signal, dt: float) -> Signal:
+def displacement(setup: Setup, output: Signal, dt: float, strict: bool = True) -> Signal:
     """The displacement at the samples that makes the sensor report an output.
 
     Args:
         output: at the samples; dt: their interval [s].
+        strict: refuse an output that a block cannot report, where a corrected one is taken as near as it can be.
 
     Raises:
         InputRefused: a block that has no inverse, or an output that it cannot report; names it.
     """
-    t = dt * np.arange(output.values.size)
+    t: Array = dt * np.arange(output.values.size, dtype=np.float64)
     for block in reversed(setup.sensor):
         values = [setup.parameters[name].value for name in block.parameters]
         if block.kind in STATIC:
             output = _static(block.kind, output, t, values)
         elif block.kind in _INVERSES:
+            if strict and block.kind == "rectification":
+                _check_sign(output.values, t)
             output = output.then(_INVERSES[block.kind](output.values, t, *values))
         else:
             raise InputRefused(f"the sensor block {block.kind} has no inverse: give a model without it")
@@ -73,14 +76,17 @@ def _clock(y: Array, t: Array, change: float, scale: float) -> Array:
     return np.asarray(spline(y)(places))
 
 
-def _rectification(y: Array, t: Array) -> Array:
+def _check_sign(y: Array, t: Array) -> None:
     if y.min() < -_BELOW * np.ptp(y):
         worst = int(np.argmin(y))
         raise InputRefused(
             f"the model's sensor reports |q|, and the reference is {y[worst]:.4g} m at t = {t[worst]:.6g} s: give a "
             "reference that is not negative"
         )
-    return y
+
+
+def _rectification(y: Array, t: Array) -> Array:
+    return np.maximum(y, 0.0)
 
 
 def _play(y: Array, t: Array, width: float) -> Array:
