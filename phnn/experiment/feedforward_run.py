@@ -81,7 +81,7 @@ def _drawn(models: Models, found: Commands) -> Figure:
     voltages.set_ylabel("command (V)")
     errors.set_ylabel("tracking error (µm)")
     errors.set_xlabel("time (s)")
-    voltages.legend(loc="upper right", ncols=len(COMMANDS))
+    figure.legend(*voltages.get_legend_handles_labels(), loc="outside upper right", ncols=len(COMMANDS))
     for axes in (voltages, errors):
         quiet_grid(axes)
     return figure

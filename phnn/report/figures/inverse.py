@@ -35,7 +35,7 @@ def draw_inverse(found: Inverse, input_unit: str, output_unit: str) -> Figure:
     errors.set_ylabel(f"error ({fine.name})")
     commands.set_ylabel(f"command ({input_unit})")
     commands.set_xlabel("time (s)")
-    outputs.legend(loc="upper right", ncols=2)
+    figure.legend(*outputs.get_legend_handles_labels(), loc="outside upper right", ncols=2)
     for axes in (outputs, errors, commands):
         quiet_grid(axes)
     return figure
