@@ -1,4 +1,4 @@
-"""Drives of a modulator state in a step, as expressions of an exported program; see `phnn.integrate.modulator_states`."""
+"""Drives of a modulator state in a step, as expressions of an exported program."""
 
 from __future__ import annotations
 
