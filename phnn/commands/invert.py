@@ -48,7 +48,7 @@ def invert(
     """Find the command with which a stored model follows the reference of a file; writes `RESULTS`.
 
     Args:
-        options: the fields of `phnn.inverse.InverseOptions`; those that are None keep their default.
+        options: the fields of `phnn.inverse.InverseOptions`; None stands for the default.
 
     Raises:
         InputRefused: the model has no such inverse, or the reference cannot be used.
