@@ -26,6 +26,8 @@ _SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "modes", "prove")
 # The command whose settings are composed from groups of files.
 _TRAIN = "train"
 _DEBUG = "PHNN_DEBUG"
+# Kinds of plots, as functions of phnn.plot.
+_PLOTS = ("compare", "residuals", "loops", "bode", "location", "energy")
 
 
 class _Version(argparse.Action):
@@ -72,6 +74,18 @@ def _training_settings() -> str:
     return "\n".join([*lines, *(f"  {line}" for line in text.strip().splitlines())])
 
 
+def _add_plot(plot: argparse.ArgumentParser) -> None:
+    plot.add_argument("kind", choices=_PLOTS, metavar="KIND", help=", ".join(_PLOTS))
+    plot.add_argument("model", type=Path, metavar="MODEL", help="a model, or the result of a diagnosis")
+    plot.add_argument("folder", type=Path, metavar="FOLDER", nargs="?", help="folder of recordings")
+    plot.add_argument("--manifest", type=Path, metavar="FILE", help="recordings.yaml that lies elsewhere")
+    plot.add_argument("--recording", metavar="NAME", action="append", help="draw this recording; may be repeated")
+    plot.add_argument(
+        "--frequencies", type=float, nargs=2, metavar=("LOW", "HIGH"), help="bode: lowest and highest [Hz]"
+    )
+    plot.add_argument("--amplitude", type=float, metavar="A", help="bode: amplitude of the input, SI")
+
+
 @cache
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
@@ -90,25 +104,27 @@ def _parser() -> argparse.ArgumentParser:
     modes = _add_command(commands, "modes", "find the modes of a structure, and what moves them with amplitude")
     train = _add_command(commands, "train", "train a neural or parametric model: phnn train folder=DIR out=DIR ...")
     train.epilog, train.formatter_class = _training_settings(), argparse.RawDescriptionHelpFormatter
+    plot = _add_command(commands, "plot", "draw a model or a diagnosis as a figure, with its data as a table")
     demo = _add_command(commands, "demo", "conceal an effect in simulated recordings, seal it, diagnose it")
     prove = _add_command(commands, "prove", "conceal many effects, seal them, diagnose them all, and count")
     predict.add_argument("model", type=Path, metavar="MODEL", help="model/ or base/ of an earlier result")
     for command in (check, identify, diagnose, predict, compare, modes):
         command.add_argument("folder", type=Path, metavar="FOLDER", help="folder of recordings")
         command.add_argument("--manifest", type=Path, metavar="FILE", help="recordings.yaml that lies elsewhere")
+    _add_plot(plot)
     template.add_argument("folder", type=Path, metavar="FOLDER", help="folder of recordings")
     template.add_argument("--out", type=Path, metavar="FILE", help="a new file to write; printed if left out")
-    for command in (check, template, identify, diagnose, predict, compare, modes):
+    for command in (check, template, identify, diagnose, predict, compare, modes, plot):
         command.add_argument(
             "--allow-outside",
             dest="outside",
             action="store_true",
             help="read files outside FOLDER that it names, links or refers to",
         )
-    for command in (identify, diagnose, predict, compare, modes, prove):
+    for command in (identify, diagnose, predict, compare, modes, prove, plot):
         command.add_argument("--out", type=Path, metavar="DIR", required=True, help="where the results go")
     check.add_argument("--out", type=Path, metavar="DIR", help="write check.json there, too")
-    for command in (check, identify, diagnose, predict, compare, modes, prove, demo):
+    for command in (check, identify, diagnose, predict, compare, modes, prove, demo, plot):
         command.add_argument(
             "--overwrite", action="store_true", help="replace results of phnn in DIR even where they were changed since"
         )

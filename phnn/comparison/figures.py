@@ -125,18 +125,13 @@ def _cyclic(table: Table, campaign: Campaign) -> list[tuple[str, Recording]]:
     return found[:_PANELS]
 
 
-def _last_period(recording: Recording) -> slice:
-    assert recording.period is not None
-    return slice(max(0, recording.t.size - 1 - round(recording.period / recording.dt)), recording.t.size)
-
-
 def _loops(shown: Sequence[tuple[str, Recording]], results: Sequence[Result], errors: bool = False) -> Figure:
     """Displacement, or what a model is wrong by, against the voltage over the last period."""
     rows = -(-len(shown) // 2)
     figure = new_figure(9.6, 3.4 * rows + 0.3)
     places = figure.subplots(rows, min(2, len(shown)), squeeze=False)
     for axes, (name, r) in zip(places.flat, shown, strict=False):
-        part = _last_period(r)
+        part = r.last_periods(1.0)
         curves = {x.name: x.evaluation.outputs[r.name] for x in results}
         if not errors:
             _curve(axes, r.u[part], r.y[part], "measured", MEASURED, 4.0)

@@ -94,6 +94,15 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
+def svg(figure: Figure) -> bytes:
+    """The figure as SVG; the same figure gives the same bytes."""
+    buffer = io.BytesIO()
+    with rc_context({**RC, "svg.hashsalt": "phnn"}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
+
+
 def literal(text: str, longest: int = 60) -> str:
     """A name that is never read as mathematics, shortened in the middle where it is long."""
     if len(text) > longest:
