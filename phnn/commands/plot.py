@@ -15,7 +15,7 @@ from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
 from phnn.output import claim
 from phnn.plot.balance import balance
-from phnn.plot.correlations import tested
+from phnn.plot.correlations import whiteness
 from phnn.plot.hysteresis import hysteresis
 from phnn.plot.locations import Locations
 from phnn.plot.outputs import outputs
@@ -94,7 +94,7 @@ def _computed(
     if kind == "compare":
         return outputs(simulator, campaign, recording)
     if kind == "residuals":
-        return tested(simulator, campaign, recording)
+        return whiteness(simulator, campaign, recording)
     if kind == "loops":
         return hysteresis(simulator, campaign, recording)
     found = network_model(simulator)
@@ -115,6 +115,6 @@ def _located(folder: Path, outside: bool) -> Location | None:
     """The location in the ``diagnosis.json`` of a folder, as the report reads it."""
     path = folder / _DIAGNOSIS
     remedy = "give the folder of a diagnosis"
-    source = named_file(path, (folder,), "", f"the diagnosis cannot be read, {remedy}", outside)
+    source = named_file(path, (folder,), "", remedy, outside)
     content = load_json(source, LIMITS.json_bytes, "a diagnosis", remedy)
     return read_document(content if isinstance(content, dict) else {}).location

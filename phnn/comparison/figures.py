@@ -8,14 +8,13 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from phnn.comparison.document import HEADS, Entry, Table
 from phnn.comparison.result import Result
 from phnn.comparison.uses import CONFIRMATION, IDENTIFICATION, OUTSIDE
 from phnn.recordings.recording import Campaign, Recording
-from phnn.report.figures.style import CATEGORIES, MEASURED, RC, Drawing, literal, new_figure, png, quiet_grid
+from phnn.report.figures.style import CATEGORIES, MEASURED, RC, Drawing, literal, log_axis, new_figure, png, quiet_grid
 from phnn.report.reduction import envelope
 
 Array = NDArray[np.float64]
@@ -95,7 +94,7 @@ def _dots(
             [x for x, _ in marks if x is not None], [at for x, at in marks if x is not None], s=90, color="#4d555c",
             marker="|", label="noise alone", zorder=2,
         )  # fmt: skip
-    _log_axis(axes.set_xscale, axes)
+    log_axis(axes)
     if floor is not None:
         axes.axvline(floor, color="#4d555c", linewidth=1.0, dashes=(3, 2), zorder=0, label="noise floor")
     words = [f"{literal(n, 34)}  ({_GROUPS[table.uses[n]]})" for n in places]
@@ -107,13 +106,6 @@ def _dots(
     axes.set_xlabel(label)
     figure.legend(loc="outside upper right", ncols=4)
     return figure
-
-
-def _log_axis(set_scale: Callable[[str], None], axes: Axes, which: str = "x") -> None:
-    """A logarithmic axis with plain numbers."""
-    set_scale("log")
-    axis = axes.xaxis if which == "x" else axes.yaxis
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 def _cyclic(table: Table, campaign: Campaign) -> list[tuple[str, Recording]]:
@@ -182,7 +174,7 @@ def _harmonic_panel(axes: Axes, entries: Mapping[str, Entry]) -> None:
         )
         noise = entry.cycles.harmonic_noise / _NANO
     axes.axhline(noise, color="#4d555c", linewidth=1.0, dashes=(3, 2), label="noise alone", zorder=0)
-    _log_axis(axes.set_yscale, axes, "y")
+    log_axis(axes, "y")
     axes.set_xlabel("harmonic")
     axes.set_ylabel("error (nm)")
     quiet_grid(axes)

@@ -24,6 +24,8 @@ from phnn.simulate import Trajectory
 
 # Storages that have a colour of their own; the smallest others are joined.
 _MOST = 6
+# Columns of a legend whose longest name has fewer letters than this, and of one with long names.
+_SHORT, _NARROW, _WIDE = 10, 5, 3
 
 
 @dataclass(frozen=True)
@@ -166,9 +168,10 @@ def _draw_stored(axes: Axes, t: Array, found: Balance) -> None:
         axes.fill_between(t[index], bottom, top, color=colour, linewidth=0, alpha=0.85, label=name)
         bottom = top
     axes.plot(t[index], unit(found.total_stored[index]), color=INK, linewidth=0.9, label="all storages")
-    _headroom(axes)
+    columns = _NARROW if max(map(len, layers), default=0) < _SHORT else _WIDE
+    _headroom(axes, -(-(len(layers) + 1) // columns))
     axes.set_ylabel(unit.label)
-    axes.legend(loc="upper left", ncols=4, borderaxespad=0.1)
+    axes.legend(loc="upper left", ncols=columns, borderaxespad=0.1)
 
 
 def _draw_powers(axes: Axes, t: Array, found: Balance) -> None:
@@ -212,7 +215,7 @@ def _draw_error(axes: Axes, t: Array, found: Balance) -> None:
     axes.set_ylabel(f"error over\nsupplied ($10^{{{exponent}}}$)")
 
 
-def _headroom(axes: Axes) -> None:
-    """Leave room for a legend in one row."""
+def _headroom(axes: Axes, rows: int = 1) -> None:
+    """Leave room for the rows of a legend."""
     low, high = axes.get_ylim()
-    axes.set_ylim(low, high + 0.25 * (high - low))
+    axes.set_ylim(low, high + (0.1 + 0.15 * rows) * (high - low))

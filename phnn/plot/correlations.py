@@ -140,10 +140,10 @@ def residuals(
         InputRefused: there is no such model or recording, too few samples, or another number of axes.
         SolverFailed: a step has no solution.
     """
-    return tested(model, campaign, recordings, lags).draw(axes)
+    return whiteness(model, campaign, recordings, lags).draw(axes)
 
 
-def tested(
+def whiteness(
     model: Any, campaign: Campaign | None, recordings: Sequence[str] | None = None, lags: int | None = None
 ) -> Residuals:
     """What `residuals` draws."""

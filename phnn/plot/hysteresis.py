@@ -133,7 +133,7 @@ def _draw(axes: Axes, title: str, some: Sequence[Predicted]) -> None:
     axes.set_title(title)
     axes.set_xlabel(into.label)
     axes.set_ylabel(out.label)
-    axes.legend(loc="upper left", borderaxespad=0.1)
+    axes.legend(loc="best")
     quiet_grid(axes)
 
 

@@ -137,7 +137,9 @@ def _draw(above: Axes, below: Axes, one: Predicted) -> None:
     low, high = above.get_ylim()
     above.set_ylim(low, high + 0.2 * (high - low))
     above.legend(loc="upper left", ncols=2, borderaxespad=0.1)
-    below.set_ylim(-1.6 * float(left(usual)) or None, 1.6 * float(left(usual)) or None)
+    reach = float(left(usual)) or 1.0
+    # Room for the legend above what is usual.
+    below.set_ylim(-1.4 * reach, 2.1 * reach)
     below.set_ylabel(left.label)
     below.set_xlabel(time.label)
     for axes in (above, below):
@@ -163,7 +165,7 @@ def _legend(one: Predicted) -> str:
 
 def _title(one: Predicted, part: slice) -> str:
     r = one.recording
-    use = ", held out" if one.held_out else ""
+    use = ", held out" if one.held_out or r.mask("confirmation").any() else ""
     if part == slice(0, r.t.size):
         return literal(r.name, 40) + use
     size, unit = prefixed(float(r.t[-1]), "s")

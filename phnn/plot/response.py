@@ -25,7 +25,7 @@ from phnn.model import Model
 from phnn.plot.panels import Array, Panels, Scaled, column, grid, network_model, scaled
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Campaign, Recording, Start, unrecorded
-from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, INK, RC, quiet_grid
+from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, INK, RC, log_axis, quiet_grid
 from phnn.setup import Setup
 from phnn.signals.harmonics import HARMONICS, deviation, harmonic_weights
 from phnn.simulate import simulate
@@ -43,6 +43,8 @@ _SMALL = 1e-6
 _ALIKE = 0.1
 # Frequencies that are drawn where recordings say between which, and how far beyond them.
 _POINTS, _BEYOND = 40, 2.0
+# Harmonics that are drawn, over the largest one.
+_VISIBLE = 1e-4
 _MARKS = ("s", "^", "v", "P")
 
 
@@ -101,13 +103,13 @@ class Bode:
             at = f"at {quantity(self.amplitude, self.units[0])}"
             _draw_response(panels[0], self, at, lambda g: gain(np.abs(g)))
             _draw_response(panels[1], self, at, _degrees)
-            panels[0].set_yscale("log")
+            log_axis(panels[0], "y")
             panels[0].set_ylabel(gain.label)
             panels[1].set_ylabel("phase (degrees)")
             _draw_points(panels, self, gain)
             _draw_harmonics(panels[2], self)
             for one in panels:
-                one.set_xscale("log")
+                log_axis(one)
                 quiet_grid(one)
             panels[0].legend(loc="best")
             panels[2].set_xlabel("frequency (Hz)")
@@ -142,6 +144,10 @@ class Bode:
             for p in self.measured
         ]
         return {"": model, "_measured": pd.DataFrame(rows)}
+
+    def at_its_amplitude(self, own: bool) -> list[Point]:
+        """Measured responses at the amplitude of the model's, or those at another one."""
+        return [p for p in self.measured if (abs(p.amplitude / self.amplitude - 1.0) <= _ALIKE) == own]
 
     def beside(self, point: Point) -> float:
         """Phase of a measured response [degrees], in the turn that is nearest to the model's."""
@@ -289,9 +295,8 @@ def _draw_response(axes: Axes, found: Bode, at: str, value: Any) -> None:
 
 def _draw_points(panels: Panels, found: Bode, gain: Scaled) -> None:
     """Measured points; those of another amplitude are hollow."""
-    alike = [abs(p.amplitude / found.amplitude - 1.0) <= _ALIKE for p in found.measured]
     for own, name in ((True, "measured"), (False, "measured at another amplitude")):
-        some = [p for p, same in zip(found.measured, alike, strict=True) if same == own]
+        some = found.at_its_amplitude(own)
         if not some:
             continue
         f = [p.frequency for p in some]
@@ -305,10 +310,15 @@ def _draw_harmonics(axes: Axes, found: Bode) -> None:
     for k in range(HARMONICS - 1):
         colour, mark = CATEGORIES[k], _MARKS[k]
         axes.plot(found.frequencies, 100.0 * found.harmonics[:, k], color=colour, linewidth=1.3, label=f"{k + 2}")
-        axes.plot(
-            [p.frequency for p in found.measured], [100.0 * p.harmonics[k] for p in found.measured], mark,
-            color=colour, markersize=4.5,
-        )  # fmt: skip
-    axes.set_yscale("log")
+        for own in (True, False):
+            some = found.at_its_amplitude(own)
+            values = [100.0 * p.harmonics[k] for p in some]
+            fill = colour if own else "none"
+            axes.plot([p.frequency for p in some], values, mark, color=colour, markersize=4.5, markerfacecolor=fill)
+    log_axis(axes, "y")
+    largest = 100.0 * float(max([found.harmonics.max(), *(p.harmonics.max() for p in found.measured)]))
+    if largest > 0.0:
+        # Harmonics that symmetry forbids are rounding, and would press all others against the top.
+        axes.set_ylim(_VISIBLE * largest, 3.0 * largest)
     axes.set_ylabel("harmonics over fundamental (%)")
     axes.legend(loc="best", ncols=HARMONICS - 1, title="harmonic")
