@@ -28,6 +28,8 @@ from phnn.report.reading import read_document
 from phnn.simulate import simulate
 
 _DIAGNOSIS = "diagnosis.json"
+# Endings of the tables' names, of all kinds.
+_TABLES = ("", "_spectrum", "_measured")
 # Frequencies between the two that are given.
 _POINTS = 40
 
@@ -56,25 +58,28 @@ def plot(
     Raises:
         InputRefused: what a kind needs is not given, or cannot be used.
     """
-    inputs = [model] if folder is None else [model, folder]
-    with status():
+    inputs, files = [model] if folder is None else [model, folder], [f"{kind}.svg"]
+    results = (f"{kind}.svg", *(f"{kind}{end}.csv" for end in _TABLES))
+    with claim(out, "plot", inputs, results, overwrite=overwrite) as place, status():
         if kind == "location":
             found: Plot = Locations(_located(model, outside))
         else:
             campaign = None if folder is None else read(folder, manifest, allow_outside=outside)
             found = _computed(kind, model, campaign, recording, frequencies, amplitude, outside)
-        tables = {f"{kind}{end}.csv": table for end, table in found.tables().items()}
-        drawn = svg(np.ravel(found.draw())[0].figure)
-        with claim(out, "plot", inputs, (f"{kind}.svg", *tables), overwrite=overwrite) as place:
-            (place / f"{kind}.svg").write(drawn)
-            for name, table in tables.items():
-                (place / name).write(table.to_csv(index=False).encode())
-    if folder is not None and kind in ("compare", "residuals") and recording is None and campaign is not None:
-        count = len(campaign.recordings)
-        if count > MOST:
-            print(f"the first {MOST} of {count} recordings are drawn: choose others with --recording NAME")
-    for name in (f"{kind}.svg", *tables):
+            _tell(kind, campaign, recording)
+        (place / f"{kind}.svg").write(svg(np.ravel(found.draw())[0].figure))
+        for end, table in found.tables().items():
+            files.append(f"{kind}{end}.csv")
+            (place / files[-1]).write(table.to_csv(index=False).encode())
+    for name in files:
         print(out / name)
+
+
+def _tell(kind: str, campaign: Campaign | None, recording: Sequence[str] | None) -> None:
+    """Say where not all recordings are drawn."""
+    count = 0 if campaign is None or recording else len(campaign.recordings)
+    if kind in ("compare", "residuals", "loops") and count > MOST:
+        print(f"at most {MOST} of {count} recordings are drawn: choose others with --recording NAME")
 
 
 def _computed(

@@ -53,9 +53,16 @@ def test_harmonics_of_a_square_are_known() -> None:
     np.testing.assert_allclose(found.harmonics[0], [0.05, 0.0, 0.0, 0.0], atol=1e-6)
 
 
+@pytest.mark.slow
+def test_frequencies_follow_from_the_recordings() -> None:
+    found = response(LINEAR, campaign=campaign())
+    np.testing.assert_allclose(found.frequencies[[0, -1]], [10.0, 100.0], rtol=1e-3)
+    np.testing.assert_allclose(found.gain, transfer(found.frequencies), rtol=1e-6)
+
+
 def test_measured_points_lie_on_the_response() -> None:
     clean = [recording(f"{f:g}", sine(f, 60.0), 1.0 / f, LINEAR, noise=0.0) for f in (20.0, 50.0)]
-    found = response(LINEAR, None, None, campaign=campaign_of(*clean))
+    found = response(LINEAR, [20.0, 50.0], None, campaign=campaign_of(*clean))
     assert found.amplitude == pytest.approx(60.0, rel=1e-3)
     for p in found.measured:
         assert p.gain == pytest.approx(complex(transfer(np.array([p.frequency]))[0]), rel=1e-4)
@@ -85,7 +92,7 @@ def coloured(rng: np.random.Generator, a: float, size: int) -> np.ndarray:
 @pytest.mark.parametrize("a", [0.0, 0.7])
 def test_noise_stays_within_its_bands_in_99_percent_of_the_lags(a: float) -> None:
     rng, size, lags, draws = np.random.default_rng(4), 3000, 40, 60
-    rho = a ** np.arange(25) if a else np.ones(1)
+    rho = np.asarray(a ** np.arange(25.0) if a else np.ones(1), dtype=np.float64)
     u = coloured(rng, 0.9, size)
     centre = np.pad(rho, (0, lags + 1 - rho.size))
     own, cross = own_deviation(rho, size, lags), cross_deviation(rho, u, lags)
