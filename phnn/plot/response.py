@@ -23,11 +23,11 @@ from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.errors import InputRefused, SolverFailed
 from phnn.model import Model
 from phnn.plot.panels import Array, Panels, Scaled, column, grid, network_model, scaled
-from phnn.recordings.excitation import excitation_of
-from phnn.recordings.recording import Campaign, Recording, Start, unrecorded
+from phnn.plot.points import Point, point
+from phnn.recordings.recording import Campaign, Start, unrecorded
 from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, INK, RC, log_axis, quiet_grid
 from phnn.setup import Setup
-from phnn.signals.harmonics import HARMONICS, deviation, harmonic_weights
+from phnn.signals.harmonics import HARMONICS, harmonic_weights
 from phnn.simulate import simulate
 from phnn.units import quantity
 
@@ -46,24 +46,6 @@ _POINTS, _BEYOND = 40, 2.0
 # Harmonics that are drawn, over the largest one.
 _VISIBLE = 1e-4
 _MARKS = ("s", "^", "v", "P")
-
-
-@dataclass(frozen=True)
-class Point:
-    """Response in one recording of a single sine.
-
-    Attributes:
-        name: of the recording; frequency [Hz]; amplitude: of the input.
-        gain: ``Y_1/U_1``; std: its standard deviation by the noise, of either part.
-        harmonics: (4,) ``|Y_k|/|Y_1|`` for k = 2 … 5.
-    """
-
-    name: str
-    frequency: float
-    amplitude: float
-    gain: complex
-    std: float
-    harmonics: Array
 
 
 @dataclass(frozen=True)
@@ -93,7 +75,8 @@ class Bode:
     @property
     def gain_unit(self) -> str:
         """Unit of the response."""
-        return f"{self.units[1]}/{self.units[0]}" if self.units[0] != "1" else self.units[1]
+        into, out = self.units
+        return out if into == "1" else f"{out}/({into})" if "/" in into or " " in into else f"{out}/{into}"
 
     def draw(self, axes: Any = None) -> Panels:
         """(3,) axes: magnitude, phase, harmonics."""
@@ -258,27 +241,6 @@ def _amplitudes(setup: Setup, amplitude: float, offset: float, frequency: float,
         raise SolverFailed(f"response at {frequency:g} Hz and {amplitude:g}: {error}") from error
     waves = harmonic_weights(t, period)
     return np.asarray((waves @ y) / (waves[0] @ u))
-
-
-def point(recording: Recording) -> Point | None:
-    """The response in a recording of a single sine, by its last whole periods; None of any other recording."""
-    drive = excitation_of(recording.u, recording.dt)
-    if drive.kind != "sine" or drive.cycles < 1.0 or not np.isfinite(recording.y).all():
-        return None
-    period = recording.period or 1.0 / drive.low_Hz
-    # The first period holds the transient.
-    whole = max(1, int(drive.cycles + 1e-6) - (recording.start.state != "periodic"))
-    rows = slice(max(drive.span[0], drive.span[1] - round(whole * period / recording.dt)), drive.span[1])
-    if period / recording.dt < 2 * HARMONICS + 2:
-        return None
-    waves = harmonic_weights(recording.t[rows], period)
-    into, out = waves[0] @ recording.u[rows], waves @ recording.y[rows]
-    noise = recording.noise if recording.noise_found else np.nan
-    std = noise * deviation(waves[0], recording.noise_correlation) / np.sqrt(2.0) / abs(into)
-    return Point(
-        recording.name, 1.0 / period, float(abs(into)), complex(out[0] / into), float(std),
-        np.abs(out[1:]) / abs(out[0]),
-    )  # fmt: skip
 
 
 def _degrees(gain: Complex) -> Array:

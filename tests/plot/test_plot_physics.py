@@ -33,6 +33,8 @@ def test_response_of_a_linear_model_is_its_transfer_function() -> None:
         np.testing.assert_allclose(gain, transfer(F), rtol=1e-6)
     assert found.harmonics.max() < 1e-9
     assert found.gain_unit == "m/V"
+    assert replace(found, units=("m/s", "N")).gain_unit == "N/(m/s)"
+    assert replace(found, units=("1", "N")).gain_unit == "N"
 
 
 def test_a_small_amplitude_stays_within_the_dead_zone() -> None:
