@@ -1,4 +1,4 @@
-"""Whether residuals are noise: their autocorrelation, their correlation with the input, and their spectrum."""
+"""Plot of residuals against noise: autocorrelation, correlation with the input, and spectrum."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a mismatch is: the share of the explainable residual that each location predicts."""
+"""Plot of locations: the share of the explainable residual that each location predicts."""
 
 from __future__ import annotations
 

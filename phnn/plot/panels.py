@@ -1,4 +1,4 @@
-"""What all plots share: models and recordings as they are given, panels, axes whose units suit, and tables."""
+"""Shared parts of the plots: models and recordings as given, panels, axes in suitable units, and tables."""
 
 from __future__ import annotations
 
