@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import campaigns
-import pytest
 
-from phnn.effects import effect
 from phnn.identification.refinement import released
 from phnn.identification.staged import fit_identified
 
@@ -29,14 +27,3 @@ def test_a_fit_without_plateaus_is_left_alone() -> None:
     again = fit_identified(fitted.setup, fitted.plan, {"m": "held at the stated value"})
     assert again.held == {"m": "held at the stated value"}
     assert released(again) is again
-
-
-def test_a_parameter_that_is_nowhere_better_stays_held() -> None:
-    fitted = campaigns.base()
-    # Creep too weak and too fast to be noticed, in recordings without any.
-    without = effect("creep").add_to(fitted.setup, {"k_s": 1e-4, "tau_s": 1e-5})
-    again = fit_identified(without, fitted.plan, {"m": "held at the stated value"}, origin=fitted)
-    assert {"k_s", "tau_s"} & set(again.held)
-    found = released(again)
-    assert set(found.held) >= {"m"} and found.cost <= again.cost
-    assert found.cost == pytest.approx(fitted.cost, rel=2e-3)
