@@ -31,7 +31,6 @@ from phnn.prediction import document
 from phnn.predictor import predictor
 from phnn.recordings import Campaign, read
 from phnn.report import console_summary
-from phnn.report.checked import write_check
 from phnn.report.formatting import interval
 from phnn.report.predicted import score_table
 from phnn.report.result import RESULTS, evidence, write_into
@@ -67,6 +66,8 @@ def check(
     checked = check_recordings(campaign)
     print(printable(checked.text(), lines=True))
     if out is not None:
+        from phnn.report.checked import write_check  # draws
+
         with claim(out, "check", [folder], ("check.json", "check.html"), overwrite=overwrite) as place:
             write_check(checked, place)
 

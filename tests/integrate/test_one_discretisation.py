@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 import torch
-from solve_paths import STEPS, apart, case_of, has_kernel, networks, paths
+from solve_paths import STEPS, apart, case_of, in_a_hurry, networks, paths
 from subjects import body
 
 from phnn.errors import InputRefused
@@ -44,7 +44,7 @@ def disagreements(name: str, schemes: Iterable[Scheme], every: bool, steps: int)
     return wrong
 
 
-@pytest.mark.parametrize("name", [n for n in NETWORKS if has_kernel(n)])
+@pytest.mark.parametrize("name", in_a_hurry())
 def test_torch_and_kernels_take_the_same_steps(name: str) -> None:
     assert not disagreements(name, [Scheme.DISCRETE_GRADIENT], every=False, steps=STEPS // 2)
 
