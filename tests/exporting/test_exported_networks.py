@@ -22,7 +22,8 @@ PROMISED = 1e-9
 
 @cache
 def exportable() -> dict[str, Network]:
-    return {name: n for name, n in networks().items() if can_compile(n) and n.ports and not n.senses}
+    made = {name: make() for name, make in networks().items()}
+    return {name: n for name, n in made.items() if can_compile(n) and n.ports and not n.senses}
 
 
 def difference(network: Network) -> float:
@@ -56,4 +57,4 @@ def test_every_network_takes_the_steps_of_the_kernel() -> None:
 
 @pytest.mark.parametrize("name", ["leaf monotone", "nonlinear leaf coulomb", "leaf overflow and a leak"])
 def test_storages_without_a_closed_step(name: str) -> None:
-    assert difference(exportable()[name]) < PROMISED
+    assert difference(networks()[name]()) < PROMISED
