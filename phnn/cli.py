@@ -123,6 +123,8 @@ def _parse(argv: Sequence[str] | None) -> tuple[argparse.Namespace, list[str]]:
     parser = _parser()
     # Settings may stand before, between and after the options, which argparse's own lists do not allow.
     arguments, settings = parser.parse_known_args(argv)
+    # As it was typed, for the report of a run.
+    arguments.typed = tuple(sys.argv[1:] if argv is None else argv)
     strangers = [s for s in settings if s.startswith("-") or arguments.command not in (*_SETTINGS, _TRAIN)]
     if strangers:
         parser.error(f"phnn {arguments.command} does not know {' '.join(strangers)}")
