@@ -83,8 +83,8 @@ def _recordings(
         fit = document.fit(trace.name)
         figure = draw_recording(trace, fit, document.input_unit, document.output_unit, reused=figure)
         alt = f"{trace.name}: measured and modelled output in time and as a loop, error in time, spectrum of the error"
-        traces = plots(view_of(trace, document.input_unit, document.output_unit), fit)
-        drawings.append(counter.drawing(f"{kind}-{trace.name}", trace.name, alt, figure, traces))
+        shown = plots(view_of(trace, document.input_unit, document.output_unit), fit)
+        drawings.append(counter.drawing(f"{kind}-{trace.name}", trace.name, alt, figure, shown))
     return tuple(drawings), len(traces) - len(chosen)
 
 

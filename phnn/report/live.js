@@ -1,7 +1,7 @@
 // Zoomable plots, downloads and copy buttons of a report. Everything works without this script, as pictures.
 "use strict";
 (() => {
-  const HEIGHTS = [210, 190, 110];
+  const HEIGHTS = [210, 190, 130];
   const ABSENT = 65535;
   const root = document.documentElement;
   const groups = [];
@@ -71,7 +71,7 @@
 
   function axis(label, size) {
     return {
-      label, size, labelSize: 18, labelGap: 0, gap: 3, labelFont: "12px system-ui, sans-serif", font: "11px system-ui, sans-serif",
+      label, size, space: label === null || label === "time (s)" ? 50 : 22, labelSize: 18, labelGap: 0, gap: 3, labelFont: "12px system-ui, sans-serif", font: "11px system-ui, sans-serif",
       stroke: colour("soft"), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line"), width: 1, size: 5 },
       values: (_, splits) => splits.map((value) => shown(value, 8)),
     };
@@ -161,7 +161,7 @@
     content.panels.forEach((panel, number) => {
       const heading = document.createElement("div");
       heading.className = "plot-title";
-      heading.textContent = panel.title;
+      heading.textContent = panel.title + (panel.band ? "; dashed: ± 2 × noise" : "") + (number === 0 && content.unscored.length ? "; grey: not scored" : "");
       box.append(heading);
       group.plots.push(new uPlot(options(group, content, number), [x, ...panel.series.map(unpacked)], box));
     });

@@ -16,17 +16,15 @@ _PERIODS, _SAMPLES = 3.0, 2000
 def usage(traces: Sequence[Trace], input_unit: str, output_unit: str) -> str:
     """A short program: a sine as large and as long as the first recording, simulated with the model beside the page."""
     amplitude, seconds = _size(traces)
-    frequency = _PERIODS / seconds
-    return (
-        "import numpy as np\n"
-        "import phnn\n"
-        "\n"
-        'model = phnn.load("model")                # the folder model/ beside this page\n'
-        f"t = np.linspace(0.0, {seconds:.4g}, {_SAMPLES + 1})          # time [s]\n"
-        f"u = {amplitude:.4g} * np.sin(2.0 * np.pi * {frequency:.4g} * t)   # input [{input_unit}]\n"
-        f"y = model.simulate(t, u)                  # output [{output_unit}]\n"
-        "print(y.min(), y.max())\n"
+    lines = (
+        ('model = phnn.load("model")', "the folder model/ beside this page"),
+        (f"t = np.linspace(0.0, {seconds:.4g}, {_SAMPLES + 1})", "time [s]"),
+        (f"u = {amplitude:.4g} * np.sin(2.0 * np.pi * {_PERIODS / seconds:.4g} * t)", f"input [{input_unit}]"),
+        ("y = model.simulate(t, u)", f"output [{output_unit}]"),
     )
+    width = max(len(code) for code, _ in lines)
+    shown = "".join(f"{code:{width}}  # {remark}\n" for code, remark in lines)
+    return f"import numpy as np\nimport phnn\n\n{shown}print(y.min(), y.max())\n"
 
 
 def _size(traces: Sequence[Trace]) -> tuple[float, float]:
