@@ -8,6 +8,7 @@ import os
 import select
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +19,14 @@ PROGRAM = next((p for n in ("chromium", "chromium-browser", "google-chrome") if 
 _PATIENCE = 60.0
 # Bytes that one message of the protocol may have: a page in print has a few megabytes.
 _BLOCK = 1 << 20
+# The protocol wants its pipes at the numbers 3 and 4, which may be those that others have now.
+_LAUNCH = """
+import fcntl, os, sys
+pipes = [fcntl.fcntl(int(number), fcntl.F_DUPFD, 10) for number in sys.argv[1:3]]
+for number, pipe in zip((3, 4), pipes):
+    os.dup2(pipe, number)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
 
 
 class Page:
@@ -119,11 +128,10 @@ def chromium(profile: Path) -> Iterator[Page]:
     assert PROGRAM is not None
     to_read, to_write = os.pipe()
     from_read, from_write = os.pipe()
-    # The protocol wants the pipes at the numbers 3 and 4.
-    script = f'exec 3<&{to_read} 4>&{from_write}; exec "$@"'
     options = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run")
+    launch = (sys.executable, "-c", _LAUNCH, str(to_read), str(from_write), PROGRAM, *options)
     process = subprocess.Popen(
-        ["/bin/sh", "-c", script, "sh", PROGRAM, *options, f"--user-data-dir={profile}", "--remote-debugging-pipe"],
+        [*launch, f"--user-data-dir={profile}", "--remote-debugging-pipe"],
         pass_fds=(to_read, from_write),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

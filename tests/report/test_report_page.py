@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import json
 import re
 import subprocess
 import sys
@@ -9,6 +12,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -24,19 +28,27 @@ _VOID = {"meta", "img", "br", "path", "link", "hr", "input"}
 
 
 class _Page(HTMLParser):
-    """Collects what a browser would fetch, the visible text, and tags left open."""
+    """Collects what a browser would fetch, the visible text, scripts and their policy, and tags left open."""
 
     def __init__(self, content: str) -> None:
         super().__init__()
         self.fetched: list[str] = []
         self.tags: list[str] = []
         self.open: list[str] = []
+        self.scripts: list[str] = []
+        self.data: list[str] = []
+        self.policy = ""
         self.text = ""
         self.feed(content)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
         self.fetched += [value or "" for name, value in attrs if name in ("src", "href", "srcset", "data")]
+        if tag == "script":
+            (self.data if dict(attrs).get("type") == "application/json" else self.scripts).append("")
+        if dict(attrs).get("http-equiv") == "Content-Security-Policy":
+            self.policy = dict(attrs)["content"] or ""
+        assert not any(name.startswith("on") for name, _ in attrs)
         if tag not in _VOID:
             self.open.append(tag)
 
@@ -45,8 +57,19 @@ class _Page(HTMLParser):
             assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        if "style" not in self.open:
+        if "script" in self.open:
+            found = self.data if "application/json" in (self.get_starttag_text() or "") else self.scripts
+            found[-1] += data
+        elif "style" not in self.open:
             self.text += data
+
+    def leads_away(self) -> list[str]:
+        """Links that are neither data, nor a place in the page, nor a picture beside it."""
+        return [t for t in self.fetched if not t.startswith(("data:image/", "data:text/csv;", "#", "figures/"))]
+
+    def allowed(self) -> set[str]:
+        """Hashes of the scripts that the policy allows."""
+        return set(re.findall(r"'sha256-([^']+)'", self.policy))
 
 
 def _write(document: dict[str, Any], evidence: Evidence, folder: Path) -> _Page:
@@ -64,13 +87,16 @@ def report(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     return verdict, folder, _write(make_document(verdict, evidence), evidence, folder)
 
 
-def test_page_opens_offline_and_runs_nothing(report: tuple[str, Path, _Page]) -> None:
+def test_page_opens_offline_and_runs_only_its_own_scripts(report: tuple[str, Path, _Page]) -> None:
     _, _, page = report
-    assert not {"script", "link", "iframe", "object", "base"} & set(page.tags)
+    assert not {"link", "iframe", "object", "base"} & set(page.tags)
     assert page.fetched
-    assert all(target.startswith(("data:image/png;base64,", "#")) for target in page.fetched)
+    assert page.leads_away() == []
     assert "url(" not in (report[1] / "report.html").read_text("utf-8")
     assert page.open == []
+    assert page.policy.startswith("default-src 'none';")
+    assert {base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in page.scripts} == page.allowed()
+    assert "The MIT License" in page.scripts[0] and "unsafe-inline" not in page.policy.partition("style-src")[0]
 
 
 def test_anchors_lead_somewhere(report: tuple[str, Path, _Page]) -> None:
@@ -83,7 +109,8 @@ def test_anchors_lead_somewhere(report: tuple[str, Path, _Page]) -> None:
 def test_figures_are_written_as_png_and_inlined(report: tuple[str, Path, _Page]) -> None:
     verdict, folder, page = report
     names = sorted(path.name for path in (folder / "figures").iterdir())
-    assert len([t for t in page.fetched if t.startswith("data:")]) == len(names)
+    assert len([t for t in page.fetched if t.startswith("data:image/png")]) == len(names)
+    assert sorted(unquote(t[8:]) for t in page.fetched if t.startswith("figures/")) == names
     stems = {re.sub(r"^\d\d-|\.png$", "", name) for name in names}
     expected = {"overview", "held-out-step_50V", "identification-sine_1Hz_75V", "ledger"}
     assert stems == (expected if verdict == "none" else expected | {"locations", "picture"})
@@ -105,6 +132,7 @@ def test_page_reads_top_down(report: tuple[str, Path, _Page]) -> None:
         "What remains, and what to record next",
         "What was understood of the recordings",
         "readme.txt is no recording",
+        "Use and reproduce\n",
     ]
     places = [page.text.rindex(landmark) for landmark in landmarks]
     assert places == sorted(places)
@@ -176,9 +204,10 @@ def test_names_from_outside_are_escaped(tmp_path: Path) -> None:
     document = make_document("unknown", evidence)
     document["missing"][0] |= {"statement": "<script>", "equation": r"\undefined{<script>}"}
     page = _write(document, evidence, tmp_path)
-    assert "script" not in page.tags
-    assert all(target.startswith(("data:", "#")) for target in page.fetched)
+    assert len(page.scripts) == 2 == len(page.allowed())
+    assert page.leads_away() == []
     assert name in page.text
+    assert json.loads(page.data[0])["name"] == name and "<" not in page.data[0]
     for path in (tmp_path / "figures").iterdir():
         assert path.name == file_name(path.name) and not set(path.name) & set("<>\"'&$`\\/:*?|")
 
