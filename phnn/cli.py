@@ -91,6 +91,9 @@ def _parser() -> argparse.ArgumentParser:
     train = _add_command(commands, "train", "train a neural or parametric model: phnn train folder=DIR out=DIR ...")
     train.epilog, train.formatter_class = _training_settings(), argparse.RawDescriptionHelpFormatter
     demo = _add_command(commands, "demo", "conceal an effect in simulated recordings, seal it, diagnose it")
+    serve = _add_command(commands, "serve", "show the runs below a folder in a browser of this machine")
+    serve.add_argument("folder", type=Path, metavar="DIR", help="folder of results, or one above several")
+    serve.add_argument("--port", type=int, default=0, metavar="N", help="default: a free one, which is printed")
     prove = _add_command(commands, "prove", "conceal many effects, seal them, diagnose them all, and count")
     predict.add_argument("model", type=Path, metavar="MODEL", help="model/ or base/ of an earlier result")
     for command in (check, identify, diagnose, predict, compare, modes):

@@ -12,7 +12,7 @@ from phnn.commands.terminal import Config, status
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.diagnosis import diagnose as run_diagnosis
 from phnn.identification.options import Options
-from phnn.output import Place, claim
+from phnn.output import Place, claim, watched
 from phnn.recordings import Campaign, read
 from phnn.report import console_summary
 from phnn.report.evidence import Provenance
@@ -42,7 +42,7 @@ def diagnose_into(
 ) -> Diagnosis:
     """Diagnose, write what `diagnose` writes, and print it; ``out`` is the place as the user calls it."""
     compile_later_kernels()
-    with status() as progress:
+    with status() as tell, watched(place, "diagnose", tell) as progress:
         diagnosis = run_diagnosis(campaign, options, progress, on_base=lambda fitted: keep(fitted, place / "base"))
         progress("write the report")
         shown = evidence(diagnosis, made_of)

@@ -25,7 +25,7 @@ from phnn.diagnosis.seen import seen
 from phnn.diagnosis.symptoms import symptoms
 from phnn.models.store import save
 from phnn.network.roles import auxiliary
-from phnn.output import Place, claim, finite
+from phnn.output import PROGRESS, Place, claim, finite
 from phnn.report.anchored import forces_known
 from phnn.report.evidence import Curve, Evidence, LedgerRow, ParameterRow, Provenance, RuleRow, Trace
 from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
@@ -42,7 +42,7 @@ from phnn.units import FORCE_UNITS
 
 SCHEMA = "phnn.diagnosis/1"
 # What a diagnosis writes into its folder.
-RESULTS = ("base", "model", "diagnosis.json", "figures", "report.html", WAVEFORM)
+RESULTS = ("base", "model", "diagnosis.json", "figures", "report.html", WAVEFORM, PROGRESS)
 _PACKAGES = ("phnn", "torch", "numpy", "scipy", "numba")
 
 

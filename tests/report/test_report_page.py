@@ -9,7 +9,6 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -17,6 +16,7 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 from report_example import NOISE, make_document, make_evidence, make_trace
+from report_html import Page
 
 from phnn.errors import InputRefused, OutputFailed
 from phnn.output import Place, claim, file_name
@@ -24,61 +24,15 @@ from phnn.report import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, 
 
 VERDICTS = ("named", "equivalent", "unknown", "none")
 EMPTY = Evidence((), (), (), (), (), (), "")
-_VOID = {"meta", "img", "br", "path", "link", "hr", "input"}
 
 
-class _Page(HTMLParser):
-    """Collects what a browser would fetch, the visible text, scripts and their policy, and tags left open."""
-
-    def __init__(self, content: str) -> None:
-        super().__init__()
-        self.fetched: list[str] = []
-        self.tags: list[str] = []
-        self.open: list[str] = []
-        self.scripts: list[str] = []
-        self.data: list[str] = []
-        self.policy = ""
-        self.text = ""
-        self.feed(content)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.fetched += [value or "" for name, value in attrs if name in ("src", "href", "srcset", "data")]
-        if tag == "script":
-            (self.data if dict(attrs).get("type") == "application/json" else self.scripts).append("")
-        if dict(attrs).get("http-equiv") == "Content-Security-Policy":
-            self.policy = dict(attrs)["content"] or ""
-        assert not any(name.startswith("on") for name, _ in attrs)
-        if tag not in _VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag not in _VOID:
-            assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if "script" in self.open:
-            found = self.data if "application/json" in (self.get_starttag_text() or "") else self.scripts
-            found[-1] += data
-        elif "style" not in self.open:
-            self.text += data
-
-    def leads_away(self) -> list[str]:
-        """Links that are neither data, nor a place in the page, nor a picture beside it."""
-        return [t for t in self.fetched if not t.startswith(("data:image/", "data:text/csv;", "#", "figures/"))]
-
-    def allowed(self) -> set[str]:
-        """Hashes of the scripts that the policy allows."""
-        return set(re.findall(r"'sha256-([^']+)'", self.policy))
-
-
-def _write(document: dict[str, Any], evidence: Evidence, folder: Path) -> _Page:
+def _write(document: dict[str, Any], evidence: Evidence, folder: Path) -> Page:
     write_report(document, evidence, Place(folder))
-    return _Page((folder / "report.html").read_text("utf-8"))
+    return Page((folder / "report.html").read_text("utf-8"))
 
 
 @pytest.fixture(scope="module", params=VERDICTS)
-def report(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, _Page]:
+def report(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, Page]:
     verdict = request.param
     evidence = make_evidence(
         ("sine_1Hz_75V", "step_50V"), creeps=verdict != "none", sentence=f"The {verdict} headline."
@@ -87,7 +41,7 @@ def report(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     return verdict, folder, _write(make_document(verdict, evidence), evidence, folder)
 
 
-def test_page_opens_offline_and_runs_only_its_own_scripts(report: tuple[str, Path, _Page]) -> None:
+def test_page_opens_offline_and_runs_only_its_own_scripts(report: tuple[str, Path, Page]) -> None:
     _, _, page = report
     assert not {"link", "iframe", "object", "base"} & set(page.tags)
     assert page.fetched
@@ -99,14 +53,14 @@ def test_page_opens_offline_and_runs_only_its_own_scripts(report: tuple[str, Pat
     assert "The MIT License" in page.scripts[0] and "unsafe-inline" not in page.policy.partition("style-src")[0]
 
 
-def test_anchors_lead_somewhere(report: tuple[str, Path, _Page]) -> None:
+def test_anchors_lead_somewhere(report: tuple[str, Path, Page]) -> None:
     content = (report[1] / "report.html").read_text("utf-8")
     for target in report[2].fetched:
         if target.startswith("#"):
             assert f'id="{target[1:]}"' in content
 
 
-def test_figures_are_written_as_png_and_inlined(report: tuple[str, Path, _Page]) -> None:
+def test_figures_are_written_as_png_and_inlined(report: tuple[str, Path, Page]) -> None:
     verdict, folder, page = report
     names = sorted(path.name for path in (folder / "figures").iterdir())
     assert len([t for t in page.fetched if t.startswith("data:image/png")]) == len(names)
@@ -118,7 +72,7 @@ def test_figures_are_written_as_png_and_inlined(report: tuple[str, Path, _Page])
         assert (folder / "figures" / name).read_bytes().startswith(b"\x89PNG")
 
 
-def test_page_reads_top_down(report: tuple[str, Path, _Page]) -> None:
+def test_page_reads_top_down(report: tuple[str, Path, Page]) -> None:
     verdict, _, page = report
     landmarks = [
         f"The {verdict} headline.",
@@ -138,7 +92,7 @@ def test_page_reads_top_down(report: tuple[str, Path, _Page]) -> None:
     assert places == sorted(places)
 
 
-def test_verdict_decides_what_is_said(report: tuple[str, Path, _Page]) -> None:
+def test_verdict_decides_what_is_said(report: tuple[str, Path, Page]) -> None:
     verdict, _, page = report
     said = {
         "named": "The model with it stays passive.",
@@ -152,7 +106,7 @@ def test_verdict_decides_what_is_said(report: tuple[str, Path, _Page]) -> None:
     assert ("Record next" in page.text) == (verdict in ("equivalent", "unknown"))
 
 
-def test_numbers_of_the_document_are_shown(report: tuple[str, Path, _Page]) -> None:
+def test_numbers_of_the_document_are_shown(report: tuple[str, Path, Page]) -> None:
     verdict, _, page = report
     assert "41.2" in page.text
     assert "50.0" in page.text  # noise floor in nm

@@ -1,4 +1,4 @@
-"""The traces of zoomable plots: bins lose no extreme, numbers of 16 bits stay within half a step, a page stays small."""
+"""The traces of zoomable plots: bins lose no extreme, numbers stay within half a step, a page stays small."""
 
 from __future__ import annotations
 
