@@ -9,7 +9,7 @@ from importlib.metadata import version
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.network.roles import auxiliary
 from phnn.report.evidence import Methods
-from phnn.report.formatting import listing, number, percent, ratio, words
+from phnn.report.formatting import listing, number, percent, ratio, short, words
 from phnn.report.provenance import python_version
 
 # Names of recordings that are listed; of more, the number is said.
@@ -68,22 +68,18 @@ def _fitted(diagnosis: Diagnosis) -> list[str]:
     held = [n for n in base.held if n not in fitted and n not in auxiliary(network)]
     found = [
         f"The base model is the network “{words(base.setup.name)}” with "
-        f"{len(network.storages)} storages; its {len(fitted)} parameters {_symbols(fitted)} were estimated by bounded "
-        f"nonlinear least squares on {_names(names)} [1, 2].",
+        f"{len(network.storages)} storages; its {len(fitted)} parameters ({', '.join(fitted)}) were estimated by "
+        f"bounded nonlinear least squares on {_names(names)} [1, 2].",
         "Residuals were weighted by the noise floor of each recording, and zero and initial state of a recording were "
         "estimated with the parameters where they were unknown.",
     ]
     if held:
-        found.append(f"{_symbols(held)} {'was' if len(held) == 1 else 'were'} held at stated or initial values.")
+        found.append(f"Held at stated or initial values: {', '.join(held)}.")
     found.append(
         "Sub-steps of the power-preserving discretisation kept the numerical error at "
         f"{number(diagnosis.error.sigma, 2)} noise standard deviations over all recordings together."
     )
     return found
-
-
-def _symbols(names: Sequence[str]) -> str:
-    return f"({', '.join(names)})"
 
 
 def _held_out(diagnosis: Diagnosis) -> list[str]:
@@ -106,17 +102,17 @@ def _decided(diagnosis: Diagnosis) -> list[str]:
     found = [
         f"The residual was tested with the largest score over {len(naming.by_name)} effects and generic functions of "
         "each location, base parameters projected out, against the null distribution of that largest score "
-        f"(level {number(c.selection.level)}).",
+        f"(level {short(c.selection.level)}).",
         "Elements of a composed model were added where identification recordings that took no part in the fit were "
-        f"predicted better (p < {number(grown.composed_level)}, or {percent(100 * grown.composed_far, 0)} % "
-        f"of the excess with p < {number(grown.composed_far_level)}).",
+        f"predicted better (p < {short(grown.composed_level)}, or {percent(100 * grown.composed_far, 0)} % "
+        f"of the excess with p < {short(grown.composed_far_level)}).",
         "An element keeps its name only where the error of held-out recordings falls with it "
-        f"(p < {number(kept.held_out_level)}, paired over blocks of time) by at least "
-        f"{number(kept.material)} of the noise and {percent(100 * kept.material_share, 0)} % of the error.",
+        f"(p < {short(kept.held_out_level)}, paired over blocks of time) by at least "
+        f"{short(kept.material)} of the noise and {percent(100 * kept.material_share, 0)} % of the error.",
     ]
     if changed:
         found.append(
-            f"Criteria changed from their defaults: {', '.join(f'{n} = {number(v)}' for n, v in changed.items())}."
+            f"Criteria changed from their defaults: {', '.join(f'{n} = {short(v)}' for n, v in changed.items())}."
         )
     return found
 

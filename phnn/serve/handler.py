@@ -59,7 +59,7 @@ class Handler(BaseHTTPRequestHandler):
         try:
             self._answer()
         except (InputRefused, OSError, ValueError):
-            # A folder without rights, one that went meanwhile, or an address that is none, is not there either.
+            # A folder without rights, one that went meanwhile, or no proper address, is not there either.
             self._page(refused_page("There is no such run or file below the folder."), HTTPStatus.NOT_FOUND)
 
     def _refuse(self) -> None:

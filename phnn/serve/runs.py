@@ -89,7 +89,7 @@ def find_runs(root: Path) -> list[Run]:
 
 
 def read_run(root: Path, folder: Path) -> Run:
-    """One run; what cannot be read of it is empty.
+    """One run; where a file cannot be read, its values are empty.
 
     Args:
         root: the folder that is served; folder: below it.

@@ -27,7 +27,8 @@ def test_methods_say_what_was_fitted_held_out_and_decided() -> None:
     for part in (p for r in found.campaign.recordings for p in r.parts if p.use != "nuisance"):
         assert part.name in text
     assert "Held out was sine_010Hz_50V: no model was fitted to or chosen on it." in text
-    assert set(re.findall(r"\((C_1[^)]*)\)", text)[0].split(", ")) == set(found.base.variables.names)
+    (fitted,) = re.findall(r"parameters \(([^)]*)\) were estimated", text)
+    assert set(fitted.split(", ")) == set(found.base.variables.names)
     assert "The verdict is “named”: the final model adds quadratic drag [3]" in text
     assert f"numpy {np.__version__}" in text
     assert max(int(n) for n in re.findall(r"\[(?:\d+, )*(\d+)\]", text)) == len(said.references)
@@ -56,6 +57,7 @@ def test_what_a_run_was_made_of_changes_with_its_files(tmp_path: Path) -> None:
     assert said is not None and said.sha256 == hashlib.sha256(manifest.read_bytes()).hexdigest()
 
 
+@pytest.mark.slow
 def test_code_of_a_page_loads_the_model_and_simulates(tmp_path: Path) -> None:
     found = campaigns.diagnosis("quadratic_drag")
     found.model.save(tmp_path / "model")

@@ -124,6 +124,7 @@ def test_hostile_results_are_text(tmp_path: Path) -> None:
     (tmp_path / "b" / "diagnosis.json").write_text('{"fit": [], "missing": 3, "verdict": {"a": 1}}')
     (tmp_path / "c").mkdir()
     (tmp_path / "c" / "diagnosis.json").write_text("[" * 100_000)
+    (tmp_path / "c" / "INCOMPLETE.txt").write_text("")
     (tmp_path / "c" / "progress.json").write_text(
         '{"steps": [{"at": "yesterday"}, 3, {"at": "2026-01-01", "text": "<b>"}]}'
     )
