@@ -65,6 +65,7 @@
       width: isOutput ? WIDTHS[series.role] : 1,
       dash: isOutput && series.role === "before" ? [5, 3] : undefined,
       points: { show: false },
+      pxAlign: 0, // between pixels, or a slow slope would have steps
       value: (_, value) => shown(value),
     };
   }
