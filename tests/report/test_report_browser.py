@@ -162,7 +162,9 @@ def test_print_has_pictures_in_place_of_plots(page: Page) -> None:
     assert pdf.startswith(b"%PDF") and len(pdf) > 100_000
     page.call("Emulation.setEmulatedMedia", media="print")
     try:
-        hidden = "['.plots', '.files', '.copyable button'].map(n => getComputedStyle(document.querySelector(n)).display)"
+        hidden = (
+            "['.plots', '.files', '.copyable button'].map(n => getComputedStyle(document.querySelector(n)).display)"
+        )
         assert page.value(hidden) == ["none"] * 3
         assert page.value("document.querySelector('.panels img').getBoundingClientRect().width") > 600
     finally:
