@@ -102,7 +102,7 @@ def read_run(root: Path, folder: Path) -> Run:
     return Run(
         name=folder.relative_to(root).as_posix(),
         kind=kind or printable(str(progress.get("command") or "")),
-        complete=not (folder / INCOMPLETE).exists() and bool(kind),
+        complete=bool(kind) and not any((folder / mark).exists() for mark in (INCOMPLETE, PROGRESS)),
         page=next((p for p in _PAGES if (folder / p).is_file()), ""),
         changed=_changed(folder),
         steps=_steps(progress),

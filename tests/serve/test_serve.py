@@ -80,6 +80,17 @@ def test_a_run_that_goes_on_shows_its_steps_and_is_loaded_again(tmp_path: Path) 
     assert said == ["identify <phs> with 2 hysterons", "verdict named; confirm"]
 
 
+def test_a_run_within_another_that_goes_on_is_not_finished(tmp_path: Path) -> None:
+    diagnosed(tmp_path / "demo" / "diagnosis")
+    with (
+        claim(tmp_path / "demo", "demo") as place,
+        watched(place / "diagnosis", "diagnose", lambda text: None) as progress,
+    ):
+        progress("identify")
+        states = {run.name: run.complete for run in find_runs(tmp_path)}
+    assert states == {"demo": False, "demo/diagnosis": False}
+
+
 def test_compared_numbers_are_those_of_the_json(tmp_path: Path) -> None:
     first = diagnosed(tmp_path / "a")
     second = diagnosed(tmp_path / "b", effect="electrostriction", scale=1.7)
