@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -27,6 +28,7 @@ _COMMANDS = {
     "modes": "find the modes of a structure, and what moves them with amplitude",
     TRAIN: "train a neural or parametric model: phnn train folder=DIR out=DIR ...",
     "demo": "conceal an effect in simulated recordings, seal it, diagnose it",
+    "serve": "show the runs below a folder in a browser of this machine",
     "prove": "conceal many effects, seal them, diagnose them all, and count",
 }
 # Kinds of plots, as functions of phnn.plot.
@@ -72,6 +74,8 @@ def parse(argv: Sequence[str] | None) -> tuple[argparse.Namespace, list[str]]:
     parser = _parser()
     # Settings may stand before, between and after the options, which argparse's own lists do not allow.
     arguments, settings = parser.parse_known_args(argv)
+    # As it was typed, for the report of a run.
+    arguments.typed = tuple(sys.argv[1:] if argv is None else argv)
     strangers = [s for s in settings if s.startswith("-") or arguments.command not in (*SETTINGS, TRAIN)]
     if strangers:
         parser.error(f"phnn {arguments.command} does not know {' '.join(strangers)}")
@@ -142,6 +146,9 @@ def _add_own(commands: dict[str, argparse.ArgumentParser]) -> None:
         "--seed", type=_seed, metavar="N", help="which effect, how strong, what noise (drawn if left out)"
     )
     demo.add_argument("--out", type=Path, metavar="DIR", default=Path("out/demo"), help="default: %(default)s")
+    serve = commands["serve"]
+    serve.add_argument("folder", type=Path, metavar="DIR", help="folder of results, or one above several")
+    serve.add_argument("--port", type=int, default=0, metavar="N", help="default: a free one, which is printed")
     _add_export(commands["export"])
     _add_invert(commands["invert"])
     _add_plot(commands["plot"])

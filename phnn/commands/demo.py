@@ -13,6 +13,7 @@ from phnn.errors import PhnnError
 from phnn.identification.options import Options
 from phnn.output import claim, write_atomic
 from phnn.recordings import read
+from phnn.report.provenance import command_line, provenance
 
 # Members of a class beyond which it names nothing.
 _CLASS = 3
@@ -30,7 +31,10 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any], overwrite: bool
         folder, seal_file = (place / "recordings").own_folder(), (place / "seal").own_folder() / "sealed.json"
         digest = write_seal(generate(chosen, folder, write=write_atomic), seal_file, write_atomic)
         print(f"sealed the answer in {seal_file}, SHA-256 {digest}", flush=True)
-        diagnosis = diagnose_into(read(folder), place / "diagnosis", Options.from_config(config), out / "diagnosis")
+        campaign, result = read(folder), out / "diagnosis"
+        # The seed that was drawn, where none was given: only so the command gives the same again.
+        made_of = provenance(campaign, command_line(["demo", "--seed", str(chosen), "--out", str(out)]))
+        diagnosis = diagnose_into(campaign, place / "diagnosis", Options.from_config(config), result, made_of)
     sealed = open_seal(seal_file)
     j = diagnosis.judgement
     claimed = j.claimed

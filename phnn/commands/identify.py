@@ -19,7 +19,7 @@ from phnn.identification.fit import Fit
 from phnn.identification.options import Options
 from phnn.models.store import save
 from phnn.network.roles import auxiliary
-from phnn.output import Place, claim, finite
+from phnn.output import PROGRESS, Place, claim, finite, watched
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import interval
 
@@ -30,7 +30,7 @@ def identify(
     """Fit the base model; writes ``base/`` and ``identify.json``."""
     options = Options.from_config(config)
     campaign = read(folder, manifest, allow_outside=outside)
-    with claim(out, "identify", [folder], ("base", "identify.json"), overwrite=overwrite) as place:
+    with claim(out, "identify", [folder], ("base", "identify.json", PROGRESS), overwrite=overwrite) as place:
         parameters, scores = _identify(campaign, options, place)
     table = Table("parameter", "value", "standard error", "95 % interval", "note", title=f"base model of {folder}")
     for name, row in parameters.items():
@@ -43,7 +43,7 @@ def identify(
 
 def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[str, Any], Evaluation]:
     """Fit the base model and write it; its table of parameters, and its scores."""
-    with status() as progress:
+    with status() as tell, watched(place, "identify", tell) as progress:
         fitted, error = identify_base(campaign, options, progress)
         scores = score_on_all(fitted, campaign)
     keep(fitted, place / "base")

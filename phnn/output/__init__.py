@@ -4,10 +4,12 @@ from phnn.output.claim import Origin, apart, claim, finished
 from phnn.output.files import finite, write_atomic, write_new
 from phnn.output.names import file_name, unique_names
 from phnn.output.place import Place
+from phnn.output.progress import PROGRESS, watched
 from phnn.output.record import sha256_of
 from phnn.output.sameness import same
 
 __all__ = [
+    "PROGRESS",
     "Origin",
     "Place",
     "apart",
@@ -18,6 +20,7 @@ __all__ = [
     "same",
     "sha256_of",
     "unique_names",
+    "watched",
     "write_atomic",
     "write_new",
 ]

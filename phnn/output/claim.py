@@ -16,6 +16,7 @@ from filelock import FileLock, Timeout
 from phnn.errors import InputRefused, OutputFailed, OutputRefused, PhnnError
 from phnn.output.files import PART, finite, refusal, write_atomic
 from phnn.output.place import Place
+from phnn.output.progress import PROGRESS
 from phnn.output.record import FOLDER, Line, Record, foreign, is_empty
 from phnn.output.sameness import same
 
@@ -108,7 +109,8 @@ def _begun(place: Place, run: Mapping[str, Any], before: Mapping[str, Any] | Non
     try:
         yield
     except BaseException as error:
-        done = [line.name for line in record.lines()][earlier + 1 :]
+        new_lines = list(record.lines())[earlier + 1 :]
+        done = [line.name for line in new_lines if PurePosixPath(line.name).name != PROGRESS]
         if isinstance(error, InputRefused) and not done and not marked:
             _undo(place, before, new)
         else:

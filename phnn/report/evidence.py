@@ -119,6 +119,46 @@ class RuleRow:
 
 
 @dataclass(frozen=True)
+class Methods:
+    """A run as the methods section of a paper describes it.
+
+    Attributes:
+        sentences: of one paragraph, with numbers of references in brackets.
+        references: in the order of their numbers, from 1; bibtex: the same as entries.
+    """
+
+    sentences: tuple[str, ...]
+    references: tuple[str, ...]
+    bibtex: str
+
+
+@dataclass(frozen=True)
+class FileHash:
+    """A file that was read, and the SHA-256 of its content in hexadecimal."""
+
+    name: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What a reader needs to do a run again.
+
+    Attributes:
+        command: as it was typed, quoted for a shell; empty where the run was started from Python.
+        folder: of the recordings.
+        recordings: files of the recordings; manifest: None where there was none.
+        understood: SHA-256 of all samples, uses and starts as they were understood; the same for the same result.
+    """
+
+    command: str
+    folder: str
+    recordings: tuple[FileHash, ...]
+    manifest: FileHash | None
+    understood: str
+
+
+@dataclass(frozen=True)
 class Evidence:
     """Everything that a report draws or tabulates beside the numbers of the document."""
 
@@ -133,3 +173,5 @@ class Evidence:
     no_proposal: str = ""  # why no recording is proposed though something is tied
     symptoms: tuple[str, ...] = ()  # what the base model's residual looks like, in sentences
     rules: tuple[RuleRow, ...] = ()  # of the verdict, in the order in which they were asked
+    methods: Methods | None = None
+    provenance: Provenance | None = None

@@ -21,9 +21,12 @@ from phnn.report.figures import (
     draw_picture,
     draw_recording,
     png,
+    svg,
 )
 from phnn.report.formatting import listing, words
+from phnn.report.plots import plots
 from phnn.report.shares import Shares
+from phnn.report.view import view_of
 
 _MOST_DRAWN = 12  # recordings of each kind that get a figure of their own; the table has them all
 
@@ -55,9 +58,11 @@ class _Counter:
     def __init__(self) -> None:
         self.count = 0
 
-    def drawing(self, stem: str, title: str, alt: str, figure: Figure) -> Drawing:
+    def drawing(self, stem: str, title: str, alt: str, figure: Figure, traces: str = "") -> Drawing:
+        """Number a figure; one of a whole recording has plots in place of an SVG, which would be ten times as large."""
         self.count += 1
-        return Drawing(file_name(f"{self.count:02d}-{stem}", ".png"), title, alt, png(figure))
+        name = file_name(f"{self.count:02d}-{stem}", ".png")
+        return Drawing(name, title, alt, png(figure), b"" if traces else svg(figure), traces)
 
 
 def _worst_first(traces: Sequence[Trace], document: Document) -> list[Trace]:
@@ -78,7 +83,8 @@ def _recordings(
         fit = document.fit(trace.name)
         figure = draw_recording(trace, fit, document.input_unit, document.output_unit, reused=figure)
         alt = f"{trace.name}: measured and modelled output in time and as a loop, error in time, spectrum of the error"
-        drawings.append(counter.drawing(f"{kind}-{trace.name}", trace.name, alt, figure))
+        shown = plots(view_of(trace, document.input_unit, document.output_unit), fit)
+        drawings.append(counter.drawing(f"{kind}-{trace.name}", trace.name, alt, figure, shown))
     return tuple(drawings), len(traces) - len(chosen)
 
 

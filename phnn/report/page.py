@@ -1,13 +1,10 @@
-"""One offline page from a finished diagnosis: everything inlined, no script, nothing fetched."""
+"""One offline page from a finished diagnosis: everything inlined, nothing fetched, only scripts of its own run."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
-from importlib.resources import files
 
-from jinja2 import Environment, StrictUndefined
-from markupsafe import Markup
+from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from phnn.report import formatting, verdicts
 from phnn.report.document import Document, FitRow
@@ -16,18 +13,18 @@ from phnn.report.figures import Drawing
 from phnn.report.formatting import Unit, display_unit, finite
 from phnn.report.formula import formula, symbol
 from phnn.report.gallery import Gallery
+from phnn.report.inlined import image, svg_link
+from phnn.report.scripts import content, scripts
 from phnn.report.shares import Shares, base_note
+from phnn.report.tables import table_links
+from phnn.report.usage import usage
 
 _SHOWN = 8
 
 
-def image(drawing: Drawing) -> Markup:
-    """The picture as part of the page, sized so that a point of print is a point on the screen."""
-    width, height = (int.from_bytes(drawing.png[start : start + 4], "big") for start in (16, 20))
-    data = base64.b64encode(drawing.png).decode("ascii")
-    return Markup('<img src="data:image/png;base64,{}" alt="{}" width="{}" height="{}">').format(
-        data, drawing.alt, round(width * 96 / 150), round(height * 96 / 150)
-    )
+def plots_id(drawing: Drawing) -> str:
+    """Name of the element that holds the traces of a drawing: the number of its file."""
+    return f"traces-{drawing.file.partition('-')[0]}"
 
 
 def _error_unit(rows: Sequence[FitRow], unit: str) -> Unit:
@@ -73,7 +70,9 @@ def _unit_of(row: ParameterRow) -> str:
 
 
 def _environment() -> Environment:
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, loader=FunctionLoader(content)
+    )
     environment.filters.update(
         number=formatting.number,
         interval=formatting.interval,
@@ -85,6 +84,8 @@ def _environment() -> Environment:
         words=formatting.words,
         listing=formatting.listing,
         image=image,
+        svg_link=svg_link,
+        plots_id=plots_id,
         formula=formula,
         equivalence=verdicts.equivalence_sentence,
         passivity=verdicts.passive_sentence,
@@ -100,27 +101,33 @@ def render_page(
     """The page as text. Every name and sentence from outside is escaped."""
     location = document.location
     noise_unit = display_unit(max((v for _, v in document.noise_floor if v), default=None), document.output_unit)
-    template = _environment().from_string(files("phnn.report").joinpath("template.html").read_text("utf-8"))
-    return template.render(
-        document=document,
-        evidence=evidence,
-        gallery=gallery,
-        shares=shares,
-        unsupplied=unsupplied,
-        base_note=base_note(shares),
-        headline=verdicts.headline(document, evidence.verdict_sentence),
-        test_sentence=verdicts.test_sentence(document),
-        remainder_sentence=verdicts.remainder_sentence(document.remainder, document.immaterial is not None),
-        no_proposal=verdicts.no_proposal_sentence(document, evidence.no_proposal),
-        headline_ratio=_headline_ratio(document),
-        frequencies=_first(location.frequencies_hz, "Hz") if location else "",
-        times=_first(location.times_s, "s") if location else "",
-        error_unit=_error_unit(document.fits, document.output_unit),
-        noise_unit=noise_unit,
-        with_error=formatting.with_error,
-        change=formatting.change,
-        unscored=any(not trace.scored.all() for trace in evidence.traces if trace.held_out),
-        named_law=any(curve.named_y is not None for curve in evidence.curves),
-        bar=_bar,
-        unit_of=_unit_of,
+    return (
+        _environment()
+        .get_template("template.html")
+        .render(
+            scripts=scripts(),
+            tables=table_links(document, evidence, shares),
+            usage=usage(evidence.traces, document.input_unit, document.output_unit),
+            document=document,
+            evidence=evidence,
+            gallery=gallery,
+            shares=shares,
+            unsupplied=unsupplied,
+            base_note=base_note(shares),
+            headline=verdicts.headline(document, evidence.verdict_sentence),
+            test_sentence=verdicts.test_sentence(document),
+            remainder_sentence=verdicts.remainder_sentence(document.remainder, document.immaterial is not None),
+            no_proposal=verdicts.no_proposal_sentence(document, evidence.no_proposal),
+            headline_ratio=_headline_ratio(document),
+            frequencies=_first(location.frequencies_hz, "Hz") if location else "",
+            times=_first(location.times_s, "s") if location else "",
+            error_unit=_error_unit(document.fits, document.output_unit),
+            noise_unit=noise_unit,
+            with_error=formatting.with_error,
+            change=formatting.change,
+            unscored=any(not trace.scored.all() for trace in evidence.traces if trace.held_out),
+            named_law=any(curve.named_y is not None for curve in evidence.curves),
+            bar=_bar,
+            unit_of=_unit_of,
+        )
     )

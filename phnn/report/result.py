@@ -19,29 +19,30 @@ from phnn.diagnosis.locate import (
     strongest_frequencies,
     strongest_times,
 )
-from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.picture import Picture, is_effort, learned_picture, missing_force, picture
 from phnn.diagnosis.rules import Applied
 from phnn.diagnosis.seen import seen
 from phnn.diagnosis.symptoms import symptoms
-from phnn.diagnosis.trial import tie
 from phnn.models.store import save
 from phnn.network.roles import auxiliary
-from phnn.output import Place, claim, finite
+from phnn.output import PROGRESS, Place, claim, finite
 from phnn.report.anchored import forces_known
-from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, RuleRow, Trace
+from phnn.report.evidence import Curve, Evidence, LedgerRow, ParameterRow, Provenance, RuleRow, Trace
 from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
+from phnn.report.methods import methods
 from phnn.report.missing import missing_entries
 from phnn.report.named import supports
 from phnn.report.noise import noise_statements
+from phnn.report.provenance import provenance, python_version
 from phnn.report.sentence import sentence
 from phnn.report.symptoms import symptom_sentences
+from phnn.report.tried import tried_rows
 from phnn.report.write import write_report
 from phnn.units import FORCE_UNITS
 
 SCHEMA = "phnn.diagnosis/1"
 # What a diagnosis writes into its folder.
-RESULTS = ("base", "model", "diagnosis.json", "figures", "report.html", WAVEFORM)
+RESULTS = ("base", "model", "diagnosis.json", "figures", "report.html", WAVEFORM, PROGRESS)
 _PACKAGES = ("phnn", "torch", "numpy", "scipy", "numba")
 
 
@@ -101,7 +102,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
             "held_out": [n for n, use in names.items() if use == "confirmation"],
         },
         "next_experiment": next_experiment(diagnosis.proposal),
-        "versions": {name: version(name) for name in _PACKAGES},
+        "versions": {"python": python_version()} | {name: version(name) for name in _PACKAGES},
         "rules": [r.document() for r in j.rules],
         "criteria": diagnosis.criteria.changed(),
         "seed": diagnosis.options.seed,
@@ -158,8 +159,12 @@ def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
     }
 
 
-def evidence(diagnosis: Diagnosis) -> Evidence:
-    """Traces, curves and tables of the report."""
+def evidence(diagnosis: Diagnosis, made_of: Provenance | None = None) -> Evidence:
+    """Traces, curves and tables of the report.
+
+    Args:
+        made_of: how the run was started and what it read; hashed now if left out.
+    """
     j = diagnosis.judgement
     curves = []
     left = j.remainder_location if j.remainder_immaterial is None else None
@@ -173,7 +178,7 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
         traces=tuple(_traces(diagnosis)),
         curves=tuple(curves[:2] if j.findings else curves[:1]),
         parameters=tuple(_parameters(diagnosis)),
-        candidates=tuple(_candidates(j, diagnosis.criteria.selection.level)),
+        candidates=tuple(tried_rows(j, diagnosis.criteria.selection.level)),
         ledger=tuple(_ledger(j)),
         notes=diagnosis.campaign.notes,
         verdict_sentence=sentence(diagnosis),
@@ -181,6 +186,8 @@ def evidence(diagnosis: Diagnosis) -> Evidence:
         supports=supports(diagnosis),
         symptoms=_symptoms(diagnosis),
         rules=tuple(_rule(r) for r in j.rules),
+        methods=methods(diagnosis),
+        provenance=made_of or provenance(diagnosis.campaign),
     )
 
 
@@ -244,43 +251,6 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
         ends = j.final.interval(name)
         rows.append(ParameterRow(name, p.description, p.unit, old, p.value, finite(std.get(name)), note, ends))
     return rows
-
-
-def _candidates(j: Judgement, level: float) -> list[CandidateRow]:
-    refits = {t.candidate.effect.name: t for t in j.tried if t.fit is not None}
-    added = {f.effect.name for f in j.findings}
-    members = {t.candidate.effect.name for f in j.findings for t in f.members} - added
-    samples = j.linearised.fit.residual.size
-
-    def outcome(c: Candidate) -> str:
-        name = c.effect.name
-        if name in added:
-            return "added"
-        if name in members:
-            return "explains as much as the one added"
-        if j.immaterial is not None and name == j.immaterial.candidate:
-            return "significant, but immaterial"
-        if name not in refits:
-            return "not significant" if c.p_value >= level else "others score higher: not refitted"
-        # With its strength at zero it is the base model, so that it cannot fit worse.
-        if refits[name].cost > j.linearised.fit.cost + tie(j.linearised.fit):
-            return "the refit failed: it ended above the base model, its special case"
-        if not j.findings:
-            moved = refits[name].cost < j.linearised.fit.cost - tie(j.linearised.fit)
-            return "refitted; explains too little" if moved else "refitted; leaves as much as the base model"
-        return "refitted; fits worse"
-
-    return [
-        CandidateRow(
-            c.effect.name,
-            c.effect.location,
-            c.score,
-            c.p_value,
-            refits[c.effect.name].cost / samples if c.effect.name in refits else None,
-            outcome(c),
-        )
-        for c in j.naming.by_name.values()
-    ]
 
 
 def _ledger(j: Judgement) -> list[LedgerRow]:

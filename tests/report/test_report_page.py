@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import json
 import re
 import subprocess
 import sys
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
 from report_example import NOISE, make_document, make_evidence, make_trace
+from report_html import Page
 
 from phnn.errors import InputRefused, OutputFailed
 from phnn.output import Place, claim, file_name
@@ -20,42 +24,15 @@ from phnn.report import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, 
 
 VERDICTS = ("named", "equivalent", "unknown", "none")
 EMPTY = Evidence((), (), (), (), (), (), "")
-_VOID = {"meta", "img", "br", "path", "link", "hr", "input"}
 
 
-class _Page(HTMLParser):
-    """Collects what a browser would fetch, the visible text, and tags left open."""
-
-    def __init__(self, content: str) -> None:
-        super().__init__()
-        self.fetched: list[str] = []
-        self.tags: list[str] = []
-        self.open: list[str] = []
-        self.text = ""
-        self.feed(content)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.fetched += [value or "" for name, value in attrs if name in ("src", "href", "srcset", "data")]
-        if tag not in _VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag not in _VOID:
-            assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if "style" not in self.open:
-            self.text += data
-
-
-def _write(document: dict[str, Any], evidence: Evidence, folder: Path) -> _Page:
+def _write(document: dict[str, Any], evidence: Evidence, folder: Path) -> Page:
     write_report(document, evidence, Place(folder))
-    return _Page((folder / "report.html").read_text("utf-8"))
+    return Page((folder / "report.html").read_text("utf-8"))
 
 
 @pytest.fixture(scope="module", params=VERDICTS)
-def report(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, _Page]:
+def report(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, Page]:
     verdict = request.param
     evidence = make_evidence(
         ("sine_1Hz_75V", "step_50V"), creeps=verdict != "none", sentence=f"The {verdict} headline."
@@ -64,26 +41,30 @@ def report(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     return verdict, folder, _write(make_document(verdict, evidence), evidence, folder)
 
 
-def test_page_opens_offline_and_runs_nothing(report: tuple[str, Path, _Page]) -> None:
+def test_page_opens_offline_and_runs_only_its_own_scripts(report: tuple[str, Path, Page]) -> None:
     _, _, page = report
-    assert not {"script", "link", "iframe", "object", "base"} & set(page.tags)
+    assert not {"link", "iframe", "object", "base"} & set(page.tags)
     assert page.fetched
-    assert all(target.startswith(("data:image/png;base64,", "#")) for target in page.fetched)
+    assert page.leads_away() == []
     assert "url(" not in (report[1] / "report.html").read_text("utf-8")
     assert page.open == []
+    assert page.policy.startswith("default-src 'none';")
+    assert {base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in page.scripts} == page.allowed()
+    assert "The MIT License" in page.scripts[0] and "unsafe-inline" not in page.policy.partition("style-src")[0]
 
 
-def test_anchors_lead_somewhere(report: tuple[str, Path, _Page]) -> None:
+def test_anchors_lead_somewhere(report: tuple[str, Path, Page]) -> None:
     content = (report[1] / "report.html").read_text("utf-8")
     for target in report[2].fetched:
         if target.startswith("#"):
             assert f'id="{target[1:]}"' in content
 
 
-def test_figures_are_written_as_png_and_inlined(report: tuple[str, Path, _Page]) -> None:
+def test_figures_are_written_as_png_and_inlined(report: tuple[str, Path, Page]) -> None:
     verdict, folder, page = report
     names = sorted(path.name for path in (folder / "figures").iterdir())
-    assert len([t for t in page.fetched if t.startswith("data:")]) == len(names)
+    assert len([t for t in page.fetched if t.startswith("data:image/png")]) == len(names)
+    assert sorted(unquote(t[8:]) for t in page.fetched if t.startswith("figures/")) == names
     stems = {re.sub(r"^\d\d-|\.png$", "", name) for name in names}
     expected = {"overview", "held-out-step_50V", "identification-sine_1Hz_75V", "ledger"}
     assert stems == (expected if verdict == "none" else expected | {"locations", "picture"})
@@ -91,7 +72,7 @@ def test_figures_are_written_as_png_and_inlined(report: tuple[str, Path, _Page])
         assert (folder / "figures" / name).read_bytes().startswith(b"\x89PNG")
 
 
-def test_page_reads_top_down(report: tuple[str, Path, _Page]) -> None:
+def test_page_reads_top_down(report: tuple[str, Path, Page]) -> None:
     verdict, _, page = report
     landmarks = [
         f"The {verdict} headline.",
@@ -105,12 +86,13 @@ def test_page_reads_top_down(report: tuple[str, Path, _Page]) -> None:
         "What remains, and what to record next",
         "What was understood of the recordings",
         "readme.txt is no recording",
+        "Use and reproduce\n",
     ]
     places = [page.text.rindex(landmark) for landmark in landmarks]
     assert places == sorted(places)
 
 
-def test_verdict_decides_what_is_said(report: tuple[str, Path, _Page]) -> None:
+def test_verdict_decides_what_is_said(report: tuple[str, Path, Page]) -> None:
     verdict, _, page = report
     said = {
         "named": "The model with it stays passive.",
@@ -124,7 +106,7 @@ def test_verdict_decides_what_is_said(report: tuple[str, Path, _Page]) -> None:
     assert ("Record next" in page.text) == (verdict in ("equivalent", "unknown"))
 
 
-def test_numbers_of_the_document_are_shown(report: tuple[str, Path, _Page]) -> None:
+def test_numbers_of_the_document_are_shown(report: tuple[str, Path, Page]) -> None:
     verdict, _, page = report
     assert "41.2" in page.text
     assert "50.0" in page.text  # noise floor in nm
@@ -176,9 +158,10 @@ def test_names_from_outside_are_escaped(tmp_path: Path) -> None:
     document = make_document("unknown", evidence)
     document["missing"][0] |= {"statement": "<script>", "equation": r"\undefined{<script>}"}
     page = _write(document, evidence, tmp_path)
-    assert "script" not in page.tags
-    assert all(target.startswith(("data:", "#")) for target in page.fetched)
+    assert len(page.scripts) == 2 == len(page.allowed())
+    assert page.leads_away() == []
     assert name in page.text
+    assert json.loads(page.data[0])["name"] == name and "<" not in page.data[0]
     for path in (tmp_path / "figures").iterdir():
         assert path.name == file_name(path.name) and not set(path.name) & set("<>\"'&$`\\/:*?|")
 

@@ -8,7 +8,7 @@ from phnn.report.figures.locations import draw_locations
 from phnn.report.figures.overview import draw_overview
 from phnn.report.figures.picture import draw_picture
 from phnn.report.figures.recording import draw_recording
-from phnn.report.figures.style import RC, Drawing, png
+from phnn.report.figures.style import RC, Drawing, png, svg
 
 __all__ = [
     "RC",
@@ -20,4 +20,5 @@ __all__ = [
     "draw_picture",
     "draw_recording",
     "png",
+    "svg",
 ]

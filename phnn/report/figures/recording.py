@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,65 +9,17 @@ from matplotlib.figure import Figure
 from phnn.report.document import FitRow
 from phnn.report.evidence import Trace
 from phnn.report.figures.style import AFTER, BEFORE, INK, MEASURED, new_figure, quiet_grid, say
-from phnn.report.formatting import Unit, display_unit, quantity, ratio
-from phnn.report.reduction import envelope, telling_stretch
+from phnn.report.formatting import ratio
+from phnn.report.reduction import envelope
 from phnn.report.spectrum import longest_run, residual_spectrum
+from phnn.report.view import View, error_limits, unscored, view_of
 
-_INPUTS = {"V": "voltage", "N": "force", "A": "current"}
 # Room for what stands around the panels, which is the same in all of these figures: to measure it in every one takes
 # twice as long as to draw them.
 _MARGINS = {"left": 0.072, "right": 0.992, "bottom": 0.09, "top": 0.95, "wspace": 0.175, "hspace": 0.38}
 
 
-@dataclass(frozen=True)
-class _View:
-    """What the four panels share."""
-
-    trace: Trace
-    error_before: np.ndarray
-    error_after: np.ndarray
-    stretch: slice
-    output: Unit
-    error: Unit
-    input_label: str
-    output_label: str
-    output_unit: str
-    changed: bool  # the final model differs from the base model
-    names: tuple[str, str]
-
-
-def _largest(*arrays: np.ndarray) -> float:
-    values = [float(np.max(np.abs(a[np.isfinite(a)]))) for a in arrays if np.isfinite(a).any()]
-    return max(values, default=0.0)
-
-
-def _spread(trace: Trace) -> float:
-    """Size of an error worth an axis: its 99th percentile on scored samples, or the noise."""
-    error = (trace.measured - trace.before)[trace.scored]
-    error = np.abs(error[np.isfinite(error)])
-    return max(float(np.percentile(error, 99.0)) if error.size else 0.0, trace.noise if trace.noise > 0.0 else 0.0)
-
-
-def _view(trace: Trace, input_unit: str, output_unit: str) -> _View:
-    output = display_unit(_largest(trace.measured), output_unit, floor=1.0)
-    changed = not np.array_equal(trace.before, trace.after, equal_nan=True)
-    error_before = trace.measured - trace.before
-    return _View(
-        trace=trace,
-        error_before=error_before,
-        error_after=trace.measured - trace.after,
-        stretch=telling_stretch(trace.u, error_before, trace.scored),
-        output=output,
-        error=display_unit(_spread(trace), output_unit),
-        input_label=f"{_INPUTS.get(input_unit, 'input')} ({input_unit})",
-        output_label=f"{'displacement' if output_unit == 'm' else 'output'} ({output.name})",
-        output_unit=output_unit,
-        changed=changed,
-        names=("base model", "final model") if changed else ("base model (nothing added)", ""),
-    )
-
-
-def _time_panel(axes: Axes, view: _View) -> None:
+def _time_panel(axes: Axes, view: View) -> None:
     trace, part = view.trace, view.stretch
     t = trace.t[part]
     series = [(trace.measured, MEASURED, "measured", 4.0, "-"), (trace.before, BEFORE, view.names[0], 1.5, (0, (4, 2)))]
@@ -79,8 +29,7 @@ def _time_panel(axes: Axes, view: _View) -> None:
         index = envelope(y[part])
         values = y[part][index] / view.output.scale
         axes.plot(t[index], values, color=colour, label=name, linewidth=width, linestyle=style)
-    whole = part == slice(0, len(trace.t))
-    axes.set_title("In time" if whole else "In time, where the base model is worst")
+    axes.set_title("In time" if view.whole else "In time, where the base model is worst")
     axes.set_ylabel(view.output_label)
     axes.set_xlabel("time (s)")
     axes.margins(x=0.01)
@@ -89,36 +38,19 @@ def _time_panel(axes: Axes, view: _View) -> None:
     axes.legend(loc="upper left", ncols=3, borderaxespad=0.1, columnspacing=1.2)
 
 
-def _loop_panel(axes: Axes, view: _View) -> None:
+def _loop_panel(axes: Axes, view: View) -> None:
     trace, part = view.trace, view.stretch
     series = [(trace.measured, MEASURED, 4.0, "-"), (trace.before, BEFORE, 1.5, (0, (4, 2)))]
     if view.changed:
         series.append((trace.after, AFTER, 1.1, "-"))
     for y, colour, width, style in series:
         axes.plot(trace.u[part], y[part] / view.output.scale, color=colour, linewidth=width, linestyle=style)
-    axes.set_title("Loop" if part == slice(0, len(trace.t)) else "Loop, same stretch")
+    axes.set_title("Loop" if view.whole else "Loop, same stretch")
     axes.set_xlabel(view.input_label)
     axes.set_ylabel(view.output_label)
 
 
-def _error_limits(view: _View) -> tuple[float, str]:
-    """Half the height of the error axis, and a remark where a few lone samples would have flattened all others."""
-    usable = view.trace.scored
-    errors = np.abs(np.concatenate((view.error_before[usable], view.error_after[usable])))
-    errors = errors[np.isfinite(errors)]
-    largest = _largest(errors)
-    common = float(np.percentile(errors, 99.9)) if errors.size else 0.0
-    if common > 0.0 and largest > 3.0 * common:
-        beyond = np.fmax(np.abs(view.error_before), np.abs(view.error_after)) > 2.0 * common
-        count = int(np.count_nonzero(beyond & usable))
-        limit, noun = 2.0 * common, "sample" if count == 1 else "samples"
-        remark = f"{count} {noun} beyond, up to {quantity(largest, view.output_unit)}"
-    else:
-        limit, remark = largest, ""
-    return 1.12 * max(limit, 3.0 * view.trace.noise if view.trace.noise > 0.0 else 0.0) or 1.0, remark
-
-
-def _error_panel(axes: Axes, view: _View, fit: FitRow | None) -> None:
+def _error_panel(axes: Axes, view: View, fit: FitRow | None) -> None:
     trace, scale = view.trace, view.error.scale
     if trace.noise > 0.0:
         band = 2.0 * trace.noise / scale
@@ -132,13 +64,13 @@ def _error_panel(axes: Axes, view: _View, fit: FitRow | None) -> None:
         index = envelope(y)
         text = name if level is None else f"{name}: {ratio(level)} × noise"
         axes.plot(trace.t[index], y[index] / scale, color=colour, linewidth=0.8, label=text)
-    limit, remark = _error_limits(view)
+    limit, remark = error_limits(view)
     limit /= scale
     axes.set_ylim(-limit, 1.3 * limit)
-    for part in _unscored(trace.scored):
+    for part in unscored(trace.scored):
         axes.axvspan(trace.t[part.start], trace.t[part.stop - 1], color="white", alpha=0.6, linewidth=0, zorder=4)
         axes.axvline(trace.t[part.stop - 1], color="#6a7278", ymax=0.8, linewidth=0.8, dashes=(2, 2), zorder=5)
-    if view.stretch != slice(0, len(trace.t)):
+    if not view.whole:
         edges = trace.t[view.stretch][[0, -1]]
         axes.plot(edges, [1.04 * limit] * 2, color=INK, linewidth=3.0, solid_capstyle="butt", zorder=5)
     axes.set_title("Error (measured − model)")
@@ -148,24 +80,16 @@ def _error_panel(axes: Axes, view: _View, fit: FitRow | None) -> None:
     axes.legend(loc="upper left", ncols=3, borderaxespad=0.1, columnspacing=1.2)
 
 
-def _error_caption(view: _View, remark: str) -> str:
+def _error_caption(view: View, remark: str) -> str:
     remarks = [remark] if remark else []
-    if view.stretch != slice(0, len(view.trace.t)):
+    if not view.whole:
         remarks.append("bar: stretch above")
     if not view.trace.scored.all():
         remarks.append("pale: not scored")
     return "time (s)" + (f" – {'; '.join(remarks)}" if remarks else "")
 
 
-def _unscored(scored: np.ndarray) -> list[slice]:
-    """Stretches that were not scored, none where nothing was."""
-    if not scored.any():
-        return []
-    edges = np.flatnonzero(np.diff(np.concatenate(([True], scored, [True])).astype(np.int8)))
-    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def _spectrum_panel(axes: Axes, view: _View) -> None:
+def _spectrum_panel(axes: Axes, view: View) -> None:
     trace = view.trace
     axes.set_title("Spectrum of the error")
     usable = trace.scored if trace.scored.any() else np.ones(len(trace.t), dtype=bool)
@@ -216,7 +140,7 @@ def draw_recording(
     Args:
         reused: the figure of another recording, no longer needed: it is emptied and drawn anew.
     """
-    view = _view(trace, input_unit, output_unit)
+    view = view_of(trace, input_unit, output_unit)
     figure = _panels() if reused is None else _emptied(reused)
     time, loop, error, spectrum = figure.axes
     _time_panel(time, view)

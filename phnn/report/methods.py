@@ -1,0 +1,141 @@
+"""A methods paragraph for a paper: the model, the recordings, the held-out ones, the criteria."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from importlib.metadata import version
+
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.network.roles import auxiliary
+from phnn.report.evidence import Methods
+from phnn.report.formatting import listing, number, percent, ratio, short, words
+from phnn.report.provenance import python_version
+
+# Names of recordings that are listed; of more, the number is said.
+_LISTED = 16
+_PAPER_SHORT = "Díaz, Ramírez, Le Gorrec & Wu, Modular Passivity-Based Modeling of Piezoelectric Actuators"
+_PAPER = """@misc{diaz_modular,
+  author = {D{\\'i}az, Ignacio and Ram{\\'i}rez, H{\\'e}ctor and {Le Gorrec}, Yann and Wu, Yongxin},
+  title  = {Modular Passivity-Based Modeling of Piezoelectric Actuators},
+}"""
+# What BibTeX takes for its own, as LaTeX writes it.
+_ESCAPES = {
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "&": r"\&",
+    "%": r"\%",
+    "#": r"\#",
+    "_": r"\_",
+    "$": r"\$",
+}
+
+
+def methods(diagnosis: Diagnosis) -> Methods:
+    """Describe a finished diagnosis as the methods section of a paper would."""
+    sentences = (*_fitted(diagnosis), *_held_out(diagnosis), *_decided(diagnosis), *_found(diagnosis), _software())
+    references = tuple(dict.fromkeys(r for f in diagnosis.judgement.findings for r in f.effect.references))
+    return Methods(sentences, (f"phnn {version('phnn')}", _PAPER_SHORT, *references), bibtex(references))
+
+
+def bibtex(references: Sequence[str]) -> str:
+    """Entries for the software, the paper of its model, and references that are kept as text."""
+    software = (
+        f"@software{{phnn,\n  author  = {{{{phnn contributors}}}},\n  title   = {{phnn: port-Hamiltonian models of "
+        f"piezoelectric actuators, and the physics they leave out}},\n  version = {{{version('phnn')}}},\n}}"
+    )
+    entries = [_entry(i + 1, text) for i, text in enumerate(references)]
+    return "\n\n".join([software, _PAPER, *entries]) + "\n"
+
+
+def _entry(place: int, text: str) -> str:
+    escaped = "".join(_ESCAPES.get(letter, letter) for letter in text)
+    year = re.search(r"\b(1[89]|20)\d\d\b", text)
+    dated = f"\n  year = {{{year[0]}}}," if year else ""
+    return f"@misc{{effect_{place},\n  note = {{{escaped}}},{dated}\n}}"
+
+
+def _names(names: Sequence[str]) -> str:
+    return f"{len(names)} recordings" if len(names) > _LISTED else listing(names)
+
+
+def _fitted(diagnosis: Diagnosis) -> list[str]:
+    base, parts = diagnosis.base, [p for r in diagnosis.campaign.recordings for p in r.parts]
+    network = base.setup.network
+    names = [p.name for p in parts if p.use == "identification"]
+    fitted = [n for n in base.variables.names if n not in auxiliary(network)]
+    held = [n for n in base.held if n not in fitted and n not in auxiliary(network)]
+    found = [
+        f"The base model is the network “{words(base.setup.name)}” with "
+        f"{len(network.storages)} storages; its {len(fitted)} parameters ({', '.join(fitted)}) were estimated by "
+        f"bounded nonlinear least squares on {_names(names)} [1, 2].",
+        "Residuals were weighted by the noise floor of each recording, and zero and initial state of a recording were "
+        "estimated with the parameters where they were unknown.",
+    ]
+    if held:
+        found.append(f"Held at stated or initial values: {', '.join(held)}.")
+    found.append(
+        "Sub-steps of the power-preserving discretisation kept the numerical error at "
+        f"{number(diagnosis.error.sigma, 2)} noise standard deviations over all recordings together."
+    )
+    return found
+
+
+def _held_out(diagnosis: Diagnosis) -> list[str]:
+    names = [p.name for p in diagnosis.before.parts if p.use == "confirmation"]
+    if not names:
+        return ["No recording was held out: the scores describe the fit and not a prediction."]
+    new = "bring" if len(names) > 1 else "brings"
+    negated = "do not bring" if len(names) > 1 else "does not bring"
+    brought = new if diagnosis.campaign.held_out_is_new else negated
+    return [
+        f"Held out were {_names(names)}: no model was fitted to or chosen on them." if len(names) > 1
+        else f"Held out was {names[0]}: no model was fitted to or chosen on it.",
+        f"{'They' if len(names) > 1 else 'It'} {brought} an amplitude or frequency that the others lack.",
+    ]  # fmt: skip
+
+
+def _decided(diagnosis: Diagnosis) -> list[str]:
+    c, naming = diagnosis.criteria, diagnosis.judgement.naming
+    changed, grown, kept = c.changed(), c.composition, c.confirmation
+    found = [
+        f"The residual was tested with the largest score over {len(naming.by_name)} effects and generic functions of "
+        "each location, base parameters projected out, against the null distribution of that largest score "
+        f"(level {short(c.selection.level)}).",
+        "Elements of a composed model were added where identification recordings that took no part in the fit were "
+        f"predicted better (p < {short(grown.composed_level)}, or {percent(100 * grown.composed_far, 0)} % "
+        f"of the excess with p < {short(grown.composed_far_level)}).",
+        "An element keeps its name only where the error of held-out recordings falls with it "
+        f"(p < {short(kept.held_out_level)}, paired over blocks of time) by at least "
+        f"{short(kept.material)} of the noise and {percent(100 * kept.material_share, 0)} % of the error.",
+    ]
+    if changed:
+        found.append(
+            f"Criteria changed from their defaults: {', '.join(f'{n} = {short(v)}' for n, v in changed.items())}."
+        )
+    return found
+
+
+def _found(diagnosis: Diagnosis) -> list[str]:
+    j = diagnosis.judgement
+    elements = [words(f.effect.name) + _cited(diagnosis, f.effect.references) for f in j.findings]
+    added = f"the final model adds {listing(elements)}" if elements else "nothing was added to the base model"
+    before, after = (e.over_noise("confirmation") for e in (diagnosis.before, diagnosis.after))
+    change = f"; on held-out recordings the residual goes from {ratio(before)} to {ratio(after)} times the noise"
+    compared = (
+        change if elements and before == before and all(r.noise_found for r in diagnosis.campaign.recordings) else ""
+    )
+    return [f"The verdict is “{j.verdict}”: {added}{compared}."]
+
+
+def _cited(diagnosis: Diagnosis, references: Sequence[str]) -> str:
+    """The numbers of references in brackets: software and paper come before those of the elements."""
+    known = list(dict.fromkeys(r for f in diagnosis.judgement.findings for r in f.effect.references))
+    numbers = [str(known.index(r) + 3) for r in references]
+    return f" [{', '.join(numbers)}]" if numbers else ""
+
+
+def _software() -> str:
+    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba"))
+    return f"Software: phnn {version('phnn')} [1] with Python {python_version()}, {packages}."

@@ -1,0 +1,46 @@
+"""The candidates that were tried for the model, each with the reason why it was kept or rejected."""
+
+from __future__ import annotations
+
+from phnn.diagnosis.judge import Judgement
+from phnn.diagnosis.name import Candidate
+from phnn.diagnosis.trial import tie
+from phnn.report.evidence import CandidateRow
+
+
+def tried_rows(j: Judgement, level: float) -> list[CandidateRow]:
+    """Every effect with its score, its refit and its outcome; a p-value below ``level`` is significant."""
+    refits = {t.candidate.effect.name: t for t in j.tried if t.fit is not None}
+    added = {f.effect.name for f in j.findings}
+    members = {t.candidate.effect.name for f in j.findings for t in f.members} - added
+    samples = j.linearised.fit.residual.size
+
+    def outcome(c: Candidate) -> str:
+        name = c.effect.name
+        if name in added:
+            return "added"
+        if name in members:
+            return "explains as much as the one added"
+        if j.immaterial is not None and name == j.immaterial.candidate:
+            return "significant, but immaterial"
+        if name not in refits:
+            return "not significant" if c.p_value >= level else "others score higher: not refitted"
+        # With its strength at zero it is the base model, so that it cannot fit worse.
+        if refits[name].cost > j.linearised.fit.cost + tie(j.linearised.fit):
+            return "the refit failed: it ended above the base model, its special case"
+        if not j.findings:
+            moved = refits[name].cost < j.linearised.fit.cost - tie(j.linearised.fit)
+            return "refitted; explains too little" if moved else "refitted; leaves as much as the base model"
+        return "refitted; fits worse"
+
+    return [
+        CandidateRow(
+            c.effect.name,
+            c.effect.location,
+            c.score,
+            c.p_value,
+            refits[c.effect.name].cost / samples if c.effect.name in refits else None,
+            outcome(c),
+        )
+        for c in j.naming.by_name.values()
+    ]
