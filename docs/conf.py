@@ -56,6 +56,8 @@ autodoc_default_options = {"members": True}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_use_rtype = False
+# Attributes are a list of fields: as objects of their own, dataclasses would have each of them twice.
+napoleon_use_ivar = True
 napoleon_preprocess_types = False
 
 sphinx_gallery_conf = {

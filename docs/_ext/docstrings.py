@@ -63,5 +63,6 @@ def _process(app: Sphinx, what: str, name: str, obj: object, options: Any, lines
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Treat docstrings before napoleon does."""
+    app.setup_extension("sphinx.ext.autodoc")
     app.connect("autodoc-process-docstring", _process, priority=100)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

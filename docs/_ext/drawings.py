@@ -74,7 +74,7 @@ def table() -> str:
 def _draw(app: Sphinx) -> None:
     folder = Path(app.srcdir) / FOLDER
     folder.mkdir(exist_ok=True)
-    with rc_context({**RC, "svg.hashsalt": "phnn"}):
+    with rc_context({**RC, "svg.hashsalt": "phnn", "figure.constrained_layout.use": False}):
         figure = chart()
         FigureCanvasSVG(figure)
         figure.savefig(folder / "flow.svg", metadata={"Date": None})
