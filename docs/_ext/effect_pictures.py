@@ -14,8 +14,8 @@ from effect_scenes import Scene, Shown, scene_of
 from phnn.report.figures import RC
 from phnn.report.figures.style import AFTER, BEFORE, DPI, FAINT, MEASURED
 
-_SIZE = (10.0, 5.6)  # inch
-# Share of the panel's height that the drive in the background takes.
+_SIZE = (8.8, 5.4)  # inch
+# Height of the drive in the background, as a share of the largest change.
 _DRIVE = 0.8
 
 

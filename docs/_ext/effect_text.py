@@ -18,7 +18,7 @@ from phnn.setup import Setup
 from phnn.units import quantity
 
 _CASES = Path(__file__).resolve().parents[1] / "proof-cases.csv"
-_GRADES = {"exact": "named", "class": "in a class of effects that explain it equally well", "wrong": "missed"}
+_GRADES = {"exact": "named", "class": "in a class of effects that explain the recordings equally well", "wrong": "missed"}
 
 # The example of each page; it is run when the page is made, and its output stands below it.
 _EXAMPLE = """\
@@ -189,8 +189,8 @@ def _measured(effect: Effect) -> str:
     grades = Counter(row["grade"] for row in _cases() if row["truth"] == effect.name)
     if not grades:
         return ""
-    told = ", ".join(f"{words} in {grades[g]}" for g, words in _GRADES.items() if grades[g])
-    return f"## Found in tests\n\nThe recorded [proof](../proof.md) concealed it alone in {grades.total()} of its cases: {told}."
+    told = ", ".join(f"{words}: {grades[g]}" for g, words in _GRADES.items())
+    return f"## Found in tests\n\nCases of the recorded [proof](../proof.md) that conceal it alone: {grades.total()}; {told}."
 
 
 def _example(shown: Shown) -> str:

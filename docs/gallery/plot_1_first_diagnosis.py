@@ -46,8 +46,8 @@ for ability in check(campaign).abilities:
 # %%
 # The base model
 # --------------
-# Two hysterons. The actuator needs no starting values. A standard error of None belongs to a parameter that is held: here the
-# weighed mass.
+# Two hysterons. The actuator needs no starting values. The weighed mass ``m`` of ``recordings.yaml`` is an anchor with an error of
+# its own. An infinite error says that these recordings do not determine a value: hysteron 1 relaxes too fast to be seen.
 
 fit = phnn.identify(phnn.models.hrc(hysterons=2), campaign, phnn.Options(starts=1))
 for name, (value, error) in fit.parameters.items():
