@@ -6,6 +6,7 @@ Exit status: 0 done, 1 the work failed, 2 the input was refused, 130 interrupted
 from __future__ import annotations
 
 import argparse
+import inspect
 import io
 import os
 import signal
@@ -13,6 +14,7 @@ import sys
 import threading
 from collections.abc import Sequence
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from types import FrameType
 
@@ -98,7 +100,10 @@ def _parser() -> argparse.ArgumentParser:
     template.add_argument("--out", type=Path, metavar="FILE", help="a new file to write; printed if left out")
     for command in (check, template, identify, diagnose, predict, compare, modes):
         command.add_argument(
-            "--allow-outside", action="store_true", help="read files outside FOLDER that it names, links or refers to"
+            "--allow-outside",
+            dest="outside",
+            action="store_true",
+            help="read files outside FOLDER that it names, links or refers to",
         )
     for command in (identify, diagnose, predict, compare, modes, prove):
         command.add_argument("--out", type=Path, metavar="DIR", required=True, help="where the results go")
@@ -136,34 +141,9 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
     # simulated in threads already.
     for variable, count in ONE_THREAD.items():
         os.environ.setdefault(variable, count)
-    import phnn.commands as commands
-
-    given = {"outside": True} if getattr(arguments, "allow_outside", False) else {}
-    given |= {"overwrite": True} if getattr(arguments, "overwrite", False) else {}
-    if name == "check":
-        commands.check(arguments.folder, arguments.manifest, arguments.out, **given)
-    elif name == "template":
-        commands.template(arguments.folder, arguments.out, **given)
-    elif name == "identify":
-        commands.identify(arguments.folder, arguments.out, arguments.manifest, config, **given)
-    elif name == "diagnose":
-        commands.diagnose(arguments.folder, arguments.out, arguments.manifest, config, **given)
-    elif name == _TRAIN:
-        commands.train(config)
-    elif name == "predict":
-        commands.predict(arguments.model, arguments.folder, arguments.out, arguments.manifest, **given)
-    elif name == "compare":
-        commands.compare(arguments.folder, arguments.out, arguments.manifest, config, **given)
-    elif name == "modes":
-        commands.modes(arguments.folder, arguments.out, arguments.manifest, config, **given)
-    else:
-        # Only these two make recordings.
-        import phnn.concealing as concealing
-
-        if name == "prove":
-            concealing.prove(arguments.out, config, **given)
-        else:
-            concealing.demo(arguments.seed, arguments.out, config, **given)
+    command = getattr(import_module(f"phnn.commands.{name}"), name)
+    taken = inspect.signature(command).parameters
+    command(**{key: value for key, value in {**vars(arguments), "config": config}.items() if key in taken})
 
 
 def _say(text: str) -> None:

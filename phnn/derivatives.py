@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from phnn.integrate import sweep
 from phnn.integrate.cycle import cycle_derivative, without_impulse
 from phnn.integrate.rest import equilibrium_derivative, equilibrium_slope
-from phnn.integrate.sweep import Marched, Perturbed
+from phnn.integrate.sweep import Integrated, Perturbed
 from phnn.laws import FACTOR_LAWS, PORT_LAWS
 from phnn.laws.namespace import TINY
-from phnn.passage import measured_changes, place_of, sensed, sounded
-from phnn.recordings.driving import input_before, settled
+from phnn.passage import measured_changes, place_of, sensed, source_input
+from phnn.recordings.driving import input_before, made_periodic
 from phnn.setup import Block
 from phnn.signals.reconstruct import mean_input
-from phnn.simulate import Trajectory, driven, long_settled
+from phnn.simulate import Trajectory, driven, with_earlier_cycles
 
 Array = NDArray[np.float64]
 
@@ -48,18 +48,18 @@ def output_derivatives(
     jumps = _by_instants(trajectory) if instants else []
     acting, names = [*_acting(trajectory, names), *jumps], [*names, *(a.name for a in jumps)]
     active = np.concatenate([places, [sweep.carrier(program, a.port) for a in acting]]).astype(np.int64)
-    looks, times, samples_of = sensed(setup, trajectory.nodes, trajectory.h)
+    sensor_nodes, times, samples_of = sensed(setup, trajectory.nodes, trajectory.h)
     none = np.zeros((trajectory.h.size, 0))
     moved = Perturbed(
         active,
-        none if forces is None else np.ascontiguousarray(settled(forces, trajectory.cycle)),
+        none if forces is None else np.ascontiguousarray(made_periodic(forces, trajectory.cycle)),
         np.array([network_names.index(n) for n, _ in varied], dtype=np.int64),
-        settled(np.column_stack([none, *(w for _, w in varied)]), trajectory.cycle),
+        made_periodic(np.column_stack([none, *(w for _, w in varied)]), trajectory.cycle),
         {places.size + j: a.action for j, a in enumerate(acting)},
     )
     start = np.insert(_start_derivative(trajectory, moved, places), [active.size] * len(initial), 0.0, axis=1)
     start[:, places.size : active.size] += np.column_stack([np.zeros((start.shape[0], 0)), *(a.rest for a in acting)])
-    out = sweep.sensitivities(_marched(trajectory), moved, start, np.array(initial, dtype=np.int64), looks)
+    out = sweep.sensitivities(_integrated(trajectory), moved, start, np.array(initial, dtype=np.int64), sensor_nodes)
     changes = out
     if list(names) != network_names or acting:
         head = np.zeros((out.shape[0], len(names)))
@@ -68,9 +68,9 @@ def output_derivatives(
         for j, a in enumerate(acting):
             head[:, names.index(a.name)] += out[:, places.size + j]
         changes = np.hstack([head, out[:, active.size :]])
-    both = np.column_stack([trajectory.states[looks, program.output], changes])
+    both = np.column_stack([trajectory.states[sensor_nodes, program.output], changes])
     times = times - trajectory.lead * trajectory.recording.dt
-    both, times, copied = long_settled(setup, both, times, trajectory.run_in, looks)
+    both, times, copied = with_earlier_cycles(setup, both, times, trajectory.run_in, sensor_nodes)
     seen = measured_changes(setup, both[:, 0], times, both[:, 1:], names)
     return seen[copied:][samples_of][trajectory.lead :]
 
@@ -86,14 +86,14 @@ def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Arr
     places = np.array([program.names.index(n) for n in names], dtype=np.int64)
     along = np.zeros_like(trajectory.states)
     along[trajectory.nodes[trajectory.lead :], program.output] = cotangent
-    gradient, back = sweep.adjoint(_marched(trajectory), places, along)
+    gradient, back = sweep.adjoint(_integrated(trajectory), places, along)
     moved = sweep.by_parameters(places, trajectory.h.size)
     return np.asarray(gradient + (back + along[0]) @ _start_derivative(trajectory, moved, places))
 
 
-def _marched(trajectory: Trajectory) -> Marched:
+def _integrated(trajectory: Trajectory) -> Integrated:
     """The simulation as the sweeps take it."""
-    return Marched(
+    return Integrated(
         trajectory.program, trajectory.theta, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h
     )
 
@@ -104,7 +104,7 @@ def _start_derivative(trajectory: Trajectory, moved: Perturbed, places: NDArray[
     start = np.zeros((n, moved.columns))
     if cycle:
         end = np.empty((n, moved.columns + n))
-        march, none = _marched(trajectory).first(cycle), np.zeros(1, dtype=np.int64)
+        march, none = _integrated(trajectory).first(cycle), np.zeros(1, dtype=np.int64)
         sweep.sensitivities(march, moved.first(cycle), start[:, :0], np.arange(n), none, end)
         end = without_impulse(trajectory.program, end, moved.active.size)
         return cycle_derivative(end, moved.active.size, trajectory.states[: cycle + 1])
@@ -161,7 +161,7 @@ def _acting(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]:
     for source in setup.sources:
         place = place_of(setup, source)
         for name in (n for n in source.parameters if n in names):
-            change = np.imag(sounded(setup, source, trajectory.h, lead, name)) / TINY
+            change = np.imag(source_input(setup, source, trajectory.h, lead, name)) / TINY
             found.append(_Acting(name, place, _action(trajectory, place, change), unmoved))
     return found
 

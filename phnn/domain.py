@@ -1,4 +1,4 @@
-"""Which values a law's parameter may have so that the law keeps its promise (a sector, an energy with a minimum)."""
+"""The values of a law's parameter for which the law keeps its promise (a sector, an energy with a minimum)."""
 
 from __future__ import annotations
 

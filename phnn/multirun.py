@@ -75,10 +75,10 @@ def concluded() -> Iterator[None]:
 
 def _tell(folder: Path) -> bool:
     """Print and write the table; whether a run has failed."""
-    from phnn import commands
+    from phnn.commands.gather import gather
 
     try:
-        return bool((commands.gather(folder)["state"] == "failed").any())
+        return bool((gather(folder)["state"] == "failed").any())
     except PhnnError as error:
         print(f"train: {error}", file=sys.stderr)
         return True

@@ -36,7 +36,7 @@ def place_of(setup: Setup, source: Source) -> int:
     return [p.name for p in setup.network.ports].index(source.port)
 
 
-def sounded(setup: Setup, source: Source, h: Array, lead: float, perturbed: str = "") -> Any:
+def source_input(setup: Setup, source: Source, h: Array, lead: float, perturbed: str = "") -> Any:
     """(n,) means of a source over the steps ``h`` (n,).
 
     Args:
@@ -52,10 +52,11 @@ def sounded(setup: Setup, source: Source, h: Array, lead: float, perturbed: str 
 def sensed(
     setup: Setup, nodes: NDArray[np.int64], h: Array
 ) -> tuple[NDArray[np.int64], Array, NDArray[np.int64] | slice]:
-    """Where the sensor looks: nodes of the steps, their times [s] from the first node on, and the samples among them.
+    """Nodes of the steps at which the sensor is evaluated, their times [s] from the first node, and the samples among
+    them.
 
-    Those of all steps where a block remembers, for a fast motion between samples that lie far apart leaves its trace;
-    those of the samples otherwise.
+    If a block has a state, these are the nodes of all steps, as fast motion between two samples changes that state.
+    Otherwise they are the nodes of the samples.
 
     Args:
         nodes: of the samples; h: (n,) steps.

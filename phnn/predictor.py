@@ -1,4 +1,4 @@
-"""What predicts the recordings of a folder: a stored model of any kind, by what its file says it is."""
+"""The predictor of a folder's recordings: a stored model of any kind, recognised by its file."""
 
 from __future__ import annotations
 

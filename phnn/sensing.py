@@ -1,4 +1,4 @@
-"""What a recording says of its sensor and its input, as blocks of the measuring chain with fixed parameters."""
+"""The stated properties of a recording's sensor and input, as blocks of the measuring chain with fixed parameters."""
 
 from __future__ import annotations
 

@@ -21,8 +21,8 @@ from phnn.integrate.program import Program, compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import Scheme
 from phnn.network.elements import Network
-from phnn.passage import amplified, measured, place_of, sensed, sounded
-from phnn.recordings.driving import Driving, driving_of, input_before, settled
+from phnn.passage import amplified, measured, place_of, sensed, source_input
+from phnn.recordings.driving import Driving, driving_of, input_before, made_periodic
 from phnn.recordings.recording import Recording
 from phnn.sensing import is_displacement, sensing
 from phnn.setup import Block, Setup
@@ -148,10 +148,10 @@ def _port_inputs(
     fine, before = driven(setup, driving.fine(recording), h, input_before(recording, recording.u), cycle)
     u, held = np.zeros((fine.shape[0], len(network.ports))), np.zeros(len(network.ports))
     places = [0, *further_ports(network, recording)]
-    u[:, places] = np.column_stack([mean_input(fine), settled(driving.further, cycle)])
+    u[:, places] = np.column_stack([mean_input(fine), made_periodic(driving.further, cycle)])
     held[places] = [before, *(x[0] for x in recording.further.values())]
     for source in setup.sources:
-        u[:, place_of(setup, source)] += sounded(setup, source, h, driving.lead * recording.dt)
+        u[:, place_of(setup, source)] += source_input(setup, source, h, driving.lead * recording.dt)
     return fine, u, held
 
 
@@ -176,8 +176,8 @@ def _measured(setup: Setup, q: Array, nodes: NDArray[np.int64], h: Array, before
     Args:
         before: time from the first node to the first recorded sample [s].
     """
-    looks, times, samples_of = sensed(setup, nodes, h)
-    seen, times, copied = long_settled(setup, q[looks], times - before, cycle, looks)
+    sensor_nodes, times, samples_of = sensed(setup, nodes, h)
+    seen, times, copied = with_earlier_cycles(setup, q[sensor_nodes], times - before, cycle, sensor_nodes)
     return measured(setup, seen, times)[copied:][samples_of]
 
 
@@ -241,17 +241,25 @@ def driven(
 ) -> tuple[Any, Any]:
     """The voltage at the port (n, 3), periodic if there is a cycle, and the one before; see `amplified`."""
     copies = _AMPLIFIED if cycle and setup.amplifier else 0
-    longer = np.concatenate([*[settled(fine, cycle)[:cycle]] * copies, fine])
+    longer = np.concatenate([*[made_periodic(fine, cycle)[:cycle]] * copies, fine])
     found, before = amplified(setup, longer, np.concatenate([*[h[:cycle]] * copies, h]), before, perturbed)
-    return settled(found[copies * cycle :], cycle), before
+    return made_periodic(found[copies * cycle :], cycle), before
 
 
-def long_settled(
-    setup: Setup, q: Array, times: Array, cycle: int, looks: NDArray[np.int64]
+def with_earlier_cycles(
+    setup: Setup, q: Array, times: Array, cycle: int, sensor_nodes: NDArray[np.int64]
 ) -> tuple[Array, Array, int]:
-    """(M, …) what a sensor looks at and when, with further cycles before it where a block remembers, and how many
-    looks these are."""
-    first = int(np.searchsorted(looks, cycle)) if cycle and any(b.kind in REMEMBERING for b in setup.sensor) else 0
+    """Prepend earlier cycles to the sensor's input if a block of the sensor has a state.
+
+    Args:
+        q: (M, …) the network's output at ``sensor_nodes`` (M,) and ``times`` (M,) [s].
+
+    Returns:
+        The longer output and times, and how many entries were prepended.
+    """
+    first = (
+        int(np.searchsorted(sensor_nodes, cycle)) if cycle and any(b.kind in REMEMBERING for b in setup.sensor) else 0
+    )
     if not first:
         return q, times, 0
     duration = times[first] - times[0]

@@ -1,4 +1,4 @@
-"""Where the console command begins: until it can end tidily, an interruption ends it at once and without a word."""
+"""The start of the console command: until it can end tidily, an interruption ends it at once and without a message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user does with recordings: identify, diagnose, predict, compare."""
+"""The steps of work with recordings: identify, diagnose, predict, compare."""
 
 from __future__ import annotations
 

@@ -53,16 +53,16 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def _march(network: Network) -> sweep.Marched:
+def _march(network: Network) -> sweep.Integrated:
     program = compile_network(network)
     theta, size = program.theta(network), len(program.states)
     states, efforts = np.empty((_STEPS + 1, size)), np.empty((_STEPS, size))
     u, h = np.ones((_STEPS, len(network.ports))), np.full(_STEPS, _STEP)
     kernel.march(program, theta, np.zeros(size), u, h, states, efforts)
-    return sweep.Marched(program, theta, states, efforts, u, h)
+    return sweep.Integrated(program, theta, states, efforts, u, h)
 
 
-def _differentiate(march: sweep.Marched) -> None:
+def _differentiate(march: sweep.Integrated) -> None:
     active, none = np.array([0]), np.zeros(0, dtype=np.int64)
     by, start = sweep.by_parameters(active, _STEPS), np.zeros((len(march.program.states), 1))
     sweep.sensitivities(march, by, start, none, np.arange(_STEPS + 1))

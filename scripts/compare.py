@@ -12,7 +12,7 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from phnn import commands
+from phnn.commands.compare import compare
 from phnn.comparison.run import compare_on_made, show
 from phnn.comparison.settings import Settings
 from phnn.configuration import checked
@@ -26,7 +26,7 @@ def run(config: DictConfig) -> None:
     chosen = checked("compare", OmegaConf.to_container(config.compare, resolve=True))
     out = Path(config.out)
     if config.folder is not None:
-        commands.compare(Path(config.folder), out, Path(config.manifest) if config.manifest else None, chosen)
+        compare(Path(config.folder), out, Path(config.manifest) if config.manifest else None, chosen)
         return
     progress = (lambda message: print(message, file=sys.stderr, flush=True)) if sys.stderr.isatty() else quiet
     table = compare_on_made(out, Conditions(**config.recordings), Settings.from_config(chosen), progress)

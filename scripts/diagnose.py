@@ -7,14 +7,14 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig
 
-from phnn import commands
+from phnn.commands.diagnose import diagnose
 
 
 @hydra.main(version_base=None, config_path="../configs", config_name="experiment/folder")
 def main(config: DictConfig) -> None:
     """Run one diagnosis from a composed configuration."""
     manifest = Path(config.manifest) if config.manifest else None
-    commands.diagnose(Path(config.folder), Path(config.out), manifest, config.diagnose)
+    diagnose(Path(config.folder), Path(config.out), manifest, config.diagnose)
 
 
 if __name__ == "__main__":

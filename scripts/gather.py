@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from phnn import commands
+from phnn.commands.gather import gather
 from phnn.errors import PhnnError
 
 
@@ -15,7 +15,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Print and write the table of the training runs below a folder.")
     parser.add_argument("folder", type=Path, nargs="?", default=Path("out/sweep"), help="default: %(default)s")
     try:
-        commands.gather(parser.parse_args().folder)
+        gather(parser.parse_args().folder)
     except PhnnError as error:
         print(f"gather: {error}", file=sys.stderr)
         sys.exit(error.exit_status)

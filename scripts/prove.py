@@ -8,7 +8,7 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from phnn import concealing
+from phnn.commands.prove import prove
 from phnn.configuration import checked
 from phnn.errors import PhnnError
 
@@ -17,7 +17,7 @@ from phnn.errors import PhnnError
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
     try:
-        concealing.prove(Path(config.out), checked("prove", OmegaConf.to_container(config.prove, resolve=True)))
+        prove(Path(config.out), checked("prove", OmegaConf.to_container(config.prove, resolve=True)))
     except PhnnError as error:
         print(f"prove: {error}", file=sys.stderr)
         sys.exit(error.exit_status)

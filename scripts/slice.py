@@ -13,7 +13,7 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from phnn import commands
+from phnn.commands.diagnose import diagnose
 from phnn.configuration import checked, config_folder
 from phnn.errors import PhnnError
 from phnn.prove.grades import WRONG
@@ -58,7 +58,7 @@ def real(config: DictConfig) -> list[str]:
         print(f"skipped: {folder} is no folder; folder=DIR names where the recordings lie")
         return []
     out, manifest = Path(config.out) / config.study, config_folder() / "recordings" / config.study / "recordings.yaml"
-    commands.diagnose(folder, out, manifest, checked("diagnose", {}))
+    diagnose(folder, out, manifest, checked("diagnose", {}))
     found = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
     held = found["fit"]["held_out"]
     before, after = (

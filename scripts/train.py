@@ -26,10 +26,10 @@ def main(config: DictConfig) -> None:
     if multirun.is_sweep():
         multirun.run(config)
         return
-    from phnn import commands
+    from phnn.commands.train import train
 
     try:
-        commands.train({str(k): v for k, v in OmegaConf.to_container(config, resolve=True).items()})
+        train({str(k): v for k, v in OmegaConf.to_container(config, resolve=True).items()})
     except PhnnError as error:
         print(f"train: {error}", file=sys.stderr)
         sys.exit(error.exit_status)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.neural import EnergyMLP, MonotoneMLP
-from phnn.network import Coupling, Memory, Modulation, Network, Port, Ratio, Resistor, Storage
+from phnn.network import Coupling, Modulation, ModulatorState, Network, Port, Ratio, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 
 
@@ -123,9 +123,9 @@ def remembering(network: Network, seed: int) -> Network:
     random = np.random.default_rng(seed)
     ports = tuple(p.name for p in network.ports)
     memories = (
-        Memory("theta", "thermal", ("C_T", "R_T", "T_a", "T_ref"), unit="K"),
-        Memory("zeta", "exceeding", ("tau", "s0"), (str(random.choice(network.storage_names)),)),
-        *([Memory("xi", "relaxing", ("tau",), ports)] if ports else []),
+        ModulatorState("theta", "thermal", ("C_T", "R_T", "T_a", "T_ref"), unit="K"),
+        ModulatorState("zeta", "exceeding", ("tau", "s0"), (str(random.choice(network.storage_names)),)),
+        *([ModulatorState("xi", "relaxing", ("tau",), ports)] if ports else []),
     )
     values = {"C_T": 1.0, "R_T": 1.0, "tau": 1.0, "s0": 0.5, "kappa": 0.2, "scale": 1.0}
     parameters = [Parameter(n, float(v * np.exp(0.5 * random.normal()))) for n, v in values.items()]

@@ -152,7 +152,7 @@ def compiled(case: Case, scheme: Scheme, prefer: str | None = None) -> Solution:
     total, size = np.zeros(places.size), np.zeros(places.size)
     for k in _INSTANTS:
         end, none = np.zeros((case.x0.size, places.size)), np.zeros(0, np.int64)
-        march = sweep.Marched(program, theta, states, efforts, case.u, case.h).first(k)
+        march = sweep.Integrated(program, theta, states, efforts, case.u, case.h).first(k)
         sweep.sensitivities(march, sweep.by_parameters(places, k), np.zeros_like(end), none, np.arange(k + 1), end)
         total += case.scaled_weights[k] @ end
         size += np.abs(case.scaled_weights[k]) @ np.abs(end)

@@ -25,7 +25,7 @@ from phnn.models.fully_neural import FullyNeural
 from phnn.models.learned import _KINDS
 from phnn.models.network_file import load_network
 from phnn.models.scales import Scales
-from phnn.network import Coupling, Memory, Modulation, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.network import Coupling, Modulation, ModulatorState, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.network.bondgraph import BondGraph
 from phnn.network.bondgraph.sum_of_energies import SumOfEnergies
 from phnn.parameters import Parameter, as_table, positive
@@ -160,7 +160,7 @@ def slow(law: str) -> Network:
     more = [Parameter(n, v) for n, v in zip(names, MEMORY_LAWS[law].example, strict=True)]
     table = as_table([*base.parameters.values(), *more])
     damper = replace(base.resistors[0], modulated_by="z")
-    return replace(base, resistors=(damper,), memories=(Memory("z", law, names),), parameters=table)
+    return replace(base, resistors=(damper,), memories=(ModulatorState("z", law, names),), parameters=table)
 
 
 def laws() -> Iterator[tuple[str, Callable[[], Subject]]]:

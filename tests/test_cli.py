@@ -5,59 +5,54 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-import types
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 
-import phnn
 from phnn import cli
 from phnn.configuration import compose, config_folder
 from phnn.errors import InputRefused, SolverFailed
 
+COMMANDS = ("check", "template", "identify", "diagnose", "predict", "compare", "demo")
+
 
 @pytest.fixture
-def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, tuple[Any, ...]]]:
-    """Replaces the commands by recorders."""
-    seen: list[tuple[str, tuple[Any, ...]]] = []
-
-    def recorder(name: str) -> Callable[..., None]:
-        return lambda *arguments: seen.append((name, arguments))
-
-    stub = types.ModuleType("phnn.commands")
-    for name in ("check", "template", "identify", "diagnose", "predict", "compare", "demo"):
-        setattr(stub, name, recorder(name))
-    _install(monkeypatch, stub)
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, dict[str, Any]]]:
+    """Replaces the commands by recorders that take the same arguments."""
+    seen: list[tuple[str, dict[str, Any]]] = []
+    for name in COMMANDS:
+        _replace(monkeypatch, name, lambda name=name, **given: seen.append((name, given)))
     return seen
 
 
-def _install(monkeypatch: pytest.MonkeyPatch, stub: types.ModuleType) -> None:
-    for module in ("commands", "concealing"):
-        monkeypatch.setitem(sys.modules, f"phnn.{module}", stub)
-        monkeypatch.setattr(phnn, module, stub, raising=False)
+def _replace(monkeypatch: pytest.MonkeyPatch, name: str, function: Callable[..., None]) -> None:
+    module = import_module(f"phnn.commands.{name}")
+    monkeypatch.setattr(module, name, mock.create_autospec(getattr(module, name), side_effect=function))
 
 
 def _failing(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
-    def check(folder: Path, manifest: Path | None, out: Path | None) -> None:
+    def check(**given: object) -> None:
         raise error
 
-    stub = types.ModuleType("phnn.commands")
-    stub.check = check  # type: ignore[attr-defined]
-    _install(monkeypatch, stub)
+    _replace(monkeypatch, "check", check)
 
 
-def test_arguments_reach_the_commands(calls: list[tuple[str, tuple[Any, ...]]]) -> None:
+def test_arguments_reach_the_commands(calls: list[tuple[str, dict[str, Any]]]) -> None:
     assert cli.main(["check", "data", "--manifest", "m.yaml"]) == 0
     assert cli.main(["predict", "model", "data", "--out", "o"]) == 0
     assert cli.main(["demo", "--seed", "3"]) == 0
     assert cli.main(["template", "data"]) == 0
-    assert calls[0] == ("check", (Path("data"), Path("m.yaml"), None))
-    assert calls[1] == ("predict", (Path("model"), Path("data"), Path("o"), None))
-    assert calls[3] == ("template", (Path("data"), None))
-    name, (seed, out, config) = calls[2]
-    assert (name, seed, out, config["max_effects"]) == ("demo", 3, Path("out/demo"), 3)
+    options = {"outside": False, "overwrite": False}
+    assert calls[0] == ("check", {"folder": Path("data"), "manifest": Path("m.yaml"), "out": None} | options)
+    into = {"model": Path("model"), "folder": Path("data"), "manifest": None, "out": Path("o")}
+    assert calls[1] == ("predict", into | options)
+    assert calls[3] == ("template", {"folder": Path("data"), "out": None, "outside": False})
+    name, given = calls[2]
+    assert (name, given["seed"], given["out"], given["config"]["max_effects"]) == ("demo", 3, Path("out/demo"), 3)
 
 
 @pytest.mark.parametrize(
@@ -68,11 +63,11 @@ def test_arguments_reach_the_commands(calls: list[tuple[str, tuple[Any, ...]]]) 
         ["identify", "--out", "o", "data", "starts=7", "seed=1"],
     ],
 )
-def test_settings_may_stand_anywhere(calls: list[tuple[str, tuple[Any, ...]]], argv: list[str]) -> None:
+def test_settings_may_stand_anywhere(calls: list[tuple[str, dict[str, Any]]], argv: list[str]) -> None:
     assert cli.main(argv) == 0
-    name, (folder, out, manifest, config) = calls[0]
-    assert (name, folder, out, manifest) == ("identify", Path("data"), Path("o"), None)
-    assert config == {"seed": 1, "starts": 7, "error_bound_sigma": 1.0, "workers": 2}
+    name, given = calls[0]
+    assert (name, given["folder"], given["out"], given["manifest"]) == ("identify", Path("data"), Path("o"), None)
+    assert given["config"] == {"seed": 1, "starts": 7, "error_bound_sigma": 1.0, "workers": 2}
 
 
 @pytest.mark.parametrize("command", ["identify", "diagnose", "compare"])

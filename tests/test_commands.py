@@ -66,7 +66,7 @@ def test_predict_without_an_output_starts_at_rest_with_no_offset(tmp_path: Path)
 def test_parts_of_a_recording_are_told_apart_in_the_table(capsys: pytest.CaptureFixture[str]) -> None:
     from rich.console import Console
 
-    from phnn.commands import _score_table
+    from phnn.commands.identify import _score_table
     from phnn.identification.evaluate import Evaluation, PartScore
 
     parts = tuple(PartScore(f"loops[{u}]", u, 99.0, 1e-8, 1.0) for u in ("identification", "confirmation"))

@@ -1,4 +1,4 @@
-"""Which values the parameters of blocks and sources may have, in the order of each kind."""
+"""The admissible values of the parameters of blocks and sources, in the order of each kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a smooth sampled signal is halfway between its samples."""
+"""Interpolation of a smooth sampled signal halfway between its samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is to be said about recordings before any model is fitted to them."""
+"""Checks of recordings before any model is fitted to them."""
 
 from phnn.check.checked import Checked, check
 

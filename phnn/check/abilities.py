@@ -1,4 +1,4 @@
-"""What a set of recordings can and cannot show, and what to record next."""
+"""The abilities of a set of recordings: what they can and cannot show, and what to record next."""
 
 from __future__ import annotations
 

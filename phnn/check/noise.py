@@ -1,4 +1,4 @@
-"""What the noise of a recording is, before any model is fitted: from what differs between two periods."""
+"""The noise of a recording before any model is fitted, from the difference between two periods."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How an output was recorded: its steps, its limits, and whether it comes back to where it was."""
+"""The quality of a recorded output: its steps, its limits, and whether it returns to its start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a model makes of a steady cycle: the area of its hysteresis loop and the harmonics of its output.
+"""Two figures of a model's steady cycle: the area of its hysteresis loop and the harmonics of its output.
 
     A = ∮ y du     over the last period,        Y_k = (2/nP) ∫ y e^{−ikωt} dt     over the last n whole periods
 

@@ -1,4 +1,4 @@
-"""What a comparison writes: ``compare.json``, ``models.json``, a table as csv, and a page of markdown."""
+"""The files of a comparison: ``compare.json``, ``models.json``, a table as csv, and a page of markdown."""
 
 from __future__ import annotations
 

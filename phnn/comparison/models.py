@@ -125,7 +125,7 @@ _FITTED: Mapping[str, Callable[[Bench], Result]] = {"phs": _phs, "bouc_wen": _bo
 def _identified(bench: Bench, model: str, fitted: Fit, seconds: float) -> Result:
     """Score and judge a parametric model."""
     scores = score_on_all(fitted, bench.campaign)
-    save(fitted.setup, bench.home(model), max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
+    save(fitted.setup, bench.home(model), fitted.plan.finest)
     plant = None
     if not fitted.setup.amplifier:
         network = fitted.setup.network
@@ -143,7 +143,7 @@ def _trained(bench: Bench, model: str) -> Result:
     if model in NETWORKS:
         plan = bench.plan()
         base = bench.home("phs").path if model == "phs_neural" else None
-        substeps = max(plan.steps_of(r) for r in plan.recordings)
+        substeps = plan.finest
         hysterons = int(bench.campaign.setup.get("hysterons", 2))
         recipe = replace(recipe, model={**recipe.model, "hysterons": hysterons})
     training = Training(model, recipe, bench.campaign, bench.home(model), options.seed, bench.settings.resume)

@@ -1,4 +1,4 @@
-"""What one model came to, kept on disk so that a comparison that is stopped need not fit it again."""
+"""The result of one model, kept on disk so that a comparison that was stopped need not fit it again."""
 
 from __future__ import annotations
 

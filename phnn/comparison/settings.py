@@ -1,4 +1,4 @@
-"""What a comparison is told; the keys of ``configs/compare.yaml``."""
+"""The settings of a comparison; the keys of ``configs/compare.yaml``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each part of a recording tells about a model: how it was identified, interpolates, or extrapolates."""
+"""The use of each part of a recording for a model: identification, interpolation, or extrapolation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a case can be asked to have besides its effect and its noise."""
+"""The conditions of a case besides its effect and its noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What acts on one recording and is not recorded."""
+"""A disturbance that acts on one recording and is not recorded."""
 
 from __future__ import annotations
 

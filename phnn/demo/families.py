@@ -1,4 +1,4 @@
-"""Which noise a case is asked to have: ``process:0.1`` is a family and its amount."""
+"""The noise that a case asks for: ``process:0.1`` is a family and its amount."""
 
 from __future__ import annotations
 

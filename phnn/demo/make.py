@@ -79,7 +79,7 @@ def make_case(case: Case, folder: Path, write: Writer = Path.write_bytes) -> Sea
     refuse_strangers(folder, plan)
     case, background = _with_background(case, plan)
     gauges = _Gauges(*rulers(case.base, plan, case.noise)) if case.effects else None
-    choice, parts, redrawn = (case.choices[0], [], 0) if gauges is None else _settled(case, plan, gauges)
+    choice, parts, redrawn = (case.choices[0], [], 0) if gauges is None else _chosen(case, plan, gauges)
     outputs = parts[0].outputs if len(parts) == 1 else _together(case, plan, parts)
     final = disturbed(
         case.noise, case.base, plan, outputs, lambda d: _together(case, plan, parts, d), case.stream
@@ -124,9 +124,9 @@ def _conditions_as_made(case: Case, background: Background) -> dict[str, Any]:
     return asked
 
 
-def _settled(case: Case, plan: tuple[Excitation, ...], gauges: _Gauges) -> tuple[Choice, Parts, int]:
+def _chosen(case: Case, plan: tuple[Excitation, ...], gauges: _Gauges) -> tuple[Choice, Parts, int]:
     """Choose the effects with their strengths; also count the rejected shapes."""
-    vain = 0
+    rejected = 0
     for number, (weaker, choice) in enumerate(product(_WEAKER, case.choices)):
         parts: Parts = []
         for index, target in enumerate(weaker * np.array(case.targets)):
@@ -135,11 +135,11 @@ def _settled(case: Case, plan: tuple[Excitation, ...], gauges: _Gauges) -> tuple
                 if part is not None:
                     parts.append(part)
                     break
-                vain += 1
+                rejected += 1
             if len(parts) <= index:
                 break
         if len(parts) == len(case.targets):
-            return choice, parts, vain
+            return choice, parts, rejected
     raise SolverFailed(f"seed {case.seed}: nothing can be made as strong as wanted, {case.targets}: ask for less")
 
 

@@ -1,4 +1,4 @@
-"""What a sensor makes of the displacement before noise and rounding: play, curved and drifting scale."""
+"""Errors of a sensor before noise and rounding: play, curved and drifting scale."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How strong an effect is: what it changes in the output that the base model could not take over."""
+"""The strength of an effect: the change of the output that refitted base parameters cannot explain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a learned curve is like, in words: odd or even, from where on it acts, how it grows, how long it remembers."""
+"""The character of a learned curve in words: odd or even, threshold, growth, time of memory."""
 
 from __future__ import annotations
 

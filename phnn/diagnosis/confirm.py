@@ -65,12 +65,12 @@ def confirmed(
         return judgement, before, before
     after, tested = tested_elements(judgement, before, campaign, criteria, record)
     doubted = {t.finding.effect for t in tested if t.outcome not in SURE}
-    looks = len(tested)
+    tests = len(tested)
     while len(tested) > 1 and (harmful := [t for t in tested if not _helps(t, criteria.confirmation)]):
         judgement = _dropped(judgement, min(harmful, key=lambda t: t.shown.share_of_noise), score_again)
         after, tested = tested_elements(judgement, before, campaign, criteria, record)
-        looks += len(tested)
-        level = criteria.confirmation.held_out_level / looks
+        tests += len(tested)
+        level = criteria.confirmation.held_out_level / tests
         tested = [_no_surer(t, level) if t.finding.effect in doubted else t for t in tested]
     tested = _without_doubtful_names(tested, criteria, record)
     claimed = [t for t in tested if not t.finding.provisional]

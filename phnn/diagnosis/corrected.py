@@ -1,4 +1,4 @@
-"""Which symptoms are significant after correction for their number."""
+"""The symptoms that are significant after correction for their number."""
 
 from __future__ import annotations
 

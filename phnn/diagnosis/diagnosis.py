@@ -31,7 +31,7 @@ from phnn.identification.identified import Identified, model_of
 from phnn.identification.numerics import NumericalError
 from phnn.identification.options import Options
 from phnn.identification.prepare import single
-from phnn.identification.refinement import refined, settled
+from phnn.identification.refinement import refined, with_bounded_error
 from phnn.integrate.residual import check
 from phnn.model import Model
 from phnn.recordings.recording import Campaign
@@ -139,7 +139,7 @@ def _judged(
             break
         search.progress(f"the base model itself fits better: residual {better.chi2**0.5:.3g} × noise; search again")
         try:
-            begun = settled(better, options.error_bound_sigma)
+            begun = with_bounded_error(better, options.error_bound_sigma)
         except PhnnError:
             break
         on_base(begun[0])

@@ -1,4 +1,4 @@
-"""The linearised a diagnosis stands on: the fitted base model, its residual and everything projected on them."""
+"""The linearised fit: the fitted base model with its residual, trajectories and Jacobian."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from phnn.effects import Effect, Scales
 from phnn.effects.places import values_by_role
 from phnn.errors import SolverFailed
 from phnn.identification.fit import Fit, carried
-from phnn.identification.looks import first_look
 from phnn.identification.nuisances import without_nuisances
 from phnn.identification.plan import Plan
+from phnn.identification.subset import representative_subset
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.simulate import Trajectory, simulate
 
@@ -104,9 +104,9 @@ class LinearisedFit:
 
         return plan.each(run)
 
-    def first_look(self) -> LinearisedFit:
+    def on_subset(self) -> LinearisedFit:
         """The linearised as a few recordings show it that lie far apart, the fit as it is."""
-        few = first_look(self.plan)
+        few = representative_subset(self.plan)
         if few is self.plan:
             return self
         taken = [i for i, r in enumerate(self.plan.recordings) if r in few.recordings]

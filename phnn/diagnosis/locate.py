@@ -1,4 +1,4 @@
-"""Where the mismatch is: which location's own variables explain it on recordings that were left out.
+"""The location of the mismatch: whose local variables predict the residual of recordings that were left out.
 
 For every location the residual of some recordings is regressed (ridge) on the responses to the location's
 local functions, base sensitivities free beside them; the fit then predicts the residual of the others. The

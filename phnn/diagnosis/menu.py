@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from phnn.diagnosis.linearised_fit import LinearisedFit
-from phnn.network.system import PortHamiltonianSystem
 from phnn.recordings.recording import Part, Recording, Start, Units
 from phnn.sensing import is_displacement
 from phnn.setup import Setup
@@ -107,6 +105,11 @@ def resonance(setup: Setup) -> float | None:
     if network.senses:
         # What is held by an imposed motion does not ring.
         return None
+    # Imported here: torch takes longer to import than all that a command needs else.
+    import torch
+
+    from phnn.network.system import PortHamiltonianSystem
+
     system = PortHamiltonianSystem(network)
     at_rest = torch.zeros(len(network.state_names), dtype=torch.float64)
     silent = torch.zeros(len(network.ports), dtype=torch.float64)

@@ -1,4 +1,4 @@
-"""What the mismatch is: the supremum of the score over the catalogue and its shape grids, against its null.
+"""The name of the mismatch: the supremum of the score over the catalogue and its shape grids, against its null.
 
 For a candidate at one grid point the direction ``d`` is the change of the output when the effect is added, with base
 parameters, zeros and initial states projected out. The score is ``dᵀr/√(dᵀRd)``, ``R`` the stated correlation of noise;

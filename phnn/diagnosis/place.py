@@ -1,4 +1,4 @@
-"""Whether effects lie where a mismatch lies."""
+"""The test whether effects act at the location of a mismatch."""
 
 from __future__ import annotations
 

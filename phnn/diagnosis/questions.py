@@ -1,4 +1,4 @@
-"""What a next recording is asked: the models that compete for each tie, and for each element without a name.
+"""Questions to a next recording: the models that compete for each tie, and for each element without a name.
 
 | question | models |
 |---|---|

@@ -25,8 +25,8 @@ from phnn.diagnosis.trial import Trial, criterion
 from phnn.effects import Effect
 from phnn.ensemble import SERIAL, Executor
 from phnn.identification.fit import Fit, fit
-from phnn.identification.looks import first_look
 from phnn.identification.staged import stated_only
+from phnn.identification.subset import representative_subset
 
 # Candidates of the first round that are refitted before the next ones are compared with the best of them.
 _CHUNK = 3
@@ -116,7 +116,7 @@ def _best_of_each(trials: Sequence[Trial]) -> list[Trial]:
 
 def _on_few_recordings(base: Fit) -> Fit:
     """The base fit on the first few recordings, its parameters as they are."""
-    few = first_look(base.plan)
+    few = representative_subset(base.plan)
     return base if few is base.plan else fit(base.setup, few, base.variables.names, base.held, 1, origin=base)
 
 

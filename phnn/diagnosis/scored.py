@@ -83,8 +83,8 @@ def _scores(
     linearised = prepare(fitted, terminals, noise)
     generic = responses(linearised)
     if few:
-        look = linearised.first_look()
-        return linearised, generic, score(look, effects, generic if look is linearised else responses(look), seed)
+        subset = linearised.on_subset()
+        return linearised, generic, score(subset, effects, generic if subset is linearised else responses(subset), seed)
     return linearised, generic, score(linearised, effects, generic, seed, error.error if error is not None else None)
 
 

@@ -1,4 +1,4 @@
-"""What stays the same throughout a search for missing elements."""
+"""The fixed arguments of a search for missing elements."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class Seen:
         frequency: of a sine [Hz], 0 for any other input; amplitude: half the input's range.
         spectrum: of the noise in the residual; white of unit variance where None.
         noise: its stated standard deviation [m].
-        settled_before: the recording begins in a steady cycle.
+        periodic_start: the recording begins in a steady cycle.
     """
 
     dt: float
@@ -44,7 +44,7 @@ class Seen:
     amplitude: float
     spectrum: NoiseSpectrum | None
     noise: float
-    settled_before: bool = False
+    periodic_start: bool = False
 
     def density(self, frequency: float) -> float:
         """Spectrum of the noise over that of white noise."""
@@ -58,9 +58,9 @@ class Seen:
         """Harmonics of a sine that the sampling shows; none of any other input."""
         return [k for k in range(1, _HARMONICS + 1) if 0.0 < k * self.frequency * self.dt < 0.4]
 
-    def settled(self) -> slice:
+    def after_transient(self) -> slice:
         """The samples of a sine after the first period, or all where few periods were recorded."""
-        if self.frequency == 0.0 or self.settled_before:
+        if self.frequency == 0.0 or self.periodic_start:
             return slice(None)
         enough = self._periods() >= _SETTLING + LEAST_PERIODS
         return slice(round(_SETTLING / (self.frequency * self.dt)) if enough else 0, None)
@@ -70,9 +70,9 @@ class Seen:
         fewer than two periods are left, and of any other input: its answer is not told from a drift."""
         if self.frequency == 0.0:
             return slice(None) if self.amplitude == 0.0 else None
-        period, first = 1.0 / (self.frequency * self.dt), 0 if self.settled_before else _SETTLING
+        period, first = 1.0 / (self.frequency * self.dt), 0 if self.periodic_start else _SETTLING
         whole = self._periods()
-        while not self.settled_before and first < whole and self._still_moves(first, period):
+        while not self.periodic_start and first < whole and self._still_moves(first, period):
             first += 1
         return slice(round(first * period), None) if whole - first >= LEAST_PERIODS else None
 

@@ -21,7 +21,7 @@ from phnn.errors import PhnnError
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import numerical_error
 from phnn.identification.options import Options
-from phnn.identification.refinement import settled
+from phnn.identification.refinement import with_bounded_error
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ def _exact(fitted: Fit, keep: Sequence[str], rule: Selection) -> Fit:
     if numerical_error(fitted).sigma <= bound:
         return fitted
     try:
-        return settled(fitted, bound, keep)[0]
+        return with_bounded_error(fitted, bound, keep)[0]
     except PhnnError:
         return fitted
 

@@ -1,4 +1,4 @@
-"""Where to begin a refit of a strong effect: strengths far from those that the score extrapolates to.
+"""Start values for the refit of a strong effect: strengths far from those to which the score extrapolates.
 
 A base model that has taken over much of a strong effect is so far off that the score, a first derivative at strength
 zero, knows neither its strength nor its shape, and may even have the wrong sign. Finite strengths are asked instead, at

@@ -1,4 +1,4 @@
-"""Where the strengths of an element begin: the model is nearly linear in them, and none may pass its bounds."""
+"""Start values for the strengths of an element: the model is nearly linear in them, and they have bounds."""
 
 from __future__ import annotations
 

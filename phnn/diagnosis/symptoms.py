@@ -1,4 +1,4 @@
-"""What a residual looks like before anything is named: growth, harmonics, phase, repetition, drift.
+"""Symptoms of a residual before anything is named: growth, harmonics, phase, repetition, drift.
 
 Every figure comes with the probability that noise alone would give it, noise as the residual shows it
 (`phnn.identification.residual_noise`); residuals are in units of the noise. Periods with a transient are
@@ -74,7 +74,7 @@ def growth(recordings: Sequence[Seen]) -> tuple[Trend | None, Trend | None]:
     """Exponents ``n, m`` of ``√(r̄² − 1) ∝ Aⁿ fᵐ`` over the sines, each with the other one free."""
     rows = []
     for s in recordings:
-        excess = float(np.mean(s.residual[s.settled()] ** 2)) - 1.0
+        excess = float(np.mean(s.residual[s.after_transient()] ** 2)) - 1.0
         if s.frequency > 0.0 and excess > _EXCESS:
             rows.append((0.5 * np.log(excess), np.log(s.amplitude), np.log(s.frequency)))
     if len(rows) < _FEW:
@@ -107,7 +107,7 @@ def _waves(s: Seen, rows: slice, orders: Sequence[int]) -> Array:
 
 def harmonic_powers(s: Seen) -> dict[int, float]:
     """Power of the residual at the harmonics of a sine; each is χ² of two degrees of freedom where there is noise."""
-    rows = s.settled()
+    rows = s.after_transient()
     count = s.residual[rows].size
     orders = s.orders()
     if s.frequency == 0.0 or count * s.dt * s.frequency < LEAST_PERIODS * 0.99:
@@ -142,7 +142,7 @@ def phase(recordings: Sequence[Seen]) -> tuple[Trend | None, float]:
     """The delay ``τ`` of ``arg(Y/Ŷ) = −2π f τ`` over the sines, and the share of the phases that it explains."""
     rows = []
     for s in (s for s in recordings if s.frequency > 0.0):
-        inside = s.settled()
+        inside = s.after_transient()
         waves = _waves(s, inside, (1,))
         y, model = (np.linalg.lstsq(waves, x[inside], rcond=None)[0][2:] for x in (s.measured, s.model))
         ratio = complex(y[0], -y[1]) / complex(model[0], -model[1])

@@ -1,4 +1,4 @@
-"""What every element of a model gains on held-out recordings, and what follows for this element alone.
+"""The gain of every element of a model on held-out recordings, and the resulting status of this element.
 
 An element is what the model has and the model without it, refitted, has not. `phnn.diagnosis.confirm` decides what
 follows for the model.
@@ -100,7 +100,7 @@ def _untold(finding: Finding, final: Fit, after: Evaluation, campaign: Campaign,
 
 def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
     """A fit's scores on every recording of a campaign; held-out ones get the finest sub-steps of the fit's plan."""
-    finest = max((fitted.plan.steps_of(r) for r in fitted.plan.recordings), default=1)
+    finest = fitted.plan.finest
     known = {r.name: r for r in fitted.plan.recordings}
     recordings = tuple(known.get(r.name, r) for r in campaign.recordings)
     steps = {r.name: fitted.plan.substeps.get(r.name, finest) for r in recordings}

@@ -1,4 +1,4 @@
-"""What was learned at a location, in plain words."""
+"""Plain words for an element that was learned at a location."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The catalogue of left-out physics: every module of this folder that defines ``EFFECT`` is a member.
+"""The catalogue of physics that a model may leave out: every module of this folder that defines ``EFFECT`` is a member.
 
-Everything that an effect is written with stands here; docs/write-your-own-effect.md builds one.
+It exports everything that an effect needs; docs/write-your-own-effect.md builds one.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What an effect adds to a setup: parts of the network, blocks of the measuring chain, or something of every recording.
+"""The additions of effects to a setup: network parts, blocks of the measuring chain, or per-recording nuisances.
 
-An addition is called with the setup and the effect's parameters by name, and returns the changed setup. A plain
-function serves where elements of the network are rewritten.
+An addition is called with the setup and the effect's parameters by name, and returns the changed setup. An effect that
+rewrites elements of the network uses a plain function.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from phnn.laws import STORAGE_LAWS
-from phnn.network.elements import Coupling, Memory, Modulation, Network, Resistor, Storage
+from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Block, Setup
 
@@ -20,13 +20,13 @@ Addition = Callable[[Setup, Placed], Setup]
 
 @dataclass(frozen=True)
 class Parts:
-    """New elements of the network, beside those that are there."""
+    """New elements of the network, beside the existing ones."""
 
     storages: tuple[Storage, ...] = ()
     resistors: tuple[Resistor, ...] = ()
     couplings: tuple[Coupling, ...] = ()
     modulations: tuple[Modulation, ...] = ()
-    memories: tuple[Memory, ...] = ()
+    memories: tuple[ModulatorState, ...] = ()
 
     @property
     def passive(self) -> bool:
@@ -51,7 +51,7 @@ class Chain:
 
     Attributes:
         stage: ``amplifier`` or ``sensor``.
-        blocks: one after the other. A single block without parameter names takes all parameters of the effect.
+        blocks: blocks in series. A single block without parameter names takes all parameters of the effect.
     """
 
     stage: str
@@ -69,10 +69,10 @@ class Chain:
 
 @dataclass(frozen=True)
 class OfEveryRecording:
-    """Something that every recording adds to its output in a measure of its own, so that it has no sign.
+    """A nuisance: every recording adds it to its output with an amplitude of its own, so that it has no sign.
 
     Attributes:
-        change: of the setup, given the effect's parameters.
+        change: function that changes the setup, given the effect's parameters.
     """
 
     change: Addition
@@ -95,25 +95,25 @@ def at_sensor(kind: str, *parameters: str) -> Chain:
 
 
 def with_network(setup: Setup, network: Network) -> Setup:
-    """The setup around another network."""
+    """The setup with another network."""
     return replace(setup, network=network)
 
 
 def with_resistors(setup: Setup, change: Callable[[Resistor], Resistor], parameters: Placed) -> Setup:
-    """The setup with its resistors changed, and with further parameters."""
+    """The setup with its resistors changed and with more parameters."""
     network = setup.network
     table = as_table((*network.parameters.values(), *parameters.values()))
     return with_network(setup, replace(network, resistors=tuple(map(change, network.resistors)), parameters=table))
 
 
 def with_following_dead_zones(setup: Setup, law: str, state: str, names: tuple[str, ...], parameters: Placed) -> Setup:
-    """The setup in which every dead zone that follows no state yet follows one.
+    """The setup in which every unmodulated dead zone is modulated by one state.
 
     Args:
         law: of the resistors; it takes the parameters of a dead zone first.
-        state: what they follow.
+        state: the modulating state.
         names: further parameters of the law.
-        parameters: those that the setup does not have yet.
+        parameters: parameters that the setup does not have yet.
     """
 
     def following(resistor: Resistor) -> Resistor:

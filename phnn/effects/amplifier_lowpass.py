@@ -1,4 +1,4 @@
-"""An amplifier that lags behind its command, as a low-pass of first or of second order."""
+"""An amplifier that lags behind its command: a low-pass of first or of second order."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ _ZETA = bounded("zeta_a", "1", "damping of the amplifier", 0.05, 20.0, logarithm
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Small against the fastest line, and two finite corners where the response is no longer proportional."""
+    """A time constant that is small against the fastest line, and two finite corners, where the response is not
+    proportional."""
     unit = 1.0 / (2.0 * 3.141592653589793 * scales.fastest)
     return [{"tau_a": unit * share} for share in (1e-3, 0.1, 1.0, 10.0)]
 
 
 def grid_second_order(scales: Scales) -> list[dict[str, float]]:
-    """The same time constants, well damped and less."""
+    """The same time constants, with high and low damping."""
     return [{"tau_a": point["tau_a"], "zeta_a": zeta} for point in grid(scales) for zeta in (0.5, 1.0)]
 
 
@@ -28,9 +29,9 @@ EFFECT = Effect(
     kind=kinds.LAG,
     equation=r"\tau_a \dot{V} = u - V",
     statement="The amplifier does not follow its command at once: it is a low-pass with a time constant of {tau_a}.",
-    fingerprint="The output lags by a time that grows into a phase proportional to frequency, and its gain falls with "
-    "the square of it.",
-    separation="A sine well above the corner of the amplifier: a low-pass loses gain there where a delay keeps it; the "
+    fingerprint="The phase of the output falls in proportion to frequency, and above the corner the gain falls with "
+    "the square of the frequency.",
+    separation="A sine well above the corner of the amplifier: a low-pass loses gain there, a delay does not; the "
     "terminal voltage, recorded as well, tells the amplifier from the sensor.",
     references=("Fleming & Leang 2014, Design, Modeling and Control of Nanopositioning Systems, ch. 14",),
     declares=(_TAU,),

@@ -6,7 +6,7 @@ from phnn.effects import Effect, Scales, at_amplifier, kinds, signed
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Small against the largest command: one point."""
+    """One point: an offset that is small against the largest command."""
     return [{"V_0": 1e-3 * scales.voltage}]
 
 
@@ -14,10 +14,10 @@ EFFECT = Effect(
     name="amplifier_offset",
     kind=kinds.OFFSET,
     equation=r"V = u + V_0",
-    statement="The amplifier adds {V_0} to its command. Where the actuator is linear in the voltage and a spring "
-    "holds it, only the zero of the displacement shows that.",
-    fingerprint="None on an actuator that is linear in its voltage, where the zero of the displacement takes all of "
-    "it; elsewhere, even harmonics of a voltage that is not centred.",
+    statement="The amplifier adds {V_0} to its command. If the actuator is linear in the voltage and a spring "
+    "holds it, only the zero of the displacement shows the offset.",
+    fingerprint="No trace if the actuator is linear in its voltage, as the zero of the displacement absorbs the "
+    "offset; otherwise, even harmonics of a voltage that is not centred.",
     separation="The amplifier switched on during a recording, or the terminal voltage recorded as well.",
     references=("Fleming & Leang 2014, Design, Modeling and Control of Nanopositioning Systems, ch. 14",),
     declares=(

@@ -1,4 +1,4 @@
-"""An amplifier that clips, at once or softly."""
+"""An amplifier that clips, with a sharp or a soft knee."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _SHARPNESS = bounded("n_V", "1", "sharpness of the limit", 1.0, 200.0, logarithm
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Limits somewhat below the largest command; there is no small strength to start from."""
+    """Limits somewhat below the largest command; no small strength exists to start from."""
     return [{"V_max": share * scales.voltage} for share in (0.995, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5)]
 
 

@@ -17,7 +17,7 @@ def leak(setup: Setup, parameters: Placed) -> Setup:
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Weak over the whole recording, and faster relaxations, where the charge no longer falls along a straight line."""
+    """A weak leak over the whole recording, and faster relaxations, with which the charge no longer falls linearly."""
     c = scales.transducer * scales.displacement / scales.voltage
     slow, longest = 2.0 * math.pi * scales.slowest, scales.duration
     return [{"G": rate * c} for rate in (0.01 / longest, 0.3 / longest, 0.1 * slow, slow)]
@@ -27,12 +27,12 @@ EFFECT = Effect(
     name="charge_leakage",
     kind=kinds.LEAKAGE,
     equation=r"\dot{Q}_i = \alpha v - h_i^{-1}(e_i) - G e_i, \quad e_i = Q_i/C_i",
-    statement="The capacitors of the hysterons leak with a conductance of {G} each: what hysteresis holds back is "
-    "slowly let go.",
+    statement="The capacitors of the hysterons leak with a conductance of {G} each, so that the charge which "
+    "hysteresis holds is slowly lost.",
     fingerprint="On a hold the displacement drifts by at most what the dead zones hold, and slow loops are narrower "
     "than fast ones.",
-    separation="Holds of equal length after loops of small and of large amplitude: leakage lets go no more than the "
-    "dead zones hold and stops, creep goes on in proportion to the displacement.",
+    separation="Holds of equal length after loops of small and of large amplitude: leakage releases no more than the "
+    "dead zones hold and then stops; creep goes on in proportion to the displacement.",
     references=("Goldfarb & Celanovic 1997, IEEE Control Systems 17 (electrical side of a stack)",),
     declares=(
         positive("G", "S", "leakage of the hysterons' capacitors", 1e8, strength=True).plausibly(

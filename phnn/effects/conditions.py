@@ -1,4 +1,4 @@
-"""What a setup must have so that an effect can act in it; the docstring of a condition is shown where it fails."""
+"""Conditions that a setup must satisfy so that an effect can act in it; a failure shows the condition's docstring."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from phnn.network.bondgraph.imposed import effort_unit
 from phnn.network.roles import hysterons
 from phnn.setup import Setup
 
-# Storage laws of a spring that can be bent, or bent further.
+# Storage laws of a spring to which a nonlinear term can be added.
 SPRINGS = ("spring", "quadratic_spring", "cubic_spring")
 
 
 def always(setup: Setup) -> bool:
-    """Whatever the setup is."""
+    """Any setup."""
     return True
 
 
@@ -21,18 +21,18 @@ def has_motion(setup: Setup) -> bool:
 
 
 def has_spring(setup: Setup) -> bool:
-    """The displacement ``q`` has a spring of its own, which is not there for its position alone."""
+    """The displacement ``q`` has a spring of its own, not only a storage that keeps the position."""
     stiffness = [s.parameters[0] for s in setup.network.storages if s.name == "q" and s.law in SPRINGS]
     return has_motion(setup) and any(setup.parameters[name].value > 0.0 for name in stiffness)
 
 
 def has_dead_zones(setup: Setup) -> bool:
-    """Some resistor has a dead zone: there are hysterons."""
+    """At least one resistor has a dead zone: there are hysterons."""
     return bool(hysterons(setup.network))
 
 
 def has_plain_dead_zones(setup: Setup) -> bool:
-    """Some resistor has a dead zone that follows no state yet."""
+    """At least one resistor has a dead zone that follows no state yet."""
     return any(r.law == "dead_zone" for r in setup.network.resistors)
 
 
@@ -49,6 +49,6 @@ def has_tanks(setup: Setup) -> bool:
 
 
 def sensed_unit(setup: Setup) -> str:
-    """SI unit of what the sensor measures: of a displacement, or of the effort that an imposed motion takes."""
+    """SI unit of the sensor's quantity: of a displacement, or of the effort that an imposed motion requires."""
     network = setup.network
     return next((effort_unit(p.unit) for p in network.ports if p.name == network.senses), "m")

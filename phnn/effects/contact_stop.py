@@ -20,12 +20,12 @@ EFFECT = Effect(
     statement="The moving part meets an elastic stop: beyond a displacement of {g_c} a further stiffness of {k_c} acts "
     "on that side.",
     fingerprint="Nothing below one displacement, and beyond it a force that grows with the depth, on one side only.",
-    separation="Sines of rising amplitude about two offsets of the voltage: a stop stays at its displacement and lets "
-    "the other side go, a limit of the amplifier stays at its voltage.",
+    separation="Sines of rising amplitude about two offsets of the voltage: a stop acts at one displacement and on one "
+    "side only, a limit of the amplifier at one voltage.",
     references=("Johnson 1985, Contact Mechanics, ch. 4 (linearised)",),
     declares=(
         positive("k_c", "N/m", "stiffness of the stop", 1e8, strength=True),
-        # The gap keeps its sign: a stop does not change sides.
+        # The gap keeps its sign: a fit cannot move a stop to the other side.
         limit("g_c", "m", "gap to the stop", 1e2, signed=True),
     ),
     adds=Parts((Storage("x_c", "stop", ("k_c", "g_c"), "m"),), couplings=(Coupling("x_c", "p", 1.0),)),

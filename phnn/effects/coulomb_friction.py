@@ -1,4 +1,4 @@
-"""Coulomb friction on the moving mass, rounded over a velocity or over a displacement."""
+"""Coulomb friction on the moving mass, smoothed over a velocity or over a displacement."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def slides(setup: Setup) -> bool:
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Smoothing velocities well below those met in the slowest and the fastest recording."""
+    """Smoothing velocities well below the largest velocity of the slowest and of the fastest recording."""
     force = 1e-4 * scales.stiffness * scales.displacement
     slow = 6.0 * scales.slowest * scales.displacement
     speeds = {0.01 * slow, 0.1 * slow, 0.6 * slow, 0.1 * scales.velocity}
@@ -28,7 +28,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 
 def grid_bristles(scales: Scales) -> list[dict[str, float]]:
-    """Slipping after shares of the displacement, with a hardly noticeable resistance."""
+    """Slip after shares of the displacement, with a resistance that is hardly noticeable."""
     force = 1e-4 * scales.stiffness * scales.displacement
     slip = scales.velocity / (_HARDLY * force)
     return [
@@ -37,7 +37,7 @@ def grid_bristles(scales: Scales) -> list[dict[str, float]]:
 
 
 def rescale_bristles(values: Mapping[str, float], factor: float) -> dict[str, float]:
-    """Strength is the force; the displacement to slip and the share of the resistance stay."""
+    """Scale the force; the displacement to slip and the share of the resistance do not change."""
     weight = max(factor, 1e-3)
     return {"k_f": weight * values["k_f"], "F_c": weight * values["F_c"], "slip_f": values["slip_f"] / weight}
 
@@ -46,8 +46,8 @@ EFFECT = Effect(
     name=_NAME,
     kind=kinds.DISSIPATIVE,
     equation=r"F_f = F_c \tanh(v/v_s)",
-    statement="Dry friction of {F_c} acts on the moving part; it turns round with the velocity and does not grow "
-    "with it (smoothed over {v_s}).",
+    statement="Dry friction of {F_c} acts on the moving part; its sign follows the velocity, its size does not "
+    "grow (smoothed over {v_s}).",
     fingerprint="Odd harmonics whose share of the motion falls as the amplitude grows, and the motion sticks at its "
     "turning points.",
     separation="Triangles of small amplitude at two rates: friction holds the output at every reversal by the same "

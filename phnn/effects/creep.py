@@ -22,8 +22,8 @@ EFFECT = Effect(
     "displacement goes on growing after a change of voltage.",
     fingerprint="The displacement goes on growing long after a step, and the gain falls slowly towards high "
     "frequencies at a nearly constant phase.",
-    separation="A step to a constant voltage held ten times the creep time and back to zero: creep recovers its whole "
-    "way, a drifting sensor does not turn round and a hysteron stops.",
+    separation="A step to a constant voltage held ten times the creep time and back to zero: creep recovers "
+    "completely, a drifting sensor goes on in one direction, a hysteron stops.",
     references=("Findley, Lai & Onaran 1976, Creep and Relaxation of Nonlinear Viscoelastic Materials",),
     declares=(
         positive("k_s", "N/m", "stiffness of the relaxing spring", 1e8, strength=True).plausibly(

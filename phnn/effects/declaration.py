@@ -1,4 +1,4 @@
-"""Parameters of effects, each declared once: name, unit, bounds, role, and where its value plausibly lies."""
+"""Declarations of effect parameters: name, unit, bounds, role, and plausible range."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from phnn.setup import Setup
 
 @dataclass(frozen=True)
 class Plausible:
-    """Where a parameter of an effect lies in piezo actuators that exist.
+    """The plausible range of an effect's parameter in real piezo actuators.
 
     Attributes:
         lower, upper: ends of the range [SI].
-        source: where it comes from, as a sentence without its full stop; empty where no range is known.
-        over: parameter of the base model by which the value is divided before, so that no anchor is needed.
-        outside: what a value above the range means, as the rest of a sentence.
+        source: evidence for the range, as a sentence without its full stop; empty if no range is known.
+        over: parameter of the base model by which the value is divided before the comparison, so that no anchor is
+            needed.
+        outside: meaning of a value above the range, as the rest of a sentence.
     """
 
     lower: float
@@ -40,12 +41,13 @@ class Declared:
 
     Attributes:
         name: unique among the parameters of all effects.
-        unit: SI; ``{sensed}`` in it stands for the unit of what the sensor measures.
-        description: for a person.
-        place: makes the parameter from ``name``, ``value``, ``unit`` and ``description``, with its bounds.
-        strength: it is zero when the effect is absent.
-        lower, upper: bounds that it has wherever it is placed.
-        plausible: its range in actuators that exist; see `plausibly`.
+        unit: SI; ``{sensed}`` in it stands for the unit of the sensor's quantity.
+        description: text for readers.
+        place: function that makes the parameter from ``name``, ``value``, ``unit`` and ``description``, with its
+            bounds.
+        strength: whether the parameter is zero when the effect is absent.
+        lower, upper: bounds that hold in every setup.
+        plausible: range in real actuators; see `plausibly`.
     """
 
     name: str
@@ -78,7 +80,7 @@ def positive(
     span: float = 1e6,
     strength: bool = False,
 ) -> Declared:
-    """A positive parameter, estimated on a logarithmic scale, that may move by a factor ``span`` either way."""
+    """A positive parameter, estimated on a logarithmic scale, bounded to a factor ``span`` in either direction."""
     place = partial(parameters.positive, span=span)
     return Declared(name, unit, description, place, strength, lower=0.0)
 
@@ -96,9 +98,9 @@ def signed(
     """A parameter on a linear scale, of either sign.
 
     Args:
-        reach: largest size, or a factor 10⁶ beyond the one it is placed with.
+        reach: largest size; at most a factor 10⁶ beyond the start value.
         typical: size of a noticeable change.
-        own_size: a noticeable change is as large as the value it is placed with, where that is not zero.
+        own_size: a noticeable change is as large as the start value, unless that is zero.
         negative: it may be negative.
     """
     lower = -math.inf if negative else 0.0
@@ -127,7 +129,7 @@ def bounded(
 
 
 def limit(name: str, unit: str, description: str, span: float, signed: bool = False) -> Declared:
-    """A limit, level or gap beyond which something happens: it keeps its sign, and may move by a factor ``span``.
+    """A limit, level or gap; it keeps its sign, and is bounded to a factor ``span`` in either direction.
 
     Args:
         signed: it may be negative, and is estimated on a linear scale.
@@ -146,12 +148,12 @@ def constant(name: str, unit: str, description: str) -> Declared:
     return Declared(name, unit, description, parameters.constant)
 
 
-# Functions and classes of a module and not closures: an effect is sent to other processes.
+# Functions and classes of a module, not closures: an effect is sent to other processes.
 
 
 @dataclass(frozen=True)
 class _OnLinearScale:
-    """How `signed` places a parameter; for the attributes see there."""
+    """The function behind `signed`; see there for the attributes."""
 
     reach: float
     typical: float

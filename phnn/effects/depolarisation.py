@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from phnn.effects import Effect, Parts, Scales, has_transducer, kinds, positive
-from phnn.network.elements import Memory, Modulation
+from phnn.network.elements import Modulation, ModulatorState
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Coercive voltages below the largest one, times from a tenth of the longest recording to thrice its length."""
+    """Coercive voltages below the largest voltage; times from a tenth of the longest recording to three times its
+    length."""
     return [
         {"delta_z": 1e-3, "tau_z": span * scales.duration, "V_c": share * scales.voltage}
         for share in (0.3, 0.6, 0.85)
@@ -32,7 +33,7 @@ EFFECT = Effect(
     ),
     adds=Parts(
         modulations=(Modulation("alpha", "depolarised", "declining", ("delta_z",)),),
-        memories=(Memory("depolarised", "exceeding", ("tau_z", "V_c"), ("voltage",)),),
+        memories=(ModulatorState("depolarised", "exceeding", ("tau_z", "V_c"), ("voltage",)),),
     ),
     grid=grid,
     applies=has_transducer,

@@ -7,7 +7,7 @@ from phnn.network.elements import Modulation
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """The law is linear in its strength: one point."""
+    """One point: the law is linear in its strength."""
     return [{"kappa_a": 1e-3, "q_a": scales.displacement}]
 
 

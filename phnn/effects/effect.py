@@ -1,4 +1,4 @@
-"""What an effect is: one piece of physics that a model may have left out."""
+"""The class of effects: one piece of physics that a model may have left out."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from phnn.errors import InputRefused
 from phnn.setup import Setup
 
 Values = Mapping[str, float]
-# Least strength of one that cannot be negative, as a share of what it was.
+# Least factor of a strength that cannot be negative.
 _LEAST = 1e-3
 
 
@@ -24,8 +24,8 @@ class SpecialCase:
 
     Attributes:
         name: of the special case.
-        values: of its parameters, and of those of the model that change with it, from all parameter values of a model
-            with the more general effect [SI].
+        values: function from all parameter values of a model with the general effect to those of the special case, and
+            of the model's parameters that change with it [SI].
     """
 
     name: str
@@ -34,7 +34,7 @@ class SpecialCase:
 
 @dataclass(frozen=True)
 class Scales:
-    """Sizes met in a campaign and its base model, from which effects take their grids.
+    """Typical sizes in a campaign and its base model, from which effects take their grids.
 
     Attributes:
         voltage: largest input [V]; displacement: largest change of the output [m]; velocity: largest [m/s].
@@ -43,7 +43,7 @@ class Scales:
         duration: longest recording [s].
         noise: typical noise floor [m].
         peaks: frequencies [Hz] at which the residual has most power.
-        effort: largest force [N] where that is the output, the motion being imposed; 0 where the motion is the output.
+        effort: largest force [N] if that is the output, the motion being imposed; 0 if the motion is the output.
     """
 
     voltage: float
@@ -60,7 +60,7 @@ class Scales:
 
     @property
     def sensed(self) -> float:
-        """Largest output: of the displacement, or of the force that an imposed motion takes."""
+        """Largest output: of the displacement, or of the force that an imposed motion requires."""
         return self.effort or self.displacement
 
     @property
@@ -75,35 +75,35 @@ class Effect:
 
     Its law is written for a displacement ``q`` that a momentum ``p`` moves, with stiffness ``k`` and damping ``b``, for
     a port ``voltage`` that acts on it with the ratio ``alpha``, and hysterons ``Q_i`` with ``C_i``, ``rho_i``, ``d_i``;
-    `phnn.effects.places` finds what has these roles in a network of other names.
+    `phnn.effects.places` finds the parts with these roles in a network of other names.
 
     Attributes:
         name: canonical name.
-        kind: through which local variables it acts, and at which location; effects of one kind act through the same.
-        related_kinds: further kinds as which it may show where its own form is not quite right.
+        kind: the local variables and the location through which it acts; effects of one kind act through the same ones.
+        related_kinds: further kinds that may fit the mismatch if the effect's own form is not quite right.
         equation: LaTeX.
-        statement: one or two sentences for a person; ``{parameter}`` is replaced by its value with unit.
-        fingerprint: one sentence: what betrays it in recordings.
+        statement: one or two sentences for readers; ``{parameter}`` is replaced by its value with unit.
+        fingerprint: one sentence: the features of recordings that indicate the effect.
         separation: one sentence: the experiment that separates it from its neighbours.
-        references: where the law comes from.
+        references: sources of the law.
         declares: its parameters.
-        adds: what it adds to a setup; see `phnn.effects.additions`.
+        adds: its addition to a setup; see `phnn.effects.additions`.
         grid: values of all its parameters to probe, given the scales. Strengths are small there.
         applies: whether it can be added to a setup at all.
         neighbours: effects that ordinary recordings cannot always tell apart from it.
         special_cases: effects that are special cases of it, so that it can never fit worse than they do.
-        equivalents: other parameter values of the model that explain as much, because its parts can change places, from
-            all values of a model with it: a refit without it begins there too.
-        searched: its parameter that is a frequency to be found in the spectrum of what the model leaves.
-        rescale: how to multiply the strength where that is more than multiplying parameters.
+        equivalents: function from all values of a model with it to other values that explain as much, because parts of
+            the model can be exchanged; a refit without the effect starts there too.
+        searched: the parameter that is a frequency to be found in the spectrum of the residual.
+        rescale: how to multiply the strength, if that takes more than multiplying parameters.
         forms: the same physics by other laws, under the same name, at the same place and of the same kind.
-        place: displacement of the motion that it acts on, where that is not the measured one.
-        at_most: how many of it may act at one place, 1 to 3; which: "second" or "third", empty for the first.
-        after: parameters of the one before, which has to be there already.
-        several_of: name of the effect that a learned element is several of, and nothing else.
+        place: displacement of the motion on which it acts, if that is not the measured one.
+        at_most: how many copies of it may act at one place, 1 to 3; which: "second" or "third", empty for the first.
+        after: parameters of the previous copy, which the setup must already have.
+        several_of: name of the effect of which a learned element is a sum of several copies.
 
-    Two effects are equal if what they say is; functions take no part, so that an effect that comes back from another
-    process is the same one.
+    Two effects are equal if their data fields are equal. Functions are not compared, so that an effect that another
+    process sends back is equal to the original.
     """
 
     name: str
@@ -142,7 +142,7 @@ class Effect:
 
     @property
     def plausible(self) -> dict[str, Plausible]:
-        """Where each of its parameters lies in actuators that exist, or that no range is known."""
+        """Plausible range of each of its parameters in real actuators."""
         return {d.name: d.plausible for d in self.declares}
 
     @property
@@ -162,7 +162,7 @@ class Effect:
 
     @property
     def one_sided(self) -> bool:
-        """Only positive strengths are physical; what every recording has in a measure of its own has either sign."""
+        """Whether only positive strengths are physical; the amplitudes of a nuisance may have either sign."""
         signs = all(d.lower >= 0.0 for d in self.declares if d.strength)
         return signs and not getattr(self.adds, "signless", False)
 
@@ -173,17 +173,17 @@ class Effect:
 
     @property
     def needs_command(self) -> bool:
-        """Whether it makes sense only where the recorded voltage is the amplifier's command."""
+        """Whether it is meaningful only if the recorded voltage is the amplifier's command."""
         return self.location == "amplifier"
 
     @property
     def title(self) -> str:
-        """Name in the catalogue and place, whichever of several it is."""
+        """Name in the catalogue and place, the same for all copies."""
         return self.name.removeprefix(f"{self.which} ") if self.which else self.name
 
     @property
     def canonical(self) -> str:
-        """Name in the catalogue, whatever the place."""
+        """Name in the catalogue, the same at all places."""
         return self.title.removesuffix(f" at {self.place}") if self.place else self.title
 
     def is_more_of(self, other: Effect) -> bool:
@@ -196,7 +196,7 @@ class Effect:
         return tuple(s.name for s in self.special_cases)
 
     def or_as(self, **changes: object) -> Effect:
-        """The effect with one more form, in which these fields differ."""
+        """The effect with one more form, which differs in these fields."""
         return replace(self, forms=(*self.forms, replace(self, forms=(), **changes)))  # type: ignore[arg-type]
 
     def scaled(self, values: Values, factor: float) -> dict[str, float]:
@@ -204,7 +204,7 @@ class Effect:
 
         Args:
             values: a grid point.
-            factor: how much stronger than there the effect seems to be, to first order.
+            factor: estimated ratio of the strength to that of the grid point, to first order.
         """
         if self.rescale is not None:
             return self.rescale(values, factor)
@@ -212,17 +212,17 @@ class Effect:
         return dict(values) | {name: values[name] * factor for name in self.all_strengths}
 
     def can_be_added_to(self, setup: Setup) -> bool:
-        """Whether it applies to the setup, which has the one before it, and is not in it already, under its own
-        parameter names."""
+        """Whether it can be added to the setup: its condition holds, the previous copy is there, and its own
+        parameter names are free."""
         there = set(setup.parameters)
         return self.applies(setup) and set(self.after) <= there and not set(self.parameters) & there
 
     def build(self, setup: Setup, values: Values) -> Setup:
-        """The setup with what the effect adds, its parameters at the given values [SI]."""
+        """The setup with the effect's addition, its parameters at the given values [SI]."""
         return self.adds(setup, {d.name: d.at(values[d.name], setup) for d in self.declares})
 
     def add_to(self, setup: Setup, values: Values) -> Setup:
-        """The setup with this effect at the given parameter values [SI], under a name of its own.
+        """The setup with this effect at the given parameter values [SI], renamed to say so.
 
         Raises:
             InputRefused: it does not apply to the setup, or is in it already.

@@ -13,7 +13,7 @@ def bend(setup: Setup, parameters: Placed) -> Setup:
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """The law is linear in its strength: one point."""
+    """One point: the law is linear in its strength."""
     return [{"epsilon": 1e-3 / scales.voltage}]
 
 

@@ -13,13 +13,14 @@ _STORAGE, _RESISTOR, _COUPLING = hysteron("x")
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Slipping after shares of the displacement, relaxing slower than the slowest to faster than the fastest line."""
+    """Slip after shares of the displacement; relaxation from slower than the slowest to faster than the fastest
+    line."""
     small = 1e-3 * scales.voltage
     c = scales.transducer * scales.displacement / small
     rates = (
         2.0 * np.pi * np.array([0.3 * scales.slowest, 3.0 * scales.slowest, scales.fastest / 3.0, 30 * scales.fastest])
     )
-    # A weak hysteron has a large C and little voltage: its dead zone must be as small, or it would never slip.
+    # A weak hysteron has a large C and a low voltage. Its dead zone must be as small, or it would never slip.
     return [
         {"C_x": c, "rho_x": float(rate) * c, "d_x": 2.0 * share * small}
         for share in (0.02, 0.06, 0.15, 0.3, 0.6, 0.9)
@@ -28,15 +29,16 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 
 def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
-    """Strength is ``1/C``; the relaxation rate ``ϱ⁻¹/C`` and the displacement ``d C/(2α)`` to slip stay."""
+    """Scale ``1/C``, the strength; the relaxation rate ``ϱ⁻¹/C`` and the displacement ``d C/(2α)`` to slip do not
+    change."""
     weight = min(max(factor, 1e-2), 1e3)
     return {"C_x": values["C_x"] / weight, "rho_x": values["rho_x"] / weight, "d_x": values["d_x"] * weight}
 
 
 def as_creep(values: Mapping[str, float]) -> dict[str, float]:
-    """Without its dead zone a hysteron is a spring ``α²/C`` that relaxes with ``C/ϱ⁻¹``.
+    """The parameters of a relaxing spring ``α²/C`` with time ``C/ϱ⁻¹``: a hysteron without its dead zone.
 
-    Hysterons of one model can change places: it is the one that slips first, whose place the extra one takes.
+    Hysterons of one model can be exchanged: the extra one takes the place of the hysteron that slips first.
     """
     first = min(_names(values), key=lambda name: values[f"d_{name}"] * values[f"C_{name}"])
     relaxing = {
@@ -47,7 +49,7 @@ def as_creep(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def equivalents(values: Mapping[str, float]) -> list[dict[str, float]]:
-    """The extra hysteron in the place of each of the others, which may have been the superfluous one."""
+    """The extra hysteron exchanged with each of the others, any of which may be the superfluous one."""
     return [_in_the_place_of(name, values) for name in _names(values) if name != "x"]
 
 
@@ -57,7 +59,7 @@ def _names(values: Mapping[str, float]) -> list[str]:
 
 
 def _in_the_place_of(name: str, values: Mapping[str, float]) -> dict[str, float]:
-    """Parameters of one hysteron that make it the extra one."""
+    """Parameter values that exchange one hysteron with the extra one."""
     return {f"{kind}_{name}": values[f"{kind}_x"] for kind in ("C", "rho", "d") if name != "x"}
 
 

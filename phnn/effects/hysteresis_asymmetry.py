@@ -13,7 +13,7 @@ def follow(setup: Setup, parameters: Placed) -> Setup:
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """The law is linear in its strength: one point."""
+    """One point: the law is linear in its strength."""
     return [{"kappa_d": 1e-3, "q_d": scales.displacement}]
 
 

@@ -1,4 +1,4 @@
-"""Kinds of effects: through which local variables something acts, and at which location.
+"""Kinds of effects: the local variables through which they act, and their location.
 
 A kind is one object for the dictionary of generic functions, for the effects and for the words of a report.
 """
@@ -10,22 +10,22 @@ from dataclasses import dataclass, field
 LOCATIONS = (
     "amplifier", "electrical", "hysteron", "coupling", "mechanical", "thermal", "sensor", "environment",
 )  # fmt: skip
-# Variables on which effects act where their dictionary has no axis of its own.
+# Variables of kinds whose dictionary has no axis of its own.
 ELAPSED, AFTER_A_STEP = "time", "time after a step"
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What sort of thing an effect is.
+    """The kind of an effect.
 
     Attributes:
         location: one of `LOCATIONS`.
         name: in words, unique at its location.
-        history: on what it depends, where no static picture shows that; ``{output}``, ``{rate}`` and ``{source}`` stand
-            for the words of the system's domain.
-        one_port: the learned one-port of this kind in words; empty where there is none.
+        history: the past variables on which it depends, if a static plot does not show that; ``{output}``, ``{rate}``
+            and ``{source}`` stand for the words of the system's domain.
+        one_port: the learned one-port of this kind in words; empty if there is none.
         learned: name of that learned element.
-        axis: variable on which it acts, where its generic functions have none.
+        axis: variable on which it acts, if its generic functions have none.
     """
 
     location: str
@@ -41,7 +41,7 @@ class Kind:
         return f"{self.location}/{self.name}"
 
 
-# What the amplifier does to its command.
+# Changes of the command by the amplifier.
 LAG = Kind("amplifier", "lag")
 LIMIT = Kind("amplifier", "limit")
 SLEW = Kind("amplifier", "slew", "on the rate of the {source}")
@@ -91,7 +91,7 @@ RINGING_MODE = Kind(
 )
 CONSTANT_FORCE = Kind("mechanical", "constant")
 
-# What the sensor does to what it measures.
+# Changes of the measured quantity by the sensor.
 SENSOR_NONLINEAR = Kind("sensor", "nonlinear")
 SENSOR_STATIC = Kind("sensor", "static")
 LAG_OR_PLAY = Kind("sensor", "lag or play", "on the rate of the {output} and on its turning points")

@@ -1,4 +1,4 @@
-"""Play between what moves and what is measured."""
+"""Play between the moving part and the measured point."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ EFFECT = Effect(
     name="output_backlash",
     kind=kinds.LAG_OR_PLAY,
     equation=r"|q - y| \leq \delta_b, \quad \dot{y} \neq 0 \ \mathrm{only\ where}\ |q - y| = \delta_b",
-    statement="There is play between what moves and what is measured: after each reversal the output rests until the "
-    "actuator has moved by twice {delta_b}.",
+    statement="There is play between the moving part and the measured point: after each reversal the output "
+    "rests until the actuator has moved by twice {delta_b}.",
     fingerprint="A plateau of the output after every reversal, as wide at every amplitude and frequency.",
     separation="Small triangles whose amplitude grows from nothing: play shows no motion at all below its width, "
     "friction and a hysteron show a smaller one.",

@@ -25,13 +25,13 @@ EFFECT = Effect(
     name="overflow",
     kind=kinds.DISSIPATIVE,
     equation=r"\dot{V} = \dots - r_o \max(V - V_o, 0)",
-    statement="The tank overflows: above a volume of {V_o} what is too much flows off at a rate of {r_o}.",
-    fingerprint="Nothing below one level, and above it the level rises no further than the inflow needs to run off.",
+    statement="The tank overflows: above a volume of {V_o} the excess flows off at a rate of {r_o}.",
+    fingerprint="No error below one level; above it, the level rises only until the excess inflow runs off.",
     separation="Filling at several steady flows: the level stays near the rim of a tank that overflows, and grows with "
     "the square of the flow through an orifice.",
     references=("White 2011, Fluid Mechanics, sec. 10.7 (weirs, linearised)",),
     declares=(
-        positive("r_o", "1/s", "rate at which what stands above the rim flows off", 1e8, strength=True),
+        positive("r_o", "1/s", "rate at which the excess above the rim flows off", 1e8, strength=True),
         positive("V_o", "m³", "volume up to the rim", 1e2),
     ),
     adds=overflows,

@@ -7,7 +7,7 @@ from phnn.network.elements import Resistor
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """The law is linear in its strength: one point."""
+    """One point: the law is linear in its strength."""
     force = 1e-4 * scales.stiffness * scales.displacement
     return [{"c_2": force / scales.velocity**2}]
 
@@ -18,7 +18,7 @@ EFFECT = Effect(
     equation=r"F_d = c_2 |v| v",
     statement="A resistance of {c_2} grows with the square of the velocity, so that fast motion is damped more than "
     "slow motion.",
-    fingerprint="The resonance peak grows broader with the amplitude, while slow motion is left as it is.",
+    fingerprint="The resonance peak grows broader with the amplitude, while slow motion does not change.",
     separation="Sines at the resonance of rising amplitude, the terminal voltage recorded as well: drag limits the "
     "motion, a slew limit the voltage.",
     references=("Batchelor 1967, An Introduction to Fluid Dynamics, sec. 5.11",),

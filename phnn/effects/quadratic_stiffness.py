@@ -13,7 +13,7 @@ def bend(setup: Setup, parameters: Placed) -> Setup:
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """The law is linear in its strength, while that is small: one point."""
+    """One point: the law is linear in its strength as long as that is small."""
     return [{"kappa_2": 1e-3, "q_2": scales.displacement}]
 
 

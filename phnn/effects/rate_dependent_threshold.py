@@ -14,12 +14,12 @@ def hasten(setup: Setup, parameters: Placed) -> Setup:
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """The law is linear in its strength: one point."""
+    """One point: the law is linear in its strength."""
     return [{"kappa_v": 1e-3 / scales.velocity}]
 
 
 def applies(setup: Setup) -> bool:
-    """Some resistor has a dead zone that follows no state yet, and a mass of constant inertia moves."""
+    """At least one resistor has a dead zone that follows no state yet, and a mass of constant inertia moves."""
     masses = [s for s in setup.network.storages if s.name == "p" and s.law == "capacitor"]
     return has_motion(setup) and has_plain_dead_zones(setup) and bool(masses)
 
@@ -29,7 +29,7 @@ EFFECT = Effect(
     kind=kinds.THRESHOLD_BY_RATE,
     equation=r"d_i(v) = d_i (1 + \kappa_v |v|)",
     statement="The hysteresis loop widens with the speed: the dead zones grow in proportion to it, by {kappa_v}.",
-    fingerprint="The loop grows wider with frequency while its corners stay where the direction turns round.",
+    fingerprint="The loop grows wider with frequency, while its corners stay at the reversals of the motion.",
     separation="Triangles of one amplitude at rates over two decades: thresholds that follow the speed widen the loop "
     "in proportion to the rate, another hysteron narrows or widens it around one rate.",
     references=("Al Janaideh, Rakheja & Su 2009, Mechatronics 19 (rate-dependent play)",),

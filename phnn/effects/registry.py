@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _PACKAGE = "phnn.effects"
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
-# Names by which laws refer to what is there already: the moving part, its transducer and the hysterons.
+# Names by which laws refer to existing parts: the moving part, its transducer and the hysterons.
 _ROLES = re.compile(r"[kmb]|alpha|(C|rho|d)_\d+")
 _registered: dict[str, Effect] = {}
 
@@ -62,8 +62,8 @@ def in_all_forms(effects: Iterable[Effect]) -> list[Effect]:
 def register(effect: Effect, home: Home | None = None) -> Effect:
     """Add an effect of your own to the catalogue of this process, so that every diagnosis looks for it.
 
-    It has to pass the checks of the catalogue's own effects (`phnn.effects.soundness`), which simulate it on a small
-    base model; that takes some seconds.
+    It must pass the checks of the catalogue's own effects (`phnn.effects.soundness`). They simulate it on a small base
+    model; this takes some seconds.
 
     Example:
         >>> from phnn.effects import Effect, register  # doctest: +SKIP
@@ -71,8 +71,8 @@ def register(effect: Effect, home: Home | None = None) -> Effect:
 
     Args:
         effect: see docs/write-your-own-effect.md.
-        home: a base model that it can be added to, with sizes and a recording; otherwise the piezo actuator of the
-            paper, or a pair of tanks if it applies to these alone.
+        home: a base model to which it can be added, with sizes and a recording. The default is the piezo actuator of
+            the paper, or a pair of tanks if the effect applies to these alone.
 
     Returns:
         The effect.
@@ -95,7 +95,7 @@ def register(effect: Effect, home: Home | None = None) -> Effect:
 
 
 def unregister(name: str) -> None:
-    """Take a registered effect out of the catalogue again.
+    """Remove a registered effect from the catalogue.
 
     Raises:
         InputRefused: no effect of this name was registered.
@@ -107,7 +107,7 @@ def unregister(name: str) -> None:
 
 @contextmanager
 def registered(effect: Effect, home: Home | None = None) -> Iterator[Effect]:
-    """The effect is in the catalogue within a ``with`` block; see `register`."""
+    """Register an effect for the duration of a ``with`` block; see `register`."""
     register(effect, home)
     try:
         yield effect

@@ -10,7 +10,7 @@ from phnn.setup import Setup
 
 
 def with_rim(setup: Setup, name: str, tank: str, on: Mapping[str, Ratio], parameters: Placed) -> Setup:
-    """The setup in which what stands above the rim of a tank runs off.
+    """The setup in which the volume above the rim of a tank flows off.
 
     Args:
         name: of the resistor.

@@ -11,7 +11,7 @@ from phnn.network.elements import Coupling, Resistor, Storage
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Weakly and well damped modes around the highest excited frequency."""
+    """Weakly and strongly damped modes around the highest excited frequency."""
     mass = 1e-3 * scales.stiffness / (2.0 * np.pi * 2.0 * scales.fastest) ** 2
     rates = [2.0 * np.pi * share * scales.fastest for share in (0.5, 1.0, 1.5, 2.5, 5.0)]
     return [
@@ -22,7 +22,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 
 def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
-    """Strength is the mass at the same frequency and damping ratio."""
+    """Scale the mass, the strength; frequency and damping ratio do not change."""
     weight = max(factor, 1e-3)
     return {name: weight * value for name, value in values.items()}
 

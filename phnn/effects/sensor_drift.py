@@ -1,4 +1,4 @@
-"""A sensor that drifts, straight on or to and fro."""
+"""A drifting sensor: a ramp, or slow wandering."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from phnn.setup import DRIFT_TERMS, Setup
 
 
 def wander(setup: Setup, parameters: Placed) -> Setup:
-    """``y = q + Σ_m c_m cos(πmt/T)``, every recording with coefficients of its own."""
+    """``y = q + Σ_m c_m cos(πmt/T)`` with coefficients for each recording."""
     return replace(setup, own=setup.own._replace(drift_terms=DRIFT_TERMS))
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """The law is linear in its strength: one point."""
+    """One point: the law is linear in its strength."""
     return [{"drift_rate": scales.noise / scales.duration}]
 
 
 def steady(setup: Setup) -> bool:
-    """The sensor has no course of its own in every recording yet."""
+    """Recordings have no drift of their own yet."""
     return not setup.own.drift_terms
 
 
 def grid_wandering(scales: Scales) -> list[dict[str, float]]:
-    """No parameters: the coefficients are the recordings' own."""
+    """No parameters: the coefficients are nuisances of the recordings."""
     return [{}]
 
 
 def wandering(setup: Setup) -> bool:
-    """The sensor neither drifts straight on nor has a course of its own in every recording yet, nor is its zero known
-    to be one and the same in all recordings."""
+    """The sensor has no drift yet, neither a ramp nor one for each recording, and its zero is not known to be the
+    same in all recordings."""
     return steady(setup) and "drift_rate" not in setup.parameters and not setup.has_zero
 
 
@@ -38,8 +38,8 @@ EFFECT = Effect(
     name="sensor_drift",
     kind=kinds.DRIFT,
     equation=r"y = q + r\,t",
-    statement="The sensor drifts by {drift_rate}, whatever the actuator does.",
-    fingerprint="A ramp below the lowest excited frequency that goes on whatever the voltage does.",
+    statement="The sensor drifts by {drift_rate}, independently of the actuator.",
+    fingerprint="A ramp below the lowest excited frequency that does not depend on the voltage.",
     separation="A recording at zero voltage, as long as the others, after a long rest: a sensor drifts then as well, "
     "creep does not.",
     references=("Fraden 2016, Handbook of Modern Sensors, ch. 3",),
@@ -54,7 +54,7 @@ EFFECT = Effect(
     neighbours=("creep",),
 ).or_as(
     equation=rf"y = q + \sum_{{m=1}}^{{{DRIFT_TERMS}}} c_m \cos(\pi m t/T)",
-    statement="The sensor wanders slowly, otherwise in every recording and whatever the actuator does.",
+    statement="The sensor wanders slowly, in every recording differently and independently of the actuator.",
     declares=(),
     adds=OfEveryRecording(wander),
     grid=grid_wandering,

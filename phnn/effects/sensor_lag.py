@@ -8,7 +8,7 @@ from phnn.effects import Effect, Scales, at_sensor, kinds, time_constant
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Small against the fastest line, and two finite corners where the response is no longer proportional."""
+    """A lag that is small against the fastest line, and two finite corners, where the response is not proportional."""
     unit = 1.0 / (2.0 * np.pi * scales.fastest)
     return [{"tau_y": unit * share} for share in (1e-3, 0.1, 1.0, 10.0)]
 
@@ -18,7 +18,7 @@ EFFECT = Effect(
     kind=kinds.LAG_OR_PLAY,
     equation=r"\tau_y \dot{y} = q - y",
     statement="The sensor lags behind the displacement: it is a low-pass with a time constant of {tau_y}.",
-    fingerprint="A lag that grows with frequency, and noise that is coloured by the same low-pass where it comes from "
+    fingerprint="A phase lag that grows with frequency, and noise that the same low-pass colours if it arises "
     "before the filter.",
     separation="A blow to the mass at constant voltage: a sensor lags behind that as well, an amplifier cannot; or "
     "another sensor beside this one.",

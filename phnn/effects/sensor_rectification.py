@@ -1,4 +1,4 @@
-"""A sensor that shows the size of the displacement without its sign."""
+"""A sensor that shows the magnitude of the displacement without its sign."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from phnn.setup import Setup
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """There is nothing to choose."""
+    """No parameters."""
     return [{}]
 
 
@@ -23,7 +23,7 @@ EFFECT = Effect(
     statement="The sensor shows how far the output is from its zero, not on which side: it rectifies.",
     fingerprint="An output that never crosses its zero but turns back at it with a sharp corner, at twice the "
     "frequency of the drive.",
-    separation="The same sine about an offset larger than its amplitude: a rectifier leaves that alone.",
+    separation="The same sine about an offset larger than its amplitude: a rectifier does not change it.",
     references=("Fraden 2016, Handbook of Modern Sensors, ch. 3",),
     adds=at_sensor("rectification"),
     grid=grid,

@@ -1,4 +1,4 @@
-"""An amplifier whose voltage can change at a limited rate only."""
+"""An amplifier with a limited slew rate of the voltage."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from phnn.effects import Effect, Scales, at_amplifier, kinds, limit
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Limits below the steepest of the sines there may have been, and decades above it: a step of the command is
-    steeper than any. There is no small strength to start from."""
+    """Limits below the steepest sine of the command, and decades above it, as a step is steeper than any sine. No
+    small strength exists to start from."""
     steepest = 2.0 * np.pi * scales.fastest * scales.voltage
     return [{"S": share * steepest} for share in (0.5, 0.75, 0.9, 0.98, 4.0, 40.0, 400.0)]
 

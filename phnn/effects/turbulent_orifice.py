@@ -1,4 +1,4 @@
-"""Pipes between tanks in which the flow becomes turbulent."""
+"""Pipes between tanks with turbulent flow."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from phnn.setup import Setup
 
 
 def is_linear(resistor: Resistor) -> bool:
-    """Its flow is proportional to the head."""
+    """The flow of a pipe is proportional to the head."""
     return resistor.law == "linear"
 
 
 def is_pipe(resistor: Resistor) -> bool:
-    """It joins tanks."""
+    """The pipe joins two tanks."""
     return is_linear(resistor) and len(resistor.on) > 1
 
 
 def is_outlet(resistor: Resistor) -> bool:
-    """It drains a single tank."""
+    """The pipe drains a single tank."""
     return is_linear(resistor) and len(resistor.on) == 1
 
 
@@ -38,17 +38,17 @@ def narrowed(setup: Setup, parameters: Placed, where: Callable[[Resistor], bool]
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Weak, and strong enough that the flow goes with the root of the head."""
+    """A weak orifice, and one strong enough that the flow is proportional to the root of the head."""
     return [{"kappa_t": share, "Q_t": scales.voltage} for share in (1e-3, 1.0, 100.0)]
 
 
 def applies(setup: Setup) -> bool:
-    """Stores of constant capacity drain into each other through resistors, of which at least one is linear."""
+    """Stores of constant capacity drain into each other through resistors, and at least one of these is linear."""
     return has_tanks(setup) and any(r.law == "linear" for r in setup.network.resistors)
 
 
 def has_both(setup: Setup) -> bool:
-    """Of the linear pipes some join tanks and some drain a single one."""
+    """Some linear pipes join tanks and some drain a single tank."""
     linear = setup.network.resistors
     return has_tanks(setup) and any(map(is_pipe, linear)) and any(map(is_outlet, linear))
 

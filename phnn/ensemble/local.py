@@ -1,4 +1,4 @@
-"""What an executor is, and those that work inside this process."""
+"""The interface of executors, and the executors that work inside this process."""
 
 from __future__ import annotations
 

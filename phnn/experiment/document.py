@@ -1,4 +1,4 @@
-"""What an experiment writes: Table 3 as text and csv, parameters beside the published ones, everything as json."""
+"""The files of an experiment: Table 3 as text and csv, parameters beside the published ones, all results as json."""
 
 from __future__ import annotations
 

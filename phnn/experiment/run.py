@@ -71,7 +71,7 @@ def _run(
         (place / "figures" / drawing.file).write(drawing.png)
     for model in REFITTED:
         fitted = comparison.models[model].fit
-        save(fitted.setup, place / model, max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
+        save(fitted.setup, place / model, fitted.plan.finest)
     (place / "table3.csv").write(table_csv(rows).encode())
     (place / "experiment.json").write_json(
         document(comparison, made, campaign.folder, options.seed, time.monotonic() - began)

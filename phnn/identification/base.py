@@ -12,7 +12,7 @@ from phnn.identification.options import Options
 from phnn.identification.order import hysterons_needed
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import Prepared, prepare
-from phnn.identification.refinement import settled
+from phnn.identification.refinement import with_bounded_error
 from phnn.identification.staged import fit_identified, held_by_statement, identify_actuator
 from phnn.identification.starting_points import mechanical_points
 from phnn.identification.zero import is_shared, with_own_zeros, with_shared_zero
@@ -30,10 +30,10 @@ def identify_base(campaign: Campaign, options: Options, progress: Progress = qui
     """Fit the campaign's base model; the sub-steps are chosen on the way and checked at the end."""
     prepared = prepare(campaign, options.workers)
     if not is_shared(campaign.recordings):
-        return settled(_begun(prepared, campaign, options, progress), options.error_bound_sigma)
+        return with_bounded_error(_begun(prepared, campaign, options, progress), options.error_bound_sigma)
     own = replace(prepared, plan=with_own_zeros(prepared.plan))
     first = with_shared_zero(_begun(own, campaign, options, progress), prepared.plan)
-    return settled(first, options.error_bound_sigma)
+    return with_bounded_error(first, options.error_bound_sigma)
 
 
 def _begun(prepared: Prepared, campaign: Campaign, options: Options, progress: Progress) -> Fit:

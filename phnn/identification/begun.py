@@ -1,4 +1,4 @@
-"""What a model knows of the state in which a recording begins, before its samples are seen.
+"""The prior distribution of a recording's initial state, before its samples are seen.
 
 A recording that begins in the middle of an operation has been moving before. Its state is then most likely one that the
 model passes through whenever the input has the same value and moves the same way, once what it was at first is

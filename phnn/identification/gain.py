@@ -1,4 +1,4 @@
-"""What one element gains on recordings that took no part in finding it: how much, and how surely.
+"""The gain of one element on recordings that took no part in finding it: its size and its significance.
 
 Two models are compared sample by sample, ``e₀`` the residual without the element and ``e₁`` with it, in units of the
 noise. The gain ``d = e₀² − e₁²`` is summed over blocks of time, and a one-sided t-test asks whether its mean is

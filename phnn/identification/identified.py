@@ -44,7 +44,7 @@ class Identified:
 
 def model_of(fitted: Fit) -> Model:
     """The model of a fit, with the finest sub-steps of its plan."""
-    return Model(fitted.setup, max(fitted.plan.steps_of(r) for r in fitted.plan.recordings))
+    return Model(fitted.setup, fitted.plan.finest)
 
 
 def identify(

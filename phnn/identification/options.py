@@ -1,4 +1,4 @@
-"""How hard an identification and a diagnosis try."""
+"""The effort of an identification and a diagnosis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many hysterons an actuator needs, where nobody says it.
+"""The number of hysterons that an actuator needs, if the user does not state it.
 
 Models with one, two, three, … hysterons are fitted to some of the identification recordings; the others choose
 (`phnn.identification.left_out`). A further hysteron is taken as long as they are predicted clearly better with it.

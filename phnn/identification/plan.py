@@ -1,4 +1,4 @@
-"""Which recordings take part in a fit, and how finely they are simulated."""
+"""The plan of a fit: the recordings that take part, and the steps with which they are simulated."""
 
 from __future__ import annotations
 
@@ -31,6 +31,11 @@ class Plan:
     def steps_of(self, recording: Recording) -> int:
         """Sub-steps of a recording, 1 where nothing was chosen."""
         return self.substeps.get(recording.name, 1)
+
+    @property
+    def finest(self) -> int:
+        """The most sub-steps of any recording."""
+        return max((self.steps_of(r) for r in self.recordings), default=1)
 
     def each(self, function: Callable[..., Any], *sequences: Sequence[Any]) -> list[Any]:
         """Apply a function to every recording (and matching entries of the sequences), in threads."""

@@ -20,7 +20,7 @@ from phnn.setup import Setup
 
 
 @recalled
-def settled(first: Fit, bound: float, keep: Sequence[str] = ()) -> tuple[Fit, NumericalError]:
+def with_bounded_error(first: Fit, bound: float, keep: Sequence[str] = ()) -> tuple[Fit, NumericalError]:
     """Refit with sub-steps for a bound, again where the fit has moved enough to need finer ones.
 
     Args:

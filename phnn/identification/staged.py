@@ -12,7 +12,6 @@ import numpy as np
 
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification.fit import TOLERANCE, Fit, distinct_optima, fit, fit_problem, unidentified, variables_from
-from phnn.identification.looks import first_look
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
 from phnn.identification.start import with_starts
@@ -24,6 +23,7 @@ from phnn.identification.starting_points import (
     random_starts,
     with_hysterons,
 )
+from phnn.identification.subset import representative_subset
 from phnn.identification.variables import starts_unknown
 from phnn.models.actuator import hrc
 from phnn.recall import recalled
@@ -59,18 +59,18 @@ def identify_actuator(
         return fit_identified(setup, plan, held)
     anchored = {n: a.value for n, a in known.items()}
     check_known(known, hrc(hysterons).parameters)
-    points, look = mechanical_points(plan, anchored), first_look(plan)
-    mechanical = _mechanical(points, look, held)
+    points, subset = mechanical_points(plan, anchored), representative_subset(plan)
+    mechanical = _mechanical(points, subset, held)
     if hysterons == 0:
         return fit_identified(mechanical.setup, plan, held)
     candidates = [
-        *_linear_starts(mechanical.setup, look, hysterons, anchored, held),
+        *_linear_starts(mechanical.setup, subset, hysterons, anchored, held),
         *(s for p in points for s in random_starts(p, plan, hysterons, anchored, starts, seed)),
     ]
     tried = []
     for candidate in candidates:
         try:
-            tried.append(fit_identified(candidate, look, held, max_evaluations=_QUICK))
+            tried.append(fit_identified(candidate, subset, held, max_evaluations=_QUICK))
         except PhnnError:
             continue
     if not tried:

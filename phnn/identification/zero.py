@@ -1,4 +1,4 @@
-"""What recordings share and nobody knows, as parameters of the model: the zero of the output, the gain of the input."""
+"""Unknown quantities that recordings share, as parameters of the model: zero of the output, gain of the input."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""How everything that a user names comes in: files that may be read, limits, plain yaml and json, names that print."""
+"""The intake of everything that a user names: readable files, limits, plain yaml and json, printable names."""

@@ -1,4 +1,7 @@
-"""What the ports make of the inputs: it depends on no state, so it is known for all steps before the march."""
+"""The actions ``ψ_p(u_p)`` of the ports on their inputs, for all steps before the integration begins.
+
+They depend on the inputs and parameters alone and on no state.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,7 @@ def actions(program: Program, theta: Any, u: Array) -> Any:
 
 
 def action_derivatives(program: Program, theta: Array, u: Array, places: NDArray[np.int64]) -> Array:
-    """(S, n, P) derivatives of the actions by the parameters at some places."""
+    """(S, n, P) derivatives of the actions by the parameters at some entries of ``theta``."""
     out = np.empty((places.size, *u.shape))
     for s, place in enumerate(places):
         moved = theta.astype(complex)

@@ -1,4 +1,7 @@
-"""Whether the continuous adjoint may be trusted: it integrates backwards, where what decays grows."""
+"""The test that the continuous adjoint is accurate enough.
+
+The adjoint integrates backwards in time, where a mode that decays forwards grows.
+"""
 
 from __future__ import annotations
 

@@ -1,11 +1,12 @@
-"""Power-preserving steps of many windows at once, for systems that are no networks of one-ports.
+"""Power-preserving steps of many windows at once, for systems that are not networks of one-ports.
 
     x⁺ − x = h ẋ(∇̄H(x, x⁺), (x + x⁺)/2, ū)
 
-with whatever discrete gradient the system offers: it has no reducible storages, so that all schemes are this one. The
-iteration keeps its Jacobian from step to step and renews it
-where it stops to converge quickly; gradients are those of the solution, by the implicit function theorem, and so do
-not see how it was found.
+``∇̄H`` is the discrete gradient that the system defines. Such a system has no reducible storages, so that all schemes
+are the same.
+
+Newton's method keeps its Jacobian from step to step. It computes a new one where the convergence becomes slow. The
+gradients are those of the solution, by the implicit function theorem, and do not depend on the iteration.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from phnn.errors import SolverFailed
 from phnn.integrate.dense import with_derivatives
 from phnn.integrate.equations import jacobians, step_residual
 
-# Of the residual, beside one plus the largest state.
+# Tolerance of the residual, relative to one plus the largest state.
 _TOLERANCE = 1e-13
 _ITERATIONS = 40
 _QUICK = 0.2
@@ -57,7 +58,7 @@ def march(
 
 
 class _Newton:
-    """Newton's method with a Jacobian that lives as long as it serves."""
+    """Newton's method that keeps its Jacobian while the iteration converges."""
 
     def __init__(self, system: Energetic) -> None:
         self.system = system
@@ -102,7 +103,7 @@ class _Newton:
     def _searched(
         self, x: Tensor, z: Tensor, full: Tensor, size: Tensor, u: Tensor, h: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Each member as far along its Newton step as its residual falls."""
+        """Damp each member's Newton step until its residual falls."""
         share = torch.ones_like(size)
         for _ in range(_HALVINGS):
             moved = z + share.unsqueeze(-1) * (full - z)

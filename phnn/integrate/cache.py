@@ -1,8 +1,8 @@
-"""Where machine code is kept between runs: a folder of the user's own, files that are checked before they are used.
+"""Storage of compiled machine code between runs, in a private folder of the user; files are checked before use.
 
-Loading kept machine code runs it. So the folder must belong to the user and nobody else may write to it, and every
-file begins with the hash of its content: one that was damaged counts as absent, and the function is compiled again.
-Where nothing can be kept (no home, no rights, a full disk) functions are compiled in memory.
+Loading machine code from a file runs it. The folder must therefore belong to the user, and nobody else may be able to
+write to it. Every file begins with the hash of its content. A damaged file counts as absent, and the function is
+compiled again. Where no file can be written (no home, no rights, a full disk), functions are compiled in memory.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numba
 import phnn
 from phnn.integrate import hooks
 
-# What compiled code is made from; torch modules beside them may be edited without compiling anew.
+# Sources of the compiled code. The torch modules beside them can be edited without recompiling.
 _SOURCES = (
     "laws/*.py",
     "integrate/cache.py",
@@ -30,19 +30,19 @@ _SOURCES = (
     "integrate/compiled.py",
     "integrate/dispatch.py",
     "integrate/tables.py",
-    "integrate/lookups.py",
+    "integrate/table_access.py",
     "integrate/constants.py",
     "integrate/roots.py",
     "integrate/terms.py",
     "integrate/step.py",
-    "integrate/memories.py",
+    "integrate/modulator_states.py",
     "integrate/stages.py",
     "integrate/elimination.py",
     "integrate/solve.py",
     "integrate/quick.py",
     "integrate/perturbed.py",
     "integrate/prepared.py",
-    "integrate/pieces.py",
+    "integrate/affine.py",
     "integrate/following.py",
     "integrate/drives.py",
     "integrate/linearise.py",
@@ -58,7 +58,7 @@ _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
-    """What python calls: a function compiled by numba on first use, its machine code kept where that is safe."""
+    """Compile a function that python calls, on first use, and keep its machine code if a safe folder exists."""
     folder = _folder()
     if folder is None:
         return numba.njit(**options)(function)
@@ -73,23 +73,23 @@ def compiled(function: Callable[..., Any], **options: Any) -> Any:
         )
         return numba.njit(**options)(function)
     except (RuntimeError, OSError):
-        # numba found no way to write there.
+        # numba found no folder to which it can write.
         return numba.njit(**options)(function)
     finally:
         numba.config.CACHE_DIR = before
 
 
 def has_kept(module: str) -> bool:
-    """Whether machine code of a module's functions is kept, or can be kept nowhere."""
+    """Whether machine code of a module's functions is kept, or no code can be kept at all."""
     folder = _folder()
     return folder is None or any(folder.glob(f"*/{module}.*.nbi"))
 
 
 @cache
 def fingerprint() -> str:
-    """Hash of the sources a kernel is made from, and of what compiles them.
+    """Hash of the sources of the kernels and of the versions of numba and python.
 
-    numba's own cache does not see an edited callee in another file.
+    numba's own cache does not notice an edited callee in another file.
     """
     root = Path(phnn.__file__).parent
     digest = hashlib.sha256(repr((numba.__version__, sys.version_info[:2])).encode())
@@ -101,7 +101,7 @@ def fingerprint() -> str:
 
 @cache
 def _folder() -> Path | None:
-    """The folder of this version's machine code; None where there is none that is safe and can be written to."""
+    """The folder with the machine code of this version; None if no safe folder can be written to."""
     try:
         home = os.environ.get("PHNN_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         own = Path(home).resolve() / "phnn"
@@ -110,7 +110,7 @@ def _folder() -> Path | None:
             if not place.exists():
                 place.mkdir(mode=_OWN, exist_ok=True)
         if hasattr(os, "getuid") and own.stat().st_uid == os.getuid() and not own.stat().st_mode & stat.S_IWOTH:
-            # Made under a mask that lets a group write.
+            # The folder was made under a mask that lets a group write.
             own.chmod(_OWN)
         reason = _unsafe(own) or _unsafe(folder)
     except (OSError, RuntimeError) as error:
@@ -125,9 +125,9 @@ def _folder() -> Path | None:
 
 
 def _unsafe(folder: Path) -> str:
-    """Why others could plant code in a folder; empty where they cannot."""
+    """The reason why others could plant code in a folder; empty if they cannot."""
     if not hasattr(os, "getuid"):
-        # Windows keeps profiles of users apart by itself.
+        # Windows itself keeps the profiles of users apart.
         return ""
     found, parent = folder.lstat(), folder.parent.stat()
     if stat.S_ISLNK(found.st_mode):

@@ -1,4 +1,4 @@
-"""Which networks the compiled kernels solve; the others are solved in torch (`phnn.integrate.dense`)."""
+"""Test whether the compiled kernels can solve a network; `phnn.integrate.dense` solves the others in torch."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAG
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 from phnn.network.elements import Network
 
-# By kind of element: laws of a few parameters, and laws of torch modules that hand their weights to the kernel.
+# For each kind of element: the laws with a few parameters, and the torch modules that pass their weights to the kernel.
 LAWS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
     "storage": (STORAGE_LAWS, WIDE_STORAGES),
     "resistor": (RESISTOR_LAWS, WIDE_RESISTORS),
@@ -26,7 +26,7 @@ def can_compile(network: Network) -> bool:
 
 
 def obstacle(network: Network) -> str:
-    """Why the compiled kernels do not solve a network, with the remedy; empty where they do."""
+    """The reason why the compiled kernels cannot solve a network, with the remedy; empty if they can."""
     n = network
     elements: list[tuple[str, str, Any]] = [("storage", s.name, s) for s in n.storages]
     elements += [("resistor", r.name, r) for r in n.resistors]
@@ -50,9 +50,11 @@ def _law_obstacle(kind: str, name: str, element: Any) -> str:
 
 
 def partly_driven(network: Network, storages: Iterable[str]) -> str:
-    """Which memory is driven by some, but not all, of the resistors that act on one of some storages alone.
+    """Message for a modulator state that only some of the resistors on one storage drive; empty if there is no such
+    state.
 
-    Of such a storage a step may know only what all its resistors dissipate together. Empty where there is no such case.
+    For each of the given storages, a step knows only the total power that the resistors acting on this storage alone
+    dissipate.
     """
     for memory in network.memories:
         drives = network.drives_of(memory)
@@ -62,7 +64,7 @@ def partly_driven(network: Network, storages: Iterable[str]) -> str:
             missing = [name for name in resistors if name not in drives]
             if named and missing:
                 return (
-                    f"memory {memory.name}: {named[0]} drives it and {missing[0]}, on the same storage {storage}, does "
-                    "not: name both or neither, or solve with phnn.integrate.dense and Scheme.MIDPOINT"
+                    f"modulator state {memory.name}: {named[0]} drives it and {missing[0]}, on the same storage "
+                    f"{storage}, does not: name both or neither, or solve with phnn.integrate.dense and Scheme.MIDPOINT"
                 )
     return ""

@@ -1,4 +1,4 @@
-"""How functions become machine code: the ways to compile one."""
+"""The decorators that compile functions to machine code, and their options."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from numba.extending import intrinsic
 from phnn.integrate.cache import compiled
 from phnn.integrate.hooks import loop_options
 
-# Stands in the caller. numba hands the wish to be inlined on to whatever is compiled inside, unless it is refused.
+# Inlining is done by the caller only: numba would pass the wish on to every function that is compiled inside.
 inline = numba.njit(error_model="numpy", forceinline=True)
-# A call, as far as LLVM does not find otherwise: see `stay_outside`.
+# A plain call, unless LLVM decides otherwise: see `stay_outside`.
 plain = numba.njit(error_model="numpy", forceinline=False)
-# A loop over steps. It owns no memory: reference counts of arrays would cost most of the time.
+# A loop over steps. It allocates no memory: reference counts of arrays would take most of the time.
 loop = numba.njit(error_model="numpy", **loop_options())
 
 
 def entry(function: Callable[..., Any]) -> Any:
-    """What python calls: its machine code is kept, per version of the sources."""
+    """Compile a function that python calls; its machine code is kept for each version of the sources."""
     return compiled(function, nogil=True, error_model="numpy")
 
 
 def loop_entry(function: Callable[..., Any]) -> Any:
-    """A `loop` that python calls."""
+    """Compile a `loop` that python calls."""
     return compiled(function, nogil=True, error_model="numpy", **loop_options())
 
 
 @intrinsic
 def stay_outside(typing_context: Any) -> Any:
-    """Called in the body of a compiled function: keeps LLVM from inlining that function.
+    """Keep LLVM from inlining the compiled function that calls this in its body.
 
-    Left alone it inlines everything that is called from few places, level by level, and compiles for minutes.
+    Otherwise LLVM inlines every function with few call sites, level by level, and the compilation takes minutes.
     """
 
     def mark(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The compiled march as a method of torchdiffeq, with the transpose of its steps as the adjoint method.
+"""The compiled integration as a method of torchdiffeq, with the transpose of its steps as the adjoint method.
 
     import phnn.integrate.compiled_method  # makes both methods known to torchdiffeq
 
@@ -8,8 +8,8 @@
                                       adjoint_method="compiled_discrete_gradient_adjoint", adjoint_options={})
     states = runs.samples(ends[-1])
 
-The steps, and so the states and their exact gradients, are those of `phnn.integrate.differentiable`. For the same steps
-solved in torch, for laws of any form and inputs that are functions of time, see `phnn.integrate.method`.
+The steps, and so the states and their exact gradients, are those of `phnn.integrate.differentiable`.
+`phnn.integrate.method` solves the same steps in torch, for laws of any form and for inputs that are functions of time.
 """
 
 from __future__ import annotations
@@ -62,11 +62,11 @@ def sampled_states(
 
 
 class CompiledDiscreteGradient:
-    """What torchdiffeq constructs for ``method="compiled_discrete_gradient"``.
+    """The solver that torchdiffeq constructs for ``method="compiled_discrete_gradient"``.
 
     Raises:
-        InputRefused: a right-hand side that is no `SampledRuns`, other output times than 0 and 1, gradients by them,
-            an option, or an event function.
+        InputRefused: the right-hand side is not a `SampledRuns`, the output times are not 0 and 1 or require a
+            gradient, or an option or an event function is given.
         SolverFailed: a step has no solution; names time and remedy.
     """
 
@@ -95,15 +95,15 @@ class CompiledDiscreteGradient:
         return torch.stack([self.y0, self.holder.solved.end])
 
     def integrate_until_event(self, t0: Tensor, event_fn: Any) -> Tensor:
-        """Always refused."""
+        """Always raise: the solver supports no events."""
         raise InputRefused(f"{COMPILED} does not look for events: look for them in its states")
 
 
 class CompiledDiscreteGradientAdjoint:
-    """What torchdiffeq constructs for ``adjoint_method="compiled_discrete_gradient_adjoint"``.
+    """The solver that torchdiffeq constructs for ``adjoint_method="compiled_discrete_gradient_adjoint"``.
 
     Raises:
-        InputRefused: used for anything but the backward pass of ``method="compiled_discrete_gradient"``, or with
+        InputRefused: it is not used for the backward pass of ``method="compiled_discrete_gradient"``, or it got
             options.
     """
 

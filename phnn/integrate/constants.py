@@ -1,9 +1,9 @@
-"""What does not change from step to step is resolved once: constants of leaves and junctions, and gains.
+"""Quantities that are the same in all steps of one size: constants of storages and junctions, and gains.
 
-c (L+m, 9)  of a leaf: s = 1/C of a linear storage; ρ, lo, hi of a piecewise linear resistor that reads no state;
-            the relaxation functions of h (ρ + g) s; g of the leaks beside it, and the same of h g s. Of a junction,
-            after the leaves: 1/s
-g (rows,)   signed ratio of every row of the table that has one
+c (L+m, 9)  of a reducible storage: s = 1/C of a linear one; ρ, lo, hi of a piecewise linear resistor that reads no
+            state; the relaxation functions of h (ρ + g) s; g of the leaks in parallel; the relaxation functions of
+            h g s. Of a junction, in the rows after the reducible storages: 1/s
+g (rows,)   signed ratio of every row of the table that has a ratio
 
 The third array of a step, a (P,), holds the ports' actions ψ_p(ū_p) from `phnn.integrate.actions`.
 """
@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 from phnn.integrate.compiled import plain, stay_outside
-from phnn.integrate.lookups import (
+from phnn.integrate.table_access import (
     count,
     is_linear,
     junction_storage,
@@ -53,7 +53,7 @@ def fill_constants(t: Any, theta: Any, h: Any, c: Any) -> None:
         r, none = t[row, FIRST_RESISTOR], 0.0 * theta[0]
         leak = none
         if t[row, RULE] == EXACT:
-            # All resistors of such a leaf but the first are linear.
+            # Under this rule, all resistors of the storage but the first are linear.
             for other in range(r + 1, t[row, LAST_RESISTOR]):
                 leak += resistor_flow(t, other, 1.0 + none, none, theta)
         c[leaf, LEAK] = leak
@@ -69,7 +69,7 @@ def fill_constants(t: Any, theta: Any, h: Any, c: Any) -> None:
 
 @plain
 def fill_gains(t: Any, theta: Any, g: Any) -> None:
-    """Fill ``g`` with the ratios as they are where nothing modulates them."""
+    """Fill ``g`` with the unmodulated ratios."""
     stay_outside()
     for r in range(t.shape[0]):
         if t[r, RATIO] >= 0:

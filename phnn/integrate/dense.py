@@ -1,11 +1,12 @@
 """The steps of any port-Hamiltonian system solved in torch, differentiable, under every `phnn.integrate.scheme.Scheme`.
 
-Every scheme uses the coordinate-wise discrete gradient ``ē`` with modulating variables at mid-step, memories at its
-start; then ``H(x⁺) − H(x) = h (Σ ψ(ū) gᵀē − Σ ε̄_r φ_r(ε̄_r))`` for every step size, and the simulation is passive too.
-Reducible storages have the mean efforts of their own rule. The steps are those of the compiled march.
+Every scheme uses the coordinate-wise discrete gradient ``ē``. Modulating variables are taken at mid-step, modulator
+states at the start of the step. Then ``H(x⁺) − H(x) = h (Σ ψ(ū) gᵀē − Σ ε̄_r φ_r(ε̄_r))`` for every step size, and the
+simulation is passive too. Reducible storages take the mean efforts of their own rule. The steps are those of the
+compiled integration.
 
-Each step is solved by a damped Newton iteration with the dense Jacobian. Gradients follow from the implicit
-function theorem: one vectorised evaluation of all residuals and one backward sweep over the stored states.
+Each step is solved by a damped Newton iteration with the dense Jacobian. Gradients follow from the implicit function
+theorem: one vectorised evaluation of all residuals and one backward sweep over the stored states.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network.power import PowerBalance
 from phnn.network.system import PortHamiltonianSystem
 
-# Residuals are measured in units of the largest rounding-free terms of their own equation.
+# Residuals are measured in units of the largest terms of their own equation.
 _TOLERANCE = 1e-13
 _ACCEPTED = 1e-11
 _ITERATIONS = 40
@@ -54,7 +55,7 @@ def solve_dense(
     Raises:
         InputRefused: not float64, not finite, a shape that does not fit, or a step that is not positive.
         SolverFailed: a step has no solution connected to its start; names time, state and remedy.
-        StructureViolated: the scheme does not know what drives a memory; names both.
+        StructureViolated: the scheme cannot compute the drive of a modulator state; names both.
     """
     u = port_inputs(system, u_mean, x0.ndim - 1)
     check(system, x0, u, h)
@@ -84,7 +85,7 @@ def march(
 
 
 def refuse_unknown_drives(system: PortHamiltonianSystem, scheme: Scheme) -> None:
-    """Refuse a memory whose drive a scheme does not know."""
+    """Refuse a modulator state whose drive the scheme cannot compute."""
     names = [system.state_names[k] for k in reducible_rules(system, scheme)]
     if reason := partly_driven(system.network, names):
         raise StructureViolated(f"{scheme}: {reason}")
@@ -115,15 +116,16 @@ def ledger(
     h: float,
     scheme: Scheme = Scheme.DISCRETE_GRADIENT,
 ) -> PowerBalance:
-    """Mean powers of every step (N, ...) at the step's own efforts, which are exact where nodal efforts are not."""
+    """Mean powers of every step (N, ...) at the mean efforts of the step, which balance the energy exactly; nodal
+    efforts do not."""
     return powers_of_steps(system, scheme, states, port_inputs(system, u_mean, states.ndim - 2), h)
 
 
 class _Implicit(torch.autograd.Function):
     """The stored path, with the derivatives of the path that solves the recursion.
 
-    ``R_n(x_n, x_{n+1}; θ) = 0`` gives ``δx_{n+1} = −A_n⁻¹ (δR_n + B_n δx_n)``, a block-bidiagonal system whose
-    transpose is swept backwards. The residual carries the graph to all parameters and inputs.
+    ``R_n(x_n, x_{n+1}; θ) = 0`` gives ``δx_{n+1} = −A_n⁻¹ (δR_n + B_n δx_n)``. This system is block-bidiagonal; the
+    backward pass sweeps its transpose. The residual carries the graph to all parameters and inputs.
     """
 
     @staticmethod
@@ -150,7 +152,7 @@ class _Implicit(torch.autograd.Function):
 
 @dataclass(frozen=True)
 class _Root:
-    """The end state of a step, or why there is none (then ``cause`` is not empty)."""
+    """The end state of a step, or the reason ``cause`` why there is none; ``cause`` is empty on success."""
 
     x: Tensor
     cause: str = ""
@@ -170,11 +172,11 @@ class _Step(NamedTuple):
         return self._replace(h=share * self.h)
 
     def residual(self, z: Tensor) -> Tensor:
-        """(..., n) what an end state leaves."""
+        """(..., n) residual of an end state."""
         return step_residual(self.system, self.x, z, self.u, self.h, self.scheme)
 
     def jacobian(self, z: Tensor) -> Tensor:
-        """(..., n, n) its derivative."""
+        """(..., n, n) derivative of the residual by the end state."""
         return jacobians(self.system, self.x, z, self.u, self.h, self.scheme)[0]
 
     def sizes(self, z: Tensor, jacobian: Tensor) -> Tensor:
@@ -184,7 +186,7 @@ class _Step(NamedTuple):
 
 def _step(step: _Step, t: float) -> Tensor:
     """The end of one step: Newton from its start and, where that fails, along growing parts of the step."""
-    # Starting from x, not from an extrapolation, keeps to the root connected with the previous state.
+    # Starting from x, not from an extrapolation, keeps the root that is connected with the previous state.
     root = _newton(step, step.x)
     if not root.cause:
         return root.x
@@ -224,7 +226,7 @@ def _newton(step: _Step, guess: Tensor) -> _Root:
         if bool((following == z).all()):
             break
         z, residual = following, residual_next
-        # Judged by the scale at hand: the next Jacobian would only be needed for another step.
+        # The current scale decides: a new Jacobian would only be needed for another step.
         if bool((residual.abs() <= _TOLERANCE * scale).all()):
             break
     relative = residual.abs() / scale
@@ -237,7 +239,7 @@ def _newton(step: _Step, guess: Tensor) -> _Root:
 
 
 def _has_one_root(system: PortHamiltonianSystem) -> bool:
-    """Convex energies and monotone resistors: then every step, however long, has exactly one solution."""
+    """Whether all energies are convex and all resistors monotone: every step then has exactly one solution."""
     convex = (
         STORAGE_LAWS[s.law].convex if isinstance(s.law, str) else getattr(s.law, "convex", False)
         for s in system.network.storages
@@ -247,16 +249,16 @@ def _has_one_root(system: PortHamiltonianSystem) -> bool:
         for r in system.network.resistors
     )
     network = system.network
-    # A memory is known before the step.
+    # Modulator states are known before the step.
     reads = {r.modulated_by for r in network.resistors} | {m.by for m in network.modulations}
     return not reads & set(network.storage_names) and all(convex) and all(monotone)
 
 
 def _is_connected(step: _Step, guess: Tensor, z: Tensor) -> bool:
-    """Whether the residual is monotone along the way from the guess to the solution.
+    """Whether the Jacobian's determinant stays positive along the way from the guess to the solution.
 
-    Its determinant is one at ``h = 0`` and negative on the branch between two folds. Where it stays positive
-    on the way, exactly one root lies there for every shorter step too (proved in one dimension, and sampled).
+    The determinant is one at ``h = 0`` and negative on the branch between two folds. If it stays positive on the way,
+    exactly one root lies there for every shorter step too (proved in one dimension, sampled in others).
     """
     x, u = step.x, step.u
     way = torch.linspace(0.0, 1.0, _SAMPLES, dtype=x.dtype, device=x.device).reshape(-1, *[1] * x.ndim)
@@ -266,7 +268,8 @@ def _is_connected(step: _Step, guess: Tensor, z: Tensor) -> bool:
 
 
 def _line_search(step: _Step, z: Tensor, d: Tensor, residual: Tensor, scale: Tensor) -> tuple[Tensor, Tensor]:
-    """Halve the Newton step ``d`` of every member until its residual falls; those that never do stay where they are."""
+    """Halve the Newton step ``d`` of every member until its residual falls; members whose residual never falls do not
+    move."""
     before = torch.linalg.vector_norm(residual / scale, dim=-1)
     damping = torch.ones_like(before)
     best, best_residual = z, residual

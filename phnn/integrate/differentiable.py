@@ -1,11 +1,12 @@
-"""The compiled march as a differentiable torch operation with bounded memory.
+"""The compiled integration as a differentiable torch operation with bounded memory.
 
     F(X; θ, u, h) = 0,     dL/dθ = −μᵀ ∂F/∂θ,     (∂F/∂X)ᵀ μ = ∂L/∂X
 
-The march finds the states ``X`` of all steps. Backward, window by window from the end: the window is marched again from
-its first state, one compiled sweep gives the multipliers ``μ``, and one vectorised evaluation of ``F`` by the torch
-module, differentiated once, gives the gradients by all parameters, inputs and steps. The cost of a gradient hardly
-depends on how many parameters there are, and what is kept between the passes is one state a window.
+The forward pass computes the states ``X`` of all steps. The backward pass goes window by window from the end. It
+integrates the window again from its first state and computes the multipliers ``μ`` in one compiled sweep. One
+vectorised evaluation of ``F`` by the torch module, differentiated once, then gives the gradients by all parameters,
+inputs and steps. The cost of a gradient hardly depends on the number of parameters. Between the passes one state is
+kept for each window.
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ def simulate_torch(
 ) -> Tensor:
     """Integrate the steps of a system, differentiable by its parameters, ``u_mean``, ``x0`` and ``h``.
 
-    Networks that `phnn.integrate.compilable.can_compile` are solved by the compiled march, the others in torch by
-    `phnn.integrate.dense`: the same steps, and the same gradients.
+    The compiled kernel solves networks for which `phnn.integrate.compilable.can_compile` is true;
+    `phnn.integrate.dense` solves the others in torch. Steps and gradients are the same.
 
     Args:
         scheme: the discretisation.
@@ -55,8 +56,8 @@ def simulate_torch(
         (n+1, N) states at the ends of the steps, or (n+1, len(only)).
 
     Raises:
-        InputRefused: a shape that does not fit, a value that is not finite or not float64, a step that is not
-            positive, a window below one, or a storage that does not exist.
+        InputRefused: a shape that does not fit, a value that is not finite or not float64, a step that is not positive,
+            a window below one, or a storage that does not exist.
         SolverFailed: a step has no solution; names the time.
     """
     steps = torch.as_tensor(h, dtype=torch.float64).expand(u_mean.shape[:1])
@@ -76,7 +77,7 @@ def simulate_torch(
 
 
 class _Equations(nn.Module):
-    """The residual of a march as a module."""
+    """The residual of an integration as a module."""
 
     def __init__(self, system: PortHamiltonianSystem) -> None:
         super().__init__()
@@ -87,7 +88,7 @@ class _Equations(nn.Module):
 
 
 class March:
-    """A system's march in windows.
+    """The integration of a system in windows.
 
     Raises:
         SolverFailed: a step has no solution.
@@ -121,8 +122,8 @@ class March:
         done = kernel.march(self.program, self.theta, x0, u, h, states, efforts)
         if done < h.size:
             raise SolverFailed(
-                f"no solution of the step at t = {begin + h[:done].sum():.6g} s; a parameter is probably far from "
-                "physical: bound it, or use smaller steps"
+                f"no solution of the step at t = {begin + h[:done].sum():.6g} s; a parameter probably has an "
+                "unphysical value: bound it, or use smaller steps"
             )
         return states, efforts
 
@@ -142,7 +143,7 @@ class March:
             cotangent = np.zeros_like(states)
             cotangent[1:, self.wanted] = wanted[part.start + 1 : part.stop + 1]
             multipliers = np.empty((own_h.shape[0], states.shape[1] + len(self.program.junctions)))
-            march = sweep.Marched(self.program, self.theta, states, efforts, _array(own_u), _array(own_h))
+            march = sweep.Integrated(self.program, self.theta, states, efforts, _array(own_u), _array(own_h))
             _, carry = sweep.adjoint(march, none, cotangent, multipliers, carry)
             if any(needs):
                 self._add_gradients(found, part, [own_u, own_h, *parameters], states, efforts, multipliers)
@@ -156,12 +157,12 @@ class March:
         n = states.shape[1]
         with torch.enable_grad():
             arguments = (self.program, torch.from_numpy(states), torch.from_numpy(efforts), inputs[0], inputs[1])
-            # By name, because whoever called may have lent the module other parameters for the time of the call.
+            # By name, because the caller may have replaced the module's parameters for the duration of the call.
             residual = torch.func.functional_call(
                 self.equations, dict(zip(self.names, inputs[2:], strict=True)), arguments
             )
             if not residual.requires_grad:
-                # A network may hold parameters, and ports, that none of its equations reads.
+                # A network may hold parameters and ports that do not occur in any of its equations.
                 return
             # The sweep's multipliers of the balances already carry the minus sign of the implicit function theorem.
             weights = torch.from_numpy(np.hstack([-mu[:, :n], mu[:, n:]]))
@@ -174,7 +175,7 @@ class March:
 
 
 class _Implicit(torch.autograd.Function):
-    """The states of the march; backward by the adjoint sweep."""
+    """The integrated states; the backward pass is the adjoint sweep."""
 
     @staticmethod
     def forward(ctx: Any, march: March, u: Tensor, h: Tensor, x0: Tensor, *parameters: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Compiled look-up of laws by their position in the registry."""
+"""Compiled calls of laws by their number in the registry."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _PLACES = ("i0", "i1", "i2", "i3", "i4")
 # Parameters that the kernel passes to a law, and to one of a storage.
 SCALARS, STORAGE_SCALARS = 4, 5
 
-# A function of a law, how many parameters it takes, and whether it reads a block of weights instead.
+# A function of a law, the number of parameters it takes, and whether it reads a block of weights instead.
 Entry = tuple[Callable[..., Any] | None, int, bool]
 
 
@@ -21,7 +21,7 @@ def look_up(name: str, entries: Sequence[Entry], leading: int, scalars: int = SC
     """A compiled ``name(code, a_1…a_leading, theta, i0, i1, i2, i3)`` calling the function at position ``code``.
 
     Args:
-        entries: by code; a function is None where a law lacks it. One of a neural law is called with
+        entries: by code; a function is None if the law lacks it. Functions of neural laws are called with
             ``(a_1…a_leading, theta, first, units)``.
         leading: number of arguments before the parameters.
         scalars: number of places.
@@ -38,11 +38,11 @@ def look_up(name: str, entries: Sequence[Entry], leading: int, scalars: int = SC
         else:
             scope[f"f{code}"] = inline(function)
             call = f"return f{code}({', '.join([*arguments, *(f'theta[{p}]' for p in _PLACES[:count])])})"
-        # The last one needs no test, so that the function returns on every path.
+        # The last branch needs no test, so that the function returns on every path.
         lines.append(f"    {call}" if code == present[-1][0] else f"    if code == {code}:\n        {call}")
     # The text is built from positions only.
     exec("\n".join(lines), scope)
-    # Not inlined: it stands at many places, and what steps need of the common laws is resolved beforehand.
+    # Not inlined: it has many call sites, and the constants of the common laws are computed beforehand.
     return plain(scope[name])
 
 

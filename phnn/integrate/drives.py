@@ -1,26 +1,26 @@
-"""Derivatives of the slow states: what drives them, link by link of the chain.
+"""Derivatives of the modulator states, factor by factor of the chain rule.
 
     z⁺ = advanced(z, s̄; θ),     δz⁺ = ∂z⁺/∂z δz + ∂z⁺/∂θ δθ + ∂z⁺/∂s̄ Σ δ(sources)
 
-Each factor comes from complex steps through the functions that march; a leaf's power follows from the derivatives of
-its end state and its mean effort, which are known by then.
+Each factor comes from complex steps through the functions of the integration itself. The derivative of a reducible
+storage's power follows from those of its end state and mean effort, which are computed before.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+from phnn.integrate.affine import current_of
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import STIFFNESS
-from phnn.integrate.lookups import count, mean_effort, memory_decay, memory_rate, resistor_flow
 from phnn.integrate.perturbed import CURVED, KIND, ONLY_LINK, STIFF, STORAGE, parameter, perturb, places_of
-from phnn.integrate.pieces import current_of
+from phnn.integrate.table_access import count, mean_effort, memory_decay, memory_rate, resistor_flow
 from phnn.integrate.tables import (
     FIRST_SOURCE,
     IS_LINEAR,
     LAST_SOURCE,
     LEAVES,
-    MEMORIES,
+    MODULATOR_STATES,
     OWN_STORAGE,
     READ,
     SOURCE_EFFORT,
@@ -38,7 +38,7 @@ from phnn.laws.namespace import TINY
 
 @inline
 def _known_power(p: Any, d: Any, leaf: Any, current: Any, n: Any, run: Any) -> None:
-    """`_leaf_power` of a leaf that a piece serves, its storage being linear."""
+    """`_leaf_power` of a linear reducible storage whose step lies within an affine piece."""
     k, stiffness = d.kinds[leaf, STORAGE], d.values[leaf, STIFF]
     start, end, mean, rate = run.states[n, k], run.states[n + 1, k], run.efforts[n, k], 1.0 / run.h[n]
     between, moved, only = 0.5 * stiffness * (start + end), end - start, d.kinds[leaf, ONLY_LINK]
@@ -56,7 +56,7 @@ def _known_power(p: Any, d: Any, leaf: Any, current: Any, n: Any, run: Any) -> N
 
 @inline
 def _leaf_power(t: Any, p: Any, d: Any, leaf: Any, n: Any, run: Any) -> None:
-    """Add the derivatives of what the resistors of a leaf dissipate, ``i ē − ΔH/h``."""
+    """Add the derivatives of ``i ē − ΔH/h``, the power that the resistors of a reducible storage dissipate."""
     row, h = t[0, LEAVES] + leaf, run.h[n]
     k = t[row, OWN_STORAGE]
     for pair in range(p.first[leaf], p.first[leaf + 1]):
@@ -77,7 +77,7 @@ def _leaf_power(t: Any, p: Any, d: Any, leaf: Any, n: Any, run: Any) -> None:
 
 @inline
 def _junction_power(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
-    """Add the derivatives of what the junction resistor of the source in row ``s`` dissipates."""
+    """Add the derivatives of the power that the junction resistor of the source in row ``s`` dissipates."""
     r, source = t[s, SOURCE_RESISTOR], s - t[0, SOURCES]
     for place in range(p.source_first[source], p.source_first[source + 1]):
         i = p.source_input[place]
@@ -92,7 +92,7 @@ def _junction_power(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
 
 @inline
 def _signal(t: Any, p: Any, d: Any, s: Any) -> None:
-    """Add the derivatives of the effort of a leaf, the flow of a junction or the action of a port."""
+    """Add the derivatives of the effort of a reducible storage, the flow of a junction or the action of a port."""
     for leaf in range(count(t, LEAVES) if t[s, SOURCE_EFFORT] >= 0 else 0):
         if t[t[0, LEAVES] + leaf, OWN_STORAGE] == t[s, SOURCE_EFFORT]:
             for pair in range(p.first[leaf], p.first[leaf + 1]):
@@ -112,15 +112,15 @@ def _signal(t: Any, p: Any, d: Any, s: Any) -> None:
 
 @plain
 def _end(t: Any, row: Any, z: Any, drive: Any, h: Any, theta: Any) -> Any:
-    """End state of the memory in a row."""
+    """End state of the modulator state in a row."""
     stay_outside()
     return advanced(z, h, memory_rate(t, row, z, drive, theta), memory_decay(t, row, theta))
 
 
 @inline
 def memories_by(t: Any, p: Any, d: Any, k: Any, n: Any, run: Any) -> None:
-    """Fill the derivatives of memory ``k`` from those of the leaves."""
-    row, state, out, h = t[0, MEMORIES] + k, count(t, STORAGES) + k, d.by_memory[k], run.h[n]
+    """Fill the derivatives of modulator state ``k`` from those of the reducible storages."""
+    row, state, out, h = t[0, MODULATOR_STATES] + k, count(t, STORAGES) + k, d.by_modulator[k], run.h[n]
     for i in range(out.shape[0]):
         d.by_drive[i] = 0.0
     for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):

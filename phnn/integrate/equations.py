@@ -1,8 +1,8 @@
 """The equations of a step of any port-Hamiltonian system in torch, under every `phnn.integrate.scheme.Scheme`.
 
-The unknown is the end state ``x⁺``. The residual of a storage with a discrete gradient is
-``x⁺ − x − h [J ē − Σ_r b_r φ_r(b_rᵀ ē, q̄_r) + g ψ(ū)]``, that of a reducible one ``x⁺ − X(x, i)`` with the end ``X``
-that its rule gives under its current ``i``, that of a memory ``z⁺ − Z(z, s̄)`` with its exact flow.
+The unknown is the end state ``x⁺``. The residual of a storage with a discrete gradient is ``x⁺ − x − h [J ē − Σ_r b_r
+φ_r(b_rᵀ ē, q̄_r) + g ψ(ū)]``. That of a reducible storage is ``x⁺ − X(x, i)`` with the end state ``X`` that its rule
+gives under its current ``i``. That of a modulator state is ``z⁺ − Z(z, s̄)`` with its exact flow.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from torch import Tensor
 from phnn.integrate.partition import reducible, resistors_of
 from phnn.integrate.reducible import Surroundings, advanced, shares
 from phnn.integrate.scheme import Scheme
-from phnn.network import memory
+from phnn.network import modulator_states
 from phnn.network.evaluation import evaluation
 from phnn.network.incidence import combined
 from phnn.network.power import PowerBalance
@@ -26,12 +26,12 @@ _KNOWN: WeakKeyDictionary[PortHamiltonianSystem, dict[Scheme, dict[int, int]]] =
 
 
 class Means(NamedTuple):
-    """What a step leads to.
+    """Mean efforts, mid-step variables, currents and end states of a step.
 
     Attributes:
         efforts: (..., n) mean efforts.
-        middle: (..., N) what laws read: energy variables in the middle of the step, memories at its start.
-        currents, ends: by number of a reducible storage, (...) what flows into it and where it ends.
+        middle: (..., N) variables that laws read: energy variables at mid-step, modulator states at the start.
+        currents, ends: by number of a reducible storage, (...) the current into it and its end state.
     """
 
     efforts: Tensor
@@ -41,7 +41,7 @@ class Means(NamedTuple):
 
 
 def reducible_rules(system: PortHamiltonianSystem, scheme: Scheme) -> dict[int, int]:
-    """Numbers of the storages that a scheme advances by another rule than the discrete gradient, and this rule."""
+    """Numbers of the storages that a scheme advances by another rule than the discrete gradient, and these rules."""
     known = _KNOWN.setdefault(system, {})
     if scheme not in known:
         found = reducible(system.network, scheme)
@@ -53,7 +53,7 @@ def means(
     system: PortHamiltonianSystem, scheme: Scheme, x: Tensor, x_next: Tensor, u: Tensor, h: float | Tensor
 ) -> Means:
     """The mean efforts of a step from ``x`` (..., N) to ``x_next``; arguments as of `step_residual`."""
-    middle, rules = memory.between(system, x, x_next), reducible_rules(system, scheme)
+    middle, rules = modulator_states.between(system, x, x_next), reducible_rules(system, scheme)
     if not rules:
         return Means(system.mean_efforts(x, x_next), middle, {}, {})
     none = torch.zeros_like(middle[..., 0])
@@ -74,7 +74,7 @@ def means(
 
 
 def _of_one_storage(h: float | Tensor) -> float | Tensor:
-    """A step that was shaped to multiply states, shaped to multiply one of them."""
+    """A step shaped to multiply states, reshaped to multiply one of them."""
     return h[..., 0] if isinstance(h, Tensor) and h.ndim else h
 
 
@@ -86,10 +86,10 @@ def step_residual(
     h: float | Tensor,  # [s], one for all or shaped to multiply states
     scheme: Scheme = Scheme.DISCRETE_GRADIENT,
 ) -> Tensor:
-    """(..., N) what the step equation leaves: zero at its solution. All steps at once where batched over them."""
+    """(..., N) residual of the step equations: zero at their solution. Batched states give all steps at once."""
     if isinstance(system, PortHamiltonianSystem):
         return _network_residual(system, x, x_next, u, h, scheme)
-    # Any system with a discrete gradient of its own: it has no reducible storages.
+    # Any system that defines its own discrete gradient: it has no reducible storages.
     return x_next - x - h * system.rate(system.mean_efforts(x, x_next), 0.5 * (x + x_next), u)
 
 
@@ -106,13 +106,13 @@ def _network_residual(
         moved = torch.stack(columns, dim=-1)
     if not system.network.memories:
         return moved
-    drives = memory.drives(system, found.efforts, found.middle, u, _powers(system, found, x, h))
-    end = memory.ends(system, x[..., first:], drives, h)
+    drives = modulator_states.drives(system, found.efforts, found.middle, u, _powers(system, found, x, h))
+    end = modulator_states.ends(system, x[..., first:], drives, h)
     return torch.cat([moved, x_next[..., first:] - end], dim=-1)
 
 
 def _powers(system: PortHamiltonianSystem, found: Means, x: Tensor, h: float | Tensor) -> dict[int, Tensor]:
-    """By number of a resistor on a reducible storage alone, (...) what it dissipates: the first takes it for all."""
+    """(...) power dissipated on each reducible storage, under the number of its first resistor."""
     powers = {}
     for k, end in found.ends.items():
         dissipated = _dissipated(system, found, k, x[..., k], _of_one_storage(h))
@@ -153,7 +153,7 @@ def powers_of_steps(
 def sizes(
     system: PortHamiltonianSystem, scheme: Scheme, x: Tensor, z: Tensor, u: Tensor, h: float, jacobian: Tensor
 ) -> Tensor:
-    """(..., N) size of the terms that cancel in every row of the residual, and of what rounding ``x⁺`` does to it."""
+    """(..., N) size of the terms that cancel in every row of the residual, and of the effect of rounding ``x⁺``."""
     found = means(system, scheme, x, z, u, h)
     efforts, middle = found.efforts, found.middle
     branches, inputs = system.incidences(middle)
@@ -162,7 +162,7 @@ def sizes(
     conserved = (system.structure(middle).abs() @ efforts.abs().unsqueeze(-1)).squeeze(-1)
     rounding = (jacobian.abs() @ z.abs().unsqueeze(-1)).squeeze(-1)
     moved = h * (conserved + flows + forces)
-    # The end of a reducible storage is a closed form: nothing of the size of its current cancels there.
+    # The end state of a reducible storage is a closed form: its current does not cancel against another term.
     moved = torch.stack([torch.zeros_like(m) if k in found.ends else m for k, m in enumerate(moved.unbind(-1))], dim=-1)
     total, first = x.abs() + rounding, efforts.shape[-1]
     total = torch.cat([total[..., :first] + moved, total[..., first:]], dim=-1)
@@ -179,7 +179,7 @@ def jacobians(
 ) -> tuple[Tensor, Tensor]:
     """(..., N, N) derivatives of the residual by the end and by the start of the step, row by row.
 
-    Members of a batch do not see each other, so that one backward pass gives one row for all of them.
+    Members of a batch are independent, so that one backward pass gives one row for all of them.
     """
     with torch.enable_grad():
         end, start = z.detach().requires_grad_(True), x.detach().requires_grad_(True)

@@ -1,6 +1,7 @@
-"""Pieces of leaves whose thresholds follow something: coefficients as elsewhere, thresholds step by step.
+"""Affine pieces of reducible storages whose thresholds are modulated, with thresholds evaluated step by step.
 
-They hold for one slope of the resistor. Where that moves, or a derivative of it, the step is differentiated in full.
+The coefficients hold for one slope of the resistor. Where the slope or its derivative changes, the step is
+differentiated in full.
 """
 
 from __future__ import annotations
@@ -9,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from phnn.integrate.affine import current_of, exert, fill, piece_of
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import LEAK, ONE, RHO, STIFFNESS, TWO
-from phnn.integrate.lookups import resistor_thresholds
 from phnn.integrate.perturbed import ABOVE, CROSSING, RESTING, STIFF, STORAGE, parameter, perturb, places_of
-from phnn.integrate.pieces import current_of, exert, fill, piece_of
 from phnn.integrate.prepared import prepare_leaf, prepare_pairs
+from phnn.integrate.table_access import resistor_thresholds
 from phnn.integrate.tables import (
     FIRST_RESISTOR,
     LEAVES,
@@ -27,7 +28,7 @@ from phnn.laws.namespace import TINY
 
 @inline
 def _thresholds(t: Any, p: Any, d: Any, i: Any, r: Any, h: Any) -> Any:
-    """``(ρ, lo, hi)`` of the resistor in row ``r`` with input ``i`` perturbed, or none."""
+    """``(ρ, lo, hi)`` of the resistor in row ``r`` with input ``i`` perturbed; without a perturbation for ``i < 0``."""
     which, slot, act = p.active.shape[0], 0, 0
     if i >= 0:
         which, slot, act = places_of(p, d, i)
@@ -42,7 +43,7 @@ def _thresholds(t: Any, p: Any, d: Any, i: Any, r: Any, h: Any) -> Any:
 
 @plain
 def _prepare_slope(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
-    """The pieces of a leaf for the slope that its resistor has in this step."""
+    """Prepare the affine pieces of a reducible storage for the slope of its resistor in this step."""
     stay_outside()
     none, r = p.active.shape[0], t[t[0, LEAVES] + leaf, FIRST_RESISTOR]
     for k in range(none + 1):
@@ -60,7 +61,7 @@ def _prepare_slope(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
 
 @inline
 def following_leaf(t: Any, p: Any, d: Any, leaf: Any, mean: Any, h: Any) -> Any:
-    """`plain_leaf` of a leaf whose thresholds follow something, its state being loaded."""
+    """`plain_leaf` of a reducible storage with modulated thresholds; the state must have been loaded."""
     r, own = t[t[0, LEAVES] + leaf, FIRST_RESISTOR], d.values[leaf]
     of = d.whole[p.active.shape[0], leaf]
     rho, lower, upper = _thresholds(t, p, d, -1, r, h)

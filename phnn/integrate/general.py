@@ -1,4 +1,4 @@
-"""The compiled march of any network: the steps of `phnn.integrate.step` solved one after the other."""
+"""The compiled integration of any network: it solves the steps of `phnn.integrate.step` one after the other."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from phnn.integrate.compiled import inline, loop_entry
 from phnn.integrate.constants import CONSTANTS, fill_gains
-from phnn.integrate.lookups import count, is_linear, junction_storage
-from phnn.integrate.memories import advance
+from phnn.integrate.modulator_states import advance
 from phnn.integrate.program import Program
 from phnn.integrate.roots import extrapolated
 from phnn.integrate.solve import prepare, rest_guess, solve_many, solve_one
 from phnn.integrate.step import balance
-from phnn.integrate.tables import JUNCTIONS, LEAVES, MEMORIES, rows_of
+from phnn.integrate.table_access import count, is_linear, junction_storage
+from phnn.integrate.tables import JUNCTIONS, LEAVES, MODULATOR_STATES, rows_of
 from phnn.integrate.terms import EFFORT, NEXT
 
 Array = NDArray[np.float64]
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @inline
 def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> None:
-    """The unknowns of step ``n`` extrapolated from the two before it; at the start nothing changes."""
+    """Extrapolate the unknowns of step ``n`` from the two steps before it; the first step keeps its initial values."""
     if n == 0:
         rest_guess(t, theta, states[0], y)
         return
@@ -36,7 +36,7 @@ def _steps(
     t: Any, actions: Any, h: Any, states: Any, efforts: Any, values: Any, perturbed: Any, jacobian: Any, step: Any,
     own: Any,
 ) -> Any:  # fmt: skip
-    """March; the last arguments are memory."""
+    """Integrate; the last arguments are work arrays."""
     theta, c, g, a, x, y, wj, wx = values
     fill_gains(t, theta, g)
     for r in range(g.shape[0]):
@@ -62,7 +62,7 @@ def _steps(
             balance(t, theta, c, g, a, x, y, h[n], wj, wx)
         else:
             solved = solve_many(t, h[n], values, perturbed, jacobian, step, own)
-        if count(t, MEMORIES) > 0:
+        if count(t, MODULATOR_STATES) > 0:
             advance(t, theta, c, g, a, x, y, h[n], wj, wx)
         for k in range(x.shape[0]):
             states[n + 1, k] = wx[NEXT, k]

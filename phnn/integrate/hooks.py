@@ -1,18 +1,18 @@
-"""All that the package uses of numba and torchdiffeq beyond what they document, each with a way to do without.
+"""The undocumented parts of numba and torchdiffeq that the package uses, each with a fallback.
 
 =============================  =============================================  ======================================
 part                           used for                                       without it
 =============================  =============================================  ======================================
-numba ``dispatcher._cache``,   kept machine code that is checked before it    every function is compiled in memory,
-``IndexDataCacheFile``         is run                                         with a warning
+numba ``dispatcher._cache``,   checking kept machine code before it is run    every function is compiled in memory,
+``IndexDataCacheFile``                                                        with a warning
 numba option ``_nrt``          loops without reference counts                 slower loops
 torchdiffeq ``SOLVERS``,       our steps as methods of `torchdiffeq`, which   `phnn.integrate.ode.odeint` and
-``_PerturbFunc``,              find the system and the solve behind what      `compiled_method.sampled_states` take
-``_ReverseFunc``, closure of   they are given                                 the same steps, with gradients by a
+``_PerturbFunc``,              read the system and the solve from the         `compiled_method.sampled_states` take
+``_ReverseFunc``, closure of   functions they are given                       the same steps, with gradients by a
 the augmented dynamics                                                        graph
 =============================  =============================================  ======================================
 
-`missing` says which are gone.
+`missing` names the parts that the installed versions lack.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from functools import cache
 from typing import Any
 
 _HASH = hashlib.sha256().digest_size
-# By name of a part: its module, and what it is called there.
+# Name of each part: its module, and its attribute there.
 _PARTS = {
     "numba files of a cache": ("numba.core.caching", "IndexDataCacheFile"),
     "torchdiffeq methods": ("torchdiffeq._impl.odeint", "SOLVERS"),
@@ -54,7 +54,7 @@ def missing() -> list[str]:
 
 @cache
 def loop_options() -> Mapping[str, bool]:
-    """numba's options of a loop that owns no memory."""
+    """numba's options for a loop that allocates no memory."""
     from numba.core.options import DefaultOptions
 
     return {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
@@ -64,7 +64,7 @@ def check_content(dispatcher: Any) -> bool:
     """Make numba's cache of a function read and write files that begin with the hash of their content.
 
     Returns:
-        Whether that was possible; otherwise what is kept must not be used.
+        Whether that was possible; otherwise the cached files must not be used.
     """
     kept: Any = getattr(dispatcher, "_cache", None)
     given: Any = getattr(kept, "_cache_file", None)
@@ -94,7 +94,7 @@ def _checked_files() -> type:
         def _load_data(self, name: str) -> Any:
             content = self._read(self._data_path(name))
             if content is None:
-                # The caller takes it for a file that was removed.
+                # The caller treats it as a file that was removed.
                 raise FileNotFoundError(name)
             return pickle.loads(content)
 
@@ -102,7 +102,7 @@ def _checked_files() -> type:
             self._write(self._data_path(name), self._dump(data))
 
         def _read(self, path: str) -> bytes | None:
-            """The content of a file whose hash is right."""
+            """The content of a file if its hash is right."""
             try:
                 with open(path, "rb") as file:
                     content = file.read()
@@ -123,21 +123,21 @@ def _checked_files() -> type:
 
 
 def add_methods(methods: Mapping[str, type]) -> None:
-    """Make methods known to `torchdiffeq.odeint` and `torchdiffeq.odeint_adjoint`, where these can be told."""
+    """Register methods with `torchdiffeq.odeint` and `torchdiffeq.odeint_adjoint`, if they accept any."""
     if takes_methods():
         part("torchdiffeq methods").update(methods)
 
 
 def takes_methods() -> bool:
-    """Whether torchdiffeq can be given methods that find the system which they integrate."""
+    """Whether torchdiffeq accepts methods that read the system which they integrate."""
     return all(part(name) is not None for name in _PARTS if name.startswith("torchdiffeq"))
 
 
 def behind(func: Any) -> tuple[Any, Any]:
     """The right-hand side behind the function that torchdiffeq gives a method, and the wrapper of ``odeint_adjoint``.
 
-    That wrapper is new for every call and lives as long as the graph of its result: what is kept there belongs to this
-    solve alone and goes with it. Under ``odeint`` there is no wrapper: None.
+    Every call makes a new wrapper, which lives as long as the graph of its result. Attributes set on it therefore
+    belong to this solve alone. Under ``odeint`` there is no wrapper: None.
     """
     inner = func.base_func
     if isinstance(inner, part("torchdiffeq perturbed function")):
@@ -146,12 +146,12 @@ def behind(func: Any) -> tuple[Any, Any]:
 
 
 def is_reversed(func: Any) -> bool:
-    """Whether a right-hand side goes back in time."""
+    """Whether a right-hand side runs backwards in time."""
     return isinstance(func, part("torchdiffeq reversed function"))
 
 
 def augmented(func: Any) -> dict[str, Any]:
-    """What the augmented dynamics of torchdiffeq's backward pass was made of; empty for any other function."""
+    """The closure variables of the augmented dynamics of torchdiffeq's backward pass; empty for any other function."""
     while hasattr(func, "base_func"):
         func = func.base_func
     known = dict(inspect.getclosurevars(func).nonlocals) if inspect.isfunction(func) else {}

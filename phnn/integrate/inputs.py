@@ -1,4 +1,4 @@
-"""What a solve is given: shapes, types and values of initial states, inputs and steps."""
+"""Checks of the arguments of a solve: shapes, types and values of initial states, inputs and steps."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from phnn.network.system import PortHamiltonianSystem
 
 
 def port_inputs(system: PortHamiltonianSystem, u: Tensor, batch_dimensions: int) -> Tensor:
-    """(N, ..., P) inputs of all ports; inputs that are not batched serve every member of the batch."""
+    """(N, ..., P) inputs of all ports; inputs without a batch dimension serve every member of the batch."""
     count = len(system.network.ports)
     if u.ndim == 1 and count >= 1:
         u = torch.cat([u.unsqueeze(-1), u.new_zeros(u.shape[0], count - 1)], dim=-1)
@@ -18,7 +18,7 @@ def port_inputs(system: PortHamiltonianSystem, u: Tensor, batch_dimensions: int)
 
 
 def check(system: PortHamiltonianSystem, x0: Tensor, u: Tensor, h: float) -> None:
-    """Refuse an initial state, inputs of all ports (N, ..., P) or a step that no step can use."""
+    """Refuse an unsuitable initial state, inputs of all ports (N, ..., P) or step."""
     if not 0.0 < h < float("inf"):
         raise InputRefused(f"the step is {h:g} s: give a positive, finite step")
     refuse_unfit("initial state", x0)
@@ -30,7 +30,7 @@ def check(system: PortHamiltonianSystem, x0: Tensor, u: Tensor, h: float) -> Non
 
 
 def refuse_unfit(name: str, value: Tensor) -> None:
-    """Refuse what is not float64 or not finite."""
+    """Refuse a tensor that is not float64 or not finite."""
     if value.dtype != torch.float64:
         raise InputRefused(f"the {name} is {value.dtype}: convert it with .double(), the step needs 64 bits")
     if not bool(torch.isfinite(value).all()):
@@ -39,7 +39,7 @@ def refuse_unfit(name: str, value: Tensor) -> None:
 
 
 def refuse_unfit_march(system: PortHamiltonianSystem, u: Tensor, h: Tensor, x0: Tensor) -> None:
-    """Refuse shapes, types or values of inputs (n, P), steps (n,) or an initial state (N,) that cannot be marched."""
+    """Refuse unsuitable shapes, types or values of inputs (n, P), steps (n,) or an initial state (N,)."""
     states, ports = len(system.state_names), len(system.network.ports)
     for name, tensor, shape in (("initial state", x0, (states,)), ("mean input", u, (u.shape[0], ports))):
         if tuple(tensor.shape) != shape:

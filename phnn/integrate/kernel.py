@@ -1,7 +1,7 @@
-"""The compiled kernels that integrate a program, and which of them serves it.
+"""The compiled kernels that integrate a program, and the choice of the fastest one.
 
-All kernels take the same steps (`phnn.integrate.step`) and differ in speed alone. Derivatives are of those steps, so
-that `phnn.integrate.sweep` differentiates what any kernel has integrated.
+All kernels take the same steps (`phnn.integrate.step`) and differ in speed alone. `phnn.integrate.sweep` differentiates
+these steps, whichever kernel has integrated them.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class Kernel(NamedTuple):
     Attributes:
         name: short name.
         serves: whether it integrates a program.
-        march: ``(program, theta, actions, h, states, efforts) -> solved``: fills states and efforts from the state in
-            ``states[0]`` and under the actions (n, P) of the ports; returns how many steps were solved.
+        march: ``(program, theta, actions, h, states, efforts) -> solved``: fills states and efforts from the initial
+            state in ``states[0]`` under the actions (n, P) of the ports; returns the number of solved steps.
     """
 
     name: str
@@ -46,7 +46,7 @@ def kernel_for(program: Program, prefer: str | None = None) -> Kernel:
     """The fastest kernel that serves a program.
 
     Args:
-        prefer: name of another one that is to be taken.
+        prefer: name of the kernel to use instead.
 
     Raises:
         InputRefused: no kernel has that name, or it does not serve the program.
@@ -61,14 +61,14 @@ def kernel_for(program: Program, prefer: str | None = None) -> Kernel:
 
 
 def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states: Array, efforts: Array) -> int:
-    """Integrate ``n`` steps of a program by the fastest kernel; returns how many were solved.
+    """Integrate ``n`` steps of a program by the fastest kernel; returns the number of solved steps.
 
     Args:
         theta: (M,) parameters, see `Program.theta`.
-        x0: (N,) initial state, in the order of the network: storages, then memories.
+        x0: (N,) initial state, in the order of the network: storages, then modulator states.
         u: (n, P) mean inputs of the steps; h: (n,) their sizes [s].
-        states: (n+1, N) filled; efforts: (n, N) filled with the mean efforts of the storages and the mean
-            drives of the memories.
+        states: (n+1, N) filled; efforts: (n, N) filled with the mean efforts of the storages and the mean drives of the
+            modulator states.
     """
     states[0] = x0
     return kernel_for(program).march(program, theta, actions(program, theta, u), h, states, efforts)

@@ -1,8 +1,8 @@
-"""Derivatives of one step: what is affine from coefficients that hold for many steps, the rest by complex steps.
+"""Derivatives of one step: affine parts from coefficients that hold for many steps, the rest by complex steps.
 
-The linear terms of the junctions and the leaves away from their thresholds (`phnn.integrate.pieces`) take their
-derivatives from coefficients that are prepared whenever the size of the steps changes. What is left is differentiated
-block by block (`phnn.integrate.perturbed`), and memories follow from what drives them (`phnn.integrate.drives`).
+The linear terms of the junctions, and reducible storages away from their thresholds (`phnn.integrate.affine`), take
+their derivatives from coefficients. These are prepared whenever the step size changes. `phnn.integrate.perturbed`
+differentiates all other blocks one by one. `phnn.integrate.drives` differentiates the modulator states.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from phnn.integrate.affine import curved_leaf, plain_leaf
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import fill_constants, fill_gains
 from phnn.integrate.drives import memories_by
 from phnn.integrate.following import following_leaf
-from phnn.integrate.lookups import count, is_linear, junction_storage
 from phnn.integrate.perturbed import (
     CURVED,
     FOLLOWING,
@@ -28,14 +28,14 @@ from phnn.integrate.perturbed import (
     perturb,
     scale,
 )
-from phnn.integrate.pieces import curved_leaf, plain_leaf
 from phnn.integrate.prepared import part, prepare_leaf, prepare_pairs, prepare_values
+from phnn.integrate.table_access import count, is_linear, junction_storage
 from phnn.integrate.tables import (
     FROM_PORT,
     INTO_JUNCTION,
     JUNCTION_INLETS,
     LEAVES,
-    MEMORIES,
+    MODULATOR_STATES,
 )
 from phnn.integrate.terms import FORCE, junction_change, junction_flows, junction_term
 from phnn.laws.namespace import TINY
@@ -59,7 +59,7 @@ def _prepare_junctions(t: Any, p: Any, d: Any, k: Any, h: Any) -> None:
         for place in range(p.plain.shape[0]):
             if p.plain[place] < t[0, JUNCTION_INLETS]:
                 junction_term(t, p.plain[place], d.theta, d.c[k], g, d.a[0], d.x, d.y, h, d.wj)
-        # By a parameter the terms are multiples of the flow, by the flow itself they are constants.
+        # By a parameter the terms are multiples of the flow; by the flow itself they are constants.
         i, row = (n + m + k, b) if perturbed else (n + b, m)
         if perturbed:
             d.change[b, i] = change.imag / TINY
@@ -75,7 +75,7 @@ def _prepare_junctions(t: Any, p: Any, d: Any, k: Any, h: Any) -> None:
 
 @plain
 def _prepare(t: Any, p: Any, d: Any, h: Any) -> None:
-    """Everything that is the same in all steps of size ``h``."""
+    """Prepare the quantities that are the same in all steps of size ``h``."""
     stay_outside()
     known, none = d.x.shape[0] + d.y.shape[0], p.active.shape[0]
     for s in range(p.slots.shape[0]):
@@ -129,7 +129,7 @@ def _linear_terms(t: Any, p: Any, d: Any) -> None:
 
 @inline
 def derivatives_at(t: Any, p: Any, d: Any, n: Any, run: Any, fresh: Any) -> None:
-    """Fill the derivatives of step ``n``; ``fresh`` where its size differs from that of the last call."""
+    """Fill the derivatives of step ``n``; ``fresh`` if its size differs from that of the last call."""
     h = run.h[n]
     if fresh:
         _prepare(t, p, d, h)
@@ -137,7 +137,7 @@ def derivatives_at(t: Any, p: Any, d: Any, n: Any, run: Any, fresh: Any) -> None
         d.flows[j] = run.efforts[n, junction_storage(t, j)]
     load_actions(d, n, run)
     _linear_terms(t, p, d)
-    leaves, remembers = count(t, LEAVES), count(t, MEMORIES) > 0
+    leaves, remembers = count(t, LEAVES), count(t, MODULATOR_STATES) > 0
     loaded = p.terms.shape[0] > 0 or p.scaled.shape[0] > 0 or remembers
     for leaf in range(leaves):
         loaded = loaded or d.kinds[leaf, KIND] in (WHOLE, FOLLOWING)
@@ -161,5 +161,5 @@ def derivatives_at(t: Any, p: Any, d: Any, n: Any, run: Any, fresh: Any) -> None
         load(t, d, n, run)
     if left:
         in_full(t, p, d, n, run)
-    for k in range(count(t, MEMORIES)):
+    for k in range(count(t, MODULATOR_STATES)):
         memories_by(t, p, d, k, n, run)

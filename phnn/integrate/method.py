@@ -7,21 +7,22 @@
                                    adjoint_method="discrete_gradient_adjoint", adjoint_options={})
 
 ``driven`` is a `PortHamiltonianSystem` (inputs at zero) or its ``with_input(u)``, ``x0`` is (..., n). Every interval
-between two outputs is divided into the fewest equal steps that are at most ``step_size`` [s] long, one where it is
-left out: outputs are ends of steps, never interpolated, so that the power balance holds between them too. The input
-of a step is its mean by two-point Gauss–Legendre quadrature, exact for cubic ``u(t)``; the nodes lie inside the
-step, so that ``u`` may jump where steps meet. Tolerances have no meaning here and are ignored.
+between two outputs is divided into the fewest equal steps of at most ``step_size`` [s]; without ``step_size`` it is one
+step. Outputs are ends of steps and never interpolated, so that the power balance holds between them too. The input of a
+step is its mean by two-point Gauss–Legendre quadrature, exact for cubic ``u(t)``. The nodes lie inside the step, so
+that ``u`` may jump where steps meet. Tolerances have no meaning here and are ignored.
 
 A step solves ``R_k(x_k, x_{k+1}; θ) = 0`` (see `phnn.integrate.equations`), by default with
-``Scheme.DISCRETE_GRADIENT``: the option ``scheme`` takes another one. Gradients are those of the states computed,
+``Scheme.DISCRETE_GRADIENT``; the option ``scheme`` selects another one. Gradients are those of the computed states,
 
     λ_k = ∂L/∂x_k − (∂R_k/∂x_k)ᵀ μ_k,     (∂R_k/∂x_{k+1})ᵀ μ_k = λ_{k+1},     dL/dθ = −Σ_k (∂R_k/∂θ)ᵀ μ_k
 
-by ``x0`` and the parameters of the system, its laws and its input; with `odeint` also by ``t``, the number of steps
-being held. `odeint` keeps the graph of every step. `odeint_adjoint` keeps the states, goes back over these very steps
-with one transposed linear solve each, and drops them; a second pass over a retained graph marches again. The other
-adjoint methods of torchdiffeq integrate ``−λ̇ = (∂f/∂x)ᵀ λ`` backwards without knowing the steps, which is wrong
-by orders of magnitude where outputs are far apart for a decay: they are refused.
+by ``x0`` and the parameters of the system, its laws and its input; with `odeint` also by ``t``, for a fixed number of
+steps. `odeint` keeps the graph of every step. `odeint_adjoint` keeps the states, goes back over the same steps with one
+transposed linear solve each, and then drops them. A second pass over a retained graph integrates again.
+
+The other adjoint methods of torchdiffeq integrate ``−λ̇ = (∂f/∂x)ᵀ λ`` backwards with steps of their own. Where outputs
+are far apart compared with a decay time, their gradients are wrong by orders of magnitude; they are refused.
 """
 
 from __future__ import annotations
@@ -44,14 +45,14 @@ ADJOINT_METHOD = "discrete_gradient_adjoint"
 
 # Nodes of the two-point rule as shares of a step.
 _EARLY, _LATE = 0.5 - 3.0**-0.5 / 2.0, 0.5 + 3.0**-0.5 / 2.0
-# An interval of a whole number of steps must not get another one by rounding.
+# Tolerance, so that rounding does not add a step to an interval that is a whole number of steps.
 _ROUNDING = 1e-9
 # Steps whose graph the adjoint holds at a time.
 _BLOCK = 1000
 
 
 class _Solve:
-    """The steps of one solve, the states at their ends, and derivatives by what led to them.
+    """The steps of one solve, the states at their ends, and derivatives by initial state and parameters.
 
     Raises:
         InputRefused: times that are not finite float64, fewer than two, or a ``step_size`` that is not positive.
@@ -110,7 +111,7 @@ class _Solve:
         return self.path[self.output_at]
 
     def pull_back(self, i: int, wanted: Tensor, parameters: tuple[Tensor, ...]) -> tuple[Tensor, list[Tensor]]:
-        """From ∂L by the state at the end of interval ``i`` to those by the state at its start and by parameters."""
+        """Pull ``∂L`` by the state at the end of interval ``i`` back to its start and to the parameters."""
         if self.path is None:
             self.path = self.march(self.inputs())
         first, end = self.output_at[i : i + 2]
@@ -135,11 +136,11 @@ class _Solve:
 
 
 class DiscreteGradient:
-    """What torchdiffeq constructs for ``method="discrete_gradient"``.
+    """The solver that torchdiffeq constructs for ``method="discrete_gradient"``.
 
     Raises:
-        InputRefused: a right-hand side that is no port-Hamiltonian system, times that decrease, an option other
-            than ``step_size`` and ``scheme``, an event function, or gradients by ``t`` asked of the adjoint.
+        InputRefused: the right-hand side is not a port-Hamiltonian system, the times decrease, there is an option other
+            than ``step_size`` and ``scheme`` or an event function, or the adjoint is asked for gradients by ``t``.
         SolverFailed: a step has no solution; names time, state and remedy.
     """
 
@@ -173,20 +174,21 @@ class DiscreteGradient:
         if t.requires_grad:
             raise InputRefused("odeint_adjoint offers no gradients by t here: use odeint, or t.detach()")
         self.holder.solve = _Solve(self.driven, self.y0.detach(), t, self.step_size, self.scheme)
-        # Only a continuous adjoint evaluates the vector field from here on.
+        # From here on only a continuous adjoint evaluates the vector field.
         self.holder.register_forward_pre_hook(_refuse_other_adjoint)
         return self.holder.solve.recorded()
 
     def integrate_until_event(self, t0: Tensor, event_fn: Any) -> Tensor:
-        """Always refused."""
+        """Always raise: the solver supports no events."""
         raise InputRefused(f"{METHOD} does not look for events: look for them in its states")
 
 
 class DiscreteGradientAdjoint:
-    """What torchdiffeq constructs for ``adjoint_method="discrete_gradient_adjoint"``, once for every interval.
+    """The solver that torchdiffeq constructs for ``adjoint_method="discrete_gradient_adjoint"``, once for every
+    interval.
 
     Raises:
-        InputRefused: used for anything but the backward pass of ``method="discrete_gradient"``, or with options.
+        InputRefused: it is not used for the backward pass of ``method="discrete_gradient"``, or it got options.
     """
 
     def __init__(self, func: Any, y0: Tensor, **others: Any) -> None:
@@ -204,7 +206,7 @@ class DiscreteGradientAdjoint:
     def integrate(self, t: Tensor) -> Tensor:
         """(2, A) the augmented state (by t, x, by x, by parameters) at the end and the start of an interval.
 
-        Time comes negated. torchdiffeq itself replaces the state by the one that the forward solve returned.
+        torchdiffeq passes the negated time, and replaces the state by the one that the forward solve returned.
         """
         shape = self.solve.x0.shape
         size = shape.numel()
@@ -227,7 +229,7 @@ def _refuse_other_adjoint(module: Any, arguments: Any) -> None:
 
 def check_options(method: str, options: dict[str, Any], *known: str) -> None:
     """Refuse options that a method does not have."""
-    # These three torchdiffeq adds itself.
+    # torchdiffeq adds these three itself.
     unknown = sorted(set(options) - {"rtol", "atol", "norm"})
     if unknown:
         raise InputRefused(f"{method} has no option {', '.join(unknown)}: leave it out" + "".join(

@@ -1,11 +1,11 @@
-"""`torchdiffeq.odeint` with guards against the ways in which it fails silently or without a reason.
+"""`torchdiffeq.odeint` with guards against silent failures and failures without a stated reason.
 
-* a right-hand side that is not finite is reported with its time and cause, not as "underflow in dt";
-* adaptive steps stop at the times where the input jumps, so that a short pulse is never stepped over;
-* only dopri5 interpolates outputs as accurately as it steps: the steps of the other methods end at the outputs;
-* the continuous adjoint integrates backwards, where a decay at rate r grows by exp(r Δt) between two outputs:
-  it is refused where that is so much that its gradients would be wrong. The power-preserving step has an adjoint
-  of its own, the transpose of its steps, which is exact at any spacing (`phnn.integrate.method`).
+* A right-hand side that is not finite is reported with its time and cause, not as "underflow in dt".
+* Adaptive steps stop at the times where the input jumps, so that no short pulse is stepped over.
+* Only dopri5 interpolates outputs as accurately as it steps; the steps of the other methods end at the outputs.
+* The continuous adjoint integrates backwards, where a decay at rate r grows by exp(r Δt) between two outputs. It is
+refused if that growth makes its gradients wrong. The power-preserving step has its own adjoint, the transpose of its
+steps, which is exact at any spacing (`phnn.integrate.method`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ADAPTIVE = ("dopri5", "dopri8", "bosh3", "adaptive_heun", "fehlberg2")
 FIXED = ("euler", "midpoint", "heun2", "heun3", "rk4")
 
 _MAX_STEPS = 1_000_000
-# A state of this size was reached by instability, not by a law that fails at ordinary values.
+# A state of this size is the result of instability, not of a law that fails at ordinary values.
 _ASTRONOMIC = 1e30
 
 
@@ -87,14 +87,14 @@ def odeint(
 def _solved(watched: _Watched, x0: Tensor, t: Tensor, adjoint: bool, chosen: dict[str, Any]) -> Tensor:
     if not adjoint:
         return torchdiffeq.odeint(watched, x0, t, **chosen)
-    # The augmented state has other components, so that only a number can be its tolerance.
+    # The augmented state has other components, so that its tolerance must be a number.
     return torchdiffeq.odeint_adjoint(
         watched, x0, t, **chosen, adjoint_atol=float(torch.as_tensor(chosen["atol"]).min())
     )
 
 
 def _power_preserving(system: nn.Module, x0: Tensor, t: Tensor, adjoint: bool, options: dict[str, Any]) -> Tensor:
-    """The step of a port-Hamiltonian system, which is not watched: it names its failures itself."""
+    """Integrate by the step of a port-Hamiltonian system, without `_Watched`: it reports its failures itself."""
     if not hooks.takes_methods():
         return solve(system, x0, t, **options)  # type: ignore[arg-type]
     if not adjoint:
@@ -105,7 +105,7 @@ def _power_preserving(system: nn.Module, x0: Tensor, t: Tensor, adjoint: bool, o
 
 
 class _Watched(nn.Module):
-    """The right-hand side, noting where the solver has been and the first value that was not finite."""
+    """The right-hand side; it records the latest time and the first value that was not finite."""
 
     def __init__(self, system: nn.Module, remember: bool) -> None:
         super().__init__()
@@ -171,7 +171,7 @@ def _inside(jump_t: Tensor | None, t: Tensor) -> Tensor:
 
 
 def _options(method: str, t: Tensor, jumps: Tensor, max_steps: int) -> dict[str, Any]:
-    """Options of the step control; a fixed grid has none, but must see either side of a jump at an output time."""
+    """Options of the step control. A fixed grid needs none but to see both sides of a jump at an output."""
     if method in FIXED:
         return {"perturb": True}
     options: dict[str, Any] = {"max_num_steps": max_steps, "jump_t": jumps}
@@ -181,7 +181,7 @@ def _options(method: str, t: Tensor, jumps: Tensor, max_steps: int) -> dict[str,
 
 
 def _check_jumps(watched: _Watched, jumps: Tensor) -> None:
-    """Every jump began a step: torchdiffeq forgets all later ones once a step ends on one by coincidence."""
+    """Check that every jump began a step: torchdiffeq forgets all later ones once a step ends on one."""
     begun = {float(time) for time, _ in watched.visited}
     for jump in jumps.tolist():
         if jump not in begun:
@@ -189,7 +189,7 @@ def _check_jumps(watched: _Watched, jumps: Tensor) -> None:
 
 
 def _check_first(watched: _Watched, t: Tensor, x0: Tensor, adjoint: bool) -> None:
-    """The first evaluation must be finite, and for the adjoint depend on nothing that it does not know."""
+    """Check that the first evaluation is finite and, for the adjoint, depends only on registered parameters."""
     with torch.enable_grad():
         rate = watched(t[0].detach(), x0.detach())
     if watched.first_bad is not None:
@@ -198,10 +198,10 @@ def _check_first(watched: _Watched, t: Tensor, x0: Tensor, adjoint: bool) -> Non
         raise InputRefused(f"the right-hand side has shape {tuple(rate.shape)} for a state of shape {tuple(x0.shape)}")
     if adjoint:
         known = {id(p) for p in watched.parameters()}
-        for leaf in _leaves(rate):
-            if id(leaf) not in known:
+        for tensor in _leaves(rate):
+            if id(tensor) not in known:
                 raise InputRefused(
-                    f"a tensor of shape {tuple(leaf.shape)} that requires a gradient is used but is no parameter of "
+                    f"a tensor of shape {tuple(tensor.shape)} that requires a gradient is used but is no parameter of "
                     "the module: the adjoint would leave its gradient out; register it (an input as nn.Module), or "
                     "use adjoint=False"
                 )
@@ -222,7 +222,7 @@ def _leaves(output: Tensor) -> list[Tensor]:
 
 
 def _why_not_finite(watched: _Watched, t: Tensor, x: Tensor) -> str:
-    """What is not finite: a parameter, the state, the input, or the right-hand side itself."""
+    """Name the first cause that is not finite: a parameter, the state, the input, or the right-hand side itself."""
     for name, parameter in watched.system.named_parameters():
         if not bool(torch.isfinite(parameter).all()):
             return f"the right-hand side is not finite because the parameter {name} is not: lower the learning rate"
@@ -261,7 +261,7 @@ def _cause_of_stop(watched: _Watched, message: str, max_steps: int) -> str:
 
 
 def _check_finite(watched: _Watched, xs: Tensor, t: Tensor, method: str) -> None:
-    """Every state of the solution must be finite."""
+    """Check that every state of the solution is finite."""
     finite = torch.isfinite(xs)
     if bool(finite.all()):
         return

@@ -1,12 +1,13 @@
-"""What the unknowns of a step are.
+"""The partition of the storages, which determines the unknowns of a step.
 
-The storages are split into *junctions*, whose mean efforts ``v̄`` are the unknowns of a step, and *leaves*, which
-hang on junctions only: under constant ``v̄`` each leaf is a scalar problem of its own,
+*Junctions* are the storages whose mean efforts ``v̄`` are the unknowns of a step. All others are *reducible*: each is
+coupled to junctions only, so that under constant ``v̄`` it obeys a scalar equation of its own,
 
     ẋ_l = i_l − Σ_r b_r φ_r(b_r E_l(x_l)),     i_l = Σ_j a_lj v̄_j + Σ_p g_lp ψ_p(u_p).
 
-The junctions cover every coupling (a vertex cover of the graph of J) and every resistor that joins several storages,
-so the equation to solve has as many unknowns as there are junctions: one for the actuator, whatever its hysterons.
+Every coupling has a junction at one end at least (a vertex cover of the graph of J), and a resistor that joins several
+storages joins junctions only. The equation to solve has as many unknowns as there are junctions: one for the actuator,
+for any number of hysterons.
 """
 
 from __future__ import annotations
@@ -26,28 +27,29 @@ LINEAR_RESISTOR_CODES = tuple(code for code, name in enumerate(RESISTOR_LAWS) if
 
 
 def junctions_of(network: Network) -> tuple[str, ...]:
-    """The storages whose efforts are the unknowns of a step, in the order of the network."""
+    """The storages whose mean efforts are the unknowns of a step, in the order of the network."""
     forced = {name for r in network.resistors if len(r.on) > 1 for name in r.on}
     if (given := imposed(network)) is not None:
-        # Between them stands no energy to speak of: force and velocity are both unknowns.
+        # The rigid contact between them stores hardly any energy: both its force and the velocity are unknowns.
         forced |= {given.contact, given.motion.momentum}
     lossy = {name for r in network.resistors for name in r.on}
     edges = [{c.to, c.of} for c in network.couplings if c.to != c.of]
-    # What follows a memory is known before the step.
+    # A ratio that follows a modulator state is known before the step.
     modulated = {m.ratio for m in network.modulations if m.by in network.storage_names}
     reads = {r.modulated_by for r in network.resistors} | {m.by for m in network.modulations}
     following = {n for c in network.couplings if c.ratio in modulated for n in (c.to, c.of)}
     following |= {n for p in network.ports for n, ratio in p.on.items() if ratio in modulated}
-    # What laws read at mid-step has to be known from the unknowns alone.
+    # Laws read these storages at mid-step, so that the unknowns alone must determine them.
     forced |= {name for name in reads if name is not None and (name in lossy or name in following)}
     order, chosen = network.storage_names, set(forced)
     linear = {s.name: is_linear(s) for s in network.storages}
     while open_edges := [e for e in edges if not e & chosen]:
         degrees = {n: sum(n in e for e in open_edges) for n in order}
-        # Among equals a linear storage, whose end state follows from its effort, and by custom the momentum comes last.
+        # Among equals, prefer a linear storage, whose end state follows from its effort; then, by convention, the last
+        # (the momentum).
         chosen.add(max(order, key=lambda n: (degrees[n], linear[n], order.index(n))))
     for name in order:
-        # One that was chosen early may be coupled with junctions only: as a leaf it is no unknown.
+        # A storage that was chosen early may be coupled with junctions only: as a reducible storage it adds no unknown.
         if name in chosen - forced and all(e & (chosen - {name}) for e in edges):
             chosen.remove(name)
     return tuple(n for n in order if n in chosen)
@@ -64,7 +66,7 @@ def is_leak(resistor: Resistor) -> bool:
 
 
 def exact_order(places: Sequence[int], resistors: Sequence[Resistor]) -> list[int]:
-    """The resistors of a leaf in the order in which the kernel has them: leaks after the one with a dead zone."""
+    """The resistors of a reducible storage in the order of the kernel: linear ones after the one with a dead zone."""
     return sorted(places, key=lambda r: is_leak(resistors[r]))
 
 
@@ -74,7 +76,7 @@ def resistors_of(network: Network, storage: str) -> list[int]:
 
 
 def rule_of(network: Network, storage: str, scheme: Scheme) -> int:
-    """How a leaf is advanced under a scheme: ``LOSSLESS``, ``EXACT``, ``RADAU`` or ``GRADIENT`` of the tables."""
+    """The rule that advances a reducible storage: ``LOSSLESS``, ``EXACT``, ``RADAU`` or ``GRADIENT`` of the tables."""
     resistors = [network.resistors[k] for k in resistors_of(network, storage)]
     if not resistors:
         return LOSSLESS
@@ -94,7 +96,7 @@ def reducible(network: Network, scheme: Scheme) -> dict[str, int]:
 
 
 def merged_couplings(network: Network) -> dict[tuple[str, str, Ratio], int]:
-    """How often every ratio couples two storages; what runs against itself cancels here, not in rounded sums."""
+    """How often every ratio couples two storages. Opposite couplings cancel here and leave no rounding errors."""
     order = network.storage_names
     times: dict[tuple[str, str, Ratio], int] = {}
     for c in network.couplings:

@@ -1,4 +1,4 @@
-"""Where the derivatives of a step are not zero, as arrays that the compiled sweeps read."""
+"""The sparsity pattern of a step's derivatives, as arrays that the compiled sweeps read."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Integers = NDArray[np.int64]
 
 
 class Run(NamedTuple):
-    """A march, and how its ports' actions follow the parameters in their laws.
+    """An integrated program, and how its ports' actions follow the parameters in their laws.
 
     Attributes:
         states: (n+1, N); efforts: (n, N); h: (n,) sizes of the steps [s].
@@ -38,22 +38,23 @@ class Run(NamedTuple):
 
 
 class Pattern(NamedTuple):
-    """Where the derivatives of a step by states, unknowns and some parameters are not zero, inputs in that order.
+    """The nonzero derivatives of a step by states, unknowns and some parameters; inputs are numbered in that order.
 
-    A leaf and an input that its equations contain are a *pair*; pairs are listed leaf by leaf, inputs increasing. Every
-    other list is cut in the same way: entries ``first[k]`` to ``first[k+1]`` belong to element ``k``.
+    A reducible storage and an input that its equations contain are a *pair*. Pairs are listed storage by storage,
+    inputs increasing. Every other list is cut in the same way: entries ``first[k]`` to ``first[k+1]`` belong to element
+    ``k``.
 
     Attributes:
-        active: (K,) places in theta.
+        active: (K,) indices into theta.
         in_ports: (K,) number of a parameter among those in port laws, −1 for the others.
         first, input: of the pairs.
-        shifts: (pairs,) whether an input changes the leaf's current, but for unknowns of junctions at a constant ratio;
-            follows: (pairs,) whether it changes the thresholds of a leaf that reads something.
-        affine, varies: (L,) see `phnn.integrate.uses`; reads: (L,) whether thresholds read something.
+        shifts: (pairs,) whether an input changes the storage's current, except for unknowns of junctions at a constant
+            ratio; follows: (pairs,) whether it changes the modulated thresholds of the storage.
+        affine, varies: (L,) see `phnn.integrate.sparsity`; reads: (L,) whether thresholds are modulated.
         plain: (R,) rows of the junctions' linear terms; terms: (T,) rows of the others, and their inputs.
         slots: (G,) inputs that change a ratio, the first −1 for none; slot: (I,) the place of an input among them.
-        scaled: rows whose ratio follows something.
-        memory, source: inputs of every memory's law and of every source.
+        scaled: rows with a modulated ratio.
+        memory, source: inputs of the law of every modulator state and of every source.
     """
 
     active: Integers
@@ -80,19 +81,20 @@ class Pattern(NamedTuple):
 
 @lru_cache(maxsize=256)
 def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
-    """The pattern of a program for the parameters at some places."""
-    table, uses, known = program.table, program.uses, len(program.states) + len(program.junctions)
+    """The pattern of a program for the parameters at some entries of theta."""
+    table, sparsity, known = program.table, program.sparsity, len(program.states) + len(program.junctions)
     inputs = [*range(known), *(known + place for place in active)]
     in_ports = np.isin(active, rows_of(table, PORTS)[:, PLACE_1 : PLACE_4 + 1])
-    first, given = _listed(uses.leaves, inputs)
-    leaf = np.repeat(np.arange(len(uses.leaves)), np.diff(first))
+    first, given = _listed(sparsity.leaves, inputs)
+    leaf = np.repeat(np.arange(len(sparsity.leaves)), np.diff(first))
     names = np.array(inputs, dtype=np.int64)[given]
     by_current = [
-        (name >= known or uses.varies[k]) and name in uses.currents[k] for k, name in zip(leaf, names, strict=True)
+        (name >= known or sparsity.varies[k]) and name in sparsity.currents[k]
+        for k, name in zip(leaf, names, strict=True)
     ]
-    by_threshold = [name in uses.thresholds[k] for k, name in zip(leaf, names, strict=True)]
+    by_threshold = [name in sparsity.thresholds[k] for k, name in zip(leaf, names, strict=True)]
     ratios = {known + int(place) for place in table[1:, RATIO] if place >= 0}
-    slots = [i for i, name in enumerate(inputs) if name in ratios or name in uses.gains]
+    slots = [i for i, name in enumerate(inputs) if name in ratios or name in sparsity.gains]
     slot = np.zeros(len(inputs), dtype=np.int64)
     slot[slots] = 1 + np.arange(len(slots))
     return Pattern(
@@ -102,22 +104,22 @@ def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
         given,
         np.array(by_current, dtype=np.bool_),
         np.array(by_threshold, dtype=np.bool_),
-        np.array(uses.affine, dtype=np.bool_),
-        np.array(uses.varies, dtype=np.bool_),
-        np.array([bool(found) for found in uses.thresholds], dtype=np.bool_),
-        np.array(uses.plain, dtype=np.int64),
-        np.array(list(uses.others), dtype=np.int64),
-        *_listed(uses.others.values(), inputs),
+        np.array(sparsity.affine, dtype=np.bool_),
+        np.array(sparsity.varies, dtype=np.bool_),
+        np.array([bool(found) for found in sparsity.thresholds], dtype=np.bool_),
+        np.array(sparsity.plain, dtype=np.int64),
+        np.array(list(sparsity.others), dtype=np.int64),
+        *_listed(sparsity.others.values(), inputs),
         np.array([-1, *slots], dtype=np.int64),
         slot,
-        np.array(uses.scaled, dtype=np.int64),
-        *_listed(uses.memories, inputs),
-        *_listed(uses.sources, inputs),
+        np.array(sparsity.scaled, dtype=np.int64),
+        *_listed(sparsity.modulators, inputs),
+        *_listed(sparsity.sources, inputs),
     )
 
 
 def _listed(sets: Iterable[frozenset[int]], inputs: list[int]) -> tuple[Integers, Integers]:
-    """Where the list of every set begins, and all lists: numbers of the inputs that are in it."""
+    """The start of every set's list, and all lists one after the other: numbers of the inputs in each set."""
     lists = [[i for i, name in enumerate(inputs) if name in found] for found in sets]
     first = np.cumsum([0, *map(len, lists)])
     return first.astype(np.int64), np.array([i for found in lists for i in found], dtype=np.int64)

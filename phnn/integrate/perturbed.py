@@ -1,8 +1,9 @@
-"""Blocks of a step differentiated in full: complex steps through the very functions that march.
+"""Blocks of a step differentiated in full: complex steps through the functions of the integration itself.
 
-A step maps inputs — states, unknowns, parameters — to the end states of leaves and memories, the changes of junction
-states and the balance ``F``. Every leaf is a block, and so is every term of the junctions that is not linear;
-`phnn.integrate.uses` says which block contains which input, so that a block is perturbed by those alone.
+A step maps inputs — states, unknowns, parameters — to the end states of reducible storages and modulator states, the
+changes of junction states and the balance ``F``. Every reducible storage is a block, and so is every term of the
+junctions that is not linear. `phnn.integrate.sparsity` lists the inputs of each block, so that a block is perturbed by
+these alone.
 """
 
 from __future__ import annotations
@@ -14,16 +15,16 @@ from numpy.typing import NDArray
 
 from phnn.integrate.compiled import inline
 from phnn.integrate.constants import CONSTANTS
-from phnn.integrate.lookups import count, factor, is_linear, junction_storage
 from phnn.integrate.pattern import Pattern, Run
 from phnn.integrate.step import is_closed, leaf_closed, leaf_moved, leaf_search
+from phnn.integrate.table_access import count, factor, is_linear, junction_storage
 from phnn.integrate.tables import (
     FACTORS,
     FIRST_LINK,
     JUNCTIONS,
     LAST_LINK,
     LEAVES,
-    MEMORIES,
+    MODULATOR_STATES,
     RATIO,
     RATIO_PLACE,
     READ,
@@ -37,43 +38,44 @@ from phnn.laws.namespace import TINY
 
 Array = NDArray[np.float64]
 
-# Of what its state, its current and its threshold lead to at the end of a step and on average.
+# Of state, current and threshold, for the end state and for the mean effort.
 COEFFICIENTS = 6
-# Where a leaf spends a step.
+# The affine piece on which a reducible storage spends a step; CROSSING if it meets a threshold.
 RESTING, ABOVE, BELOW, CROSSING = range(4)
 _PIECES = 3
-# How a leaf is differentiated: in full alone; by pieces where no threshold is met; by one piece without thresholds; as
-# a lossless leaf whose law is curved; by pieces whose thresholds follow something.
+# How a reducible storage is differentiated: always in full; by pieces where it meets no threshold; by one piece without
+# thresholds; as a lossless storage with a nonlinear law; by pieces with modulated thresholds.
 WHOLE, PIECEWISE, ONE_PIECE, CURVED, FOLLOWING = range(5)
-# Columns of a leaf's kinds and of its values.
+# Columns of ``kinds`` and of ``values``.
 STORAGE, KIND, ONLY_LINK, SHIFTS = range(4)
 STIFF, LEAKS, LOWER, UPPER, TIMES = range(5)
 
 
 class Derivatives(NamedTuple):
-    """Memory for the derivatives of one step by I inputs, K of them parameters.
+    """Work arrays for the derivatives of one step by I inputs, K of them parameters.
 
     Attributes:
         theta, x, y: as of `phnn.integrate.step`, complex; wj: (4, m).
-        a: (1+S, P) actions, then perturbed by each parameter of a port law.
-        c: (K+1, L+m, 9) constants with one parameter perturbed each, and last with none.
-        g: (G, rows) ratios with none, then each of the inputs perturbed that change one.
-        found: (L, 4) what solves the leaves without a closed solution.
-        whole: (K+1, L, 3, 6) derivatives by each parameter, and last the values, of the coefficients of every piece.
-        affine: (pairs, 3, 8) the derivatives of each pair, end state and mean effort, as functions of state, of the
-            flow through the only link or the current where there are others, threshold and 1.
-        slope: (L,) of the resistor for which the pieces were prepared where it may follow something, NaN for none;
-            slopes: (pairs,) its derivatives; thresholds: (pairs,) those of the threshold in this step.
-        kinds: (L, 4) of a leaf: its storage, how it is differentiated, the junction of its only link (−1: it has others
-            or inlets, or the ratio follows something), whether an input shifts its current; values: (L, 5) its
-            stiffness, leak and thresholds and the ratio of that link.
-        by_ratio: (pairs,) the derivatives of that ratio; by_current: (pairs,) those of the current but for these.
-        junction: (m, m+1, I) the derivatives of the linear terms of ``F`` as functions of flows and 1;
-            change: (m, I) those of ``z − p`` by parameters as multiples of the junction's own flow.
-        flows: (m,) mean efforts of the junctions; todo: (L,) leaves to be differentiated in full.
-        by_leaf, by_mean: (pairs,) of the leaves' end states and mean efforts, as listed by the pattern.
-        by_force, by_change: (m, I) of ``F`` and of ``z − p``; by_memory: (M, I) of the memories' end states; by_drive:
-            (I,) of what drives one of them.
+        a: (1+S, P) actions, first unperturbed, then perturbed by each parameter of a port law.
+        c: (K+1, L+m, 9) constants, perturbed by one parameter each; the last ones are unperturbed.
+        g: (G, rows) ratios, first unperturbed, then perturbed by each input that changes one.
+        found: (L, 4) solutions of the storages without a closed form.
+        whole: (K+1, L, 3, 6) derivatives of the coefficients of every piece by each parameter; last, their values.
+        affine: (pairs, 3, 8) derivatives of end state and mean effort for each pair, as coefficients of the state, of
+            the flow through the only link (or of the current if there are others), of the threshold and of 1.
+        slope: (L,) slope of a modulated resistor for which the pieces were prepared, NaN for none; slopes: (pairs,) its
+            derivatives; thresholds: (pairs,) derivatives of the threshold in this step.
+        kinds: (L, 4) of a reducible storage: its number, how it is differentiated, the junction of its only link (−1
+            with other links, with inlets or a modulated ratio), whether an input shifts its current; values: (L, 5) its
+            stiffness, leak and thresholds, and the ratio of that link.
+        by_ratio: (pairs,) the derivatives of that ratio; by_current: (pairs,) the other derivatives of the current.
+        junction: (m, m+1, I) the derivatives of the linear terms of ``F`` as functions of flows and 1; change: (m, I)
+            those of ``z − p`` by parameters as multiples of the junction's own flow.
+        flows: (m,) mean efforts of the junctions; todo: (L,) reducible storages to be differentiated in full.
+        by_leaf, by_mean: (pairs,) of the end states and mean efforts of the reducible storages, as listed by the
+            pattern.
+        by_force, by_change: (m, I) of ``F`` and of ``z − p``; by_modulator: (M, I) of the modulator states' end states;
+            by_drive: (I,) of the drive of one modulator state.
     """
 
     theta: Any
@@ -101,12 +103,12 @@ class Derivatives(NamedTuple):
     by_mean: Any
     by_force: Any
     by_change: Any
-    by_memory: Any
+    by_modulator: Any
     by_drive: Any
 
 
 def new_derivatives(t: Integers, p: Pattern, theta: Array, run: Run) -> Derivatives:
-    """Memory for a network and a pattern."""
+    """Allocate the work arrays for a network and a pattern."""
     m, leaves, pairs, inputs = len(rows_of(t, JUNCTIONS)), len(rows_of(t, LEAVES)), p.input.size, p.slot.size
     with_none, states = p.active.size + 1, run.states.shape[1]
     return Derivatives(
@@ -135,20 +137,20 @@ def new_derivatives(t: Integers, p: Pattern, theta: Array, run: Run) -> Derivati
         np.zeros(pairs),
         np.zeros((m, inputs)),
         np.zeros((m, inputs)),
-        np.zeros((len(rows_of(t, MEMORIES)), inputs)),
+        np.zeros((len(rows_of(t, MODULATOR_STATES)), inputs)),
         np.zeros(inputs),
     )
 
 
 @inline
 def parameter(d: Any, i: Any) -> Any:
-    """Number of the parameter that input ``i`` is; negative for states and unknowns."""
+    """Number of the parameter that input ``i`` is; negative if it is a state or an unknown."""
     return i - d.x.shape[0] - d.y.shape[0]
 
 
 @inline
 def perturb(p: Any, d: Any, i: Any, by: Any) -> None:
-    """Give input ``i`` an imaginary part; 0 takes it away again."""
+    """Give input ``i`` an imaginary part; 0 removes it again."""
     k = parameter(d, i)
     if k >= 0:
         d.theta[p.active[k]] = complex(d.theta[p.active[k]].real, by)
@@ -160,14 +162,14 @@ def perturb(p: Any, d: Any, i: Any, by: Any) -> None:
 
 @inline
 def places_of(p: Any, d: Any, i: Any) -> Any:
-    """The rows of constants, ratios and actions that hold with input ``i`` perturbed."""
+    """The rows of constants, ratios and actions that belong to the perturbation of input ``i``."""
     k = parameter(d, i)
     return (k, p.slot[i], 1 + p.in_ports[k]) if k >= 0 else (p.active.shape[0], p.slot[i], 0)
 
 
 @inline
 def load_actions(d: Any, n: Any, run: Any) -> None:
-    """The actions of a step; only those by parameters of port laws are perturbed."""
+    """Load the actions of a step; only those by parameters of port laws are perturbed."""
     for port in range(d.a.shape[1]):
         d.a[0, port] = complex(run.actions[n, port], 0.0)
         for s in range(run.by_port.shape[0]):
@@ -176,7 +178,7 @@ def load_actions(d: Any, n: Any, run: Any) -> None:
 
 @inline
 def load(t: Any, d: Any, n: Any, run: Any) -> None:
-    """State and unknowns of a step."""
+    """Load state and unknowns of a step."""
     for k in range(d.x.shape[0]):
         d.x[k] = complex(run.states[n, k], 0.0)
     for j in range(d.y.shape[0]):
@@ -186,7 +188,7 @@ def load(t: Any, d: Any, n: Any, run: Any) -> None:
 
 @inline
 def scale(t: Any, p: Any, d: Any, h: Any) -> None:
-    """Set the ratios that follow something to what they are in this step, see `phnn.integrate.step.modulate`."""
+    """Set the modulated ratios to their values in this step, see `phnn.integrate.step.modulate`."""
     for s in range(p.slots.shape[0]):
         i, g = p.slots[s], d.g[s]
         which, act = p.active.shape[0], 0
@@ -226,7 +228,7 @@ def terms_in_full(t: Any, p: Any, d: Any, h: Any) -> None:
 
 @inline
 def leaf_in_full(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
-    """Fill the derivatives of a leaf."""
+    """Fill the derivatives of a reducible storage."""
     none, row = p.active.shape[0], t[0, LEAVES] + leaf
     closed = is_closed(t, leaf)
     found = (0.0, 0.0, 0.0, 0.0)
@@ -253,7 +255,7 @@ def leaf_in_full(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
 
 @inline
 def in_full(t: Any, p: Any, d: Any, n: Any, run: Any) -> None:
-    """Everything of step ``n`` that no piece serves."""
+    """Differentiate the blocks of step ``n`` that lie within no affine piece."""
     terms_in_full(t, p, d, run.h[n])
     for leaf in range(count(t, LEAVES)):
         if d.todo[leaf]:

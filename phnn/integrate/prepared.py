@@ -1,4 +1,4 @@
-"""What many steps of a leaf have in common: the coefficients of its pieces, see `phnn.integrate.pieces`."""
+"""Coefficients of the affine pieces of a reducible storage, which many steps share; see `phnn.integrate.affine`."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ from phnn.laws.namespace import TINY
 
 @inline
 def _term(piece: Any, h: Any, c: Any, term: Any) -> Any:
-    """One term of a piece as complex numbers: what a state, a current or a threshold of one leads to by itself."""
+    """One coefficient of a piece as complex numbers: end state and mean effort for a unit state, current or
+    threshold."""
     none, unit = 0.0 * c[STIFFNESS], 1.0 + 0.0 * c[STIFFNESS]
     x, current, threshold = unit if term == 0 else none, unit if term == 1 else none, unit if term == 2 else none
     if piece == RESTING:
@@ -53,13 +54,13 @@ def _term(piece: Any, h: Any, c: Any, term: Any) -> Any:
 
 @inline
 def part(z: Any, perturbed: Any) -> Any:
-    """The derivative along a perturbation, or the value where there is none."""
+    """The derivative along a perturbation; the value if nothing is perturbed."""
     return z.imag / TINY if perturbed else z.real
 
 
 @plain
 def prepare_leaf(d: Any, k: Any, perturbed: Any, leaf: Any, h: Any) -> None:
-    """The coefficients of a leaf's pieces with parameter ``k`` perturbed."""
+    """Fill the coefficients of a reducible storage's pieces with parameter ``k`` perturbed."""
     stay_outside()
     for piece in range(3):
         for term in range(3):
@@ -70,7 +71,7 @@ def prepare_leaf(d: Any, k: Any, perturbed: Any, leaf: Any, h: Any) -> None:
 
 @plain
 def prepare_pairs(t: Any, p: Any, d: Any, leaf: Any) -> None:
-    """The derivatives of a leaf's pairs as far as they stay the same, its values being prepared."""
+    """Fill the constant parts of the derivatives of a storage's pairs; `prepare_values` must come first."""
     stay_outside()
     row, none, n = t[0, LEAVES] + leaf, p.active.shape[0], d.x.shape[0]
     only = d.kinds[leaf, ONLY_LINK] >= 0
@@ -78,7 +79,7 @@ def prepare_pairs(t: Any, p: Any, d: Any, leaf: Any) -> None:
     for pair in range(p.first[leaf], p.first[leaf + 1]):
         i = p.input[pair]
         k = parameter(d, i)
-        # By how much an unknown moves the current.
+        # Derivative of the current by the unknown.
         d.by_current[pair], d.by_ratio[pair] = 0.0, 0.0
         for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
             d.by_current[pair] += d.g[0, r].real if i == n + t[r, TO_JUNCTION] and not p.varies[leaf] else 0.0
@@ -99,7 +100,7 @@ def prepare_pairs(t: Any, p: Any, d: Any, leaf: Any) -> None:
 
 @plain
 def prepare_values(t: Any, p: Any, d: Any, leaf: Any) -> None:
-    """What a leaf is and has, in one place."""
+    """Fill the kinds and values of a reducible storage."""
     stay_outside()
     row, c, kind, own = t[0, LEAVES] + leaf, d.c[p.active.shape[0], leaf], d.kinds[leaf], d.values[leaf]
     kind[STORAGE], kind[ONLY_LINK], kind[SHIFTS] = t[row, OWN_STORAGE], -1, 0
@@ -107,7 +108,7 @@ def prepare_values(t: Any, p: Any, d: Any, leaf: Any) -> None:
         if p.shifts[pair]:
             kind[SHIFTS] = 1
     if t[row, LAST_LINK] - t[row, FIRST_LINK] == 1 and t[row, LAST_INLET] == t[row, FIRST_INLET] and not p.varies[leaf]:
-        # What parameters change of its ratio is among the coefficients.
+        # The coefficients already contain the derivatives of the ratio by parameters.
         kind[ONLY_LINK], kind[SHIFTS] = t[t[row, FIRST_LINK], TO_JUNCTION], 0
         own[TIMES] = d.g[0, t[row, FIRST_LINK]].real
     kind[KIND] = WHOLE

@@ -1,6 +1,6 @@
-"""From a network to the integer tables that the compiled kernel marches.
+"""Translation of a network to the integer tables that the compiled kernel reads.
 
-Which storage is a junction and which is a leaf: see `phnn.integrate.partition`.
+`phnn.integrate.partition` decides which storages are junctions and which are reducible.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from phnn.integrate.dispatch import SCALARS, STORAGE_SCALARS
 from phnn.integrate.partition import is_linear, junctions_of, merged_couplings, resistors_of, rule_of
 from phnn.integrate.scheme import Scheme
 from phnn.integrate.sources import source_rows
+from phnn.integrate.sparsity import Sparsity, sparsity_of
 from phnn.integrate.tables import (
     BRANCHES,
     FACTORS,
@@ -40,7 +41,7 @@ from phnn.integrate.tables import (
     LEAVES,
     LINKS,
     LOSSLESS,
-    MEMORIES,
+    MODULATOR_STATES,
     NONE,
     OWN_STORAGE,
     PORTS,
@@ -55,11 +56,10 @@ from phnn.integrate.tables import (
     rows_of,
     stack,
 )
-from phnn.integrate.uses import Uses, uses_of
 from phnn.network.elements import Network, Ratio, Resistor, Storage
 from phnn.network.roles import imposed
 
-# What a leaf owns, in the order of its columns.
+# Kinds of rows that belong to a reducible storage, in the order of its columns.
 _OWNED = (LEAF_RESISTORS, LINKS, LEAF_INLETS)
 _MOST_KNOWN = 512
 _KNOWN: dict[Any, tuple[Any, Program]] = {}
@@ -73,12 +73,13 @@ class Program:
         names: parameter names in the order of ``theta``; constants and the weights of neural laws follow.
         constants: values of those constants.
         modules: (kind, element) of the neural laws in the order of their weights.
-        states: names of the storages, then of the memories; junctions, leaves: the storages that are one or the other.
+        states: names of the storages, then of the modulator states; junctions, leaves: names of the junctions and of
+            the reducible storages.
         table: for the kernel, see `phnn.integrate.tables`.
         output: index of the measured storage.
         scheme: how the steps are discretised.
-        moving, travel: indices of the momentum and the displacement of an imposed motion; -1 where none is imposed.
-        uses: which inputs the equations of a step contain.
+        moving, travel: indices of the momentum and the displacement of an imposed motion; -1 if no motion is imposed.
+        sparsity: which inputs the equations of a step contain.
     """
 
     names: tuple[str, ...]
@@ -89,15 +90,15 @@ class Program:
     leaves: tuple[str, ...]
     table: Integers
     output: int
-    uses: Uses
+    sparsity: Sparsity
     scheme: Scheme = Scheme.DISCRETE_GRADIENT
     moving: int = NONE
     travel: int = NONE
 
     @cached_property
     def flow(self) -> int:
-        """Index of the storage whose effort is the flow through the measured one: the mass beside a displacement; of an
-        imposed motion the one that is moved."""
+        """Index of the storage whose effort is the flow through the measured one: the mass beside a displacement.
+        For an imposed motion, the storage that is moved."""
         if self.moving >= 0:
             return self.moving
         output = self.states[self.output]
@@ -110,19 +111,19 @@ class Program:
 
     @cached_property
     def linear(self) -> tuple[bool, ...]:
-        """Whether the effort of each storage is linear; only meant of junctions."""
+        """Whether the effort of each storage is linear; used for junctions only."""
         rows = rows_of(self.table, JUNCTIONS)
         found = {int(row[OWN_STORAGE]): bool(row[IS_LINEAR]) for row in rows}
         return tuple(found.get(k, False) for k in range(len(self.states)))
 
     @cached_property
     def rules(self) -> dict[str, int]:
-        """How each leaf is advanced, see `phnn.integrate.tables`."""
+        """The rule that advances each reducible storage, see `phnn.integrate.tables`."""
         return dict(zip(self.leaves, rows_of(self.table, LEAVES)[:, RULE].tolist(), strict=True))
 
     @cached_property
     def dissipative(self) -> tuple[int, ...]:
-        """Storages that are leaves with resistors of their own."""
+        """The reducible storages that have resistors of their own."""
         return tuple(self.states.index(name) for name, rule in self.rules.items() if rule != LOSSLESS)
 
     def theta(self, network: Network) -> NDArray[np.float64]:
@@ -130,7 +131,7 @@ class Program:
         return self.filled({n: p.value for n, p in network.parameters.items()}, network)
 
     def filled(self, values: Mapping[str, float], network: Network) -> NDArray[np.float64]:
-        """(M,) the same with the values of parameters given by name."""
+        """(M,) the same, with some parameter values replaced by name."""
         laws: dict[tuple[str, str], Any] = {("storage", s.name): s.law for s in network.storages}
         laws |= {("resistor", r.name): r.law for r in network.resistors}
         weights = [laws[key].weights().detach().numpy() for key in self.modules]
@@ -144,7 +145,7 @@ def compile_network(network: Network, scheme: Scheme = Scheme.DISCRETE_GRADIENT)
         StructureViolated: an unknown law, or a torch module without weights for the kernel, which
             `phnn.integrate.dense` solves in torch; see `phnn.integrate.compilable.can_compile`.
     """
-    # Networks that differ in parameter values alone share their elements.
+    # Networks that differ only in parameter values share their elements.
     n = network
     elements = (n.storages, n.resistors, n.couplings, n.ports, n.modulations, n.memories)
     key = (*map(id, elements), tuple(network.parameters), network.output, network.senses, scheme)
@@ -153,18 +154,18 @@ def compile_network(network: Network, scheme: Scheme = Scheme.DISCRETE_GRADIENT)
             raise StructureViolated(reason)
         if len(_KNOWN) >= _MOST_KNOWN:
             _KNOWN.clear()
-        # The elements are kept with the program, so that no other object can get their identity.
+        # The elements are kept with the program, so that no other object can reuse their identity.
         _KNOWN[key] = (elements, _Builder(network, scheme).program())
     return _KNOWN[key][1]
 
 
 class _Builder:
-    """Gives every element its row, and every name, constant and weight its place in ``theta``."""
+    """Gives every element its row, and every name, constant and weight its index in ``theta``."""
 
     def __init__(self, network: Network, scheme: Scheme) -> None:
         self.network, self.scheme = network, scheme
         self.names = tuple(network.parameters)
-        # The first constant stands where a law has fewer parameters than the kernel passes.
+        # Laws with fewer parameters than the kernel passes refer to the first constant for the rest.
         self.constants = tuple(sorted({0.0, 1.0} | {float(v) for v in self._all_ratios() if not isinstance(v, str)}))
         self.modules: list[tuple[str, str]] = []
         self.ratios: dict[int, list[tuple[int, int]]] = {}
@@ -225,20 +226,20 @@ class _Builder:
                     self._with_ratio(rows, BRANCHES, [junctions.index(name)], ratio)
                 rows[JUNCTION_RESISTORS].append([*self._resistor(r), branch, len(rows[BRANCHES])])
         self._gyrators(rows)
-        # A leaf that is read by a ratio may itself have ratios that follow a memory: these come first.
+        # A reducible storage that a ratio reads may have ratios that follow a modulator state: these come first.
         for m in sorted(network.modulations, key=lambda m: m.by in network.storage_names):
             law = self._law("modulation", m.ratio, m.law, m.parameters)
             rows[FACTORS].append([*law, self.reads.index(m.by), self._place(m.ratio)])
         for memory in network.memories:
             law = self._law("memory", memory.name, memory.law, memory.parameters)
             sources = source_rows(network, memory, leaves, junctions)
-            rows[MEMORIES].append([*law, len(rows[SOURCES]), len(rows[SOURCES]) + len(sources)])
+            rows[MODULATOR_STATES].append([*law, len(rows[SOURCES]), len(rows[SOURCES]) + len(sources)])
             rows[SOURCES] += sources
         table, given = self._absolute(rows), imposed(network)
         places = () if given is None else map(self.states.index, (given.motion.momentum, given.motion.displacement))
         return Program(
             self.names, self.constants, tuple(self.modules), self.states, junctions, leaves, table,
-            self.states.index(network.output), uses_of(table), self.scheme, *places,
+            self.states.index(network.output), sparsity_of(table), self.scheme, *places,
         )  # fmt: skip
 
     def _read(self, name: str) -> list[int]:
@@ -253,7 +254,7 @@ class _Builder:
         self.ratios.setdefault(kind, []).append((self._place(ratio), sign))
 
     def _absolute(self, rows: dict[int, list[list[int]]]) -> Integers:
-        """The table, its references among rows, so far counted within their kinds, made row numbers."""
+        """Build the table; convert references that count within a kind to row numbers."""
         table = stack(rows, self.ratios)
         first = table[0]
         leaves = rows_of(table, LEAVES)
@@ -263,7 +264,7 @@ class _Builder:
             found = rows_of(table, kind)
             found[:, READ] = np.where(found[:, READ] >= 0, found[:, READ] + first[READS], NONE)
         rows_of(table, JUNCTION_RESISTORS)[:, FIRST_BRANCH : LAST_BRANCH + 1] += first[BRANCHES]
-        rows_of(table, MEMORIES)[:, FIRST_SOURCE : LAST_SOURCE + 1] += first[SOURCES]
+        rows_of(table, MODULATOR_STATES)[:, FIRST_SOURCE : LAST_SOURCE + 1] += first[SOURCES]
         branches = rows_of(table, SOURCES)[:, SOURCE_RESISTOR]
         branches[branches >= 0] += first[JUNCTION_RESISTORS]
         return table

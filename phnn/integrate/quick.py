@@ -1,12 +1,12 @@
-"""The march of the commonest networks with everything resolved beforehand: the same steps at a fraction of the price.
+"""The compiled integration of networks with a single linear junction: the same steps, several times faster.
 
-One linear junction; leaves that hang on it through one ratio each and are lossless, or have an exact flow; resistors
-and inlets on the junction. Ratios of leaves and inlets may follow memories. Then a step is
+The reducible storages are coupled to the junction through one ratio each; they are lossless or have an exact flow.
+Resistors and inlets act on the junction. Ratios of storages and inlets may follow modulator states. Then a step is
 
     F(v̄) = (2/h)(v̄/s − p) + d v̄ + Σ_r b_r φ_r(b_r v̄) + Σ_l a_l ē_l(a_l v̄) − Σ_p g_p ψ_p(ū_p)
 
-with constants for nearly everything but the states, ``d`` of all linear resistors. `phnn.integrate.step` holds the
-equations in general.
+with the damping ``d`` of all linear resistors. Except for the states, nearly every term is a constant that is computed
+once. `phnn.integrate.step` has the equations in general.
 """
 
 from __future__ import annotations
@@ -33,7 +33,11 @@ from phnn.integrate.constants import (
     fill_constants,
     fill_gains,
 )
-from phnn.integrate.lookups import (
+from phnn.integrate.modulator_states import advance
+from phnn.integrate.partition import LINEAR_RESISTOR_CODES
+from phnn.integrate.program import Program
+from phnn.integrate.roots import extrapolated, make_root
+from phnn.integrate.table_access import (
     count,
     factor,
     junction_storage,
@@ -41,10 +45,6 @@ from phnn.integrate.lookups import (
     resistor_flow,
     resistor_thresholds,
 )
-from phnn.integrate.memories import advance
-from phnn.integrate.partition import LINEAR_RESISTOR_CODES
-from phnn.integrate.program import Program
-from phnn.integrate.roots import extrapolated, make_root
 from phnn.integrate.tables import (
     EXACT,
     FACTORS,
@@ -65,13 +65,13 @@ from phnn.integrate.tables import (
     LEAVES,
     LINKS,
     LOSSLESS,
-    MEMORIES,
+    MODULATOR_STATES,
     OWN_STORAGE,
     RATIO,
     RATIO_PLACE,
     READ,
     READ_LEAF,
-    READ_MEMORY,
+    READ_MODULATOR,
     RULE,
     SIGN,
     STORAGES,
@@ -84,9 +84,9 @@ from phnn.laws.namespace import TINY
 Array = NDArray[np.float64]
 
 GAIN = CONSTANTS
-# Columns of the leaves' kinds.
+# Columns of ``kinds``.
 _RULE, _STORAGE, _RESISTOR = range(3)
-# Beside the rules of the table: a lossless leaf whose law is not linear, a leaf whose thresholds follow something.
+# In addition to the rules of the table: a lossless storage with a nonlinear law, a storage with modulated thresholds.
 _CURVED, _FOLLOWING = -1, -2
 
 
@@ -100,8 +100,8 @@ def serves(program: Program) -> bool:
     single = (leaves[:, LAST_LINK] - leaves[:, FIRST_LINK] == 1) & (leaves[:, LAST_INLET] == leaves[:, FIRST_INLET])
     closed = np.isin(leaves[:, RULE], (LOSSLESS, EXACT))
     scalable = [row for kind in (LINKS, JUNCTION_INLETS) for row in range(t[0, kind], t[0, kind + 1])]
-    slow = t[rows_of(t, FACTORS)[:, READ], READ_MEMORY] >= 0
-    return bool((single & closed).all() and slow.all()) and set(program.uses.scaled) <= set(scalable)
+    slow = t[rows_of(t, FACTORS)[:, READ], READ_MODULATOR] >= 0
+    return bool((single & closed).all() and slow.all()) and set(program.sparsity.scaled) <= set(scalable)
 
 
 @inline
@@ -110,8 +110,8 @@ def _read(t: Any, r: Any, y: Any, capacity: Any, gains: Any, kinds: Any, x: Any,
     if r < 0:
         return 0.0 * y
     leaf = t[r, READ_LEAF]
-    if t[r, READ_MEMORY] >= 0:
-        return x[t[r, READ_MEMORY]] + 0.0 * y
+    if t[r, READ_MODULATOR] >= 0:
+        return x[t[r, READ_MODULATOR]] + 0.0 * y
     if leaf >= 0:
         return x[kinds[leaf, _STORAGE]] + 0.5 * h * gains[leaf, GAIN] * y
     return p + (y * capacity - p)
@@ -119,7 +119,7 @@ def _read(t: Any, r: Any, y: Any, capacity: Any, gains: Any, kinds: Any, x: Any,
 
 @inline
 def _relaxation(c: Any, rho: Any, h: Any) -> Any:
-    """That of a leaf with slope ``rho``; the one of the slope before is kept in its constants ``c``."""
+    """The relaxation functions of a reducible storage with slope ``rho``; ``c`` keeps those of the latest slope."""
     one, two = c[ONE] + 0.0 * rho, c[TWO] + 0.0 * rho
     if rho.real != c[RHO]:
         one, two = relaxation(h * (rho + c[LEAK]) * c[STIFFNESS])
@@ -131,7 +131,7 @@ def _relaxation(c: Any, rho: Any, h: Any) -> Any:
 
 @inline
 def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
-    """``F``, the size of its terms, and what the step leads to."""
+    """``F`` and the size of its terms; fills the end states and mean efforts."""
     t, theta, kinds, c, capacity, damping, drive, h, p, others, ratios = context
     change = 2.0 * (y * capacity - p)
     rate = 1.0 / h
@@ -192,13 +192,13 @@ _root = inline(make_root(_value_at, _slope_at))
 
 @plain
 def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: Any, others: Any, ratios: Any) -> Any:
-    """Fill the constants of the leaves for steps of size ``h``; returns the junction's ``1/s`` and its damping.
+    """Fill the constants of the reducible storages for steps of size ``h``; returns the junction's ``1/s`` and damping.
 
     Args:
-        g: gains; constants: (L+1, 9) memory.
-        kinds: (L, 3) filled with the rule and the storage of every leaf, and the row of its first resistor.
+        g: gains; constants: (L+1, 9) work array.
+        kinds: (L, 3) filled with the rule and the number of every reducible storage, and the row of its first resistor.
         c: (L, 10) filled with its constants, see `phnn.integrate.constants`, and its ratio.
-        others: (R,) rows of the junction's resistors that are not linear; ratios: (R,) filled with theirs.
+        others: (R,) rows of the junction's nonlinear resistors; ratios: (R,) filled with theirs.
     """
     stay_outside()
     leaves = count(t, LEAVES)
@@ -233,13 +233,13 @@ def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: 
 
 @plain
 def _scale(t: Any, theta: Any, x: Any, g: Any, scaled: Any, c: Any) -> None:
-    """Set the ratios in some rows to what the memories make of them, and those of the leaves in their constants."""
+    """Set the ratios in some rows to their modulated values, also in the constants of the reducible storages."""
     stay_outside()
     for place in range(scaled.shape[0]):
         r = scaled[place]
         g[r] = t[r, SIGN] * theta[t[r, RATIO]]
     for f in range(t[0, FACTORS], t[0, FACTORS + 1]):
-        by = factor(t, f, x[t[t[f, READ], READ_MEMORY]], theta)
+        by = factor(t, f, x[t[t[f, READ], READ_MODULATOR]], theta)
         for place in range(scaled.shape[0]):
             r = scaled[place]
             if t[r, RATIO] == t[f, RATIO_PLACE]:
@@ -249,10 +249,10 @@ def _scale(t: Any, theta: Any, x: Any, g: Any, scaled: Any, c: Any) -> None:
 
 
 @plain
-def _remember(
+def _advance_modulators(
     t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, next_x: Any, means: Any, h: Any, y: Any, wj: Any, wx: Any
 ) -> None:  # fmt: skip
-    """Advance the memories; ``y`` (1,), ``wj`` and ``wx`` are their memory, see `phnn.integrate.memories`."""
+    """Advance the modulator states (`phnn.integrate.modulator_states`); ``y`` (1,), ``wj``, ``wx`` are work arrays."""
     stay_outside()
     storages = count(t, STORAGES)
     y[0] = means[junction_storage(t, 0)]
@@ -269,9 +269,9 @@ def _steps(
     perturbed: Any, ends: Any, means: Any, others: Any, ratios: Any, slow: Any,
     scaled: Any,
 ) -> Any:  # fmt: skip
-    """March; the last arguments are memory: ``perturbed`` is theta in complex numbers."""
+    """Integrate; the last arguments are work arrays: ``perturbed`` is theta in complex numbers."""
     fill_gains(t, theta, g)
-    k, remembers = junction_storage(t, 0), count(t, MEMORIES) > 0
+    k, remembers = junction_storage(t, 0), count(t, MODULATOR_STATES) > 0
     slope, capacity, damping = 0.0, 0.0, 0.0
     for n in range(actions.shape[0]):
         if n == 0 or h[n] != h[n - 1]:
@@ -290,7 +290,7 @@ def _steps(
         efforts[n, k] = y
         states[n + 1, k] = p + 2.0 * (y * capacity - p)
         if remembers:
-            _remember(
+            _advance_modulators(
                 t, theta, constants, g, actions[n], states[n], states[n + 1], efforts[n], h[n], slow[0], slow[1],
                 slow[2],
             )  # fmt: skip
@@ -303,7 +303,7 @@ _compiled = loop_entry(_steps)
 
 
 def march(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
-    """`phnn.integrate.kernel.Kernel.march` of the networks that it serves."""
+    """`phnn.integrate.kernel.Kernel.march` of the networks that this kernel serves."""
     t = program.table
     leaves, ends = len(rows_of(t, LEAVES)), np.zeros(states.shape[1], np.complex128)
     memory = (np.zeros(len(t)), np.zeros((leaves + 1, CONSTANTS)), np.zeros((leaves, 3), np.int64))
@@ -311,5 +311,5 @@ def march(program: Program, theta: Array, actions: Array, h: Array, states: Arra
     linear = np.isin(rows_of(t, JUNCTION_RESISTORS)[:, LAW], LINEAR_RESISTOR_CODES)
     others = t[0, JUNCTION_RESISTORS] + np.flatnonzero(~linear)
     slow = (np.zeros(1), np.zeros((4, 1)), np.zeros((2, states.shape[1])))
-    scaled = np.array(program.uses.scaled, dtype=np.int64)
+    scaled = np.array(program.sparsity.scaled, dtype=np.int64)
     return int(_compiled(t, theta, actions, h, states, efforts, *own, others, np.zeros(others.size), slow, scaled))

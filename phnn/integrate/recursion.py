@@ -1,10 +1,10 @@
-"""The linearised recursion of a march, forward for many right-hand sides and backward.
+"""The linearised recursion of the steps, forward for many right-hand sides and backward.
 
     0 = F_x δx + F_y δy + F_θ δθ − δf,     δx_l⁺ = X_x δx + X_y δy + X_θ δθ,     δp⁺ = δp + Z_x δx + Z_y δy + Z_θ δθ
 
-Memories are advanced as leaves are, by everything that a step contains.
+Modulator states are advanced like reducible storages, but may depend on all inputs of a step.
 
-Made for one way to differentiate a step, a function that fills the derivatives.
+The functions are made for one way to differentiate a step: a function that fills the derivatives.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 from phnn.integrate.compiled import inline, loop
 from phnn.integrate.elimination import eliminate
-from phnn.integrate.lookups import junction_storage
+from phnn.integrate.table_access import junction_storage
 from phnn.integrate.tables import (
     LEAVES,
     OWN_STORAGE,
@@ -32,7 +32,7 @@ def _add(out: Any, weight: Any, row: Any) -> None:
 
 @inline
 def _set(out: Any, a: Any, x: Any, b: Any, y: Any) -> None:
-    """A sum of two rows in one pass: most leaves follow their own state and one flow."""
+    """A sum of two rows in one pass: most reducible storages depend on their own state and one flow."""
     for c in range(out.shape[0]):
         out[c] = a * x[c] + b * y[c]
 
@@ -70,9 +70,10 @@ def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, known: Any, fol
 
     Args:
         force: (F,) perturbations of one junction's force.
-        columns: that junction, the first columns of those perturbations and of the parameters perturbed by a signal,
-            which these are, and their signals at this step.
-        known: (N+m, C) the states, and the unknowns, which are filled in; following: (N+m, C) its states are filled.
+        columns: the number of that junction; the first column of these perturbations, and that of the parameters
+            perturbed by a signal; the numbers of these parameters; their signals at this step.
+        known: (N+m, C) derivatives of the states, and of the unknowns, which are filled in; following: (N+m, C) its
+            states are filled.
     """
     _, _, first_varied, varied, weight_of = columns
     m = matrix.shape[0]
@@ -92,7 +93,7 @@ def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, known: Any, fol
     for leaf in range(p.first.shape[0] - 1):
         out = following[t[t[0, LEAVES] + leaf, OWN_STORAGE]]
         first, last = p.first[leaf], p.first[leaf + 1]
-        # Inputs increase: the leaf's own state is there, and mostly a flow.
+        # Inputs increase: the storage's own state is among them, and mostly one flow.
         one, two = p.input[first], p.input[first + 1] if first + 1 < last else 0
         paired = first + 1 < last and two < n + m
         _set(out, d.by_leaf[first], known[one], d.by_leaf[first + 1] if paired else 0.0, known[two if paired else one])
@@ -105,17 +106,17 @@ def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, known: Any, fol
                 for w in range(varied.shape[0]):
                     if varied[w] == i - n - m:
                         out[first_varied + w] += d.by_leaf[pair] * weight_of[w]
-    _remember(d, columns, known, following, n + m)
+    _modulator_rows(d, columns, known, following, n + m)
 
 
 @inline
-def _remember(d: Any, columns: Any, known: Any, following: Any, inputs: Any) -> None:
-    """The memories' rows; ``inputs`` counts states and unknowns."""
+def _modulator_rows(d: Any, columns: Any, known: Any, following: Any, inputs: Any) -> None:
+    """Fill the rows of the modulator states; ``inputs`` counts states and unknowns."""
     _, _, first_varied, varied, weight_of = columns
-    memories = d.by_memory.shape[0]
+    memories = d.by_modulator.shape[0]
     for k in range(memories):
-        # The last states.
-        out, by = following[inputs - d.by_force.shape[0] - memories + k], d.by_memory[k]
+        # Modulator states are the last states.
+        out, by = following[inputs - d.by_force.shape[0] - memories + k], d.by_modulator[k]
         _set(out, by[0], known[0], 0.0, known[0])
         for i in range(1, inputs):
             _add(out, by[i], known[i])
@@ -126,7 +127,7 @@ def _remember(d: Any, columns: Any, known: Any, following: Any, inputs: Any) -> 
 
 
 def make_sensitivities(derivatives_at: Compiled) -> Compiled:
-    """The forward sweep of `phnn.integrate.sweep.sensitivities`, which owns its memory."""
+    """The forward sweep of `phnn.integrate.sweep.sensitivities`; it allocates its own work arrays."""
 
     @loop
     def steps(
@@ -152,7 +153,7 @@ def make_sensitivities(derivatives_at: Compiled) -> Compiled:
 
 @inline
 def _pull(t: Any, p: Any, d: Any, w: Any, pulled: Any) -> None:
-    """``wᵀ ∂(x⁺)/∂(every input)`` without the part that carries a junction's state over."""
+    """``wᵀ ∂(x⁺)/∂(every input)`` without the identity part ``δp⁺ = δp`` of the junctions."""
     for i in range(pulled.shape[0]):
         pulled[i] = 0.0
     for j in range(d.by_change.shape[0]):
@@ -163,15 +164,15 @@ def _pull(t: Any, p: Any, d: Any, w: Any, pulled: Any) -> None:
         back = w[t[t[0, LEAVES] + leaf, OWN_STORAGE]]
         for pair in range(p.first[leaf], p.first[leaf + 1]):
             pulled[p.input[pair]] += d.by_leaf[pair] * back
-    memories = d.by_memory.shape[0]
+    memories = d.by_modulator.shape[0]
     for k in range(memories):
-        by, back = d.by_memory[k], w[w.shape[0] - memories + k]
+        by, back = d.by_modulator[k], w[w.shape[0] - memories + k]
         for i in range(pulled.shape[0]):
             pulled[i] += by[i] * back
 
 
 def make_adjoint(derivatives_at: Compiled) -> Compiled:
-    """The backward sweep of `phnn.integrate.sweep.adjoint`, which owns its memory."""
+    """The backward sweep of `phnn.integrate.sweep.adjoint`; it allocates its own work arrays."""
 
     @loop
     def steps(

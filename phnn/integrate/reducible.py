@@ -2,7 +2,7 @@
 
     ẋ = i − φ(s x),     φ(ε) = Σ_r b_r φ_r(b_r ε, q̄_r)
 
-under a constant current ``i``. The exact flow is `phnn.laws.leaf.rc_flow`, which the compiled kernel calls too; the
+under a constant current ``i``. The exact flow is `phnn.laws.leaf.rc_flow`, which the compiled kernel calls too. The
 stages of Radau IIA are found without gradients, and one Newton step from them carries the derivatives.
 """
 
@@ -23,18 +23,18 @@ from phnn.laws import RESISTOR_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.network.system import PortHamiltonianSystem
 
-# Newton steps for both stages at once, before each is looked for in a bracket.
+# Newton steps for both stages at once; then each stage is searched in a bracket.
 _QUICK = 15
 # Steps of a bracketed search: half of them halve the bracket, down to neighbouring floats.
 _BRACKETED = 250
-# Steps of a search for a root, over the root: of the size of rounding; and what rounding of the defect may cause.
+# Relative size of a step that is rounding; and the multiple of the defect's rounding that is accepted.
 _ROUNDING, _NOISE = 2e-16, 1e-14
 
 Lost = Callable[[Tensor], Tensor]
 
 
 class Surroundings(NamedTuple):
-    """What the storages of a step have in common.
+    """Quantities that the storages of a step share.
 
     Attributes:
         middle: (..., N) state that laws read at mid-step.
@@ -52,7 +52,7 @@ class Surroundings(NamedTuple):
         return [self._loss(k, r) for r in resistors_of(self.system.network, self.system.state_names[k])]
 
     def lost(self, k: int, effort: Tensor) -> Tensor:
-        """(...) flow into all of them."""
+        """(...) flow into all resistors."""
         return sum((loss(effort) for loss in self.losses(k)), torch.zeros_like(effort))
 
     def _loss(self, k: int, r: int) -> Lost:
@@ -72,7 +72,7 @@ def advanced(
 
     Args:
         rule: ``EXACT`` or ``RADAU``.
-        stages: those of Radau IIA, where they are known.
+        stages: the stages of Radau IIA, if they are known.
     """
     one = torch.ones_like(current)
     stiffness = around.system.mean_effort(k, one, one)
@@ -131,10 +131,10 @@ def _with_slope(around: Surroundings, k: int, s: Tensor, state: Tensor) -> tuple
 
 
 def _radau_stages(around: Surroundings, k: int, s: Tensor, x: Tensor, current: Tensor) -> tuple[Tensor, Tensor]:
-    """Both stages: Newton's method, then two scalar roots within each other where it does not converge.
+    """Both stages: Newton's method, then two nested scalar searches where it does not converge.
 
-    The first defect increases with the first stage, and with the first stage so found the second one increases with
-    the second (`phnn.integrate.stages.make_radau`).
+    The first defect increases with the first stage. With the first stage as its root, the second defect increases with
+    the second stage (`phnn.integrate.stages.make_radau`).
     """
     h = around.h
     x = (x + 0.0 * current).detach()
@@ -184,7 +184,8 @@ def _increasing_root(function: Callable[[Tensor], tuple[Tensor, Tensor]], guess:
         good = (newton >= low) & (newton <= high) & (slope > 0.0) & (value.abs() <= 0.5 * last)
         # Twice the step that the least slope allows leads beyond the root.
         inside = torch.where((high - low).isfinite(), 0.5 * low + 0.5 * high, y - 2.0 * value / floor)
-        # A step of the size of rounding, or of little more where rounding keeps it from helping, has arrived.
+        # The search ends when a step has the size of rounding, or is little larger and no longer helps because of
+        # rounding.
         least = torch.where(good, _ROUNDING, _NOISE) * y.abs()
         arrived = (value == 0.0) | ((slope > 0.0) & ((newton - y).abs() <= least))
         following = torch.where(arrived, y, torch.where(good, newton, inside))
@@ -195,7 +196,7 @@ def _increasing_root(function: Callable[[Tensor], tuple[Tensor, Tensor]], guess:
 
 
 def shares(flows: list[Tensor]) -> list[Tensor]:
-    """How the loss of a storage divides among its resistors: as their flows at its mean effort."""
+    """The shares of a storage's loss in its resistors: proportional to their flows at its mean effort."""
     if len(flows) <= 1:
         return [torch.ones_like(f) for f in flows]
     total = torch.stack(flows).abs().sum(0)

@@ -1,12 +1,12 @@
-"""The equations of the compiled march, evaluated by the torch module for all steps at once.
+"""The equations of the compiled steps, evaluated by the torch module for all steps at once.
 
     r_l = x_l⁺ − X_l(x, v̄),     r_j = p_j⁺ − z_j(p, y_j),
     r_F = (z − p)/h − [J ē − Σ_r b_r φ_r(b_rᵀ ē) + g ψ(ū)]     on the junctions,
-    r_z = z⁺ − Z(z, s̄)     of memories
+    r_z = z⁺ − Z(z, s̄)     of modulator states
 
-``X_l`` and ``ē_l`` are what the leaf's rule makes of its constant current: the exact flow, Radau's stages, or the
-discrete gradient. The network is read here by its names and through the module's matrices, not through the kernel's
-table, so that a wrong table is noticed as well.
+``X_l`` and ``ē_l`` follow from the constant current by the rule of the reducible storage: the exact flow, Radau's
+stages, or the discrete gradient. This module reads the network by its names and through the torch module's matrices,
+not through the kernel's table, so that a wrong table is noticed as well.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ import torch
 from torch import Tensor
 
 from phnn.errors import SolverFailed
+from phnn.integrate.modulator_drives import drives_and_sizes
 from phnn.integrate.partition import resistors_of
 from phnn.integrate.program import Program
 from phnn.integrate.reducible import Surroundings, advanced, shares
-from phnn.integrate.remembered import drives_and_sizes
 from phnn.integrate.stages import gradient_defect
 from phnn.integrate.tables import GRADIENT, LOSSLESS
 from phnn.network.incidence import combined
-from phnn.network.memory import ends
+from phnn.network.modulator_states import ends
 from phnn.network.power import PowerBalance
 from phnn.network.system import PortHamiltonianSystem
 
 if TYPE_CHECKING:
     from phnn.simulate import Trajectory
 
-# A motion that dies away passes through the smallest numbers, where relative accuracy is lost.
+# A motion that dies away passes through subnormal numbers, where relative accuracy is lost.
 _NOTHING = 1e-180
 
 
 class Residual(NamedTuple):
-    """What the march leaves of its equations, and the size of the terms that cancel in each.
+    """Residuals of the equations of integrated steps, and the size of the terms that cancel in each.
 
     Attributes:
         value: (n, N+m) residuals of the states, in the order of the network, and of the junctions' balances [SI].
@@ -47,12 +47,12 @@ class Residual(NamedTuple):
     scale: Tensor
 
     def relative(self) -> Tensor:
-        """(n, N+m) residual in units of its terms; nothing where a motion has died away altogether."""
+        """(n, N+m) residual in units of its terms; zero where a motion has died away altogether."""
         return self.value.abs() / (self.scale + _NOTHING)
 
 
 class _Steps:
-    """All steps of a march, seen through the elements of the network."""
+    """All integrated steps, evaluated with the elements of the network."""
 
     def __init__(
         self, system: PortHamiltonianSystem, program: Program, x: Tensor, ends: Tensor, efforts: Tensor, u: Tensor,
@@ -77,7 +77,7 @@ class _Steps:
         self.mean = torch.stack([mean[k] for k in range(self.storages)], dim=-1)
 
     def _junction(self, k: int, end: Tensor, effort: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean effort of a junction at its unknown, and the change of its state that follows."""
+        """Mean effort of a junction at its unknown, and the change of its state."""
         p = self.x[:, k]
         if not self.program.linear[k]:
             return self.system.mean_effort(k, p, end), end - p
@@ -85,12 +85,13 @@ class _Steps:
         return effort, 2.0 * (effort / self.system.mean_effort(k, one, one) - p)
 
     def _middle(self) -> None:
-        """What laws read at mid-step, and with it the matrices of every step and the currents into the leaves."""
+        """Mid-step variables that laws read, the matrices of every step and the currents into the reducible
+        storages."""
         columns = list(self.x.unbind(-1))
         for k in self.junctions:
             columns[k] = columns[k] + 0.5 * self.change[k]
         self._currents(torch.stack(columns, dim=-1))
-        # The ratios of a leaf that is read follow no state: its current is right already.
+        # A reducible storage that a law reads has constant ratios: its current is right already.
         for k in self.leaves:
             if not self.on[k]:
                 columns[k] = columns[k] + 0.5 * self.h * self.current[:, k]
@@ -98,7 +99,7 @@ class _Steps:
         self._currents(self.middle)
 
     def _currents(self, middle: Tensor) -> None:
-        # One matrix for all steps where no ratio follows a state: a copy each would cost the square of the storages.
+        # One matrix for all steps if no ratio is modulated: a copy each would cost the square of the storages.
         fixed = middle.new_zeros(middle.shape[-1])
         self.structure = self.system.structure(middle if self.system.network.modulations else fixed)
         self.branches, self.inputs = self.system.incidences(middle)
@@ -106,11 +107,11 @@ class _Steps:
         self.current = combined(torch.stack(flows, dim=-1), self.structure.mT) + combined(self.actions, self.inputs.mT)
 
     def lost(self, k: int, effort: Tensor) -> Tensor:
-        """(n,) flow into the resistors of a leaf at an effort."""
+        """(n,) flow into the resistors of a reducible storage at an effort."""
         return self.around.lost(k, effort)
 
     def _leaf(self, k: int, current: Tensor) -> tuple[Tensor, Tensor]:
-        """(n,) end state and mean effort of a leaf under its constant current."""
+        """(n,) end state and mean effort of a reducible storage under its constant current."""
         x, rule = self.x[:, k], self.program.rules[self.program.states[k]]
         if rule == LOSSLESS:
             end = x + self.h * current
@@ -118,14 +119,14 @@ class _Steps:
         if rule == GRADIENT:
             end = self._discrete_gradient(k, x, current)
             return end, self.system.mean_effort(k, x, end)
-        # The march has stored what it found: of Radau's stages the first follows from the mean effort.
+        # The end state and mean effort are stored: the first of Radau's stages follows from the mean effort.
         one, two = torch.ones_like(self.h), self.ends[:, k]
         stiffness = self.system.mean_effort(k, one, one).detach()
         stages = (4.0 * self.stored[:, k] / stiffness - two) / 3.0, two
         return advanced(self.around, k, rule, x, current, stages)
 
     def _discrete_gradient(self, k: int, x: Tensor, current: Tensor) -> Tensor:
-        """(n,) end state: the march has solved the equation, one Newton step carries the derivatives."""
+        """(n,) end state: the kernel has solved the equation; one Newton step carries the derivatives."""
         end = self.ends[:, k].clone().requires_grad_(True)
         with torch.enable_grad():
             lost = self.lost(k, self.system.mean_effort(k, x.detach(), end))
@@ -135,7 +136,8 @@ class _Steps:
         return end - gradient_defect(end - x, current, self.h, lost) / (1.0 + self.h.detach() * slope)
 
     def branch_powers(self) -> tuple[Tensor, Tensor]:
-        """(n, R) effort on every resistor that joins junctions, and the flow through it; zero for those of leaves."""
+        """(n, R) effort on every resistor that joins junctions, and the flow through it; zero for those of reducible
+        storages."""
         resistors = self.system.network.resistors
         efforts, flows = [], []
         on = combined(self.mean, self.branches)
@@ -171,13 +173,13 @@ def steps_residual(
     u: Tensor,  # (n, P) mean inputs
     h: Tensor,  # (n,) steps
 ) -> Residual:
-    """The same for steps that need not follow one another, such as those of several marches."""
+    """The same for steps that need not follow one another, such as those of several integrations."""
     steps = _Steps(system, program, x, following, efforts, u, h)
     through = steps.branch_powers()[1]
     exchanged = combined(steps.mean, steps.structure.mT)
     lost = combined(through, steps.branches.mT)
     driven = combined(steps.actions, steps.inputs.mT)
-    # What cancels in a current or a balance, term by term.
+    # The terms that cancel in a current or a balance, one by one.
     sizes = combined(steps.mean.abs(), steps.structure.abs().mT) + combined(through.abs(), steps.branches.abs().mT)
     sizes = sizes + combined(steps.actions.abs(), steps.inputs.abs().mT)
     values, scales = [], []
@@ -203,8 +205,8 @@ def check(trajectory: Trajectory, tolerance: float = 1e-10, system: PortHamilton
     """The largest relative residual of a simulated recording.
 
     Args:
-        tolerance: what is accepted, relative to the terms of each equation.
-        system: the module to check against; without it, one of the trajectory's own network.
+        tolerance: accepted residual, relative to the terms of each equation.
+        system: the module to check against; by default one of the trajectory's own network.
 
     Raises:
         SolverFailed: a step does not satisfy the equations of the module; names the time and the element.
@@ -218,7 +220,7 @@ def check(trajectory: Trajectory, tolerance: float = 1e-10, system: PortHamilton
         return 0.0
     if not bool((residual.relative() <= tolerance).all()):
         residual = residual._replace(scale=residual.scale + rounding(system, program, *tensors))
-    # NaN would hide in a maximum.
+    # A maximum would not show NaN.
     worst = torch.nan_to_num(residual.relative(), nan=torch.inf)
     n, element = divmod(int(worst.argmax()), worst.shape[1])
     largest = float(worst[n, element])
@@ -235,7 +237,7 @@ def check(trajectory: Trajectory, tolerance: float = 1e-10, system: PortHamilton
 def rounding(
     system: PortHamiltonianSystem, program: Program, states: Tensor, efforts: Tensor, u: Tensor, h: Tensor
 ) -> Tensor:
-    """(n, N+m) what the rounding of the unknowns does to the balances, in units of epsilon."""
+    """(n, N+m) effect of rounding the unknowns on the balances, in units of epsilon."""
     total = torch.zeros(h.shape[0], len(program.states) + len(program.junctions), dtype=h.dtype)
     junctions = [program.states.index(name) for name in program.junctions]
     with torch.enable_grad():
@@ -255,12 +257,13 @@ def rounding(
 def power_balance(trajectory: Trajectory, system: PortHamiltonianSystem | None = None) -> PowerBalance:
     """The energy balance of every step of a simulated recording, in joules a step.
 
-        stored = H(x⁺) − H(x),   dissipated = h i_l ē_l − ΔH_l on a leaf and h ε φ(ε) on junctions,
+        stored = H(x⁺) − H(x),   dissipated = h i_l ē_l − ΔH_l on a reducible storage and h ε φ(ε) on junctions,
         supplied = h ψ(ū) gᵀē,   defect = stored − Σ supplied + Σ dissipated
 
     Returns:
-        ``stored`` (n,), ``dissipated`` (n, R) in the order of the network's resistors, ``supplied`` (n, P),
-        ``defect`` (n,), all at the mean efforts of the steps, which are exact where efforts at the nodes are not.
+        ``stored`` (n,), ``dissipated`` (n, R) in the order of the network's resistors, ``supplied`` (n, P), ``defect``
+        (n,), all at the mean efforts of the steps, with which the balance is exact; nodal efforts give it
+        approximately.
     """
     network = trajectory.setup.network
     system = PortHamiltonianSystem(network) if system is None else system
@@ -282,7 +285,7 @@ def power_balance(trajectory: Trajectory, system: PortHamiltonianSystem | None =
 
 
 def columns(values: list[Tensor], like: Tensor) -> Tensor:
-    """(n, k) columns, also where there are none."""
+    """(n, k) array of columns, also for k = 0."""
     return torch.stack(values, dim=-1) if values else like.new_zeros(like.shape[0], 0)
 
 

@@ -1,16 +1,19 @@
 """The rest state of a network under constant inputs, with its derivatives by the parameters.
 
-At rest nothing flows, every dissipative leaf is uncharged (``Q* = 0`` among the equilibria of eq. (12)), and lossless
-leaves hold what the junctions have carried into them, ``x_l = Σ_j a_lj ξ_j``, so that no force is left on any junction:
+At rest no flow remains, and every dissipative reducible storage is uncharged (``Q* = 0`` among the equilibria of eq.
+(12)). Lossless storages hold ``x_l = Σ_j a_lj ξ_j`` for displacements ``ξ`` of the junctions, such that the forces on
+every junction balance:
 
     Σ_l a_lj E_l(x_l) = Σ_p g_jp ψ_p(u_p)
 
-Nothing is dissipated there, so a memory rests where ``f(z, s)`` vanishes for the efforts and actions that drive it.
-Where this leaves something open, or currents come in beside the junctions, `phnn.integrate.steady` finds the state.
+No power is dissipated, so that a modulator state rests where ``f(z, s)`` vanishes for the efforts and actions that
+drive it. If these equations do not determine the state, or inputs act beside the junctions, `phnn.integrate.steady`
+finds it.
 """
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -18,7 +21,6 @@ from numpy.typing import NDArray
 
 from phnn.integrate.actions import actions
 from phnn.integrate.program import Program
-from phnn.integrate.steady import steady_derivative, steady_slope, steady_state
 from phnn.integrate.tables import (
     FACTORS,
     FIRST_LINK,
@@ -33,14 +35,14 @@ from phnn.integrate.tables import (
     LEAF_INLETS,
     LEAVES,
     LOSSLESS,
-    MEMORIES,
+    MODULATOR_STATES,
     OWN_STORAGE,
     PLACE_1,
     PLACE_2,
     RATIO,
     RATIO_PLACE,
     READ,
-    READ_MEMORY,
+    READ_MODULATOR,
     RULE,
     SIGN,
     SOURCE_PORT,
@@ -56,7 +58,7 @@ from phnn.network.elements import Network
 Array = NDArray[np.float64]
 
 _ITERATIONS = 60
-# Laws with an effort where nothing is stored.
+# Storage laws with a nonzero effort at zero state.
 _WEIGHTS = [code for code, law in enumerate(STORAGE_LAWS.values()) if not law.bounded]
 
 
@@ -64,30 +66,31 @@ def equilibrium(program: Program, network: Network, u: Array) -> Array:
     """(N,) rest state under constant inputs (P,).
 
     Raises:
-        SolverFailed: something moves on for ever, so that there is no rest state; names it.
+        SolverFailed: a state grows without bound, so that there is no rest state; names the state.
     """
     theta = program.theta(network)
-    if not _pulled(program, theta, u) and not len(rows_of(program.table, MEMORIES)):
+    if not _pulled(program, theta, u) and not len(rows_of(program.table, MODULATOR_STATES)):
         return np.zeros(len(program.states))
     xi = _displacements(program, theta, u)
-    return steady_state(network, u) if xi is None else np.real(_states(program, theta, u, xi))
+    return _steady().steady_state(network, u) if xi is None else np.real(_states(program, theta, u, xi))
 
 
 def equilibrium_derivative(program: Program, network: Network, u: Array, places: NDArray[np.int64]) -> Array:
-    """(N, K) derivatives of the rest state by the parameters at some places, by the implicit function theorem."""
+    """(N, K) derivatives of the rest state by the parameters at some entries of theta, by the implicit function
+    theorem."""
     out = np.zeros((len(program.states), places.size))
     theta = program.theta(network)
     pulled = _pulled(program, theta, u)
-    if not pulled and not len(rows_of(program.table, MEMORIES)):
+    if not pulled and not len(rows_of(program.table, MODULATOR_STATES)):
         return out
     xi, shift = _displacements(program, theta, u), np.zeros(len(program.junctions))
     if xi is None:
-        return steady_derivative(network, u, [program.names[place] for place in places])
+        return _steady().steady_derivative(network, u, [program.names[place] for place in places])
     slopes = _slopes(program, theta, u, xi) if pulled else np.eye(xi.size)
     for k, place in enumerate(places):
         moved = theta.astype(complex)
         moved[place] += 1j * TINY
-        # Where nothing pulls, whatever the parameters, nothing need hold.
+        # If no force acts for any parameter values, no spring is needed.
         if pulled:
             shift = -np.linalg.solve(slopes, np.imag(_forces(program, moved, u, xi)) / TINY)
         out[:, k] = np.imag(_states(program, moved, u, xi + 1j * TINY * shift)) / TINY
@@ -98,7 +101,7 @@ def equilibrium_slope(program: Program, network: Network, u: Array, port: int) -
     """(N,) derivative of the rest state by the input at one port.
 
     Raises:
-        SolverFailed: there is no rest state close by; names what moves on for ever.
+        SolverFailed: there is no rest state close by; names the states that grow without bound.
     """
     theta = program.theta(network).astype(complex)
     along = np.arange(u.size) == port
@@ -107,18 +110,25 @@ def equilibrium_slope(program: Program, network: Network, u: Array, port: int) -
     if xi is not None and np.linalg.matrix_rank(slopes) == xi.size:
         shift = -np.linalg.solve(slopes, np.imag(_forces(program, theta, u + 1j * TINY * along, xi)) / TINY)
         return np.asarray(np.imag(_states(program, theta, u + 1j * TINY * along, xi + 1j * TINY * shift)) / TINY)
-    return steady_slope(network, u, port)
+    return _steady().steady_slope(network, u, port)
+
+
+def _steady() -> ModuleType:
+    """`phnn.integrate.steady`, imported on first use: it needs torch, whose import takes longer than most solves."""
+    from phnn.integrate import steady
+
+    return steady
 
 
 def _pulled(program: Program, theta: Array, u: Array) -> bool:
-    """Whether inputs, or storages with an effort of their own such as weights, pull at an empty network."""
+    """Whether inputs, or storages with an effort at zero state such as weights, exert forces on an empty network."""
     rows = rows_of(program.table, STORAGES)
     weights = np.isin(rows[:, LAW], _WEIGHTS).any()
     return bool(np.any(u) or weights)
 
 
 def _displacements(program: Program, theta: Array, u: Array) -> Array | None:
-    """(m,) ``ξ`` by Newton's method; None where they do not say what rest is."""
+    """(m,) ``ξ`` by Newton's method; None where they do not determine the rest state."""
     if not _pulled(program, theta, u):
         return np.zeros(len(program.junctions))
     if not _served(program):
@@ -137,7 +147,8 @@ def _displacements(program: Program, theta: Array, u: Array) -> Array | None:
 
 
 def _served(program: Program) -> bool:
-    """Whether displacements of the junctions say all about rest: there are some, and nothing comes in beside them."""
+    """Whether displacements of the junctions determine the rest state: there are some, and no input acts beside
+    them."""
     beside = len(rows_of(program.table, LEAF_INLETS)) + len(rows_of(program.table, GYRATORS))
     return bool(program.junctions) and not beside
 
@@ -159,7 +170,7 @@ def _states(program: Program, theta: Any, u: Array, xi: Any) -> Any:
     for leaf in _lossless(program):
         for row in program.table[leaf[FIRST_LINK] : leaf[LAST_LINK]]:
             x[leaf[OWN_STORAGE]] += row[SIGN] * theta[row[RATIO]] * xi[row[TO_JUNCTION]]
-    for k, row in enumerate(rows_of(program.table, MEMORIES)):
+    for k, row in enumerate(rows_of(program.table, MODULATOR_STATES)):
         law = list(MEMORY_LAWS.values())[row[LAW]]
         values = [theta[p] for p in row[PLACE_1 : PLACE_1 + len(law.example)]]
         drive = _resting_drive(program, row, theta, u, x)
@@ -168,7 +179,7 @@ def _states(program: Program, theta: Any, u: Array, xi: Any) -> Any:
 
 
 def _resting_drive(program: Program, memory: NDArray[np.int64], theta: Any, u: Array, x: Any) -> Any:
-    """What drives a memory at rest: efforts of lossless leaves and actions of ports."""
+    """Drive of a modulator state at rest: efforts of lossless storages and actions of ports."""
     total = 0.0 * theta[0]
     lossless = _lossless(program)[:, OWN_STORAGE]
     for _, _, storage, _, port in program.table[memory[FIRST_SOURCE] : memory[LAST_SOURCE], : SOURCE_PORT + 1]:
@@ -180,7 +191,7 @@ def _resting_drive(program: Program, memory: NDArray[np.int64], theta: Any, u: A
 
 
 def _forces(program: Program, theta: Any, u: Array, xi: Any) -> Any:
-    """(m,) what pulls on every junction at rest."""
+    """(m,) force on every junction at rest."""
     x = _states(program, theta, u, xi)
     ratio: dict[int, Any] = {}
     for row in rows_of(program.table, FACTORS):
@@ -198,9 +209,10 @@ def _forces(program: Program, theta: Any, u: Array, xi: Any) -> Any:
 
 
 def _factor(program: Program, row: NDArray[np.int64], theta: Any, x: Any) -> Any:
-    """``f(x)`` of a modulation; what it reads at rest is a leaf's state, a memory, or a junction's, which is zero."""
+    """``f(x)`` of a modulation. It reads a reducible storage, a modulator state, or a junction, which is zero at
+    rest."""
     law = list(FACTOR_LAWS.values())[row[LAW]]
-    leaf, _, memory = program.table[row[READ], : READ_MEMORY + 1]
+    leaf, _, memory = program.table[row[READ], : READ_MODULATOR + 1]
     q = x[memory] if memory >= 0 else x[rows_of(program.table, LEAVES)[leaf, OWN_STORAGE]] if leaf >= 0 else 0.0
     return law.factor(q, *(theta[p] for p in row[PLACE_1 : PLACE_1 + len(law.example)]))
 

@@ -1,6 +1,6 @@
-"""The root of one increasing equation, found inside a bracket: the scalar heart of every step.
+"""The root of one increasing scalar equation within a bracket; every step is reduced to it.
 
-The function need not increase everywhere: signs that were seen bound the root, so that a bracket always holds one.
+The function need not increase everywhere: observed signs bound the root, so that a bracket always holds one.
 """
 
 from __future__ import annotations
@@ -13,27 +13,27 @@ import numpy as np
 from phnn.integrate.compiled import inline
 
 TOLERANCE = 1e-14
-# What rounding leaves where terms cancel that the size of the equation does not show.
+# Multiple of the rounding error that terms may leave whose cancellation the equation's size does not show.
 RELAXED = 1e-12
 _STRICT = 12
-# Halvings down to neighbouring floats, every other one after a Newton step that did not help.
+# Halvings down to neighbouring floats; every other one follows a Newton step that did not help.
 _ITERATIONS = 300
-# A motion that has died away reaches the smallest numbers, where relative accuracy is lost.
+# A motion that dies away reaches subnormal numbers, where relative accuracy is lost.
 NOTHING = 1e-200
 
 
 @inline
 def extrapolated(found: Any, n: Any, k: Any) -> Any:
-    """A guess of entry ``(n, k)``, ``n ≥ 1``, from those of the two rows before it."""
+    """Guess entry ``(n, k)``, ``n ≥ 1``, from the two rows before it."""
     return found[n - 1, k] if n == 1 else 2.0 * found[n - 1, k] - found[n - 2, k]
 
 
 def make_root(value_at: Callable[..., Any], slope_at: Callable[..., Any]) -> Callable[..., Any]:
     """``root(guess, floor, slope, context) -> (y, slope)``, to be compiled with its two functions.
 
-    ``floor > 0`` is a lower bound on the slope of an increasing equation: one step of it leads beyond the root.
-    ``slope``, if positive, is tried for the first step in place of the derivative: where the equation is piecewise
-    linear the one of the step before is often exact. The root is NaN where none was found.
+    ``floor > 0`` is a lower bound on the slope of an increasing equation: one step with this slope leads beyond the
+    root. A positive ``slope`` replaces the derivative in the first step: where the equation is piecewise linear, the
+    slope of the step before is often exact. The root is NaN if none was found.
 
     Args:
         value_at: ``(y, context) -> (value, size of the terms that cancel in it)``.
@@ -58,8 +58,9 @@ def make_root(value_at: Callable[..., Any], slope_at: Callable[..., Any]) -> Cal
             if not borrowed:
                 slope = slope_at(y, context)
             step = y - value / slope
-            # Not finite fails the comparison as well. Newton may also hop between two kinks: a step that did not halve
-            # the residual is followed by a bisection. A falling branch would lead to a root that is not connected.
+            # The comparison also fails for values that are not finite. Newton's method may hop between two kinks: a
+            # step that did not halve the residual is followed by a bisection. A falling branch would lead to a root
+            # that is not connected.
             newton = low <= step <= high and slope > 0.0 and abs(value) <= 0.5 * last
             last = np.inf if borrowed else abs(value)
             if newton:

@@ -1,20 +1,20 @@
 """Runs of one network, sampled at stated instants: one state and one function for `torchdiffeq`.
 
-Run ``b`` of a batch takes its own time ``T_b``. In the share ``s`` of it, the cycles of slow and fast recordings have
+Run ``b`` of a batch lasts ``T_b``. In the normalised time ``s = t/T_b``, the cycles of slow and fast recordings have
 the same length, and all runs share the two output times 0 and 1:
 
     dx_b/ds = T_b f(x_b, u_b(T_b s)),      dr_bk/ds = δ(s − s_bk) x_b
 
-The record ``r_bk`` is zero before the sample ``s_bk`` and holds the state of that instant from there on. So the end of
-one interval holds all samples, and a loss of any form on them is differentiated in a single backward interval. As
-outputs of their own, samples would cost `torchdiffeq.odeint_adjoint` a solve each: 0.25 ms, more than 100 steps take.
+The record ``r_bk`` is zero before the sample ``s_bk`` and holds the state at that instant from there on. The end of one
+interval therefore holds all samples, and any loss on them is differentiated in a single backward interval. Samples as
+output times would cost `torchdiffeq.odeint_adjoint` one solve each: 0.25 ms, more than 100 steps take.
 
-The steps are those of the compiled march (`phnn.integrate.kernel`). The adjoint is the transpose of these very steps:
+The steps are those of the compiled kernels (`phnn.integrate.kernel`). The adjoint is the transpose of the same steps:
 
     (∂F/∂X)ᵀ μ = ∂L/∂X,      dL/dθ = −μᵀ ∂F/∂θ
 
-run by run one compiled sweep for ``μ``. The derivative by ``θ`` is taken in that sweep too where all laws are
-parametric; where some are learned, it is one derivative of the residuals of all steps of all runs at once.
+with one compiled sweep for ``μ`` in each run. If all laws are parametric, this sweep also computes the derivative by
+``θ``. If some are learned, it is one derivative of the residuals of all steps of all runs at once.
 """
 
 from __future__ import annotations
@@ -131,10 +131,10 @@ class SampledRuns(nn.Module):
 
 
 class Solved:
-    """All steps of all runs, and derivatives by what led to them.
+    """All steps of all runs, and derivatives by initial states and parameters.
 
     Args:
-        runs: what is solved.
+        runs: the runs to solve.
         x0: (B, n) initial states.
     """
 
@@ -150,7 +150,7 @@ class Solved:
         self.end = runs._with_records([torch.from_numpy(states) for states, _ in self.paths])
 
     def pull_back(self, wanted: Tensor, parameters: Sequence[Tensor]) -> tuple[Tensor, list[Tensor]]:
-        """From ``∂L`` by the end, (B, (1 + S) n), to those by the start, of the same shape, and by parameters."""
+        """Pull ``∂L`` by the end, (B, (1 + S) n), back to the start, of the same shape, and to the parameters."""
         n = wanted.shape[1] // (1 + self.runs.most)
         by_start, weights, gradient = torch.zeros_like(wanted), [], np.zeros(self.active.size)
         for b, nodes in enumerate(self.runs.nodes):
@@ -158,7 +158,7 @@ class Solved:
             cotangent[nodes.numpy()] = wanted[b, n:].reshape(-1, n)[: nodes.shape[0]].numpy()
             cotangent[-1] += wanted[b, :n].numpy()
             by_theta, carry, mu = self._transposed(b, cotangent)
-            # Nothing depends on what a record holds at the start.
+            # No result depends on the content of a record at the start.
             by_start[b, :n] = torch.from_numpy(carry + cotangent[0])
             gradient += by_theta
             weights.append(mu)
@@ -171,12 +171,12 @@ class Solved:
         march, (states, efforts) = self.march, self.paths[b]
         u, h = self.runs.u[b].numpy(), self.runs.h[b].numpy()
         mu = np.empty((h.size, states.shape[1] + len(march.program.junctions)))
-        run = sweep.Marched(march.program, march.theta, states, efforts, u, h)
+        run = sweep.Integrated(march.program, march.theta, states, efforts, u, h)
         by_theta, carry = sweep.adjoint(run, self.active, cotangent, mu)
         return by_theta, carry, mu
 
     def _by_values(self, gradient: Array, parameters: Sequence[Tensor]) -> list[Tensor]:
-        """From ``∂L/∂θ`` by physical values, which the compiled sweep has taken itself, to that by parameters."""
+        """Convert ``∂L/∂θ`` by physical values, which the compiled sweep has computed, to derivatives by parameters."""
         with torch.enable_grad():
             values = self.runs.system.present_values()
             asked = [values[self.march.program.names[k]] for k in self.active]
@@ -189,7 +189,7 @@ class Solved:
         return [torch.zeros_like(p) if f is None else f for p, f in zip(parameters, found, strict=True)]
 
     def _by_modules(self, mu: Array, parameters: Sequence[Tensor]) -> list[Tensor]:
-        """``−μᵀ ∂F/∂θ`` by the torch module: learned laws have more weights than a sweep takes in its stride."""
+        """``−μᵀ ∂F/∂θ`` by the torch module, for learned laws: they have too many weights for a sweep."""
         sums = [torch.zeros_like(p) for p in parameters]
         if not parameters:
             return sums

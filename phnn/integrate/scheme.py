@@ -4,22 +4,22 @@ Every scheme advances energy variables ``x``, under the mean inputs ``ū`` of a 
 
     (x⁺ − x)/h = J ē − Σ_r b_r φ_r(b_rᵀ ē, q̄_r) + g ψ(ū),
 
-with modulating variables ``q̄`` at mid-step and memories by their exact flow under the mean drives of the step. Schemes
-differ in the mean effort ``ē`` of *reducible* storages alone. These are linear storages ``e = s x`` with resistors of
-their own, such as hysterons, that are coupled to no other reducible one, so that in a step a constant current
-``i = Σ_j J_j ē_j + Σ_p g_p ψ_p(ū)`` flows into each (`phnn.integrate.partition`).
+with modulating variables ``q̄`` at mid-step, and modulator states by their exact flow under the mean drives of the
+step. Schemes differ only in the mean effort ``ē`` of dissipative *reducible* storages: linear storages ``e = s x`` with
+resistors of their own, such as hysterons, that are coupled to no other reducible one. In a step, a constant current ``i
+= Σ_j J_j ē_j + Σ_p g_p ψ_p(ū)`` flows into each of them (`phnn.integrate.partition`).
 
 ======================  ============================================================================================
 every other storage     discrete gradient, ``ē = (H(x⁺) − H(x))/(x⁺ − x)`` (Itoh & Abe 1988; Gonzalez 1996)
 reducible storage:
-``DISCRETE_GRADIENT``   exact flow of ``ẋ = i − φ(s x)``, ``ē = (1/h) ∫ s x dt``, where its resistors are one that is
-                        piecewise linear and any number of linear ones; otherwise as under ``RADAU``
+``DISCRETE_GRADIENT``   exact flow of ``ẋ = i − φ(s x)``, ``ē = (1/h) ∫ s x dt``, if one resistor is piecewise linear
+                        and all others are linear; otherwise as under ``RADAU``
 ``RADAU``               two-stage Radau IIA of ``ẋ = i − φ(s x)``, ``ē = s (3/4 X₁ + 1/4 X₂)`` (`phnn.integrate.stages`)
 ``MIDPOINT``            discrete gradient too, which is the implicit midpoint rule: ``ē = s (x + x⁺)/2``
 ======================  ============================================================================================
 
 All of them are passive at every step size, ``H(x⁺) − H(x) ≤ h Σ_p ψ_p(ū) gᵀē``. The first two are L-stable in reducible
-storages: one that relaxes much faster than a step is damped, where ``MIDPOINT`` lets it ring.
+storages: they damp a storage that relaxes much faster than a step, where ``MIDPOINT`` lets it ring.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ class Scheme(Enum):
 
     @classmethod
     def named(cls, name: str) -> Scheme:
-        """The scheme of a name.
+        """The scheme with a given name.
 
         Raises:
-            InputRefused: there is none; names those that there are.
+            InputRefused: no scheme has this name; lists the names.
         """
         for scheme in cls:
             if scheme.value == name:

@@ -9,9 +9,9 @@ import numpy as np
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import CAPACITY, fill_constants
 from phnn.integrate.elimination import eliminate
-from phnn.integrate.lookups import count, is_linear, junction_storage, mean_effort
 from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, make_root
 from phnn.integrate.step import balance, inlined_balance
+from phnn.integrate.table_access import count, is_linear, junction_storage, mean_effort
 from phnn.integrate.tables import LEAVES
 from phnn.integrate.terms import FORCE, SIZE
 from phnn.laws.namespace import TINY
@@ -26,8 +26,8 @@ _WHOLE = 30
 _FIRST_PART = 0.25
 _LEAST_PART = 2.0**-30
 
-# Rows of the solver's own memory (7+m, m): the Newton step, where it begins, a point that separates and the normal
-# there, scales, what rounding leaves, the solution of the part before, and last the rows of the latest Jacobian.
+# Rows of the work array (7+m, m): the Newton step; its starting point; the separating point and the normal there;
+# scales; the rounding level; the solution of the previous part; and from the last row on the latest Jacobian.
 _STEP, _BEGIN, _POINT, _NORMAL, _SCALE, _ROUNDING, _KEPT, _LATEST = range(8)
 
 
@@ -74,7 +74,7 @@ def solve_one(t: Any, h: Any, slope: Any, values: Any, perturbed: Any) -> Any:
     """Solve for the one junction from the guess in ``y``; returns success and the slope at the root.
 
     Args:
-        slope: of an earlier step that may still hold, or 0.
+        slope: slope of an earlier step as a first guess, or 0.
         values: (theta, c, g, a, x, y, wj, wx) as for `balance`; left at the root.
         perturbed: the same in complex numbers, without perturbations.
     """
@@ -106,7 +106,7 @@ def _converged(wj: Any, own: Any, relaxed: bool) -> bool:
     tolerance, rounding = (RELAXED, 1e-13) if relaxed else (TOLERANCE, 4e-16)
     good = True
     for j in range(own.shape[1]):
-        # Not a number fails the comparison as well.
+        # The comparison also fails for NaN.
         good = good and abs(wj[FORCE, j]) <= tolerance * wj[SIZE, j] + rounding * own[_ROUNDING, j] + NOTHING
     return good
 
@@ -123,10 +123,10 @@ def _merit(wj: Any, own: Any) -> Any:
 
 @plain
 def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
-    """Along a Newton step: the first halving that reduces the merit.
+    """Take the first halving of a Newton step that reduces the merit.
 
-    In the variables ``c_j v̄_j`` the equations of monotone laws are strongly monotone. Where no halving helps, the
-    iterate is projected on a plane that separates it from the solution and comes nearer to it (Solodov & Svaiter 1998).
+    In the variables ``c_j v̄_j`` the equations of monotone laws are strongly monotone. If no halving helps, the iterate
+    is projected on a plane that separates it from the solution, and so comes nearer to it (Solodov & Svaiter 1998).
     """
     stay_outside()
     theta, c, g, a, x, y, wj, wx = values
@@ -166,13 +166,13 @@ def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
 
 @inline
 def _magnitude(t: Any, j: Any, x: Any, y: Any) -> Any:
-    """What an unknown's last digit is a part of: a mean effort between two states is rounded by the larger of them."""
+    """Scale of an unknown's rounding error: a mean effort between two states is rounded by the larger of them."""
     return abs(y[j]) if is_linear(t, j) else max(abs(y[j]), abs(x[junction_storage(t, j)]))
 
 
 @inline
 def _ask(t: Any, x: Any, y: Any, wj: Any, jacobian: Any, step: Any, own: Any) -> None:
-    """What a Newton step is to take away, and what rounding leaves of it."""
+    """The residual that a Newton step is to remove, and its rounding level."""
     for j in range(y.shape[0]):
         step[j, 0] = -wj[FORCE, j]
         own[_ROUNDING, j] = 0.0
@@ -182,9 +182,9 @@ def _ask(t: Any, x: Any, y: Any, wj: Any, jacobian: Any, step: Any, own: Any) ->
 
 @plain
 def _once(t: Any, h: Any, values: Any, jacobian: Any, step: Any, own: Any) -> bool:
-    """One step with the latest Jacobian: where the equations are piecewise linear that mostly is all it takes.
+    """One step with the latest Jacobian, which mostly suffices where the equations are piecewise linear.
 
-    Where it is not the unknowns are put back.
+    If it does not suffice, the unknowns are restored.
     """
     stay_outside()
     theta, c, g, a, x, y, wj, wx = values
@@ -237,7 +237,7 @@ def _newton(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: An
 
 @plain
 def rest_guess(t: Any, theta: Any, x: Any, y: Any) -> None:
-    """The unknowns if nothing changes."""
+    """The unknowns of a step in which nothing changes."""
     for j in range(y.shape[0]):
         k = junction_storage(t, j)
         y[j] = mean_effort(t, k, x[k], x[k], theta) if is_linear(t, j) else x[k]
@@ -245,10 +245,10 @@ def rest_guess(t: Any, theta: Any, x: Any, y: Any) -> None:
 
 @plain
 def _followed(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any) -> bool:
-    """The solution of ever longer parts of the step, each begun at that of the one before.
+    """Solve for ever longer parts of the step, each from the solution of the part before.
 
-    The equations of monotone laws have one solution for every length, which depends on it continuously. Close to it
-    whole Newton steps find their way across kinks at which a line search may stop.
+    The equations of monotone laws have one solution for every length, which depends on it continuously. Close to the
+    solution, full Newton steps pass kinks at which a line search may stop.
     """
     stay_outside()
     theta, c, _, _, x, y, _, _ = values
@@ -284,7 +284,7 @@ def solve_many(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step:
 
     Args:
         values, perturbed: as for `solve_one`.
-        jacobian: (m, m), step: (m, 1) and own: (7+m, m) memory, zero before the first step.
+        jacobian: (m, m), step: (m, 1) and own: (7+m, m) work arrays, zero before the first step.
     """
     stay_outside()
     if own[_LATEST, 0] != 0.0 and _once(t, h, values, jacobian, step, own):

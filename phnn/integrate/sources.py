@@ -1,4 +1,4 @@
-"""What drives the memories of a network, as rows of the kernel's table."""
+"""The sources that drive the modulator states of a network, as rows of the kernel's table."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from phnn.integrate.tables import (
     SOURCE_PORT,
     SOURCE_RESISTOR,
 )
-from phnn.network.elements import Memory, Network
+from phnn.network.elements import ModulatorState, Network
 
 
-def source_rows(network: Network, memory: Memory, leaves: Sequence[str], junctions: Sequence[str]) -> list[list[int]]:
-    """The rows of one memory; junction resistors are counted within their kind."""
+def source_rows(
+    network: Network, memory: ModulatorState, leaves: Sequence[str], junctions: Sequence[str]
+) -> list[list[int]]:
+    """The rows of one modulator state's sources; junction resistors are counted within their kind."""
     on_junctions = [r.name for r in network.resistors if set(r.on) <= set(junctions)]
     ports = [p.name for p in network.ports]
     names = network.drives_of(memory)
@@ -32,7 +34,7 @@ def source_rows(network: Network, memory: Memory, leaves: Sequence[str], junctio
             rows.append(_row(SOURCE_PORT, ports.index(name)))
         else:
             leaf = next(storage for r in network.resistors if r.name == name for storage in r.on)
-            # The leaf's resistors all drive the memory, or none does: see `phnn.integrate.compilable`.
+            # All resistors of the storage drive the modulator state, or none does: see `phnn.integrate.compilable`.
             together = [r.name for r in network.resistors if tuple(r.on) == (leaf,)]
             if name == together[0]:
                 rows.append(_row(SOURCE_LEAF, leaves.index(leaf)))

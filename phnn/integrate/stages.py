@@ -1,4 +1,4 @@
-"""Leaves without an exact flow, under the constant current of a step.
+"""Reducible storages without an exact flow, under the constant current of a step.
 
 Two-stage Radau IIA (Butcher 1964; Hairer & Wanner 1996, Sec. IV.5) for a linear storage ``E = s x``:
 
@@ -40,14 +40,14 @@ def gradient_defect(d: Any, current: Any, h: Any, lost: Any) -> Any:
 def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any], compiled: Callable[..., Any]) -> Any:
     """``search(x, i, h, context) -> (X_1, X_2, a, b)`` and ``moved(x, i, h, s, found, context) -> (x⁺, ē)``.
 
-    The search is one of plain numbers, NaN where the stages were not found. Newton's method from the state before has
-    them in a few steps where no slope is negative; else the first defect increases with the first stage, and with the
-    first stage so found the second defect increases with the second: two scalar roots, one within the other, each in a
-    bracket. What is found is moved by one Newton step with ``J = [[a, 1/2], [−9/2, b]]`` in the perturbed numbers, by
-    the implicit function theorem, so that one search serves all derivatives of a step.
+    The search runs in real numbers; its result is NaN if it fails. If no slope is negative, Newton's method from the
+    previous state converges in a few steps. Otherwise two nested scalar searches follow, each in a bracket: the first
+    defect increases with the first stage; with the first stage as its root, the second defect increases with the second
+    stage. ``moved`` takes one Newton step from the result with ``J = [[a, 1/2], [−9/2, b]]`` in the perturbed numbers
+    (implicit function theorem), so that one search serves all derivatives of a step.
 
     Args:
-        flow: ``(state, context) -> φ``, what the resistors of the leaf take.
+        flow: ``(state, context) -> φ``, the flow into the resistors of the storage.
         plain_flow: the same without the perturbations of the context.
         compiled: compiler of the inner functions.
     """
@@ -60,7 +60,7 @@ def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any], compile
 def _make_radau_roots(
     defects: Callable[..., Any], lost: Callable[..., Any], compiled: Callable[..., Any]
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """The two scalar roots, one within the other: ``first`` finds ``X_1`` for a given ``X_2``, ``second`` ``X_2``."""
+    """Two nested scalar roots: ``first`` finds ``X_1`` for a given ``X_2``, ``second`` finds ``X_2``."""
 
     @compiled
     def first_value(one: Any, given: Any) -> Any:
@@ -100,7 +100,7 @@ def _make_radau_search(
     second: Callable[..., Any],
     compiled: Callable[..., Any],
 ) -> Callable[..., Any]:
-    """The search of `make_radau`: Newton's method, and the nested roots where it does not arrive."""
+    """The search of `make_radau`: Newton's method, then the nested roots if it does not converge."""
 
     @compiled
     def search(x: Any, i: Any, h: Any, context: Any) -> Any:
@@ -131,7 +131,7 @@ def _make_radau_search(
 def _make_radau_moved(
     defects: Callable[..., Any], flow: Callable[..., Any], compiled: Callable[..., Any]
 ) -> Callable[..., Any]:
-    """The step of `make_radau` in perturbed numbers, from stages that were found in real ones."""
+    """The step of `make_radau` in perturbed numbers, from stages that were found in real numbers."""
 
     @compiled
     def moved(x: Any, current: Any, h: Any, s: Any, found: Any, context: Any) -> Any:

@@ -1,12 +1,14 @@
-"""The steady state that a network reaches from nothing under constant inputs.
+"""The steady state that a network reaches from the zero state under constant inputs.
 
     [J − D] ∇H(x) + g ψ(u) = 0,     C x = 0
 
-``C`` are the invariants, ``C [J, b_1, …, b_R, g] = 0``: a charge that nothing changes stays zero. Currents may flow: a
-tank that is filled steadily stands as high as its outlet needs. Where resistors are silent around their efforts, as
-dead zones are, a whole set of states is steady. Of these it is the one to which the smallest leaks beside them would
-lead, ``Σ ε_r²`` of the silent ones least: uncharged hysterons, in the paper's actuator. Memories rest where what drives
-them holds them.
+``C`` are the invariants, ``C [J, b_1, …, b_R, g] = 0``: a charge that no flow changes stays zero. Flows need not
+vanish: a tank with a steady inflow reaches the level at which its outlet carries the same flow.
+
+A resistor is silent if its flow is zero around its effort, as in a dead zone. With silent resistors, the steady states
+form a set. The solution is the one to which the smallest leaks in parallel with the silent resistors would lead, with
+the least ``Σ ε_r²``: uncharged hysterons, in the paper's actuator. Modulator states rest at the equilibrium of their
+laws under the steady drives.
 """
 
 from __future__ import annotations
@@ -27,9 +29,9 @@ from phnn.network.system import PortHamiltonianSystem
 Array = NDArray[np.float64]
 
 _ITERATIONS = 60
-# Of the steps, beside the state; of what is left of the rates, beside the terms that cancel in them.
+# Tolerances: of the steps, relative to the state; of the rates, relative to the terms that cancel in them.
 _CONVERGED, _BALANCED = 1e-12, 1e-9
-# A singular value below this share of the largest is zero, rows and columns being of one size.
+# A singular value below this share of the largest counts as zero; rows and columns are equilibrated before.
 _RANK = 1e-11
 _SWEEPS = 20
 
@@ -38,7 +40,8 @@ class _Point(NamedTuple):
     """A network at a state.
 
     Attributes:
-        rate: (n,) ``ẋ``; terms: (n,) sum of the absolute values of what cancels in it, of memories zero.
+        rate: (n,) ``ẋ``; terms: (n,) sum of the absolute values of the terms that cancel in it, zero for modulator
+            states.
         slope: (n, n) derivative of the rate.
         is_silent: (R,) which resistors are silent; silent: (S,) their efforts; by_state: (S, n) derivative.
         invariants: (c, n) ``C``.
@@ -54,10 +57,10 @@ class _Point(NamedTuple):
 
 
 def steady_state(network: Network, u: Array) -> Array:
-    """(n,) steady state under constant inputs (P,), by Newton's method from nothing.
+    """(n,) steady state under constant inputs (P,), by Newton's method from the zero state.
 
     Raises:
-        SolverFailed: there is none, or it is not found: names the storages and the remedy.
+        SolverFailed: there is no steady state, or it is not found: names the storages and the remedy.
     """
     system = PortHamiltonianSystem(network)
     x = np.zeros(len(network.state_names))
@@ -67,7 +70,7 @@ def steady_state(network: Network, u: Array) -> Array:
         if not np.isfinite(x).all() or np.abs(step / columns).max() <= _CONVERGED * np.abs(x / columns).max():
             break
     point, rows = _at(system, u, x), rows[: x.size]
-    # A rate of a single term is rounding as a whole: the size is that of the largest.
+    # A rate with a single term is rounding as a whole: its scale is the largest of all rates.
     size = max(np.abs(x / columns).max(), (rows * point.terms).max())
     moving = ~(np.abs(rows * point.rate) <= _BALANCED * size)
     if moving.any():
@@ -84,7 +87,7 @@ def steady_derivative(network: Network, u: Array, names: Sequence[str]) -> Array
         [ L_xx  G_xᵀ ] [ δx ]     [ L_xθ ]
         [ G_x   0    ] [ δλ ] = − [ G_θ  ] δθ,
 
-    and of its solutions the least one, as `steady_state` does.
+    of which the solution of least norm is taken, as in `steady_state`.
 
     Raises:
         SolverFailed: as of `steady_state`.
@@ -92,7 +95,7 @@ def steady_derivative(network: Network, u: Array, names: Sequence[str]) -> Array
     steady = steady_state(network, u)
     if not names:
         return np.zeros((steady.size, 0))
-    # Bounds aside, so that every value has a derivative.
+    # Without bounds, so that every value has a derivative.
     table = {
         name: replace(p, lower=-np.inf, upper=np.inf, fixed=False) if name in names else p
         for name, p in network.parameters.items()
@@ -115,7 +118,7 @@ def _implicit(system: PortHamiltonianSystem, steady: Array, u: Tensor, by: Seque
     """(n, K) derivatives of a steady state by some scalars on which the system or its inputs depend.
 
     Raises:
-        SolverFailed: there is no steady state beside it; names what moves on for ever.
+        SolverFailed: there is no steady state close by; names the states that grow without bound.
     """
     point = _at(system, u.detach().numpy(), steady)
     x = torch.from_numpy(steady).requires_grad_(True)
@@ -130,11 +133,11 @@ def _implicit(system: PortHamiltonianSystem, steady: Array, u: Tensor, by: Seque
     rows, columns = _equilibrated(matrix)
     scaled, right = rows[:, None] * matrix * columns, rows[:, None] * right
     found, _ = _least(scaled, right)
-    # What rounding has left.
+    # Residual at the level of rounding.
     found = found + _least(scaled, right - scaled @ found)[0]
     defect = np.abs(scaled @ found - right).max(axis=1)
     if (defect > _BALANCED * np.abs(right).max(initial=0.0)).any():
-        # A small change sets something moving for ever.
+        # A small change makes a state grow without bound.
         moving = defect[steady.size : 2 * steady.size] > 0.0
         raise SolverFailed(_why(system.network, _newton(point, steady)[2], moving))
     return np.asarray((columns[:, None] * found)[: steady.size])
@@ -146,7 +149,7 @@ def _conditions(system: PortHamiltonianSystem, point: _Point, x: Tensor, u: Tens
     touched = torch.cat([system.structure(x), branches, inputs], dim=-1)
     invariants = torch.from_numpy(point.invariants)
     first = touched.shape[0]
-    # What the invariants are changes with the ratios: δC = −C δA A⁺ for C A = 0.
+    # The invariants depend on the ratios: δC = −C δA A⁺ for C A = 0.
     by_ratio = torch.from_numpy(np.linalg.pinv(touched.detach().numpy(), rcond=_RANK)) @ x.detach()[:first]
     held = invariants @ x - invariants[:, :first] @ (touched @ by_ratio)
     epsilon = system.branch_efforts(system.efforts(x), x)
@@ -188,13 +191,13 @@ def _at(system: PortHamiltonianSystem, u: Array, x: Array) -> _Point:
 
 
 def _newton(point: _Point, x: Array) -> tuple[Array, tuple[Array, Array], Array]:
-    """(n,) step, the factors of rows and columns, and (n, f) directions that nothing determines."""
+    """(n,) step, the factors of rows and columns, and (n, f) directions that the equations leave free."""
     matrix = np.vstack([point.slope, point.invariants])
     right = np.concatenate([-point.rate, -point.invariants @ x])
     rows, columns = _equilibrated(matrix)
     step, free = _least(rows[:, None] * matrix * columns, rows * right)
     if free.size and point.silent.size:
-        # What is open is settled by the silent resistors.
+        # The silent resistors determine the free directions.
         along = point.by_state @ (columns[:, None] * free)
         size = np.abs(along).max() or 1.0
         chosen, rest = _least(along / size, -(point.silent + point.by_state @ (columns * step)) / size)

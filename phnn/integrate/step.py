@@ -4,13 +4,13 @@ One step of size ``h`` under the mean inputs ``ū`` solves, for the junctions ``
 
     F_j = (z_j − p_j)/h + Σ_l a_lj ē_l + Σ_r b_rj φ_r(b_rᵀ v̄) − Σ_i J_ji v̄_i − Σ_p g_pj ψ_p(ū_p) = 0,
 
-where ``v̄_j`` is the mean effort and ``z_j`` the end state of the junction, and ``ē_l`` the discrete gradient of a
-lossless leaf or the average effort of a dissipative one under the constant current ``i_l = Σ a_lj v̄_j + Σ g_lp ψ_p``.
+where ``v̄_j`` is the mean effort and ``z_j`` the end state of the junction. ``ē_l`` is the discrete gradient of a
+lossless storage, or the mean effort of a dissipative one under the constant current ``i_l = Σ a_lj v̄_j + Σ g_lp ψ_p``.
 The unknown ``y_j`` is ``v̄_j`` where the junction's storage is linear and ``z_j`` elsewhere. Multiplied by ``h v̄`` the
 equations are the energy balance of the step.
 
-Every function here runs on floats and on complex numbers with a tiny imaginary part; the latter yields exact
-derivatives of the very step that marches, so that none is written by hand.
+Every function here runs on floats and on complex numbers with a tiny imaginary part. The latter yields exact
+derivatives of the same step, so that no derivative is written by hand.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ from phnn.integrate.constants import (
     fill_gains,
     scale_gains,
 )
-from phnn.integrate.lookups import (
+from phnn.integrate.stages import make_gradient, make_radau
+from phnn.integrate.table_access import (
     count,
     factor,
     junction_storage,
@@ -39,7 +40,6 @@ from phnn.integrate.lookups import (
     resistor_flow,
     resistor_thresholds,
 )
-from phnn.integrate.stages import make_gradient, make_radau
 from phnn.integrate.tables import (
     EXACT,
     FACTORS,
@@ -75,7 +75,7 @@ from phnn.laws.namespace import real
 
 @plain
 def modulate(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
-    """Set the gains to what they are at mid-step."""
+    """Set the gains to their values at mid-step."""
     stay_outside()
     fill_gains(t, theta, g)
     for r in range(t[0, FACTORS], t[0, FACTORS + 1]):
@@ -84,7 +84,7 @@ def modulate(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any,
 
 @inline
 def _lost(context: Any, effort: Any) -> Any:
-    """``Σ_r b_r φ_r(b_r ε)`` of a leaf at an effort."""
+    """``Σ_r b_r φ_r(b_r ε)`` of a reducible storage at an effort."""
     t, leaf, theta, c, g, a, x, y, h, wj = context
     row = t[0, LEAVES] + leaf
     total = 0.0 * effort
@@ -96,7 +96,7 @@ def _lost(context: Any, effort: Any) -> Any:
 
 @inline
 def _plainly_lost(context: Any, effort: Any) -> Any:
-    """`_lost` without the perturbations of ratios and of what laws read; ``theta`` has none."""
+    """`_lost` without the perturbations of ratios and of variables that laws read; ``theta`` is unperturbed."""
     t, leaf, theta, c, g, a, x, y, h, wj = context
     row = t[0, LEAVES] + leaf
     total = 0.0 * effort
@@ -135,14 +135,14 @@ _gradient_search, _gradient_moved = make_gradient(_between_states(_lost), _betwe
 
 @inline
 def is_closed(t: Any, leaf: Any) -> Any:
-    """Whether the equations of a leaf have a closed solution."""
+    """Whether the equations of a reducible storage have a closed solution."""
     rule = t[t[0, LEAVES] + leaf, RULE]
     return (rule == LOSSLESS) | (rule == EXACT)
 
 
 @plain
 def leaf_search(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
-    """What solves the equations of a leaf without a closed solution, in plain numbers: see `phnn.integrate.stages`."""
+    """Solve the equations of a storage without a closed solution, in real numbers: see `phnn.integrate.stages`."""
     stay_outside()
     row = t[0, LEAVES] + leaf
     start, current = real(x[t[row, OWN_STORAGE]]), real(leaf_current(t, leaf, g, a, wj))
@@ -157,7 +157,7 @@ def leaf_search(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y
 def leaf_moved(
     t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, found: Any
 ) -> Any:  # fmt: skip
-    """End state and mean effort of a leaf from what `leaf_search` found."""
+    """End state and mean effort of a reducible storage from the result of `leaf_search`."""
     stay_outside()
     row = t[0, LEAVES] + leaf
     k = t[row, OWN_STORAGE]
@@ -171,7 +171,7 @@ def leaf_moved(
 
 @inline
 def leaf_closed(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
-    """End state and mean effort of a leaf with a closed solution."""
+    """End state and mean effort of a reducible storage with a closed solution."""
     row = t[0, LEAVES] + leaf
     k, rule = t[row, OWN_STORAGE], t[row, RULE]
     if rule == LOSSLESS:
@@ -193,7 +193,7 @@ def leaf_closed(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y
 
 @inline
 def leaf_step(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
-    """End state and mean effort of a leaf."""
+    """End state and mean effort of a reducible storage."""
     if is_closed(t, leaf):
         return leaf_closed(t, leaf, theta, c, g, a, x, y, h, wj)
     found = leaf_search(t, leaf, theta, c, g, a, x, y, h, wj)
@@ -202,7 +202,7 @@ def leaf_step(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: 
 
 @inline
 def leaf_forces(t: Any, leaf: Any, g: Any, effort: Any, wj: Any) -> None:
-    """Add what a leaf exerts on its junctions."""
+    """Add the forces of a reducible storage on its junctions."""
     row = t[0, LEAVES] + leaf
     for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
         add(g[r] * effort, t[r, TO_JUNCTION], wj)
@@ -210,7 +210,7 @@ def leaf_forces(t: Any, leaf: Any, g: Any, effort: Any, wj: Any) -> None:
 
 @inline
 def inlined_balance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any) -> None:
-    """``F`` at the unknowns ``y``, and what they lead to.
+    """Evaluate ``F`` at the unknowns ``y``, with the end states and mean efforts.
 
     Args:
         t: table; theta: (M,) parameters; x: (N,) state; y: (m,) unknowns; h: step.

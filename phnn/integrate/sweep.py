@@ -1,7 +1,7 @@
-"""Sweeps of the linearised march: forward sensitivities with many right-hand sides, and the adjoint.
+"""Sweeps of the linearised steps: forward sensitivities with many right-hand sides, and the adjoint.
 
-By the implicit function theorem the derivatives of a march obey `phnn.integrate.recursion`, whose local derivatives are
-taken of the very step that marched by `phnn.integrate.linearise`.
+By the implicit function theorem the derivatives of an integration obey `phnn.integrate.recursion`.
+`phnn.integrate.linearise` takes the local derivatives of the same steps that were integrated.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _sensitivity_steps = make_sensitivities(derivatives_at)
 _adjoint_steps = make_adjoint(derivatives_at)
 
 
-# What is cached has to stand in a module, which a function that another one has made does not.
+# A cached function has to be an attribute of a module, not one that another function has made.
 @loop_entry
 def _sensitivities(*arguments: Any) -> None:
     _sensitivity_steps(*arguments)
@@ -43,15 +43,15 @@ def _adjoint(*arguments: Any) -> None:
 
 
 def carrier(program: Program, port: int) -> int:
-    """A place in theta that stands in the law of a port, where its row is padded, and that nothing reads.
+    """An unused entry of theta in the padded row of a port's law.
 
-    As an active parameter it changes nothing but the actions that `sensitivities` is given for it.
+    As an active parameter it changes only the actions, by the derivatives that `sensitivities` is given for it.
     """
     return int(rows_of(program.table, PORTS)[port, PLACE_4])
 
 
-class Marched(NamedTuple):
-    """A program that has been integrated, for the shapes see `phnn.integrate.kernel.march`."""
+class Integrated(NamedTuple):
+    """An integrated program; for the shapes see `phnn.integrate.kernel.march`."""
 
     program: Program
     theta: Array
@@ -60,21 +60,21 @@ class Marched(NamedTuple):
     u: Array
     h: Array
 
-    def first(self, steps: int | None) -> Marched:
+    def first(self, steps: int | None) -> Integrated:
         """The same in the first steps; in all of them where ``steps`` is None."""
         nodes = None if steps is None else steps + 1
-        return Marched(
+        return Integrated(
             self.program, self.theta, self.states[:nodes], self.efforts[:steps], self.u[:steps], self.h[:steps]
         )
 
 
 class Perturbed(NamedTuple):
-    """What a forward sweep perturbs all along a march, beside initial states.
+    """The perturbations of a forward sweep that last for all steps; those of initial states are given separately.
 
     Attributes:
-        active: (K,) places in theta.
+        active: (K,) indices into theta.
         forces: (n, F) perturbations of the junction's force, one column each.
-        varied: (W,) which active parameter is perturbed by a signal; weights: (n, W) by which one.
+        varied: (W,) the active parameters that a signal perturbs; weights: (n, W) these signals.
         pushed: for active places that are a `carrier`, by their number among the active: (n, P) change of the actions.
     """
 
@@ -86,7 +86,7 @@ class Perturbed(NamedTuple):
 
     @property
     def columns(self) -> int:
-        """How many perturbations there are."""
+        """Number of perturbations."""
         return self.active.size + self.forces.shape[1] + self.varied.size
 
     def first(self, steps: int | None) -> Perturbed:
@@ -96,15 +96,15 @@ class Perturbed(NamedTuple):
 
 
 def by_parameters(active: NDArray[np.int64], steps: int) -> Perturbed:
-    """Perturb the parameters at some places in theta, and nothing else."""
+    """Perturb only the parameters at some entries of theta."""
     none = np.zeros((steps, 0))
     return Perturbed(active, none, np.zeros(0, dtype=np.int64), none, {})
 
 
 def _prepared(
-    march: Marched, active: NDArray[np.int64], pushed: Mapping[int, Array]
+    march: Integrated, active: NDArray[np.int64], pushed: Mapping[int, Array]
 ) -> tuple[Pattern, Run, Derivatives]:
-    """What the sweeps of a program take: pattern, march and memory."""
+    """The arguments of a program's sweeps: pattern, integrated steps and work arrays."""
     program, theta, states, efforts, u, h = march
     pattern = pattern_of(program, tuple(active.tolist()))
     in_laws = active[pattern.in_ports >= 0]
@@ -116,7 +116,7 @@ def _prepared(
 
 
 def sensitivities(
-    march: Marched,
+    march: Integrated,
     perturbed: Perturbed,
     start: Array,
     initial: NDArray[np.int64],
@@ -129,8 +129,8 @@ def sensitivities(
     which the output flows, and parameters perturbed by a signal instead of a constant.
 
     Args:
-        march: what has been integrated.
-        perturbed: what is perturbed.
+        march: the integrated steps.
+        perturbed: the perturbations.
         start: (N, C) derivative of the initial state by the first C columns; those of initial states are given below.
         initial: (S,) state whose initial value column ``K + s`` perturbs.
         nodes: (M,) increasing step indices at which the output is wanted, the first 0.
@@ -154,13 +154,13 @@ def sensitivities(
         following, np.zeros((m, m)), out,
     )  # fmt: skip
     if end is not None:
-        # The sweep goes back and forth between the two.
+        # The sweep swaps the two arrays after every step.
         end[:] = (following if march.h.size % 2 else known)[: states.shape[1]]
     return out
 
 
 def adjoint(
-    march: Marched,
+    march: Integrated,
     active: NDArray[np.int64],
     cotangent: Array,
     multipliers: Array | None = None,
@@ -169,14 +169,14 @@ def adjoint(
     """Backward sweep of the linearised recursion.
 
     Args:
-        march: what has been integrated, or a window of it.
-        active: (K,) places in theta.
+        march: the integrated steps, or a window of them.
+        active: (K,) indices into theta.
         cotangent: (n+1, N) ``dL/dx`` at the nodes.
         multipliers: (n, N+m) filled with ``dL/dx⁺`` of every step and the multipliers of its ``F``.
-        carry: (N,) what later windows have passed back to the last node.
+        carry: (N,) the contribution of later windows to ``dL/dx`` at the last node.
 
     Returns:
-        (K,) ``dL/dθ`` of the window, and (N,) ``dL/dx`` at its first node but for that node's own cotangent.
+        (K,) ``dL/dθ`` of the window, and (N,) ``dL/dx`` at its first node without the cotangent of that node.
     """
     pattern, run, memory = _prepared(march, active, {})
     m = len(march.program.junctions)

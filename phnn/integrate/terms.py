@@ -1,4 +1,4 @@
-"""What junctions and leaves see of each other in a step: flows, currents, what laws read; the junctions' own terms."""
+"""The coupling of junctions and reducible storages in a step: flows, currents, modulating variables, junction terms."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from phnn.integrate.compiled import inline
 from phnn.integrate.constants import CAPACITY
-from phnn.integrate.lookups import count, is_linear, junction_storage, mean_effort, resistor_flow
+from phnn.integrate.table_access import count, is_linear, junction_storage, mean_effort, resistor_flow
 from phnn.integrate.tables import (
     FIRST_BRANCH,
     FIRST_INLET,
@@ -26,7 +26,7 @@ from phnn.integrate.tables import (
     READ,
     READ_JUNCTION,
     READ_LEAF,
-    READ_MEMORY,
+    READ_MODULATOR,
     TO_JUNCTION,
 )
 
@@ -56,15 +56,16 @@ def leaf_current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
 
 @inline
 def read(t: Any, r: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
-    """Mid-step energy variable, or memory, that a law may read; 0 for none.
+    """Mid-step energy variable, or modulator state, that a law may read; 0 for none.
 
-    The ratios of a leaf that is read follow no energy variable; a memory is read as it is at the start of the step.
+    The ratios of a reducible storage that is read follow no energy variable. A modulator state is read at the start of
+    the step.
     """
     if r < 0:
         return 0.0 * g[0]
     leaf, j = t[r, READ_LEAF], t[r, READ_JUNCTION]
-    if t[r, READ_MEMORY] >= 0:
-        return x[t[r, READ_MEMORY]]
+    if t[r, READ_MODULATOR] >= 0:
+        return x[t[r, READ_MODULATOR]]
     if leaf >= 0:
         return x[t[t[0, LEAVES] + leaf, OWN_STORAGE]] + 0.5 * h * leaf_current(t, leaf, g, a, wj)
     return x[junction_storage(t, j)] + 0.5 * junction_change(t, j, c, x, y)
@@ -114,7 +115,7 @@ def _inlet_term(t: Any, r: Any, g: Any, a: Any, wj: Any) -> None:
 
 @inline
 def junction_term(t: Any, r: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
-    """Add what the junction resistor, gyrator or junction inlet in row ``r`` exerts."""
+    """Add the force of the junction resistor, gyrator or junction inlet in row ``r``."""
     if r < t[0, JUNCTION_RESISTORS + 1]:
         _resistor_term(t, r, theta, c, g, a, x, y, h, wj)
     elif r < t[0, GYRATORS + 1]:
@@ -125,7 +126,7 @@ def junction_term(t: Any, r: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y:
 
 @inline
 def junction_terms(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
-    """``F`` without the leaves, the size of its terms, and ``z − p``."""
+    """``F`` without the reducible storages, the size of its terms, and ``z − p``."""
     rate = 1.0 / h
     for j in range(count(t, JUNCTIONS)):
         change = junction_change(t, j, c, x, y)

@@ -1,4 +1,4 @@
-"""What a scalar constitutive law is: the registries that kernels, torch modules and tests share.
+"""Scalar constitutive laws: the registries that kernels, torch modules and tests share.
 
 A law is a set of plain functions written with `phnn.laws.namespace`. It is registered once and is then
 available to the compiled kernel (by its position in the registry), to the torch module (by its name)

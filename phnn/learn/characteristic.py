@@ -1,4 +1,4 @@
-"""What a learned resistor has become: its inverse characteristic over the visited flows, and thresholds from it.
+"""The characteristic of a learned resistor: its inverse over the visited flows, and thresholds from it.
 
 A hysteron's voltage is all that the recordings see of its resistor, and the flow through it is what drives it: so a
 resistor is compared where it has been, and as effort over flow, which a steep slope does not blow up.

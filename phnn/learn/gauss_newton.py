@@ -122,7 +122,7 @@ class GaussNewton:
             raise SolverFailed(f"no solution of the step at t = {h[:done].sum():.6g} s: lower the rate of learning")
         places = _places(program, self.plant)
         initial = np.arange(x0.size if estimated >= 0 else 0, dtype=np.int64)
-        march = sweep.Marched(program, theta, states, efforts, u, h)
+        march = sweep.Integrated(program, theta, states, efforts, u, h)
         by, start = sweep.by_parameters(places, h.size), np.zeros((x0.size, places.size))
         found = sweep.sensitivities(march, by, start, initial, window.nodes.numpy())
         out = np.zeros((found.shape[0], columns))
@@ -139,8 +139,8 @@ def with_weights(program: Program, plant: NetworkPlant) -> Program:
     The adjoint leaves them to the torch module; a forward sweep by weights needs them in its pattern.
     """
     base = len(program.states) + len(program.junctions)
-    leaves = [set(inputs) for inputs in program.uses.leaves]
-    others = {row: set(inputs) for row, inputs in program.uses.others.items()}
+    leaves = [set(inputs) for inputs in program.sparsity.leaves]
+    others = {row: set(inputs) for row, inputs in program.sparsity.others.items()}
     for (kind, element), places in _weight_places(program, plant).items():
         owner = _owner(plant, kind, element)
         weights = {base + p for p in places}
@@ -148,10 +148,10 @@ def with_weights(program: Program, plant: NetworkPlant) -> Program:
         mine = [leaves[program.leaves.index(owner)]] if owner in program.leaves else [*leaves, *others.values()]
         for inputs in mine:
             inputs |= weights
-    uses = program.uses._replace(
+    sparsity = program.sparsity._replace(
         leaves=tuple(map(frozenset, leaves)), others={row: frozenset(inputs) for row, inputs in others.items()}
     )
-    return replace(program, uses=uses)
+    return replace(program, sparsity=sparsity)
 
 
 def _weight_places(program: Program, plant: NetworkPlant) -> dict[tuple[str, str], range]:

@@ -1,4 +1,4 @@
-"""What training makes small: residual over noise, and the jumps between windows.
+"""The objective of training: residual over noise, and the jumps between windows.
 
     L = mean_n ((y_n − ŷ_n − zero)/σ)² + c mean_k |(x_k(end) − x_{k+1}(start))/(ν s)|²,     ν = σ/rms(y)
 
@@ -145,7 +145,7 @@ def begin(plant: Plant, recording: Recording) -> Tensor:
     return torch.from_numpy(equilibrium(compile_network(network), network, u))
 
 
-def settled(plant: Plant, solver: Solver, recording: Recording, substeps: int) -> Tensor:
+def estimated_start(plant: Plant, solver: Solver, recording: Recording, substeps: int) -> Tensor:
     """(n,) initial state of a recording, estimated from its first samples with the plant held.
 
     The samples are those of its nuisance part or, where it has none, the first 2 % and 50 at least.

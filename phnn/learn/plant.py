@@ -1,4 +1,4 @@
-"""What is trained: a model of the path from voltage to displacement, with the coordinates it is trained in."""
+"""The trained model: from voltage to displacement, with the coordinates in which it is trained."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from phnn.identification.evaluate import Evaluation, score_part
-from phnn.learn.objective import Objective, settled
+from phnn.learn.objective import Objective, estimated_start
 from phnn.learn.plant import Plant
 from phnn.learn.solvers import Solver
 from phnn.learn.windows import starts_at_zero
@@ -29,7 +29,7 @@ def whole(
     given = initial or {}
     for k, r in enumerate(recordings):
         if not starts_at_zero(r):
-            objective.origin[k] = given[r.name] if r.name in given else settled(plant, solver, r, substeps)
+            objective.origin[k] = given[r.name] if r.name in given else estimated_start(plant, solver, r, substeps)
     return objective
 
 

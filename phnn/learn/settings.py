@@ -1,4 +1,4 @@
-"""What a training run is told; the keys of ``configs/train.yaml``."""
+"""The settings of a training run; the keys of ``configs/train.yaml``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How windows are solved: by the compiled power-preserving step, by that of latent models, or by torchdiffeq.
+"""The solvers of windows: the compiled power-preserving step, the step of latent models, or torchdiffeq.
 
 Every solver takes a plant, windows and their (B, n) initial states and returns the (S_b, n) states at the samples of
 each window, differentiable by the plant's parameters and the initial states.

@@ -1,4 +1,4 @@
-"""What may push back at a port, by the names of the catalogue.
+"""The elements that may act at a port, by the names of the catalogue.
 
 An element is a sum of parts on the same extension x, each with a weight k ≥ 0. All are passive whatever their weights,
 the slow one in a steady cycle only:

@@ -52,7 +52,7 @@ class Structure(NamedTuple):
     b: Array
 
 
-class Marched(NamedTuple):
+class Integrated(NamedTuple):
     """A period: q (n, M) at the steps' beginnings; s̄ (n, P, count) with ``ē = Σ k s̄``; whether steps were solved."""
 
     q: Array
@@ -119,7 +119,7 @@ def march(
     begin: Array | None = None,
     before: Array | None = None,
     periods: int | None = None,
-) -> Marched:
+) -> Integrated:
     """Integrate a periodic input until the transient of the modes is over, or for a dozen periods; return the last one.
 
     Args:
@@ -138,4 +138,4 @@ def march(
     ports = PortState(np.zeros(number), np.zeros(number), calm, np.zeros(parts.k.shape))
     out = _Period(np.empty((n, count)), np.empty((n, *parts.k.shape)))
     solved = _march(u, modes, parts, ports, step_of(h, parts.k.shape), periods, out)
-    return Marched(*out, bool(solved))
+    return Integrated(*out, bool(solved))

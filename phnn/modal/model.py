@@ -138,8 +138,8 @@ class ModalModel:
         if not done.solved:
             raise SolverFailed(f"{experiment.name}: {self.element.name} is too stiff for steps of {h:.3g} s")
         parts = np.fft.rfft(done.s, axis=0)[: f.size] / count * hold[:, :, None]
-        marched = np.asarray(np.fft.rfft(done.q[::count], axis=0), dtype=np.complex128)
-        return Seen(s, marched, drive - (self.k * parts).sum(axis=2), parts)
+        integrated = np.asarray(np.fft.rfft(done.q[::count], axis=0), dtype=np.complex128)
+        return Seen(s, integrated, drive - (self.k * parts).sum(axis=2), parts)
 
 
 def _held(f: Array, h: float) -> Complex:

@@ -31,7 +31,7 @@ from phnn.intake.yaml_file import load_yaml
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network.bondgraph import GY, TF, Bond, BondGraph, C, I, R, Se, Sf
 from phnn.network.bondgraph.description import DIRECTIONS, Element, Link
-from phnn.network.elements import Memory, Modulation, Network, Ratio
+from phnn.network.elements import Modulation, ModulatorState, Network, Ratio
 from phnn.parameters import Parameter, positive
 from phnn.recordings.values import choice, flag, keys_of, label, mapping, number, shown
 
@@ -167,13 +167,13 @@ def _modulation(ratio: str, said: Any, where: str) -> Modulation:
     )
 
 
-def _memory(name: str, said: Any, where: str) -> Memory:
+def _memory(name: str, said: Any, where: str) -> ModulatorState:
     content = mapping(said, where)
     keys_of(content, _MEMORY, where)
     law, parameters = _law(content, next(iter(MEMORY_LAWS)), MEMORY_LAWS, where)
     of = content.get("of", [])
     drives = tuple(label(n, f"{where}: of") for n in (of if isinstance(of, list) else [of]))
-    return Memory(name, law, parameters, drives, label(content.get("unit", "1"), f"{where}: unit"))
+    return ModulatorState(name, law, parameters, drives, label(content.get("unit", "1"), f"{where}: unit"))
 
 
 def _bond(said: Any, where: str) -> Link:

@@ -10,7 +10,7 @@ from typing import Any
 from phnn.errors import InputRefused
 from phnn.network.bondgraph import Bond, BondGraph, R, Se, Sf
 from phnn.network.bondgraph.description import Element, Link
-from phnn.network.elements import Memory
+from phnn.network.elements import ModulatorState
 from phnn.parameters import Parameter, positive
 
 # Words that yaml takes for something else than a text.
@@ -56,7 +56,7 @@ def _element(element: Element) -> dict[str, Any]:
     return said
 
 
-def _memory(memory: Memory) -> dict[str, Any]:
+def _memory(memory: ModulatorState) -> dict[str, Any]:
     of = {"of": list(memory.of)} if memory.of else {}
     return {"law": memory.law, "parameters": list(memory.parameters), **of, "unit": memory.unit}
 

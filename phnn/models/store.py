@@ -18,10 +18,9 @@ from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
 from phnn.intake.names import printable
 from phnn.integrate.program import compile_network
-from phnn.models.learned import as_json, from_json
 from phnn.models.typed import a_count, a_list, a_name, a_number, a_text, an_object, brief, of_fields
-from phnn.network.checks import check_laws
-from phnn.network.elements import Coupling, Memory, Modulation, Network, Port, Resistor, Storage
+from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage
+from phnn.network.named_laws import check_laws
 from phnn.output import Place, claim
 from phnn.parameters import Parameter
 from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Own, Setup, Source
@@ -157,7 +156,7 @@ def _setup(content: Mapping[str, Any]) -> Setup:
         output=a_name(content["output"], "output"),
         # Files of earlier versions have none of these, nor sources and nuisances.
         modulations=_all({"modulations": [], **content}, "modulations", partial(of_fields, Modulation)),
-        memories=_all({"memories": [], **content}, "memories", partial(of_fields, Memory)),
+        memories=_all({"memories": [], **content}, "memories", partial(of_fields, ModulatorState)),
         senses=a_name(content["senses"], "senses") if "senses" in content else "",
     )
     lines = a_list(content.get("lines", []), "lines", LIMITS.lines)
@@ -186,7 +185,7 @@ def _lawful(kind: type[T]) -> Callable[[Any, str], T]:
 
     def make(content: Any, where: str) -> T:
         given = an_object(content, where)
-        law = from_json(given["law"]) if "law" in given else None
+        law = _law(given["law"]) if "law" in given else None
         return of_fields(kind, {**given, "law": law} if law is not None else given, where)
 
     return make
@@ -205,7 +204,24 @@ def _parameters(content: Mapping[str, Any], key: str) -> dict[str, Parameter]:
 
 def _element(element: Storage | Resistor) -> dict[str, Any]:
     """An element as json, its law by name or, where it is learned, by its weights."""
-    return asdict(replace(element, law="")) | {"law": as_json(element.law)}
+    return asdict(replace(element, law="")) | {"law": _stored_law(element.law)}
+
+
+# Learned laws alone need torch, whose import takes longer than many a command.
+def _law(content: Any) -> Any:
+    if isinstance(content, str):
+        return content
+    from phnn.models.learned import from_json
+
+    return from_json(content)
+
+
+def _stored_law(law: Any) -> Any:
+    if isinstance(law, str):
+        return law
+    from phnn.models.learned import as_json
+
+    return as_json(law)
 
 
 def _plain(parameter: Parameter) -> dict[str, Any]:

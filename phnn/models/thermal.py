@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from phnn.models.actuator import hrc
-from phnn.network.elements import Memory, Modulation, Network, Resistor
+from phnn.network.elements import Modulation, ModulatorState, Network, Resistor
 from phnn.parameters import Parameter, as_table, constant, positive
 
 # The heat capacity is that of the 1.11 g that the paper's bender weighs, at 350 J/(kg K), a usual figure for PZT
@@ -46,7 +46,7 @@ def thermal_hrc(hysterons: int = 2, values: dict[str, float] | None = None) -> N
         base,
         resistors=tuple(_tempered(r) if r.law == "dead_zone" else r for r in base.resistors),
         modulations=(Modulation("alpha", "theta", "affine", ("kappa_alpha", "T_s")),),
-        memories=(Memory("theta", "thermal", ("C_T", "R_T", "T_a", "T_ref"), unit="K"),),
+        memories=(ModulatorState("theta", "thermal", ("C_T", "R_T", "T_a", "T_ref"), unit="K"),),
         parameters=as_table(parameters),
     ).with_values(values or {})
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from phnn.network.elements import Coupling, Memory, Modulation, Network, Port, Ratio, Resistor, Storage
+from phnn.network.elements import Coupling, Memory, Modulation, ModulatorState, Network, Port, Ratio, Resistor, Storage
 
 if TYPE_CHECKING:
     from phnn.network.driven import DrivenSystem
@@ -16,6 +16,7 @@ __all__ = [
     "DrivenSystem",
     "Memory",
     "Modulation",
+    "ModulatorState",
     "Network",
     "Port",
     "PortHamiltonianSystem",

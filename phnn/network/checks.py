@@ -1,8 +1,8 @@
-"""What a network must satisfy before a torch module is made of it, and what this module can be evaluated at."""
+"""Checks of the torch module of a network: names, learned laws, and the tensors that it is evaluated at."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, StructureViolated
-from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.sector import READ, check_energy, check_sector
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
-from phnn.network.elements import Network, Port, Resistor, Storage
+from phnn.network.elements import Port, Resistor, Storage
 
 Array = NDArray[np.float64]
 
@@ -24,35 +23,6 @@ def check_name(name: str, holder: nn.Module) -> None:
     """Refuse what torch cannot register: a dot, or an attribute that the holding module has already."""
     if not name or "." in name or hasattr(holder, name):
         raise StructureViolated(f"torch cannot register the name {name!r}: rename it (no dots, no python method names)")
-
-
-def check_laws(network: Network) -> None:
-    """Every named law exists and is given as many parameters as it takes."""
-    rooms: tuple[tuple[str, Mapping[str, Any], Sequence[Any]], ...] = (
-        ("storage", STORAGE_LAWS, network.storages),
-        ("resistor", RESISTOR_LAWS, network.resistors),
-        ("port", PORT_LAWS, network.ports),
-        ("modulation", FACTOR_LAWS, network.modulations),
-        ("memory", MEMORY_LAWS, network.memories),
-    )
-    for kind, table, elements in rooms:
-        for element in elements:
-            name = getattr(element, "name", None) or f"of {element.ratio}"
-            if not isinstance(element.law, str):
-                if element.parameters:
-                    raise StructureViolated(
-                        f"{kind} {name}: a law that is a torch module holds its own parameters; "
-                        f"leave out {', '.join(element.parameters)}"
-                    )
-                continue
-            if element.law not in table:
-                raise StructureViolated(f"{kind} {name}: no law called {element.law!r}; there are {', '.join(table)}")
-            wanted = len(table[element.law].example)
-            if len(element.parameters) != wanted:
-                raise StructureViolated(
-                    f"{kind} {name}: the law {element.law} takes {wanted} parameters, "
-                    f"{len(element.parameters)} are given"
-                )
 
 
 def check_state(x: Tensor, names: Sequence[str]) -> None:

@@ -3,7 +3,7 @@
     ẋ = [J(x) − D(x)] ∇H(x) + g(x) u,   y = g(x)ᵀ ∇H(x),   H(x) = Σ_k H_k(x_k)
     D(x) ∇H = Σ_r b_r φ_r(b_rᵀ ∇H),     ε φ_r(ε) ≥ 0
 
-Modulator states (`Memory`) are slow states ``ż = f(z, s)`` beside them, which ``J``, ``g`` and the ``φ_r`` may follow.
+Slow states ``ż = f(z, s)`` (`ModulatorState`) stand beside them; ``J``, ``g`` and the ``φ_r`` may follow these.
 
 A ratio or parameter is referred to by name, so that elements can share one (the transducer ratio α
 appears in every hysteron coupling and in the voltage port).
@@ -106,7 +106,7 @@ class Modulation:
 
 
 @dataclass(frozen=True)
-class Memory:
+class ModulatorState:
     """A slow scalar state ``ż = f(z, s; θ)`` that laws and ratios may follow: a temperature, a state of polarisation.
 
     A step reads it as it is at its start, and advances it at its end by the mean drive ``s`` of the step.
@@ -125,6 +125,10 @@ class Memory:
     parameters: tuple[str, ...] = ()
     of: tuple[str, ...] = ()
     unit: str = "1"
+
+
+# Former name, for effects and models outside the package.
+Memory = ModulatorState
 
 
 @dataclass(frozen=True)
@@ -156,7 +160,7 @@ class Network:
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     output: str = "q"
     modulations: tuple[Modulation, ...] = ()
-    memories: tuple[Memory, ...] = ()
+    memories: tuple[ModulatorState, ...] = ()
     senses: str = ""
 
     def __post_init__(self) -> None:
@@ -180,7 +184,7 @@ class Network:
         self._check_heat()
         object.__setattr__(self, "parameters", self._passive_parameters())
 
-    def _check_drives(self, memory: Memory) -> None:
+    def _check_drives(self, memory: ModulatorState) -> None:
         resistors, ports = [r.name for r in self.resistors], [p.name for p in self.ports]
         for name in memory.of:
             count = sum(names.count(name) for names in (resistors, list(self.storage_names), ports))
@@ -257,7 +261,7 @@ class Network:
         """Names of the energy variables."""
         return tuple(s.name for s in self.storages)
 
-    def drives_of(self, memory: Memory) -> tuple[str, ...]:
+    def drives_of(self, memory: ModulatorState) -> tuple[str, ...]:
         """Names of what drives a memory."""
         return memory.of or tuple(r.name for r in self.resistors)
 
@@ -272,7 +276,7 @@ class Network:
         couplings: tuple[Coupling, ...] = (),
         parameters: tuple[Parameter, ...] = (),
         modulations: tuple[Modulation, ...] = (),
-        memories: tuple[Memory, ...] = (),
+        memories: tuple[ModulatorState, ...] = (),
     ) -> Network:
         """The network with more elements; the momentum stays the last storage as in the paper's (9)."""
         return replace(

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Literal, NamedTuple
 
 from phnn.errors import StructureViolated
-from phnn.network.elements import Coupling, Memory, Network, Port, Ratio, Resistor, Storage
+from phnn.network.elements import Coupling, ModulatorState, Network, Port, Ratio, Resistor, Storage
 from phnn.network.relabel import relabelled
 from phnn.parameters import Parameter, as_table
 
@@ -93,7 +93,7 @@ def renamed(network: Network, prefix: str) -> Network:
     return relabelled(network, labelled, labelled)
 
 
-def _own(network: Network) -> tuple[Memory, ...]:
+def _own(network: Network) -> tuple[ModulatorState, ...]:
     """The modulator states, with the drives of their own network and no resistor of another."""
     for memory in network.memories:
         if not network.drives_of(memory):

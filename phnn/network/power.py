@@ -1,4 +1,4 @@
-"""What a power balance consists of."""
+"""The terms of a power balance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the parts of a network do, read from how they are joined and never from their names.
+"""The roles of a network's parts, derived from how they are joined and never from their names.
 
 A *motion* is a displacement and the momentum that moves it: ``q̇ = ∂H/∂p``, ``ṗ = −∂H/∂q + …``. Any storage whose
 derivative is the velocity of one inertia alone, with ratio one, is the displacement of that inertia.

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, gradient
-from phnn.network import memory
+from phnn.network import modulator_states
 from phnn.network.checks import check_input, check_state, is_learned
 from phnn.network.driven import DrivenSystem
 from phnn.network.elements import Network
@@ -230,7 +230,9 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         if not self.network.memories:
             return rate
         slow = x[..., len(self.network.storages) :]
-        return torch.cat([rate, memory.rates(self, slow, memory.drives(self, efforts, x, u))], dim=-1)
+        return torch.cat(
+            [rate, modulator_states.rates(self, slow, modulator_states.drives(self, efforts, x, u))], dim=-1
+        )
 
     @evaluation
     def port_outputs(

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from phnn.laws import MEMORY_LAWS
 from phnn.laws.law import Heat
-from phnn.network.memory import averages
+from phnn.network.modulator_states import averages
 from phnn.network.system import PortHamiltonianSystem
 
 

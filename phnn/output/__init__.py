@@ -1,4 +1,4 @@
-"""Where results go: one folder claimed for one run, whole files, names that stay inside it."""
+"""The output of a run: one folder claimed for it, whole files, names that stay inside the folder."""
 
 from phnn.output.claim import Origin, apart, claim, finished
 from phnn.output.files import finite, write_atomic, write_new

@@ -1,4 +1,4 @@
-"""Which files of a folder phnn wrote, and what they contained: kept beside them, so that no other file is replaced."""
+"""A record of the files that phnn wrote into a folder and of their content, so that it replaces no other file."""
 
 from __future__ import annotations
 

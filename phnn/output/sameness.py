@@ -1,4 +1,4 @@
-"""Whether what an earlier run has left was made of the same recordings and settings."""
+"""The test whether the output of an earlier run came from the same recordings and settings."""
 
 from __future__ import annotations
 

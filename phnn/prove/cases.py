@@ -1,4 +1,4 @@
-"""Which cases a proof consists of."""
+"""The cases of a proof."""
 
 from __future__ import annotations
 

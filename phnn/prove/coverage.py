@@ -1,4 +1,4 @@
-"""How far estimates lie from the truth in their own standard errors, and how often an interval contains it.
+"""The distance of estimates from the truth in their own standard errors, and the coverage of intervals.
 
 An error is a normal deviate of the stated 95 % interval: 1.96 where the truth lies at one of its ends, in proportion
 inside. Where no interval is stated the standard error takes its place.

@@ -14,7 +14,7 @@ from phnn.diagnosis.name import score
 from phnn.diagnosis.scored import SIGNIFICANT
 from phnn.identification.options import Options
 from phnn.identification.prepare import identification_plan
-from phnn.identification.refinement import settled
+from phnn.identification.refinement import with_bounded_error
 from phnn.identification.staged import fit_identified, held_by_statement
 from phnn.models.actuator import from_paper
 from phnn.recordings import read
@@ -30,7 +30,7 @@ def score_folder(folder: Path, seed: int) -> dict[str, Any]:
     first = fit_identified(
         Setup(network), identification_plan(campaign, 1), held_by_statement(campaign.known), max_evaluations=30
     )
-    base, error = settled(first, options.error_bound_sigma)
+    base, error = with_bounded_error(first, options.error_bound_sigma)
     linearised = prepare(base, campaign.voltage == "terminals")
     naming = score(linearised, available(campaign, base.setup), responses(linearised), seed, error.error)
     best = naming.candidates[0]

@@ -7,8 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from phnn.diagnosis.diagnosis import diagnose
+from phnn.identification.options import Options
 from phnn.models.store import load
 from phnn.output import Place, finite
+from phnn.recordings import read
+from phnn.report.result import write_into
 
 
 def diagnose_folder(
@@ -22,10 +26,10 @@ def diagnose_folder(
         settings: of ``phnn diagnose``.
         keep: keep report and models.
     """
-    from phnn.commands import diagnose_quietly
-
+    options = Options.from_config(settings | {"without": list(without), "workers": 1})
     place.own_folder()
-    diagnosis = diagnose_quietly(folder, place, settings | {"without": list(without), "workers": 1})
+    diagnosis = diagnose(read(folder), options)
+    write_into(diagnosis, place)
     content: dict[str, Any] = json.loads((place / "diagnosis.json").path.read_text(encoding="utf-8"))
     content["models"] = {name: load((place / name).path)[0].values() for name in ("base", "model")}
     final = diagnosis.judgement.final

@@ -1,4 +1,4 @@
-"""What counts as right: an answer held against what was sealed.
+"""The grades of answers: an answer is compared with the sealed truth.
 
 Nothing missing:
     ``none``. Beside a background its names are exact too, and ``unknown`` counts as a class if the held-out error

@@ -1,4 +1,4 @@
-"""What a proof writes: ``report.html``, ``cases.csv``, ``rates.csv``, ``nulls.csv`` and its figures."""
+"""The files of a proof: ``report.html``, ``cases.csv``, ``rates.csv``, ``nulls.csv`` and its figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How large a proof is, and how it is carried out."""
+"""The size of a proof, and the settings with which it is carried out."""
 
 from __future__ import annotations
 

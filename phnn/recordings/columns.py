@@ -1,4 +1,4 @@
-"""Where the manifest says that quantities stand in a file."""
+"""The columns of a file that the manifest assigns to quantities."""
 
 from __future__ import annotations
 

@@ -123,7 +123,7 @@ def _driving(given: _Given, substeps: int, method: str) -> Driving:
     counts = substep_counts(samples, before, substeps)
     for x in others:
         counts = np.maximum(counts, substep_counts(x, float(x[0]), substeps))
-    counts = settled(counts, cycle)
+    counts = made_periodic(counts, cycle)
     command = Reconstruction(samples, counts, method, given.rise)
     means = np.zeros((int(counts.sum()), len(others)))
     for k, x in enumerate(others):
@@ -201,7 +201,9 @@ def input_before(recording: Recording, samples: Array) -> float:
     return recording.start.input_before if recording.start.state == "rest" else float(samples[0])
 
 
-def settled(x: Any, cycle: int) -> Any:
-    """(n, …) what happens in the steps of a simulation, the first cycle of it replaced by the second, which has
-    periodic. A recording of one cycle lacks the last interval of its second one; there the first is periodic too."""
+def made_periodic(x: Any, cycle: int) -> Any:
+    """(n, …) quantities of the steps of a simulation, the first cycle replaced by the second, which is periodic.
+
+    A recording of one cycle lacks the last interval of its second cycle, but there the first is periodic too.
+    """
     return np.concatenate([x[cycle : 2 * cycle], x[min(cycle, x.shape[0] - cycle) :]]) if cycle else x

@@ -1,4 +1,4 @@
-"""What drives a recording: its kind, frequencies, amplitude and period."""
+"""The excitation of a recording: its kind, frequencies, amplitude and period."""
 
 from __future__ import annotations
 

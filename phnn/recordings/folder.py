@@ -1,4 +1,4 @@
-"""Which files of a folder are recordings, and what reads them."""
+"""The recordings among the files of a folder, and their readers."""
 
 from __future__ import annotations
 

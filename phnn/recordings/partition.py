@@ -1,4 +1,4 @@
-"""Which samples identify, which confirm: chosen so that confirmation interpolates and is touched once."""
+"""The split into identification and confirmation samples: confirmation interpolates and is used once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was measured: recordings in SI units, the parts they serve as, and the set of them."""
+"""Recordings in SI units, the uses of their parts, and the set of all recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of the sensor: where it saturates, that it rectifies, lags or measures the velocity of the output."""
+"""Known properties of the sensor: saturation, rectification, lag, or a reading of the output's velocity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether values are absolute or known up to one common factor."""
+"""The test whether values are absolute or known up to one common factor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `phnn check` writes: ``check.json`` and a page of plots."""
+"""The files of `phnn check`: ``check.json`` and a page of plots."""
 
 from __future__ import annotations
 

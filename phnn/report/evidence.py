@@ -1,4 +1,4 @@
-"""What a report shows beside the document: traces, curves and tables, as plain values.
+"""The evidence that a report shows beside the document: traces, curves and tables, as plain values.
 
 The diagnosis fills these; the report only reads them. Everything is in SI units.
 """

@@ -1,4 +1,4 @@
-"""What `phnn modes` writes: ``modes.json``, ``report.html``, the figures and the models."""
+"""The files of `phnn modes`: ``modes.json``, ``report.html``, the figures and the models."""
 
 from __future__ import annotations
 

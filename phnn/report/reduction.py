@@ -1,4 +1,4 @@
-"""What is drawn of a long trace: its envelope, and the stretch that shows most. Never used for a spectrum."""
+"""The drawn part of a long trace: its envelope, and the stretch that shows most. Never used for a spectrum."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def write_into(diagnosis: Diagnosis, place: Place, shown: Evidence | None = None
         shown: the evidence, where the caller has it already.
     """
     plan = diagnosis.base.plan
-    finest = max(plan.steps_of(r) for r in plan.recordings)
+    finest = plan.finest
     save(diagnosis.base.setup, place / "base", finest)
     save(diagnosis.judgement.final.setup, place / "model", finest)
     content = document(diagnosis)

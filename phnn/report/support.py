@@ -1,4 +1,4 @@
-"""What speaks for a named element, as plain values: its fingerprint in the data, its rivals, its parameters."""
+"""The support of a named element, as plain values: its fingerprint in the data, its rivals, its parameters."""
 
 from __future__ import annotations
 

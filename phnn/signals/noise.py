@@ -56,7 +56,7 @@ def noise_floor(
     dt: float,
     period: float | None = None,
     span: tuple[int, int] | None = None,
-    settled: bool = False,
+    periodic_start: bool = False,
 ) -> NoiseFloor:
     """The noise floor of one recording by the best source it offers.
 
@@ -66,12 +66,12 @@ def noise_floor(
         dt: sampling interval, s.
         period: of the excitation, s, where it repeats.
         span: samples ``[first, last)`` over which it repeats; all of them where left out.
-        settled: the recording begins in the periodic steady state, so no period is lost to a transient.
+        periodic_start: the recording begins in the periodic steady state, so no period is lost to a transient.
     """
     first, last = span if span is not None else (0, y.size)
     found = None
     if period is not None:
-        found = from_periods(y[first:last], period / dt, 0 if settled else 1)
+        found = from_periods(y[first:last], period / dt, 0 if periodic_start else 1)
     found = found or from_rest(u, y) or from_one_spectrum(u, y, dt)
     step = quantisation_step(y)
     if found.value < step / sqrt(12.0):
@@ -116,10 +116,10 @@ def from_periods(y: np.ndarray, period: float, skip: int = 1) -> NoiseFloor | No
             pieces.append(difference - basis @ (basis.T @ difference))
             shapes.append(basis)
     variances = np.array([p @ p / (p.size - s.shape[1]) for p, s in zip(pieces, shapes, strict=True)])
-    settled = _settled(variances, lag)
-    if variances.size - settled < (2 if settled else 1):
+    transient = _transient(variances, lag)
+    if variances.size - transient < (2 if transient else 1):
         return None  # still dying away, and not enough left to tell that from noise
-    pieces, variances = pieces[settled:], variances[settled:]
+    pieces, variances = pieces[transient:], variances[transient:]
     # the median leaves out periods that were disturbed; few pairs need the mean's efficiency
     variance = float(np.median(variances) if variances.size >= 8 else np.mean(variances))
     correlation = _correlation(pieces)
@@ -128,7 +128,7 @@ def from_periods(y: np.ndarray, period: float, skip: int = 1) -> NoiseFloor | No
     return NoiseFloor(sqrt(variance / 2.0), source, correlation)
 
 
-def _settled(variances: np.ndarray, n: int) -> int:
+def _transient(variances: np.ndarray, n: int) -> int:
     """How many leading differences still hold a transient: they exceed the typical later one beyond chance."""
     limit = 1.0 + max(0.3, 8.0 / sqrt(n))
     for first in range(variances.size - 1):

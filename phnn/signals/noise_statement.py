@@ -1,4 +1,4 @@
-"""What the noise of a recording is, in words: colour, growth with the speed, steps, outliers.
+"""A statement of a recording's noise in words: colour, growth with the speed, steps, outliers.
 
 Each is told where it is significant at one per cent and large enough to matter.
 """

@@ -1,4 +1,4 @@
-"""What recordings by one sensor say together of its noise."""
+"""Pooled noise statistics of recordings by one sensor."""
 
 from __future__ import annotations
 

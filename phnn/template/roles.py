@@ -1,5 +1,5 @@
-"""Which column of an unknown table is the time, the input and the output, and in which units: guesses from names, from
-units and, where these say nothing, from what the numbers do and the order of the columns."""
+"""Guesses of the time, input and output columns of an unknown table and of their units. They use the names, the units
+and, where these say nothing, the values and the order of the columns."""
 
 from __future__ import annotations
 

@@ -151,7 +151,7 @@ def test_three_periods_that_miss_a_sample_by_rounding_are_three() -> None:
     period = round(1.0 / (sine.frequency * DT))
     for slip in (-1e-9, 0.0, 1e-9):
         found = replace(sine, frequency=sine.frequency * (1.0 + slip))
-        assert found.settled().start == period
+        assert found.after_transient().start == period
         rows = found.steady()
         assert rows is not None and rows.start == period
 

@@ -151,10 +151,10 @@ def test_stiff_leaf_does_not_ring_at_long_steps() -> None:
     assert np.abs(np.diff(sliding)).max() < 1e-3 * np.abs(sliding).max()
 
 
-def integrated(trajectory: Trajectory) -> sweeps.Marched:
+def integrated(trajectory: Trajectory) -> sweeps.Integrated:
     """A simulation as the sweeps take it."""
     t = trajectory
-    return sweeps.Marched(t.program, t.theta, t.states, t.efforts, t.u, t.h)
+    return sweeps.Integrated(t.program, t.theta, t.states, t.efforts, t.u, t.h)
 
 
 def sweep(trajectory: Trajectory, names: list[str], initial: list[int], output: int) -> np.ndarray:
@@ -400,11 +400,11 @@ def test_the_quick_march_leaves_other_networks_alone() -> None:
 
 def in_full(program: Program) -> Program:
     """The program with nothing known to be affine: its steps are differentiated block by block."""
-    uses, count = program.uses, len(program.states) + len(program.junctions)
+    sparsity, count = program.sparsity, len(program.states) + len(program.junctions)
     everything = frozenset(range(count + len(program.names) + len(program.constants)))
-    others = {**dict.fromkeys(uses.plain, everything), **uses.others}
-    uses = uses._replace(affine=(False,) * len(program.leaves), plain=(), others=others)
-    return replace(program, uses=uses)
+    others = {**dict.fromkeys(sparsity.plain, everything), **sparsity.others}
+    sparsity = sparsity._replace(affine=(False,) * len(program.leaves), plain=(), others=others)
+    return replace(program, sparsity=sparsity)
 
 
 @pytest.mark.parametrize("name", [*QUICK, *OTHER])

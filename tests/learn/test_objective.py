@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from phnn.errors import PhnnError
 from phnn.laws import RESISTOR_LAWS
 from phnn.learn.characteristic import inverse, thresholds
-from phnn.learn.objective import Objective, settled
+from phnn.learn.objective import Objective, estimated_start
 from phnn.learn.passivity import violations
 from phnn.learn.score import evaluate
 from phnn.learn.solvers import compiled
@@ -69,7 +69,7 @@ def test_an_unknown_start_is_found_from_the_first_samples() -> None:
         parts=(Part("head", 0, 50, "nuisance"), Part("tail", 50, 111, "confirmation")),
     )  # fmt: skip
     plant = example.parametric()
-    x0 = settled(plant, compiled, tail, 2)
+    x0 = estimated_start(plant, compiled, tail, 2)
     true = simulate(Setup(plant.network), whole, 2).states[2 * first]
     assert float(x0[1]) == pytest.approx(true[1], abs=0.05e-4)
     scores = evaluate(plant, compiled, [whole, tail], 2, {})

@@ -19,7 +19,7 @@ from phnn.models.network_file import load_graph, load_network
 from phnn.models.network_text import as_yaml
 from phnn.models.store import load, save
 from phnn.models.thermal import thermal_hrc
-from phnn.network import Memory, Modulation, Network, Port, Resistor, Storage
+from phnn.network import Modulation, ModulatorState, Network, Port, Resistor, Storage
 from phnn.network.bondgraph import BondGraph, C
 from phnn.network.interconnect import interconnect, renamed
 from phnn.parameters import Parameter, as_table, constant, positive
@@ -58,7 +58,7 @@ def test_a_steady_current_heats_to_its_steady_temperature() -> None:
         (Port("pump", {"volume": 1.0}),),
         as_table(Parameter(n, v) for n, v in {"A": 2.0, "g": 0.5, "C_T": 3.0, "R_T": 4.0, "T": 290.0}.items()),
         "volume",
-        memories=(Memory("theta", "thermal", ("C_T", "R_T", "T", "T")),),
+        memories=(ModulatorState("theta", "thermal", ("C_T", "R_T", "T", "T")),),
     )
     program, u = compile_network(network), np.array([0.3])
     np.testing.assert_allclose(equilibrium(program, network, u), [0.3 / 0.5 * 2.0, 4.0 * 0.3**2 / 0.5], rtol=1e-12)
@@ -73,7 +73,7 @@ def test_the_file_is_the_function() -> None:
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     graph = load_graph(FILE)
-    memory = Memory("field", "exceeding", ("tau", "V_c"), ("voltage",), "1")
+    memory = ModulatorState("field", "exceeding", ("tau", "V_c"), ("voltage",), "1")
     more = {n: Parameter(n, v) for n, v in {"tau": 3.0, "V_c": 50.0}.items()}
     graph = replace(graph, memories=(*graph.memories, memory), parameters={**graph.parameters, **more})
     (tmp_path / "written.yaml").write_text(as_yaml(graph), encoding="utf-8")
@@ -156,6 +156,6 @@ def test_heat_stays_in_the_network_that_dissipates_it() -> None:
         one = thermal_hrc(0)
         other = replace(
             renamed(hrc(0), "b_"),
-            memories=(Memory("theta", "relaxing", ("b_m",), ("b_p",)),),
+            memories=(ModulatorState("theta", "relaxing", ("b_m",), ("b_p",)),),
         )
         interconnect(one, "force", other, "b_force", SPRING, (STIFF,))

@@ -49,8 +49,9 @@ RUNS: dict[str, tuple[list[str], list[str] | None]] = {
 # Loads everything once and forks for each run, so that stops fall into the work and not into imports.
 SERVER = """
 import json, os, signal, sys
-import phnn.cli, phnn.commands, phnn.comparison.run, phnn.learn, phnn.modal.study, phnn.prove.page, phnn.prove.run
-import phnn.report.modes
+import importlib, pkgutil, phnn.cli, phnn.commands
+for command in pkgutil.iter_modules(phnn.commands.__path__):
+    importlib.import_module(f"phnn.commands.{command.name}")
 for line in sys.stdin:
     arguments, told = json.loads(line)
     child = os.fork()

@@ -22,9 +22,9 @@ from phnn.integrate.residual import check, power_balance
 from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import hrc
 from phnn.models.thermal import thermal_hrc
-from phnn.network import Memory, Network, PortHamiltonianSystem
+from phnn.network import ModulatorState, Network, PortHamiltonianSystem
 from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_rate
-from phnn.network.memory import between, drives
+from phnn.network.modulator_states import between, drives
 from phnn.network.thermal import ThermalBalance, thermal_balance, thermal_energy, total_energy
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
@@ -281,7 +281,7 @@ def test_heat_is_kept_once_and_by_what_dissipates() -> None:
     with pytest.raises(StructureViolated, match="driven by 'nobody', nothing has this name"):
         replace(base, memories=(replace(body, of=("nobody",)),))
     with pytest.raises(StructureViolated, match="each once"):
-        replace(base, memories=(Memory("z", "relaxing", ("R_T",), ("damper", "voltage")), body))
+        replace(base, memories=(ModulatorState("z", "relaxing", ("R_T",), ("damper", "voltage")), body))
     with pytest.raises(StructureViolated, match="share a name"):
         replace(base, memories=(replace(body, name="q"),))
 

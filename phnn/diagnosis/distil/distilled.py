@@ -71,7 +71,7 @@ def distil(linearised: LinearisedFit, element: Effect) -> Distilled | None:
     """
     if not has_grammar(element.kind.name) or not element.strengths:
         return None
-    goal, few = target(linearised, element), linearised.first_look()
+    goal, few = target(linearised, element), linearised.on_subset()
     found = best_formulas(goal, goal if few is linearised else target(few, element), TERMS[element.kind.name])
     if not found:
         return None

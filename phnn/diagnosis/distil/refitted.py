@@ -39,7 +39,7 @@ def refitted_formula(
     effects = [f for f in formulas_for(element) if f.can_be_added_to(alone.setup)]
     if not effects:
         return None
-    naming = score(prepare(alone).first_look(), effects, None, _SEED)
+    naming = score(prepare(alone).on_subset(), effects, None, _SEED)
     trials = [t for t in refit(alone, naming.candidates, executor, criteria=criteria) if t.fit is not None]
     if not trials:
         return None

@@ -1,4 +1,4 @@
-"""How the output answers to a change of the force on the moving part, and what a formula has to explain."""
+"""The response of the output to a force on the moving part, and the residual that a formula has to explain."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Formulas for learned elements: physics that is described where a learned element has found it, and never named.
+"""Formulas that can replace learned elements: they describe the physics of an element and never name it.
 
 Each is an ordinary `Effect` with few parameters, at the location and of the kind of the learned element that it may
-stand for. None of them is in the catalogue, so that none takes part in a search.
+replace. They are not in the catalogue and take no part in a search.
 """
 
 from __future__ import annotations
@@ -20,5 +20,5 @@ def formulas() -> dict[str, Effect]:
 
 
 def formulas_for(element: Effect) -> list[Effect]:
-    """Those that may stand for a learned element, in all forms."""
+    """The formulas that may replace a learned element, in all forms."""
     return [f for f in in_all_forms(formulas().values()) if f.kind == element.kind]

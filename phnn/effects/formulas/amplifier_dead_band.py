@@ -18,7 +18,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 
 def grid_partly(scales: Scales) -> list[dict[str, float]]:
-    """A tenth of the gain lost within bands of several widths."""
+    """A tenth of the gain lost, within bands of several widths."""
     return [{"a_U": 0.1, "delta_U": share * scales.voltage} for share in (0.02, 0.1, 0.3)]
 
 
@@ -26,10 +26,10 @@ EFFECT = Effect(
     name="amplifier_dead_band",
     kind=kinds.AMPLIFIER_STATIC,
     equation=r"V = u - \mathrm{clip}(u, \pm\delta_U)",
-    statement="The amplifier has a dead band: nothing comes through while its command is within {delta_U} of zero, and "
-    "beyond that the voltage is less by as much.",
+    statement="The amplifier has a dead band: its output is zero while the command is within {delta_U} of zero, and "
+    "beyond that the voltage is smaller by the same amount.",
     fingerprint="Plateaus about zero volts, at one voltage whatever the frequency.",
-    separation="A small sine about an offset well above the dead band: there the amplifier is straight.",
+    separation="A small sine about an offset well above the dead band: there the amplifier is linear.",
     references=("Horowitz & Hill 2015, The Art of Electronics, sec. 2.4 (crossover distortion)",),
     declares=(_ONLY_WIDTH, constant("a_U", "1", _SHARE.description)),
     adds=at_amplifier("dead_band", "a_U", "delta_U"),

@@ -9,7 +9,7 @@ _SHARE = bounded("a_K", "1", "gain lost beyond a level", 0.0, 1.0, 0.1, strength
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """A tenth of the gain lost beyond levels on either side."""
+    """A tenth of the gain lost, beyond levels on either side."""
     return [{"a_K": 0.1, "U_K": share * scales.voltage} for share in (0.8, -0.8, 0.4)]
 
 

@@ -11,7 +11,7 @@ _SLOPE = bounded("kappa_G", "1", "change of the sensor's gain", -_MOST, _MOST, 0
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """The law is linear in its strength: one point."""
+    """One point: the law is linear in its strength."""
     return [{"kappa_G": 1e-3, "bend_G": 0.0, "T_G": scales.duration}]
 
 
@@ -25,7 +25,7 @@ EFFECT = Effect(
     references=("Fraden 2016, Handbook of Modern Sensors, ch. 3",),
     declares=(
         _SLOPE,
-        constant("bend_G", "1", "curvature of the gain's course"),
+        constant("bend_G", "1", "curvature of the gain over time"),
         constant("T_G", "s", "time over which the gain changes"),
     ),
     adds=at_sensor("drifting_gain"),

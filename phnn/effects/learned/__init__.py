@@ -1,8 +1,8 @@
 """Learned elements: generic one-ports and blocks with a few strengths, for physics that the catalogue does not list.
 
-Each is an ordinary `Effect`: a sum of fixed functions, spaced over what was recorded, with strengths that are fitted.
-The strengths are bounded so that no fit can make the network active (`J = −Jᵀ`, `D ≥ 0`, `H` bounded below), or the
-characteristic of a block fall.
+Each is an ordinary `Effect`: a sum of fixed functions, spaced over the recorded range, with fitted strengths. Bounds on
+the strengths keep every fit passive (`J = −Jᵀ`, `D ≥ 0`, `H` bounded below) and the characteristic of every block
+increasing.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A learned damper: friction, viscous damping and drag, each direction with its own, growing with the position."""
+"""A learned damper: friction, viscous damping and drag, separate for each direction, with growth over the position."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from phnn.laws.resistor_damper import SMOOTHED
 from phnn.network.elements import Resistor
 from phnn.setup import Setup
 
-# A noticeable strength, and one that leaves the response proportional to it, as shares of stiffness × displacement.
+# A noticeable strength, and one at which the response is still proportional to it, as shares of stiffness ×
+# displacement.
 _NOTICEABLE, _SMALL = 1e-2, 5e-4
-# Speeds at which frictions are half grown, as shares of the greatest speed in the slowest and in any recording.
+# Speeds at which friction reaches half its value, as shares of the largest speed in the slowest and in any recording.
 _STICKING, _SLIDING = 0.1, 0.1
 
 # Strengths: friction, viscous damping and drag forwards and backwards; damping that follows the position.
@@ -20,12 +21,8 @@ _BY_SPEED = ("F_f1", "F_b1", "F_2", "F_f3", "F_b3", "F_f4", "F_b4")
 _BY_POSITION = ("F_q", "F_qR", "F_qL")
 _FORCES = strengths((*_BY_SPEED, *_BY_POSITION), "N", "learned damping force")
 _CONSTANTS = (
-    constant(
-        "v_D1", "m/s", "reference speed of the friction of slow motion, a hundred times that where it is half grown"
-    ),
-    constant(
-        "v_D2", "m/s", "reference speed of the friction of fast motion, a hundred times that where it is half grown"
-    ),
+    constant("v_D1", "m/s", "reference speed of the friction of slow motion, 100 × the speed at half the friction"),
+    constant("v_D2", "m/s", "reference speed of the friction of fast motion, 100 × the speed at half the friction"),
     constant("v_D3", "m/s", "speed at which the other learned damping forces have their nominal size"),
     constant("v_Dq", "m/s", "reference speed of the damping that follows the position"),
     constant("n_D1", "1", "exponent of the speed: friction"),
@@ -60,7 +57,8 @@ def brake(setup: Setup, parameters: Placed) -> Setup:
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """All strengths equal; those of the speed stressed; those of the position, as viscous damping and as friction."""
+    """All strengths equal; emphasis on those of the speed; on those of the position, as viscous damping and as
+    friction."""
     slow = 2.0 * np.pi * scales.slowest * scales.displacement
     sticking, sliding = _STICKING * slow / SMOOTHED, _SLIDING * scales.velocity / SMOOTHED
     constants = {

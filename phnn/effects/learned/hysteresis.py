@@ -1,4 +1,4 @@
-"""A learned hysteresis: yielding cells at spaced displacements, the density of which is fitted."""
+"""A learned hysteresis: yielding cells at spaced displacements, with a fitted density."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from phnn.effects.learned.strengths import Within, constants, named, starts, str
 from phnn.setup import Setup
 
 _CELLS = tuple(str(i) for i in range(1, 9))
-# Smallest and largest displacement to slip: beyond half of the displacement's range a cell is hardly a hysteresis.
+# Smallest and largest displacement to slip: beyond half of the displacement's range a cell adds hardly any hysteresis.
 _FIRST, _LAST = 0.02, 0.9
 # A cell slips faster than the fastest line by this factor, so that its loop does not depend on the rate.
 _FASTER = 30.0
-# A noticeable strength, and one that leaves the response proportional to it, as shares of the stiffness.
+# A noticeable strength, and one at which the response is still proportional to it, as shares of the stiffness.
 _NOTICEABLE, _SMALL = 0.02, 1e-3
 
 _STIFFNESSES = strengths((f"k_Y{i}" for i in _CELLS), "N/m", "stiffness of a learned yielding cell")
@@ -28,7 +28,7 @@ def yielding(setup: Setup, parameters: Placed) -> Setup:
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """All strengths equal, then those of the cells that slip soon and late."""
+    """All strengths equal; then emphasis on the cells that slip early, and late."""
     travels = scales.displacement * np.geomspace(_FIRST, _LAST, len(_CELLS))
     constants = dict(zip(named(_TRAVELS), map(float, travels), strict=True))
     constants["tau_Y"] = 1.0 / (2.0 * np.pi * _FASTER * scales.fastest)

@@ -1,4 +1,4 @@
-"""Springs side by side on the moving part, each with a resistor through which it gives way."""
+"""Parallel springs on the moving part, each in series with a resistor through which it relaxes."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def with_ladder(
 
     Args:
         cells: parameters of each cell's resistor, its stiffness first, by the cell's name.
-        law: of the resistors; they divide by the stiffness, which therefore is never quite zero.
+        law: of the resistors; they divide by the stiffness, which therefore has a positive lower bound.
         parameters: stiffnesses [N/m] and constants.
-        noticeable: share of the base model's stiffness that is a noticeable one.
+        noticeable: a noticeable stiffness as a share of the base model's.
     """
     typical = noticeable * stiffness_of(setup)
     least = NEARLY_ZERO * typical

@@ -13,7 +13,7 @@ _CHANGES = either(
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Each power alone; the law is linear in the strengths."""
+    """Each power alone: the law is linear in the strengths."""
     return each(_CHANGES, _SMALL, {"q_P": scales.displacement})
 
 

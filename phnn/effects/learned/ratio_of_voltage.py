@@ -23,7 +23,7 @@ def applies(setup: Setup) -> bool:
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Each power alone; the law is linear in the strengths."""
+    """Each power alone: the law is linear in the strengths."""
     return each(_CHANGES, _SMALL, {"V_P": scales.voltage})
 
 

@@ -1,4 +1,4 @@
-"""A learned relaxation: Maxwell cells at spaced times, so that part of the stiffness gives way over decades of time."""
+"""A learned relaxation: Maxwell cells at spaced times, so that part of the stiffness relaxes over decades of time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from phnn.setup import Setup
 _CELLS = tuple(str(i) for i in range(1, 7))
 # Shortest time, as a share of the fastest period.
 _SHORTEST = 0.3
-# A noticeable strength, and one that leaves the response proportional to it, as shares of the stiffness.
+# A noticeable strength, and one at which the response is still proportional to it, as shares of the stiffness.
 _NOTICEABLE, _SMALL = 0.01, 1e-3
 
 _STIFFNESSES = strengths((f"k_M{i}" for i in _CELLS), "N/m", "stiffness of a learned relaxing spring")
@@ -26,7 +26,7 @@ def relax(setup: Setup, parameters: Placed) -> Setup:
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """All strengths equal, then those of the fast and of the slow cells; times up to the longest recording."""
+    """All strengths equal; then emphasis on the fast cells, and on the slow ones; times up to the longest recording."""
     times = np.geomspace(_SHORTEST / scales.fastest, scales.duration, len(_CELLS))
     constants = dict(zip(named(_TIMES), map(float, times), strict=True))
     names, half = named(_STIFFNESSES), len(_CELLS) // 2

@@ -1,4 +1,4 @@
-"""A learned course of the sensor over the time of a recording: its gain drifts, its clock runs fast or slow."""
+"""A learned change of the sensor over the time of a recording: its gain drifts, its clock runs fast or slow."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from phnn.effects import Chain, Effect, Scales, constant, kinds
 from phnn.effects.learned.strengths import Within, each, either
 from phnn.setup import Block
 
-# The gain stays above a tenth, and the clock is out by no more than a radian of the fastest line.
+# Bounds: the gain stays above a tenth, and the clock error is at most one radian of the fastest line.
 _LIMITS = {"g_Z1": 0.45, "g_Z2": 0.45, "c_Z": 1.0}
 _TYPICAL, _SMALL = 0.01, 1e-3
 
@@ -21,7 +21,7 @@ _BLOCKS = (Block("clock", ("c_Z", "s_Z")), Block("drifting_gain", ("g_Z1", "g_Z2
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Every strength alone."""
+    """One point for each strength."""
     sizes = {"T_Z": scales.duration, "s_Z": 1.0 / (2.0 * math.pi * scales.fastest * scales.duration)}
     return each(_CHANGES, _SMALL, sizes)
 
@@ -32,7 +32,7 @@ EFFECT = Effect(
     equation=r"y = g(t)\,q((1 - \kappa)\,t)",
     statement="The sensor changes with the time of the recording: its gain by the shares {g_Z1} (straight) and {g_Z2} "
     "(square) in {T_Z}, and its clock by {c_Z} times {s_Z}.",
-    fingerprint="An amplitude that grows or falls, or a phase that runs away, with the time since the start.",
+    fingerprint="An amplitude that grows or falls, or a growing phase error, with the time since the start.",
     separation="The same sine twice in one long recording, at its start and at its end.",
     references=("Fraden 2016, Handbook of Modern Sensors, ch. 3",),
     declares=(*_CHANGES, *_SIZES),

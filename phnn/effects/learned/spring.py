@@ -1,4 +1,4 @@
-"""A learned spring: stops at spaced gaps on either side, and springs that give way."""
+"""A learned spring: stops at spaced gaps on either side, and springs whose force saturates."""
 
 from __future__ import annotations
 
@@ -7,17 +7,19 @@ from phnn.effects.learned.strengths import Within, constants, sized, starts, sti
 from phnn.network.elements import Coupling, Storage
 from phnn.setup import Setup
 
-# Gaps as shares of the displacement; beyond the last one there is still a fifth of the motion to learn from.
+# Gaps as shares of the displacement; beyond the last one, a fifth of the motion remains to identify it.
 _GAPS = {"1": 0.2, "2": 0.4, "3": 0.6, "4": 0.8}
 # Displacements beyond which the force of a saturating spring no longer grows.
 _REACHES = {"5": 0.2, "6": 0.55}
-# A noticeable strength, and one that leaves the response proportional to it, as shares of the stiffness.
+# A noticeable strength, and one at which the response is still proportional to it, as shares of the stiffness.
 _NOTICEABLE, _SMALL = 0.05, 1e-3
 
 _RIGHT, _LEFT = (tuple(f"k_{side}{i}" for i in _GAPS) for side in ("R", "L"))
 _YIELDING = tuple(f"k_S{i}" for i in _REACHES)
 _STIFFNESSES = strengths((*_RIGHT, *_LEFT, *_YIELDING), "N/m", "stiffness of the learned spring")
-_PLACES = constants((f"g_L{i}" for i in (*_GAPS, *_REACHES)), "m", "where a part of the learned spring sets in or ends")
+_PLACES = constants(
+    (f"g_L{i}" for i in (*_GAPS, *_REACHES)), "m", "displacement at which a learned spring sets in or ends"
+)
 _STORAGES = (
     *(Storage(f"learned_stops_{i}", "stops", (f"k_R{i}", f"k_L{i}", f"g_L{i}"), "m") for i in _GAPS),
     *(Storage(f"learned_spring_{i}", "saturating_spring", (f"k_S{i}", f"g_L{i}"), "m") for i in _REACHES),
@@ -31,7 +33,7 @@ def press(setup: Setup, parameters: Placed) -> Setup:
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """All strengths equal, then those of the stops on one side, and of the springs that give way."""
+    """All strengths equal; then emphasis on the stops on one side, and on the saturating springs."""
     places = {f"g_L{i}": share * scales.displacement for i, share in (_GAPS | _REACHES).items()}
     return starts(_STIFFNESSES, _SMALL * scales.stiffness, (_RIGHT, _LEFT, _YIELDING), places)
 

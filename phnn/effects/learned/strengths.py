@@ -1,4 +1,4 @@
-"""Strengths of learned elements: parameters that multiply fixed functions and start out equal and small."""
+"""Strengths of learned elements: parameters that multiply fixed functions, with equal and small start values."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from phnn.effects import Declared, Placed, bounded, constant
 from phnn.parameters import Parameter
 from phnn.setup import Setup
 
-# Strengths that a start does not stress, as a share of the others: not zero, where a bounded optimiser moves slowly.
+# Start value of strengths that a start does not emphasise, as a share of the others. It is not zero, where a bounded
+# optimiser moves slowly.
 _FAINT = 0.1
-# Lower bound of strengths by which a law divides, as a share of the typical strength: nothing that a recording shows.
+# Lower bound of strengths by which a law divides, as a share of the typical strength: too small to be seen in a
+# recording.
 NEARLY_ZERO = 1e-9
 
 
@@ -29,7 +31,7 @@ def either(limits: Mapping[str, float], unit: str, description: str, typical: fl
 
 
 def constants(names: Iterable[str], unit: str, description: str) -> tuple[Declared, ...]:
-    """Parameters of one sort that are never estimated."""
+    """Constant parameters of one sort, which are never estimated."""
     return tuple(constant(n, unit, description) for n in names)
 
 
@@ -39,13 +41,13 @@ def named(declared: Iterable[Declared]) -> tuple[str, ...]:
 
 
 def stiffness_of(setup: Setup) -> float:
-    """Stiffness of the base model [N/m], 1 where it has none: the size in which learned forces are measured."""
+    """Stiffness of the base model [N/m], 1 if it has none: the scale of learned forces."""
     found = setup.parameters.get("k")
     return found.value if found is not None and found.value > 0.0 else 1.0
 
 
 def sized(parameters: Placed, typical: float) -> dict[str, Parameter]:
-    """Parameters of which those that are estimated change noticeably by ``typical``."""
+    """The parameters; for the estimated ones, ``typical`` is a noticeable change."""
     return {n: p if p.fixed else replace(p, typical=typical) for n, p in parameters.items()}
 
 
@@ -55,7 +57,7 @@ def starts(
     stressed: Iterable[Iterable[str]],
     constants: Mapping[str, float],
 ) -> list[dict[str, float]]:
-    """Grid points: all strengths equal, and then each group of them stressed in turn.
+    """Grid points: all strengths equal, and then each group of them emphasised in turn.
 
     Args:
         value: size of the strengths.
@@ -71,7 +73,7 @@ def starts(
 def each(
     strengths: Sequence[Declared], value: float, constants: Mapping[str, float], groups: Iterable[Iterable[str]] = ()
 ) -> list[dict[str, float]]:
-    """Grid points of strengths of either sign: each of them alone, or each group of their names."""
+    """Grid points of strengths of either sign: one for each strength, or for each group of their names."""
     names = named(strengths)
     none = dict.fromkeys(names, 0.0)
     alone = tuple(groups) or tuple((n,) for n in names)
@@ -80,14 +82,14 @@ def each(
 
 @dataclass(frozen=True)
 class Within:
-    """How to multiply strengths: no farther than to their bounds.
+    """Multiplication of strengths, limited by their bounds.
 
-    Where no strength can be negative, a negative factor leaves them as they are: the data ask for less of their sum,
-    which says nothing of each, and from next to its bounds a bounded optimiser hardly moves.
+    If no strength can be negative, a negative factor leaves them unchanged. The data then ask for a smaller sum, which
+    does not determine the single strengths, and a bounded optimiser hardly moves from start values near the bounds.
 
     Attributes:
-        strengths: those that are multiplied.
-        may_vanish: a negative factor makes them zero all the same: there is one of them alone.
+        strengths: the strengths to multiply.
+        may_vanish: whether a negative factor sets a single strength to zero.
     """
 
     strengths: tuple[Declared, ...]

@@ -1,4 +1,4 @@
-"""Where effects act in a network, found by what its parts do and not by their names."""
+"""The places of a network at which effects act, found by the roles of its parts and not by their names."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Attach effects to a network by what its parts do, whatever they are called.
+"""Attach effects to a network by the roles of its parts, whatever their names.
 
 The law of an effect is written for role names (see `phnn.effects.effect.Effect`). An attached effect builds it under
-these names and gives the network its own names back. Where a network has several motions, an effect of mechanics or of
-the surroundings comes once for each of them.
+these names and then restores the names of the network. If a network has several motions, effects of mechanics or of the
+surroundings are attached once for each motion.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ _FURTHER = ("second", "third")
 
 
 def attached(effect: Effect, setup: Setup) -> list[Effect]:
-    """An effect as it can be added to a setup, for every place where it may act, each as often as it may act there; the
-    measured motion comes first.
+    """Attach an effect at every place where it may act, with as many copies as may act there; the measured motion comes
+    first.
 
     Args:
-        setup: without any effect: what is in it already has no role of its own.
+        setup: without any effect; elements that effects have added have no role of their own.
     """
     found = motions(setup.network)
     places = found[1:] if effect.location in _AT_EVERY_MOTION else ()
@@ -39,7 +39,7 @@ def attached(effect: Effect, setup: Setup) -> list[Effect]:
 
 
 def _as_often_as_it_may(effect: Effect, roles: Roles) -> list[Effect]:
-    """All of an effect that may act at one place; each is added after the one before."""
+    """All copies of an effect that may act at one place; each requires the previous one."""
     found = [_at(effect, roles)]
     for which in _FURTHER[: effect.at_most - 1]:
         one = _at(effect, replace(roles, which=which))
@@ -49,7 +49,7 @@ def _as_often_as_it_may(effect: Effect, roles: Roles) -> list[Effect]:
 
 
 def _further(case: SpecialCase, roles: Roles) -> list[SpecialCase]:
-    """A special case, where one like it is there already."""
+    """A special case, with the number of its copy."""
     several = catalogue()[case.name.removesuffix(_where(roles))]
     names = [roles.added(n) for n in several.parameters]
     further = [(which, replace(roles, which=which)) for which in _FURTHER[: several.at_most - 1]]
@@ -75,7 +75,7 @@ def place_of(effect: Effect, network: Network) -> str:
 
 
 def _where(roles: Roles) -> str:
-    """What an effect's name ends with."""
+    """The last part of an effect's name."""
     return f" at {roles.place}" if roles.place else ""
 
 
@@ -106,13 +106,13 @@ def _at(effect: Effect, roles: Roles) -> Effect:
 
 
 def _renamed(declared: Declared, roles: Roles) -> Declared:
-    """A parameter under the name that it has in a network."""
+    """A parameter with its name in a network."""
     over = declared.plausible.over
     plausible = replace(declared.plausible, over=roles.parameter(over) if over else "")
     return replace(declared, name=roles.added(declared.name), plausible=plausible)
 
 
-# Values and not closures: an attached effect is sent to other processes.
+# Values, not closures: an attached effect is sent to other processes.
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The names of a network under which the laws of effects know its parts, and back."""
+"""Translation between the names of a network and the role names in which the laws of effects are written."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from phnn.network.relabel import relabelled
 from phnn.network.roles import Motion, drive_ratio, hysterons, measured_displacement, motions
 from phnn.setup import Block, Setup, Source
 
-# No law refers to a name that begins like this.
+# No law refers to a name with this prefix.
 _ELSEWHERE = "elsewhere·"
 
 Label = Callable[[str], str]
@@ -19,13 +19,13 @@ Pairs = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True)
 class Roles:
-    """Which name of a network has which role.
+    """The roles of a network's names.
 
     Attributes:
         elements, parameters: pairs of a role and the name that has it.
-        taken: all names of the network, which nothing that is added may have.
-        place: displacement of the motion, where that is not the measured one.
-        which: of several like it something is that an effect adds, "second" or "third"; empty for the first.
+        taken: all names of the network, which additions must not use.
+        place: displacement of the motion, if that is not the measured one.
+        which: "second" or "third" copy of an effect; empty for the first.
     """
 
     elements: Pairs
@@ -36,12 +36,12 @@ class Roles:
 
     @property
     def plain(self) -> bool:
-        """Whether every name is that of its role."""
+        """Whether every name equals its role."""
         return not self._set_apart and all(role == name for role, name in (*self.elements, *self.parameters))
 
     @property
     def _set_apart(self) -> bool:
-        """Whether all that an effect adds is named differently from what its law says."""
+        """Whether all additions of an effect get other names than in its law."""
         return bool(self.place or self.which)
 
     @property
@@ -51,11 +51,11 @@ class Roles:
         return where + which or "_added"
 
     def added(self, name: str) -> str:
-        """Name of something that an effect adds."""
+        """Name of an effect's addition."""
         return name + self._ending if self._set_apart or name in self.taken else name
 
     def parameter(self, role: str) -> str:
-        """Name of the parameter with a role, or of one that an effect adds."""
+        """Name of the parameter with a role, or of a parameter that an effect adds."""
         return self._name(self.parameters, role)
 
     def by_role(self, values: Mapping[str, float]) -> dict[str, float]:
@@ -67,13 +67,13 @@ class Roles:
         return {self._name(self.parameters, n): v for n, v in values.items()}
 
     def inwards(self, setup: Setup) -> Setup:
-        """The setup under the names of roles."""
+        """The setup with role names."""
         return _relabelled(
             setup, lambda n: self._role(self.elements, n), lambda n: self._role(self.parameters, n)
         )  # fmt: skip
 
     def outwards(self, setup: Setup) -> Setup:
-        """A setup under the names of roles, under those of the network again."""
+        """Give a setup with role names the names of the network again."""
         return _relabelled(
             setup, lambda n: self._name(self.elements, n), lambda n: self._name(self.parameters, n)
         )  # fmt: skip
@@ -84,7 +84,7 @@ class Roles:
                 return role
         if name not in self.taken and name.endswith(self._ending):
             return name.removesuffix(self._ending)
-        # What effects have added at the measured motion has the names of their laws already.
+        # Additions of effects at the measured motion already have the names of their laws.
         return _ELSEWHERE + name if self._set_apart or name in self.taken else name
 
     def _name(self, pairs: Pairs, role: str) -> str:
@@ -94,7 +94,8 @@ class Roles:
 
 
 def roles_of(network: Network, motion: Motion | None) -> Roles:
-    """The roles around a motion of a network without effects; without a motion, of its hysterons and ports alone."""
+    """The roles around a motion of a network without effects; without a motion, those of its hysterons and ports
+    alone."""
     elements: list[tuple[str, str]] = []
     parameters: list[tuple[str, str]] = []
     storages = {s.name: s for s in network.storages}
@@ -119,13 +120,13 @@ def roles_of(network: Network, motion: Motion | None) -> Roles:
 
 
 def values_by_role(network: Network) -> dict[str, float]:
-    """Values of a network's parameters, those of its measured motion and its hysterons by their roles."""
+    """Values of a network's parameters by role, for its measured motion and its hysterons."""
     known = {n: p.value for n, p in network.parameters.items()}
     return roles_of(network, next(iter(motions(network)), None)).by_role(known)
 
 
 def _once(pairs: list[tuple[str, str]]) -> Pairs:
-    """Pairs of which no name, and no role, occurs twice."""
+    """The pairs without repeated names or roles."""
     found: dict[str, str] = {}
     for role, name in pairs:
         if name not in found.values():

@@ -1,6 +1,6 @@
-"""What every effect owes: words, declared parameters, structure, strength and derivatives.
+"""The requirements on every effect: texts, declared parameters, structure, strength and derivatives.
 
-The checks hold the effects of the catalogue and those given to `phnn.effects.register`.
+The checks apply to the effects of the catalogue and to those given to `phnn.effects.register`.
 """
 
 from __future__ import annotations

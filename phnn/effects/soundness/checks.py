@@ -1,4 +1,4 @@
-"""The checks, one after the other; each refuses an effect with cause and remedy."""
+"""The checks of an effect, in order; each refuses an effect with cause and remedy."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from phnn.units import quantity
 
 Check = Callable[[Effect, Home], None]
 
-# Least change of the output by an effect that is strong enough to be seen, as a share of the output.
+# Least change of the output by an effect at a visible strength, as a share of the output.
 _MOVES = 1e-4
-# Shares of the strength, and by how much the change must fall from one to the next.
+# Factors of the strength, and the factor by which the change must fall from one to the next.
 _WEAKER, _FALLS = (1e-2, 1e-4), (0.2, 0.02)
-# Factors by which a strength may seem to be wrong to first order.
+# Factors by which the first-order estimate of a strength may be wrong.
 _FACTORS = (-3.0, 0.0, 0.5, 20.0)
 # Relative step of a finite difference, its largest error, and the share of samples that kinks may spoil.
 _STEP, _WRONG, _SPOILT = 1e-5, 1e-4, 0.05
-# Letters of a source, so that it says where a range comes from.
+# Least number of letters of a source, so that it names the evidence of a range.
 _SAYS = 15
 
 
@@ -38,7 +38,7 @@ def _require(effect: Effect, holds: bool, cause: str) -> None:
 
 
 def words(effect: Effect, home: Home) -> None:
-    """The location is known, the texts are whole sentences, the equation can be set."""
+    """The location is known, the texts are whole sentences, the equation can be typeset."""
     _require(effect, effect.location in LOCATIONS, f"no location is called {effect.location!r}; use one of {LOCATIONS}")
     _require(effect, bool(effect.references), "it has no reference: say where its law comes from")
     _require(effect, effect.name not in effect.neighbours, "it is its own neighbour: name other effects")
@@ -56,7 +56,7 @@ def words(effect: Effect, home: Home) -> None:
 
 
 def ranges(effect: Effect, home: Home) -> None:
-    """Every parameter has a plausible range with a source, or none at all."""
+    """Every parameter has a plausible range with a source, or no range."""
     for name, found in effect.plausible.items():
         _require(effect, found.lower < found.upper, f"the plausible range of {name} is empty: exchange its ends")
         finite = math.isfinite(found.lower) and math.isfinite(found.upper)
@@ -104,7 +104,7 @@ def grid(effect: Effect, home: Home) -> None:
 
 
 def structure(effect: Effect, home: Home) -> None:
-    """The network stays port-Hamiltonian; what is not passive stands outside it, or is a source of energy."""
+    """The network stays port-Hamiltonian; active parts lie outside it or are declared as energy sources."""
     setup = effect.add_to(home.setup, point(effect, home))
     found = faults(setup, home)
     _require(effect, not found, f"with it {', and '.join(found)}: use laws that keep the structure")
@@ -113,37 +113,39 @@ def structure(effect: Effect, home: Home) -> None:
     _require(effect, inside != outside, "it adds nothing, or acts inside and outside the network: make two effects")
     passive = inside and not any(sources(setup.network))
     _require(
-        effect, effect.passive == passive, f"what it adds is {'' if passive else 'not '}passive, and says otherwise"
+        effect,
+        effect.passive == passive,
+        f"its addition is {'' if passive else 'not '}passive, and says otherwise",
     )
 
 
 def strength(effect: Effect, home: Home) -> None:
-    """It moves the output, the less the weaker it is."""
+    """It changes the output, and changes it less at smaller strength."""
     values = point(effect, home)
     own = effect.add_to(home.setup, values).own != home.setup.own
     moved = [_change(effect, values, home)]
     if own:
-        # Amplitude and phase of a line, the course of a sensor are every recording's own.
-        _require(effect, moved[0] == 0.0, "what every recording has in a measure of its own moves the simulation")
+        # The amplitudes and phases of lines and the drift of a sensor are nuisances: they do not change the simulation.
+        _require(effect, moved[0] == 0.0, "it is a nuisance of each recording, but changes the simulation")
         return
-    _require(effect, moved[0] > _MOVES, f"it hardly moves the output, by {moved[0]:.2g} of it: begin its grid higher")
+    _require(effect, moved[0] > _MOVES, f"it changes the output by {moved[0]:.2g} of it only: begin its grid higher")
     if not effect.parameters:
-        return  # There is nothing by which it could be weaker.
+        return  # The effect has no strength that could be reduced.
     weak = values
     for share in _WEAKER:
         if effect.strength is None:
-            # A limit beyond every command is no limit.
+            # A limit above every command has no effect.
             first = effect.parameters[0]
             weak = values | {first: values[first] * (1.0 + 1.0 / share)}
         else:
             weak = effect.scaled(weak, _WEAKER[0])
         moved.append(_change(effect, weak, home))
     falls = all(after <= most * before for (before, after), most in zip(pairwise(moved), _FALLS, strict=True))
-    _require(effect, falls, f"it does not vanish with its strength: it moves the output by {moved}")
+    _require(effect, falls, f"it does not vanish with its strength: it changes the output by {moved}")
 
 
 def scaling(effect: Effect, home: Home) -> None:
-    """Whatever strength is asked for, the values stay physical."""
+    """The values stay physical for every factor of the strength."""
     values = point(effect, home)
     for factor in _FACTORS:
         scaled = effect.scaled(values, factor)
@@ -164,7 +166,7 @@ def derivatives(effect: Effect, home: Home) -> None:
         wanted = (ends[0] - ends[1]) / (2.0 * step)
         size = float(np.abs(wanted).max())
         _require(effect, size > 0.0, f"the output does not depend on {name}: declare it constant, or leave it out")
-        # The simulation has kinks, which a finite difference may straddle: a few samples may differ.
+        # The simulation has kinks. A finite difference may straddle one, so that a few samples may differ.
         spoilt = float((np.abs(got[:, k] - wanted) > _WRONG * size).mean())
         _require(effect, spoilt < _SPOILT, f"the derivative by {name} is wrong in {spoilt:.0%} of the samples")
 

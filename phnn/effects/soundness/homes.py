@@ -58,7 +58,8 @@ def tanks() -> Home:
 
 
 def home_of(effect: Effect) -> Home | None:
-    """The base model for an effect: the actuator wherever it applies to that; None where it applies to none."""
+    """The base model for an effect: the actuator if the effect applies to it, else the tanks; None if it applies to
+    neither."""
     return next((h for h in (actuator(), tanks()) if effect.can_be_added_to(h.setup)), None)
 
 
@@ -73,12 +74,12 @@ def base_of(home: Home) -> Trajectory:
     return simulated(home.setup, home)
 
 
-# A first grid point changes hardly anything; times this strength it is seen.
+# The first grid point changes the output hardly; multiplied by this factor, its strength is visible.
 _SEEN = 50.0
 
 
 def point(effect: Effect, home: Home) -> dict[str, float]:
-    """The first point of the effect's grid, made strong enough to be seen."""
+    """The first point of the effect's grid, scaled to a visible strength."""
     return effect.scaled(effect.grid(home.scales)[0], _SEEN)
 
 

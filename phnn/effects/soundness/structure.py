@@ -1,4 +1,4 @@
-"""Whether a setup is port-Hamiltonian, and whether its compiled simulation agrees with the torch module."""
+"""Checks that a setup is port-Hamiltonian, and that its compiled simulation agrees with the torch module."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from phnn.setup import Setup
 
 # Largest relative residual of the compiled simulation in the torch module's equations, and rounding of its structure.
 _RESIDUAL, _ROUNDING = 1e-10, 1e-12
-# Of the states of a simulation every seventh is looked at.
+# Every seventh state of a simulation is checked.
 _EVERY = 7
 
 
 def sources(network: Network) -> list[bool]:
-    """Which storages have an energy that is not bounded below."""
+    """The storages whose energy is not bounded below."""
     return [not STORAGE_LAWS[s.law].bounded for s in network.storages]
 
 
 def faults(setup: Setup, home: Home) -> list[str]:
-    """What is wrong with the structure of a setup on a home's recording, each as half a sentence; none if it is sound.
+    """The defects of a setup's structure on a home's recording, each as half a sentence; empty if there are none.
 
     Weights aside, the network must be passive: ``J = −Jᵀ``, ``D = Dᵀ ≥ 0``, energies not negative, and in every step
-    the energy stored and dissipated is what the ports supply.
+    the ports supply the energy that is stored and dissipated.
     """
     trajectory = simulated(setup, home)
     if not np.isfinite(trajectory.y).all():

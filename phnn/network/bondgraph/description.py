@@ -1,4 +1,4 @@
-"""What a bond graph consists of, as values: junctions, one-ports that hang on them, and bonds between them.
+"""The parts of a bond graph as values: junctions, one-ports that hang on them, and bonds between them.
 
 Conventions (Karnopp, Margolis & Rosenberg 2012; the paper's Table A.5): power flows into ``C``, ``I`` and ``R``, out of
 ``Se`` and ``Sf``, and along a bond from its start to its end. Effort ``e`` times flow ``f`` is power.
@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from phnn.errors import StructureViolated
-from phnn.network.elements import Memory, Modulation, Network, Ratio
+from phnn.network.elements import Modulation, ModulatorState, Network, Ratio
 from phnn.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ class BondGraph:
     output: str = "q"
     merge: bool = True
     modulations: tuple[Modulation, ...] = ()
-    memories: tuple[Memory, ...] = ()
+    memories: tuple[ModulatorState, ...] = ()
 
     def __post_init__(self) -> None:
         for name, kind in self.junctions.items():

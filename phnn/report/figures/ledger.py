@@ -1,4 +1,4 @@
-"""Where the energy went: one bar for each recording, fractions of what was supplied or of the largest flow."""
+"""The energy balance of each recording as a bar: fractions of the supplied energy or of the largest flow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which location explains the mismatch: one bar for each, ties marked."""
+"""The share of the mismatch that each location explains: one bar for each, ties marked."""
 
 from __future__ import annotations
 

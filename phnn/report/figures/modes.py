@@ -1,4 +1,4 @@
-"""What a study of modes shows: the strongest resonance at every amplitude, and the spectrum of what models leave."""
+"""Figures of a study of modes: the strongest resonance at every amplitude, and the spectrum of the residuals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What drives the memories in the steps of a march, by the torch module."""
+"""Mean drives of the modulator states in integrated steps, by the torch module."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from phnn.network.system import PortHamiltonianSystem
 
 
 class Steps(Protocol):
-    """All steps of a march, as `phnn.integrate.residual` sees them."""
+    """All integrated steps, as given to `phnn.integrate.residual`."""
 
     system: PortHamiltonianSystem
     on: dict[int, list[int]]
@@ -27,7 +27,7 @@ class Steps(Protocol):
 
 
 def drives_and_sizes(steps: Steps) -> tuple[Tensor, Tensor]:
-    """(n, M) mean drives of the memories, and the sums of the absolute values of their terms."""
+    """(n, M) mean drives of the modulator states, and the sums of the absolute values of their terms."""
     network = steps.system.network
     efforts, flows = steps.branch_powers()
     none = torch.zeros_like(steps.h)
@@ -36,7 +36,7 @@ def drives_and_sizes(steps: Steps) -> tuple[Tensor, Tensor]:
         power = efforts[:, r] * flows[:, r]
         found[resistor.name] = power, power.abs()
     for k, resistors in steps.on.items():
-        # What a leaf dissipates is known of all its resistors together; the first one stands for them.
+        # Only the total dissipation of a reducible storage is known; its first resistor stands for all of them.
         for place, r in enumerate(resistors):
             found[network.resistors[r].name] = _dissipated(steps, k) if place == 0 else (none, none)
     for k, storage in enumerate(network.storages):
@@ -50,7 +50,7 @@ def drives_and_sizes(steps: Steps) -> tuple[Tensor, Tensor]:
 
 
 def _dissipated(steps: Steps, k: int) -> tuple[Tensor, Tensor]:
-    """Mean power ``i ē − ΔH/h`` that the resistors of a leaf take, and the size of its terms."""
+    """Mean power ``i ē − ΔH/h`` that the resistors of a reducible storage take, and the size of its terms."""
     received = steps.current[:, k] * steps.mean[:, k]
     end = steps.end[k]
     stored = steps.system.mean_effort(k, steps.x[:, k], end) * (end - steps.x[:, k]) / steps.h

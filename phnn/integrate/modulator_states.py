@@ -1,10 +1,10 @@
-"""Slow states, compiled: advanced at the end of a step by what happened in it.
+"""Modulator states, compiled: each is advanced at the end of a step by the mean powers, efforts or actions in it.
 
     z⁺ = z + h φ₁(−h d) f(z, s̄),     s̄ = Σ of mean powers, efforts or actions
 
-Laws and ratios read ``z`` as it is at the start of a step (`phnn.integrate.step`), so that the step itself is one of
-the network with those laws fixed, and keeps its power balance. Where ``s̄`` is power that resistors dissipate, it is
-what the balance of the step leaves: ``i ē − ΔH/h`` of a leaf, ``ε̄ φ(ε̄)`` on junctions.
+Laws and ratios read ``z`` at the start of a step (`phnn.integrate.step`). During the step they are therefore fixed, and
+the step keeps its power balance. Where ``s̄`` is power that resistors dissipate, it follows from the balance of the
+step: ``i ē − ΔH/h`` of a reducible storage, ``ε̄ φ(ε̄)`` on junctions.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from __future__ import annotations
 from typing import Any
 
 from phnn.integrate.compiled import inline, plain, stay_outside
-from phnn.integrate.lookups import count, mean_effort, memory_decay, memory_rate, resistor_flow
+from phnn.integrate.table_access import count, mean_effort, memory_decay, memory_rate, resistor_flow
 from phnn.integrate.tables import (
     FIRST_SOURCE,
     LAST_SOURCE,
     LEAVES,
-    MEMORIES,
+    MODULATOR_STATES,
     OWN_STORAGE,
     READ,
     SOURCE_EFFORT,
@@ -35,7 +35,7 @@ from phnn.laws.memory import advanced
 def _source(
     t: Any, s: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any
 ) -> Any:  # fmt: skip
-    """What the source in row ``s`` contributes to ``s̄``."""
+    """Contribution of the source in row ``s`` to ``s̄``."""
     leaf, r = t[s, SOURCE_LEAF], t[s, SOURCE_RESISTOR]
     if leaf >= 0:
         k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
@@ -54,14 +54,14 @@ def _source(
 
 @plain
 def advance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any) -> None:
-    """Fill the end states and the mean drives ``s̄`` of all memories from those of a step that has been solved.
+    """Fill the end states and the mean drives ``s̄`` of all modulator states from those of a solved step.
 
-    Args: as of `phnn.integrate.step.inlined_balance`; ``x`` and ``wx`` have the memories after the storages.
+    Args: as of `phnn.integrate.step.inlined_balance`; ``x`` and ``wx`` have the modulator states after the storages.
     """
     stay_outside()
     first = count(t, STORAGES)
-    for k in range(count(t, MEMORIES)):
-        row, z = t[0, MEMORIES] + k, x[first + k]
+    for k in range(count(t, MODULATOR_STATES)):
+        row, z = t[0, MODULATOR_STATES] + k, x[first + k]
         total = 0.0 * g[0]
         for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):
             total += _source(t, s, theta, c, g, a, x, y, h, wj, wx)

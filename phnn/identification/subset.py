@@ -1,4 +1,4 @@
-"""A few recordings far apart, in place of many similar ones, for a first evaluation."""
+"""A subset of a few recordings far apart, in place of many similar ones, for a first evaluation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ENOUGH = 5
 _SLOWER = 0.1
 
 
-def first_look(plan: Plan) -> Plan:
+def representative_subset(plan: Plan) -> Plan:
     """The plan with at most five recordings, spread over amplitude and frequency.
 
     Beginning with the largest input, each further one is the farthest from those chosen (Gonzalez 1985), in decades of

@@ -1,4 +1,4 @@
-"""The laws of a table's rows, compiled: every law by its code, with the parameters its row points at."""
+"""Compiled access to the table: evaluates the law of a row by its code, with the parameters that the row names."""
 
 from __future__ import annotations
 
@@ -76,13 +76,13 @@ def factor(t: Any, r: Any, q: Any, theta: Any) -> Any:
 
 @inline
 def memory_rate(t: Any, r: Any, z: Any, source: Any, theta: Any) -> Any:
-    """``f(z, s)`` of the memory in row ``r``."""
+    """``f(z, s)`` of the modulator state in row ``r``."""
     return _rate(t[r, LAW], z, source, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
 
 
 @inline
 def memory_decay(t: Any, r: Any, theta: Any) -> Any:
-    """``d`` of the memory in row ``r``."""
+    """``d`` of the modulator state in row ``r``."""
     return _decay(t[r, LAW], theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
 
 
@@ -94,5 +94,5 @@ def junction_storage(t: Any, j: Any) -> Any:
 
 @inline
 def is_linear(t: Any, j: Any) -> Any:
-    """Whether the unknown of junction ``j`` is its mean effort; else it is its end state."""
+    """Whether the unknown of junction ``j`` is its mean effort; otherwise it is its end state."""
     return t[t[0, JUNCTIONS] + j, IS_LINEAR] > 0

@@ -1,12 +1,14 @@
-"""Away from its thresholds a leaf is affine: its derivatives follow from coefficients that hold for many steps.
+"""Affine pieces: the derivatives of a reducible storage away from its thresholds.
 
-While a leaf rests in its dead zone, or slides beyond one threshold ``τ``, the end of a step and the mean effort are
+While the storage rests in its dead zone, or slides beyond one threshold ``τ``, its end state and mean effort are
+affine,
 
     x⁺ = A₀ x + A₁ i + A₂ τ,     ē = B₀ x + B₁ i + B₂ τ.
 
-The coefficients and their derivatives by every parameter hold for all steps of one size, and, where ``τ`` follows
-something, for one slope of the resistor. They come from complex steps through the functions that march. Steps that
-meet a threshold, leaves whose law is curved, and those whose slope moves too, are differentiated one by one.
+The coefficients and their derivatives by every parameter hold for all steps of one size. If ``τ`` is modulated, they
+also depend on the slope of the resistor. They come from complex steps through the functions of the integration itself.
+A step is differentiated on its own if the storage meets a threshold, has a nonlinear law, or has a resistor whose slope
+changes.
 """
 
 from __future__ import annotations
@@ -14,7 +16,6 @@ from __future__ import annotations
 from typing import Any
 
 from phnn.integrate.compiled import inline
-from phnn.integrate.lookups import mean_effort
 from phnn.integrate.perturbed import (
     ABOVE,
     BELOW,
@@ -34,6 +35,7 @@ from phnn.integrate.perturbed import (
     perturb,
     places_of,
 )
+from phnn.integrate.table_access import mean_effort
 from phnn.integrate.tables import (
     FIRST_INLET,
     FIRST_LINK,
@@ -49,14 +51,14 @@ from phnn.laws.namespace import TINY
 
 @inline
 def piece_of(of: Any, own: Any, low: Any, high: Any, x: Any, current: Any) -> Any:
-    """Where a leaf spends a step, by the rules of `phnn.laws.leaf.rc_flow`.
+    """The affine piece on which a reducible storage spends a step, by the rules of `phnn.laws.leaf.rc_flow`.
 
     Args:
         of: (3, 6) coefficients of its pieces; own: its values.
     """
     stiffness = own[STIFF]
     effort = stiffness * x
-    # Without a dead zone nothing rests in it.
+    # Without a dead zone, no state rests in it.
     above = effort > high or (effort == high and low == high)
     if above or effort < low:
         piece, threshold = (ABOVE, high) if above else (BELOW, low)
@@ -68,7 +70,7 @@ def piece_of(of: Any, own: Any, low: Any, high: Any, x: Any, current: Any) -> An
 
 @inline
 def _shift(t: Any, p: Any, d: Any, row: Any, i: Any) -> Any:
-    """How an input changes the current of the leaf in a row."""
+    """Derivative of the current into the reducible storage in a row by an input."""
     _, slot, act = places_of(p, d, i)
     total = 0.0
     for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
@@ -82,7 +84,7 @@ def _shift(t: Any, p: Any, d: Any, row: Any, i: Any) -> Any:
 
 @inline
 def exert(t: Any, p: Any, d: Any, leaf: Any, exerted: Any) -> None:
-    """Add what a leaf exerts on its junctions, its mean effort being ``exerted``."""
+    """Add the force of a reducible storage on its junctions; ``exerted`` is its mean effort."""
     row, only = t[0, LEAVES] + leaf, d.kinds[leaf, ONLY_LINK]
     if only >= 0:
         force, ratio = d.by_force[only], d.values[leaf, TIMES]
@@ -100,7 +102,7 @@ def exert(t: Any, p: Any, d: Any, leaf: Any, exerted: Any) -> None:
 
 @inline
 def _shifted(t: Any, p: Any, d: Any, leaf: Any, end: Any, mean: Any) -> None:
-    """Add what inputs do by way of the current; ``end`` and ``mean`` are the derivatives by it."""
+    """Add the effect of inputs on the current; ``end`` and ``mean`` are the derivatives by the current."""
     for pair in range(p.first[leaf], p.first[leaf + 1]):
         if p.shifts[pair]:
             d.by_current[pair] = _shift(t, p, d, t[0, LEAVES] + leaf, p.input[pair])
@@ -110,7 +112,7 @@ def _shifted(t: Any, p: Any, d: Any, leaf: Any, end: Any, mean: Any) -> None:
 
 @inline
 def fill(t: Any, p: Any, d: Any, leaf: Any, piece: Any, x: Any, current: Any, threshold: Any) -> None:
-    """The derivatives of a leaf within a piece, but for what it exerts."""
+    """Fill the derivatives of a reducible storage within a piece, without its force on the junctions."""
     of, only = d.whole[p.active.shape[0], leaf, piece], d.kinds[leaf, ONLY_LINK]
     flow = d.flows[only] if only >= 0 else current
     for pair in range(p.first[leaf], p.first[leaf + 1]):
@@ -123,7 +125,7 @@ def fill(t: Any, p: Any, d: Any, leaf: Any, piece: Any, x: Any, current: Any, th
 
 @inline
 def current_of(t: Any, d: Any, leaf: Any) -> Any:
-    """The current of a leaf whose ratios follow nothing."""
+    """The current of a reducible storage whose ratios are not modulated."""
     row, only = t[0, LEAVES] + leaf, d.kinds[leaf, ONLY_LINK]
     if only >= 0:
         return d.values[leaf, TIMES] * d.flows[only]
@@ -137,7 +139,7 @@ def current_of(t: Any, d: Any, leaf: Any) -> Any:
 
 @inline
 def plain_leaf(t: Any, p: Any, d: Any, leaf: Any, x: Any, mean: Any) -> Any:
-    """Fill the derivatives of a leaf whose thresholds follow nothing; returns whether a piece serves.
+    """Fill the derivatives of a reducible storage with constant thresholds; returns False if it meets one.
 
     Args:
         x, mean: its state and its mean effort in this step.
@@ -156,7 +158,7 @@ def plain_leaf(t: Any, p: Any, d: Any, leaf: Any, x: Any, mean: Any) -> Any:
 
 @inline
 def curved_leaf(t: Any, p: Any, d: Any, leaf: Any, x: Any, mean: Any, h: Any) -> None:
-    """Fill the derivatives of a lossless leaf whose law is curved; arguments as of `plain_leaf`."""
+    """Fill the derivatives of a lossless storage with a nonlinear law; arguments as of `plain_leaf`."""
     k, current, only = d.kinds[leaf, STORAGE], current_of(t, d, leaf), d.kinds[leaf, ONLY_LINK]
     flow = d.flows[only] if only >= 0 else 0.0
     for pair in range(p.first[leaf], p.first[leaf + 1]):

@@ -1,7 +1,7 @@
-"""Which inputs the equations of a step contain: the sparsity of its derivatives.
+"""The sparsity of a step's derivatives: the inputs that each equation contains.
 
-Inputs are numbered: states ``0…N−1``, memories last, unknowns ``N…N+m−1``, then places in ``theta``. What drives a
-memory may be anything that a step contains.
+Inputs are numbered: states ``0…N−1``, modulator states last; unknowns ``N…N+m−1``; then indices into ``theta``. Any
+quantity of a step may drive a modulator state.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from phnn.integrate.tables import (
     LAW,
     LEAVES,
     LOSSLESS,
-    MEMORIES,
+    MODULATOR_STATES,
     OF_JUNCTION,
     OWN_STORAGE,
     PLACE_1,
@@ -55,18 +55,20 @@ from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 Inputs = frozenset[int]
 
 
-class Uses(NamedTuple):
-    """The inputs of every equation, and what the equations of a leaf are like.
+class Sparsity(NamedTuple):
+    """The inputs of every equation, and properties of the reducible storages' equations.
 
     Attributes:
-        leaves: of the end state and the mean effort of each leaf, and of what it exerts on its junctions.
-        currents: of each leaf's current alone; thresholds: of those of its first resistor where that reads something.
-        affine: by leaf, whether its junctions are linear, and its flow exact or lossless once ratios and thresholds are
-            known; varies: whether its ratios follow something.
-        plain, others: rows of junction resistors, gyrators and junction inlets: those that are linear in the flows with
-            constant factors, and the inputs of those that are not.
-        gains, scaled: inputs of all ratios that follow something, and the rows that have them.
-        memories, sources: of each memory's law alone, its state among them, and of every source that is no leaf.
+        leaves: inputs of the end state, the mean effort and the forces of each reducible storage.
+        currents: of each reducible storage's current alone; thresholds: of the modulated thresholds of its first
+            resistor.
+        affine: by reducible storage, whether its junctions are linear, and its flow exact or lossless once ratios and
+            thresholds are known; varies: whether its ratios are modulated.
+        plain, others: rows of junction resistors, gyrators and junction inlets: plain ones are linear in the flows with
+            constant factors; for the others, their inputs.
+        gains, scaled: inputs of all modulated ratios, and the rows that have them.
+        modulators: inputs of each modulator state's law, its state included, without its drive;
+            sources: of every source except reducible storages.
     """
 
     leaves: tuple[Inputs, ...]
@@ -78,19 +80,19 @@ class Uses(NamedTuple):
     others: Mapping[int, Inputs]
     gains: Inputs
     scaled: tuple[int, ...]
-    memories: tuple[Inputs, ...]
+    modulators: tuple[Inputs, ...]
     sources: tuple[Inputs, ...]
 
 
-def uses_of(table: Integers) -> Uses:
-    """What the equations of a table contain."""
+def sparsity_of(table: Integers) -> Sparsity:
+    """Find the inputs of the equations of a table."""
     found = _Finder(table)
     leaves = range(len(rows_of(table, LEAVES)))
     ranges = [range(table[0, k], table[0, k + 1]) for k in (JUNCTION_RESISTORS, GYRATORS, JUNCTION_INLETS)]
     terms = [row for rows in ranges for row in rows]
     plain = [row for row in terms if found.is_plain(row)]
     ratios = (found.ratio(place) for place in found.modulated)
-    return Uses(
+    return Sparsity(
         tuple(frozenset(found.leaf(leaf)) for leaf in leaves),
         tuple(frozenset(found.current(leaf)) for leaf in leaves),
         tuple(frozenset(found.thresholds(leaf)) for leaf in leaves),
@@ -100,25 +102,25 @@ def uses_of(table: Integers) -> Uses:
         {row: frozenset(found.term(row)) for row in terms if row not in plain},
         frozenset().union(*ratios),
         tuple(np.flatnonzero(np.isin(table[:, RATIO], list(found.modulated))).tolist()),
-        tuple(frozenset(found.memory(k)) for k in range(len(rows_of(table, MEMORIES)))),
+        tuple(frozenset(found.modulator(k)) for k in range(len(rows_of(table, MODULATOR_STATES)))),
         tuple(frozenset(found.source(row)) for row in rows_of(table, SOURCES)),
     )
 
 
 class _Finder:
-    """Collects the inputs of an equation along whatever it refers to."""
+    """Collects the inputs of an equation along all its references."""
 
     def __init__(self, table: Integers) -> None:
         self.table = table
         self.storages, self.ports = rows_of(table, STORAGES), rows_of(table, PORTS)
         self.junction_rows, self.leaf_rows = rows_of(table, JUNCTIONS), rows_of(table, LEAVES)
-        self.unknown = len(self.storages) + len(rows_of(table, MEMORIES))
+        self.unknown = len(self.storages) + len(rows_of(table, MODULATOR_STATES))
         self.theta = self.unknown + len(self.junction_rows)
         self.factors = rows_of(table, FACTORS)
         self.modulated = {int(place) for place in self.factors[:, RATIO_PLACE]}
 
     def _law(self, row: Integers, laws: Mapping[str, Any]) -> set[int]:
-        """Places of a law's parameters; weights of neural laws are left to the torch module."""
+        """Indices of a law's parameters; weights of neural laws are left to the torch module."""
         known = list(laws.values())
         return (
             {self.theta + int(p) for p in row[PLACE_1 : PLACE_1 + len(known[row[LAW]].example)]}
@@ -127,7 +129,7 @@ class _Finder:
         )
 
     def _port(self, k: int) -> set[int]:
-        """Places of a port's law and of its padding, which may stand for what is pushed there."""
+        """Indices of a port's law and of its padding, which may carry a given derivative of the action."""
         return {self.theta + int(p) for p in self.ports[k][1 : 1 + SCALARS]}
 
     def _storage(self, k: int) -> set[int]:
@@ -142,11 +144,11 @@ class _Finder:
 
     def _flow(self, j: int) -> set[int]:
         storage, linear = self.junction_rows[j, [OWN_STORAGE, IS_LINEAR]]
-        # The mean effort itself is the unknown of a linear junction; of others it follows from both end states.
+        # The mean effort of a linear junction is the unknown itself; elsewhere it follows from both end states.
         return {self.unknown + int(j)} | (set() if linear else {int(storage)} | self._storage(storage))
 
     def current(self, leaf: int) -> set[int]:
-        """Inputs of a leaf's current."""
+        """Inputs of a reducible storage's current."""
         found: set[int] = set()
         links, inlets = self._connections(leaf)
         for row in links:
@@ -156,7 +158,7 @@ class _Finder:
         return found
 
     def _connections(self, leaf: int) -> tuple[Integers, Integers]:
-        """Rows of a leaf's links and of its inlets."""
+        """Rows of a reducible storage's links and of its inlets."""
         first, last, first_inlet, last_inlet = self.leaf_rows[leaf, FIRST_LINK : LAST_INLET + 1]
         return self.table[first:last], self.table[first_inlet:last_inlet]
 
@@ -178,7 +180,7 @@ class _Finder:
         return self._law(row, RESISTOR_LAWS) | self._read(row[READ])
 
     def leaf(self, leaf: int) -> set[int]:
-        """Inputs of the end state and the mean effort of a leaf, and of what it exerts on its junctions."""
+        """Inputs of the end state, the mean effort and the forces of a reducible storage."""
         row = self.leaf_rows[leaf]
         found = {int(row[OWN_STORAGE])} | self._storage(row[OWN_STORAGE]) | self.current(leaf)
         for resistor in self.table[row[FIRST_RESISTOR] : row[LAST_RESISTOR]]:
@@ -186,20 +188,20 @@ class _Finder:
         return found
 
     def thresholds(self, leaf: int) -> set[int]:
-        """Inputs of the thresholds of a leaf's first resistor, where these follow something."""
+        """Inputs of the modulated thresholds of a reducible storage's first resistor."""
         row = self.leaf_rows[leaf]
         follows = row[RULE] == EXACT and self.table[row[FIRST_RESISTOR], READ] >= 0
         return self._resistor(self.table[row[FIRST_RESISTOR]]) if follows else set()
 
     def is_affine(self, leaf: int) -> bool:
-        """Whether known ratios make the current linear in the unknowns, and its flow is exact or lossless."""
+        """Whether known ratios make the current linear in the unknowns, and the flow is exact or lossless."""
         row, (links, _) = self.leaf_rows[leaf], self._connections(leaf)
-        # A law that is not linear, with a ratio that follows something, is differentiated in full.
+        # A nonlinear law with a modulated ratio is differentiated in full.
         plain = row[RULE] == EXACT or (row[RULE] == LOSSLESS and (row[IS_LINEAR] > 0 or not self.varies(leaf)))
         return bool(plain and all(self.junction_rows[r[TO_JUNCTION], IS_LINEAR] for r in links))
 
     def varies(self, leaf: int) -> bool:
-        """Whether a ratio between a leaf and a junction or a port follows something."""
+        """Whether a ratio between a reducible storage and a junction or a port is modulated."""
         links, inlets = self._connections(leaf)
         return bool(self.modulated & {int(r[RATIO]) for r in (*links, *inlets)})
 
@@ -234,12 +236,12 @@ class _Finder:
             found |= self.ratio(branch[RATIO]) | self._flow(branch[0])
         return found
 
-    def memory(self, k: int) -> set[int]:
-        """Inputs of a memory's law but for what drives it."""
-        return {len(self.storages) + k} | self._law(rows_of(self.table, MEMORIES)[k], MEMORY_LAWS)
+    def modulator(self, k: int) -> set[int]:
+        """Inputs of a modulator state's law without its drive."""
+        return {len(self.storages) + k} | self._law(rows_of(self.table, MODULATOR_STATES)[k], MEMORY_LAWS)
 
     def source(self, row: Integers) -> set[int]:
-        """Inputs of what drives a memory; what comes from a leaf is known with the leaf."""
+        """Inputs of a source of a modulator state; those of a reducible storage are listed with the storage."""
         if row[SOURCE_RESISTOR] >= 0:
             return self.term(int(row[SOURCE_RESISTOR]))
         if row[SOURCE_FLOW] >= 0:

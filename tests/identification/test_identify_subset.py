@@ -1,4 +1,4 @@
-"""Which recordings a first look takes."""
+"""The recordings that the representative subset contains."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from phnn.identification.looks import first_look
 from phnn.identification.plan import Plan
+from phnn.identification.subset import representative_subset
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
@@ -26,7 +26,7 @@ def plan(*recordings: Recording) -> Plan:
 
 def test_few_recordings_are_all_looked_at() -> None:
     few = plan(*(made(f"{a}", a, 100.0) for a in (10.0, 20.0, 30.0)))
-    assert first_look(few) is few
+    assert representative_subset(few) is few
 
 
 def test_the_corners_are_looked_at() -> None:
@@ -37,16 +37,16 @@ def test_the_corners_are_looked_at() -> None:
         ("large fast", 100.0, 500.0),
     ]
     middle = [(f"middle {i}", 8.0 + i, 100.0 + 25.0 * i) for i in range(5)]
-    look = first_look(plan(*(made(*x) for x in [*middle, *corners])))
-    assert len(look.recordings) == 5
-    assert {name for name, _, _ in corners} <= {r.name for r in look.recordings}
-    assert look.substeps["small slow"] == 2
+    subset = representative_subset(plan(*(made(*x) for x in [*middle, *corners])))
+    assert len(subset.recordings) == 5
+    assert {name for name, _, _ in corners} <= {r.name for r in subset.recordings}
+    assert subset.substeps["small slow"] == 2
 
 
 @settings(deadline=None, max_examples=10)
 @given(st.lists(st.sampled_from([0.0, 1.0, 50.0]), min_size=6, max_size=9))
 def test_recordings_alike_are_taken_once_each(amplitudes: list[float]) -> None:
-    look = first_look(plan(*(made(str(i), a, 100.0) for i, a in enumerate(amplitudes))))
-    names = [r.name for r in look.recordings]
+    subset = representative_subset(plan(*(made(str(i), a, 100.0) for i, a in enumerate(amplitudes))))
+    names = [r.name for r in subset.recordings]
     assert len(names) == len(set(names)) == 5
-    assert max(np.ptp(r.u) for r in look.recordings) == max(2.0 * a for a in amplitudes)
+    assert max(np.ptp(r.u) for r in subset.recordings) == max(2.0 * a for a in amplitudes)

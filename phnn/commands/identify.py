@@ -1,0 +1,89 @@
+"""``phnn identify``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from phnn.commands.terminal import Config, status
+from phnn.diagnosis.tested import score_on_all
+from phnn.identification.base import identify_base
+from phnn.identification.evaluate import Evaluation
+from phnn.identification.fit import Fit
+from phnn.identification.options import Options
+from phnn.models.store import save
+from phnn.network.roles import auxiliary
+from phnn.output import Place, claim, finite
+from phnn.recordings import Campaign, read
+from phnn.report.formatting import interval
+
+
+def identify(
+    folder: Path, out: Path, manifest: Path | None, config: Config, outside: bool = False, overwrite: bool = False
+) -> None:
+    """Fit the base model; writes ``base/`` and ``identify.json``."""
+    options = Options.from_config(config)
+    campaign = read(folder, manifest, allow_outside=outside)
+    with claim(out, "identify", [folder], ("base", "identify.json"), overwrite=overwrite) as place:
+        parameters, scores = _identify(campaign, options, place)
+    table = Table("parameter", "value", "standard error", "95 % interval", "note", title=f"base model of {folder}")
+    for name, row in parameters.items():
+        error_text = f"{row['std']:.2g}" if row["std"] is not None else "–"
+        value = f"{row['value']:.5g} {row['unit']}"
+        table.add_row(name, value, error_text, interval(row["interval_95"]), str(row["held"] or ""))
+    Console().print(table)
+    Console().print(_score_table({"base": scores}))
+
+
+def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[str, Any], Evaluation]:
+    """Fit the base model and write it; its table of parameters, and its scores."""
+    with status() as progress:
+        fitted, error = identify_base(campaign, options, progress)
+        scores = score_on_all(fitted, campaign)
+    keep(fitted, place / "base")
+    std, hidden = fitted.std(), auxiliary(fitted.setup.network)
+    parameters = {
+        n: {
+            "value": p.value,
+            "unit": p.unit,
+            "std": finite(std.get(n)),
+            "interval_95": fitted.interval(n),
+            "held": _note(fitted, n),
+        }
+        for n, p in fitted.setup.parameters.items()
+        if n not in hidden
+    }
+    content = {
+        "parameters": parameters,
+        "fit": scores.table(),
+        "numerical_error_sigma": error.sigma,
+        "seed": options.seed,
+    }
+    (place / "identify.json").write_json(content)
+    return parameters, scores
+
+
+def keep(fitted: Fit, place: Place) -> None:
+    """Store the setup of a fit with the sub-steps that it needs, for `phnn predict`."""
+    save(fitted.setup, place, fitted.plan.finest)
+
+
+def _note(fitted: Fit, name: str) -> str | None:
+    if not np.isfinite(fitted.std().get(name, 0.0)):
+        return "not identified by these recordings"
+    return fitted.held.get(name)
+
+
+def _score_table(scores: Mapping[str, Evaluation]) -> Table:
+    table = Table("recording", "use", *scores, title="fit %, and residual over noise")
+    parts = next(iter(scores.values())).parts
+    for i, part in enumerate(parts):
+        cells = [f"{s.parts[i].fit_percent:.2f}  {s.parts[i].residual_over_noise:.3g}" for s in scores.values()]
+        table.add_row(escape(part.name), "held out" if part.use == "confirmation" else "identified", *cells)
+    return table

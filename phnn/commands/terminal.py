@@ -1,0 +1,30 @@
+"""What the commands share on a terminal: the status line, and a console for tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+
+Config = Mapping[str, Any]
+# A pipe has no width of its own: whole tables fit there.
+_PIPE = 200
+
+
+@contextmanager
+def status() -> Iterator[Callable[[str], None]]:
+    """A status line on a terminal; silence in a pipe."""
+    terminal = Console(stderr=True)
+    if not terminal.is_terminal:
+        yield lambda message: None
+        return
+    with terminal.status("reading") as status:
+        yield status.update
+
+
+def console(pipe: int = _PIPE) -> Console:
+    """A console as wide as the terminal, or ``pipe`` letters where there is none."""
+    terminal = Console()
+    return terminal if terminal.is_terminal else Console(width=pipe)
