@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from effect_pages import write_if_changed
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -12,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 from sphinx.application import Sphinx
 
-from effect_pages import write_if_changed
 from phnn.check.abilities import _QUESTIONS
 from phnn.report.figures import RC
 from phnn.report.figures.style import AFTER, INK
@@ -24,13 +24,30 @@ _WORDS = {"input": "voltage", "rest": f"{LONG_REST} samples"}
 
 # Each question of the chart: text, answer that leaves it sideways, and where that leads. The other answer goes down.
 _STEPS = (
-    ("Does phnn check\nread your folder?", "no", "The message names file, column and remedy;\nphnn template drafts a manifest."),
-    ("Is the residual of the base model\nwithin the noise?", "yes", "none: these recordings show\nnothing that is missing."),
-    ("Does an effect of the catalogue\nexplain the excess?", "no", "unknown: the location, a learned element or a\n"
-     "formula, and the recording to make next."),
-    ("More than one amplitude\nand one frequency?", "no", "unknown or equivalent: many effects\nlook alike on one sine."),
-    ("Do held-out recordings bring a new\namplitude or frequency?", "no", "equivalent at most:\nnothing confirms the name."),
-    ("Does exactly one effect predict\nthem better than chance?", "no", "equivalent: the class of effects,\nand what would separate them."),
+    (
+        "Does phnn check\nread your folder?", "no",
+        "The message names file, column and remedy;\nphnn template drafts a manifest.",
+    ),
+    (
+        "Is the residual of the base model\nwithin the noise?", "yes",
+        "none: these recordings show\nnothing that is missing.",
+    ),
+    (
+        "Does an effect of the catalogue\nexplain the excess?", "no",
+        "unknown: the location, a learned element or a\nformula, and the recording to make next.",
+    ),
+    (
+        "More than one amplitude\nand one frequency?", "no",
+        "unknown or equivalent: many effects\nlook alike on one sine.",
+    ),
+    (
+        "Do held-out recordings bring a new\namplitude or frequency?", "no",
+        "equivalent at most:\nnothing confirms the name.",
+    ),
+    (
+        "Does exactly one effect predict\nthem better than chance?", "no",
+        "equivalent: the class of effects,\nand what would separate them.",
+    ),
 )  # fmt: skip
 _END = "named: the effect, its parameters\nwith intervals, a passive model."
 
@@ -49,7 +66,13 @@ def chart() -> Figure:
         _box(axes, 0.0, y, question, "#eef3f8", AFTER)
         _box(axes, 5.9, y, outcome, "#fbf3ec", "#d55e00")
         _arrow(axes, (_WIDTH, y), (5.9, y), answer, (5.05, y + 0.14))
-        _arrow(axes, (_WIDTH / 2, y - _HEIGHT / 2), (_WIDTH / 2, y - _GAP + _HEIGHT / 2), other, (_WIDTH / 2 + 0.25, y - 0.69))
+        _arrow(
+            axes,
+            (_WIDTH / 2, y - _HEIGHT / 2),
+            (_WIDTH / 2, y - _GAP + _HEIGHT / 2),
+            other,
+            (_WIDTH / 2 + 0.25, y - 0.69),
+        )
     _box(axes, 0.0, -_GAP * len(_STEPS), _END, "#e6f4ee", "#009e73")
     return figure
 
@@ -60,7 +83,9 @@ def _box(axes: Axes, x: float, y: float, text: str, fill: str, edge: str) -> Non
     axes.text(x + _WIDTH / 2, y, text, ha="center", va="center", fontsize=10, color=INK)
 
 
-def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], word: str, at: tuple[float, float]) -> None:
+def _arrow(
+    axes: Axes, start: tuple[float, float], end: tuple[float, float], word: str, at: tuple[float, float]
+) -> None:
     axes.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": INK, "shrinkA": 2, "shrinkB": 2})
     axes.text(*at, word, ha="center", va="center", fontsize=9.5, color=INK, style="italic")
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from sphinx.application import Sphinx
-
 from effect_pictures import draw
 from effect_scenes import shown
 from effect_text import index, page
+from sphinx.application import Sphinx
+
 from phnn.effects import catalogue, kinds
 
 FOLDER = "effects"

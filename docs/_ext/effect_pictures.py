@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from effect_scenes import Scene, Shown, scene_of
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from effect_scenes import Scene, Shown, scene_of
 from phnn.report.figures import RC
 from phnn.report.figures.style import AFTER, BEFORE, DPI, FAINT, MEASURED
 

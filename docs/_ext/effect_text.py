@@ -11,14 +11,18 @@ from pathlib import Path
 from string import Formatter
 
 import numpy as np
-
 from effect_scenes import SHOWN, Shown, scene_of, tank_scene
+
 from phnn.effects import Declared, Effect, catalogue
 from phnn.setup import Setup
 from phnn.units import quantity
 
 _CASES = Path(__file__).resolve().parents[1] / "proof-cases.csv"
-_GRADES = {"exact": "named", "class": "in a class of effects that explain the recordings equally well", "wrong": "missed"}
+_GRADES = {
+    "exact": "named",
+    "class": "in a class of equally good effects",
+    "wrong": "missed",
+}
 
 # The example of each page; it is run when the page is made, and its output stands below it.
 _EXAMPLE = """\
@@ -74,9 +78,9 @@ def index(effects: list[Effect]) -> str:
     """The page that lists all effects by location."""
     lines = [
         "# Effects that phnn can name",
-        "Each page is made from the effect's own declaration: what it looks like in recordings, its law, its parameters, "
-        "what is confused with it, and the recording that separates it. The pictures are simulated when this site is "
-        "built. To add an effect of your own, see [](../write-your-own-effect.md).",
+        "Each page is made from the effect's own declaration: what it looks like in recordings, its law, its "
+        "parameters, what is confused with it, and the recording that separates it. The pictures are simulated when "
+        "this site is built. To add an effect of your own, see [](../write-your-own-effect.md).",
     ]
     for location in dict.fromkeys(e.location for e in effects):
         rows = [f"| [{title(e)}]({e.name}.md) | {e.fingerprint} |" for e in effects if e.location == location]
@@ -120,9 +124,7 @@ def _parameters(effect: Effect, setup: Setup) -> str:
     """The table of the parameters, as they are placed in a setup that has the effect."""
     if not effect.declares:
         return "It has no parameters."
-    rows = (
-        f"| `{d.name}` | {_unit(d)} | {d.description} | {_role(d, setup)} | {_range(d)} |" for d in effect.declares
-    )
+    rows = (f"| `{d.name}` | {_unit(d)} | {d.description} | {_role(d, setup)} | {_range(d)} |" for d in effect.declares)
     head = "| parameter | unit | meaning | role | range in real actuators |\n|---|---|---|---|---|\n"
     return head + "\n".join(rows)
 
@@ -185,12 +187,13 @@ def _cases() -> list[dict[str, str]]:
 
 
 def _measured(effect: Effect) -> str:
-    """How often the recorded proof found the effect where it was concealed alone; empty where it was never concealed."""
+    """How often the recorded proof found the effect where it was concealed alone; empty where it never was."""
     grades = Counter(row["grade"] for row in _cases() if row["truth"] == effect.name)
     if not grades:
         return ""
     told = ", ".join(f"{words}: {grades[g]}" for g, words in _GRADES.items())
-    return f"## Found in tests\n\nCases of the recorded [proof](../proof.md) that conceal it alone: {grades.total()}; {told}."
+    cases = f"Cases of the recorded [proof](../proof.md) that conceal it alone: {grades.total()}; {told}."
+    return f"## Found in tests\n\n{cases}"
 
 
 def _example(shown: Shown) -> str:

@@ -1,7 +1,7 @@
 """What the code of a page finds when it is run: simulated recordings, stored models and names, by page.
 
-A reader has recordings of his own in ``recordings/``; here they come from the generator of `phnn.demo`, which conceals a
-quadratic drag in a simulated actuator.
+A reader has recordings of his own in ``recordings/``; here they come from the generator of `phnn.demo`, which conceals
+a quadratic drag in a simulated actuator.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-
 from docstrings import examples
 
 Names = dict[str, object]

@@ -4,14 +4,15 @@ First diagnosis
 
 Read recordings, fit the actuator of the paper, and ask what it leaves out.
 
-The recordings are simulated here: four files of an actuator in which one effect is concealed. With a folder of your own, begin at
-``phnn.read``.
+The recordings are simulated here: four files of an actuator in which one effect is concealed. With a folder of your
+own, begin at ``phnn.read``.
 """
 
 # %%
 # Recordings
 # ----------
-# The generator shares no code with the models. It draws an actuator, the strength of the effect and the noise from the seed.
+# The generator shares no code with the models. It draws an actuator, the strength of the effect and the noise from
+# the seed.
 
 import tempfile
 from pathlib import Path
@@ -46,8 +47,9 @@ for ability in check(campaign).abilities:
 # %%
 # The base model
 # --------------
-# Two hysterons. The actuator needs no starting values. The weighed mass ``m`` of ``recordings.yaml`` is an anchor with an error of
-# its own. An infinite error says that these recordings do not determine a value: hysteron 1 relaxes too fast to be seen.
+# Two hysterons. The actuator needs no starting values. The weighed mass ``m`` of ``recordings.yaml`` is an anchor
+# with an error of its own. An infinite error says that these recordings do not determine a value: hysteron 1 relaxes
+# too fast to be seen.
 
 fit = phnn.identify(phnn.models.hrc(hysterons=2), campaign, phnn.Options(starts=1))
 for name, (value, error) in fit.parameters.items():

@@ -4,8 +4,9 @@ Neural hysterons with torchdiffeq
 
 A small network takes the place of the dead zone of a hysteron and learns it from the displacement.
 
-The network is sign-constrained: :math:`e\\,\\varphi(e) \\geq 0` for all weights, so that the model is passive before, during and after
-training. ``torchdiffeq.odeint_adjoint`` solves it with the power-preserving step, whose adjoint is exact.
+The network is sign-constrained: :math:`e\\,\\varphi(e) \\geq 0` for all weights, so that the model is passive before,
+during and after training. ``torchdiffeq.odeint_adjoint`` solves it with the power-preserving step, whose adjoint is
+exact.
 """
 
 # %%
@@ -45,8 +46,8 @@ print(sum(weight.numel() for weight in system.parameters()), "weights")
 # %%
 # Training
 # --------
-# ``sampled_states`` calls ``torchdiffeq.odeint_adjoint`` once for all recordings; the steps are compiled, and the adjoint method is
-# the transpose of the same steps.
+# ``sampled_states`` calls ``torchdiffeq.odeint_adjoint`` once for all recordings; the steps are compiled, and the
+# adjoint method is the transpose of the same steps.
 
 means = torch.from_numpy(0.5 * (voltage[1:] + voltage[:-1]))
 u = torch.stack([means, torch.zeros_like(means)], dim=1)
@@ -81,8 +82,8 @@ print(f"{len(history)} gradients, loss {history[0]:.4g} → {min(history):.4g}")
 # %%
 # What it has learned
 # -------------------
-# The curve is compared where recordings visited it. The line through its inverse meets zero flow at the threshold; that of Table 1
-# is half the dead zone.
+# The curve is compared where recordings visited it. The line through its inverse meets zero flow at the threshold;
+# that of Table 1 is half the dead zone.
 
 law = next(iter(system.laws.values()))
 reach, largest = 2.0 * values["d_1"], values["alpha"] * 0.03
@@ -102,8 +103,8 @@ right.set(xlabel="effort [V]", ylabel="flow [mA]", ylim=(-3.0, 3.0), title="resi
 _ = right.legend()
 
 # %%
-# Hysteron 1 relaxes in a microsecond, so the slope outside its dead zone is hardly visible in these samples; the thresholds are.
-# The start matters: with ``start="none"``, thresholds that follow from the drive alone, this short training ends after a few
-# gradients at a loss of 4,496. :doc:`/learning` says which starts and trainers succeed.
+# Hysteron 1 relaxes in a microsecond, so the slope outside its dead zone is hardly visible in these samples; the
+# thresholds are. The start matters: with ``start="none"``, thresholds that follow from the drive alone, this short
+# training ends after a few gradients at a loss of 4,496. :doc:`/learning` says which starts and trainers succeed.
 
 print("passive:", bool((effort * learned >= 0.0).all()))

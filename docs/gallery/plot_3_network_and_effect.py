@@ -4,8 +4,8 @@ Your own network and your own effect
 
 Build a network from a bond graph, register an effect that the catalogue lacks, and let a diagnosis find it.
 
-The system is a carriage on a spring, driven by a force. Its guide brakes more the farther the carriage is from the middle, which
-no effect of the catalogue says.
+The system is a carriage on a spring, driven by a force. Its guide brakes more the farther the carriage is from the
+middle, which no effect of the catalogue says.
 """
 
 # %%
@@ -45,7 +45,8 @@ print(network.state_names, [port.name for port in network.ports])
 # %%
 # Recordings
 # ----------
-# scipy solves the true carriage, whose guide brakes with :math:`F_w (q/q_w)^2 v`. Three sines identify, one is held out.
+# scipy solves the true carriage, whose guide brakes with :math:`F_w (q/q_w)^2 v`. Three sines identify, one is held
+# out.
 
 
 def recorded(amplitude: float, frequency: float, rng: np.random.Generator) -> np.ndarray:
@@ -126,7 +127,8 @@ guide = Effect(
 # %%
 # With the effect
 # ---------------
-# Registration checks it: the network stays passive, derivatives agree with finite differences. Then a diagnosis looks for it.
+# Registration checks it: the network stays passive, derivatives agree with finite differences. Then a diagnosis looks
+# for it.
 
 with registered(guide):
     after = phnn.diagnose(fit)

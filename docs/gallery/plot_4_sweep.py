@@ -4,8 +4,8 @@ A sweep with hydra and joblib
 
 Train several models on the same recordings, each in a folder of its own, and gather the table.
 
-The same command again continues what is not finished. ``launcher=joblib`` runs as many trainings at once as the machine has cores,
-here one; ``launcher=submitit`` sends them to a cluster.
+The same command again continues what is not finished. ``launcher=joblib`` runs as many trainings at once as the
+machine has cores, here one; ``launcher=submitit`` sends them to a cluster.
 """
 
 # %%
@@ -30,8 +30,8 @@ _ = generate(5, folder / "recordings", "none", "short")
 # %%
 # The sweep
 # ---------
-# Lists of values are combined: two models with one and two hysterons. Every fifth sample and three Gauss–Newton steps keep this
-# page short; leave both out for a result.
+# Lists of values are combined: two models with one and two hysterons. Every fifth sample and three Gauss–Newton steps
+# keep this page short; leave both out for a result.
 
 script = Path(phnn.__file__).resolve().parents[1] / "scripts" / "train.py"
 command = [
@@ -45,7 +45,8 @@ print(done.stdout[-1500:] or done.stderr[-1500:])
 # %%
 # The table
 # ---------
-# ``gather`` reads what each run wrote; ``held_out_over_noise`` is the residual of the held-out recordings over the noise.
+# ``gather`` reads what each run wrote; ``held_out_over_noise`` is the residual of the held-out recordings over the
+# noise.
 
 table = gather(folder / "sweep")
 print(table[["model.kind", "model.hysterons", "state", "parameters", "held_out_over_noise"]].to_string(index=False))
