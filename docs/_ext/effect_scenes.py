@@ -31,6 +31,8 @@ _FIRST = 10.0
 _TOO_MUCH = 0.3
 # Sampling interval [s] of the actuator's scene, and the noise that its scales state [m].
 _DT, _NOISE = 5e-5, 5e-8
+# Voltage [V] of the held step and samples of its rise, which is no steeper than the sine of 150 Hz.
+_HELD, _RISE = 60.0, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,8 @@ class Shown:
 def actuator_scene() -> Scene:
     """Sines of two amplitudes at 20 Hz, one at 150 Hz, and a held step, on the actuator of the paper."""
     pieces = [
-        _sine(20.0, 30.0, 2), _sine(20.0, 75.0, 2), _sine(150.0, 75.0, 6), np.zeros(400), np.full(3600, 60.0),
+        _sine(20.0, 30.0, 2), _sine(20.0, 75.0, 2), _sine(150.0, 75.0, 6), np.zeros(400),
+        np.linspace(0.0, _HELD, _RISE), np.full(3600, _HELD),
     ]  # fmt: skip
     u = np.concatenate(pieces)
     ends = np.cumsum([p.size for p in pieces])

@@ -73,13 +73,13 @@ for use in ("identification", "confirmation"):
 # The residual of the held-out recording, before and after. The seal says what was concealed.
 
 held_out = next(r for r in campaign.recordings if r.mask("confirmation").any())
-figure, axis = plt.subplots(figsize=(9, 3), layout="constrained")
-for label, model in (("base model", fit.model), ("with the named effect", diagnosis.model)):
+figure, axes = plt.subplots(2, 1, figsize=(9, 4), sharex=True, sharey=True, layout="constrained")
+for axis, title, model in zip(axes, ("base model", "with the named effect"), (fit.model, diagnosis.model), strict=True):
     (predicted,) = (p for p in phnn.predict(model, campaign) if p.recording.name == held_out.name)
-    axis.plot(1e3 * held_out.t, 1e9 * (held_out.y - predicted.y), linewidth=0.8, label=label)
-axis.axhspan(-2e9 * held_out.noise, 2e9 * held_out.noise, alpha=0.15, label="± 2 standard deviations of the noise")
-axis.set(xlabel="time [ms]", ylabel="residual [nm]", title=held_out.name)
-axis.legend(loc="upper right")
+    axis.axhspan(-2e9 * held_out.noise, 2e9 * held_out.noise, color="0.9")
+    axis.plot(1e3 * held_out.t, 1e9 * (held_out.y - predicted.y), linewidth=0.6)
+    axis.set(ylabel="residual [nm]", title=f"{title} (grey: ± 2 standard deviations of the noise)")
+axes[1].set_xlabel("time [ms]")
 print("concealed:", sealed.effect, sealed.parameters)
 
 # %%
