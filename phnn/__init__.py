@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from phnn.network.system import PortHamiltonianSystem
     from phnn.recordings import describe, read
     from phnn.setup import Setup
-    from phnn.verbs import Diagnosis, compare, diagnose, identify, load, predict
+    from phnn.verbs import Diagnosis, compare, diagnose, export, identify, load, predict
 
 # Where each public name is defined; None for the module of that name.
 _DEFINED_IN = {
@@ -35,6 +35,7 @@ _DEFINED_IN = {
     "diagnose": "phnn.verbs",
     "predict": "phnn.verbs",
     "compare": "phnn.verbs",
+    "export": "phnn.verbs",
     "load": "phnn.verbs",
     "models": None,
     "effects": None,
@@ -63,6 +64,7 @@ __all__ = [
     "describe",
     "diagnose",
     "effects",
+    "export",
     "identify",
     "load",
     "models",

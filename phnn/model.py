@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,13 +14,12 @@ from phnn.errors import InputRefused
 from phnn.models.store import save
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
+from phnn.signals.sampling import check_samples, series
 from phnn.simulate import simulate
 
 if TYPE_CHECKING:
+    from phnn.inverse.result import Inverse
     from phnn.network.system import PortHamiltonianSystem
-
-# By how much of an interval the steps of a time axis may differ from each other.
-_UNIFORM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -81,15 +80,58 @@ class Model:
                 differ, or a port that the network does not have.
             SolverFailed: a step has no solution.
         """
-        time, voltage = _series("t", t), _series("u", u)
-        others = {name: _series(name, values) for name, values in (further or {}).items()}
-        _check(time, {"u": voltage, **others})
+        time, voltage = series("t", t), series("u", u)
+        others = {name: series(name, values) for name, values in (further or {}).items()}
+        check_samples(time, {"u": voltage, **others})
         ports = {p.name for p in self.setup.network.ports[1:]}
         for name in others.keys() - ports:
             raise InputRefused(f"further: no port {name!r}; there are {', '.join(sorted(ports)) or 'no further ports'}")
         before = float(voltage[0]) if input_before is None else float(input_before)
         recording = unrecorded("simulate", time - time[0], voltage, input_before=before, further=others)
         return np.asarray(simulate(self.setup, recording, substeps or self.substeps).y)
+
+    def inverse(
+        self,
+        t: ArrayLike,
+        reference: ArrayLike,
+        *,
+        smooth: float | None = None,
+        limits: tuple[float, float] | None = None,
+        slew: float | None = None,
+        hold: str = "cubic",
+        lead_in: float = 0.0,
+        tolerance: float | None = None,
+        iterations: int = 20,
+    ) -> Inverse:
+        """Find the input with which the output follows a reference, from rest at its first value.
+
+            found = model.inverse(t, reference, limits=(-30.0, 150.0))
+            found.voltage, found.reached, found.messages
+
+        Args:
+            t: (N,) time [s], increasing in equal steps.
+            reference: (N,) output that is wanted, SI; for an actuator its displacement [m].
+            smooth: corner of a low-pass without phase that the reference passes first [Hz].
+            limits: lowest and highest input [V].
+            slew: largest rate of the input [V/s].
+            hold: the input between its samples: ``"cubic"`` as `simulate` takes it, ``"zero_order"`` as a converter
+                holds it.
+            lead_in: time before the first sample in which the motion begins from rest [s].
+            tolerance: largest error that counts as none, SI; None: a hundred-thousandth of the reference's range.
+            iterations: at most as many simulations.
+
+        Returns:
+            Voltage, reached output, error, and in words what cannot be reached; see `phnn.inverse.Inverse`.
+
+        Raises:
+            InputRefused: arrays that are no equally spaced samples, an option out of its range, a reference that is
+                mostly noise, or a model whose motion does not tell its input.
+            SolverFailed: a step has no solution.
+        """
+        from phnn.inverse import InverseOptions, invert
+
+        options = InverseOptions(smooth, limits, slew, hold, lead_in, tolerance, iterations)
+        return invert(self.setup, self.substeps, series("t", t), series("reference", reference), options)
 
     def save(self, folder: str | Path) -> None:
         """Write the model into a folder, as ``model/`` of a diagnosis.
@@ -98,38 +140,3 @@ class Model:
             InputRefused: the folder holds other files, or cannot be written to.
         """
         save(self.setup, Path(folder), self.substeps)
-
-
-def _series(name: str, values: Any) -> NDArray[np.float64]:
-    """(N,) values as float64.
-
-    Raises:
-        InputRefused: they are no numbers, or do not stand in one row.
-    """
-    try:
-        found = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputRefused(f"{name}: {error}: give an array of numbers") from error
-    if found.ndim != 1:
-        raise InputRefused(f"{name} has shape {found.shape}: give one value per sample, shape (N,)")
-    return found
-
-
-def _check(t: NDArray[np.float64], inputs: Mapping[str, NDArray[np.float64]]) -> None:
-    """Refuse what cannot be simulated.
-
-    Raises:
-        InputRefused: names the array, and what is wrong with it.
-    """
-    if t.size < 2:
-        raise InputRefused(f"t has {t.size} samples: give at least 2")
-    for name, values in {"t": t, **inputs}.items():
-        if values.size != t.size:
-            raise InputRefused(f"{name} has {values.size} samples and t has {t.size}: give as many")
-        if not np.isfinite(values).all():
-            raise InputRefused(f"{name}[{int(np.argmin(np.isfinite(values)))}] is not finite: leave such samples out")
-    steps, mean = np.diff(t), (t[-1] - t[0]) / (t.size - 1)
-    if not (mean > 0.0 and np.abs(steps - mean).max() <= _UNIFORM * mean):
-        raise InputRefused(
-            f"t increases by {steps.min():.6g} to {steps.max():.6g} s: give equal steps, for example np.linspace"
-        )

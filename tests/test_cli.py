@@ -162,6 +162,13 @@ def test_wrong_usage_exits_with_2(argv: list[str], capsys: pytest.CaptureFixture
     assert "usage" in capsys.readouterr().err
 
 
+def test_options_of_an_inverse_are_refused_before_anything_is_read(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["invert", "m", "r.csv", "--out", "o", "--slew", "-1"]) == 2
+    assert "slew = -1 V/s: give a positive, finite number" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        cli.main(["invert", "m", "r.csv", "--out", "o", "--hold", "linear"])
+
+
 def test_help_is_quick_and_loads_nothing_heavy() -> None:
     code = (
         "import sys\nfrom phnn import cli\ntry:\n    cli.main(['--help'])\nexcept SystemExit:\n    pass\n"

@@ -82,8 +82,17 @@ def documented(folder: Path) -> Names:
     zero = torch.zeros(4, dtype=torch.float64)
     return {
         "np": np, "phnn": phnn, "campaign": campaign, "t": t, "voltage": 75.0 * np.sin(2.0 * np.pi * 20.0 * t),
-        "x": zero, "u": zero[:2],
+        "x": zero, "u": zero[:2], "reference": 2e-5 * (1.0 - np.cos(2.0 * np.pi * 10.0 * t)),
     }  # fmt: skip
+
+
+def reference(folder: Path) -> Names:
+    """A stored model of the paper's actuator, a time axis, and a displacement that it is to follow."""
+    import phnn
+
+    phnn.Model(phnn.Setup(phnn.models.from_paper())).save(folder / "out" / "mine" / "model")
+    t = np.linspace(0.0, 0.1, 1001)
+    return {"t": t, "reference": 2e-5 * (1.0 - np.cos(2.0 * np.pi * 10.0 * t))}
 
 
 _SETUPS: dict[str, Callable[[Path], Names]] = {
@@ -93,6 +102,7 @@ _SETUPS: dict[str, Callable[[Path], Names]] = {
     "recording-an-actuator": recordings,
     "write-your-own-effect": guided_rig,
     "steering-mirror": structure,
+    "feedforward": reference,
     "theory": equilibrium,
     "docstrings": documented,
 }

@@ -19,7 +19,7 @@ from phnn.chain.knee import banded, kneed
 from phnn.chain.lowpass import lowpass, second_order_lowpass
 from phnn.chain.rate import imposed_rate
 from phnn.integrate.compiled import entry
-from phnn.laws.namespace import absolute, exp, log1p, maximum, minimum, real, where
+from phnn.laws.namespace import absolute, exp, log1p, maximum, minimum, real, shared, where
 
 Array = NDArray[Any]
 
@@ -50,17 +50,18 @@ def slew_limit(fine: Array, h: Array, before: Any, limit: Any) -> Array:
     return np.asarray(_limited(fine + zero, reach + zero, before + zero))
 
 
+@shared
+def slew_step(state: Any, u: Any, reach: Any) -> Any:
+    """The output after half a step, in which it moves by ``reach`` at most."""
+    return state + maximum(minimum(u - state, reach), -reach)
+
+
 def _limited_loop(fine: Any, reach: Any, state: Any) -> Any:
     out = np.empty_like(fine)
     for n in range(fine.shape[0]):
         out[n, 0] = state
         for i in range(1, 3):
-            rise = fine[n, i] - state
-            if real(rise) > real(reach[n]):
-                rise = reach[n]
-            elif real(rise) < -real(reach[n]):
-                rise = -reach[n]
-            state = state + rise
+            state = slew_step(state, fine[n, i], reach[n])
             out[n, i] = state
     return out
 

@@ -48,7 +48,7 @@ def _delay_loop(fine: Any, h: Any, before: Any, tau: Any, nodes: Any, jumps: Any
                 out[n, i], areas[i] = before, before * t
             else:
                 s = (t - nodes[row]) / h[row]
-                out[n, i], part = _parabola(fine[row, 0], fine[row, 1], fine[row, 2], s)
+                out[n, i], part = parabola(fine[row, 0], fine[row, 1], fine[row, 2], s)
                 areas[i] = area[row] + h[row] * part
         first, last = rows[0], rows[2]
         if last >= 0 and jumps[last] > (jumps[first] if first >= 0 else 0):
@@ -58,7 +58,7 @@ def _delay_loop(fine: Any, h: Any, before: Any, tau: Any, nodes: Any, jumps: Any
 
 
 @shared
-def _parabola(first: Any, middle: Any, last: Any, s: Any) -> Any:
+def parabola(first: Any, middle: Any, last: Any, s: Any) -> Any:
     """The parabola through values at 0, ½ and 1, at ``s``, and its integral from 0 to there."""
     linear, square = 4.0 * middle - 3.0 * first - last, 2.0 * (first + last) - 4.0 * middle
     return first + s * (linear + s * square), s * (first + s * (0.5 * linear + s * square / 3.0))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate.compiled import entry
-from phnn.laws.namespace import exp, real, where
+from phnn.laws.namespace import exp, real, shared, where
 
 Array = NDArray[Any]
 
@@ -22,10 +22,15 @@ _SERIES = 1e-4
 
 def lowpass(fine: Array, h: Array, before: float, tau: Any) -> Array:
     """``τ V̇ = u − V``."""
+    return np.asarray(_first_order(fine + 0.0 * tau, *first_order_weights(h, tau), before + 0.0 * tau))
+
+
+def first_order_weights(h: Array, tau: Any) -> tuple[Any, Any, Any]:
+    """``a, b₀, b₁`` of `first_order_step` in steps ``h`` [s]."""
     z = 0.5 * h / tau
     a = exp(-z)
     mean = (1.0 - a) / z
-    return np.asarray(_first_order(fine + 0.0 * tau, a, mean - a, 1.0 - mean, before + 0.0 * tau))
+    return a, mean - a, 1.0 - mean
 
 
 def second_order_lowpass(fine: Array, h: Array, before: float, tau: Any, zeta: Any) -> Array:
@@ -34,11 +39,17 @@ def second_order_lowpass(fine: Array, h: Array, before: float, tau: Any, zeta: A
     With ``s`` the time in units of τ and the state ``(V, dV/ds)``, ``V = u − 2ζ u'``, ``dV/ds = u'`` solve the equation
     for an input of slope ``u'``; what differs from them decays as ``exp(A s)``, ``A = [[0, 1], [−1, −2ζ]]``.
     """
-    s = 0.5 * h / tau
-    even, odd = _decay(s, zeta)
-    decay = np.stack([even + zeta * odd, odd, even - zeta * odd], axis=1)
+    s, *weights = second_order_weights(h, tau, zeta)
+    decay = np.stack(weights, axis=1)
     zero = 0.0 * (tau + zeta)
     return np.asarray(_second_order(fine + zero, s + zero, decay + zero, zeta + zero, before + zero))
+
+
+def second_order_weights(h: Array, tau: Any, zeta: Any) -> tuple[Any, Any, Any, Any]:
+    """Half a step in units of τ and the entries of ``exp(A s)`` for `second_order_step`, in steps ``h`` [s]."""
+    s = 0.5 * h / tau
+    even, odd = _decay(s, zeta)
+    return s, even + zeta * odd, odd, even - zeta * odd
 
 
 def _decay(s: Array, zeta: Any) -> tuple[Array, Array]:
@@ -58,14 +69,30 @@ def _decay(s: Array, zeta: Any) -> tuple[Array, Array]:
     return where(falls, 0.5 * (slow + fast), even), s * where(falls, 0.5 * (slow - fast) / spread, odd)
 
 
+@shared
+def first_order_step(state: Any, start: Any, end: Any, a: Any, b0: Any, b1: Any) -> Any:
+    """The output after half a step: ``a V + b₀ u₀ + b₁ u₁``."""
+    return a * state + b0 * start + b1 * end
+
+
+@shared
+def second_order_step(
+    state: Any, rate: Any, start: Any, end: Any, s: Any, even: Any, odd: Any, even_rate: Any, zeta: Any
+) -> Any:
+    """The output and its rate after half a step ``s`` in units of τ; ``even`` … are the entries of ``exp(A s)``."""
+    slope = (end - start) / s
+    lags = 2.0 * zeta * slope
+    off, off_rate = state - start + lags, rate - slope
+    return end - lags + even * off + odd * off_rate, slope - odd * off + even_rate * off_rate
+
+
 def _first_order_loop(fine: Any, a: Any, b0: Any, b1: Any, state: Any) -> Any:
     out = np.empty_like(fine)
     for n in range(fine.shape[0]):
         out[n, 0] = state
-        state = a[n] * state + b0[n] * fine[n, 0] + b1[n] * fine[n, 1]
-        out[n, 1] = state
-        state = a[n] * state + b0[n] * fine[n, 1] + b1[n] * fine[n, 2]
-        out[n, 2] = state
+        for i in range(1, 3):
+            state = first_order_step(state, fine[n, i - 1], fine[n, i], a[n], b0[n], b1[n])
+            out[n, i] = state
     return out
 
 
@@ -75,11 +102,9 @@ def _second_order_loop(fine: Any, s: Any, decay: Any, zeta: Any, state: Any) -> 
     for n in range(fine.shape[0]):
         out[n, 0] = state
         for i in range(1, 3):
-            slope = (fine[n, i] - fine[n, i - 1]) / s[n]
-            lags = 2.0 * zeta * slope
-            off, off_rate = state - fine[n, i - 1] + lags, rate - slope
-            state = fine[n, i] - lags + decay[n, 0] * off + decay[n, 1] * off_rate
-            rate = slope - decay[n, 1] * off + decay[n, 2] * off_rate
+            state, rate = second_order_step(
+                state, rate, fine[n, i - 1], fine[n, i], s[n], decay[n, 0], decay[n, 1], decay[n, 2], zeta
+            )
             out[n, i] = state
     return out
 

@@ -1,4 +1,4 @@
-"""What the commands share on a terminal: the status line, and a console for tables."""
+"""Shared parts of the commands on a terminal: the status line, and a console for tables."""
 
 from __future__ import annotations
 

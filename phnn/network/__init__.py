@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from phnn.network.elements import Coupling, Memory, Modulation, ModulatorState, Network, Port, Ratio, Resistor, Storage
+from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Ratio, Resistor, Storage
 
 if TYPE_CHECKING:
     from phnn.network.driven import DrivenSystem
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Coupling",
     "DrivenSystem",
-    "Memory",
     "Modulation",
     "ModulatorState",
     "Network",

@@ -127,10 +127,6 @@ class ModulatorState:
     unit: str = "1"
 
 
-# Former name, for effects and models outside the package.
-Memory = ModulatorState
-
-
 @dataclass(frozen=True)
 class Network:
     """A port-Hamiltonian network as a value; ``PortHamiltonianSystem(network)`` makes it run.

@@ -23,6 +23,10 @@ GENTLE = "known: {m: {value: 1.0e-3, std: 1.0e-6}}\nsetup: {model: piezo_actuato
 # What each run is given, and what an earlier one in the same folder was given; None where that would be refused.
 RUNS: dict[str, tuple[list[str], list[str] | None]] = {
     "predict": (["predict", "model", "gentle", "--out", "OUT"], ["predict", "other", "gentle", "--out", "OUT"]),
+    "invert": (
+        ["invert", "model", "wanted/reference.csv", "--out", "OUT"],
+        ["invert", "other", "wanted/reference.csv", "--out", "OUT"],
+    ),
     "identify": (["identify", "gentle", "--out", "OUT", "starts=1"], ["identify", "fewer", "--out", "OUT", "starts=1"]),
     "diagnose": (
         ["diagnose", "gentle", "--out", "OUT", "starts=1", "max_effects=1"],

@@ -1,0 +1,11 @@
+"""Models as programs for controllers and simulators: C, Python, MATLAB, and functional mock-up units.
+
+A program takes the steps of `phnn.simulate`. Laws and blocks are translated from their own source texts
+(`phnn.exporting.sources`), so that there is no second description of any of them.
+"""
+
+from __future__ import annotations
+
+from phnn.exporting.write import SAMPLE_TIME, Wanted, write
+
+__all__ = ["SAMPLE_TIME", "Wanted", "write"]

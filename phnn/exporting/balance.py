@@ -1,0 +1,271 @@
+"""The equations of one step as a function of an exported program, unrolled for one network.
+
+They are those of `phnn.integrate.step`: the same junctions, reducible storages and rules. Every sum is written out, so
+that the function reads like the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from phnn.exporting.elements import Elements
+from phnn.integrate.partition import (
+    is_leak,
+    is_linear,
+    junctions_of,
+    merged_couplings,
+    resistors_of,
+    rule_of,
+)
+from phnn.integrate.scheme import Scheme
+from phnn.integrate.tables import EXACT, LOSSLESS
+from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws.leaf import rc_flow, relaxation
+from phnn.network.elements import Network, Ratio, Resistor, Storage
+
+
+class Balance:
+    """Writes the lines of ``balance(s)``.
+
+    Attributes:
+        junctions, reducible: storages whose mean efforts are the unknowns of a step, and the others.
+        rules: how each reducible storage is advanced.
+    """
+
+    def __init__(self, elements: Elements, network: Network, h: float) -> None:
+        self.e, self.network, self.h = elements, network, h
+        self.junctions = junctions_of(network)
+        self.reducible = tuple(n for n in network.storage_names if n not in self.junctions)
+        self.rules = {n: rule_of(network, n, Scheme.DISCRETE_GRADIENT) for n in self.reducible}
+        self.couplings = merged_couplings(network)
+        self.modulated = {m.ratio for m in network.modulations}
+        self.lines: list[str] = []
+
+    def storage(self, name: str) -> Storage:
+        """The storage of a name."""
+        return self.network.storages[self.network.storage_names.index(name)]
+
+    def is_linear(self, name: str) -> bool:
+        """Whether the unknown of a junction is its mean effort; else it is its end state."""
+        return is_linear(self.storage(name))
+
+    def x(self, name: str) -> str:
+        """The field of a state."""
+        field = self.e.program.states.setdefault(name, f"x_{self.e.states.of(name)}")
+        return self.e.program.state(field, f"state {name} [{self._unit(name)}]")
+
+    def end(self, name: str) -> str:
+        """The field of a state's value at the end of the step."""
+        return self.e.program.state(f"end_{self.e.states.of(name)}", f"{name} at the end of the step")
+
+    def mean(self, name: str) -> str:
+        """The field of a storage's mean effort."""
+        return self.e.program.state(f"mean_{self.e.states.of(name)}", f"mean effort of {name} in the step")
+
+    def current(self, name: str) -> str:
+        """The field of the constant flow into a reducible storage."""
+        return self.e.program.state(f"current_{self.e.states.of(name)}", f"flow into {name} in the step")
+
+    def action(self, port: str) -> str:
+        """The field of what a port makes of its mean input."""
+        return self.e.program.state(f"action_{self.e.names.of(port)}", f"action of the port {port} in the step")
+
+    def power(self, resistor: str) -> str:
+        """The field of the power that a resistor between junctions takes."""
+        return self.e.program.state(f"power_{self.e.names.of(resistor)}", f"mean power of {resistor} in the step")
+
+    def flow(self, name: str) -> str:
+        """The local variable of a junction's mean effort."""
+        return f"flow_{self.e.states.of(name)}"
+
+    def change(self, name: str) -> str:
+        """The local variable of a junction's change of state."""
+        return f"change_{self.e.states.of(name)}"
+
+    def _unit(self, name: str) -> str:
+        units = {s.name: s.unit for s in self.network.storages} | {m.name: m.unit for m in self.network.memories}
+        return units[name]
+
+    def ratio(self, ratio: Ratio) -> str:
+        """The expression of a ratio: a number, the constant of a parameter, or a local variable if it is modulated."""
+        if not isinstance(ratio, str):
+            return repr(float(ratio))
+        return f"ratio_{self.e.names.of(ratio)}" if ratio in self.modulated else self.e.parameter(ratio)
+
+    def capacity(self, name: str) -> str:
+        """The constant ``1/s`` of a linear storage, ``E = s x``."""
+        value = 1.0 / self.stiffness_of(name)
+        return self.e.derived(f"capacity_{self.e.states.of(name)}", value, f"1/s of {name}, effort = s state")
+
+    def stiffness_of(self, name: str) -> float:
+        """``s`` of a linear storage."""
+        storage = self.storage(name)
+        law = STORAGE_LAWS[storage.law]
+        return float(law.mean_effort(1.0, 1.0, *self.e.values(storage.parameters)))
+
+    def write(self) -> list[str]:
+        """The lines of the function."""
+        self._flows()
+        self._modulate()
+        for name in self.reducible:
+            if name not in self._read_early:
+                self._current(name)
+        self._junctions()
+        for name in self.reducible:
+            self.lines.append(f"{self.end(name)}, {self.mean(name)} = {self._advanced(name)}")
+            for other, ratio, sign in self.links(name):
+                self._add(other, scaled(sign, self.ratio(ratio), self.mean(name)))
+        for j, name in enumerate(self.junctions):
+            key = self.e.states.of(name)
+            self.lines += [
+                f"s.force[{j}] = force_{key}",
+                f"s.size[{j}] = size_{key}",
+                f"{self.end(name)} = {self.x(name)} + {self.change(name)}",
+                f"{self.mean(name)} = {self.flow(name)}",
+            ]
+        return self.lines
+
+    def _flows(self) -> None:
+        for j, name in enumerate(self.junctions):
+            x = self.x(name)
+            if self.is_linear(name):
+                self.lines.append(f"{self.flow(name)} = s.y[{j}]")
+                self.lines.append(f"{self.change(name)} = 2.0 * ({self.flow(name)} * {self.capacity(name)} - {x})")
+            else:
+                self.lines.append(f"{self.flow(name)} = {self.e.mean_effort(self.storage(name), x, f's.y[{j}]')}")
+                self.lines.append(f"{self.change(name)} = s.y[{j}] - {x}")
+
+    @property
+    def _read_early(self) -> list[str]:
+        """Reducible storages that a ratio follows: their own ratios follow modulator states alone."""
+        return list(dict.fromkeys(m.by for m in self.network.modulations if m.by in self.reducible))
+
+    def _modulate(self) -> None:
+        for ratio in dict.fromkeys(m.ratio for m in self.network.modulations):
+            self.lines.append(f"{self.ratio(ratio)} = {self.e.parameter(ratio)}")
+        by_state = [m for m in self.network.modulations if m.by in self.network.storage_names]
+        slow = [m for m in self.network.modulations if m not in by_state]
+        for group in (slow, by_state):
+            for m in group:
+                name = self.ratio(m.ratio)
+                self.lines.append(f"{name} = {name} * {self.e.factor(m, self.reading(m.by))}")
+            if group is slow:
+                for name in self._read_early:
+                    self._current(name)
+
+    def reading(self, name: str | None) -> str:
+        """What a law reads: a state in the middle of the step, or a modulator state at its start."""
+        if name is None:
+            return "0.0"
+        if name in self.junctions:
+            return f"{self.x(name)} + 0.5 * {self.change(name)}"
+        if name in self.reducible:
+            return f"{self.x(name)} + 0.5 * H * {self.current(name)}"
+        return self.x(name)
+
+    def links(self, name: str) -> Iterable[tuple[str, Ratio, int]]:
+        """Junctions to which a reducible storage is coupled, with ratio and sign of its flow."""
+        for (to, of, ratio), times in self.couplings.items():
+            for own, other, sign in ((to, of, times), (of, to, -times)):
+                if own == name:
+                    yield other, ratio, sign
+
+    def _current(self, name: str) -> None:
+        terms = [scaled(sign, self.ratio(ratio), self.flow(other)) for other, ratio, sign in self.links(name)]
+        terms += [scaled(1, self.ratio(p.on[name]), self.action(p.name)) for p in self.network.ports if name in p.on]
+        self.lines.append(f"{self.current(name)} = {' + '.join(terms) or '0.0'}")
+
+    def _add(self, junction: str, term: str) -> None:
+        key = self.e.states.of(junction)
+        self.lines += [
+            f"term = {term}",
+            f"force_{key} = force_{key} + term",
+            f"size_{key} = size_{key} + absolute(term)",
+        ]
+
+    def _junctions(self) -> None:
+        rate = self.e.derived("rate", 1.0 / self.h, "1/H [1/s]")
+        for name in self.junctions:
+            key, change = self.e.states.of(name), self.change(name)
+            self.lines.append(f"force_{key} = {change} * {rate}")
+            self.lines.append(f"size_{key} = (absolute({change}) + absolute({self.x(name)})) * {rate}")
+        for r in self.network.resistors:
+            if set(r.on) <= set(self.junctions):
+                self._between_junctions(r)
+        for (to, of, ratio), times in self.couplings.items():
+            if {to, of} <= set(self.junctions):
+                self._add(to, scaled(-times, self.ratio(ratio), self.flow(of)))
+                self._add(of, scaled(times, self.ratio(ratio), self.flow(to)))
+        for p in self.network.ports:
+            for name, ratio in p.on.items():
+                if name in self.junctions:
+                    self._add(name, scaled(-1, self.ratio(ratio), self.action(p.name)))
+
+    def _between_junctions(self, r: Resistor) -> None:
+        effort = " + ".join(scaled(1, self.ratio(b), self.flow(name)) for name, b in r.on.items())
+        lost = f"lost_{self.e.names.of(r.name)}"
+        self.lines.append(f"{lost} = {self.e.flow(r, f'{effort}', self.reading(r.modulated_by))}")
+        if any(r.name in self.network.drives_of(m) for m in self.network.memories):
+            self.lines.append(f"{self.power(r.name)} = ({effort}) * {lost}")
+        for name, b in r.on.items():
+            self._add(name, scaled(1, self.ratio(b), lost))
+
+    def _advanced(self, name: str) -> str:
+        """End state and mean effort of a reducible storage, as an expression with two values."""
+        x, current, rule, storage = self.x(name), self.current(name), self.rules[name], self.storage(name)
+        if rule == LOSSLESS and self.is_linear(name):
+            stiffness = self.stiffness(name)
+            return f"{x} + H * {current}, {stiffness} * ({x} + 0.5 * H * {current})"
+        if rule == LOSSLESS:
+            return f"{x} + H * {current}, {self.e.mean_effort(storage, x, f'{x} + H * {current}')}"
+        if rule == EXACT:
+            return self._exact(name)
+        # It needs the balance's expressions.
+        from phnn.exporting.searched import searched
+
+        return searched(self, name)
+
+    def stiffness(self, name: str) -> str:
+        """The constant ``s`` of a linear storage."""
+        key = self.e.states.of(name)
+        return self.e.derived(f"stiffness_{key}", self.stiffness_of(name), f"s of {name}, effort = s state")
+
+    def _exact(self, name: str) -> str:
+        """The exact flow of a storage with one piecewise linear resistor and any number of linear ones."""
+        key, s = self.e.states.of(name), self.stiffness_of(name)
+        first, *others = (self.network.resistors[k] for k in resistors_of(self.network, name))
+        assert all(map(is_leak, others))
+        flows = (RESISTOR_LAWS[r.law].flow(1.0, 0.0, *self.e.values(r.parameters)) for r in others)
+        leak = float(sum(flows))
+        leak_one, leak_two = (
+            self.e.derived(f"leak_{i}_{key}", float(v), f"relaxation of {name} by its leaks alone in a step")
+            for i, v in enumerate(relaxation(self.h * leak * s))
+        )
+        leaking = self.e.derived(f"leak_{key}", leak, f"conductance of the leaks of {name}")
+        if first.modulated_by is None:
+            law = RESISTOR_LAWS[first.law]
+            assert law.thresholds is not None
+            rho, low, high = (float(v) for v in law.thresholds(0.0, *self.e.values(first.parameters)))
+            pairs = {"rho": (rho, "slope"), "low": (low, "lower threshold"), "high": (high, "upper threshold")}
+            given = [self.e.derived(f"{k}_{key}", v, f"{about} of {first.name}") for k, (v, about) in pairs.items()]
+            both = [
+                self.e.derived(f"slide_{i}_{key}", float(v), f"relaxation of {name} beyond its thresholds in a step")
+                for i, v in enumerate(relaxation(self.h * (rho + leak) * s))
+            ]
+        else:
+            given, both = [f"{part}_{key}" for part in ("rho", "low", "high")], [f"one_{key}", f"two_{key}"]
+            self.lines.append(f"{', '.join(given)} = {self.e.thresholds(first, self.reading(first.modulated_by))}")
+            duration = f"H * ({given[0]} + {leaking}) * {self.stiffness(name)}"
+            self.lines.append(f"{', '.join(both)} = {self.e.call(relaxation, f'resistor {first.name}', duration)}")
+        arguments = (self.x(name), self.current(name), "H", self.stiffness(name), *given, leaking, *both)
+        return self.e.call(rc_flow, f"storage {name}", *arguments, leak_one, leak_two)
+
+
+def scaled(sign: float, ratio: str, value: str) -> str:
+    """``sign · ratio · value`` without factors of one."""
+    number = float(sign)
+    if ratio.lstrip("-").replace(".", "").replace("e-", "").isdigit():
+        number, ratio = number * float(ratio), "1.0"
+    factors = [repr(abs(number))] if abs(number) != 1.0 else []
+    factors += [ratio] if ratio != "1.0" else []
+    return ("-" if number < 0.0 else "") + " * ".join([*factors, value])

@@ -1,0 +1,284 @@
+"""A program as C99: a header and a source file without dependencies, allocation or global state."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable
+
+from phnn.exporting.names import RESERVED, one_line
+from phnn.exporting.program import Constant, Field, Function, Program, called
+from phnn.exporting.words import constants_about, header
+
+_FUNCTIONS = {"absolute": "fabs", "isfinite": "isfinite"}
+_OPERATORS: dict[type, tuple[str, int]] = {
+    ast.Add: ("+", 6), ast.Sub: ("-", 6), ast.Mult: ("*", 7), ast.Div: ("/", 7), ast.Lt: ("<", 5),
+    ast.LtE: ("<=", 5), ast.Gt: (">", 5), ast.GtE: (">=", 5), ast.Eq: ("==", 4), ast.NotEq: ("!=", 4),
+    ast.And: ("&&", 3), ast.Or: ("||", 2),
+}  # fmt: skip
+_CONDITIONAL, _UNARY, _PRIMARY = 1, 8, 9
+_HELPERS = {
+    "maximum": "static double maximum(double a, double b) { return a >= b ? a : b; }",
+    "minimum": "static double minimum(double a, double b) { return a <= b ? a : b; }",
+    "sign": "static double sign(double a) { return (double)((a > 0.0) - (a < 0.0)); }",
+}
+
+
+def number(value: float | int) -> str:
+    """A literal that reads back as the same number."""
+    text = f"{value:.17g}"
+    shorter = repr(float(value))
+    text = shorter if len(shorter) < len(text) else text
+    return text if any(c in text for c in ".en") else f"{text}.0"
+
+
+class _Body:
+    """Prints the statements of one function."""
+
+    def __init__(self, program: Program, function: Function) -> None:
+        self.program, self.function = program, function
+        nodes = [n for s in function.body for n in ast.walk(s)]
+        self.named = {n.id for n in nodes if isinstance(n, ast.Name)} | ({"s"} if function.of_state else set())
+        slices = [n for s in nodes if isinstance(s, ast.Subscript) for n in ast.walk(s.slice)]
+        self.whole = {n.id for n in slices if isinstance(n, ast.Name)}
+        loops = [n.target.id for n in nodes if isinstance(n, ast.For) and isinstance(n.target, ast.Name)]
+        self.loops = set(loops)
+        self.truths = {
+            t.id
+            for n in nodes
+            if isinstance(n, ast.Assign) and isinstance(n.value, ast.Compare | ast.BoolOp)
+            for t in n.targets
+            if isinstance(t, ast.Name)
+        }
+
+    def name(self, name: str) -> str:
+        """A local name; words of the language get an underscore."""
+        return f"{name}_" if name in RESERVED - {"s", "y", "u", "h"} else name
+
+    def expression(self, node: ast.expr, level: int = 0) -> str:
+        """An expression in brackets if it binds less than ``level``."""
+        text, own = self._expression(node)
+        return f"({text})" if own < level else text
+
+    def _expression(self, node: ast.expr) -> tuple[str, int]:
+        if isinstance(node, ast.Constant):
+            if isinstance(node.value, int) and not isinstance(node.value, bool):
+                return str(node.value), _PRIMARY
+            return number(node.value), _PRIMARY  # type: ignore[arg-type]
+        if isinstance(node, ast.Name):
+            return self.name(node.id), _PRIMARY
+        if isinstance(node, ast.Attribute):
+            return f"s->{node.attr}", _PRIMARY
+        if isinstance(node, ast.Subscript):
+            return f"{self.expression(node.value, _PRIMARY)}[{self.expression(node.slice)}]", _PRIMARY
+        if isinstance(node, ast.UnaryOp):
+            return f"{'!' if isinstance(node.op, ast.Not) else '-'}{self.expression(node.operand, _UNARY + 1)}", _UNARY
+        if isinstance(node, ast.BinOp):
+            sign, level = _OPERATORS[type(node.op)]
+            return f"{self.expression(node.left, level)} {sign} {self.expression(node.right, level + 1)}", level
+        if isinstance(node, ast.Compare):
+            sign, level = _OPERATORS[type(node.ops[0])]
+            return (
+                f"{self.expression(node.left, level)} {sign} {self.expression(node.comparators[0], level + 1)}",
+                level,
+            )
+        if isinstance(node, ast.BoolOp):
+            sign, level = _OPERATORS[type(node.op)]
+            # Brackets around mixed conditions, which compilers ask for.
+            return f" {sign} ".join(self.expression(v, 4) for v in node.values), level
+        if isinstance(node, ast.Call):
+            return self._call(node)
+        raise TypeError(ast.dump(node))
+
+    def _call(self, node: ast.Call, outputs: Iterable[str] = ()) -> tuple[str, int]:
+        name = node.func.id  # type: ignore[attr-defined]
+        if name == "where":
+            condition, yes, no = (self.expression(a, _CONDITIONAL + 1) for a in node.args)
+            return f"{condition} ? {yes} : {no}", _CONDITIONAL
+        arguments = [self.expression(a) for a in node.args]
+        if name in self.program.functions:
+            name = public(self.program, name)
+        return f"{_FUNCTIONS.get(name, name)}({', '.join([*arguments, *outputs])})", _PRIMARY
+
+    def lines(self) -> list[str]:
+        """The function's body."""
+        declared = set(self.function.arguments) | self.loops
+        top = [self.name(t) for t in self._declared_early(declared)]
+        kinds = [(self._type(n.rstrip("_")), n) for n in top]
+        self.seen = declared | {n.rstrip("_") for n in top}
+        start = [f"(void){self.name(a)};" for a in self.function.arguments if a not in self.named]
+        start += [f"{kind} {n} = {'0' if kind == 'int' else '0.0'};" for kind, n in kinds]
+        return [*start, *self._block(self.function.body)]
+
+    def _type(self, name: str) -> str:
+        return "int" if name in self.whole | self.truths else "double"
+
+    def _declared_early(self, known: set[str]) -> list[str]:
+        """Names that are not first assigned by a plain statement of the function's own block."""
+        plain: set[str] = set()
+        early: list[str] = []
+        for statement in self.function.body:
+            own = _own_targets(statement)
+            for node in ast.walk(statement):
+                if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                    if node.id in own:
+                        plain.add(node.id)
+                    elif node.id not in plain | known and node.id not in early:
+                        early.append(node.id)
+        return early
+
+    def _block(self, body: Iterable[ast.stmt]) -> list[str]:
+        return [line for statement in body for line in self._statement(statement)]
+
+    def _statement(self, node: ast.stmt) -> list[str]:
+        if isinstance(node, ast.Assign):
+            return self._assign(node.targets[0], node.value)
+        if isinstance(node, ast.AugAssign):
+            return self._assign(node.target, ast.BinOp(_loaded(node.target), node.op, node.value))
+        if isinstance(node, ast.If):
+            lines = [f"if ({self.expression(node.test)}) {{", *_indented(self._block(node.body))]
+            if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
+                first, *others = self._statement(node.orelse[0])
+                return [*lines, f"}} else {first}", *others]
+            if node.orelse:
+                lines += ["} else {", *_indented(self._block(node.orelse))]
+            return [*lines, "}"]
+        if isinstance(node, ast.For):
+            i, n = node.target.id, node.iter.args[0].value  # type: ignore[attr-defined]
+            return [f"for (int {i} = 0; {i} < {n}; {i}++) {{", *_indented(self._block(node.body)), "}"]
+        if isinstance(node, ast.Break):
+            return ["break;"]
+        if isinstance(node, ast.Return):
+            return self._return(node)
+        if isinstance(node, ast.Expr):
+            return [f"{self.expression(node.value)};"]
+        raise TypeError(ast.dump(node))
+
+    def _assign(self, target: ast.expr, value: ast.expr) -> list[str]:
+        if not isinstance(target, ast.Tuple):
+            left = self.expression(target)
+            if isinstance(target, ast.Name) and target.id not in self.seen:
+                self.seen.add(target.id)
+                left = f"{self._type(target.id)} {left}"
+            return [f"{left} = {self.expression(value)};"]
+        if isinstance(value, ast.Tuple):
+            pairs = zip(target.elts, value.elts, strict=True)
+            return [line for one, own in pairs for line in self._assign(one, own)]
+        outputs = [f"&{self.expression(t)}" for t in target.elts]
+        new = [t.id for t in target.elts if isinstance(t, ast.Name) and t.id not in self.seen]
+        self.seen |= set(new)
+        declared = [f"{self._type(n)} {self.name(n)} = 0.0;" for n in new]
+        return [*declared, f"{self._call(value, outputs)[0]};"]  # type: ignore[arg-type]
+
+    def _return(self, node: ast.Return) -> list[str]:
+        if self.function.returns == 1:
+            return [f"return {self.expression(node.value)};"]  # type: ignore[arg-type]
+        outputs = [f"out_{i}" for i in range(self.function.returns)]
+        if isinstance(node.value, ast.Tuple):
+            pairs = zip(outputs, node.value.elts, strict=True)
+            return [*(f"*{out} = {self.expression(v)};" for out, v in pairs), "return;"]
+        return [f"{self._call(node.value, outputs)[0]};", "return;"]  # type: ignore[arg-type]
+
+
+def _own_targets(statement: ast.stmt) -> set[str]:
+    """Names that a statement itself assigns, not one in a block of it."""
+    if not isinstance(statement, ast.Assign):
+        return set()
+    return {n.id for n in ast.walk(statement.targets[0]) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+
+
+def _loaded(target: ast.expr) -> ast.expr:
+    return ast.parse(ast.unparse(target), mode="eval").body
+
+
+def _indented(lines: Iterable[str]) -> list[str]:
+    return [f"    {line}" for line in lines]
+
+
+def public(program: Program, name: str) -> str:
+    """The name of a function in C: those that are called from outside have the program's as prefix."""
+    # The public step also gives the output.
+    return f"{program.name}_{'advance' if name == 'step' else name}"
+
+
+def _signature(program: Program, f: Function, api: bool = False) -> str:
+    arguments = [f"double {_argument(a)}" for a in f.arguments[1 if f.of_state else 0 :]]
+    if f.of_state:
+        arguments.insert(0, f"{'' if f.changes else 'const '}{program.name}_state *s")
+    if f.returns > 1:
+        arguments += [f"double *out_{i}" for i in range(f.returns)]
+    kind = "double" if f.returns == 1 else "void"
+    return f"{'' if api else 'static '}{kind} {public(program, f.name)}({', '.join(arguments)})"
+
+
+def _argument(name: str) -> str:
+    return f"{name}_" if name in RESERVED - {"s", "y", "u", "h"} else name
+
+
+def _function(program: Program, f: Function, api: bool) -> str:
+    lines = [f"/* {one_line(f.about)} */"] if f.about else []
+    lines += [f"{_signature(program, f, api)} {{", *_indented(_Body(program, f).lines()), "}"]
+    text = "\n".join(lines)
+    return text.replace("    return;\n}", "}") if f.returns > 1 else text
+
+
+def _constant(constant: Constant) -> str:
+    about = f" /* {one_line(constant.about)} */" if constant.about else ""
+    if isinstance(constant.value, float):
+        return f"static const double {constant.name} = {number(constant.value)};{about}"
+    rows = ", ".join("{" + ", ".join(map(number, row)) + "}" for row in constant.value)
+    shape = f"[{len(constant.value)}][{len(constant.value[0])}]"
+    return f"static const double {constant.name}{shape} = {{{rows}}};{about}"
+
+
+def _field(field: Field) -> str:
+    shape = "".join(f"[{n}]" for n in field.shape)
+    return f"    {'int' if field.index else 'double'} {field.name}{shape}; /* {one_line(field.about)} */"
+
+
+API = ("init", "substep", "output")
+
+
+def _step(program: Program) -> str:
+    inputs = ", ".join(f"double {a}" for a in program.functions["step"].arguments[1:])
+    return f"int {program.name}_step({program.name}_state *s, {inputs}, double *y)"
+
+
+def _step_body(program: Program) -> str:
+    inputs = ", ".join(program.functions["step"].arguments[1:])
+    lines = [f"const int solved = {public(program, 'advance')}(s, {inputs}) > 0.0;"]
+    lines += [f"*y = {public(program, 'output')}(s);", "return solved;"]
+    return "\n".join([f"{_step(program)} {{", *_indented(lines), "}"])
+
+
+def c_header(program: Program) -> str:
+    """The text of the header file."""
+    guard = f"{program.name.upper()}_H"
+    lines = [f"/* {line}" if i == 0 else f" * {line}" for i, line in enumerate(_plain(header(program)))]
+    lines += [" */", f"#ifndef {guard}", f"#define {guard}", ""]
+    lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
+    lines += [f"#define {program.name.upper()}_DT {number(program.dt)} /* sample time [s] */", ""]
+    lines += [f"typedef struct {program.name}_state {{", *map(_field, program.used_fields())]
+    lines += [f"}} {program.name}_state;", ""]
+    for name in API:
+        f = program.functions[name]
+        lines += [f"/* {one_line(f.about)} */", f"{_signature(program, f, True)};", ""]
+    lines += ["/* One sample time to the given input; y is the output there. Returns 0 where a step was not solved. */"]
+    lines += [f"{_step(program)};", ""]
+    lines += ["#ifdef __cplusplus", "}", "#endif", "", "#endif"]
+    return "\n".join(lines) + "\n"
+
+
+def c_source(program: Program) -> str:
+    """The text of the source file."""
+    wanted = {name for f in program.functions.values() for name in called(f)}
+    parts = [f'#include "{program.name}.h"\n\n#include <math.h>']
+    parts += ["\n".join(text for name, text in _HELPERS.items() if name in wanted)] if wanted & set(_HELPERS) else []
+    about = "/* " + " ".join(constants_about(program)) + " */"
+    parts.append("\n".join([about, *map(_constant, program.used_constants())]))
+    parts += [_function(program, f, f.name in API) for f in program.functions.values()]
+    parts.append(_step_body(program))
+    return "\n\n".join(parts) + "\n"
+
+
+def _plain(text: str) -> list[str]:
+    return [one_line(line) for line in text.splitlines()]

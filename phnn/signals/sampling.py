@@ -1,0 +1,49 @@
+"""Arrays of samples that a caller hands over: their shape, their time axis, their values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.errors import InputRefused
+
+# By how much of an interval the steps of a time axis may differ from each other.
+_UNIFORM = 1e-3
+
+
+def series(name: str, values: Any) -> NDArray[np.float64]:
+    """(N,) values as float64.
+
+    Raises:
+        InputRefused: they are no numbers, or do not stand in one row.
+    """
+    try:
+        found = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputRefused(f"{name}: {error}: give an array of numbers") from error
+    if found.ndim != 1:
+        raise InputRefused(f"{name} has shape {found.shape}: give one value per sample, shape (N,)")
+    return found
+
+
+def check_samples(t: NDArray[np.float64], signals: Mapping[str, NDArray[np.float64]]) -> None:
+    """Refuse a time axis (N,) and signals (N,) that are no equally spaced samples.
+
+    Raises:
+        InputRefused: names the array, and what is wrong with it.
+    """
+    if t.size < 2:
+        raise InputRefused(f"t has {t.size} samples: give at least 2")
+    for name, values in {"t": t, **signals}.items():
+        if values.size != t.size:
+            raise InputRefused(f"{name} has {values.size} samples and t has {t.size}: give as many")
+        if not np.isfinite(values).all():
+            raise InputRefused(f"{name}[{int(np.argmin(np.isfinite(values)))}] is not finite: leave such samples out")
+    steps, mean = np.diff(t), (t[-1] - t[0]) / (t.size - 1)
+    if not (mean > 0.0 and np.abs(steps - mean).max() <= _UNIFORM * mean):
+        raise InputRefused(
+            f"t increases by {steps.min():.6g} to {steps.max():.6g} s: give equal steps, for example np.linspace"
+        )

@@ -1,0 +1,67 @@
+"""Every effect of the catalogue: the exported program takes the steps of `phnn.simulate`, or is refused by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from effect_homes import ACTUATOR, EFFECTS, FORMULAS, LEARNED, home, point
+from exported import apart, exported, in_c, in_python, needs_compiler, reference
+
+from phnn.effects import Effect, in_all_forms
+from phnn.effects.soundness.homes import Home
+from phnn.errors import InputRefused
+
+# What is promised: the largest difference, as a share of the output's range.
+PROMISED = 1e-9
+# Sensors whose output needs what comes after it: half-way values by cubics, or a spline through all samples.
+REFUSED = {"output_backlash", "sensor_lag", "sensor_clock", "learned_sensor_over_time"}
+FORMS = in_all_forms([*EFFECTS, *FORMULAS, *LEARNED])
+IDS = [f"{e.name}-{i}" for i, e in enumerate(FORMS)]
+SUBSTEPS = 2
+
+
+def drive(where: Home, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) times and inputs of several frequencies, large enough to be felt by every effect."""
+    if where is ACTUATOR:
+        t = np.arange(n) * 5e-5
+        return t, sum(a * np.sin(2.0 * np.pi * f * t) for a, f in ((30.0, 10.0), (25.0, 37.0), (15.0, 150.0)))
+    t = np.arange(n) * 0.25
+    swell, ripple = 1.0 - np.cos(2.0 * np.pi * 0.04 * t), np.sin(2.0 * np.pi * 0.013 * t)
+    return t, 5e-5 * (swell + 0.2 * ripple)
+
+
+def test_the_list_of_what_is_refused_is_complete() -> None:
+    t, _ = drive(ACTUATOR, 3)
+    refused = set()
+    for effect in FORMS:
+        try:
+            exported(effect.add_to(home(effect).setup, point(effect)), t, SUBSTEPS)
+        except InputRefused as error:
+            assert "cannot be exported" in str(error), error
+            assert "--no-sensor" in str(error), error
+            refused.add(effect.name)
+    assert refused == REFUSED
+
+
+@needs_compiler
+@pytest.mark.parametrize("effect", FORMS, ids=IDS)
+def test_c_takes_the_steps_of_the_simulation(effect: Effect, tmp_path: Path) -> None:
+    if effect.name in REFUSED:
+        pytest.skip("refused by name, see the list above")
+    where = home(effect)
+    t, u = drive(where, 2001)
+    setup = effect.add_to(where.setup, point(effect))
+    found = in_c(exported(setup, t, SUBSTEPS), u, tmp_path)
+    assert apart(found, reference(setup, t, u, SUBSTEPS)) < PROMISED
+
+
+@pytest.mark.parametrize("effect", FORMS, ids=IDS)
+def test_python_takes_the_steps_of_the_simulation(effect: Effect) -> None:
+    if effect.name in REFUSED:
+        pytest.skip("refused by name, see the list above")
+    where = home(effect)
+    t, u = drive(where, 151)
+    setup = effect.add_to(where.setup, point(effect))
+    assert apart(in_python(exported(setup, t, SUBSTEPS), u), reference(setup, t, u, SUBSTEPS)) < PROMISED

@@ -1,0 +1,192 @@
+"""The targets: what they write agrees with `phnn.simulate`, and needs nothing but what they say."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from effect_homes import BASE, point
+from exported import COMPILER, FLAGS, apart, exported, in_c, in_python, needs_compiler, reference
+
+import phnn
+from phnn.configuration import config_folder
+from phnn.effects import effect
+from phnn.exporting.build import build
+from phnn.models.network_file import load_network
+from phnn.parameters import positive
+from phnn.recordings.driving import driving_of
+from phnn.recordings.recording import unrecorded
+from phnn.setup import Block, Setup
+from phnn.simulate import simulate
+
+PROMISED = 1e-9
+DT = 5e-5
+OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
+LAG = (positive("tau_a", 1e-4, "s", "time constant of the amplifier"),)
+PIEZO = BASE.with_block("amplifier", Block("lowpass", ("tau_a",)), LAG)
+MODES = effect("second_mode").add_to(PIEZO, point(effect("second_mode")))
+
+
+def drive(n: int, dt: float = DT) -> tuple[np.ndarray, np.ndarray]:
+    t = np.arange(n) * dt
+    return t, sum(a * np.sin(2.0 * np.pi * f * t) for a, f in ((30.0, 10.0), (25.0, 37.0), (15.0, 150.0)))
+
+
+@needs_compiler
+@pytest.mark.parametrize("hold", ["linear", "zero_order"])
+@pytest.mark.parametrize("substeps", [1, 3])
+def test_the_input_between_samples_is_that_of_the_simulation(hold: str, substeps: int, tmp_path: Path) -> None:
+    t, u = drive(2001)
+    program = exported(PIEZO, t, substeps, hold)  # type: ignore[arg-type]
+    wanted = reference(PIEZO, t, u, substeps, hold)  # type: ignore[arg-type]
+    assert apart(in_c(program, u, tmp_path), wanted) < PROMISED
+    assert apart(in_python(program, u[:301]), wanted[:301]) < PROMISED
+
+
+@needs_compiler
+def test_it_begins_in_equilibrium_under_the_first_input(tmp_path: Path) -> None:
+    t, u = drive(401)
+    for setup in (PIEZO, MODES, effect("cubic_stiffness").add_to(PIEZO, point(effect("cubic_stiffness")))):
+        wanted = reference(setup, t, u + 40.0, 1)
+        assert wanted[0] != 0.0
+        (tmp_path / setup.name).mkdir()
+        assert apart(in_c(exported(setup, t, 1), u + 40.0, tmp_path / setup.name), wanted) < PROMISED
+
+
+def test_single_steps_take_any_input_within_them() -> None:
+    # `Model.simulate` joins samples by cubics, which need later samples; a single step is given what it needs.
+    t, u = drive(201)
+    recording = unrecorded("drive", t, u, input_before=0.0)
+    scope: dict = {}
+    program = exported(PIEZO, t, 2)
+    exec(_python(program), scope)
+    state = scope["State"]()
+    scope["init"](state, 0.0)
+    y = [scope["output"](state)]
+    for row in driving_of(recording, 2).fine(recording):
+        assert scope["substep"](state, *map(float, row)) == 1.0
+        y.append(scope["output"](state))
+    assert apart(np.array(y[::2]), phnn.Model(PIEZO, 2).simulate(t, u)) < PROMISED
+
+
+def _python(program: object) -> str:
+    from phnn.exporting.python import python
+
+    return python(program)  # type: ignore[arg-type]
+
+
+def test_a_further_port_is_an_input_if_it_is_named() -> None:
+    t, u = drive(201)
+    load = 0.3 * np.sin(2.0 * np.pi * 20.0 * t)
+    recording = unrecorded("drive", t, u, "linear", 0.0, {"force": load})
+    program = build(PIEZO, DT, 2, further=("force",))
+    scope: dict = {}
+    exec(_python(program), scope)
+    model = scope["Model"](0.0, 0.0)
+    y = np.array([model.output, *(model.step(float(u[k]), float(load[k])) for k in range(1, 201))])
+    assert apart(y, simulate(PIEZO, recording, 2).y) < PROMISED
+
+
+@pytest.mark.parametrize("name", ["mass_damper", "tanks", "two_masses", "hrlc", "thermal_hrc", "mass_spring_damper"])
+def test_other_networks(name: str) -> None:
+    setup = Setup(load_network(config_folder() / "network" / f"{name}.yaml"))
+    t = np.arange(301) * (0.25 if name == "tanks" else 1e-3)
+    u = 1e-4 * (1.0 - np.cos(2.0 * np.pi * 0.04 * t)) if name == "tanks" else np.sin(40.0 * t) + 0.5 * np.sin(97.0 * t)
+    assert apart(in_python(exported(setup, t, 1), u), reference(setup, t, u, 1)) < PROMISED
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_a_million_steps(tmp_path: Path) -> None:
+    t, u = drive(1_000_001)
+    assert apart(in_c(exported(PIEZO, t, 1), u, tmp_path), reference(PIEZO, t, u, 1)) < PROMISED
+
+
+@needs_compiler
+def test_c_is_one_header_and_one_source_without_allocation(tmp_path: Path) -> None:
+    paths = phnn.export(MODES, "c", tmp_path / "c", dt=DT, name="stage")
+    assert [p.name for p in paths] == ["stage.h", "stage.c"]
+    source = (tmp_path / "c" / "stage.c").read_text("utf-8")
+    assert source.count("#include") == 2
+    assert "alloc" not in source
+    assert "static double" in source
+    objects = tmp_path / "stage.o"
+    command = [str(COMPILER), *FLAGS, "-Wextra", "-pedantic", "-c", str(tmp_path / "c" / "stage.c"), "-o", str(objects)]
+    subprocess.run(command, check=True)
+    if shutil.which("nm"):
+        symbols = subprocess.run(["nm", str(objects)], capture_output=True, text=True, check=True).stdout.split("\n")
+        kinds = {line.split()[-1]: line.split()[-2] for line in symbols if line}
+        # Nothing that can be written to stays between calls: no data and no bss.
+        assert not {kind for kind in kinds.values() if kind in "dDbBC"}
+        assert {n for n, kind in kinds.items() if kind == "T"} == {
+            "stage_init", "stage_step", "stage_substep", "stage_output"
+        }  # fmt: skip
+
+
+def test_python_runs_where_phnn_and_numpy_are_not_installed(tmp_path: Path) -> None:
+    t, u = drive(101)
+    (path,) = phnn.export(PIEZO, "python", tmp_path / "py", dt=DT, name="stage")
+    program = (
+        f"import json, sys; sys.path.insert(0, {str(path.parent)!r}); import stage; m = stage.Model(0.0); "
+        f"print(json.dumps([m.step(u) for u in json.loads(sys.stdin.read())]))"
+    )
+    command = [sys.executable, "-I", "-S", "-c", program]
+    done = subprocess.run(command, input=json.dumps(u[1:].tolist()), capture_output=True, text=True, check=True)
+    assert apart(np.array(json.loads(done.stdout)), reference(PIEZO, t, u, 1)[1:]) < PROMISED
+
+
+@pytest.mark.skipif(OCTAVE is None, reason="octave is not installed")
+@pytest.mark.parametrize("setup", [PIEZO, MODES], ids=["piezo", "modes"])
+def test_matlab(setup: Setup, tmp_path: Path) -> None:
+    t, u = drive(201)
+    phnn.export(setup, "matlab", tmp_path / "m", dt=DT, name="stage")
+    np.savetxt(tmp_path / "u.txt", u)
+    script = tmp_path / "run.m"
+    script.write_text(
+        f"addpath('{tmp_path / 'm'}'); u = load('{tmp_path / 'u.txt'}'); s = stage_init(u(1)); y = zeros(size(u));\n"
+        f"b = y; for k = 2:numel(u), [s, y(k)] = stage_step(s, u(k)); end\n"
+        f"stage_simulink(0); clear stage_simulink; for k = 2:numel(u), b(k) = stage_simulink(u(k)); end\n"
+        f"dlmwrite('{tmp_path / 'y.txt'}', y, 'precision', '%.17g');"
+    )
+    subprocess.run([str(OCTAVE), "--no-gui", "--norc", "--quiet", str(script)], check=True, capture_output=True)
+    assert apart(np.loadtxt(tmp_path / "y.txt"), reference(setup, t, u, 1)) < PROMISED
+
+
+def test_an_fmu_holds_its_description_and_its_sources(tmp_path: Path) -> None:
+    (path,) = phnn.export(PIEZO, "fmu", tmp_path / "fmu", dt=DT, name="stage")
+    with zipfile.ZipFile(path) as archive:
+        names = set(archive.namelist())
+        description = archive.read("modelDescription.xml").decode()
+    assert {"modelDescription.xml", "sources/stage.c", "sources/stage.h", "sources/fmi2.c"} <= names
+    assert '<ScalarVariable name="voltage"' in description
+    first = path.read_bytes()
+    phnn.export(PIEZO, "fmu", tmp_path / "fmu", dt=DT, name="stage")
+    assert path.read_bytes() == first
+
+
+@needs_compiler
+@pytest.mark.skipif(
+    importlib.util.find_spec("fmpy") is None, reason="fmpy is not installed: pip install 'phnn[export]'"
+)
+@pytest.mark.parametrize("setup", [PIEZO, MODES], ids=["piezo", "modes"])
+def test_an_fmu_in_fmpy(setup: Setup, tmp_path: Path) -> None:
+    import fmpy
+    import fmpy.validation
+
+    t, u = drive(401)
+    (path,) = phnn.export(setup, "fmu", tmp_path / "fmu", dt=DT, substeps=2, name="stage")
+    assert fmpy.validation.validate_fmu(str(path)) == []
+    signals = np.array(list(zip(t, u, strict=True)), dtype=[("time", float), ("voltage", float)])
+    found = fmpy.simulate_fmu(
+        str(path), start_time=0.0, stop_time=float(t[-1]), step_size=DT, output_interval=DT, input=signals,
+        output=["q"], fmi_type="CoSimulation",
+    )  # fmt: skip
+    wanted = reference(setup, t, u, 2, "zero_order")
+    assert apart(found["q"][: t.size], wanted) < PROMISED

@@ -1,0 +1,245 @@
+"""The voltage that makes a model follow a reference: how closely, within which limits, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import phnn
+from phnn.configuration import config_folder
+from phnn.errors import InputRefused
+from phnn.inverse import Inverse
+from phnn.inverse.elementwise import solve_rising
+from phnn.inverse.reference import led_in, smoothed
+from phnn.model import Model
+from phnn.models.actuator import from_paper, hrc
+from phnn.models.network_file import load_network
+from phnn.setup import Setup
+
+MODEL = Model(Setup(from_paper()))
+RATE = 20_000.0
+
+
+def swells(frequency: float = 50.0, periods: int = 3, size: float = 4e-5) -> tuple[np.ndarray, np.ndarray]:
+    """A motion that begins at rest."""
+    t = np.arange(round(periods / frequency * RATE) + 1) / RATE
+    return t, size * (1.0 - np.cos(2.0 * np.pi * frequency * t)) * (1.0 - np.exp(-((t * frequency / 0.4) ** 3)))
+
+
+def again(model: Model, found: Inverse) -> np.ndarray:
+    """The output by the public simulation."""
+    return model.simulate(found.t, found.voltage, input_before=found.voltage_before)
+
+
+@pytest.mark.parametrize("frequency", [1.0, 25.0, 100.0])
+def test_the_model_follows_the_reference(frequency: float) -> None:
+    t = np.arange(1501) / 500.0 / frequency
+    y = 5e-5 * (1.0 - np.cos(2.0 * np.pi * frequency * t))
+    found = MODEL.inverse(t, y)
+    assert found.follows
+    assert found.missed == ()
+    assert np.abs(again(MODEL, found) - y).max() <= 1e-5 * np.ptp(y)
+    assert np.array_equal(again(MODEL, found), found.reached)
+
+
+def test_the_formula_of_the_actuator() -> None:
+    # V = Σ e_i + (k q + b q̇ + m q̈)/α, e_i the voltages of the hysterons, of which a network without any has none.
+    t, y = swells()
+    model = Model(Setup(hrc(0)))
+    p, w = model.parameters, 2.0 * np.pi * 50.0
+    y = 4e-5 * (1.0 - np.cos(w * t))
+    v, a = 4e-5 * w * np.sin(w * t), 4e-5 * w**2 * np.cos(w * t)
+    expected = (p["k"] * y + p["b"] * v + p["m"] * a) / p["alpha"]
+    found = model.inverse(t, y).voltage
+    assert np.abs(found - expected)[20:-20].max() < 1e-4 * np.ptp(expected)
+
+
+def test_hysterons_make_the_voltage_differ_between_directions() -> None:
+    t, y = swells(periods=4, size=8e-5)
+    last = t > t[-1] - 0.02
+    middle = np.abs(y[last] - y[last].mean()) < 4e-6
+    rising = np.gradient(y)[last] > 0.0
+
+    def gap(model: Model) -> float:
+        voltage = model.inverse(t, y).voltage[last]
+        return float(voltage[middle & rising].mean() - voltage[middle & ~rising].mean())
+
+    # Without hysterons the damper alone makes it differ, by 2 b q̇/α.
+    damper = (
+        2.0 * MODEL.parameters["b"] * np.abs(np.gradient(y) * RATE)[last][middle].mean() / MODEL.parameters["alpha"]
+    )
+    assert gap(Model(Setup(hrc(0)))) == pytest.approx(damper, rel=0.02)
+    # A hysteron that slips adds the width of its dead zone, less where it slips for a part of the way only.
+    assert 1.0 < gap(MODEL) - damper < MODEL.parameters["d_1"] + MODEL.parameters["d_2"]
+
+
+def test_a_held_voltage_is_half_a_sample_ahead() -> None:
+    t, y = swells()
+    smooth, held = MODEL.inverse(t, y), MODEL.inverse(t, y, hold="zero_order")
+    assert held.follows
+    # Nothing else is known of this voltage than that the public simulation takes another one.
+    assert np.abs(again(MODEL, held) - y).max() > 100.0 * np.abs(held.error).max()
+    expected = 0.5 * (smooth.voltage[1:] + smooth.voltage[:-1])
+    assert np.abs(held.voltage[:-1] - expected).max() < 0.01 * np.ptp(expected)
+
+
+def test_more_substeps_follow_as_well() -> None:
+    t, y = swells()
+    fine = Model(MODEL.setup, 4)
+    for hold in ("cubic", "zero_order"):
+        assert fine.inverse(t, y, hold=hold).follows
+
+
+def test_limits_are_kept_and_what_is_missed_is_told() -> None:
+    t, y = swells()
+    free = MODEL.inverse(t, y)
+    high = 0.9 * free.voltage.max()
+    found = MODEL.inverse(t, y, limits=(-50.0, high))
+    assert found.voltage.max() <= high
+    assert not found.follows
+    worst = max(found.missed, key=lambda s: abs(s.error))
+    assert "voltage limits" in worst.causes[0]
+    assert worst.error == found.error[np.argmax(np.abs(found.error))]
+    # A tenth of the voltage is missing where the reference is highest, nowhere else.
+    assert abs(worst.at % 0.02 - 0.01) < 0.003
+    assert 0.03 * np.ptp(y) < abs(worst.error) < 0.15 * np.ptp(y)
+    assert any(f"{worst.at:.6g} s" in m and "voltage limits" in m for m in found.messages)
+    reachable = y < 0.6 * y.max()
+    assert np.abs(found.error[reachable]).max() < 0.01 * np.ptp(y)
+
+
+def test_a_slew_limit_is_kept() -> None:
+    t, y = swells()
+    fastest = np.abs(np.diff(MODEL.inverse(t, y).voltage)).max() * RATE
+    found = MODEL.inverse(t, y, slew=0.8 * fastest)
+    assert np.abs(np.diff(found.voltage)).max() * RATE <= 0.8 * fastest * (1.0 + 1e-9)
+    assert "slew limit" in found.missed[0].causes[0]
+    assert MODEL.inverse(t, y, slew=1.01 * fastest).follows
+
+
+def test_a_reference_in_motion_is_led_in() -> None:
+    t = np.arange(1001) / RATE
+    y = 4e-5 * np.sin(2.0 * np.pi * 60.0 * t)
+    abrupt = MODEL.inverse(t, y)
+    assert any("begins in motion" in m for m in abrupt.messages)
+    assert not abrupt.follows
+    found = MODEL.inverse(t, y, lead_in=0.01)
+    assert found.follows
+    assert found.messages == ()
+    assert found.t[0] == pytest.approx(-0.01)
+    assert np.allclose(found.reference[-y.size :], y, atol=1e-12)
+    steps = np.abs(np.diff(found.reference))
+    assert steps[0] < 1e-3 * steps.max()
+
+
+def test_the_way_into_a_reference_meets_its_speed_and_acceleration() -> None:
+    t = np.arange(401) / RATE
+    y = 1e-5 * np.sin(2.0 * np.pi * 60.0 * t + 0.7)
+    joined = led_in(y, 1.0 / RATE, 0.005)
+    assert joined.size == 501
+    # A jump of the speed or the acceleration at the join would stand out in the third differences around it.
+    jerk = np.abs(np.diff(joined, 3))
+    assert jerk[96:102].max() < 1.2 * max(jerk[90:96].max(), jerk[102:].max())
+    assert jerk[90:96].max() > 0.0
+
+
+def test_a_low_pass_has_no_phase_and_half_the_amplitude_at_its_corner() -> None:
+    t = np.arange(4001) / RATE
+    y = np.sin(2.0 * np.pi * 400.0 * t)
+    found = smoothed(y, 1.0 / RATE, 400.0)
+    assert np.abs(found - 0.5 * y)[1000:3000].max() < 1e-3
+
+
+def test_noise_is_refused_and_smoothed() -> None:
+    t, y = swells()
+    noisy = y + 2e-7 * np.random.default_rng(2).standard_normal(t.size)
+    with pytest.raises(InputRefused, match=r"of the command is faster than 5000 Hz.*smooth = "):
+        MODEL.inverse(t, noisy)
+    found = MODEL.inverse(t, noisy, smooth=400.0)
+    assert np.std(found.reached - y) < 2e-7
+    slightly = y + 1e-9 * np.random.default_rng(2).standard_normal(t.size)
+    # The noise gives the first samples a speed, with which the model cannot begin.
+    assert np.std(MODEL.inverse(t, slightly).error[200:]) < 1e-9
+
+
+def test_a_jump_is_refused_with_the_remedy() -> None:
+    t = np.arange(1001) / RATE
+    with pytest.raises(InputRefused, match="the reference jumps, has corners, or is noisy"):
+        MODEL.inverse(t, 4e-5 * (t > 0.02))
+    assert MODEL.inverse(t, 4e-5 * (t > 0.02), smooth=300.0).follows
+
+
+def test_the_inverse_of_a_simulation_is_its_voltage() -> None:
+    t = np.arange(1201) / RATE
+    u = 30.0 * (1.0 - np.cos(2.0 * np.pi * 50.0 * t)) * (1.0 - np.exp(-((t / 0.005) ** 3)))
+    found = MODEL.inverse(t, MODEL.simulate(t, u))
+    assert np.abs(found.voltage - u)[5:-5].max() < 0.01 * np.ptp(u)
+
+
+@pytest.mark.parametrize(
+    ("change", "needle"),
+    [
+        ({"smooth": -1.0}, "smooth = -1 Hz"),
+        ({"smooth": 1e5}, "below half"),
+        ({"limits": (10.0, -10.0)}, "lowest voltage, then the highest"),
+        ({"slew": 0.0}, "slew = 0"),
+        ({"hold": "linear"}, "choose one of cubic, zero_order"),
+        ({"lead_in": -1.0}, "lead_in"),
+        ({"tolerance": float("nan")}, "tolerance"),
+        ({"iterations": 0}, "iterations = 0"),
+    ],
+)
+def test_options_out_of_range_are_refused(change: dict[str, float], needle: str) -> None:
+    with pytest.raises(InputRefused, match=needle):
+        MODEL.inverse(*swells(), **change)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("t", "y", "needle"),
+    [
+        ([0.0, 1.0, 2.0], [0.0, 1.0, 0.0], "at least 6"),
+        (np.arange(9.0) ** 2, np.arange(9.0), "equal steps"),
+        (np.arange(9.0), [0.0] * 8 + [float("nan")], r"reference\[8\] is not finite"),
+        (np.arange(9.0), np.zeros(8), "give as many"),
+        (np.arange(9.0), np.zeros((9, 1)), "one value per sample"),
+    ],
+)
+def test_arrays_that_are_no_reference_are_refused(t: object, y: object, needle: str) -> None:
+    with pytest.raises(InputRefused, match=needle):
+        MODEL.inverse(t, y)  # type: ignore[arg-type]
+
+
+def test_a_network_whose_motion_does_not_tell_its_input_is_refused() -> None:
+    tanks = Model(Setup(load_network(config_folder() / "network" / "tanks.yaml")))
+    with pytest.raises(InputRefused, match="the port pump does not push the mass"):
+        tanks.inverse(*swells())
+
+
+def test_an_oscillator_is_inverted_by_its_force() -> None:
+    model = Model(Setup(load_network(config_folder() / "network" / "mass_spring_damper.yaml")))
+    t = np.arange(801) / 100.0
+    y = 0.1 * (1.0 - np.cos(2.0 * np.pi * 0.5 * t))
+    found = model.inverse(t, y)
+    assert np.abs(again(model, found) - y).max() <= 1e-5 * np.ptp(y)
+
+
+def test_a_stored_model_has_the_same_inverse(tmp_path: object) -> None:
+    t, y = swells()
+    MODEL.save(f"{tmp_path}/model")
+    assert np.array_equal(phnn.load(f"{tmp_path}/model").inverse(t, y).voltage, MODEL.inverse(t, y).voltage)
+
+
+class TestElementwise:
+    def test_a_rising_characteristic_is_solved(self) -> None:
+        x = np.linspace(-3.0, 3.0, 101)
+        found = solve_rising(lambda v: 2.0 + v + 0.2 * v**3, 2.0 + x + 0.2 * x**3)
+        assert np.abs(found.x - x).max() < 1e-12
+        assert not found.missed.any()
+
+    def test_what_a_limit_cuts_off_is_told(self) -> None:
+        found = solve_rising(lambda v: np.clip(v, -1.0, 1.0), np.array([-2.0, 0.0, 0.5, 1.5]))
+        assert np.allclose(found.x, [-1.0, 0.0, 0.5, 1.0], atol=1e-9)
+        assert np.allclose(found.missed, [-1.0, 0.0, 0.0, 0.5])
+
+    def test_a_constant_target_of_zero_has_the_zero(self) -> None:
+        assert solve_rising(lambda v: v + 3.0, np.zeros(2)).x == pytest.approx([-3.0, -3.0])
