@@ -62,13 +62,14 @@ demo: $(DEV)
 	fi
 
 # As many tests at once as there are cores, one thread each, those of a file together: they share what they have made.
-# The kernels are compiled before, or every worker would compile them.
+# The kernels are compiled before, or every worker would compile them; and bytecode is kept whatever the surroundings
+# say, or every worker and every process that a test starts would compile all modules.
 test: $(DEV)
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/python -m phnn.warm
-	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
+	@PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 test-slow: $(DEV)
 	@$(BIN)/python -m pytest -m slow

@@ -17,7 +17,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from phnn import effects, models
+    from phnn import effects, models, plot
     from phnn.errors import InputRefused, PhnnError, SolverFailed
     from phnn.identification.options import Options
     from phnn.model import Model
@@ -39,6 +39,7 @@ _DEFINED_IN = {
     "load": "phnn.verbs",
     "models": None,
     "effects": None,
+    "plot": None,
     "Diagnosis": "phnn.verbs",
     "InputRefused": "phnn.errors",
     "Model": "phnn.model",
@@ -68,6 +69,7 @@ __all__ = [
     "identify",
     "load",
     "models",
+    "plot",
     "predict",
     "read",
 ]

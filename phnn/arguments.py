@@ -22,18 +22,21 @@ _COMMANDS = {
     "predict": "simulate recordings with a model that was written earlier",
     "invert": "find the voltage with which a model's displacement follows a reference",
     "export": "write a model as a program: C, FMU, Python or MATLAB",
+    "plot": "draw a model or a diagnosis as a figure, with its data as a table",
     "compare": "fit several kinds of model and compare them",
     "modes": "find the modes of a structure, and what moves them with amplitude",
     TRAIN: "train a neural or parametric model: phnn train folder=DIR out=DIR ...",
     "demo": "conceal an effect in simulated recordings, seal it, diagnose it",
     "prove": "conceal many effects, seal them, diagnose them all, and count",
 }
+# Kinds of plots, as functions of phnn.plot.
+_PLOTS = ("compare", "residuals", "loops", "bode", "location", "energy")
 # Which commands take which of the common arguments.
 _FOLDER = ("check", "template", "identify", "diagnose", "predict", "compare", "modes")
-_MODEL = ("predict", "invert", "export")
-_MANIFEST = ("check", "identify", "diagnose", "predict", "compare", "modes")
-_OUT = ("identify", "diagnose", "predict", "invert", "export", "compare", "modes", "prove")
-_OUTSIDE = (*_FOLDER, "invert", "export")
+_MODEL = ("predict", "invert", "export", "plot")
+_MANIFEST = ("check", "identify", "diagnose", "predict", "compare", "modes", "plot")
+_OUT = ("identify", "diagnose", "predict", "invert", "export", "plot", "compare", "modes", "prove")
+_OUTSIDE = (*_FOLDER, "invert", "export", "plot")
 _OVERWRITE = (*_OUT, "check", "demo")
 
 
@@ -85,6 +88,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     group = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     commands = {name: _add(group, name, text) for name, text in _COMMANDS.items()}
+    commands["plot"].add_argument("kind", choices=_PLOTS, metavar="KIND", help=", ".join(_PLOTS))
     for name in _MODEL:
         text = "model/ or base/ of an earlier result"
         commands[name].add_argument("model", type=Path, metavar="MODEL", help=text)
@@ -140,6 +144,7 @@ def _add_own(commands: dict[str, argparse.ArgumentParser]) -> None:
     demo.add_argument("--out", type=Path, metavar="DIR", default=Path("out/demo"), help="default: %(default)s")
     _add_export(commands["export"])
     _add_invert(commands["invert"])
+    _add_plot(commands["plot"])
 
 
 def _add_export(command: argparse.ArgumentParser) -> None:
@@ -165,3 +170,11 @@ def _add_invert(command: argparse.ArgumentParser) -> None:
     add("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"), help="lowest and highest voltage, V")
     text = "the voltage between its samples; zero_order for a converter"
     add("--hold", choices=("cubic", "zero_order"), help=text)
+
+
+def _add_plot(command: argparse.ArgumentParser) -> None:
+    add = command.add_argument
+    add("folder", type=Path, metavar="FOLDER", nargs="?", help="folder of recordings")
+    add("--recording", metavar="NAME", action="append", help="draw this recording; may be repeated")
+    add("--frequencies", type=float, nargs=2, metavar=("LOW", "HIGH"), help="bode: lowest and highest [Hz]")
+    add("--amplitude", type=float, metavar="A", help="bode: amplitude of the input, SI")

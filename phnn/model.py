@@ -15,7 +15,7 @@ from phnn.models.store import save
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
 from phnn.signals.sampling import check_samples, series
-from phnn.simulate import simulate
+from phnn.simulate import Trajectory, simulate
 
 if TYPE_CHECKING:
     from phnn.inverse.result import Inverse
@@ -80,6 +80,20 @@ class Model:
                 differ, or a port that the network does not have.
             SolverFailed: a step has no solution.
         """
+        found = self.trajectory(t, u, input_before=input_before, further=further, substeps=substeps)
+        return np.asarray(found.y)
+
+    def trajectory(
+        self,
+        t: ArrayLike,
+        u: ArrayLike,
+        *,
+        input_before: float | None = None,
+        further: Mapping[str, ArrayLike] | None = None,
+        substeps: int | None = None,
+    ) -> Trajectory:
+        """Simulate from rest and return states and efforts of every step beside the output; arguments as of
+        `simulate`."""
         time, voltage = series("t", t), series("u", u)
         others = {name: series(name, values) for name, values in (further or {}).items()}
         check_samples(time, {"u": voltage, **others})
@@ -88,7 +102,7 @@ class Model:
             raise InputRefused(f"further: no port {name!r}; there are {', '.join(sorted(ports)) or 'no further ports'}")
         before = float(voltage[0]) if input_before is None else float(input_before)
         recording = unrecorded("simulate", time - time[0], voltage, input_before=before, further=others)
-        return np.asarray(simulate(self.setup, recording, substeps or self.substeps).y)
+        return simulate(self.setup, recording, substeps or self.substeps)
 
     def inverse(
         self,

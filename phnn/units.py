@@ -12,6 +12,8 @@ FORCE_UNITS = dict.fromkeys(
     1,
 ) | dict.fromkeys(("Ohm", "ohm", "H"), -1)  # fmt: skip
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+# Symbols of more than two letters that take a prefix.
+_LONG = ("rad", "ohm", "Ohm")
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
@@ -20,8 +22,26 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
         return f"{value:.{digits}g}" if unit == "1" else f"{value:.{digits}g} {unit}"
     # What rounds up to the next power of a thousand has the next prefix.
     value = float(f"{value:.{digits}g}")
-    power = min(max(3 * math.floor(math.log10(abs(value)) / 3), -15), 9)
+    power = _power(value)
     return f"{value / 10.0**power:.{digits}g} {_PREFIXES[power]}{unit}"
+
+
+def _power(value: float) -> int:
+    """The exponent of the prefix with which a value has one to three digits before the point."""
+    return min(max(3 * math.floor(math.log10(abs(value)) / 3), -15), 9)
+
+
+def prefixed(value: float, unit: str) -> tuple[float, str]:
+    """Return the size and name of the unit in which a value reads well: ``3.2e-7`` and ``m/V`` give ``1e-9, "nm/V"``.
+
+    The first symbol of a quotient takes the prefix; products, powers, ``kg`` and ``1`` take none.
+    """
+    first, bar, rest = unit.partition("/")
+    simple = (len(first) <= 2 and first[-1:].isalpha() and first != "kg") or first in _LONG
+    if value == 0.0 or not math.isfinite(value) or not simple:
+        return 1.0, unit
+    power = _power(value)
+    return 10.0**power, f"{_PREFIXES[power]}{first}{bar}{rest}"
 
 
 def duration(seconds: float) -> str:

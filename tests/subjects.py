@@ -163,7 +163,7 @@ def slow(law: str) -> Network:
     return replace(base, resistors=(damper,), memories=(ModulatorState("z", law, names),), parameters=table)
 
 
-def laws() -> Iterator[tuple[str, Callable[[], Subject]]]:
+def laws() -> Iterator[tuple[str, Callable[[], NetworkSubject]]]:
     """Every registered law in a body of its own; a weight is a source and promises nothing of its energy."""
     for name in (n for n, law in STORAGE_LAWS.items() if law.bounded):
         yield f"storage {name}", lambda name=name: NetworkSubject(body(storage=name))
@@ -184,7 +184,7 @@ def laws() -> Iterator[tuple[str, Callable[[], Subject]]]:
         yield f"memory {name}", lambda name=name: NetworkSubject(slow(name))
 
 
-def learned() -> Iterator[tuple[str, Callable[[], Subject]]]:
+def learned() -> Iterator[tuple[str, Callable[[], NetworkSubject]]]:
     """Every learned law in a body."""
     for kind, make in _KINDS.items():
         where = "storage" if hasattr(make(2), "energy") else "resistor"
@@ -202,18 +202,28 @@ def _networks(made: Any) -> Network:
     return made.network() if isinstance(made, BondGraph) else made
 
 
-def models() -> Iterator[tuple[str, Callable[[], Subject]]]:
-    """Every function of `phnn.models` that makes a network, every shipped network, every model with an energy."""
+def _things_of_models() -> Iterator[tuple[str, Any]]:
+    """Every public function and class that a module of `phnn.models` defines."""
     for module in _modules_of_models():
         for name, thing in vars(module).items():
-            if name.startswith("_") or getattr(thing, "__module__", "") != module.__name__:
-                continue
-            if inspect.isclass(thing) and issubclass(thing, nn.Module) and hasattr(thing, "energy"):
-                yield name, lambda thing=thing: LatentSubject(thing(Scales(1e-3, 75.0, 1e-4), 3, 6))
-            makes = inspect.isfunction(thing) and typing.get_type_hints(thing).get("return")
-            if makes in (Network, BondGraph, Setup) and name not in ("load_network", "load_graph"):
-                given = ARGUMENTS.get(name, dict)
-                yield name, lambda thing=thing, given=given: NetworkSubject(_networks(thing(**given())))
+            if not name.startswith("_") and getattr(thing, "__module__", "") == module.__name__:
+                yield name, thing
+
+
+def latent_models() -> Iterator[tuple[str, Callable[[], Subject]]]:
+    """Every model of `phnn.models` with latent states and an energy."""
+    for name, thing in _things_of_models():
+        if inspect.isclass(thing) and issubclass(thing, nn.Module) and hasattr(thing, "energy"):
+            yield name, lambda thing=thing: LatentSubject(thing(Scales(1e-3, 75.0, 1e-4), 3, 6))
+
+
+def network_models() -> Iterator[tuple[str, Callable[[], NetworkSubject]]]:
+    """Every function of `phnn.models` that makes a network, and every shipped network."""
+    for name, thing in _things_of_models():
+        makes = inspect.isfunction(thing) and typing.get_type_hints(thing).get("return")
+        if makes in (Network, BondGraph, Setup) and name not in ("load_network", "load_graph"):
+            given = ARGUMENTS.get(name, dict)
+            yield name, lambda thing=thing, given=given: NetworkSubject(_networks(thing(**given())))
     for file in sorted(CONFIGS.glob("*.yaml")):
         yield f"file {file.stem}", lambda file=file: NetworkSubject(load_network(file))
 
@@ -253,5 +263,7 @@ CORE = (
     ("everything", lambda: NetworkSubject(everything())),
     ("modal_network", lambda: NetworkSubject(modal_network())),
 )
-EVERY = dict((*CORE, *laws(), *learned(), *models()))
+# Those of networks; made only where they are needed, which takes seconds for some.
+NETWORKS: dict[str, Callable[[], NetworkSubject]] = dict((*CORE, *laws(), *learned(), *network_models()))
+EVERY: dict[str, Callable[[], Subject]] = NETWORKS | dict(latent_models())
 assert FullyNeural.__name__ in EVERY

@@ -6,6 +6,7 @@ import io
 import re
 import tokenize
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -55,9 +56,14 @@ def _texts(path: Path) -> Iterator[tuple[int, str]]:
             yield token.start[0], token.string
 
 
-TEXTS = [
-    (path.relative_to(ROOT).as_posix(), line, text) for path in (*DOCUMENTS, *MODULES) for line, text in _texts(path)
-]
+@cache
+def texts() -> list[tuple[str, int, str]]:
+    """Path, first line and text of everything; read by the process that needs them, not by all that look for tests."""
+    return [
+        (path.relative_to(ROOT).as_posix(), line, text)
+        for path in (*DOCUMENTS, *MODULES)
+        for line, text in _texts(path)
+    ]
 
 
 def private(pattern: str) -> list[str]:
@@ -65,7 +71,7 @@ def private(pattern: str) -> list[str]:
     search = re.compile(pattern.replace(" ", r"\s+"), re.IGNORECASE)
     return [
         f"{path}:{first + text.count(chr(10), 0, hit.start())}: {hit[0]!r}"
-        for path, first, text in TEXTS
+        for path, first, text in texts()
         for hit in search.finditer(text)
     ]
 

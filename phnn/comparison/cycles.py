@@ -16,12 +16,9 @@ from numpy.typing import NDArray
 
 from phnn.recordings.excitation import active_span
 from phnn.recordings.recording import Part, Recording
+from phnn.signals.harmonics import HARMONICS, deviation, harmonic_weights
 
 Array = NDArray[np.float64]
-
-HARMONICS = 5
-# Harmonics that are told apart where there are samples enough: what is not would leak into those reported.
-_BASIS = 20
 
 
 @dataclass(frozen=True)
@@ -64,9 +61,9 @@ def cycle_errors(recording: Recording, part: Part, model: Array) -> CycleErrors 
     waves = harmonic_weights(recording.t[rows_whole], recording.period)
     return CycleErrors(
         area=float(loop @ error[rows]) / abs(area),
-        area_noise=recording.noise * _spread(loop, recording.noise_correlation) / abs(area),
+        area_noise=recording.noise * deviation(loop, recording.noise_correlation) / abs(area),
         harmonics=tuple(np.abs(waves @ error[rows_whole]).tolist()),
-        harmonic_noise=recording.noise * _spread(waves[0], recording.noise_correlation),
+        harmonic_noise=recording.noise * deviation(waves[0], recording.noise_correlation),
         fundamental=float(np.abs(waves[0] @ recording.y[rows_whole])),
     )
 
@@ -103,25 +100,3 @@ def area_weights(t: Array, u: Array, period: float) -> Array:
     weights[before] += 0.5 * du[0] * (1.0 - share)
     weights[inside] += 0.5 * du[0] * share
     return weights
-
-
-def harmonic_weights(t: Array, period: float) -> NDArray[np.complex128]:
-    """(5, N) weights of the samples in the complex amplitudes ``Y_k`` of a periodic output, by least squares.
-
-    ``y = Y_0 + Re Σ_k Y_k e^{ikωt}``; exact for as many harmonics as fit in, whole number of samples a period or not.
-    """
-    dt = (t[-1] - t[0]) / (t.size - 1)
-    count = max(HARMONICS, min(_BASIS, int(0.5 * (period / dt - 1.0)) - 1))
-    phase = 2.0 * np.pi * np.outer(t, np.arange(1, count + 1)) / period
-    basis = np.hstack([np.ones((t.size, 1)), np.cos(phase), np.sin(phase)])
-    rows = np.linalg.pinv(basis)
-    cosines, sines = rows[1 : HARMONICS + 1], rows[count + 1 : count + HARMONICS + 1]
-    return np.asarray(cosines - 1j * sines)
-
-
-def _spread(weights: NDArray[np.complex128] | Array, correlation: Array) -> float:
-    """Standard deviation of ``w·n`` for noise ``n`` of unit variance and the given autocorrelation."""
-    total = float(np.vdot(weights, weights).real)
-    for lag in range(1, min(correlation.size, weights.size)):
-        total += 2.0 * float(correlation[lag]) * float(np.vdot(weights[lag:], weights[:-lag]).real)
-    return float(np.sqrt(max(total, 0.0)))

@@ -8,14 +8,13 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from phnn.comparison.document import HEADS, Entry, Table
 from phnn.comparison.result import Result
 from phnn.comparison.uses import CONFIRMATION, IDENTIFICATION, OUTSIDE
 from phnn.recordings.recording import Campaign, Recording
-from phnn.report.figures.style import CATEGORIES, MEASURED, RC, Drawing, literal, new_figure, png, quiet_grid
+from phnn.report.figures.style import CATEGORIES, MEASURED, RC, Drawing, literal, log_axis, new_figure, png, quiet_grid
 from phnn.report.reduction import envelope
 
 Array = NDArray[np.float64]
@@ -95,7 +94,7 @@ def _dots(
             [x for x, _ in marks if x is not None], [at for x, at in marks if x is not None], s=90, color="#4d555c",
             marker="|", label="noise alone", zorder=2,
         )  # fmt: skip
-    _log_axis(axes.set_xscale, axes)
+    log_axis(axes)
     if floor is not None:
         axes.axvline(floor, color="#4d555c", linewidth=1.0, dashes=(3, 2), zorder=0, label="noise floor")
     words = [f"{literal(n, 34)}  ({_GROUPS[table.uses[n]]})" for n in places]
@@ -109,13 +108,6 @@ def _dots(
     return figure
 
 
-def _log_axis(set_scale: Callable[[str], None], axes: Axes, which: str = "x") -> None:
-    """A logarithmic axis with plain numbers."""
-    set_scale("log")
-    axis = axes.xaxis if which == "x" else axes.yaxis
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-
-
 def _cyclic(table: Table, campaign: Campaign) -> list[tuple[str, Recording]]:
     """Up to four periodic recordings: outside first, the fastest and the smallest of them before others."""
     rows = next(iter(table.entries.values()))
@@ -125,18 +117,13 @@ def _cyclic(table: Table, campaign: Campaign) -> list[tuple[str, Recording]]:
     return found[:_PANELS]
 
 
-def _last_period(recording: Recording) -> slice:
-    assert recording.period is not None
-    return slice(max(0, recording.t.size - 1 - round(recording.period / recording.dt)), recording.t.size)
-
-
 def _loops(shown: Sequence[tuple[str, Recording]], results: Sequence[Result], errors: bool = False) -> Figure:
     """Displacement, or what a model is wrong by, against the voltage over the last period."""
     rows = -(-len(shown) // 2)
     figure = new_figure(9.6, 3.4 * rows + 0.3)
     places = figure.subplots(rows, min(2, len(shown)), squeeze=False)
     for axes, (name, r) in zip(places.flat, shown, strict=False):
-        part = _last_period(r)
+        part = r.last_periods(1.0)
         curves = {x.name: x.evaluation.outputs[r.name] for x in results}
         if not errors:
             _curve(axes, r.u[part], r.y[part], "measured", MEASURED, 4.0)
@@ -187,7 +174,7 @@ def _harmonic_panel(axes: Axes, entries: Mapping[str, Entry]) -> None:
         )
         noise = entry.cycles.harmonic_noise / _NANO
     axes.axhline(noise, color="#4d555c", linewidth=1.0, dashes=(3, 2), label="noise alone", zorder=0)
-    _log_axis(axes.set_yscale, axes, "y")
+    log_axis(axes, "y")
     axes.set_xlabel("harmonic")
     axes.set_ylabel("error (nm)")
     quiet_grid(axes)

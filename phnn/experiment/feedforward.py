@@ -1,4 +1,4 @@
-"""How well an identified model's inverse makes another actuator follow a reference.
+"""Tracking study: the inverse of an identified model drives another actuator along a reference.
 
 The actuator of the paper is identified from noisy recordings. Three commands follow from them: ``V = q/G`` with the
 static gain ``G`` of the slowest recording, the inverse of a linear model, and the inverse of the identified model. They

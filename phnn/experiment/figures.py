@@ -43,10 +43,7 @@ class Response:
     @property
     def shown(self) -> slice:
         """The last periods of what repeats, all of what does not."""
-        r = self.recording
-        if r.period is None:
-            return slice(0, r.t.size)
-        return slice(max(0, r.t.size - 1 - round(_PERIODS * r.period / r.dt)), r.t.size)
+        return self.recording.last_periods(_PERIODS)
 
 
 def responses(comparison: Comparison) -> list[Response]:

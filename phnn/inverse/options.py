@@ -1,4 +1,4 @@
-"""What a user says of an inverse beside the reference."""
+"""The options of an inverse."""
 
 from __future__ import annotations
 

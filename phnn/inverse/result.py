@@ -1,4 +1,4 @@
-"""What an inverse found, and what it could not reach."""
+"""The result of an inverse: the command, the motion it reaches, and what cannot be reached."""
 
 from __future__ import annotations
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import control
 import numpy as np
 from numpy.typing import NDArray
 
@@ -57,6 +56,8 @@ def first_modes(study: Study, experiments: Sequence[Experiment]) -> Modes:
     Raises:
         InputRefused: there is no oscillation within the excited lines.
     """
+    import control  # slow to load: whoever predicts with a model that is there needs none of it
+
     lines, dt = study.lines, study.dt
     g = response(experiments)
     scale = np.abs(g[lines]).max(axis=(0, 2))[:, None]

@@ -126,6 +126,13 @@ class Recording:
                 return round(count * size)
         return 0
 
+    def last_periods(self, count: float) -> slice:
+        """The samples of the last periods, with that at which the first of them begins; all samples where nothing
+        repeats or fewer periods were recorded."""
+        if self.period is None:
+            return slice(0, self.t.size)
+        return slice(max(0, self.t.size - 1 - round(count * self.period / self.dt)), self.t.size)
+
     def only(self, rows: slice) -> Recording:
         """Some of the samples of every channel; the parts stay as they are, instants of jumps are unknown again."""
         return replace(

@@ -47,7 +47,16 @@ def residual_spectrum(
     if count < _SHORTEST:
         return None
     step = float(t[part][-1] - t[part][0]) / (count - 1)
-    segment = count if count < 8 * _SHORTEST else count // 3
-    f, p_before = welch(before[part], fs=1.0 / step, nperseg=segment, detrend="constant")
-    _, p_after = welch(after[part], fs=1.0 / step, nperseg=segment, detrend="constant")
-    return Spectrum(f[1:], np.sqrt(p_before[1:]), np.sqrt(p_after[1:]), noise * float(np.sqrt(2.0 * step)))
+    (f, drawn_before), (_, drawn_after) = (amplitude_density(x[part], step) for x in (before, after))
+    return Spectrum(f, drawn_before, drawn_after, noise * float(np.sqrt(2.0 * step)))
+
+
+def amplitude_density(x: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """(K,) frequencies [Hz] without zero, and the one-sided amplitude density, in the unit of ``x`` by √Hz.
+
+    Args:
+        x: (N,) samples; dt: sampling interval [s].
+    """
+    segment = x.size if x.size < 8 * _SHORTEST else x.size // 3
+    f, power = welch(x, fs=1.0 / dt, nperseg=segment, detrend="constant")
+    return f[1:], np.sqrt(power[1:])

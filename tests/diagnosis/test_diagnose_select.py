@@ -2,58 +2,115 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from unittest import mock
 
 import campaigns
-import numpy as np
 import pytest
 
 from phnn.criteria import CRITERIA
-from phnn.diagnosis import retest, select
+from phnn.diagnosis import retest
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import judge
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.scored import scored
 from phnn.diagnosis.search import Search
-from phnn.diagnosis.trial import Trial
+from phnn.diagnosis.select import select
+from phnn.diagnosis.trial import Trial, tie
 from phnn.effects import effect
+from phnn.ensemble import SERIAL
 from phnn.identification.fit import Fit, fit
+from phnn.identification.numerics import numerical_error
+from phnn.identification.options import Options
+from phnn.identification.plan import Plan
+from phnn.identification.staged import fit_identified
 from phnn.units import FORCE_UNITS
 
-VALUES = {"amplifier_lowpass": {"tau_a": 1e-5}, "sensor_lag": {"tau_y": 1e-5}, "creep": {"k_s": 4e3, "tau_s": 5e-3}}
+VALUES = {
+    "amplifier_lowpass": {"tau_a": 1.5e-5},
+    "sensor_lag": {"tau_y": 1.5e-5},
+    "creep": {"k_s": 4e3, "tau_s": 5e-3},
+    "quadratic_drag": {"c_2": 10.0},
+}
+ALL = tuple(campaigns.STEPS)
 
 
-def trial(name: str, above: float) -> Trial:
-    """A refit of an effect that leaves so much more than the noise, as a sum of squares."""
+def lacking(*names: str, recordings: Sequence[str] = ALL, substeps: int | None = None) -> Fit:
+    """The base model fitted to recordings of one that has these effects too."""
     base = campaigns.base()
-    left = base.residual * np.sqrt((base.residual.size + above) / base.cost)
-    setup = effect(name).add_to(base.setup, VALUES[name])
-    return Trial(Candidate(effect(name), VALUES[name], (), 10.0, 1e-3), replace(base, setup=setup, residual=left))
+    true = base.setup
+    for name in names:
+        true = effect(name).add_to(true, VALUES[name])
+    some = [r for r in base.plan.recordings if r.name in recordings]
+    made = tuple(campaigns.recorded(true, r.name, r.t, r.u, r.noise, k) for k, r in enumerate(some))
+    steps = {n: substeps or campaigns.STEPS[n] for n in recordings}
+    return fit_identified(base.setup, Plan(made, steps, 1), {"m": "held at the stated value"})
+
+
+def together(base: Fit, *names: str) -> tuple[tuple[Finding, ...], Fit]:
+    """Effects as a search finds them, and the base model fitted with all of them."""
+    candidates = [Candidate(effect(n), VALUES[n], (), 10.0, 1e-3) for n in names]
+    blank = [Finding(Trial(c, None), (), (), mock.sentinel.naming) for c in candidates]
+    values = base.setup.values() | {n: v for name in names for n, v in VALUES[name].items()}
+    whole = retest.fit_with(base, blank, values)
+    assert whole is not None
+    trials = [Trial(c, whole) for c in candidates]
+    return tuple(Finding(t, (t,), (t,), mock.sentinel.naming) for t in trials), whole
+
+
+def retested(base: Fit, findings: tuple[Finding, ...], whole: Fit) -> tuple[dict[str, Finding], Fit]:
+    """The findings that are kept, by name, and the fit with them."""
+    location = scored(base, (), 0).remaining
+    assert location is not None
+    kept, fitted = retest.retested(base, location, findings, whole, SERIAL)
+    return {f.effect.name: f for f in kept}, fitted
 
 
 def test_refits_that_end_close_together_are_compared_without_numerical_error() -> None:
-    best, near, far = trial("amplifier_lowpass", 0.0), trial("sensor_lag", 50.0), trial("creep", 500.0)
-    asked = []
-
-    def exact(fitted: Fit, keep: list[str], _: object) -> Fit:
-        asked.append(keep)
-        gain = 50.0 if "tau_y" in keep else 0.0
-        return replace(fitted, residual=fitted.residual * np.sqrt((fitted.cost - gain) / fitted.cost))
-
-    with mock.patch.object(select, "_exact", exact):
-        compared = select._compared([best, near, far], ["k_s"], CRITERIA.selection)
-        assert [keep[0] for keep in asked] == ["k_s", "k_s"]
-        assert compared[2] is far
-        assert next(t.cost for t in compared if t.candidate is near.candidate) == pytest.approx(best.cost)
-        assert select._compared([best, far], [], CRITERIA.selection) == [best, far]
-    assert len(asked) == 2
+    base = lacking("sensor_lag", recordings=("sine_100Hz_75V", "step_75V"), substeps=1)
+    bound = Options.error_bound_sigma
+    assert numerical_error(base).sigma > 2.0 * bound
+    search = Search([effect("amplifier_lowpass"), effect("sensor_lag")], max_effects=1)
+    _, tried = select(search.scored(base), search)
+    fits = [t.fit for t in tried if t.fit is not None]
+    assert len(fits) == 2
+    assert abs(fits[0].cost - fits[1].cost) < CRITERIA.selection.compared_within * tie(fits[0])
+    assert max(numerical_error(f).sigma for f in fits) <= bound
 
 
-def test_where_nothing_was_tried_there_is_nothing_to_compare() -> None:
-    assert select._compared([], ["k_s"], CRITERIA.selection) == []
-    failed = replace(trial("creep", 0.0), fit=None)
-    assert select._compared([failed], [], CRITERIA.selection) == [failed]
+def test_an_effect_that_the_others_do_not_need_is_dropped() -> None:
+    base = lacking("quadratic_drag")
+    findings, whole = together(base, "creep", "quadratic_drag")
+    kept, fitted = retested(base, findings, whole)
+    assert list(kept) == ["quadratic_drag"]
+    assert "k_s" not in fitted.setup.parameters
+    assert fitted.cost < whole.cost + tie(whole)
+
+
+def test_effects_that_are_needed_are_kept_each_with_the_model_without_it() -> None:
+    base = lacking("quadratic_drag", "creep")
+    findings, whole = together(base, "quadratic_drag", "creep")
+    kept, fitted = retested(base, findings, whole)
+    assert list(kept) == ["quadratic_drag", "creep"]
+    assert fitted.chi2 == pytest.approx(1.0, abs=0.05)
+    for name, other in (("quadratic_drag", "k_s"), ("creep", "c_2")):
+        alone = kept[name].others_alone
+        assert alone is not None and alone.cost > 2.0 * fitted.cost
+        assert other in alone.setup.parameters
+        assert not set(VALUES[name]) & set(alone.setup.parameters)
+
+
+def test_what_is_dropped_leaves_the_model_at_its_own_values_too() -> None:
+    base = campaigns.base()
+    (dropped,), grown = together(base, "creep")
+    # The model has followed the creep to where its own descent does not lead back.
+    far = {n: 20.0 * base.setup.values()[n] for n in ("d_1", "d_2")}
+    followed = replace(grown, setup=grown.setup.with_values(far))
+    stuck = retest.fit_with(base, (), followed.setup.values())
+    assert stuck is not None and stuck.cost > 100.0 * base.cost
+    alone = retest.without(base, (), dropped, followed)
+    assert alone is not None and alone.cost == pytest.approx(base.cost, rel=1e-3)
 
 
 def test_a_mismatch_without_a_catalogue_is_unknown() -> None:
@@ -62,61 +119,6 @@ def test_a_mismatch_without_a_catalogue_is_unknown() -> None:
     judgement = judge(found, Search((), max_effects=2, new_in_held_out=True))
     assert judgement.verdict == "unknown"
     assert judgement.findings == () and judgement.tried == ()
-
-
-def test_what_is_dropped_leaves_the_model_at_its_own_values_too() -> None:
-    base = campaigns.base()
-    grown = effect("creep").add_to(base.setup, VALUES["creep"])
-    # The model has followed the creep: far from where it fits without.
-    followed = replace(base, setup=grown.with_values({"k": 2.0 * base.setup.values()["k"]}))
-    dropped = Finding(trial("creep", 0.0), (), (), mock.sentinel.naming)
-    begun = []
-
-    def fitted(_: Fit, others: tuple[Finding, ...], values: dict[str, float]) -> Fit:
-        begun.append(values["k"])
-        return replace(base, residual=(9.0 if len(begun) == 1 else 1.0) * base.residual)
-
-    with mock.patch.object(retest, "fit_with", fitted):
-        alone = retest.without(base, (), dropped, followed)
-    assert begun == [2.0 * base.setup.values()["k"], base.setup.values()["k"]]
-    assert alone is not None and alone.cost == base.cost
-
-
-def test_a_model_without_one_of_its_effects_is_fitted_once_and_kept_with_the_effect() -> None:
-    base = campaigns.base()
-    findings = tuple(Finding(trial(n, 0.0), (), (), mock.sentinel.naming) for n in ("creep", "sensor_lag"))
-    worse = {n: replace(base, residual=3.0 * base.residual) for n in ("creep", "sensor_lag")}
-    asked = []
-
-    def without(_: Fit, __: object, dropped: Finding, *___: object) -> Fit:
-        asked.append(dropped.effect.name)
-        return worse[asked[-1]]
-
-    no_better = trial("creep", 10.0 * base.cost)
-    with mock.patch.multiple(retest, without=without, _refitted=lambda *_: [no_better]):
-        kept, fitted = retest.retested(base, mock.MagicMock(), findings, base, mock.sentinel.executor)
-        assert fitted is base and asked == ["creep", "sensor_lag"]
-        assert [f.others_alone for f in kept] == [worse["creep"], worse["sensor_lag"]]
-        # The first effect is refitted and ends lower; or another effect takes its place, and what was fitted without
-        # the first one is no longer of use.
-        for name, known in (("creep", worse["creep"]), ("amplifier_lowpass", None)):
-            better = Trial(trial(name, 0.0).candidate, replace(base, residual=0.5 * base.residual))
-            with mock.patch.object(retest, "_refitted", return_value=[better]):
-                kept, fitted = retest.retested(base, mock.MagicMock(), findings, base, mock.sentinel.executor)
-            assert fitted is better.fit
-            assert [f.others_alone for f in kept] == [known, worse["sensor_lag"]]
-
-
-@pytest.mark.parametrize(("left", "share", "stands"), [(1.03, 0.1, True), (9.0, 0.1, False)])
-def test_what_leaves_no_more_than_the_noise_level_is_known_to_stands(left: float, share: float, stands: bool) -> None:
-    remaining = mock.Mock(scores={"hysteron": 1.0})
-    remaining.name = "hysteron"
-    model = mock.Mock(remaining=remaining)
-    model.linearised.fit.chi2 = left
-    finding = Finding(trial("creep", 0.0), (), (), mock.sentinel.naming)
-    last = select.Selected((finding,), model, share)
-    first = select.Selected((), mock.Mock(remaining=None), 1.0)
-    assert select._kept([first, last]) is stands
 
 
 def test_a_base_model_at_a_local_optimum_is_told_from_one_that_lacks_physics() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import pytest
 import torch
@@ -17,6 +19,8 @@ from phnn.network import Network, PortHamiltonianSystem, Resistor
 torch.set_num_threads(1)
 
 STEPS = 20
+# Of a step without solution: one that has one.
+SHORT = 1e-2
 
 
 def drawn(seed: int, monotone: bool, memories: bool = False) -> tuple[Network, np.ndarray, np.ndarray, np.ndarray]:
@@ -66,8 +70,9 @@ def all_monotone(seeds: range, memories: bool = False) -> None:
         assert defect(network, u, h, states, efforts) <= 1e-10, f"network {seed}"
 
 
-def any_law(seeds: range) -> int:
-    """How many of these networks were solved; the others must have said so without a number that is not finite."""
+def any_law(seeds: Iterable[int]) -> int:
+    """How many of these networks were solved in full. Where a step of the others has no solution, what was solved
+    before is finite and balanced, and steps small beside those of the march lead on from there."""
     count = 0
     for seed in seeds:
         network, u, h, x0 = drawn(seed, monotone=False)
@@ -81,8 +86,12 @@ def any_law(seeds: range) -> int:
         assert np.isfinite(states[: done + 1]).all(), f"network {seed}"
         assert np.isfinite(efforts[:done]).all(), f"network {seed}"
         if done:
-            count += done == STEPS
             assert defect(network, u[:done], h[:done], states[: done + 1], efforts[:done]) <= 1e-8, f"network {seed}"
+        if done == STEPS:
+            count += 1
+            continue
+        short, held = np.full(STEPS, SHORT * h[done]), np.repeat(u[done : done + 1], STEPS, axis=0)
+        assert solved(network, held, short, states[done])[0] == STEPS, f"network {seed}: no short step either"
     return count
 
 
@@ -99,10 +108,12 @@ def test_ten_thousand_stiff_monotone_networks_are_always_solved() -> None:
     all_monotone(range(10_000))
 
 
-def test_other_networks_are_solved_or_say_where_they_are_not() -> None:
-    assert any_law(range(50)) > 30
+def test_other_networks_are_solved_or_shorter_steps_lead_on() -> None:
+    assert any_law(range(50)) == 50
+    # Networks with laws that follow states or fall, a step of which has no solution.
+    assert any_law((195, 256, 963)) == 0
 
 
 @pytest.mark.slow
-def test_a_thousand_other_networks_are_solved_or_say_where_they_are_not() -> None:
-    assert any_law(range(1000)) > 600
+def test_of_a_thousand_other_networks_a_step_in_a_hundred_needs_to_be_shorter() -> None:
+    assert any_law(range(1000)) >= 990

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -14,8 +15,18 @@ _TIED = "#8fb8d8"
 
 def draw_locations(location: Location) -> Figure:
     """Share of the explainable residual that each location predicts on recordings left out, best on top."""
-    figure = new_figure(7.2, 0.95 + 0.3 * max(len(location.scores), 2))
-    axes = figure.subplots()
+    figure = new_figure(7.2, height_of(location))
+    locations_into(figure.subplots(), location)
+    return figure
+
+
+def height_of(location: Location) -> float:
+    """Height of the figure in inches."""
+    return 0.95 + 0.3 * max(len(location.scores), 2)
+
+
+def locations_into(axes: Axes, location: Location) -> None:
+    """Draw the bars into axes."""
     values = [score or 0.0 for _, score in location.scores]
     for row, (name, score) in enumerate(location.scores):
         first, tied = name == location.name, name in location.tied
@@ -54,4 +65,3 @@ def draw_locations(location: Location) -> Figure:
             Patch(facecolor=FAINT, label="explains less"),
         ]
         axes.legend(handles=handles, loc="lower right", frameon=True, framealpha=1.0, edgecolor="none")
-    return figure

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.mathtext import MathTextParser
+from matplotlib.ticker import FuncFormatter, LogFormatter
 
 # Okabe & Ito's palette; before and after also differ in lightness, so that they survive a grey print
 MEASURED = "#b4babf"
@@ -94,6 +95,15 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
+def svg(figure: Figure) -> bytes:
+    """The figure as SVG; the same figure gives the same bytes."""
+    buffer = io.BytesIO()
+    with rc_context({**RC, "svg.hashsalt": "phnn"}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
+
+
 def literal(text: str, longest: int = 60) -> str:
     """A name that is never read as mathematics, shortened in the middle where it is long."""
     if len(text) > longest:
@@ -111,6 +121,14 @@ def label(text: str) -> str:
     except (ValueError, RuntimeError):
         return literal(text, longest=len(text))
     return text
+
+
+def log_axis(axes: Axes, which: str = "x") -> None:
+    """Make an axis logarithmic, with plain numbers: ``0.1, 1, 10``, and 1.2, 1.4 within a decade."""
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    axes.set(**{f"{which}scale": "log"})
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.0, 0.4)))
 
 
 def quiet_grid(axes: Axes, axis: str = "both") -> None:

@@ -1,0 +1,125 @@
+"""``phnn plot``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.commands.terminal import status
+from phnn.errors import InputRefused
+from phnn.intake.files import named_file
+from phnn.intake.json_file import load_json
+from phnn.intake.limits import LIMITS
+from phnn.output import claim
+from phnn.plot.balance import balance
+from phnn.plot.correlations import whiteness
+from phnn.plot.hysteresis import hysteresis
+from phnn.plot.locations import Locations
+from phnn.plot.outputs import outputs
+from phnn.plot.panels import MOST, Plot, chosen, model_of, network_model
+from phnn.plot.response import response
+from phnn.recordings import Campaign, read
+from phnn.report.document import Location
+from phnn.report.figures.style import svg
+from phnn.report.reading import read_document
+from phnn.simulate import simulate
+
+_DIAGNOSIS = "diagnosis.json"
+# Endings of the tables' names, of all kinds.
+_TABLES = ("", "_spectrum", "_measured")
+# Frequencies between the two that are given.
+_POINTS = 40
+
+
+def plot(
+    kind: str,
+    model: Path,
+    folder: Path | None,
+    out: Path,
+    manifest: Path | None = None,
+    recording: Sequence[str] | None = None,
+    frequencies: Sequence[float] | None = None,
+    amplitude: float | None = None,
+    outside: bool = False,
+    overwrite: bool = False,
+) -> None:
+    """Draw one kind of plot; writes ``KIND.svg`` and its data, ``KIND.csv``, and of some kinds a further table.
+
+    Args:
+        kind: compare, residuals, loops, bode, location or energy.
+        model: of a model or a diagnosis; folder: of recordings, not needed for a location or, with ``frequencies`` and
+            ``amplitude``, for a response.
+        recording: names of the recordings to draw.
+        frequencies: lowest and highest [Hz]; amplitude: of the input, SI.
+
+    Raises:
+        InputRefused: what a kind needs is not given, or cannot be used.
+    """
+    inputs, files = [model] if folder is None else [model, folder], [f"{kind}.svg"]
+    results = (f"{kind}.svg", *(f"{kind}{end}.csv" for end in _TABLES))
+    with claim(out, "plot", inputs, results, overwrite=overwrite) as place, status():
+        if kind == "location":
+            found: Plot = Locations(_located(model, outside))
+        else:
+            campaign = None if folder is None else read(folder, manifest, allow_outside=outside)
+            found = _computed(kind, model, campaign, recording, frequencies, amplitude, outside)
+            _tell(kind, campaign, recording)
+        (place / f"{kind}.svg").write(svg(np.ravel(found.draw())[0].figure))
+        for end, table in found.tables().items():
+            files.append(f"{kind}{end}.csv")
+            (place / files[-1]).write(table.to_csv(index=False).encode())
+    for name in files:
+        print(out / name)
+
+
+def _tell(kind: str, campaign: Campaign | None, recording: Sequence[str] | None) -> None:
+    """Say where not all recordings are drawn."""
+    count = 0 if campaign is None or recording else len(campaign.recordings)
+    if kind in ("compare", "residuals", "loops") and count > MOST:
+        print(f"at most {MOST} of {count} recordings are drawn: choose others with --recording NAME")
+
+
+def _computed(
+    kind: str,
+    model: Path,
+    campaign: Campaign | None,
+    recording: Sequence[str] | None,
+    frequencies: Sequence[float] | None,
+    amplitude: float | None,
+    outside: bool,
+) -> Plot:
+    simulator = model_of(model, outside)
+    if kind == "bode":
+        return response(simulator, _spaced(frequencies), amplitude, campaign=campaign)
+    if campaign is None:
+        raise InputRefused(f"phnn plot {kind}: no recordings: name their folder after that of the model")
+    if kind == "compare":
+        return outputs(simulator, campaign, recording)
+    if kind == "residuals":
+        return whiteness(simulator, campaign, recording)
+    if kind == "loops":
+        return hysteresis(simulator, campaign, recording)
+    found = network_model(simulator)
+    return balance(simulate(found.setup, chosen(campaign, recording).recordings[0], found.substeps))
+
+
+def _spaced(ends: Sequence[float] | None) -> NDArray[np.float64] | None:
+    """Frequencies [Hz] between the lowest and the highest, at equal ratios."""
+    if ends is None:
+        return None
+    low, high = ends
+    if not 0.0 < low < high < np.inf:
+        raise InputRefused(f"--frequencies {low:g} {high:g}: give the lowest and the highest, both positive [Hz]")
+    return np.geomspace(low, high, _POINTS)
+
+
+def _located(folder: Path, outside: bool) -> Location | None:
+    """The location in the ``diagnosis.json`` of a folder, as the report reads it."""
+    path = folder / _DIAGNOSIS
+    remedy = "give the folder of a diagnosis"
+    source = named_file(path, (folder,), "", remedy, outside)
+    content = load_json(source, LIMITS.json_bytes, "a diagnosis", remedy)
+    return read_document(content if isinstance(content, dict) else {}).location

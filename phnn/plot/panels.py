@@ -1,0 +1,146 @@
+"""Shared parts of the plots: models and recordings as given, panels, axes in suitable units, and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.errors import InputRefused
+from phnn.model import Model
+from phnn.prediction import Predicted
+from phnn.predictor import loaded, predictor
+from phnn.recordings.recording import Campaign
+from phnn.report.figures.style import new_figure
+from phnn.report.formatting import listing
+from phnn.units import prefixed
+
+if TYPE_CHECKING:
+    from phnn.modal.store import StoredModes
+
+Array = NDArray[np.float64]
+# Axes of matplotlib in an array, one for each panel.
+Panels = NDArray[Any]
+
+# Recordings that are drawn where nobody chose some: more do not fit on a screen.
+MOST = 12
+
+
+class Plot(Protocol):
+    """What a kind of plot has computed: it can be drawn, and is the same as tables."""
+
+    def draw(self, axes: Any = None) -> Any:
+        """Draw into axes, or into a new figure."""
+
+    def tables(self) -> Mapping[str, pd.DataFrame]:
+        """Everything that is drawn, by the ending of a file's name; columns have units, ``_1`` for none."""
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """An axis in a unit that suits: ``shown = value / size``."""
+
+    size: float
+    label: str
+
+    def __call__(self, values: Any) -> Array:
+        """Values as they are drawn."""
+        return np.asarray(values) / self.size
+
+
+def scaled(name: str, unit: str, *values: Any) -> Scaled:
+    """The axis on which values up to the largest one given read well; no unit is shown for ``1``."""
+    sizes = [np.abs(np.asarray(v)[np.isfinite(v)]).max(initial=0.0) for v in values]
+    size, shown = prefixed(float(max(sizes, default=0.0)), unit)
+    return Scaled(size, name if shown == "1" else f"{name} ({shown})")
+
+
+def column(name: str, unit: str) -> str:
+    """Name of a column with its unit."""
+    return f"{name}_{unit.replace(' ', '')}"
+
+
+def grid(axes: Any, rows: int, columns: int, width: float, height: float, **layout: Any) -> Panels:
+    """(rows, columns) axes of a new figure [inches], or those given; call inside ``rc_context(RC)``.
+
+    Raises:
+        InputRefused: another number of axes was given.
+    """
+    if axes is None:
+        return np.asarray(new_figure(width, height).subplots(rows, columns, squeeze=False, **layout))
+    given = np.array(axes, dtype=object).reshape(-1)
+    if given.size != rows * columns or not all(isinstance(a, Axes) for a in given):
+        raise InputRefused(f"axes: {given.size} given: this plot draws {rows} × {columns} matplotlib axes")
+    return given.reshape(rows, columns)
+
+
+def model_of(given: Any, outside: bool = False) -> Model | StoredModes:
+    """The model that is given: itself, the final one of a diagnosis, or that in a folder.
+
+    Args:
+        outside: the file in the folder may be a link that leads out of it.
+
+    Raises:
+        InputRefused: there is no model, or a damaged one.
+    """
+    if isinstance(given, Diagnosis):
+        return given.model
+    if isinstance(given, str | Path):
+        folder = Path(given)
+        return loaded(folder / "model" if (folder / "model").is_dir() else folder, outside)
+    found: Model | StoredModes = given
+    return found
+
+
+def network_model(given: Any) -> Model:
+    """The same, which must be the model of a network.
+
+    Raises:
+        InputRefused: it is a model of modes.
+    """
+    found = model_of(given)
+    if not isinstance(found, Model):
+        raise InputRefused(
+            "a model of phnn modes has no inputs of its own here: give phnn.Model(phnn.Setup(model.to_network()))"
+        )
+    return found
+
+
+def predictions(given: Any, campaign: Campaign, recordings: Sequence[str] | None) -> tuple[Predicted, ...]:
+    """Predictions of the recordings that are drawn; see `chosen`."""
+    simulated: Iterable[Predicted] = predictor(model_of(given))(chosen(campaign, recordings))
+    return tuple(simulated)
+
+
+def chosen(campaign: Campaign, recordings: Sequence[str] | None) -> Campaign:
+    """A campaign of the recordings that are named, or of the first dozen whose output was recorded.
+
+    Raises:
+        InputRefused: there is no recording of a name, or none that can be drawn.
+    """
+    known = {r.name: r for r in campaign.recordings if bool(np.isfinite(r.y).any())}
+    strange = [name for name in recordings or () if name not in known]
+    if strange:
+        raise InputRefused(f"no recording {strange[0]!r} with an output; there are {listing(known)}")
+    if not known:
+        raise InputRefused(f"{campaign.folder}: no output was recorded: there is nothing to compare a model with")
+    kept = [known[name] for name in recordings] if recordings else list(known.values())[:MOST]
+    return replace(campaign, recordings=tuple(kept))
+
+
+def under_each_other(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Tables as one; a column that a table does not have stays empty in its rows."""
+    return pd.concat(tables, ignore_index=True)
+
+
+def hide_unused(panels: Panels, used: int) -> None:
+    """Hide the panels of a grid behind the first ones."""
+    for axes in panels.reshape(-1)[used:]:
+        axes.set_visible(False)

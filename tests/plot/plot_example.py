@@ -1,0 +1,97 @@
+"""A small campaign of a known model, with white noise, and every plot of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+import phnn
+from phnn.models.actuator import hrc
+from phnn.plot.balance import balance
+from phnn.plot.correlations import whiteness
+from phnn.plot.hysteresis import hysteresis
+from phnn.plot.locations import located
+from phnn.plot.outputs import outputs
+from phnn.plot.response import response
+from phnn.recordings.recording import Campaign, Part, Recording, Start, unrecorded
+from phnn.setup import Setup
+from phnn.simulate import simulate
+
+VALUES = {"m": 1.0e-3, "k": 2.0e4, "b": 6.0, "alpha": 0.04, "C_1": 5.0e-7, "rho_1": 1.0e-3, "d_1": 8.0}
+NOISE, DT, SAMPLES = 50e-9, 1e-4, 2000
+MODEL = phnn.Model(Setup(hrc(1, VALUES)), 2)
+WRONG = phnn.Model(Setup(hrc(1, VALUES | {"d_1": 4.0, "C_1": 3.0e-7})), 2)
+LINEAR = phnn.Model(Setup(hrc(0, {n: VALUES[n] for n in ("m", "k", "b", "alpha")})), 2)
+T = DT * np.arange(SAMPLES)
+
+
+def sine(frequency: float, amplitude: float) -> np.ndarray:
+    """(N,) input, V."""
+    return amplitude * np.sin(2.0 * np.pi * frequency * T)
+
+
+def recording(
+    name: str,
+    u: np.ndarray,
+    period: float | None = None,
+    model: phnn.Model = MODEL,
+    noise: float = NOISE,
+    seed: int = 0,
+) -> Recording:
+    """What a model does under an input, with noise."""
+    blank = unrecorded(name, T, u)
+    y = simulate(model.setup, blank, 2).y + noise * np.random.default_rng(seed).standard_normal(SAMPLES)
+    part = Part(name, 0, SAMPLES, "identification")
+    return replace(
+        blank, y=y, parts=(part,), noise=noise or 1e-12, noise_source="stated", period=period, start=Start("rest", 0.0)
+    )  # fmt: skip
+
+
+def campaign_of(*recordings: Recording) -> Campaign:
+    """Recordings without a folder."""
+    return Campaign(recordings, {}, {}, "command", (), False, "nowhere")
+
+
+@cache
+def campaign() -> Campaign:
+    """Two amplitudes of one sine, another sine, and a broadband input."""
+    smooth = np.convolve(np.random.default_rng(1).standard_normal(SAMPLES), np.hanning(25) / 6.0, "same")
+    return campaign_of(
+        recording("large", sine(20.0, 60.0), 0.05, seed=2),
+        recording("small", sine(20.0, 30.0), 0.05, seed=3),
+        recording("fast", sine(50.0, 60.0), 0.02, seed=4),
+        recording("broad", 40.0 * smooth * np.minimum(1.0, T / 5e-3), seed=5),
+    )
+
+
+def diagnosis(scores: dict[str, float] | None = None) -> Any:
+    """What a location is taken from."""
+    if scores is None:
+        return SimpleNamespace(judgement=SimpleNamespace(location=None, places=()))
+    where = SimpleNamespace(detail="elastic", scores=scores)
+    return SimpleNamespace(judgement=SimpleNamespace(location=where, places=("mechanical", "amplifier")))
+
+
+SCORES = {"sensor": 0.2, "mechanical": 0.95, "amplifier": 0.93, "thermal": 0.0}
+FREQUENCIES = np.array([5.0, 20.0, 50.0, 200.0])
+
+# What each function draws, and the number of its panels.
+PLOTS: dict[str, tuple[Callable[[], Any], int]] = {
+    "compare": (lambda: outputs(MODEL, campaign()), 8),
+    "residuals": (lambda: whiteness(MODEL, campaign(), ["large", "broad"]), 6),
+    "loops": (lambda: hysteresis(MODEL, campaign()), 2),
+    "bode": (lambda: response(MODEL, FREQUENCIES, 60.0, campaign=campaign()), 3),
+    "location": (lambda: located(diagnosis(SCORES)), 1),
+    "energy": (lambda: balance(MODEL.trajectory(T, sine(20.0, 60.0))), 4),
+}
+
+
+@cache
+def computed(kind: str) -> Any:
+    """A plot, computed once."""
+    return PLOTS[kind][0]()
