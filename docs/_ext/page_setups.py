@@ -30,6 +30,16 @@ def recordings(folder: Path) -> Names:
     return {}
 
 
+def diagnosed(folder: Path) -> Names:
+    """The same recordings, their diagnosis, and its results in ``out/mine``."""
+    import phnn
+
+    recordings(folder)
+    diagnosis = phnn.diagnose(phnn.read(folder / "recordings"), phnn.Options(starts=1))
+    diagnosis.write(folder / "out" / "mine")
+    return {"diagnosis": diagnosis}
+
+
 def guided_rig(folder: Path) -> Names:
     """Recordings of a stage whose guide brakes with the square of the displacement."""
     sys.path.insert(0, str(TESTS))
@@ -103,6 +113,7 @@ _SETUPS: dict[str, Callable[[Path], Names]] = {
     "write-your-own-effect": guided_rig,
     "steering-mirror": structure,
     "feedforward": reference,
+    "plots": diagnosed,
     "theory": equilibrium,
     "docstrings": documented,
 }
