@@ -3,6 +3,7 @@
 #   make demo  [SEED=7] [OUT=out/demo]       conceal an effect, seal it, diagnose, compare
 #   make demo  DATA=recordings/ [OUT=...]    diagnose your own recordings instead
 #   make test | test-slow | bench | clean
+#   make docs                                run the code of the documentation, build it into build/site, check its links
 #   make slice                               conceal a few effects under a fresh seed, diagnose, count
 #
 # torch is installed on its own before the rest so that the build chosen there (pip's own settings, or PIP_FLAGS, for
@@ -19,9 +20,12 @@ BIN   := $(VENV)/bin
 PIP   := $(BIN)/python -m pip --disable-pip-version-check install -qq $(PIP_FLAGS) -c constraints.txt
 DEV   := $(VENV)/.installed-dev
 BENCH := $(VENV)/.installed-bench
+SITE  := $(VENV)/.installed-docs
+# What the build of the documentation writes beside its sources.
+BUILT := docs/effects docs/drawn docs/notebooks docs/api/generated docs/sg_execution_times.rst
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow slice bench clean
+.PHONY: help demo test test-slow docs slice bench clean
 MAKEFLAGS += --no-print-directory
 # OUT and DATA come from the environment of the recipes, so that a blank in a path does no harm.
 export OUT DATA SEED
@@ -45,6 +49,11 @@ $(BENCH): $(DEV)
 	@$(PIP) -e '.[dev,bench]'
 	@touch $@
 
+$(SITE): $(DEV)
+	@echo "installing what builds the documentation into $(VENV)"
+	@$(PIP) -e '.[dev,docs]'
+	@touch $@
+
 demo: $(DEV)
 	@if [ -n "$$DATA" ]; then \
 		exec $(BIN)/phnn diagnose "$$DATA" --out "$$OUT"; \
@@ -65,6 +74,14 @@ test: $(DEV)
 test-slow: $(DEV)
 	@$(BIN)/python -m pytest -m slow
 
+# Without a network. Warnings are errors; the code of every page has to run and to print what the page says.
+docs: $(SITE)
+	@rm -rf build/site build/doctrees $(BUILT)
+	@OMP_NUM_THREADS=1 $(BIN)/python docs/_ext/blocks.py
+	@OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -q -W --keep-going -j auto -b html -d build/doctrees docs build/site
+	@$(BIN)/python docs/_ext/links.py build/site
+	@echo "open build/site/index.html"
+
 # Each run in a folder of its own: a proof goes on where it finds an earlier one.
 slice: $(DEV)
 	@OMP_NUM_THREADS=1 $(BIN)/python scripts/slice.py out="$$(mktemp -d)"
@@ -73,4 +90,4 @@ bench: $(BENCH)
 	@$(BIN)/python -m benchmarks
 
 clean:
-	@rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache build phnn.egg-info
+	@rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache build phnn.egg-info $(BUILT)

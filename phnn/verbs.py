@@ -32,11 +32,13 @@ __all__ = ["Diagnosis", "compare", "diagnose", "export", "identify", "load", "pr
 class Diagnosis(Finished):
     """A finished diagnosis that can be written.
 
-    diagnosis = phnn.diagnose(phnn.read("recordings/"))
-    diagnosis.verdict                                    # named, equivalent, unknown or none
-    diagnosis.after.over_noise("confirmation")           # held-out residual over noise
-    diagnosis.model.simulate(t, voltage)                 # (N,) displacement [m]
-    diagnosis.write("out/")                              # diagnosis.json, report.html, model/
+        diagnosis = phnn.diagnose(phnn.read("recordings/"))
+        diagnosis.verdict                                # named, equivalent, unknown or none
+        diagnosis.after.over_noise("confirmation")       # held-out residual over noise
+        diagnosis.model.simulate(t, voltage)             # (N,) displacement [m]
+        diagnosis.write("out/")                          # diagnosis.json, report.html, model/
+
+    All attributes are those of `phnn.diagnosis.diagnosis.Diagnosis`.
     """
 
     def write(self, out: str | Path, overwrite: bool = False) -> dict[str, Any]:
@@ -123,7 +125,7 @@ def compare(
 ) -> Table:
     """Fit several kinds of model to a campaign and score them on all recordings.
 
-        table = phnn.compare(phnn.read("recordings/"), "out/", ["models=[phs,linear]"])
+        table = phnn.compare(phnn.read("recordings/"), "compared/", ["models=[phs,linear]"])
 
     Args:
         campaign: recordings with their uses.

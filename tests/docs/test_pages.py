@@ -1,0 +1,104 @@
+"""The code of the documentation runs and prints what the pages say; the tools that run it notice what is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import blocks
+import pytest
+from docstrings import examples, marked
+from links import broken, main
+
+PAGE = """\
+# A page
+
+```python
+x = 2
+print(x, "mm")
+```
+
+```text
+2 mm
+```
+
+<!-- not run: needs a cluster -->
+
+```python
+connect()
+```
+
+```python
+print(x + 1)
+```
+"""
+
+
+def written(folder: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> blocks.Outcome:
+    """The outcome of a page with a text."""
+    (folder / "page.md").write_text(text, encoding="utf-8")
+    monkeypatch.setattr(blocks, "DOCS", folder)
+    return blocks.run_page("page")
+
+
+def test_blocks_share_names_and_skipped_ones_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    outcome = written(tmp_path, monkeypatch, PAGE)
+    assert (outcome.run, outcome.skipped, outcome.failure) == (2, 1, "")
+    assert outcome.reasons == ("needs a cluster",)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("2 mm\n```", "3 mm\n```", "the page states"),
+        ("2 mm\n```", "2 µm\n```", "the page states"),
+        ("print(x + 1)", "print(y)", "NameError"),
+        ("print(x + 1)", "print(x +", "SyntaxError"),
+    ],
+)
+def test_what_is_wrong_with_a_block_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, old: str, new: str, says: str
+) -> None:
+    assert says in written(tmp_path, monkeypatch, PAGE.replace(old, new)).failure
+
+
+def test_numbers_may_differ_a_little() -> None:
+    assert not blocks.differs("1.00 µm, −3", "1.01 µm, −3")
+    assert blocks.differs("1.00 µm", "1.03 µm")
+    assert blocks.differs("1.00", "−1.00")
+    assert blocks.differs("named", "named 1")
+
+
+def test_every_page_of_markdown_has_no_fenced_block_that_is_overlooked() -> None:
+    for path in sorted(blocks.DOCS.glob("*.md")):
+        text = path.read_text(encoding="utf-8")
+        assert len(blocks.blocks_of(text)) == text.count("```python\n"), path.name
+
+
+def test_indented_examples_of_docstrings_are_code_and_equations_are_not() -> None:
+    docstring = "Do it.\n\n    y = f(x)\n\n    ẋ = −k x\n\nArgs:\n    x: a number.\n\n    more of it.\n"
+    assert examples(docstring) == ["y = f(x)"]
+    text = "\n".join(marked(docstring.splitlines()))
+    assert ".. code-block:: python\n\n    y = f(x)" in text
+    assert ".. code-block:: text\n\n    ẋ = −k x" in text
+    assert text.count("code-block") == 2
+
+
+def test_a_broken_link_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other, page = tmp_path / "other.html", tmp_path / "index.html"
+    other.write_text('<h1 id="here">title</h1>', encoding="utf-8")
+    page.write_text('<a href="other.html#here">a</a><a href="https://example.org">b</a>', encoding="utf-8")
+    assert main(tmp_path) == 0
+    assert broken(page, "link", "other.html#there") == "other.html#there has no such anchor"
+    assert broken(page, "link", "none.html") == "none.html does not exist"
+    assert broken(page, "loaded", "https://example.org/a.js") == "loads https://example.org/a.js"
+    (tmp_path / "third.html").write_text('<a href="none.html">a</a>', encoding="utf-8")
+    assert main(tmp_path) == 1
+    assert "none.html does not exist" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", blocks.pages_with_code())
+def test_the_code_of_a_page_runs(page: str) -> None:
+    (outcome,) = blocks.in_processes([page])
+    assert outcome.failure == ""
+    assert outcome.run + outcome.skipped > 0
