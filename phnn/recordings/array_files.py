@@ -35,8 +35,10 @@ def read_mat(source: Source) -> Table:
         InputRefused: not a .mat file, damaged, too large, or without numbers.
     """
     if not is_hdf5(source):
-        return _named(source, _arrays(_load_v5(source)))
-    return _named(source, datasets(source, "damaged .mat v7.3 file", "save it again from MATLAB", transposed=True))
+        return table_of(Where(source.name), stored_arrays(_load_v5(source)))
+    return table_of(
+        Where(source.name), datasets(source, "damaged .mat v7.3 file", "save it again from MATLAB", transposed=True)
+    )
 
 
 def read_hdf5(source: Source) -> Table:
@@ -45,7 +47,7 @@ def read_hdf5(source: Source) -> Table:
     Raises:
         InputRefused: not an HDF5 file, damaged, too large, leading to other files, or without numbers.
     """
-    return _named(source, datasets(source, "not a readable HDF5 file", "export it again"))
+    return table_of(Where(source.name), datasets(source, "not a readable HDF5 file", "export it again"))
 
 
 def read_npz(source: Source) -> Table:
@@ -68,7 +70,7 @@ def read_npz(source: Source) -> Table:
         raise
     except Exception as error:  # a damaged archive raises whatever zipfile and numpy stumble over
         raise _unreadable_npz(source, error) from error
-    return _named(source, found)
+    return table_of(Where(source.name), found)
 
 
 def _member(
@@ -101,18 +103,23 @@ def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype]:
     return shape, dtype
 
 
-def _arrays(content: Mapping[str, Any], prefix: str = "") -> Iterator[Stored]:
+def stored_arrays(content: Mapping[str, Any], prefix: str = "") -> Iterator[Stored]:
+    """The values of a mapping as arrays, those of a mapping in it as ``group.name``."""
     for name, value in content.items():
         full = prefix + name
         if isinstance(value, Mapping):
-            yield from _arrays(value, full + ".")
+            yield from stored_arrays(value, full + ".")
             continue
         array = np.asarray(value)
         yield Stored(full, array.shape, array.dtype, array.view)
 
 
-def _named(source: Source, found: Iterable[Stored]) -> Table:
-    """The columns of all arrays of numbers, by name."""
+def table_of(where: Where, found: Iterable[Stored]) -> Table:
+    """The columns of all arrays of numbers, by name.
+
+    Raises:
+        InputRefused: there are none.
+    """
     columns: dict[str, Column] = {}
     left: list[str] = []
     for stored in found:
@@ -129,8 +136,8 @@ def _named(source: Source, found: Iterable[Stored]) -> Table:
             left.append(f"{name}, {' × '.join(map(str, stored.shape))}")
     if not columns:
         more = f" (left out, with more than {LIMITS.columns} columns: {'; '.join(left[:_SHOWN])})" if left else ""
-        raise InputRefused(f"{source.name}: no numeric variables in it{more}: save the samples as vectors")
-    return Table(Where(source.name), tuple(columns), tuple(columns.values()), by_name=True)
+        raise InputRefused(f"{where}: no numeric variables in it{more}: save the samples as vectors")
+    return Table(where, tuple(columns), tuple(columns.values()), by_name=True)
 
 
 def _vector(load: Callable[[], np.ndarray]) -> Column:
