@@ -75,13 +75,20 @@ def test_source_distribution_holds_tests_documents_and_pins(sdist: Path) -> None
 
 @pytest.mark.slow
 def test_commands_run_from_the_wheel_alone(wheel: Path, tmp_path: Path) -> None:
+    # Without the commands that integrate: an unpacked wheel has its kernels compiled anew, which takes minutes.
     home, (folder, _) = tmp_path / "site", campaigns.concealed()
     zipfile.ZipFile(wheel).extractall(home)
-    # Settings come from the package and pages from its templates: neither may come from the checkout.
     code = "import sys, phnn; print(phnn.__file__); from phnn.start import main; sys.exit(main())"
-    command = [sys.executable, "-c", code, "identify", str(folder), "--out", str(tmp_path / "out"), "starts=1"]
     environment = {**os.environ, "PYTHONPATH": str(home)}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(str(home))
-    assert (tmp_path / "out" / "model" / "model.json").is_file()
+    for arguments, word in (
+        (["check", str(folder), "--out", str(tmp_path / "out")], "noise floor"),
+        (["template", str(folder)], "recordings:"),
+        # Its settings come from the files of the package.
+        (["prove", "--help"], "fast_weak: 400"),
+    ):
+        command = [sys.executable, "-c", code, *arguments]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.startswith(str(home))
+        assert word in done.stdout
+    assert (tmp_path / "out" / "check.json").is_file()

@@ -94,7 +94,12 @@ def _all(work: Callable[[Task], None], todo: Sequence[Task], settings: Settings,
 
 
 def _sealed(room: Room, task: Task) -> None:
-    """Make the recordings of a case; the seal comes last, so that it stands for both."""
+    """Make the recordings of a case; the seal comes last, so that it stands for both.
+
+    A cluster may ask a second time for what a worker finished before it died: then there is nothing to do.
+    """
+    if room.seal(task).exists():
+        return
     folder = room.recordings(task)
     shutil.rmtree(folder, ignore_errors=True)
     sealed: Sealed = make_case(task.case(), folder, write_atomic)
@@ -102,7 +107,12 @@ def _sealed(room: Room, task: Task) -> None:
 
 
 def _answered(room: Room, settings: Settings, task: Task) -> None:
-    """Diagnose a case without a look at its answer, but for what the catalogue must not contain."""
+    """Diagnose a case without a look at its answer, but for what the catalogue must not contain.
+
+    Asked a second time, as `_sealed` may be, it leaves the answer alone: the recordings may be gone by then.
+    """
+    if room.answer(task).path.exists():
+        return
     folder = room.recordings(task)
     try:
         if task.tier == FAST:
