@@ -77,6 +77,10 @@ def prove(settings: Settings, place: Place, say: Say) -> tuple[list[Outcome], st
     say(f"sealed {len(todo)} answers in {place / 'sealed'}; SHA-256 of their SHA-256s, in order: {digest}")
     left = [t for t in todo if not room.answer(t).path.exists()]
     _all(partial(_answered, room, settings), left, settings, say, "diagnosed")
+    if not settings.keep:
+        # Whoever dies while it removes the recordings of a case leaves the rest of them.
+        for task in todo:
+            shutil.rmtree(room.recordings(task), ignore_errors=True)
     if _digest(room, todo) != digest:
         raise PhnnError(f"{place / 'sealed'}: an answer was changed during the diagnosis; begin again in a new folder")
     answers = [json.loads(room.answer(t).path.read_text(encoding="utf-8")) for t in todo]
