@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from phnn.setup import Setup
     from phnn.verbs import Diagnosis, compare, diagnose, export, identify, load, predict
 
+    __version__: str
+
 # Where each public name is defined; None for the module of that name.
 _DEFINED_IN = {
     "read": "phnn.recordings",
@@ -76,6 +78,11 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        # The installed distribution knows it from pyproject.toml, the one place where it stands.
+        from importlib.metadata import version
+
+        return version("phnn")
     if name not in _DEFINED_IN:
         raise AttributeError(f"module 'phnn' has no attribute {name!r}; it has {', '.join(__all__)}")
     module = _DEFINED_IN[name]

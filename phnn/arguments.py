@@ -46,9 +46,9 @@ class _Version(argparse.Action):
     """Looks the version up only when it is asked for."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from importlib.metadata import version
+        from phnn import __version__
 
-        print(f"phnn {version('phnn')}")
+        print(f"phnn {__version__}")
         parser.exit(0)
 
 

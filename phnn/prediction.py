@@ -25,6 +25,7 @@ from phnn.identification.start import likely_start
 from phnn.network.elements import Network
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
+from phnn.signals.error_indices import ErrorIndices, error_indices
 from phnn.simulate import measured_network, simulate
 
 Array = NDArray[np.float64]
@@ -72,6 +73,18 @@ class Predicted:
         y = self.recording.y[self.scored]
         # The mean of a constant is rounded.
         return np.asarray(y - (y.mean() if np.ptp(y) > 0.0 else y))
+
+    def indices(self, skipped: int | None = None) -> ErrorIndices:
+        """RMSE, NRMSE, R², MAE and fit index as the package nonlinear_benchmarks defines them; SI, NaN where undefined.
+
+        Args:
+            skipped: samples at the head that are not scored, the ``state_initialization_window_length`` of a benchmark;
+                None for those that phnn does not score. Zero and initial state are estimated from the latter, which
+                may be more than a benchmark grants.
+        """
+        first = self.scored.start if skipped is None else skipped
+        recorded = self.recording.y if self.scored.stop else self.recording.y[:0]
+        return error_indices(recorded, self.y[: recorded.size], first)
 
     def document(self, file: str) -> dict[str, Any]:
         """The entry of ``predict.json``; what is undefined is None.

@@ -1,15 +1,28 @@
-"""What a normal installation must carry: every package, and the files beside the code."""
+"""What a normal installation must carry: every package, the files beside the code, and what describes them."""
 
 from __future__ import annotations
 
+import ast
 import re
+import subprocess
+import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import jinja2
+import yaml
 from packaging.requirements import Requirement
 from packaging.version import Version
 
+import phnn
+
 ROOT = Path(__file__).resolve().parent.parent
+PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+# Names of conda-forge that differ from those of PyPI, and names of modules that differ from those of distributions.
+CONDA = {"torch": "pytorch", "matplotlib": "matplotlib-base"}
+MODULES = {"hydra-core": "hydra", "pyyaml": "yaml", "nptdms": "nptdms"}
 
 
 def test_every_folder_of_code_is_a_package() -> None:
@@ -28,11 +41,63 @@ def test_package_data_exists() -> None:
 
 
 def test_constraints_pin_every_requirement_inside_its_range() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     pins = dict(line.split("==") for line in lines if line and not line.startswith("#"))
-    pins = {re.sub(r"[-_.]+", "-", name).lower(): version for name, version in pins.items()}
-    groups = [project["dependencies"], *project["optional-dependencies"].values()]
+    pins = {_name(name): version for name, version in pins.items()}
+    groups = [PROJECT["dependencies"], *PROJECT["optional-dependencies"].values()]
     for requirement in (Requirement(text) for group in groups for text in group):
-        name = re.sub(r"[-_.]+", "-", requirement.name).lower()
-        assert requirement.specifier.contains(Version(pins[name])), f"{requirement}: {pins[name]}"
+        version = Version(pins[_name(requirement.name)])
+        assert requirement.specifier.contains(version), f"{requirement}: {version}"
+
+
+def test_everything_that_the_package_imports_is_declared() -> None:
+    # Another package may bring it today and no longer tomorrow.
+    extras = [text for name, group in PROJECT["optional-dependencies"].items() if name != "dev" for text in group]
+    declared = {_name(Requirement(text).name) for text in [*PROJECT["dependencies"], *extras]}
+    declared = {MODULES.get(name, name.replace("-", "_")) for name in declared}
+    imported = {module for path in (ROOT / "phnn").rglob("*.py") for module in _imports(path)}
+    assert sorted(imported - declared - set(sys.stdlib_module_names) - {"phnn"}) == []
+
+
+def test_the_version_stands_in_one_place() -> None:
+    version = PROJECT["version"]
+    assert phnn.__version__ == version
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == version
+    assert _recipe()["package"] == {"name": PROJECT["name"], "version": version}
+    said = subprocess.run([sys.executable, "-m", "phnn.cli", "--version"], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == f"phnn {version}"
+
+
+def test_conda_recipe_asks_for_what_the_project_asks_for() -> None:
+    recipe = _recipe()
+    asked = {"python": PROJECT["requires-python"]}
+    for requirement in map(Requirement, PROJECT["dependencies"]):
+        asked[CONDA.get(requirement.name, requirement.name)] = str(requirement.specifier)
+    found = dict(text.split(" ", 1) for text in recipe["requirements"]["run"])
+    assert {n: set(s.split(",")) for n, s in found.items()} == {n: set(s.split(",")) for n, s in asked.items()}
+    scripts = [f"{name} = {target}" for name, target in PROJECT["scripts"].items()]
+    assert recipe["build"]["entry_points"] == scripts
+    about = {"summary": PROJECT["description"], "license": PROJECT["license"]}
+    assert about.items() <= recipe["about"].items()
+
+
+def _recipe() -> dict[str, Any]:
+    text = (ROOT / "conda" / "meta.yaml").read_text()
+    recipe: dict[str, Any] = yaml.safe_load(
+        jinja2.Template(text, undefined=jinja2.StrictUndefined).render(PYTHON="python")
+    )
+    return recipe
+
+
+def _name(distribution: str) -> str:
+    """The normal form of a distribution's name."""
+    return re.sub(r"[-_.]+", "-", distribution).lower()
+
+
+def _imports(path: Path) -> Iterator[str]:
+    """First parts of the names of all modules that a file imports."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            yield node.module.partition(".")[0]

@@ -45,7 +45,7 @@ def compare(
     Raises:
         InputRefused: recordings that cannot be used, or results of other settings lie in ``out``.
     """
-    with _claimed(out, [Path(campaign.folder)], settings, overwrite) as place:
+    with _claimed(out, campaign.inputs, settings, overwrite) as place:
         return _compare(campaign, place, settings, progress)
 
 

@@ -85,6 +85,8 @@ def claim(
             yield place
         if not origin.resume:
             _forget(place, results, earlier, list(record.lines())[len(earlier) :])
+        # A worker that was killed on the way has left half of a file.
+        _clean(root)
         _mark(root, {**run, "complete": True})
         (place / INCOMPLETE).remove()
 

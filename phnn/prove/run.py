@@ -77,6 +77,10 @@ def prove(settings: Settings, place: Place, say: Say) -> tuple[list[Outcome], st
     say(f"sealed {len(todo)} answers in {place / 'sealed'}; SHA-256 of their SHA-256s, in order: {digest}")
     left = [t for t in todo if not room.answer(t).path.exists()]
     _all(partial(_answered, room, settings), left, settings, say, "diagnosed")
+    if not settings.keep:
+        # Whoever dies while it removes the recordings of a case leaves the rest of them.
+        for task in todo:
+            shutil.rmtree(room.recordings(task), ignore_errors=True)
     if _digest(room, todo) != digest:
         raise PhnnError(f"{place / 'sealed'}: an answer was changed during the diagnosis; begin again in a new folder")
     answers = [json.loads(room.answer(t).path.read_text(encoding="utf-8")) for t in todo]
@@ -94,7 +98,12 @@ def _all(work: Callable[[Task], None], todo: Sequence[Task], settings: Settings,
 
 
 def _sealed(room: Room, task: Task) -> None:
-    """Make the recordings of a case; the seal comes last, so that it stands for both."""
+    """Make the recordings of a case; the seal comes last, so that it stands for both.
+
+    A cluster may ask a second time for what a worker finished before it died: then there is nothing to do.
+    """
+    if room.seal(task).exists():
+        return
     folder = room.recordings(task)
     shutil.rmtree(folder, ignore_errors=True)
     sealed: Sealed = make_case(task.case(), folder, write_atomic)
@@ -102,7 +111,12 @@ def _sealed(room: Room, task: Task) -> None:
 
 
 def _answered(room: Room, settings: Settings, task: Task) -> None:
-    """Diagnose a case without a look at its answer, but for what the catalogue must not contain."""
+    """Diagnose a case without a look at its answer, but for what the catalogue must not contain.
+
+    Asked a second time, as `_sealed` may be, it leaves the answer alone: the recordings may be gone by then.
+    """
+    if room.answer(task).path.exists():
+        return
     folder = room.recordings(task)
     try:
         if task.tier == FAST:

@@ -10,6 +10,7 @@ import math
 import warnings
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -19,6 +20,8 @@ from phnn.intake.files import Source
 from phnn.intake.limits import LIMITS
 from phnn.intake.names import printable
 from phnn.recordings.hdf5_files import datasets, is_hdf5
+from phnn.recordings.iddata import FIELDS, KIND, iddata_table, is_iddata, refused_object
+from phnn.recordings.mat73_values import matlab_value, objects_of
 from phnn.recordings.mat_layout import check_layout, is_v5
 from phnn.recordings.stored import NUMBERS, Stored, lazily
 from phnn.recordings.table import Column, Table, Where
@@ -29,14 +32,55 @@ _SHOWN = 5
 def read_mat(source: Source) -> Table:
     """The numeric variables of a .mat file.
 
-    Vectors are found by name, structure fields as ``name.field``, the columns of a matrix as ``name[0]``, ….
+    Vectors are found by name, structure fields as ``name.field``, the columns of a matrix as ``name[0]``, …. A
+    structure with the fields of an ``iddata`` brings its time and its channels besides.
 
     Raises:
-        InputRefused: not a .mat file, damaged, too large, or without numbers.
+        InputRefused: not a .mat file, damaged, too large, without numbers, or with an object alone.
     """
-    if not is_hdf5(source):
-        return _named(source, _arrays(_load_v5(source)))
-    return _named(source, datasets(source, "damaged .mat v7.3 file", "save it again from MATLAB", transposed=True))
+    where = Where(source.name)
+    if is_hdf5(source):
+        found = datasets(source, "damaged .mat v7.3 file", "save it again from MATLAB", transposed=True)
+        objects = objects_of(source, KIND)
+        found = [stored for stored in found if stored.name not in objects]
+        structures: Mapping[str, Mapping[str, Any]] = _structures(source, found)
+    else:
+        content = _load_v5(source)
+        found = list(stored_arrays(content))
+        objects = _objects(content)
+        structures = {n: v for n, v in content.items() if isinstance(v, Mapping) and is_iddata(v)}
+    if len(structures) > 1:
+        raise InputRefused(f"{where}: several iddata ({', '.join(structures)}): save each into a file of its own")
+    if objects and not any(stored.dtype.kind in NUMBERS for stored in found):
+        raise refused_object(where, printable(objects[0]))
+    table = table_of(where, found)
+    if objects:
+        table = replace(
+            table, notes=(f"{printable(', '.join(objects))}: left alone, objects that only MATLAB can read",)
+        )
+    return table.with_columns_of(iddata_table(where, *structures.values())) if structures else table
+
+
+def _structures(source: Source, found: Iterable[Stored]) -> dict[str, dict[str, Any]]:
+    """The fields of every ``iddata`` in a MATLAB v7.3 file, by the name of its variable."""
+    groups: dict[str, list[str]] = {}
+    for stored in found:
+        group, _, name = stored.name.rpartition(".")
+        groups.setdefault(group, []).append(name)
+    chosen = {group: names for group, names in groups.items() if group and is_iddata(names)}
+    return {
+        group: {n: matlab_value(source, f"{group}.{n}") for n in names if n in FIELDS}
+        for group, names in chosen.items()
+    }
+
+
+def _objects(content: Mapping[str, Any]) -> list[str]:
+    """Names of the ``iddata`` objects of a MATLAB v5 file: scipy hands on their names and classes alone."""
+    opaque = [v for v in content.values() if isinstance(v, np.ndarray) and v.dtype.names == ("s0", "s1", "s2", "arr")]
+    named = [
+        tuple(bytes(part).decode("ascii", "replace") for part in (v[0]["s0"], v[0]["s2"])) for v in opaque if v.size
+    ]
+    return [name for name, kind in named if kind == KIND]
 
 
 def read_hdf5(source: Source) -> Table:
@@ -45,7 +89,7 @@ def read_hdf5(source: Source) -> Table:
     Raises:
         InputRefused: not an HDF5 file, damaged, too large, leading to other files, or without numbers.
     """
-    return _named(source, datasets(source, "not a readable HDF5 file", "export it again"))
+    return table_of(Where(source.name), datasets(source, "not a readable HDF5 file", "export it again"))
 
 
 def read_npz(source: Source) -> Table:
@@ -68,7 +112,7 @@ def read_npz(source: Source) -> Table:
         raise
     except Exception as error:  # a damaged archive raises whatever zipfile and numpy stumble over
         raise _unreadable_npz(source, error) from error
-    return _named(source, found)
+    return table_of(Where(source.name), found)
 
 
 def _member(
@@ -101,18 +145,23 @@ def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype]:
     return shape, dtype
 
 
-def _arrays(content: Mapping[str, Any], prefix: str = "") -> Iterator[Stored]:
+def stored_arrays(content: Mapping[str, Any], prefix: str = "") -> Iterator[Stored]:
+    """The values of a mapping as arrays, those of a mapping in it as ``group.name``."""
     for name, value in content.items():
         full = prefix + name
         if isinstance(value, Mapping):
-            yield from _arrays(value, full + ".")
+            yield from stored_arrays(value, full + ".")
             continue
         array = np.asarray(value)
         yield Stored(full, array.shape, array.dtype, array.view)
 
 
-def _named(source: Source, found: Iterable[Stored]) -> Table:
-    """The columns of all arrays of numbers, by name."""
+def table_of(where: Where, found: Iterable[Stored]) -> Table:
+    """The columns of all arrays of numbers, by name.
+
+    Raises:
+        InputRefused: there are none.
+    """
     columns: dict[str, Column] = {}
     left: list[str] = []
     for stored in found:
@@ -129,8 +178,8 @@ def _named(source: Source, found: Iterable[Stored]) -> Table:
             left.append(f"{name}, {' × '.join(map(str, stored.shape))}")
     if not columns:
         more = f" (left out, with more than {LIMITS.columns} columns: {'; '.join(left[:_SHOWN])})" if left else ""
-        raise InputRefused(f"{source.name}: no numeric variables in it{more}: save the samples as vectors")
-    return Table(Where(source.name), tuple(columns), tuple(columns.values()), by_name=True)
+        raise InputRefused(f"{where}: no numeric variables in it{more}: save the samples as vectors")
+    return Table(where, tuple(columns), tuple(columns.values()), by_name=True)
 
 
 def _vector(load: Callable[[], np.ndarray]) -> Column:

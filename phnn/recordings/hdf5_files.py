@@ -57,7 +57,7 @@ def datasets(source: Source, cause: str, remedy: str, transposed: bool = False) 
                     array = np.asarray(file[path][field] if field is not None else file[path][()])
                     return array.T if transposed else array
             except Exception as error:  # on damaged bytes h5py raises errors of many kinds
-                raise _refused(source, cause, error, remedy) from error
+                raise refused_file(source, cause, error, remedy) from error
 
         return load
 
@@ -82,10 +82,13 @@ def datasets(source: Source, cause: str, remedy: str, transposed: bool = False) 
             f"made it"
         ) from error
     except Exception as error:  # on damaged bytes h5py raises errors of many kinds
-        raise _refused(source, cause, error, remedy) from error
+        raise refused_file(source, cause, error, remedy) from error
 
 
-def _refused(source: Source, cause: str, error: Exception, remedy: str) -> InputRefused:
+def refused_file(source: Source, cause: str, error: Exception, remedy: str) -> InputRefused:
+    """The refusal of a file on which the library stumbled; a refusal stays as it is."""
+    if isinstance(error, InputRefused):
+        return error
     return InputRefused(f"{source.name}: {cause} ({printable(str(error))}): {remedy}")
 
 
@@ -114,7 +117,7 @@ def _walk(file: Any, outside: bool) -> Iterator[tuple[str, Any]]:
             item = group.get(name)
             if isinstance(item, h5py.Dataset) and item.shape is not None:
                 if not outside:
-                    _check_dataset(item, path)
+                    check_dataset(item, path)
                 yield path, item
             elif isinstance(item, h5py.Group) and not name.startswith("#") and _address(item) not in seen:
                 seen.add(_address(item))
@@ -160,8 +163,8 @@ def _check_link(file: Any, path: str, depth: int) -> None:
         done = here
 
 
-def _check_dataset(dataset: Any, path: str) -> None:
-    """Refuse numbers that lie in other files. Raises _Outside."""
+def check_dataset(dataset: Any, path: str) -> None:
+    """Refuse numbers that lie in other files. Raises ValueError."""
     if dataset.external:
         raise _Outside(f"{path} has its numbers in the file {printable(str(dataset.external[0][0]))!r}")
     if dataset.is_virtual:

@@ -103,15 +103,29 @@ def load_manifest(folder: Path, path: Path | None, outside: bool = False) -> Man
         if not os.path.lexists(path):
             return Manifest(DEFAULT_SETUP, {}, "command", Entry(), None, None)
     source = named_file(path, inside, "manifest", "check the path given to --manifest", outside)
-    content = load_yaml(source)
-    name = source.name
+    return manifest_of(load_yaml(source), source.name, (path.parent, folder), outside, path)
+
+
+def manifest_of(
+    content: Any, name: str, homes: Sequence[Path], outside: bool = False, path: Path | None = None
+) -> Manifest:
+    """The manifest with a content, as `load_manifest`; None says nothing.
+
+    Args:
+        content: plain values.
+        name: of the manifest, for messages; path: of its file.
+        homes: folders in which a network file may lie; outside: it may also lie elsewhere.
+
+    Raises:
+        InputRefused: something is not understood.
+    """
     top = mapping({} if content is None else content, name)
     keys_of(top, _TOP, name)
     common = _entry({key: top[key] for key in _SHARED if key in top}, Entry(), name)
     listed = top.get("recordings")
     entries = None if listed is None else _entries(listed, common, name)
     return Manifest(
-        _setup(top.get("setup"), name, (path.parent, folder), outside),
+        _setup(top.get("setup"), name, homes, outside),
         _known(top.get("known"), name),
         choice(top.get("voltage", "command"), VOLTAGES, f"{name}: voltage"),
         common,

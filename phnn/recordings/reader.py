@@ -1,48 +1,46 @@
-"""From a folder to a campaign."""
+"""From a folder, or from objects in memory, to a campaign."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
-
-import numpy as np
+from typing import Any
 
 from phnn.errors import InputRefused
 from phnn.intake.names import printable
 from phnn.recordings import checks
+from phnn.recordings.adapters import described, given
 from phnn.recordings.array_files import read_axes
-from phnn.recordings.channels import Channel, select, unused
-from phnn.recordings.clipping import not_clipped
-from phnn.recordings.driving import with_declared
-from phnn.recordings.excitation import Excitation, excitation_of
+from phnn.recordings.draft import Draft, drafts_of
 from phnn.recordings.folder import READERS, Files
-from phnn.recordings.manifest import Entry, Manifest, load_manifest
+from phnn.recordings.manifest import Entry, Manifest, load_manifest, manifest_of
 from phnn.recordings.partition import candidate_of, divide, whole_parts
-from phnn.recordings.recording import ACTUATOR, Campaign, Part, Recording, Start, Units, drive_of
-from phnn.recordings.sampling import on_grid
-from phnn.recordings.segments import segmented
-from phnn.recordings.sensor import Sensor, check_unit_of_limits, longest_free
-from phnn.recordings.table import Table, Where, beside
-from phnn.recordings.units import known_unit
-from phnn.signals.noise import FROM_PERIODS, WHITE, NoiseFloor, noise_floor
+from phnn.recordings.recording import IN_MEMORY, Campaign, Part, Recording
+from phnn.recordings.table import Table, beside
 from phnn.signals.pooling import pooled
 
-FURTHER = ("current", "charge", "force", "temperature")
-_NEAR_ZERO = 0.01  # of the input's range
+# A manifest of an object in memory: its second argument.
+_SAID = "recordings.yaml"
 
 
 def read(
-    folder: str | Path, manifest: str | Path | None = None, *, need_output: bool = True, allow_outside: bool = False
+    folder: str | Path | Any,
+    manifest: str | Path | Mapping[str, Any] | None = None,
+    *,
+    need_output: bool = True,
+    allow_outside: bool = False,
 ) -> Campaign:
-    """Read, check and understand a folder of recordings.
+    """Read, check and understand a folder of recordings, or recordings in memory.
 
         campaign = phnn.read("recordings/")
+        campaign = phnn.read({"loops": frame, "sweep": other}, {"setup": {"model": "linear"}})
 
     Args:
-        folder: holds one file per recording, and ``recordings.yaml`` where something is to be said about them.
-        manifest: a ``recordings.yaml`` that lies elsewhere.
+        folder: holds one file per recording, and ``recordings.yaml`` where something is to be said about them. Or a
+            pandas DataFrame, an xarray Dataset or DataArray, an ``Input_output_data`` of nonlinear_benchmarks or its
+            tuple (train, test), a mapping from column names to arrays; a list of these, or a mapping from names.
+        manifest: a ``recordings.yaml`` that lies elsewhere, or a mapping of its content.
         need_output: refuse recordings without an output. Otherwise (to predict) such recordings have ``y`` NaN
             and ``noise`` NaN, and no recording is set aside: every one is a confirmation part as a whole.
         allow_outside: files may lead out of the folder: by their paths, by links, by external parts of HDF5 files.
@@ -50,14 +48,50 @@ def read(
     Raises:
         InputRefused: with one message naming file, column, row, value, cause and remedy.
     """
+    if not isinstance(folder, str | Path):
+        return _from_memory(folder, manifest, need_output)
     home = Path(folder)
     checks.folder_exists(home)
-    said = load_manifest(home, Path(manifest) if manifest is not None else None, allow_outside)
+    if isinstance(manifest, Mapping):
+        said = manifest_of(manifest, "the manifest given", (home,), allow_outside)
+    else:
+        said = load_manifest(home, Path(manifest) if manifest is not None else None, allow_outside)
     files = Files(home, said, allow_outside)
     entries, left = files.entries()
-    drafts: list[_Draft] = []
-    for entry in entries:
-        drafts += _drafts(files, entry, said, need_output)
+    tables = ((entry, _table(files, entry)) for entry in entries)
+    return _campaign(tables, said, need_output, home, left)
+
+
+def _from_memory(data: Any, manifest: str | Path | Mapping[str, Any] | None, need_output: bool) -> Campaign:
+    here = (Path(),)
+    try:
+        if isinstance(manifest, str | Path):
+            said = load_manifest(here[0], Path(manifest), outside=True)
+        else:
+            said = manifest_of(manifest, "the manifest given", here, outside=True)
+        tables, left = described(given(data, said), said)
+        found = _campaign(tables, said, need_output, Path(IN_MEMORY), left)
+    except InputRefused as error:
+        if _SAID not in str(error):
+            raise
+        raise InputRefused(
+            f"{error} (of recordings in memory the second argument of phnn.read says what recordings.yaml says: a "
+            f"path, or a mapping)"
+        ) from error
+    return replace(found, in_memory=True)
+
+
+def _campaign(
+    tables: Iterable[tuple[Entry, Table]], said: Manifest, need_output: bool, home: Path, left: list[str]
+) -> Campaign:
+    """The campaign of tables, each with what is said about it; they are asked for one after another.
+
+    Args:
+        home: where they come from; left: what else is there, in words.
+    """
+    drafts: list[Draft] = []
+    for entry, table in tables:
+        drafts += drafts_of(entry, table, said, need_output, home)
         checks.not_too_many(len(drafts), sum(d.recording.t.size for d in drafts), home)
     checks.unique_names((d.recording.name, d.recording.source) for d in drafts)
     parts, new, notes = _divided(drafts, need_output)
@@ -75,131 +109,10 @@ def read(
     return Campaign(recordings, said.setup, said.known, said.voltage, notes, new, printable(str(home)), held)
 
 
-@dataclass(frozen=True, eq=False)
-class _Draft:
-    """A recording that has not been given its parts yet."""
-
-    recording: Recording
-    floor: NoiseFloor
-    excitation: Excitation
-    use: str | None
-    columns: str
-    notes: tuple[str, ...]
-
-
-def _drafts(files: Files, entry: Entry, said: Manifest, need_output: bool) -> list[_Draft]:
-    """The recordings of a file, one for each of several outputs."""
+def _table(files: Files, entry: Entry) -> Table:
+    """The columns of all files of a recording."""
     sources = [files.source(file) for file in entry.files]
-    table = beside([read_axes(s, entry.axes) if entry.axes else READERS[s.suffix](s) for s in sources])
-    named = {n: ("input", c) for n, c in entry.ports.items()} | {n: ("output", c) for n, c in entry.outputs.items()}
-    channels = select(table, entry.columns, named)
-    u_name, y_names = _roles(entry, channels, said, table, need_output)
-    pieces = segmented(entry, channels, table)
-    size = next(iter(channels.values())).values.size
-    # The channels have copies of what is needed.
-    table = replace(table, columns=())
-    checks.not_too_many(len(pieces) * len(y_names), size * len(y_names), files.home)
-    return [_draft(piece, table, channels, (u_name, y_name), said) for piece in pieces for y_name in y_names]
-
-
-def _draft(
-    entry: Entry, table: Table, channels: Mapping[str, Channel], roles: tuple[str, str | None], said: Manifest
-) -> _Draft:
-    u_name, y_name = roles
-    dt, values, where, notes = _sampled(entry, table, channels)
-    u = values[u_name]
-    y = values[y_name] if y_name is not None else np.full(u.size, np.nan)
-    ports = {port: values[port] for port in entry.ports}
-    drive = drive_of(u, ports)
-    start = entry.start or _default_start(u, *ports.values())
-    before = start.input_before if start.state == "rest" else None
-    if y_name is not None:
-        if entry.start is None or start.state != "unknown":
-            # What is said to have begun before the first sample may go on under a constant input.
-            checks.input_moves(drive, before, f"{u_name} ({channels[u_name].label})", where)
-        label = f"{y_name} ({channels[y_name].label})"
-        checks.output_moves(y, label, where)
-        check_unit_of_limits(entry.sensor, _si(channels[y_name]), label, where)
-        not_clipped(drive, y, label, channels[y_name].factor, where, entry.sensor)
-        if _is_actuator(said):
-            checks.like_an_actuator(float(np.ptp(y)), "displacement", channels[y_name].label, where)
-    largest = max(float(np.abs(u).max()), abs(before or 0.0))
-    if _is_actuator(said) and (largest > 0.0 or start.state != "unknown"):
-        # Under no voltage what began before the first sample may go on, as it may under a constant one.
-        checks.like_an_actuator(largest, "voltage", channels[u_name].label, where)
-    excitation = _excitation(drive, dt, entry, table, where)
-    name, measures = entry.name or printable(Path(entry.file).stem), y_name if y_name in entry.outputs else None
-    if measures is not None:
-        name = f"{name}.{measures}"
-    floor, recording = _recording(name, entry, _Signals(dt, u, y, drive), start, excitation)
-    further = {q: values[q] for q in FURTHER if q in values and q != u_name}
-    units = Units(_si(channels[u_name]), _si(channels[y_name]) if y_name is not None else ACTUATOR.output)
-    gain = entry.columns[u_name].gain if u_name in entry.columns else recording.gain
-    full = replace(recording, channels=further, units=units, further=ports, measures=measures or "", gain=gain)
-    recording = with_declared(full, entry.jumps_at_s, entry.rise_time_s)
-    what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
-    spare = unused(table, channels)
-    if spare and not table.by_name:
-        notes.append(f"{name}: columns not used: {', '.join(spare)}.")
-    notes.extend(f"{name}: {note}." for note in table.notes)
-    return _Draft(recording, floor, excitation, entry.use, what, tuple(notes))
-
-
-def _si(channel: Channel) -> str:
-    return known_unit(channel.unit).si
-
-
-class _Signals(NamedTuple):
-    """Signals on a uniform grid.
-
-    Attributes:
-        dt: sampling interval [s].
-        u, y: (N,) first input, and output; NaN where none was recorded.
-        drive: (N,) what all inputs do together, see `phnn.recordings.recording.drive_of`.
-    """
-
-    dt: float
-    u: np.ndarray
-    y: np.ndarray
-    drive: np.ndarray
-
-
-def _recording(
-    name: str, entry: Entry, signals: _Signals, start: Start, excitation: Excitation
-) -> tuple[NoiseFloor, Recording]:
-    floor = NoiseFloor(float("nan"), "no output recorded", WHITE)
-    if np.isfinite(signals.y).all():
-        floor = _noise(signals, start, entry.sensor, excitation)
-    return floor, Recording(
-        name=name,
-        t=signals.dt * np.arange(signals.u.size),
-        u=signals.u,
-        y=signals.y,
-        start=start,
-        interpolation=entry.input or "cubic",
-        parts=(),
-        noise=floor.value,
-        noise_source=floor.source,
-        noise_correlation=floor.correlation,
-        period=excitation.period,
-        channels={},
-        source=printable(", ".join(entry.files)),
-        sensor=entry.sensor,
-        offset=entry.offset,
-    )
-
-
-def _noise(signals: _Signals, start: Start, sensor: Sensor, excitation: Excitation) -> NoiseFloor:
-    """The noise floor of an output; where a sensor saturates, samples at the limit carry no noise."""
-    drive, y, dt = signals.drive, signals.y, signals.dt
-    stuck = sensor.at_limit(y) != 0
-    floor = noise_floor(drive, y, dt, excitation.period, excitation.span, start.state == "periodic")
-    if not stuck.any():
-        return floor
-    first, last = longest_free(stuck)
-    if not floor.source.startswith(FROM_PERIODS) and last - first >= checks.FEWEST_SAMPLES:
-        return noise_floor(drive[first:last], y[first:last], dt)
-    return replace(floor, value=floor.value / max(1.0 - float(stuck.mean()), 1.0 / y.size) ** 0.5)
+    return beside([read_axes(s, entry.axes) if entry.axes else READERS[s.suffix](s) for s in sources])
 
 
 def _kind(recording: Recording) -> tuple[str, str, float]:
@@ -207,63 +120,7 @@ def _kind(recording: Recording) -> tuple[str, str, float]:
     return recording.measures, recording.units.output, float(f"{recording.dt:.9g}")
 
 
-def _is_actuator(said: Manifest) -> bool:
-    return said.setup.get("model") in ("piezo_actuator", "hrc")
-
-
-def _roles(
-    entry: Entry, channels: Mapping[str, Channel], said: Manifest, table: Table, need_output: bool
-) -> tuple[str, list[str | None]]:
-    """Which channels are the first input and the outputs. A force drives only what is no piezo actuator."""
-    actuator = _is_actuator(said)
-    inputs = ["voltage"] if actuator else ["input", "voltage", "force"]
-    outputs = list(entry.outputs) or (["displacement"] if actuator else ["output", "displacement"])
-    found_inputs = [q for q in inputs if q in channels]
-    found_outputs: list[str | None] = [q for q in outputs if q in channels]
-    checks.input_present(bool(found_inputs), table.names, table.where)
-    if need_output:
-        checks.output_present(bool(found_outputs), table.names, table.where)
-    return found_inputs[0], (found_outputs if entry.outputs else found_outputs[:1]) or [None]
-
-
-def _sampled(
-    entry: Entry, table: Table, channels: Mapping[str, Channel]
-) -> tuple[float, dict[str, np.ndarray], Where, list[str]]:
-    """The interval and the channels on a uniform grid, cut to the slice."""
-    assert entry.slice is not None
-    first, last = entry.slice
-    where = table.where.after(first)
-    values = {q: c.values[first:last] for q, c in channels.items() if q != "time"}
-    checks.enough_samples(last - first, where)
-    if "time" not in channels:
-        dt = 1.0 / checks.rate_present(entry.sample_rate_hz, table.names, table.where)
-        checks.interval(dt, table.where)
-        return dt, values, where, []
-    time = channels["time"]
-    dt, values, note = on_grid(time.values[first:last], known_unit(time.unit).factor, values, where)
-    return dt, values, where, [f"{entry.name or printable(Path(entry.file).stem)}: {note}."] if note else []
-
-
-def _default_start(*inputs: np.ndarray) -> Start:
-    near = all(abs(float(u[0])) <= _NEAR_ZERO * float(np.ptp(u)) for u in inputs)
-    return Start("rest", 0.0) if near else Start("unknown")
-
-
-def _excitation(drive: np.ndarray, dt: float, entry: Entry, table: Table, where: Where) -> Excitation:
-    found = excitation_of(drive, dt)
-    if entry.periodic is False and found.period is not None:
-        return replace(found, period=None)
-    if found.period is None and table.shape and drive.size >= table.shape[-1]:
-        return replace(found, period=table.shape[-1] * dt, cycles=drive.size / table.shape[-1])
-    if entry.periodic and found.period is None:
-        raise InputRefused(
-            f"{where}: recordings.yaml says periodic: true, but the input does not repeat (two whole periods are "
-            f"needed): correct it, or leave `periodic` out"
-        )
-    return found
-
-
-def _divided(drafts: list[_Draft], need_output: bool) -> tuple[Mapping[str, tuple[Part, ...]], bool, tuple[str, ...]]:
+def _divided(drafts: list[Draft], need_output: bool) -> tuple[Mapping[str, tuple[Part, ...]], bool, tuple[str, ...]]:
     candidates = [candidate_of(d.recording, d.excitation, d.use) for d in drafts]
     if not need_output:
         return {c.name: whole_parts(c, True) for c in candidates}, False, ()
@@ -282,7 +139,7 @@ def _extent(recordings: tuple[Recording, ...]) -> str:
     return f"Read {len(recordings)} recording{many}: {samples} samples, {seconds:.4g} s, {said}."
 
 
-def _columns(drafts: list[_Draft]) -> tuple[str, ...]:
+def _columns(drafts: list[Draft]) -> tuple[str, ...]:
     """Which columns serve as what, said once for all recordings that share it."""
     names: dict[str, list[str]] = {}
     for draft in drafts:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +20,8 @@ class Units(NamedTuple):
 
 
 ACTUATOR = Units("V", "m")
+# What stands for the folder of recordings that do not come from files.
+IN_MEMORY = "recordings in memory"
 # Weights of further inputs, which no simple relation makes cancel; and by how much of a sample a whole number of
 # periods may miss a whole number of samples.
 _GOLDEN, _WHOLE = 0.618, 0.02
@@ -216,8 +219,9 @@ class Campaign:
         voltage: ``"command"`` or ``"terminals"``.
         notes: what was understood, in sentences.
         held_out_is_new: the confirmation parts bring an amplitude or a frequency that identification lacks.
-        folder: where the recordings lie.
+        folder: where the recordings lie, as the user calls it.
         held_out: names of the recordings that the manifest marks with ``use: confirmation``.
+        in_memory: they come from objects, and ``folder`` is no path.
     """
 
     recordings: tuple[Recording, ...]
@@ -228,6 +232,17 @@ class Campaign:
     held_out_is_new: bool
     folder: str
     held_out: frozenset[str] = frozenset()
+    in_memory: bool = False
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Folders that results must not be written into, as they were read from."""
+        return [] if self.in_memory else [Path(self.folder)]
+
+
+def is_actuator(setup: Mapping[str, Any]) -> bool:
+    """Whether a setup is the piezo actuator, with a voltage in and a displacement out."""
+    return setup.get("model") in ("piezo_actuator", "hrc")
 
 
 def dominant_frequency(recording: Recording) -> float:

@@ -76,6 +76,12 @@ class Table:
     shape: tuple[int, ...] = ()
     segments: tuple[int, ...] = ()
 
+    def with_columns_of(self, other: Table) -> Table:
+        """The columns of both, those of the other where they share a name, with its segments."""
+        both = dict(zip(self.names, self.columns, strict=True)) | dict(zip(other.names, other.columns, strict=True))
+        notes = (*self.notes, *other.notes)
+        return replace(self, names=tuple(both), columns=tuple(both.values()), notes=notes, segments=other.segments)
+
     def find(self, place: int | str) -> int:
         """Index of the column at an index or of a name.
 

@@ -14,10 +14,18 @@ from phnn.report.provenance import python_version
 
 # Names of recordings that are listed; of more, the number is said.
 _LISTED = 16
-_PAPER_SHORT = "Díaz, Ramírez, Le Gorrec & Wu, Modular Passivity-Based Modeling of Piezoelectric Actuators"
-_PAPER = """@misc{diaz_modular,
-  author = {D{\\'i}az, Ignacio and Ram{\\'i}rez, H{\\'e}ctor and {Le Gorrec}, Yann and Wu, Yongxin},
-  title  = {Modular Passivity-Based Modeling of Piezoelectric Actuators},
+_PAPER_SHORT = (
+    "Díaz, Ramírez, Le Gorrec & Wu, Modular Passivity-Based Modeling of Piezoelectric Actuators, Mathematical and "
+    "Computer Modelling of Dynamical Systems 31 (1), 2025, doi:10.1080/13873954.2025.2533294"
+)
+_PAPER = """@article{diaz_modular,
+  author  = {D{\\'i}az, Ignacio and Ram{\\'i}rez, H{\\'e}ctor and {Le Gorrec}, Yann and Wu, Yongxin},
+  title   = {Modular Passivity-Based Modeling of Piezoelectric Actuators},
+  journal = {Mathematical and Computer Modelling of Dynamical Systems},
+  volume  = {31},
+  number  = {1},
+  year    = {2025},
+  doi     = {10.1080/13873954.2025.2533294},
 }"""
 # What BibTeX takes for its own, as LaTeX writes it.
 _ESCAPES = {

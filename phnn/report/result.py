@@ -57,8 +57,7 @@ def write(diagnosis: Diagnosis, out: Path | str, overwrite: bool = False) -> dic
         InputRefused: the folder belongs to the recordings or to another run, holds files of others with the names of
             results, or cannot be written to.
     """
-    inputs = [Path(diagnosis.campaign.folder)]
-    with claim(Path(out), "diagnose", inputs, RESULTS, overwrite=overwrite) as place:
+    with claim(Path(out), "diagnose", diagnosis.campaign.inputs, RESULTS, overwrite=overwrite) as place:
         return write_into(diagnosis, place)
 
 

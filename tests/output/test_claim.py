@@ -42,6 +42,13 @@ def test_results_of_an_earlier_run_go_and_files_of_others_stay(tmp_path: Path) -
     assert seen(tmp_path / "o") == {"report.html": b"2", "notes.txt": b"mine", "figures/mine.png": b"mine"}
 
 
+def test_half_a_file_of_a_worker_that_was_killed_goes_at_the_end(tmp_path: Path) -> None:
+    with claim(tmp_path, "prove", (), RESULTS) as place:
+        (place / "figures" / "a.png").write(b"1")
+        (tmp_path / "figures" / f".{'0b' * 8}.part").write_bytes(b"half")
+    assert seen(tmp_path) == {"figures/a.png": b"1"}
+
+
 def test_a_result_that_was_changed_is_kept_and_not_removed(tmp_path: Path) -> None:
     with claim(tmp_path, "diagnose", (), RESULTS) as place:
         (place / "report.html").write(b"1")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from phnn.configuration import compose
 from phnn.demo import open_seal
+from phnn.ensemble import Executor
 from phnn.errors import InputRefused, PhnnError
 from phnn.output import Place
 from phnn.prove import run
@@ -74,6 +76,31 @@ def test_a_proof_of_three_cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
     with pytest.raises(InputRefused, match="was made with other settings"):
         proved(settings(seed=1), tmp_path, said.append)
+
+
+def test_work_that_is_done_twice_counts_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A cluster does again what a worker had finished, but not handed over, when it died.
+    class Twice(Executor):
+        def each(self, function: Any, items: Any) -> Iterator[tuple[int, Any]]:
+            for index, item in enumerate(items):
+                function(item)
+                if (tmp_path / "twice" / "answers" / f"{item.name}.json").exists():
+                    # It died while it removed the recordings.
+                    left = tmp_path / "twice" / "recordings" / item.name
+                    left.mkdir()
+                    (left / "left.csv").touch()
+                yield index, function(item)
+
+    monkeypatch.setattr(
+        run, "score_folder", lambda folder, seed: {"verdict": "none", "seconds": len(list(folder.iterdir()))}
+    )
+    once, seals = proved(settings(), tmp_path / "once", lambda line: None)
+    monkeypatch.setattr(run, "executor", lambda choice: Twice())
+    twice, same_seals = proved(settings(), tmp_path / "twice", lambda line: None)
+    assert seals == same_seals
+    assert [repr(o) for o in twice] == [repr(o) for o in once]
+    assert all(not o.failure for o in twice)
+    assert not list((tmp_path / "twice" / "recordings").iterdir())
 
 
 def test_a_seal_broken_during_the_diagnosis_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,221 @@
+"""From a table of columns to recordings on a uniform grid in SI units, each with its noise floor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from phnn.errors import InputRefused
+from phnn.intake.names import printable
+from phnn.recordings import checks
+from phnn.recordings.channels import Channel, select, unused
+from phnn.recordings.clipping import not_clipped
+from phnn.recordings.driving import with_declared
+from phnn.recordings.excitation import Excitation, excitation_of
+from phnn.recordings.manifest import Entry, Manifest
+from phnn.recordings.recording import ACTUATOR, Recording, Start, Units, drive_of, is_actuator
+from phnn.recordings.sampling import on_grid
+from phnn.recordings.segments import segmented
+from phnn.recordings.sensor import Sensor, check_unit_of_limits, longest_free
+from phnn.recordings.table import Table, Where
+from phnn.recordings.units import known_unit
+from phnn.signals.noise import FROM_PERIODS, WHITE, NoiseFloor, noise_floor
+
+FURTHER = ("current", "charge", "force", "temperature")
+_NEAR_ZERO = 0.01  # of the input's range
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """A recording that has not been given its parts yet.
+
+    Attributes:
+        floor: the noise of its output; excitation: of its input.
+        use: what the manifest demands, None if nothing.
+        columns: what was understood as what, in words; notes: further sentences.
+    """
+
+    recording: Recording
+    floor: NoiseFloor
+    excitation: Excitation
+    use: str | None
+    columns: str
+    notes: tuple[str, ...]
+
+
+def drafts_of(entry: Entry, table: Table, said: Manifest, need_output: bool, home: Path) -> list[Draft]:
+    """The recordings of a table, one for each segment and for each of several outputs.
+
+    Args:
+        entry: what is said about the table; said: about all.
+        need_output: refuse a table without an output.
+        home: where the table comes from, for messages.
+
+    Raises:
+        InputRefused: with one message naming file, column, row, value, cause and remedy.
+    """
+    named = {n: ("input", c) for n, c in entry.ports.items()} | {n: ("output", c) for n, c in entry.outputs.items()}
+    channels = select(table, entry.columns, named)
+    u_name, y_names = _roles(entry, channels, said, table, need_output)
+    pieces = segmented(entry, channels, table)
+    size = next(iter(channels.values())).values.size
+    # The channels have copies of what is needed.
+    table = replace(table, columns=())
+    checks.not_too_many(len(pieces) * len(y_names), size * len(y_names), home)
+    return [_draft(piece, table, channels, (u_name, y_name), said) for piece in pieces for y_name in y_names]
+
+
+def _draft(
+    entry: Entry, table: Table, channels: Mapping[str, Channel], roles: tuple[str, str | None], said: Manifest
+) -> Draft:
+    u_name, y_name = roles
+    dt, values, where, notes = _sampled(entry, table, channels)
+    u = values[u_name]
+    y = values[y_name] if y_name is not None else np.full(u.size, np.nan)
+    ports = {port: values[port] for port in entry.ports}
+    drive = drive_of(u, ports)
+    start = entry.start or _default_start(u, *ports.values())
+    before = start.input_before if start.state == "rest" else None
+    if y_name is not None:
+        if entry.start is None or start.state != "unknown":
+            # What is said to have begun before the first sample may go on under a constant input.
+            checks.input_moves(drive, before, f"{u_name} ({channels[u_name].label})", where)
+        label = f"{y_name} ({channels[y_name].label})"
+        checks.output_moves(y, label, where)
+        check_unit_of_limits(entry.sensor, _si(channels[y_name]), label, where)
+        not_clipped(drive, y, label, channels[y_name].factor, where, entry.sensor)
+        if is_actuator(said.setup):
+            checks.like_an_actuator(float(np.ptp(y)), "displacement", channels[y_name].label, where)
+    largest = max(float(np.abs(u).max()), abs(before or 0.0))
+    if is_actuator(said.setup) and (largest > 0.0 or start.state != "unknown"):
+        # Under no voltage what began before the first sample may go on, as it may under a constant one.
+        checks.like_an_actuator(largest, "voltage", channels[u_name].label, where)
+    excitation = _excitation(drive, dt, entry, table, where)
+    name, measures = entry.name or printable(Path(entry.file).stem), y_name if y_name in entry.outputs else None
+    if measures is not None:
+        name = f"{name}.{measures}"
+    floor, recording = _recording(name, entry, _Signals(dt, u, y, drive), start, excitation)
+    further = {q: values[q] for q in FURTHER if q in values and q != u_name}
+    units = Units(_si(channels[u_name]), _si(channels[y_name]) if y_name is not None else ACTUATOR.output)
+    gain = entry.columns[u_name].gain if u_name in entry.columns else recording.gain
+    full = replace(recording, channels=further, units=units, further=ports, measures=measures or "", gain=gain)
+    recording = with_declared(full, entry.jumps_at_s, entry.rise_time_s)
+    what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
+    spare = unused(table, channels)
+    if spare and not table.by_name:
+        notes.append(f"{name}: columns not used: {', '.join(spare)}.")
+    notes.extend(f"{name}: {note}." for note in table.notes)
+    return Draft(recording, floor, excitation, entry.use, what, tuple(notes))
+
+
+def _si(channel: Channel) -> str:
+    return known_unit(channel.unit).si
+
+
+class _Signals(NamedTuple):
+    """Signals on a uniform grid.
+
+    Attributes:
+        dt: sampling interval [s].
+        u, y: (N,) first input, and output; NaN where none was recorded.
+        drive: (N,) what all inputs do together, see `phnn.recordings.recording.drive_of`.
+    """
+
+    dt: float
+    u: np.ndarray
+    y: np.ndarray
+    drive: np.ndarray
+
+
+def _recording(
+    name: str, entry: Entry, signals: _Signals, start: Start, excitation: Excitation
+) -> tuple[NoiseFloor, Recording]:
+    floor = NoiseFloor(float("nan"), "no output recorded", WHITE)
+    if np.isfinite(signals.y).all():
+        floor = _noise(signals, start, entry.sensor, excitation)
+    return floor, Recording(
+        name=name,
+        t=signals.dt * np.arange(signals.u.size),
+        u=signals.u,
+        y=signals.y,
+        start=start,
+        interpolation=entry.input or "cubic",
+        parts=(),
+        noise=floor.value,
+        noise_source=floor.source,
+        noise_correlation=floor.correlation,
+        period=excitation.period,
+        channels={},
+        source=printable(", ".join(entry.files)),
+        sensor=entry.sensor,
+        offset=entry.offset,
+    )
+
+
+def _noise(signals: _Signals, start: Start, sensor: Sensor, excitation: Excitation) -> NoiseFloor:
+    """The noise floor of an output; where a sensor saturates, samples at the limit carry no noise."""
+    drive, y, dt = signals.drive, signals.y, signals.dt
+    stuck = sensor.at_limit(y) != 0
+    floor = noise_floor(drive, y, dt, excitation.period, excitation.span, start.state == "periodic")
+    if not stuck.any():
+        return floor
+    first, last = longest_free(stuck)
+    if not floor.source.startswith(FROM_PERIODS) and last - first >= checks.FEWEST_SAMPLES:
+        return noise_floor(drive[first:last], y[first:last], dt)
+    return replace(floor, value=floor.value / max(1.0 - float(stuck.mean()), 1.0 / y.size) ** 0.5)
+
+
+def _roles(
+    entry: Entry, channels: Mapping[str, Channel], said: Manifest, table: Table, need_output: bool
+) -> tuple[str, list[str | None]]:
+    """Which channels are the first input and the outputs. A force drives only what is no piezo actuator."""
+    actuator = is_actuator(said.setup)
+    inputs = ["voltage"] if actuator else ["input", "voltage", "force"]
+    outputs = list(entry.outputs) or (["displacement"] if actuator else ["output", "displacement"])
+    found_inputs = [q for q in inputs if q in channels]
+    found_outputs: list[str | None] = [q for q in outputs if q in channels]
+    checks.input_present(bool(found_inputs), table.names, table.where)
+    if need_output:
+        checks.output_present(bool(found_outputs), table.names, table.where)
+    return found_inputs[0], (found_outputs if entry.outputs else found_outputs[:1]) or [None]
+
+
+def _sampled(
+    entry: Entry, table: Table, channels: Mapping[str, Channel]
+) -> tuple[float, dict[str, np.ndarray], Where, list[str]]:
+    """The interval and the channels on a uniform grid, cut to the slice."""
+    assert entry.slice is not None
+    first, last = entry.slice
+    where = table.where.after(first)
+    values = {q: c.values[first:last] for q, c in channels.items() if q != "time"}
+    checks.enough_samples(last - first, where)
+    if "time" not in channels:
+        dt = 1.0 / checks.rate_present(entry.sample_rate_hz, table.names, table.where)
+        checks.interval(dt, table.where)
+        return dt, values, where, []
+    time = channels["time"]
+    dt, values, note = on_grid(time.values[first:last], known_unit(time.unit).factor, values, where)
+    return dt, values, where, [f"{entry.name or printable(Path(entry.file).stem)}: {note}."] if note else []
+
+
+def _default_start(*inputs: np.ndarray) -> Start:
+    near = all(abs(float(u[0])) <= _NEAR_ZERO * float(np.ptp(u)) for u in inputs)
+    return Start("rest", 0.0) if near else Start("unknown")
+
+
+def _excitation(drive: np.ndarray, dt: float, entry: Entry, table: Table, where: Where) -> Excitation:
+    found = excitation_of(drive, dt)
+    if entry.periodic is False and found.period is not None:
+        return replace(found, period=None)
+    if found.period is None and table.shape and drive.size >= table.shape[-1]:
+        return replace(found, period=table.shape[-1] * dt, cycles=drive.size / table.shape[-1])
+    if entry.periodic and found.period is None:
+        raise InputRefused(
+            f"{where}: recordings.yaml says periodic: true, but the input does not repeat (two whole periods are "
+            f"needed): correct it, or leave `periodic` out"
+        )
+    return found
