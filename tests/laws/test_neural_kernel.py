@@ -11,7 +11,7 @@ import numba
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from torch import Tensor, nn
@@ -142,6 +142,7 @@ def test_compiled_values_are_those_of_the_torch_module(name: str, shake: tuple[i
 @every
 @fuzzy
 @given(shakes)
+@example((236926, 4.0))
 def test_complex_step_is_the_slope_of_autograd(name: str, shake: tuple[int, float]) -> None:
     weights, given_ = weights_of(shaken(name, *shake)), arguments(name)
     tensors = [torch.from_numpy(x).clone().requires_grad_(True) for x in given_]
