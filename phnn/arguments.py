@@ -94,7 +94,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = {name: _add(group, name, text) for name, text in _COMMANDS.items()}
     commands["plot"].add_argument("kind", choices=_PLOTS, metavar="KIND", help=", ".join(_PLOTS))
     for name in _MODEL:
-        text = "model/ or base/ of an earlier result"
+        text = "model/ or base/ of an earlier result, or the folder of a diagnosis"
         commands[name].add_argument("model", type=Path, metavar="MODEL", help=text)
     for name in _FOLDER:
         commands[name].add_argument("folder", type=Path, metavar="FOLDER", help="folder of recordings")

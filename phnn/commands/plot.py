@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +25,15 @@ from phnn.recordings import Campaign, read
 from phnn.report.document import Location
 from phnn.report.figures.style import svg
 from phnn.report.reading import read_document
+from phnn.report.tables import literal_text
 from phnn.simulate import simulate
 
 _DIAGNOSIS = "diagnosis.json"
 # Endings of the tables' names, of all kinds.
 _TABLES = ("", "_spectrum", "_measured")
+# Arguments that a kind does not take; all others take no frequencies and no amplitude.
+_OF_BODE = ("--frequencies", "--amplitude")
+_NOT_TAKEN = {"bode": ("--recording",), "location": ("FOLDER", "--recording", *_OF_BODE)}
 # Frequencies between the two that are given.
 _POINTS = 40
 
@@ -58,6 +62,7 @@ def plot(
     Raises:
         InputRefused: what a kind needs is not given, or cannot be used.
     """
+    _check(kind, {"FOLDER": folder, "--recording": recording, "--frequencies": frequencies, "--amplitude": amplitude})
     inputs, files = [model] if folder is None else [model, folder], [f"{kind}.svg"]
     results = (f"{kind}.svg", *(f"{kind}{end}.csv" for end in _TABLES))
     with claim(out, "plot", inputs, results, overwrite=overwrite) as place, status():
@@ -70,9 +75,19 @@ def plot(
         (place / f"{kind}.svg").write(svg(np.ravel(found.draw())[0].figure))
         for end, table in found.tables().items():
             files.append(f"{kind}{end}.csv")
-            (place / files[-1]).write(table.to_csv(index=False).encode())
+            safe = table.map(lambda value: literal_text(value) if isinstance(value, str) else value)
+            (place / files[-1]).write(safe.to_csv(index=False).encode())
     for name in files:
         print(out / name)
+
+
+def _check(kind: str, given: Mapping[str, object]) -> None:
+    """Refuse what a kind of plot does not take."""
+    for name, value in given.items():
+        if value is not None and name in _NOT_TAKEN.get(kind, _OF_BODE):
+            raise InputRefused(f"phnn plot {kind} does not take {name}: leave it out")
+    if kind == "energy" and isinstance(named := given["--recording"], list) and len(named) > 1:
+        raise InputRefused("phnn plot energy draws one recording: give --recording once")
 
 
 def _tell(kind: str, campaign: Campaign | None, recording: Sequence[str] | None) -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from phnn.errors import InputRefused
+from phnn.intake.limits import LIMITS
 from phnn.inverse.path import path_through, smallest_count
 from phnn.signals.sampling import check_samples
 
@@ -44,7 +47,7 @@ def smoothed(reference: Array, dt: float, corner: float | None) -> Array:
         corner: frequency at which half of the amplitude is left [Hz]; None: as it is.
 
     Raises:
-        InputRefused: the corner lies above half of the sampling frequency.
+        InputRefused: the corner lies above half of the sampling frequency, or so low that its response is endless.
     """
     if corner is None:
         return reference
@@ -54,7 +57,7 @@ def smoothed(reference: Array, dt: float, corner: float | None) -> Array:
         )
     sections = butter(_ORDER, corner, fs=1.0 / dt, output="sos")
     # The response has died away over some periods of the corner.
-    beyond = int(np.ceil(4.0 * _ORDER / (2.0 * np.pi * corner * dt)))
+    beyond = _count(4.0 * _ORDER / (2.0 * np.pi * corner * dt), f"smooth = {corner:g} Hz", "a higher corner")
     padded = np.pad(reference, beyond, mode="edge")
     return np.asarray(sosfiltfilt(sections, padded, padtype=None)[beyond : beyond + reference.size])
 
@@ -66,8 +69,11 @@ def led_in(reference: Array, dt: float, duration: float) -> Array:
 
     Args:
         duration: of the way [s]; zero: none.
+
+    Raises:
+        InputRefused: the way has too many samples.
     """
-    count = round(duration / dt)
+    count = _count(duration / dt, f"lead_in = {duration:g} s", "a shorter one")
     if not count:
         return reference
     start = path_through(reference, dt, 1)
@@ -111,3 +117,9 @@ def judged(share: float, dt: float) -> tuple[str, ...]:
     if share >= _REFUSED:
         raise InputRefused(f"{about}: {remedy}")
     return (f"{about}; {remedy}.",)
+
+
+def _count(samples: float, said: str, remedy: str) -> int:
+    if samples > LIMITS.samples:
+        raise InputRefused(f"{said} takes {samples:.3g} samples, at most {LIMITS.samples} are accepted: give {remedy}")
+    return math.ceil(samples - 0.5)

@@ -117,12 +117,11 @@ def stretches(t: Array, error: Array, tolerance: float, lost: NDArray[np.bool_],
     if not at.size:
         return ()
     groups = np.split(at, np.flatnonzero(np.diff(t[at]) > least) + 1)
-    begun = np.flatnonzero(lost)
-    # What was out of reach leaves an error behind it, not before it.
-    first = int(begun[0]) if begun.size else t.size
     found = []
     for group in groups:
         worst = int(group[np.argmax(np.abs(error[group]))])
-        why = causes if group[-1] >= first else ()
+        # An error begins no later than this after the sample that was out of reach.
+        before = int(np.searchsorted(t, t[group[0]] - least))
+        why = causes if lost[before : group[-1] + 1].any() else ()
         found.append(Stretch(float(t[group[0]]), float(t[group[-1]]), float(error[worst]), float(t[worst]), why))
     return tuple(found)

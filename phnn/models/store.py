@@ -29,6 +29,8 @@ T = TypeVar("T")
 SCHEMA = "phnn.model/1"
 _REMEDY = "give model/ or base/ of a result"
 FILE = "model.json"
+# The folder of the final model within that of a diagnosis.
+FINAL = "model"
 
 
 def save(setup: Setup, folder: Path | Place, substeps: int = 1) -> None:
@@ -103,12 +105,16 @@ def stored(folder: Path, outside: bool = False) -> tuple[Mapping[str, Any], str]
     """Read the plain content of a stored model of any kind, and the name of its file for messages.
 
     Args:
-        folder: of the model, or its file; outside: the file in the folder may be a link that leads out of it.
+        folder: of the model, or its file, or the folder of a diagnosis, which holds its final model; outside: the file
+            in the folder may be a link that leads out of it.
 
     Raises:
         InputRefused: the file is absent, too large, or no json object.
     """
     path = folder / FILE if os.path.isdir(folder) else folder
+    within = folder / FINAL / FILE
+    if path != folder and not path.exists() and within.exists():
+        path, folder = within, within.parent
     source = named_file(path, (folder,) if path != folder else (), "", f"the model cannot be read, {_REMEDY}", outside)
     content, shown = load_json(source, LIMITS.model_bytes, "a model", _REMEDY), printable(str(path))
     if not isinstance(content, dict):

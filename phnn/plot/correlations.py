@@ -164,7 +164,8 @@ def _tested(one: Predicted, lags: int | None) -> Tested:
     own_lags, both = np.arange(reach + 1, dtype=np.int64), np.arange(-reach, reach + 1, dtype=np.int64)
     centre = np.zeros(reach + 1)
     known = min(rho.size, reach + 1)
-    centre[:known] = rho[:known]
+    # The estimator divides by all samples, also where fewer pairs are that far apart.
+    centre[:known] = rho[:known] * (1.0 - np.arange(known) / e.size)
     own = Correlated(
         own_lags, correlation(e, e, reach)[reach:], centre, far * own_deviation(rho, e.size, reach), own_lags > 0
     )

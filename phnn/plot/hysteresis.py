@@ -106,7 +106,11 @@ def hysteresis(model: Any, campaign: Campaign, recordings: Sequence[str] | None 
         period = one.recording.period
         if last is None or period is None or abs(period / last - 1.0) > _ALIKE:
             last, title = period, literal(one.recording.name, 34) if period is None else quantity(1.0 / period, "Hz")
-        panels.setdefault(title, []).append(one)
+            while title in panels:
+                # Another panel whose shortened name or rounded frequency is the same.
+                title += "′"
+            panels[title] = []
+        panels[title].append(one)
     return Loops({title: tuple(some) for title, some in panels.items()})
 
 

@@ -93,8 +93,7 @@ def model_of(given: Any, outside: bool = False) -> Model | StoredModes:
     if isinstance(given, Diagnosis):
         return given.model
     if isinstance(given, str | Path):
-        folder = Path(given)
-        return loaded(folder / "model" if (folder / "model").is_dir() else folder, outside)
+        return loaded(Path(given), outside)
     found: Model | StoredModes = given
     return found
 

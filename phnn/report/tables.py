@@ -26,11 +26,16 @@ def csv_text(head: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:
     return buffer.getvalue()
 
 
+def literal_text(text: str) -> str:
+    """A text that no spreadsheet runs as a formula: one that looks like it begins with an apostrophe."""
+    return f"'{text}" if text.startswith(_FORMULA) else text
+
+
 def _cell(value: Cell) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, str):
-        return f"'{value}" if value.startswith(_FORMULA) else value
+        return literal_text(value)
     number = finite(value)
     return "" if number is None else repr(number)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -81,7 +82,8 @@ def find_runs(root: Path) -> list[Run]:
         deep = len(here.relative_to(root).parts)
         names[:] = sorted(n for n in names if not n.startswith(".")) if deep < _DEEPEST else []
         if {*MARKS, PROGRESS, INCOMPLETE} & set(files):
-            with suppress(OSError):  # it went meanwhile, or may not be read
+            # It went meanwhile, may not be read, or has a time that no calendar holds.
+            with suppress(OSError, ValueError, OverflowError):
                 found.append(read_run(root, here))
         if len(found) == _MOST:
             break
@@ -111,12 +113,12 @@ def read_run(root: Path, folder: Path) -> Run:
 
 
 def _changed(folder: Path) -> datetime:
-    """When the last file directly in a folder was written."""
+    """When the last file directly in a folder was written; a time in the future counts as now."""
     times = [folder.stat().st_mtime]
     for entry in os.scandir(folder):
         if entry.is_file(follow_symlinks=False):
             times.append(entry.stat().st_mtime)  # noqa: PERF401
-    return datetime.fromtimestamp(max(times)).astimezone()
+    return datetime.fromtimestamp(min(max(times), time.time())).astimezone()
 
 
 def _json(root: Path, path: Path) -> Mapping[str, Any]:

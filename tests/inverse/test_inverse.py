@@ -11,6 +11,7 @@ from phnn.errors import InputRefused
 from phnn.inverse import Inverse
 from phnn.inverse.elementwise import solve_rising
 from phnn.inverse.reference import led_in, smoothed
+from phnn.inverse.result import stretches
 from phnn.model import Model
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.network_file import load_network
@@ -185,6 +186,9 @@ def test_the_inverse_of_a_simulation_is_its_voltage() -> None:
         ({"slew": 0.0}, "slew = 0"),
         ({"hold": "linear"}, "choose one of cubic, zero_order"),
         ({"lead_in": -1.0}, "lead_in"),
+        ({"lead_in": 1e14}, "samples, at most"),
+        ({"lead_in": 1e305}, "samples, at most"),
+        ({"smooth": 1e-14}, "samples, at most"),
         ({"tolerance": float("nan")}, "tolerance"),
         ({"iterations": 0}, "iterations = 0"),
     ],
@@ -243,3 +247,11 @@ class TestElementwise:
 
     def test_a_constant_target_of_zero_has_the_zero(self) -> None:
         assert solve_rising(lambda v: v + 3.0, np.zeros(2)).x == pytest.approx([-3.0, -3.0])
+
+
+def test_only_an_error_at_or_after_what_was_out_of_reach_has_its_cause() -> None:
+    t, error, lost = np.arange(100) * 1e-3, np.zeros(100), np.zeros(100, dtype=np.bool_)
+    error[[10, 50, 90]] = 1.0
+    lost[49] = True
+    found = stretches(t, error, 0.5, lost, ("the limits",), 5e-3)
+    assert [s.causes for s in found] == [(), ("the limits",), ()]

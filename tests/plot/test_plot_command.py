@@ -74,6 +74,10 @@ def test_a_diagnosis_is_drawn_as_its_folder_is(tmp_path: Path) -> None:
         (["bode"], "give both, or recordings"),
         (["bode", "--frequencies", "0", "5"], "--frequencies 0 5"),
         (["location"], "diagnosis.json: there is no such file"),
+        (["location", "--recording", "a"], "location does not take --recording"),
+        (["bode", "--recording", "a"], "bode does not take --recording"),
+        (["compare", "--amplitude", "1"], "compare does not take --amplitude"),
+        (["energy", "--recording", "a", "--recording", "b"], "energy draws one recording"),
     ],
 )
 def test_the_command_refuses(

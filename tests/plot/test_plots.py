@@ -13,9 +13,23 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from plot_example import DT, FREQUENCIES, MODEL, PLOTS, SCORES, T, campaign, computed, diagnosis, sine
+from plot_example import (
+    DT,
+    FREQUENCIES,
+    MODEL,
+    PLOTS,
+    SCORES,
+    T,
+    campaign,
+    campaign_of,
+    computed,
+    diagnosis,
+    recording,
+    sine,
+)
 
 import phnn
+from phnn.plot.hysteresis import hysteresis
 from phnn.report.figures.style import svg
 
 # Columns of words.
@@ -231,3 +245,9 @@ def test_pyplot_is_not_needed() -> None:
     code = "import sys, phnn; phnn.plot.compare; print('matplotlib.pyplot' in sys.modules)"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "False"
+
+
+def test_panels_of_the_same_title_stay_apart() -> None:
+    names = [f"a recording of the {k} of all rigs that were ever built here" for k in ("first", "other")]
+    both = [recording(name, sine(20.0, 5.0)) for name in names]
+    assert len(hysteresis(MODEL, campaign_of(*both), names).found) == 2

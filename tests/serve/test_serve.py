@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import signal
@@ -164,3 +165,20 @@ def test_the_command_ends_tidily_when_it_is_interrupted(tmp_path: Path) -> None:
         _, error = process.communicate(timeout=20)
     assert process.returncode == 130
     assert error == "phnn: interrupted\n"
+
+
+def test_a_file_of_the_future_hides_no_run(tmp_path: Path) -> None:
+    diagnosed(tmp_path / "a")
+    (tmp_path / "a" / "late.txt").touch()
+    os.utime(tmp_path / "a" / "late.txt", (4e9, 4e9))
+    with running(tmp_path) as found:
+        assert [row[0] for row in cells(ask(found, "/").text)[1:]] == ["a"]
+
+
+def test_the_served_folder_itself_is_compared(tmp_path: Path) -> None:
+    diagnosed(tmp_path)
+    diagnosed(tmp_path / "b")
+    with running(tmp_path) as found:
+        values = re.findall(r'<option value="([^"]*)"', ask(found, "/").text)
+        assert sorted(set(values)) == ["", "b"]
+        assert ["verdict", "named", "named"] in cells(ask(found, "/compare?a=&b=b").text)
