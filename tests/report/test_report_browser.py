@@ -123,7 +123,11 @@ def test_a_recording_in_a_closed_part_is_drawn_when_it_is_opened(page: Page) -> 
 @pytest.mark.parametrize("dark", [False, True])
 def test_nothing_is_wider_than_the_window(page: Page, width: int, dark: bool) -> None:
     page.size(width, dark=dark)
-    page.value("new Promise(done => setTimeout(done, 100))")
+    # The plots take the new width when the browser has told them, which may take a while on a busy machine.
+    page.value(
+        "new Promise(done => { const end = Date.now() + 5000; const look = () => "
+        f"document.documentElement.scrollWidth <= {width} || Date.now() > end ? done() : setTimeout(look, 50); look(); }})"
+    )
     assert page.value("document.documentElement.scrollWidth") <= width
     assert page.value("Math.max(...phnnReport.groups.flatMap(g => g.plots.map(p => p.width)))") <= width
     light = page.value("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
