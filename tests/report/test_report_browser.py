@@ -126,7 +126,8 @@ def test_nothing_is_wider_than_the_window(page: Page, width: int, dark: bool) ->
     # The plots take the new width when the browser has told them, which may take a while on a busy machine.
     page.value(
         "new Promise(done => { const end = Date.now() + 5000; const look = () => "
-        f"document.documentElement.scrollWidth <= {width} || Date.now() > end ? done() : setTimeout(look, 50); look(); }})"
+        f"document.documentElement.scrollWidth <= {width} || Date.now() > end ? done() : setTimeout(look, 50); "
+        "look(); })"
     )
     assert page.value("document.documentElement.scrollWidth") <= width
     assert page.value("Math.max(...phnnReport.groups.flatMap(g => g.plots.map(p => p.width)))") <= width
