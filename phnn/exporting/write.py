@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -122,7 +123,8 @@ def _check(wanted: Wanted, setup: Setup) -> None:
         raise InputRefused(f"to: {wanted.to!r} is no target: choose one of {', '.join(TARGETS)}")
     if wanted.hold not in HOLDS:
         raise InputRefused(f"input: {wanted.hold!r} between samples is not exported: choose {' or '.join(HOLDS)}")
-    if not 0.0 < wanted.dt < math.inf:
+    # Below the least normal number, a share of it or its reciprocal is lost.
+    if not sys.float_info.min <= wanted.dt < math.inf:
         raise InputRefused(f"dt: {wanted.dt:g} s is no sample time: give a positive, finite one")
     if not math.isfinite(wanted.initial_input):
         raise InputRefused(f"initial_input: {wanted.initial_input:g}: give a finite number")
