@@ -161,7 +161,8 @@ class _Builder:
     @property
     def chain_counts(self) -> bool:
         """Whether something follows the time since the start."""
-        return "count" in self.p.fields
+        # Sources are written with the step, after init.
+        return bool(self.setup.sources) or "count" in self.p.fields
 
     def _at_rest(self, solve: str) -> list[str]:
         m, one = len(self.b.junctions), len(self.b.junctions) == 1

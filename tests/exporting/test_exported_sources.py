@@ -149,9 +149,7 @@ def test_laws_have_their_values_in_c(tmp_path: Path) -> None:
     program = program_of(LAWS)
     (tmp_path / "law.h").write_text(c_header(program), "utf-8")
     wrapped = [f"double at_{f.__name__}(double, double);" for f in LAWS]
-    wrapped += [
-        f"double at_{f.__name__}(double x, double y) {{ return law_{f.__name__}(x, y); }}" for f in LAWS
-    ]
+    wrapped += [f"double at_{f.__name__}(double x, double y) {{ return law_{f.__name__}(x, y); }}" for f in LAWS]
     (tmp_path / "law.c").write_text(c_source(program) + "\n".join(wrapped), "utf-8")
     assert COMPILER is not None
     library = tmp_path / "law.so"
