@@ -270,7 +270,7 @@ def _literal(value: float) -> ast.expr:
 def _whole(node: ast.AST) -> int | None:
     """The whole number that an expression writes out."""
     try:
-        return int(ast.literal_eval(node))  # type: ignore[arg-type]
+        return int(ast.literal_eval(node))
     except (ValueError, TypeError):
         return None
 
