@@ -13,8 +13,8 @@ from phnn.exporting.balance import Balance
 from phnn.exporting.chain import Chain
 from phnn.exporting.drives import drives
 from phnn.exporting.elements import Elements, refuse
-from phnn.exporting.names import identifier, one_line
-from phnn.exporting.program import Constant, Program, function
+from phnn.exporting.names import Names, one_line, prefix
+from phnn.exporting.program import Program, function
 from phnn.exporting.rest import Rest
 from phnn.integrate.compilable import obstacle
 from phnn.integrate.program import compile_network
@@ -65,10 +65,12 @@ class _Builder:
     def __init__(self, setup: Setup, dt: float, substeps: int, hold: Hold, name: str, further: Sequence[str]) -> None:
         network, self.h = setup.network, dt / substeps
         inputs = (network.ports[0], *(p for p in network.ports[1:] if p.name in further))
+        names = Names()
+        self.key = {p.name: names.of(p.name) for p in inputs}
         storage = next(s for s in network.storages if s.name == network.output)
         self.p = Program(
-            identifier(name or setup.name), one_line(setup.name), dt, substeps, hold,
-            tuple((identifier(p.name), one_line(p.unit)) for p in inputs),
+            prefix(name, setup.name), one_line(setup.name), dt, substeps, hold,
+            tuple((self.key[p.name], one_line(p.unit)) for p in inputs),
             (one_line(storage.name), one_line(storage.unit)),
         )  # fmt: skip
         self.p.constant("H", self.h, "step of the integration [s]")
@@ -77,7 +79,7 @@ class _Builder:
         self.b = Balance(self.e, network, self.h)
         self.chain = Chain(self.e, setup, self.h, hold)
         self.rest = Rest(self.b)
-        self.further = [identifier(p.name) for p in inputs[1:]]
+        self.further = [self.key[p.name] for p in inputs[1:]]
 
     def program(self, initial_input: float) -> Program:
         """The finished program."""
@@ -118,7 +120,7 @@ class _Builder:
             return ""
         floors = self._floors() if not suffix else self.rest.floors()
         about = "least slope of every equation in its unknown"
-        self.p.constants[table] = Constant(table, (tuple(map(float, floors)),), about)
+        self.p.table(table, (tuple(map(float, floors)),), about)
         renamed = {"balance": balance, "UNKNOWNS": str(m), "FLOORS": table}
         if m > 1:
             return self.e.sources.name_of(solvers.solve_many, "solver", renamed, f"solve{suffix}", suffix)
@@ -139,7 +141,7 @@ class _Builder:
 
     def _init(self, solve: str, initial_input: float) -> None:
         first = self.inputs[0].name
-        given = {p.name: f"u_{identifier(p.name)}" for p in self.inputs[1:]}
+        given = {p.name: f"u_{self.key[p.name]}" for p in self.inputs[1:]}
         zero = {p.name: "0.0" for p in self.network.ports if p not in self.inputs}
         lines = ["s.count = 0.0", "s.u = u"] if self.chain_counts else ["s.u = u"]
         self.p.state("u", "last input")
@@ -153,20 +155,27 @@ class _Builder:
             if self.b.is_linear(name):
                 start = f"{start} / {self.b.capacity(name)}"
             lines += [f"s.found_{j} = {start}", f"s.before_{j} = {start}"]
-        lines += ["s.known = 0.0", *[f"s.slope = {self._floors()[0]!r}"] * (len(self.b.junctions) == 1)]
+        lines += [*self._unknown(), *[f"s.slope = {self._floors()[0]!r}"] * (len(self.b.junctions) == 1)]
         self._add("init", ("u", *(f"u_{n}" for n in self.further)), lines, "Begin at rest under constant inputs")
 
     @property
     def chain_counts(self) -> bool:
         """Whether something follows the time since the start."""
-        return "count" in self.p.fields
+        # Sources are written with the step, after init.
+        return bool(self.setup.sources) or "count" in self.p.fields
 
     def _at_rest(self, solve: str) -> list[str]:
         m, one = len(self.b.junctions), len(self.b.junctions) == 1
         lines = [f"s.y[{j}] = 0.0" for j in range(m)]
-        lines.append("s.known = 0.0")
+        lines += self._unknown()
         lines += [f"s.slope = {self.rest.floors()[0]!r}"] if one else []
         return [*lines, f"solved = {solve}(s)", "if solved < 1.0:", *[f"    {x} = 0.0" for x in self._storages()]]
+
+    def _unknown(self) -> list[str]:
+        """No derivatives are known yet: those of one equation are a slope, of several a matrix."""
+        m = len(self.b.junctions)
+        cleared = [f"for i in range({m}):", f"    for j in range({m}):", "        s.jacobian[i][j] = 0.0"]
+        return ["s.known = 0.0", *(cleared if m > 1 else [])]
 
     def _storages(self) -> list[str]:
         return [self.b.x(name) for name in self.network.storage_names]
@@ -183,7 +192,7 @@ class _Builder:
 
     def _substep(self, solve: str) -> None:
         first = self.inputs[0].name
-        means = {p.name: f"mean_{identifier(p.name)}" for p in self.inputs[1:]}
+        means = {p.name: f"mean_{self.key[p.name]}" for p in self.inputs[1:]}
         zero = {p.name: "0.0" for p in self.network.ports if p not in self.inputs}
         heard = {s.port: self.chain.source(s) for s in self.setup.sources}
         lines = [*self.chain.step, "mean = (u_start + 4.0 * u_middle + u_end) / 6.0"]

@@ -7,7 +7,7 @@ from typing import Any
 
 from phnn.errors import InputRefused
 from phnn.exporting.names import Names, one_line
-from phnn.exporting.program import Constant, Function, Program, function
+from phnn.exporting.program import Function, Program, function
 from phnn.exporting.sources import Sources
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
@@ -93,7 +93,7 @@ class Elements:
         head, units = weights[: law.head], weights[law.head :]
         rows = tuple(tuple(units[i : i + law.per_unit]) for i in range(0, len(units), law.per_unit))
         table = f"W_{self.tables.of(what)}"
-        self.program.constants[table] = Constant(table, rows, one_line(f"weights of {what}, a row for each unit"))
+        self.program.table(table, rows, one_line(f"weights of {what}, a row for each unit"))
         given = [self.derived(f"{name}_{i}", w, one_line(f"weight of {what}")) for i, w in enumerate(head)]
         entries = [f"{table}[i][{j}]" for j in range(law.per_unit)]
         lines = [

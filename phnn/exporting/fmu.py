@@ -19,12 +19,15 @@ from importlib.resources import files
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+from phnn.errors import OutputFailed
 from phnn.exporting.c import c_header, c_source
 from phnn.exporting.program import Program
 from phnn.exporting.words import header
 
 _FLAGS = ("-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden")
 _TIME_LIMIT = 120
+# Longest message of a compiler that is repeated.
+_MESSAGE = 2000
 # A fixed time, so that the same model gives the same file.
 _DATE = (1980, 1, 1, 0, 0, 0)
 
@@ -77,8 +80,10 @@ def description(program: Program, guid: str) -> str:
     ]
     number = len(variables)
     taken = {name for name, _ in program.inputs}
+    while output in taken:
+        output = f"{output}_measured"
     variables.append(
-        f"<ScalarVariable name={quoteattr(output if output not in taken else f'{output}_measured')} "
+        f"<ScalarVariable name={quoteattr(output)} "
         f'valueReference="{number}" causality="output" variability="continuous" initial="calculated">'
         f"<Real unit={quoteattr(unit)}/></ScalarVariable>"
     )
@@ -103,7 +108,11 @@ def description(program: Program, guid: str) -> str:
 
 
 def compiled(name: str, sources: Mapping[str, str]) -> bytes | None:
-    """The shared library for Linux on 64 bits; None on other machines or without a compiler."""
+    """The shared library for Linux on 64 bits; None on other machines or without a compiler.
+
+    Raises:
+        OutputFailed: the compiler refuses the sources, or takes too long; gives its message.
+    """
     compiler = shutil.which("cc")
     if compiler is None or not sys.platform.startswith("linux") or platform.machine() != "x86_64":
         return None
@@ -113,5 +122,17 @@ def compiled(name: str, sources: Mapping[str, str]) -> bytes | None:
         library = Path(folder) / f"{name}.so"
         units = [f"{name}.c", "fmi2.c"]
         command = [compiler, *_FLAGS, *units, "-o", library.name, "-lm"]
-        done = subprocess.run(command, cwd=folder, capture_output=True, timeout=_TIME_LIMIT, check=False)
-        return library.read_bytes() if done.returncode == 0 and library.exists() else None
+        try:
+            done = subprocess.run(command, cwd=folder, capture_output=True, timeout=_TIME_LIMIT, check=False)
+        except subprocess.TimeoutExpired as error:
+            raise _uncompiled(compiler, f"it took more than {_TIME_LIMIT} s") from error
+        if done.returncode != 0 or not library.exists():
+            raise _uncompiled(compiler, done.stderr.decode(errors="replace").strip()[:_MESSAGE])
+        return library.read_bytes()
+
+
+def _uncompiled(compiler: str, cause: str) -> OutputFailed:
+    return OutputFailed(
+        f"fmu: {compiler} does not compile the exported model: {cause}: mend the compiler, or take it out of PATH for "
+        "a unit with sources only"
+    )

@@ -12,8 +12,11 @@ so that laws and blocks of the package, which are written in it, are translated 
 from __future__ import annotations
 
 import ast
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+
+from phnn.errors import InputRefused
 
 # What every target language offers under some name.
 INTRINSICS = frozenset(
@@ -98,8 +101,21 @@ class Program:
     states: dict[str, str] = field(default_factory=dict)
 
     def constant(self, name: str, value: float, about: str = "") -> str:
-        """Add a constant, once; returns its name."""
-        self.constants.setdefault(name, Constant(name, float(value), about))
+        """Add a constant, once; returns its name.
+
+        Raises:
+            InputRefused: it is not finite.
+        """
+        self.constants.setdefault(name, Constant(name, _finite(name, about, float(value)), about))
+        return name
+
+    def table(self, name: str, rows: tuple[tuple[float, ...], ...], about: str = "") -> str:
+        """Set a table of numbers; returns its name.
+
+        Raises:
+            InputRefused: a number is not finite.
+        """
+        self.constants[name] = Constant(name, tuple(tuple(_finite(name, about, v) for v in row) for row in rows), about)
         return name
 
     def state(self, name: str, about: str = "", shape: tuple[int, ...] = (), index: bool = False) -> str:
@@ -125,6 +141,15 @@ class Program:
                 kept.add(name)
                 kept |= {c for c in called(self.functions[name]) if c in self.functions}
         self.functions = {n: f for n, f in self.functions.items() if n in kept}
+
+
+def _finite(name: str, about: str, value: float) -> float:
+    if not math.isfinite(value):
+        raise InputRefused(
+            f"{name} ({about}): {value:g} is not finite and cannot be exported: choose a longer sample time, or "
+            "parameters of usual size"
+        )
+    return value
 
 
 def walk(function: Function) -> Iterator[ast.AST]:

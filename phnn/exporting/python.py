@@ -46,7 +46,8 @@ class _Printed(ast.NodeTransformer):
             condition, yes, no = node.args
             return ast.IfExp(condition, yes, no)
         if name == "sign":
-            return ast.Call(_name("math.copysign"), [ast.Constant(1.0), *node.args], [])
+            x = ast.unparse(ast.fix_missing_locations(node.args[0]))
+            return _name(f"float((({x}) > 0.0) - (({x}) < 0.0))")
         if name in _MATH:
             node.func = _name(f"math.{name}")
         elif name in _BUILTIN:

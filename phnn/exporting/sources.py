@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import copy
 import inspect
 import math
 import textwrap
@@ -11,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from phnn.errors import InputRefused
 from phnn.exporting.program import INTRINSICS, Function, made
+from phnn.exporting.subset import refuse_beyond, refused
 from phnn.laws import namespace
 
 # Functions that are known to every target, by the objects that the package's sources name.
@@ -24,7 +25,6 @@ _KNOWN |= {
 }  # fmt: skip
 # Functions that only concern arrays, derivatives or compilation: their argument stands for them.
 _TRANSPARENT = {namespace.real, namespace.certain, np.asarray, np.real, float}
-_PARTS = (ast.Assign, ast.AugAssign, ast.If, ast.For, ast.Break, ast.Return)
 
 
 class Sources:
@@ -58,7 +58,7 @@ class Sources:
             tree = _definition(source, what)
             inner = _Simplified(self, source, what, renamed or {}, suffix)
             tree = ast.fix_missing_locations(inner.visit(tree))
-            _refuse_beyond(tree, what)
+            refuse_beyond(tree, what, self.functions)
             self._names[key] = name
             self.functions[name] = made(name, tree, self.functions)
         return self._names[key]
@@ -76,26 +76,10 @@ def _definition(source: Callable[..., Any], what: str) -> ast.FunctionDef:
     try:
         tree = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
     except (OSError, TypeError, SyntaxError) as error:
-        raise _refused(what, f"the source of {source.__name__} cannot be read ({error})") from error
+        raise refused(what, f"the source of {source.__name__} cannot be read ({error})") from error
     if not isinstance(tree, ast.FunctionDef):
-        raise _refused(what, f"{source.__name__} is no plain function")
+        raise refused(what, f"{source.__name__} is no plain function")
     return tree
-
-
-def _refused(what: str, cause: str) -> InputRefused:
-    return InputRefused(
-        f"{what}: cannot be exported: {cause}: write its law as a plain function of phnn.laws.namespace, or export a "
-        "model without it"
-    )
-
-
-def _refuse_beyond(tree: ast.FunctionDef, what: str) -> None:
-    """Refuse statements that the printers do not know."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.stmt) and node is not tree and not isinstance(node, _PARTS):
-            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant | ast.Call):
-                continue
-            raise _refused(what, f"its source has a statement that is not translated, {ast.unparse(node)[:60]!r}")
 
 
 class _Simplified(ast.NodeTransformer):
@@ -112,7 +96,7 @@ class _Simplified(ast.NodeTransformer):
         self.before: list[ast.stmt] = []
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
-        node.decorator_list, node.returns = [], None
+        node.decorator_list, node.returns, node.args.defaults = [], None, []
         for argument in node.args.args:
             argument.annotation = None
         node.body = self._all(node.body)
@@ -126,9 +110,28 @@ class _Simplified(ast.NodeTransformer):
                 if hasattr(statement, name) and isinstance(statement, ast.If | ast.For):
                     setattr(statement, name, self._all(getattr(statement, name)))
             changed = self._headed(statement)
-            found += [*self.before, changed]
+            found += [*self.before, *self._one_by_one(changed)]
             self.before = outer
         return found
+
+    def _one_by_one(self, statement: ast.stmt) -> list[ast.stmt]:
+        """An assignment to several targets, whose values are kept first where one target is read for a later one."""
+        if not isinstance(statement, ast.Assign):
+            return [statement]
+        target, value = statement.targets[0], statement.value
+        if not isinstance(target, ast.Tuple) or not isinstance(value, ast.Tuple):
+            return [statement]
+        later = [_names(ast.Tuple(value.elts[i + 1 :], ast.Load())) for i in range(len(target.elts))]
+        if not any(_names(one) & read for one, read in zip(target.elts, later, strict=True)):
+            return [statement]
+        names = self._temporary(len(value.elts))
+        kept = [ast.Assign([ast.Name(n, ast.Store())], v, lineno=0) for n, v in zip(names, value.elts, strict=True)]
+        return [*kept, ast.Assign([target], ast.Tuple([ast.Name(n, ast.Load()) for n in names], ast.Load()), lineno=0)]
+
+    def _temporary(self, count: int) -> list[str]:
+        """Names that the function does not have."""
+        self.temporaries += count
+        return [f"value_{i}" for i in range(self.temporaries - count, self.temporaries)]
 
     def _headed(self, statement: ast.stmt) -> ast.stmt:
         """A statement with its own expressions simplified; those of the blocks in it are simplified already."""
@@ -149,8 +152,8 @@ class _Simplified(ast.NodeTransformer):
             return ast.parse(self.renamed[node.id], mode="eval").body
         value = self.scope.get(node.id)
         if isinstance(value, float | int) and not isinstance(value, bool):
-            return ast.Constant(float(value))
-        return node
+            return _literal(float(value))
+        raise refused(self.what, f"its source names {node.id}, which is no number")
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         if node.attr == "real":
@@ -168,15 +171,17 @@ class _Simplified(ast.NodeTransformer):
         return None
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
-        if isinstance(node.func, ast.Name) and node.func.id in self.renamed:
+        if isinstance(node.func, ast.Name) and node.func.id in self.renamed and not node.keywords:
             return ast.Call(self.visit(node.func), [self.visit(a) for a in node.args], [])
         if isinstance(node.func, ast.Name) and node.func.id == "range":
-            return ast.Call(node.func, [ast.Constant(int(ast.literal_eval(self.visit(node.args[0]))))], [])
+            return self._range(node)
         if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
             return self.visit(node.func.value)
         function = self._function(node.func)
-        if function in _TRANSPARENT:
+        if function in _TRANSPARENT and node.args:
             return self.visit(node.args[0])
+        if node.keywords:
+            raise refused(self.what, f"its source calls with named arguments, {ast.unparse(node)!r}")
         if function is namespace.reciprocal:
             return ast.BinOp(ast.Constant(1.0), ast.Div(), self.visit(node.args[0]))
         if function in _KNOWN:
@@ -186,20 +191,50 @@ class _Simplified(ast.NodeTransformer):
             renamed, suffix = (self.renamed, self.suffix) if own else ({}, "")
             name = self.sources.name_of(function, self.what, renamed, suffix=suffix)
         else:
-            raise _refused(self.what, f"its source calls {ast.unparse(node.func)}, which has no translation")
+            raise refused(self.what, f"its source calls {ast.unparse(node.func)}, which has no translation")
         return ast.Call(ast.Name(name, ast.Load()), [self.visit(a) for a in node.args], [])
+
+    def _range(self, node: ast.Call) -> ast.AST:
+        count = _whole(self.visit(node.args[0])) if len(node.args) == 1 else None
+        if count is None:
+            raise refused(self.what, f"its source has {ast.unparse(node)!r}, not a range of one known number")
+        return ast.Call(node.func, [ast.Constant(count)], [])
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.AST:
+        operand = self.visit(node.operand)
+        if isinstance(node.op, ast.UAdd):
+            return operand
+        return ast.UnaryOp(ast.Not() if isinstance(node.op, ast.Invert) else node.op, operand)
+
+    def visit_Compare(self, node: ast.Compare) -> ast.AST:
+        """A chain ``a < b < c`` as ``a < b and b < c``."""
+        values = [self.visit(v) for v in (node.left, *node.comparators)]
+        pairs = [
+            ast.Compare(copy.deepcopy(a), [op], [copy.deepcopy(b)])
+            for a, op, b in zip(values, node.ops, values[1:], strict=False)
+        ]
+        return pairs[0] if len(pairs) == 1 else ast.BoolOp(ast.And(), list(pairs))
+
+    def visit_IfExp(self, node: ast.IfExp) -> ast.AST:
+        return ast.Call(ast.Name("where", ast.Load()), [self.visit(v) for v in (node.test, node.body, node.orelse)], [])
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
         value = self.visit(node.value)
         if not isinstance(value, ast.Call):
-            return ast.Subscript(value, self.visit(node.slice), node.ctx)
+            at = self.visit(node.slice)
+            if isinstance(at, ast.Constant) and isinstance(at.value, float) and at.value.is_integer():
+                at = ast.Constant(int(at.value))  # a constant of the module
+            return ast.Subscript(value, at, node.ctx)
         # One of the values that a function returns.
-        count = self.sources.functions[value.func.id].returns  # type: ignore[attr-defined]
-        names = [f"value_{self.temporaries + i}" for i in range(count)]
-        self.temporaries += count
+        known = self.sources.functions.get(value.func.id)  # type: ignore[attr-defined]
+        count = known.returns if known is not None else 0
+        at = _whole(node.slice)
+        if at is None or not -count <= at < count:
+            raise refused(self.what, f"its source has {ast.unparse(node)!r}, which is not one of {count} values")
+        names = self._temporary(count)
         targets = ast.Tuple([ast.Name(n, ast.Store()) for n in names], ast.Store())
         self.before.append(ast.Assign([targets], value, lineno=0))
-        return ast.Name(names[ast.literal_eval(node.slice)], ast.Load())
+        return ast.Name(names[at], ast.Load())
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
         left, right = self.visit(node.left), self.visit(node.right)
@@ -212,9 +247,33 @@ class _Simplified(ast.NodeTransformer):
         if isinstance(node.op, ast.Add) and _is_zero(left):
             return right
         if isinstance(node.op, ast.Pow):
-            raise _refused(self.what, f"its source has the power {ast.unparse(node)}")
+            raise refused(self.what, f"its source has the power {ast.unparse(node)}")
+        if isinstance(node.op, ast.Div):
+            # Whole numbers are divided without a rest elsewhere.
+            left, right = _real(left), _real(right)
         return ast.BinOp(left, node.op, right)
 
 
 def _is_zero(node: ast.AST) -> bool:
     return isinstance(node, ast.Constant) and node.value == 0.0
+
+
+def _real(node: ast.expr) -> ast.expr:
+    return _literal(float(node.value)) if isinstance(node, ast.Constant) and isinstance(node.value, int) else node
+
+
+def _literal(value: float) -> ast.expr:
+    """A number; the sign of a negative one is an operator, which printers put into brackets where it needs them."""
+    return ast.UnaryOp(ast.USub(), ast.Constant(-value)) if math.copysign(1.0, value) < 0.0 else ast.Constant(value)
+
+
+def _whole(node: ast.AST) -> int | None:
+    """The whole number that an expression writes out."""
+    try:
+        return int(ast.literal_eval(node))
+    except (ValueError, TypeError):
+        return None
+
+
+def _names(node: ast.AST) -> set[str]:
+    return {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}

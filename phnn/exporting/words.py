@@ -14,13 +14,15 @@ def header(program: Program) -> str:
     """What an exported file is, in a few lines of text."""
     inputs = ", ".join(f"{n} [{unit}]" for n, unit in program.inputs)
     name, unit = program.output
-    return (
+    text = (
         f"{program.title}: exported by phnn.\n\n"
         f"Input: {inputs}. Output: what is measured of {name} [{unit}], SI.\n"
         f"A call of step advances the model by DT = {program.dt:g} s in {program.substeps} power-preserving step(s);\n"
         f"{_HOLD[program.hold]}. The output is that at the end of DT.\n"
         f"{_begin(program)}"
     )
+    # In a text of Python it would begin an escape.
+    return text.replace("\\", "/")
 
 
 def _begin(program: Program) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +15,6 @@ from phnn.exporting.program import Program
 from phnn.exporting.targets import TARGETS
 from phnn.intake.limits import LIMITS
 from phnn.model import Model
-from phnn.models.store import FILE
 from phnn.network.elements import Network
 from phnn.output import claim
 from phnn.predictor import loaded
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 # Sample time [s] where none is given: 10 kHz, a common rate of controllers of piezo stages.
 SAMPLE_TIME = 1e-4
-_MODEL = "model"
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ def write(
         InputRefused: there is no such model or target, or it cannot be exported, or the folder cannot be written to.
     """
     given = [Path(model)] if isinstance(model, str | Path) else []
-    found = loaded(_model_in(given[0]), outside) if given else model
+    found = loaded(given[0], outside) if given else model
     program = program_of(found, wanted)  # type: ignore[arg-type]
     files = TARGETS[wanted.to](program)
     folder = Path(out)
@@ -95,12 +94,6 @@ def write(
         for name, content in files.items():
             (place / name).write(content)
     return [folder / name for name in files]
-
-
-def _model_in(folder: Path) -> Path:
-    """The model's folder, which lies within that of a diagnosis."""
-    inner = folder / _MODEL
-    return inner if not (folder / FILE).exists() and (inner / FILE).exists() else folder
 
 
 def _setup_of(model: Model | Setup | Network | StoredModes) -> tuple[Setup, int]:
@@ -122,7 +115,8 @@ def _check(wanted: Wanted, setup: Setup) -> None:
         raise InputRefused(f"to: {wanted.to!r} is no target: choose one of {', '.join(TARGETS)}")
     if wanted.hold not in HOLDS:
         raise InputRefused(f"input: {wanted.hold!r} between samples is not exported: choose {' or '.join(HOLDS)}")
-    if not 0.0 < wanted.dt < math.inf:
+    # Below the least normal number, a share of it or its reciprocal is lost.
+    if not sys.float_info.min <= wanted.dt < math.inf:
         raise InputRefused(f"dt: {wanted.dt:g} s is no sample time: give a positive, finite one")
     if not math.isfinite(wanted.initial_input):
         raise InputRefused(f"initial_input: {wanted.initial_input:g}: give a finite number")

@@ -25,9 +25,11 @@ FLAGS = ("-Wall", "-Werror", "-std=c99", "-O2")
 
 _LOOP = """
 #include "{name}.h"
+#include <string.h>
 int run(long n, const double *u, double *y);
 int run(long n, const double *u, double *y) {{
     {name}_state s;
+    memset(&s, {fill}, sizeof s);
     {name}_init(&s, u[0]);
     y[0] = {name}_output(&s);
     for (long k = 1; k < n; k++)
@@ -42,13 +44,13 @@ def reference(setup: Setup, t: np.ndarray, u: np.ndarray, substeps: int, hold: H
     return simulate(setup, replace(unrecorded("drive", t, u, input_before=float(u[0])), interpolation=hold), substeps).y
 
 
-def in_c(program: Program, u: np.ndarray, folder: Path) -> np.ndarray:
-    """(N,) output of the compiled program."""
+def in_c(program: Program, u: np.ndarray, folder: Path, fill: int = 0x55) -> np.ndarray:
+    """(N,) output of the compiled program, whose state lies in memory filled with a byte."""
     name = program.name
     late = 0 if program.hold == "linear" else 1
     (folder / f"{name}.h").write_text(c_header(program), "utf-8")
     (folder / f"{name}.c").write_text(c_source(program), "utf-8")
-    (folder / "loop.c").write_text(_LOOP.format(name=name, late=late), "utf-8")
+    (folder / "loop.c").write_text(_LOOP.format(name=name, late=late, fill=fill), "utf-8")
     library = folder / "loop.so"
     assert COMPILER is not None
     files = [str(folder / f"{name}.c"), str(folder / "loop.c")]

@@ -14,6 +14,7 @@ from phnn import cli
 from phnn.effects import effect
 from phnn.errors import InputRefused
 from phnn.exporting.names import Names, identifier
+from phnn.exporting.program import Program
 from phnn.exporting.sources import Sources
 from phnn.models.store import save
 from phnn.recordings.recording import unrecorded
@@ -67,6 +68,16 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"input": "cubic"}, "'cubic' between samples is not exported: choose linear or zero_order"),
     ({"dt": 0.0}, "0 s is no sample time"),
     ({"dt": float("inf")}, "inf s is no sample time"),
+    ({"dt": 1e-310}, "1e-310 s is no sample time"),
+    (
+        {"name": "math"},
+        "name: 'math' is a word of C, Python or MATLAB or a file of theirs: choose another",
+    ),
+    ({"name": "class"}, "such as class_model"),
+    ({"name": "Stdio", "to": "c"}, "such as Stdio_model"),
+    ({"name": "fmi2", "to": "fmu"}, "such as fmi2_model"),
+    ({"name": "json"}, "such as json_model"),
+    ({"name": "function", "to": "matlab"}, "such as function_model"),
     ({"substeps": 0}, "substeps: 0: give 1 to"),
     ({"initial_input": float("nan")}, "initial_input: nan"),
     ({"ports": ("torque",)}, "no further port 'torque'; it has force"),
@@ -147,6 +158,31 @@ def test_texts_of_a_model_end_no_comment(tmp_path: Path) -> None:
             assert '""" \n' not in text
             if to == "python":
                 compile(text, "stage", "exec")
+
+
+def test_a_backslash_in_a_name_or_a_unit_begins_no_escape(tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    first, *others = BASE.network.ports
+    network = replace(BASE.network, ports=(replace(first, unit="V\\N{x}"), *others))
+    (path,) = phnn.export(replace(BASE, name="C:\\users\\x", network=network), "python", tmp_path, name="stage")
+    compile(path.read_text("utf-8"), "stage", "exec")
+    assert path.read_text("utf-8").startswith('"""C:/users/x: exported by phnn.')
+
+
+def test_a_model_with_the_name_of_a_word_gets_a_longer_one(tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    (path,) = phnn.export(replace(BASE, name="class"), "python", tmp_path)
+    assert path.name == "class_model.py"
+
+
+def test_numbers_that_are_not_finite_are_refused() -> None:
+    program = Program("m", "m", 1.0, 1, "linear", (), ("y", "1"))
+    with pytest.raises(InputRefused, match=r"H \(step\): inf is not finite"):
+        program.constant("H", float("inf"), "step")
+    with pytest.raises(InputRefused, match="FLOORS"):
+        program.table("FLOORS", ((1.0, float("nan")),))
 
 
 def test_where_something_flows_at_rest_the_state_of_one_input_is_stored(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,68 @@ def test_other_networks(name: str) -> None:
     t = np.arange(301) * (0.25 if name == "tanks" else 1e-3)
     u = 1e-4 * (1.0 - np.cos(2.0 * np.pi * 0.04 * t)) if name == "tanks" else np.sin(40.0 * t) + 0.5 * np.sin(97.0 * t)
     assert apart(in_python(exported(setup, t, 1), u), reference(setup, t, u, 1)) < PROMISED
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["tanks", "series_rc", "hrlc", "two_masses"])
+def test_init_fills_all_that_is_read(name: str, tmp_path: Path) -> None:
+    setup = Setup(load_network(config_folder() / "network" / f"{name}.yaml"))
+    t = np.arange(51) * (0.25 if name == "tanks" else 1e-3)
+    u = 1e-4 * np.sin(0.3 * t) if name == "tanks" else np.sin(40.0 * t)
+    program, found = exported(setup, t, 1), []
+    for fill in (0x00, 0x55, 0x7E):
+        (tmp_path / str(fill)).mkdir()
+        found.append(in_c(program, u, tmp_path / str(fill), fill))
+    assert found[0].tolist() == found[1].tolist() == found[2].tolist()
+    assert np.ptp(found[0]) > 0.0
+
+
+@pytest.mark.parametrize("to", ["c", "python", "matlab"])
+def test_derivatives_begin_at_zero(to: str, tmp_path: Path) -> None:
+    setup = Setup(load_network(config_folder() / "network" / "series_rc.yaml"))
+    paths = phnn.export(setup, to, tmp_path, name="stage")
+    text = "".join(p.read_text("utf-8") for p in paths)
+    begun = {
+        "c": "s->jacobian[i][j] = 0.0;",
+        "python": "s.jacobian[i][j] = 0.0",
+        "matlab": "jacobian(i_ + 1, j + 1) = 0",
+    }
+    assert begun[to] in text
+
+
+def test_a_compiler_that_fails_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler = tmp_path / "bin" / "cc"
+    compiler.parent.mkdir()
+    compiler.write_text("#!/bin/sh\necho 'math.h: no such file' >&2\nexit 1\n")
+    compiler.chmod(0o755)
+    monkeypatch.setenv("PATH", str(compiler.parent))
+    monkeypatch.setattr("platform.machine", lambda: "x86_64")
+    monkeypatch.setattr("sys.platform", "linux")
+    with pytest.raises(phnn.PhnnError, match=r"does not compile the exported model: math.h: no such file"):
+        phnn.export(PIEZO, "fmu", tmp_path / "fmu", dt=DT, name="stage")
+    compiler.unlink()
+    (path,) = phnn.export(PIEZO, "fmu", tmp_path / "fmu", dt=DT, name="stage")
+    with zipfile.ZipFile(path) as archive:
+        assert not [n for n in archive.namelist() if n.startswith("binaries")]
+
+
+def test_ports_whose_names_are_one_identifier_are_told_apart(tmp_path: Path) -> None:
+    network = PIEZO.network
+    first, force = network.ports[0], next(p for p in network.ports if p.name == "force")
+    ports = (first, replace(force, name="load a"), replace(force, name="load-a"), replace(force, name="Voltage"))
+    setup = replace(PIEZO, network=replace(network, ports=ports))
+    t, u = drive(101)
+    load = 0.3 * np.sin(2.0 * np.pi * 20.0 * t)
+    loads = {"load a": load, "load-a": -0.5 * load}
+    program = build(setup, DT, 2, further=("load a", "load-a"))
+    scope: dict = {}
+    exec(_python(program), scope)
+    model = scope["Model"](0.0, 0.0, 0.0)
+    given = zip(u.tolist(), load.tolist(), (-0.5 * load).tolist(), strict=True)
+    y = np.array([model.output, *(model.step(*row) for row in list(given)[1:])])
+    recording = unrecorded("drive", t, u, "linear", 0.0, loads)
+    assert apart(y, simulate(setup, recording, 2).y) < PROMISED
+    assert len({name for name, _ in program.inputs}) == 3
 
 
 @needs_compiler
