@@ -1,6 +1,7 @@
-"""Compile every kernel once, before many processes need them at the same time: ``python -m phnn.warm``.
+"""Compile the kernels before they are needed, in two processes at once: ``python -m phnn.warm`` compiles all of them.
 
-Each of them would compile for a minute otherwise, all the same functions; afterwards they load what is cached.
+A process that finds no machine code compiles for a minute, and many processes would all compile the same functions.
+Afterwards they load what is kept.
 """
 
 from __future__ import annotations
@@ -8,7 +9,10 @@ from __future__ import annotations
 import atexit
 import subprocess
 import sys
+import time
+from collections.abc import Callable, Iterable
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,32 +24,109 @@ from phnn.models.variants import hrlc
 from phnn.network.elements import Network
 
 _STEPS, _STEP = 4, 1e-5
-_LATER = "later"
+_LOOK = 0.05  # s between two looks for machine code that another process compiles
 
 
-def warm_up() -> None:
-    """Integrate and differentiate a network of the single-junction kernel, and one of the general kernel."""
-    for network in (hrc(1), hrlc(1).network()):
-        _differentiate(_march(network))
+class Part(NamedTuple):
+    """A kernel that can be compiled beforehand.
+
+    Attributes:
+        function: the compiled function as ``module.name``, by which its machine code is kept.
+        use: calls it once with arguments of the types that all networks have.
+    """
+
+    function: str
+    use: Callable[[], object]
+
+
+def _at_rest(network: Network) -> sweep.Integrated:
+    """A few steps of a network at rest."""
+    program = compile_network(network)
+    states, efforts = (np.zeros((_STEPS + more, len(program.states))) for more in (1, 0))
+    u, h = np.ones((_STEPS, len(network.ports))), np.full(_STEPS, _STEP)
+    return sweep.Integrated(program, program.theta(network), states, efforts, u, h)
+
+
+def _integrate(network: Network) -> None:
+    program, theta, states, efforts, u, h = _at_rest(network)
+    kernel.march(program, theta, np.zeros(states.shape[1]), u, h, states, efforts)
+
+
+def _differentiate() -> None:
+    steps, active, none = _at_rest(hrc(1)), np.array([0]), np.zeros(0, dtype=np.int64)
+    start = np.zeros((steps.states.shape[1], 1))
+    sweep.sensitivities(steps, sweep.by_parameters(active, _STEPS), start, none, np.arange(_STEPS + 1))
+
+
+def _pull_back() -> None:
+    steps = _at_rest(hrc(1))
+    sweep.adjoint(steps, np.array([0]), np.zeros_like(steps.states))
+
+
+PARTS = {
+    "steps": Part("quick._steps", lambda: _integrate(hrc(1))),
+    "general steps": Part("general._steps", lambda: _integrate(hrlc(1).network())),
+    "sensitivities": Part("recursion.sensitivity_steps", _differentiate),
+    "adjoint": Part("recursion.adjoint_steps", _pull_back),
+}
+# What an identification needs at first, in this process and in another; then what the refits of a diagnosis need.
+_HERE, _ELSEWHERE = "steps", "sensitivities"
+_LATER = "general steps"
+
+
+def is_kept(name: str) -> bool:
+    """Whether a part is compiled, or no machine code can be kept at all."""
+    return has_kept(PARTS[name].function)
+
+
+def warm_up(names: Iterable[str] = tuple(PARTS)) -> None:
+    """Compile parts in this process, or load them where they are kept."""
+    for name in names:
+        PARTS[name].use()
 
 
 @cache
-def compile_later_kernels() -> None:
-    """Begin to compile, in a process of its own, the kernel that a diagnosis needs after the one of its base model.
+def begin_elsewhere(*names: str) -> subprocess.Popen[bytes] | None:
+    """Begin to compile parts in a process of its own, which ends with this one.
 
-    Once in a run; where it has been done before, or no process can be started, nothing happens.
+    Returns:
+        The process, the same for every call; None where all is kept or no process can be started.
     """
-    if has_kept("general"):
-        return
+    left = [name for name in names if not is_kept(name)]
+    if not left:
+        return None
     try:
         # -P: a folder of recordings may hold modules, which are not to be imported.
         started = subprocess.Popen(
-            [sys.executable, "-P", "-m", "phnn.warm", _LATER],
+            [sys.executable, "-P", "-m", "phnn.warm", *left],
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
     except OSError:
-        return
+        return None
     atexit.register(_end, started)
+    return started
+
+
+def begin_for_diagnosis() -> subprocess.Popen[bytes] | None:
+    """Begin to compile, in another process, what a diagnosis needs after its first simulation."""
+    return begin_elsewhere(_ELSEWHERE, _LATER)
+
+
+def compile_for_identification(actuator: bool, progress: Callable[[str], object]) -> None:
+    """Compile what the first fit needs, while another process compiles what a diagnosis needs later.
+
+    Args:
+        actuator: whether an actuator is identified; networks of users take other kernels than its own.
+        progress: is told that there is something to compile.
+    """
+    process = begin_for_diagnosis()
+    if process is None:
+        return
+    progress("compile the simulation, once on this machine")
+    if actuator:
+        warm_up([_HERE])
+    while process.poll() is None and not is_kept(_ELSEWHERE):
+        time.sleep(_LOOK)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
@@ -53,24 +134,18 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def _march(network: Network) -> sweep.Integrated:
-    program = compile_network(network)
-    theta, size = program.theta(network), len(program.states)
-    states, efforts = np.empty((_STEPS + 1, size)), np.empty((_STEPS, size))
-    u, h = np.ones((_STEPS, len(network.ports))), np.full(_STEPS, _STEP)
-    kernel.march(program, theta, np.zeros(size), u, h, states, efforts)
-    return sweep.Integrated(program, theta, states, efforts, u, h)
-
-
-def _differentiate(march: sweep.Integrated) -> None:
-    active, none = np.array([0]), np.zeros(0, dtype=np.int64)
-    by, start = sweep.by_parameters(active, _STEPS), np.zeros((len(march.program.states), 1))
-    sweep.sensitivities(march, by, start, none, np.arange(_STEPS + 1))
-    sweep.adjoint(march, active, np.zeros_like(march.states))
+def _everything() -> None:
+    """Compile all parts in two processes."""
+    process = begin_elsewhere("sensitivities", "adjoint")
+    warm_up(["steps", "general steps"])
+    if process is not None:
+        process.wait()
+    # Nothing is left to compile, unless the other process failed.
+    warm_up()
 
 
 if __name__ == "__main__":
-    if _LATER in sys.argv:
-        _march(hrlc(1).network())
+    if names := sys.argv[1:]:
+        warm_up(names)
     else:
-        warm_up()
+        _everything()

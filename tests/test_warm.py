@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from unittest import mock
 
@@ -44,37 +45,78 @@ def test_nothing_is_left_to_compile(network: Network) -> None:
     assert {name: list(function.signatures) for name, function in KERNELS.items()} == known
 
 
-def test_later_kernels_are_compiled_once_in_another_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    begun: list[list[str]] = []
-    monkeypatch.setattr(warm.subprocess, "Popen", lambda command, **_: begun.append(command) or mock.Mock())
-    monkeypatch.setattr(warm, "has_kept", lambda module: True)
-    warm.compile_later_kernels.cache_clear()
-    warm.compile_later_kernels()
-    assert not begun
-    warm.compile_later_kernels.cache_clear()
-    monkeypatch.setattr(warm, "has_kept", lambda module: False)
+@pytest.fixture
+def begun(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[list[str]]]:
+    """The commands of processes that are begun; none is. Nothing is kept."""
+    commands: list[list[str]] = []
+    monkeypatch.setattr(warm.subprocess, "Popen", lambda command, **_: commands.append(command) or mock.MagicMock())
+    monkeypatch.setattr(warm, "has_kept", lambda function: False)
+    warm.begin_elsewhere.cache_clear()
+    yield commands
+    warm.begin_elsewhere.cache_clear()
+
+
+def test_later_kernels_are_compiled_once_in_another_process(begun: list[list[str]]) -> None:
     for _ in range(2):
-        warm.compile_later_kernels()
+        warm.begin_for_diagnosis()
     # Modules that lie in the working directory are not imported (-P).
-    assert [command[1:] for command in begun] == [["-P", "-m", "phnn.warm", "later"]]
+    assert [command[1:] for command in begun] == [["-P", "-m", "phnn.warm", "sensitivities", "general steps"]]
+
+
+def test_what_is_kept_is_not_compiled_again(begun: list[list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(warm, "has_kept", lambda function: function != "general._steps")
+    warm.begin_for_diagnosis()
+    assert begun[0][-2:] == ["phnn.warm", "general steps"]
+
+
+def test_an_identification_waits_for_what_another_process_compiles(
+    begun: list[list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order: list[str] = []
+    kept = iter((False, False, False, False, True))
+    monkeypatch.setattr(warm, "warm_up", lambda names: order.extend(names))
+    monkeypatch.setattr(warm, "has_kept", lambda function: order.append(function) or next(kept))
+    monkeypatch.setattr(warm.time, "sleep", lambda seconds: order.append("wait"))
+    process = warm.begin_for_diagnosis()
+    process.poll.return_value = None
+    order.clear()
+    warm.compile_for_identification(True, order.append)
+    name = "recursion.sensitivity_steps"
+    assert order == ["compile the simulation, once on this machine", "steps", name, "wait", name, "wait", name]
+
+
+def test_an_identification_goes_on_when_the_other_process_has_ended(
+    begun: list[list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(warm, "warm_up", lambda names: pytest.fail("a network of a user takes another kernel"))
+    warm.begin_for_diagnosis().poll.return_value = 1
+    warm.compile_for_identification(False, str)
 
 
 def test_machine_code_is_found_where_it_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cache, "_folder", lambda: tmp_path)
-    assert not cache.has_kept("general")
     (tmp_path / "integrate_1").mkdir()
     (tmp_path / "integrate_1" / "general._steps-35.py311.nbi").touch()
-    assert cache.has_kept("general")
-    assert not cache.has_kept("quick")
+    # The index alone is written before the machine code.
+    assert not cache.has_kept("general._steps")
+    (tmp_path / "integrate_1" / "general._steps-35.py311.1.nbc").touch()
+    assert cache.has_kept("general._steps")
+    assert not cache.has_kept("quick._steps")
     monkeypatch.setattr(cache, "_folder", lambda: None)
-    assert cache.has_kept("general")
+    assert cache.has_kept("quick._steps")
 
 
-def test_a_machine_that_starts_no_process_compiles_when_it_has_to(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parts_are_kept_under_their_names() -> None:
+    warm_up()
+    assert all(warm.is_kept(name) for name in warm.PARTS)
+
+
+def test_a_machine_that_starts_no_process_compiles_when_it_has_to(
+    begun: list[list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise OSError("no more processes")
 
-    monkeypatch.setattr(warm, "has_kept", lambda module: False)
     monkeypatch.setattr(warm.subprocess, "Popen", refuse)
-    warm.compile_later_kernels.cache_clear()
-    warm.compile_later_kernels()
+    assert warm.begin_for_diagnosis() is None
+    warm.compile_for_identification(True, lambda message: pytest.fail(message))

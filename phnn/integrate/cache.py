@@ -79,10 +79,11 @@ def compiled(function: Callable[..., Any], **options: Any) -> Any:
         numba.config.CACHE_DIR = before
 
 
-def has_kept(module: str) -> bool:
-    """Whether machine code of a module's functions is kept, or no code can be kept at all."""
+def has_kept(function: str) -> bool:
+    """Whether machine code of a function, given as ``module.name``, is kept, or no code can be kept at all."""
     folder = _folder()
-    return folder is None or any(folder.glob(f"*/{module}.*.nbi"))
+    # numba writes the index first, then the machine code.
+    return folder is None or any(folder.glob(f"*/{function}-*.nbc"))
 
 
 @cache

@@ -10,24 +10,34 @@ from numba import types
 from numba.extending import intrinsic
 
 from phnn.integrate.cache import compiled
-from phnn.integrate.hooks import loop_options
+from phnn.integrate.hooks import called_by_compiled, loop_options
 
-# Inlining is done by the caller only: numba would pass the wish on to every function that is compiled inside.
-inline = numba.njit(error_model="numpy", forceinline=True)
-# A plain call, unless LLVM decides otherwise: see `stay_outside`.
-plain = numba.njit(error_model="numpy", forceinline=False)
-# A loop over steps. It allocates no memory: reference counts of arrays would take most of the time.
-loop = numba.njit(error_model="numpy", **loop_options())
+# numba's wrappers, by which Python or C call a function, take a third of the compilation: only entries have one.
+_WITHOUT_WRAPPERS = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+def inline(function: Callable[..., Any]) -> Any:
+    """Compile a function that LLVM inlines into its callers, which are compiled themselves."""
+    # Inlining is done by the caller only: numba would pass the wish on to every function that is compiled inside.
+    return called_by_compiled(numba.njit(forceinline=True, **_WITHOUT_WRAPPERS)(function))
+
+
+def plain(function: Callable[..., Any]) -> Any:
+    """Compile a function that compiled ones call; LLVM may inline it: see `stay_outside`."""
+    return called_by_compiled(numba.njit(forceinline=False, **_WITHOUT_WRAPPERS)(function))
 
 
 def entry(function: Callable[..., Any]) -> Any:
     """Compile a function that python calls; its machine code is kept for each version of the sources."""
-    return compiled(function, nogil=True, error_model="numpy")
+    return compiled(function, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 
 
 def loop_entry(function: Callable[..., Any]) -> Any:
-    """Compile a `loop` that python calls."""
-    return compiled(function, nogil=True, error_model="numpy", **loop_options())
+    """Compile a loop over steps that Python calls.
+
+    It allocates no memory: reference counts of arrays would take most of the time.
+    """
+    return compiled(function, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **loop_options())
 
 
 @intrinsic

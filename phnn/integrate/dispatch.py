@@ -27,10 +27,9 @@ def look_up(name: str, entries: Sequence[Entry], leading: int, scalars: int = SC
         scalars: number of places.
     """
     arguments = [f"a{i}" for i in range(leading)]
-    scope: dict[str, Any] = {}
-    scope["stay_outside"] = stay_outside
+    scope: dict[str, Any] = {"stay_outside": stay_outside, "__name__": __name__}
     lines = [f"def {name}({', '.join(['code', *arguments, 'theta', *_PLACES[:scalars]])}):", "    stay_outside()"]
-    present = [(code, *entry) for code, entry in enumerate(entries) if entry[0] is not None]
+    present = [(code, function, count, wide) for code, (function, count, wide) in enumerate(entries) if function]
     for code, function, count, wide in present:
         if wide:
             scope[f"f{code}"] = function

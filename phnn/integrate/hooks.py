@@ -5,6 +5,10 @@ part                           used for                                       wi
 =============================  =============================================  ======================================
 numba ``dispatcher._cache``,   checking kept machine code before it is run    every function is compiled in memory,
 ``IndexDataCacheFile``                                                        with a warning
+numba ``_insert``,             refusing calls from Python of functions that   such a call ends the process
+``_compile_for_args``          only compiled ones call
+numba ``get_executable``,      machine code only for functions that Python    compilation takes twice as long
+``_finalize_final_module``, …  calls
 numba option ``_nrt``          loops without reference counts                 slower loops
 torchdiffeq ``SOLVERS``,       our steps as methods of `torchdiffeq`, which   `phnn.integrate.ode.odeint` and
 ``_PerturbFunc``,              read the system and the solve from the         `compiled_method.sampled_states` take
@@ -22,17 +26,27 @@ import importlib
 import inspect
 import pickle
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 from typing import Any
+
+import numba
 
 _HASH = hashlib.sha256().digest_size
 # Name of each part: its module, and its attribute there.
 _PARTS = {
     "numba files of a cache": ("numba.core.caching", "IndexDataCacheFile"),
+    "numba executable": ("numba.core.cpu", "CPUContext"),
+    "numba library": ("numba.core.codegen", "CPUCodeLibrary"),
+    "numba builtin": ("numba._dynfunc", "make_function"),
     "torchdiffeq methods": ("torchdiffeq._impl.odeint", "SOLVERS"),
     "torchdiffeq perturbed function": ("torchdiffeq._impl.misc", "_PerturbFunc"),
     "torchdiffeq reversed function": ("torchdiffeq._impl.misc", "_ReverseFunc"),
 }
+_CALLS = ("_insert", "_compile_for_args")
+_TRANSLATION = (
+    "_ensure_finalized", "_optimize_final_module", "_finalize_final_module", "_finalize_dynamic_globals",
+    "_verify_declare_only_symbols",
+)  # fmt: skip
 _CACHE_FILE = ("_cache_path", "_index_name", "_source_stamp")
 
 
@@ -49,7 +63,75 @@ def part(name: str) -> Any:
 def missing() -> list[str]:
     """Names of the parts that the installed numba and torchdiffeq do not have."""
     gone = [name for name in _PARTS if part(name) is None]
+    gone += [] if _has_calls(_dispatcher_class()) else ["numba calls of a dispatcher"]
+    gone += [] if _has_translation() else ["numba translation of a library"]
     return gone + ([] if loop_options() else ["numba option _nrt"])
+
+
+def called_by_compiled(dispatcher: Any) -> Any:
+    """Make a function that only compiled ones call a part of theirs, without machine code of its own.
+
+    It has no wrapper for calls from Python: they would end the process, and are refused here. numba would optimise and
+    translate it, with all that it calls, once for itself and once for every function above it. Without numba's private
+    parts the function is returned as it is.
+    """
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise TypeError(f"{dispatcher.py_func.__qualname__} is called by compiled functions only: take its `py_func`")
+
+    if _has_calls(dispatcher):
+        dispatcher._insert = _nothing
+        dispatcher._compile_for_args = refuse
+    _translate_callers_only()
+    return dispatcher
+
+
+@cache
+def _translate_callers_only() -> None:
+    """Have numba translate, of the functions of this package, only those that Python or C can call."""
+    context, make = part("numba executable"), part("numba builtin")
+    if context is None or make is None or not _has_translation():
+        return
+    translated = context.get_executable
+
+    def get_executable(self: Any, library: Any, fndesc: Any, env: Any) -> Any:
+        wrappers = {fndesc.llvm_cpython_wrapper_name, fndesc.llvm_cfunc_wrapper_name}
+        own = str(fndesc.modname).startswith("phnn.")
+        # What is loaded from files is finalised already, and shows none of its functions.
+        called = library._finalized or wrappers & {function.name for function in library._final_module.functions}
+        if called or not own:
+            return translated(self, library, fndesc, env)
+        library._optimize_final_module = _nothing
+        library._finalize_final_module = partial(_finish, library)
+        library._ensure_finalized()
+        # What numba makes of a function without a wrapper: an object that stands for it among its callers.
+        return make(fndesc.lookup_module(), fndesc.qualname.split(".")[-1], "", 0, env, (library,))
+
+    context.get_executable = get_executable
+
+
+def _finish(library: Any) -> None:
+    """End a library of code that others link, without giving it to the machine."""
+    library._finalize_dynamic_globals()
+    library._verify_declare_only_symbols()
+    library._finalized = True
+
+
+def _has_calls(dispatcher: Any) -> bool:
+    return all(hasattr(dispatcher, name) for name in _CALLS)
+
+
+def _has_translation() -> bool:
+    library = part("numba library")
+    return library is not None and all(hasattr(library, name) for name in _TRANSLATION)
+
+
+def _dispatcher_class() -> type:
+    return type(numba.njit(_nothing))
+
+
+def _nothing(*_: Any, **__: Any) -> None:
+    """Stand in for steps of numba that are left out."""
 
 
 @cache

@@ -4,23 +4,22 @@
 
 Modulator states are advanced like reducible storages, but may depend on all inputs of a step.
 
-The functions are made for one way to differentiate a step: a function that fills the derivatives.
+`phnn.integrate.linearise` fills the derivatives of one step. The two sweeps at the end are compiled where Python calls
+them: as functions of a compiled caller they would be optimised twice.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
-from phnn.integrate.compiled import inline, loop
+from phnn.integrate.compiled import inline
 from phnn.integrate.elimination import eliminate
+from phnn.integrate.linearise import derivatives_at
 from phnn.integrate.table_access import junction_storage
 from phnn.integrate.tables import (
     LEAVES,
     OWN_STORAGE,
 )
-
-Compiled = Callable[..., Any]
 
 
 @inline
@@ -126,29 +125,24 @@ def _modulator_rows(d: Any, columns: Any, known: Any, following: Any, inputs: An
             out[first_varied + w] += by[inputs + varied[w]] * weight_of[w]
 
 
-def make_sensitivities(derivatives_at: Compiled) -> Compiled:
-    """The forward sweep of `phnn.integrate.sweep.sensitivities`; it allocates its own work arrays."""
-
-    @loop
-    def steps(
-        t: Any, p: Any, d: Any, run: Any, forces: Any, columns: Any, weights: Any, nodes: Any, output: Any, known: Any,
-        following: Any, matrix: Any, out: Any,
-    ) -> None:  # fmt: skip
-        junction, first_force, first_varied, varied = columns
-        for c in range(out.shape[1]):
-            out[0, c] = known[output, c]
-        node = 1
-        for n in range(run.h.shape[0]):
-            derivatives_at(t, p, d, n, run, n == 0 or run.h[n] != run.h[n - 1])
-            here = (junction, first_force, first_varied, varied, weights[n])
-            _propagate(t, p, d, forces[n], here, known, following, matrix)
-            known, following = following, known
-            if node < nodes.shape[0] and nodes[node] == n + 1:
-                for c in range(out.shape[1]):
-                    out[node, c] = known[output, c]
-                node += 1
-
-    return steps
+def sensitivity_steps(
+    t: Any, p: Any, d: Any, run: Any, forces: Any, columns: Any, weights: Any, nodes: Any, output: Any, known: Any,
+    following: Any, matrix: Any, out: Any,
+) -> None:  # fmt: skip
+    """The forward sweep of `phnn.integrate.sweep.sensitivities`; the last four arguments are work arrays and result."""
+    junction, first_force, first_varied, varied = columns
+    for c in range(out.shape[1]):
+        out[0, c] = known[output, c]
+    node = 1
+    for n in range(run.h.shape[0]):
+        derivatives_at(t, p, d, n, run, n == 0 or run.h[n] != run.h[n - 1])
+        here = (junction, first_force, first_varied, varied, weights[n])
+        _propagate(t, p, d, forces[n], here, known, following, matrix)
+        known, following = following, known
+        if node < nodes.shape[0] and nodes[node] == n + 1:
+            for c in range(out.shape[1]):
+                out[node, c] = known[output, c]
+            node += 1
 
 
 @inline
@@ -171,41 +165,36 @@ def _pull(t: Any, p: Any, d: Any, w: Any, pulled: Any) -> None:
             pulled[i] += by[i] * back
 
 
-def make_adjoint(derivatives_at: Compiled) -> Compiled:
-    """The backward sweep of `phnn.integrate.sweep.adjoint`; it allocates its own work arrays."""
-
-    @loop
-    def steps(
-        t: Any, p: Any, d: Any, run: Any, cotangent: Any, w: Any, gradient: Any, multipliers: Any, pulled: Any,
-        mu: Any, matrix: Any,
-    ) -> None:  # fmt: skip
-        n, m = w.shape[0], mu.shape[0]
-        last = run.h.shape[0] - 1
-        for step in range(last, -1, -1):
+def adjoint_steps(
+    t: Any, p: Any, d: Any, run: Any, cotangent: Any, w: Any, gradient: Any, multipliers: Any, pulled: Any,
+    mu: Any, matrix: Any,
+) -> None:  # fmt: skip
+    """The backward sweep of `phnn.integrate.sweep.adjoint`; the last arguments are results and work arrays."""
+    n, m = w.shape[0], mu.shape[0]
+    last = run.h.shape[0] - 1
+    for step in range(last, -1, -1):
+        for s in range(n):
+            w[s] += cotangent[step + 1, s]
+        derivatives_at(t, p, d, step, run, step == last or run.h[step] != run.h[step + 1])
+        _pull(t, p, d, w, pulled)
+        for j in range(m):
+            mu[j, 0] = -pulled[n + j]
+            for i in range(m):
+                matrix[j, i] = d.by_force[i, n + j]
+        eliminate(matrix, mu)
+        for j in range(m):
+            by = d.by_force[j]
+            for i in range(pulled.shape[0]):
+                pulled[i] += by[i] * mu[j, 0]
+        if multipliers.shape[0] > 0:
             for s in range(n):
-                w[s] += cotangent[step + 1, s]
-            derivatives_at(t, p, d, step, run, step == last or run.h[step] != run.h[step + 1])
-            _pull(t, p, d, w, pulled)
+                multipliers[step, s] = w[s]
             for j in range(m):
-                mu[j, 0] = -pulled[n + j]
-                for i in range(m):
-                    matrix[j, i] = d.by_force[i, n + j]
-            eliminate(matrix, mu)
-            for j in range(m):
-                by = d.by_force[j]
-                for i in range(pulled.shape[0]):
-                    pulled[i] += by[i] * mu[j, 0]
-            if multipliers.shape[0] > 0:
-                for s in range(n):
-                    multipliers[step, s] = w[s]
-                for j in range(m):
-                    multipliers[step, n + j] = mu[j, 0]
-            for j in range(m):
-                k = junction_storage(t, j)
-                pulled[k] += w[k]
-            for s in range(n):
-                w[s] = pulled[s]
-            for k in range(gradient.shape[0]):
-                gradient[k] += pulled[n + m + k]
-
-    return steps
+                multipliers[step, n + j] = mu[j, 0]
+        for j in range(m):
+            k = junction_storage(t, j)
+            pulled[k] += w[k]
+        for s in range(n):
+            w[s] = pulled[s]
+        for k in range(gradient.shape[0]):
+            gradient[k] += pulled[n + m + k]

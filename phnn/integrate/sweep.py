@@ -7,18 +7,17 @@ By the implicit function theorem the derivatives of an integration obey `phnn.in
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate.actions import action_derivatives, actions
 from phnn.integrate.compiled import loop_entry
-from phnn.integrate.linearise import derivatives_at
 from phnn.integrate.pattern import Pattern, Run, pattern_of
 from phnn.integrate.perturbed import Derivatives, new_derivatives
 from phnn.integrate.program import Program
-from phnn.integrate.recursion import make_adjoint, make_sensitivities
+from phnn.integrate.recursion import adjoint_steps, sensitivity_steps
 from phnn.integrate.tables import (
     PLACE_4,
     PORTS,
@@ -27,19 +26,8 @@ from phnn.integrate.tables import (
 
 Array = NDArray[np.float64]
 
-_sensitivity_steps = make_sensitivities(derivatives_at)
-_adjoint_steps = make_adjoint(derivatives_at)
-
-
-# A cached function has to be an attribute of a module, not one that another function has made.
-@loop_entry
-def _sensitivities(*arguments: Any) -> None:
-    _sensitivity_steps(*arguments)
-
-
-@loop_entry
-def _adjoint(*arguments: Any) -> None:
-    _adjoint_steps(*arguments)
+_sensitivities = loop_entry(sensitivity_steps)
+_adjoint = loop_entry(adjoint_steps)
 
 
 def carrier(program: Program, port: int) -> int:

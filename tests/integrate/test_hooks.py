@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numba
 import pytest
 import torch
 
 import phnn
 from phnn.integrate import hooks, ode
 from phnn.integrate.cache import compiled
+from phnn.integrate.compiled import inline
 from phnn.integrate.compiled_method import sampled_states
 from phnn.models.actuator import hrc
 from phnn.network import PortHamiltonianSystem
@@ -61,6 +63,22 @@ def test_without_numbas_files_functions_are_compiled_in_memory(monkeypatch: pyte
         function = compiled(double)
     assert function(21.0) == 42.0
     assert not function.stats.cache_path
+
+
+def test_python_cannot_call_what_has_no_wrapper_for_it() -> None:
+    inner = inline(double)
+
+    @numba.njit
+    def outer(x: float) -> float:
+        return inner(x)
+
+    with pytest.raises(TypeError, match="double is called by compiled functions only"):
+        inner(1.0)
+    assert outer(21.0) == 42.0
+    # Compiled for these types by now: without the guard this call would end the process.
+    with pytest.raises(TypeError, match="take its `py_func`"):
+        inner(1.0)
+    assert inner.py_func(1.0) == 2.0
 
 
 def test_loops_do_without_numbas_option(monkeypatch: pytest.MonkeyPatch) -> None:
