@@ -69,9 +69,9 @@ PARTS = {
     "sensitivities": Part("recursion.sensitivity_steps", _differentiate),
     "adjoint": Part("recursion.adjoint_steps", _pull_back),
 }
-# What an identification needs at first, in this process and in another; then what the refits of a diagnosis need.
-_HERE, _ELSEWHERE = "steps", "sensitivities"
-_LATER = "general steps"
+# What an identification and a diagnosis need, in this process and in another. Both kinds of steps have many functions
+# in common, which one process compiles once.
+_HERE, _ELSEWHERE = ("steps", "general steps"), "sensitivities"
 
 
 def is_kept(name: str) -> bool:
@@ -109,23 +109,17 @@ def begin_elsewhere(*names: str) -> subprocess.Popen[bytes] | None:
 
 def begin_for_diagnosis() -> subprocess.Popen[bytes] | None:
     """Begin to compile, in another process, what a diagnosis needs after its first simulation."""
-    return begin_elsewhere(_ELSEWHERE, _LATER)
+    return begin_elsewhere(_ELSEWHERE)
 
 
-def compile_for_identification(actuator: bool, progress: Callable[[str], object]) -> None:
-    """Compile what the first fit needs, while another process compiles what a diagnosis needs later.
-
-    Args:
-        actuator: whether an actuator is identified; networks of users take other kernels than its own.
-        progress: is told that there is something to compile.
-    """
+def compile_for_diagnosis(progress: Callable[[str], object]) -> None:
+    """Compile what identification and diagnosis need, in two processes; ``progress`` is told if there is anything."""
+    left = [name for name in _HERE if not is_kept(name)]
     process = begin_for_diagnosis()
-    if process is None:
-        return
-    progress("compile the simulation, once on this machine")
-    if actuator:
-        warm_up([_HERE])
-    while process.poll() is None and not is_kept(_ELSEWHERE):
+    if left or process is not None:
+        progress("compile the simulation, once on this machine")
+    warm_up(left)
+    while process is not None and process.poll() is None and not is_kept(_ELSEWHERE):
         time.sleep(_LOOK)
 
 
@@ -136,8 +130,8 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 def _everything() -> None:
     """Compile all parts in two processes."""
-    process = begin_elsewhere("sensitivities", "adjoint")
-    warm_up(["steps", "general steps"])
+    process = begin_elsewhere(_ELSEWHERE, "adjoint")
+    warm_up(_HERE)
     if process is not None:
         process.wait()
     # Nothing is left to compile, unless the other process failed.

@@ -60,37 +60,38 @@ def test_later_kernels_are_compiled_once_in_another_process(begun: list[list[str
     for _ in range(2):
         warm.begin_for_diagnosis()
     # Modules that lie in the working directory are not imported (-P).
-    assert [command[1:] for command in begun] == [["-P", "-m", "phnn.warm", "sensitivities", "general steps"]]
+    assert [command[1:] for command in begun] == [["-P", "-m", "phnn.warm", "sensitivities"]]
 
 
 def test_what_is_kept_is_not_compiled_again(begun: list[list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(warm, "has_kept", lambda function: function != "general._steps")
-    warm.begin_for_diagnosis()
-    assert begun[0][-2:] == ["phnn.warm", "general steps"]
+    monkeypatch.setattr(warm, "has_kept", lambda function: True)
+    monkeypatch.setattr(warm, "warm_up", lambda names: pytest.fail(str(names)) if names else None)
+    warm.compile_for_diagnosis(pytest.fail)
+    assert not begun
 
 
-def test_an_identification_waits_for_what_another_process_compiles(
+def test_a_diagnosis_waits_for_what_another_process_compiles(
     begun: list[list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     order: list[str] = []
-    kept = iter((False, False, False, False, True))
-    monkeypatch.setattr(warm, "warm_up", lambda names: order.extend(names))
-    monkeypatch.setattr(warm, "has_kept", lambda function: order.append(function) or next(kept))
-    monkeypatch.setattr(warm.time, "sleep", lambda seconds: order.append("wait"))
+    looks = iter((False, False, True))
+    monkeypatch.setattr(warm, "warm_up", order.extend)
     process = warm.begin_for_diagnosis()
     process.poll.return_value = None
-    order.clear()
-    warm.compile_for_identification(True, order.append)
-    name = "recursion.sensitivity_steps"
-    assert order == ["compile the simulation, once on this machine", "steps", name, "wait", name, "wait", name]
+    monkeypatch.setattr(warm, "has_kept", lambda function: function == "quick._steps" or next(looks))
+    monkeypatch.setattr(warm.time, "sleep", lambda seconds: order.append("wait"))
+    warm.compile_for_diagnosis(order.append)
+    assert order == ["compile the simulation, once on this machine", "general steps", "wait"]
 
 
-def test_an_identification_goes_on_when_the_other_process_has_ended(
+def test_a_diagnosis_goes_on_when_the_other_process_has_failed(
     begun: list[list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(warm, "warm_up", lambda names: pytest.fail("a network of a user takes another kernel"))
+    done: list[str] = []
+    monkeypatch.setattr(warm, "warm_up", done.extend)
     warm.begin_for_diagnosis().poll.return_value = 1
-    warm.compile_for_identification(False, str)
+    warm.compile_for_diagnosis(str)
+    assert done == ["steps", "general steps"]
 
 
 def test_machine_code_is_found_where_it_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,6 +118,9 @@ def test_a_machine_that_starts_no_process_compiles_when_it_has_to(
     def refuse(*_: object, **__: object) -> None:
         raise OSError("no more processes")
 
+    done: list[str] = []
+    monkeypatch.setattr(warm, "warm_up", done.extend)
     monkeypatch.setattr(warm.subprocess, "Popen", refuse)
     assert warm.begin_for_diagnosis() is None
-    warm.compile_for_identification(True, lambda message: pytest.fail(message))
+    warm.compile_for_diagnosis(str)
+    assert done == ["steps", "general steps"]

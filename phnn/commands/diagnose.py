@@ -18,7 +18,7 @@ from phnn.report import console_summary
 from phnn.report.evidence import Provenance
 from phnn.report.provenance import command_line, provenance
 from phnn.report.result import RESULTS, evidence, write_into
-from phnn.warm import compile_for_identification
+from phnn.warm import compile_for_diagnosis
 
 
 def diagnose(
@@ -42,7 +42,7 @@ def diagnose_into(
 ) -> Diagnosis:
     """Diagnose, write what `diagnose` writes, and print it; ``out`` is the place as the user calls it."""
     with status() as tell, watched(place, "diagnose", tell) as progress:
-        compile_for_identification("network" not in campaign.setup, progress)
+        compile_for_diagnosis(progress)
         diagnosis = run_diagnosis(campaign, options, progress, on_base=lambda fitted: keep(fitted, place / "base"))
         progress("write the report")
         shown = evidence(diagnosis, made_of)

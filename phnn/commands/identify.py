@@ -22,7 +22,7 @@ from phnn.network.roles import auxiliary
 from phnn.output import PROGRESS, Place, claim, finite, watched
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import interval
-from phnn.warm import compile_for_identification
+from phnn.warm import compile_for_diagnosis
 
 
 def identify(
@@ -45,7 +45,7 @@ def identify(
 def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[str, Any], Evaluation]:
     """Fit the base model and write it; its table of parameters, and its scores."""
     with status() as tell, watched(place, "identify", tell) as progress:
-        compile_for_identification("network" not in campaign.setup, progress)
+        compile_for_diagnosis(progress)
         fitted, error = identify_base(campaign, options, progress)
         scores = score_on_all(fitted, campaign)
     keep(fitted, place / "base")
