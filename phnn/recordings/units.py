@@ -59,6 +59,9 @@ _SI = (
     "Wb",
 )
 
+# Multiples of the SI units of recordings are known without pint, whose definitions take half a second to load.
+_MULTIPLES = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3}
+
 _NAME = re.compile(r"^\s*([A-Za-z]+)\s*(?:_(\S+)|[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
 # A product such as `kg m2`, with exponents of one digit, so that no power is large; then what it is divided by.
 _FACTOR = r"(?:[A-Za-zΩÅ°%]+(?:_[A-Za-z0-9]+)*(?:(?:\^|\*\*)?-?[1-9]|[²³])?)"
@@ -76,6 +79,9 @@ class Unit:
     offset: float
 
 
+_COMMON = {f"{p}{si}": Unit(si, factor, 0.0) for si in QUANTITIES.values() if si for p, factor in _MULTIPLES.items()}
+
+
 def spelled(unit: str) -> str:
     """One spelling of a unit: both Unicode micro signs become ``u``, ``°C`` becomes ``degC``, words symbols."""
     bare = unit.strip().replace("\u00b5", "u").replace("\u03bc", "u").replace("\u00b0C", "degC")
@@ -89,6 +95,11 @@ def find_unit(text: str) -> Unit | None:
     The text is a product of names with exponents of one digit; pint never sees anything else.
     """
     name = spelled(text)
+    return _COMMON.get(name) or by_pint(name)
+
+
+def by_pint(name: str) -> Unit | None:
+    """`find_unit` of a text in its common spelling, asked of pint."""
     if len(name) > LIMITS.unit_characters or _UNIT.fullmatch(name) is None or _CONSTANT.search(name):
         return None
     name = _POWER.sub(r"**\1", _NEWTON_METRE.sub(r"\1N*m", name))

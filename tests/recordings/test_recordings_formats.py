@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 import tempfile
 import time
@@ -18,7 +19,7 @@ from recordings_example import output, refused, sine, write
 from phnn.recordings import read
 from phnn.recordings.reader import READERS
 from phnn.recordings.text_files import read_text
-from phnn.recordings.units import QUANTITIES, accepted, find_unit, known_unit, parse_name, suits, to_si
+from phnn.recordings.units import QUANTITIES, accepted, by_pint, find_unit, known_unit, parse_name, suits, to_si
 
 STATED = "columns: {time: {column: 0, unit: s}, voltage: {column: 1, unit: V}, displacement: {column: 2, unit: m}}\n"
 
@@ -142,6 +143,18 @@ def test_texts_that_are_no_units_are_refused_at_once(text: str) -> None:
     start = time.perf_counter()
     assert find_unit(text) is None
     assert time.perf_counter() - start < 2.0  # the first one loads the definitions
+
+
+def test_units_known_without_pint_are_those_of_pint() -> None:
+    si = {name for name in QUANTITIES.values() if name}
+    for name in (f"{prefix}{unit}" for prefix in ("", "m", "u", "n", "k") for unit in si):
+        assert find_unit(name) == by_pint(name), name
+
+
+def test_common_units_need_no_definitions() -> None:
+    asked = "from phnn.recordings.units import find_unit; import sys; find_unit('um'), find_unit('V')"
+    code = f"{asked}; assert 'pint' not in sys.modules; find_unit('mil'); assert 'pint' in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 @pytest.mark.parametrize(
