@@ -42,6 +42,7 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     assert found.stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 def test_a_verb_stays_a_verb_when_its_room_is_imported() -> None:
     code = "import phnn.identification.base, phnn.diagnosis.diagnosis, phnn.comparison.run, phnn; " + (
         "print([callable(f) for f in (phnn.read, phnn.identify, phnn.diagnose, phnn.predict, phnn.compare, phnn.load)])"

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import campaigns
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -60,6 +61,7 @@ def test_other_content_is_never_taken_for_the_same(one: object, other: object) -
     assert not same or one == other
 
 
+@pytest.mark.slow
 def test_a_recalled_diagnosis_is_the_diagnosis() -> None:
     campaign, effects = campaigns.campaign("creep"), [effect(n) for n in ("creep", "sensor_lag", "quadratic_drag")]
     moved = Options(workers=1, starts=1, criteria={"explains": 0.25, "tie": 24.0})

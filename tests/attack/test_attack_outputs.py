@@ -132,6 +132,7 @@ def command(place: Path, out: Path) -> list[str]:
     return [sys.executable, "-m", "phnn.cli", "predict", str(place / "model"), str(place / "rec"), "--out", str(out)]
 
 
+@pytest.mark.slow
 def test_poor_surroundings_are_enough(place: Path) -> None:
     """No letters but ascii, no home, no temporary folder, and nobody who reads the output."""
     poor = {"LANG": "C", "PYTHONIOENCODING": "ascii", "HOME": "/nonexistent", "TMPDIR": "/nonexistent"}

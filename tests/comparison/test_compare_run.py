@@ -162,6 +162,7 @@ def test_a_stopped_comparison_keeps_what_was_finished(
         compare(campaign, tmp_path, example.settings("models=[phs,linear]"))
 
 
+@pytest.mark.slow
 def test_beginning_anew_fits_every_model_once(
     campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -43,6 +43,7 @@ def test_a_fully_neural_model_begins_with_the_modes_of_linear_hysterons(campaign
     assert np.all(np.abs(np.log(ratio)) < 0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["fully_neural", "neural_ode"])
 def test_it_follows_the_voltage_from_the_first_step(kind: str, campaign: Campaign) -> None:
     core: FullyNeural | NeuralODE

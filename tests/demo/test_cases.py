@@ -28,6 +28,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, Path, Sealed]:
     return case, folder, make_case(case, folder)
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes(tmp_path: Path, made: tuple[Case, Path, Sealed]) -> None:
     case, folder, sealed = made
     again = draw_case(SENSOR_NONLINEARITY, "same", "few")
@@ -72,6 +73,7 @@ def test_a_noncentrality_can_be_asked_for(tmp_path: Path) -> None:
     assert sealed.strength_over_noise < 0.2
 
 
+@pytest.mark.slow
 def test_what_cannot_be_made_strong_enough_gives_way_to_the_next_choice(tmp_path: Path) -> None:
     # A play changes the output by no more than its half-width, 20 µm at most.
     case = draw_case(LISTED.index("output_backlash"), "same", "few")
@@ -123,6 +125,7 @@ def test_nothing_concealed_leaves_the_base_model(tmp_path: Path) -> None:
     assert (sealed.strength_over_noise, sealed.delta) == (0.0, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stratum", STRATA)
 def test_cases_of_a_stratum_conceal_everything_it_can(stratum: str) -> None:
     count = len(choices(stratum))

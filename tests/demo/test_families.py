@@ -91,6 +91,7 @@ def test_a_force_moves_the_actuator_as_a_linear_oscillator_would() -> None:
     assert np.max(np.abs(q - expected)) < 1e-6 * np.max(np.abs(expected))
 
 
+@pytest.mark.slow
 def test_process_noise_has_the_resonance_of_the_plant() -> None:
     # At rest no hysteron slips: each is a capacitor, which leaves an oscillator of stiffness k + α² Σ 1/C.
     rest = (Excitation("rest", (Piece(0.0, 4.0),), 1e-4, 40_000),)
@@ -173,6 +174,7 @@ def test_a_family_changes_nothing_but_the_noise(tmp_path: Path, family: str, bri
     )
 
 
+@pytest.mark.slow
 def test_a_concealed_effect_acts_under_process_noise_too(tmp_path: Path) -> None:
     case = replace(draw_case(0, "same", "few", noise="process:0.3"), targets=(3.0,))
     sealed = make_case(case, tmp_path)

@@ -128,6 +128,7 @@ def test_draws_of_hysterons_stay_what_they_were() -> None:
         assert (other.noise, other.recordings) == (plain.noise, plain.recordings)
 
 
+@pytest.mark.slow
 @others
 def test_what_acts_on_hysterons_is_not_concealed_where_there_are_none(family: str) -> None:
     for stratum in STRATA:

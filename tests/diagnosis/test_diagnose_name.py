@@ -32,6 +32,7 @@ def scored(effect: str) -> naming.Naming:
     return score(campaigns.linearised(effect), EVERY, campaigns.generic(effect), 0)
 
 
+@pytest.mark.slow
 def test_p_values_of_noise_are_uniform(monkeypatch: pytest.MonkeyPatch) -> None:
     linearised, generic = campaigns.linearised(), campaigns.generic()
     kept: dict[tuple[str, tuple[float, ...]], np.ndarray] = {}

@@ -70,6 +70,7 @@ def refitted(plan: Plan, start: Setup, effect: str, values: dict[str, float]) ->
     return Trial(Candidate(e, values, (), 10.0, 1e-5), fitted)
 
 
+@pytest.mark.slow
 def test_a_delay_and_a_lag_are_told_apart_by_the_recording_that_is_proposed() -> None:
     g = linearised(tau_d=2e-5)
     members = [

@@ -170,6 +170,7 @@ def test_standard_errors_shrink_as_information_adds() -> None:
     assert shrinkage(moved, known, (2,)) == pytest.approx(math.sqrt(before[2, 2] / after[2, 2]))
 
 
+@pytest.mark.slow
 def test_a_whole_diagnosis_without_a_name_says_what_to_record_next() -> None:
     # Drag is what is missing, and the catalogue holds a drift alone.
     made = campaigns.diagnosis("quadratic_drag", "sensor_drift")

@@ -113,6 +113,7 @@ def test_noise_alone_has_no_symptoms() -> None:
     assert (np.mean(low, axis=0) <= 0.08).all()
 
 
+@pytest.mark.slow
 def test_of_noise_alone_almost_nothing_is_said() -> None:
     said = [len(symptom_sentences(symptoms(seen_with(nothing, seed)))) > 0 for seed in range(100)]
     # One per cent is meant; four of a hundred come by chance once in two hundred and ninety times.

@@ -84,6 +84,7 @@ def test_every_output_of_every_realisation_is_a_recording(folder: Path) -> None:
     assert r.noise == pytest.approx(NOISE, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_masses_are_identified_and_predict(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -155,6 +156,7 @@ def rewritten(folder: Path, target: Path, *changes: tuple[str, str]) -> Path:
     return target / "recordings.yaml"
 
 
+@pytest.mark.slow
 def test_a_start_may_be_unknown(folder: Path, tmp_path: Path) -> None:
     manifest = rewritten(folder, tmp_path, ("start: periodic", "start: unknown"))
     said = ["--manifest", str(manifest), "--out", str(tmp_path / "out"), "starts=1"]

@@ -78,6 +78,7 @@ def test_intervals_contain_the_truth_as_often_as_they_say(noise: Noise, share: f
     assert low <= DRAWS * inside.mean() <= high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [white, first_order])
 def test_intervals_do_not_need_repetitions(noise: Noise) -> None:
     found, freedom = errors(noise, periodic=False)
@@ -103,6 +104,7 @@ def test_uneven_noise_widens_where_it_lies() -> None:
     assert np.sqrt(np.mean(stated, axis=0)[0]) == pytest.approx(true[0], rel=0.2)
 
 
+@pytest.mark.slow
 def test_intervals_know_of_lines_that_the_model_misses() -> None:
     jacobian = campaigns.base().jacobian
     inverse, rng = np.linalg.pinv(jacobian), np.random.default_rng(11)

@@ -173,6 +173,7 @@ def test_batches_are_solved_as_their_members_are() -> None:
     torch.testing.assert_close(*gradients, rtol=1e-8, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_steep_friction_is_solved_at_any_step() -> None:
     network = Network(
         (Storage("p", "capacitor", ("m",)),),

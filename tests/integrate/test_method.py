@@ -151,6 +151,7 @@ def test_states_and_gradients_are_those_of_the_same_dense_steps(name: str) -> No
         agree(found, wanted, 1e-12)
 
 
+@pytest.mark.slow
 def test_actuator_of_the_paper_between_sparse_outputs() -> None:
     # 0.1 ms is a hundred relaxation times of the first hysteron; 30 steps lie between two outputs.
     driven = PortHamiltonianSystem(from_paper()).with_input(Wave(1, 40.0), ("voltage",))

@@ -102,6 +102,7 @@ def test_adjoint_refuses_a_tensor_it_would_not_differentiate_by() -> None:
     assert amplitude.grad is not None
 
 
+@pytest.mark.slow
 def test_adjoint_is_refused_on_a_grid_too_coarse_for_its_fastest_mode() -> None:
     # b/m = 50 1/s with outputs one second apart: torchdiffeq alone returns a gradient that is wrong by orders.
     driven = oscillator(b=100.0).with_input(lambda t: torch.cos(t))

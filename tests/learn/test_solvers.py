@@ -65,6 +65,7 @@ def test_adaptive_torchdiffeq_is_exact_on_recordings_of_different_rates(kind: st
     assert error([torch.from_numpy(y) for y in adaptive(kind)], reference(KINDS[kind]())) < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "solver"), [("neural", compiled), ("fully_neural", averaged)])
 def test_power_preserving_marches_converge_with_the_square_of_the_step(kind: str, solver: Solver) -> None:
     plant = KINDS[kind]()
@@ -97,8 +98,12 @@ def test_the_step_under_torchdiffeq_is_that_of_the_compiled_march() -> None:
         ("neural", {"name": "discrete_gradient"}),
         ("neural", {"name": "torchdiffeq"}),
         ("neural", {"name": "torchdiffeq", "adjoint": False}),
-        ("neural", {"name": "torchdiffeq", "method": "discrete_gradient"}),
-        ("neural", {"name": "torchdiffeq", "method": "discrete_gradient", "adjoint": False}),
+        pytest.param("neural", {"name": "torchdiffeq", "method": "discrete_gradient"}, marks=pytest.mark.slow),
+        pytest.param(
+            "neural",
+            {"name": "torchdiffeq", "method": "discrete_gradient", "adjoint": False},
+            marks=pytest.mark.slow,
+        ),
         ("fully_neural", {"name": "discrete_gradient"}),
         ("fully_neural", {"name": "torchdiffeq", "method": "rk4", "adjoint": False}),
         ("neural_ode", {"name": "torchdiffeq", "method": "rk4", "adjoint": False}),

@@ -62,6 +62,7 @@ def homes(out: Path) -> list[Path]:
     return sorted(path.parent for path in out.glob("*/metrics.json"))
 
 
+@pytest.mark.slow
 def test_a_failing_run_is_told_and_stops_no_other(
     sweep: Sweep, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -46,6 +46,7 @@ def test_a_held_out_amplitude_is_scored_and_chooses_nothing(middle: tuple[Path, 
     assert len(entry["held_out"]["before"]) == len(entry["held_out"]["after"]) == 3
 
 
+@pytest.mark.slow
 def test_what_is_measured_at_a_held_out_amplitude_changes_no_model(middle: tuple[Path, Path], tmp_path: Path) -> None:
     folder, out = middle
     other = tmp_path / "in"

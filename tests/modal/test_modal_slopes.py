@@ -30,6 +30,7 @@ def moved(model: ModalModel, k: int, by: float, dt: float) -> ModalModel:
     return replace(model, k=model.k * np.exp(by * (np.arange(model.k.size) == k - sizes[3]).reshape(model.k.shape)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "bound"), [("linear", 0.999999), ("extra_hysteron", 0.75)])
 def test_slopes_point_where_differences_do(studied: Callable[[str, int], Result], name: str, bound: float) -> None:
     result = studied("extra_hysteron", 7)

@@ -41,6 +41,7 @@ def test_a_parametric_start_is_the_dead_zone(law: str) -> None:
     assert set(network.parameters) == {"m", "k", "b", "alpha", "C_1", "C_2"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["damping", "monotone"])
 def test_without_a_start_thresholds_are_those_of_the_drive(law: str) -> None:
     told = {"rho_1": 1.0, "rho_2": 2.0, "d_1": 3.0, "d_2": 4.0}

@@ -61,6 +61,7 @@ def fill(disk: Path, out: Path, room: int, ended: threading.Event) -> None:
         (disk / "filler").write_bytes(bytes(max(shutil.disk_usage(disk).free - room, 0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", quick(RUNS, "predict"))
 def test_a_disk_that_fills_up_under_a_command_loses_nothing(runner: Runner, disk: Path, verb: str) -> None:
     wanted, full = clean(runner, verb), 0
@@ -111,6 +112,7 @@ def test_a_command_needs_no_surroundings(runner: Runner, verb: str, missing: str
     assert results(out) == wanted, differing(results(out), wanted)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", quick(RUNS, "predict"))
 def test_a_command_whose_output_nobody_reads_ends_its_work(runner: Runner, verb: str) -> None:
     out = runner.home / "closed" / verb

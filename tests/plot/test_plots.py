@@ -86,6 +86,7 @@ def test_no_text_covers_another(kind: str) -> None:
         assert min(across) < 2.0, f"{kind}: {one!r} and {other!r}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PLOTS)
 def test_columns_have_units_and_the_drawing_is_the_same_twice(kind: str) -> None:
     for table in computed(kind).tables().values():

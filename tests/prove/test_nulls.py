@@ -77,6 +77,7 @@ def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any], needle: 
         settings(**wrong)
 
 
+@pytest.mark.slow
 def test_answers_are_counted_by_family(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answers = iter(
         [

@@ -78,6 +78,7 @@ def test_a_proof_of_three_cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         proved(settings(seed=1), tmp_path, said.append)
 
 
+@pytest.mark.slow
 def test_work_that_is_done_twice_counts_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # A cluster does again what a worker had finished, but not handed over, when it died.
     class Twice(Executor):

@@ -103,6 +103,7 @@ def test_more_tables_than_recordings_are_refused_in_time(tmp_path: Path) -> None
     assert time.perf_counter() - begin < 5.0
 
 
+@pytest.mark.slow
 def test_a_long_text_of_tables_takes_little_memory(tmp_path: Path) -> None:
     written(tmp_path, [line for k in range(1, 400) for line in table(k)])
     source = named_file(tmp_path / "a.csv")
@@ -235,6 +236,7 @@ def test_json_recordings_are_bounded_in_size(tmp_path: Path) -> None:
     refused(tmp_path, "a.json", "json recording", "67.1 MB")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["arrays", "records"])
 def test_long_json_takes_little_memory(tmp_path: Path, form: str) -> None:
     count = 100_000

@@ -133,6 +133,7 @@ HOSTILE = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_hostile_names_of_files_and_columns_stay_names(folder: Path, tmp_path: Path) -> None:
     made = []
     for i, name in enumerate(HOSTILE):

@@ -195,6 +195,7 @@ def test_only_the_worst_recordings_get_a_figure_when_there_are_many(
     assert "1 further recording has no figure here" in page.text
 
 
+@pytest.mark.slow
 def test_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
     evidence = replace(make_evidence(("step_50V",)), traces=(make_trace("step_50V", 400),), ledger=())
     document = make_document("named", evidence)

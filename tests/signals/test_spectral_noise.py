@@ -75,6 +75,7 @@ def covered(drive: str, noise: str, draws: range, most: int = 40) -> tuple[int, 
     return right, given
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth() -> None:
     counts = np.array([covered(*what, range(4)) for what in WHAT]).sum(axis=0)
     assert counts[1] >= 30 and counts[0] >= 0.9 * counts[1], counts

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -76,6 +77,7 @@ def test_separated_zeros_are_passive_and_repel(seed: int, hysterons: int, rho: f
         assert (shifted_losses(system, anywhere, other) >= 0.0).all()
 
 
+@pytest.mark.slow
 def test_a_state_beside_a_separated_zero_leaves_it() -> None:
     rho, zero, h, steps = 1.0, 5.0, 0.25, 160
     network, u = with_law(ThreeZeros(rho, zero)), torch.zeros(2, dtype=torch.float64)
