@@ -186,6 +186,7 @@ def test_a_whole_diagnosis_without_a_name_says_what_to_record_next() -> None:
     assert made.proposal.experiment.kind == "near-resonance sine"
 
 
+@pytest.mark.slow
 def test_the_report_of_an_element_without_a_name_has_a_proposal_or_a_reason() -> None:
     made = campaigns.diagnosis("quadratic_drag", "sensor_drift")
     content = document(made)["next_experiment"]

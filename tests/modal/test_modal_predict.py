@@ -107,6 +107,7 @@ def test_recordings_without_outputs_are_predicted(middle: tuple[Path, Path], tmp
     assert list(table) == ["time_s", "y_1_m", "y_2_m"] and table["y_2_m"].std() > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrong", "right", "words"),
     [

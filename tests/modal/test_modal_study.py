@@ -79,6 +79,7 @@ def test_one_amplitude_is_not_judged(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "Record at a second amplitude" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrong", "right", "words"),
     [
