@@ -123,25 +123,3 @@ def test_identified_model_goes_into_the_diagnosis_and_predicts(tmp_path: Path) -
     ):
         np.testing.assert_array_equal(one.y, other.y)
         assert one.document("")["residual_over_noise"] < 1.2
-
-
-def _blocks(page: str) -> list[str]:
-    """The indented blocks of python of a page."""
-    found = re.findall(r"(?:^    .*\n|^\n)+", page, flags=re.MULTILINE)
-    blocks = [inspect.cleandoc(block) for block in found]
-    return [b for b in blocks if b.startswith("import ")]
-
-
-@pytest.mark.slow
-def test_the_example_of_the_first_page_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder, _ = campaigns.concealed("quadratic_drag")
-    (tmp_path / "recordings").symlink_to(folder)
-    monkeypatch.chdir(tmp_path)
-    example, torch_example = _blocks((ROOT / "README.md").read_text(encoding="utf-8"))
-    scope: dict[str, object] = {}
-    exec(example, scope)
-    assert scope["diagnosis"].verdict == "named"  # type: ignore[attr-defined]
-    assert np.isfinite(scope["y"]).all()  # type: ignore[arg-type]
-    assert (tmp_path / "out" / "report.html").exists()
-    exec(torch_example, scope)
-    assert tuple(scope["x"].shape) == (3, 4)  # type: ignore[attr-defined]

@@ -21,6 +21,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parents[1]
+README = "README"
 # A printed number may differ by this share from the page's: other processors round otherwise, and a fit ends within
 # its tolerance.
 TOLERANCE = 0.02
@@ -68,10 +69,15 @@ def blocks_of(text: str) -> list[Block]:
     ]
 
 
+def path_of(page: str) -> Path:
+    """The file of a page; README lies above the others."""
+    return (DOCS.parent if page == README else DOCS) / f"{page}.md"
+
+
 def pages_with_code() -> list[str]:
-    """Names of all pages with python blocks, and the docstrings of the interface."""
+    """README and all pages with python blocks, by name, and the docstrings of the interface."""
     pages = sorted(p.stem for p in DOCS.glob("*.md") if blocks_of(p.read_text(encoding="utf-8")))
-    return [*pages, "docstrings"]
+    return [README, *pages, "docstrings"]
 
 
 def differs(printed: str, stated: str) -> bool:
@@ -89,7 +95,7 @@ def load(page: str) -> list[Block]:
         from page_setups import docstring_examples
 
         return [Block(code, 0) for code in docstring_examples()]
-    return blocks_of((DOCS / f"{page}.md").read_text(encoding="utf-8"))
+    return blocks_of(path_of(page).read_text(encoding="utf-8"))
 
 
 def run_page(page: str) -> Outcome:

@@ -106,7 +106,7 @@ def reference(folder: Path) -> Names:
 
 
 _SETUPS: dict[str, Callable[[Path], Names]] = {
-    "index": recordings,
+    "README": recordings,
     "what-phnn-can-say": recordings,
     "coming-from-matlab": recordings,
     "recording-an-actuator": recordings,
