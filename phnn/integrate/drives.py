@@ -13,7 +13,7 @@ from typing import Any
 from phnn.integrate.affine import current_of
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import STIFFNESS
-from phnn.integrate.perturbed import CURVED, KIND, ONLY_LINK, STIFF, STORAGE, parameter, perturb, places_of
+from phnn.integrate.perturbed import CURVED, KIND, ONLY_LINK, STIFF, STORAGE, parameter, perturb, places_of, step_of
 from phnn.integrate.table_access import count, mean_effort, memory_decay, memory_rate, resistor_flow
 from phnn.integrate.tables import (
     FIRST_SOURCE,
@@ -85,7 +85,7 @@ def _junction_power(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
         perturb(p, d, i, TINY)
         junction_flows(t, d.theta, d.x, d.y, d.wj)
         effort = branch_effort(t, r, d.g[slot], d.wj)
-        q = read(t, t[r, READ], d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
+        q = read(t, t[r, READ], step_of(d, which, slot, act, h))
         d.by_drive[i] += (effort * resistor_flow(t, r, effort, q, d.theta)).imag / TINY
         perturb(p, d, i, 0.0)
 

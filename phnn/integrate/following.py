@@ -13,7 +13,7 @@ import numpy as np
 from phnn.integrate.affine import current_of, exert, fill, piece_of
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.constants import LEAK, ONE, RHO, STIFFNESS, TWO
-from phnn.integrate.perturbed import ABOVE, CROSSING, RESTING, STIFF, STORAGE, parameter, perturb, places_of
+from phnn.integrate.perturbed import ABOVE, CROSSING, RESTING, STIFF, STORAGE, parameter, perturb, places_of, step_of
 from phnn.integrate.prepared import prepare_leaf, prepare_pairs
 from phnn.integrate.table_access import resistor_thresholds
 from phnn.integrate.tables import (
@@ -34,7 +34,7 @@ def _thresholds(t: Any, p: Any, d: Any, i: Any, r: Any, h: Any) -> Any:
         which, slot, act = places_of(p, d, i)
         perturb(p, d, i, TINY)
     junction_flows(t, d.theta, d.x, d.y, d.wj)
-    q = read(t, t[r, READ], d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
+    q = read(t, t[r, READ], step_of(d, which, slot, act, h))
     found = resistor_thresholds(t, r, q, d.theta)
     if i >= 0:
         perturb(p, d, i, 0.0)

@@ -16,7 +16,7 @@ from phnn.integrate.solve import prepare, rest_guess, solve_many, solve_one
 from phnn.integrate.step import balance
 from phnn.integrate.table_access import count, is_linear, junction_storage
 from phnn.integrate.tables import JUNCTIONS, LEAVES, MODULATOR_STATES, rows_of
-from phnn.integrate.terms import EFFORT, NEXT
+from phnn.integrate.terms import EFFORT, NEXT, Step
 
 Array = NDArray[np.float64]
 
@@ -59,11 +59,11 @@ def _steps(
         if m == 1:
             solved, slope = solve_one(t, h[n], slope, values, perturbed)
         elif m == 0:
-            balance(t, theta, c, g, a, x, y, h[n], wj, wx)
+            balance(t, Step(theta, c, g, a, x, y, h[n], wj), wx)
         else:
             solved = solve_many(t, h[n], values, perturbed, jacobian, step, own)
         if count(t, MODULATOR_STATES) > 0:
-            advance(t, theta, c, g, a, x, y, h[n], wj, wx)
+            advance(t, Step(theta, c, g, a, x, y, h[n], wj), wx)
         for k in range(x.shape[0]):
             states[n + 1, k] = wx[NEXT, k]
             efforts[n, k] = wx[EFFORT, k]

@@ -37,7 +37,7 @@ from phnn.integrate.tables import (
     LEAVES,
     MODULATOR_STATES,
 )
-from phnn.integrate.terms import FORCE, junction_change, junction_flows, junction_term
+from phnn.integrate.terms import FORCE, Step, junction_change, junction_flows, junction_term
 from phnn.laws.namespace import TINY
 
 
@@ -58,7 +58,7 @@ def _prepare_junctions(t: Any, p: Any, d: Any, k: Any, h: Any) -> None:
         d.wj[FORCE, b] = change / h
         for place in range(p.plain.shape[0]):
             if p.plain[place] < t[0, JUNCTION_INLETS]:
-                junction_term(t, p.plain[place], d.theta, d.c[k], g, d.a[0], d.x, d.y, h, d.wj)
+                junction_term(t, p.plain[place], Step(d.theta, d.c[k], g, d.a[0], d.x, d.y, h, d.wj))
         # By a parameter the terms are multiples of the flow; by the flow itself they are constants.
         i, row = (n + m + k, b) if perturbed else (n + b, m)
         if perturbed:

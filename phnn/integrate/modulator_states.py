@@ -27,43 +27,43 @@ from phnn.integrate.tables import (
     SOURCE_RESISTOR,
     STORAGES,
 )
-from phnn.integrate.terms import EFFORT, FLOW, NEXT, branch_effort, leaf_current, read
+from phnn.integrate.terms import EFFORT, FLOW, NEXT, Step, branch_effort, leaf_current, read
 from phnn.laws.memory import advanced
 
 
 @inline
-def _source(
-    t: Any, s: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any
-) -> Any:  # fmt: skip
+def _source(t: Any, s: Any, step: Step, wx: Any) -> Any:
     """Contribution of the source in row ``s`` to ``s̄``."""
+    theta, g, x, wj = step.theta, step.g, step.x, step.wj
     leaf, r = t[s, SOURCE_LEAF], t[s, SOURCE_RESISTOR]
     if leaf >= 0:
         k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
         end = wx[NEXT, k]
-        stored = mean_effort(t, k, x[k], end, theta) * (end - x[k]) / h
-        return leaf_current(t, leaf, g, a, wj) * wx[EFFORT, k] - stored
+        stored = mean_effort(t, k, x[k], end, theta) * (end - x[k]) / step.h
+        return leaf_current(t, leaf, g, step.a, wj) * wx[EFFORT, k] - stored
     if r >= 0:
         effort = branch_effort(t, r, g, wj)
-        return effort * resistor_flow(t, r, effort, read(t, t[r, READ], c, g, a, x, y, h, wj), theta)
+        return effort * resistor_flow(t, r, effort, read(t, t[r, READ], step), theta)
     if t[s, SOURCE_EFFORT] >= 0:
         return wx[EFFORT, t[s, SOURCE_EFFORT]]
     if t[s, SOURCE_FLOW] >= 0:
         return wj[FLOW, t[s, SOURCE_FLOW]]
-    return a[t[s, SOURCE_PORT]]
+    return step.a[t[s, SOURCE_PORT]]
 
 
 @plain
-def advance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any) -> None:
+def advance(t: Any, step: Step, wx: Any) -> None:
     """Fill the end states and the mean drives ``s̄`` of all modulator states from those of a solved step.
 
-    Args: as of `phnn.integrate.step.inlined_balance`; ``x`` and ``wx`` have the modulator states after the storages.
+    Args: as of `phnn.integrate.step.inlined_balance`; states and ``wx`` have the modulator states after the storages.
     """
     stay_outside()
     first = count(t, STORAGES)
     for k in range(count(t, MODULATOR_STATES)):
-        row, z = t[0, MODULATOR_STATES] + k, x[first + k]
-        total = 0.0 * g[0]
+        row, z = t[0, MODULATOR_STATES] + k, step.x[first + k]
+        total = 0.0 * step.g[0]
         for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):
-            total += _source(t, s, theta, c, g, a, x, y, h, wj, wx)
+            total += _source(t, s, step, wx)
         wx[EFFORT, first + k] = total
-        wx[NEXT, first + k] = advanced(z, h, memory_rate(t, row, z, total, theta), memory_decay(t, row, theta))
+        rate, decay = memory_rate(t, row, z, total, step.theta), memory_decay(t, row, step.theta)
+        wx[NEXT, first + k] = advanced(z, step.h, rate, decay)

@@ -33,7 +33,7 @@ from phnn.integrate.tables import (
     Integers,
     rows_of,
 )
-from phnn.integrate.terms import FORCE, junction_flows, junction_term, read
+from phnn.integrate.terms import FORCE, Step, junction_flows, junction_term, read
 from phnn.laws.namespace import TINY
 
 Array = NDArray[np.float64]
@@ -168,6 +168,12 @@ def places_of(p: Any, d: Any, i: Any) -> Any:
 
 
 @inline
+def step_of(d: Any, which: Any, slot: Any, act: Any, h: Any) -> Step:
+    """The step with the constants, ratios and actions in some rows, see `places_of`."""
+    return Step(d.theta, d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
+
+
+@inline
 def load_actions(d: Any, n: Any, run: Any) -> None:
     """Load the actions of a step; only those by parameters of port laws are perturbed."""
     for port in range(d.a.shape[1]):
@@ -200,7 +206,7 @@ def scale(t: Any, p: Any, d: Any, h: Any) -> None:
             r = p.scaled[place]
             g[r] = t[r, SIGN] * d.theta[t[r, RATIO]]
         for f in range(t[0, FACTORS], t[0, FACTORS + 1]):
-            by = factor(t, f, read(t, t[f, READ], d.c[which], g, d.a[act], d.x, d.y, h, d.wj), d.theta)
+            by = factor(t, f, read(t, t[f, READ], step_of(d, which, s, act, h)), d.theta)
             for place in range(p.scaled.shape[0]):
                 r = p.scaled[place]
                 if t[r, RATIO] == t[f, RATIO_PLACE]:
@@ -220,7 +226,7 @@ def terms_in_full(t: Any, p: Any, d: Any, h: Any) -> None:
             junction_flows(t, d.theta, d.x, d.y, d.wj)
             for j in range(d.y.shape[0]):
                 d.wj[FORCE, j] = 0.0
-            junction_term(t, p.terms[term], d.theta, d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
+            junction_term(t, p.terms[term], step_of(d, which, slot, act, h))
             for j in range(d.y.shape[0]):
                 d.by_force[j, i] += d.wj[FORCE, j].imag / TINY
             perturb(p, d, i, 0.0)
@@ -235,22 +241,22 @@ def leaf_in_full(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
     if not closed:
         # Solved once, for all derivatives of the step.
         junction_flows(t, d.theta, d.x, d.y, d.wj)
-        found = leaf_search(t, leaf, d.theta, d.c[none], d.g[0], d.a[0], d.x, d.y, h, d.wj)
+        found = leaf_search(t, leaf, step_of(d, none, 0, 0, h))
     for pair in range(p.first[leaf], p.first[leaf + 1]):
         i = p.input[pair]
         which, slot, act = places_of(p, d, i)
         perturb(p, d, i, TINY)
         junction_flows(t, d.theta, d.x, d.y, d.wj)
-        c, g, a = d.c[which], d.g[slot], d.a[act]
+        step = step_of(d, which, slot, act, h)
         if closed:
-            end, mean = leaf_closed(t, leaf, d.theta, c, g, a, d.x, d.y, h, d.wj)
+            end, mean = leaf_closed(t, leaf, step)
         else:
-            end, mean = leaf_moved(t, leaf, d.theta, c, g, a, d.x, d.y, h, d.wj, found)
+            end, mean = leaf_moved(t, leaf, step, found)
         perturb(p, d, i, 0.0)
         d.by_leaf[pair] = end.imag / TINY
         d.by_mean[pair] = mean.imag / TINY
         for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
-            d.by_force[t[r, TO_JUNCTION], i] += (g[r] * mean).imag / TINY
+            d.by_force[t[r, TO_JUNCTION], i] += (step.g[r] * mean).imag / TINY
 
 
 @inline

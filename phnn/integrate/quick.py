@@ -77,7 +77,7 @@ from phnn.integrate.tables import (
     STORAGES,
     rows_of,
 )
-from phnn.integrate.terms import EFFORT, FLOW, NEXT
+from phnn.integrate.terms import EFFORT, FLOW, NEXT, Step
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.namespace import TINY
 
@@ -259,7 +259,7 @@ def _advance_modulators(
     wj[FLOW, 0] = y[0]
     for k in range(storages):
         wx[NEXT, k], wx[EFFORT, k] = next_x[k], means[k]
-    advance(t, theta, c, g, a, x, y, h, wj, wx)
+    advance(t, Step(theta, c, g, a, x, y, h, wj), wx)
     for k in range(storages, x.shape[0]):
         next_x[k], means[k] = wx[NEXT, k], wx[EFFORT, k]
 

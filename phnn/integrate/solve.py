@@ -13,7 +13,7 @@ from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, make_root
 from phnn.integrate.step import balance, inlined_balance
 from phnn.integrate.table_access import count, is_linear, junction_storage, mean_effort
 from phnn.integrate.tables import LEAVES
-from phnn.integrate.terms import FORCE, SIZE
+from phnn.integrate.terms import FORCE, SIZE, Step
 from phnn.laws.namespace import TINY
 
 _ITERATIONS = 200
@@ -36,7 +36,7 @@ def _value_at(y: Any, context: Any) -> Any:
     t, h, values, _ = context
     theta, c, g, a, x, ys, wj, wx = values
     ys[0] = y
-    inlined_balance(t, theta, c, g, a, x, ys, h, wj, wx)
+    inlined_balance(t, Step(theta, c, g, a, x, ys, h, wj), wx)
     return wj[FORCE, 0], wj[SIZE, 0]
 
 
@@ -46,7 +46,7 @@ def _slope_at(y: Any, context: Any) -> Any:
     t, h, _, perturbed = context
     theta, c, g, a, x, ys, wj, wx = perturbed
     ys[0] = complex(y, TINY)
-    balance(t, theta, c, g, a, x, ys, h, wj, wx)
+    balance(t, Step(theta, c, g, a, x, ys, h, wj), wx)
     return wj[FORCE, 0].imag / TINY
 
 
@@ -94,7 +94,7 @@ def fill_jacobian(t: Any, h: Any, y: Any, perturbed: Any, jacobian: Any) -> None
         ys[j] = complex(y[j], 0.0)
     for i in range(m):
         ys[i] = complex(y[i], TINY)
-        balance(t, theta, c, g, a, x, ys, h, wj, wx)
+        balance(t, Step(theta, c, g, a, x, ys, h, wj), wx)
         ys[i] = complex(y[i], 0.0)
         for j in range(m):
             jacobian[j, i] = wj[FORCE, j].imag / TINY
@@ -141,7 +141,7 @@ def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
     for _ in range(_HALVINGS):
         for j in range(m):
             y[j] = own[_BEGIN, j] + part * own[_STEP, j]
-        balance(t, theta, c, g, a, x, y, h, wj, wx)
+        balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
         if _merit(wj, own) <= (1.0 - _SUFFICIENT * part) * before:
             return True
         gain = 0.0
@@ -160,7 +160,7 @@ def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
     for j in range(m):
         shift = along / norm * own[_NORMAL, j] / own[_SCALE, j] ** 2 if separated else 0.0
         y[j] = own[_BEGIN, j] - shift
-    balance(t, theta, c, g, a, x, y, h, wj, wx)
+    balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
     return separated
 
 
@@ -189,7 +189,7 @@ def _once(t: Any, h: Any, values: Any, jacobian: Any, step: Any, own: Any) -> bo
     stay_outside()
     theta, c, g, a, x, y, wj, wx = values
     m = y.shape[0]
-    balance(t, theta, c, g, a, x, y, h, wj, wx)
+    balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
     for j in range(m):
         for i in range(m):
             jacobian[j, i] = own[_LATEST + j, i]
@@ -198,7 +198,7 @@ def _once(t: Any, h: Any, values: Any, jacobian: Any, step: Any, own: Any) -> bo
     for j in range(m):
         own[_BEGIN, j] = y[j]
         y[j] += step[j, 0]
-    balance(t, theta, c, g, a, x, y, h, wj, wx)
+    balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
     found = _converged(wj, own, False)
     for j in range(0 if found else m):
         y[j] = own[_BEGIN, j]
@@ -213,7 +213,7 @@ def _newton(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: An
     m = y.shape[0]
     for j in range(m):
         own[_SCALE, j] = np.sqrt(inertia(t, j, c) / h)
-    balance(t, theta, c, g, a, x, y, h, wj, wx)
+    balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
     for iteration in range(_ITERATIONS if damped else _WHOLE):
         fill_jacobian(t, h, y, perturbed, jacobian)
         for j in range(m):
@@ -231,7 +231,7 @@ def _newton(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: An
         else:
             for j in range(m):
                 y[j] += step[j, 0]
-            balance(t, theta, c, g, a, x, y, h, wj, wx)
+            balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
     return _converged(wj, own, True)
 
 

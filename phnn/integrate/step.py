@@ -63,6 +63,7 @@ from phnn.integrate.terms import (
     EFFORT,
     FLOW,
     NEXT,
+    Step,
     add,
     junction_flows,
     junction_terms,
@@ -74,22 +75,24 @@ from phnn.laws.namespace import real
 
 
 @plain
-def modulate(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
+def modulate(t: Any, step: Step) -> None:
     """Set the gains to their values at mid-step."""
     stay_outside()
+    theta, g = step.theta, step.g
     fill_gains(t, theta, g)
     for r in range(t[0, FACTORS], t[0, FACTORS + 1]):
-        scale_gains(t, t[r, RATIO_PLACE], factor(t, r, read(t, t[r, READ], c, g, a, x, y, h, wj), theta), g)
+        scale_gains(t, t[r, RATIO_PLACE], factor(t, r, read(t, t[r, READ], step), theta), g)
 
 
 @inline
 def _lost(context: Any, effort: Any) -> Any:
     """``Σ_r b_r φ_r(b_r ε)`` of a reducible storage at an effort."""
-    t, leaf, theta, c, g, a, x, y, h, wj = context
+    t, leaf, step = context
+    theta, g = step.theta, step.g
     row = t[0, LEAVES] + leaf
     total = 0.0 * effort
     for r in range(t[row, FIRST_RESISTOR], t[row, LAST_RESISTOR]):
-        q = read(t, t[r, READ], c, g, a, x, y, h, wj)
+        q = read(t, t[r, READ], step)
         total += g[r] * resistor_flow(t, r, g[r] * effort, q, theta)
     return total
 
@@ -97,11 +100,12 @@ def _lost(context: Any, effort: Any) -> Any:
 @inline
 def _plainly_lost(context: Any, effort: Any) -> Any:
     """`_lost` without the perturbations of ratios and of variables that laws read; ``theta`` is unperturbed."""
-    t, leaf, theta, c, g, a, x, y, h, wj = context
+    t, leaf, step = context
+    theta, g = step.theta, step.g
     row = t[0, LEAVES] + leaf
     total = 0.0 * effort
     for r in range(t[row, FIRST_RESISTOR], t[row, LAST_RESISTOR]):
-        q = read(t, t[r, READ], c, g, a, x, y, h, wj)
+        q = read(t, t[r, READ], step)
         ratio = real(g[r])
         total += ratio * resistor_flow(t, r, ratio * effort, real(q) + 0.0 * q, theta)
     return total
@@ -112,8 +116,8 @@ def _at_state(lost: Any) -> Any:
 
     def at_state(state: Any, context: Any) -> Any:
         stay_outside()
-        t, leaf, theta = context[:3]
-        return lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, OWN_STORAGE], state, state, theta))
+        t, leaf, step = context
+        return lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, OWN_STORAGE], state, state, step.theta))
 
     return plain(at_state)
 
@@ -123,8 +127,8 @@ def _between_states(lost: Any) -> Any:
 
     def between_states(start: Any, end: Any, context: Any) -> Any:
         stay_outside()
-        t, leaf, theta = context[:3]
-        return lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, OWN_STORAGE], start, end, theta))
+        t, leaf, step = context
+        return lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, OWN_STORAGE], start, end, step.theta))
 
     return plain(between_states)
 
@@ -141,41 +145,41 @@ def is_closed(t: Any, leaf: Any) -> Any:
 
 
 @plain
-def leaf_search(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
+def leaf_search(t: Any, leaf: Any, step: Step) -> Any:
     """Solve the equations of a storage without a closed solution, in real numbers: see `phnn.integrate.stages`."""
     stay_outside()
     row = t[0, LEAVES] + leaf
-    start, current = real(x[t[row, OWN_STORAGE]]), real(leaf_current(t, leaf, g, a, wj))
-    context = (t, leaf, theta, c, g, a, x, y, h, wj)
+    start, current = real(step.x[t[row, OWN_STORAGE]]), real(leaf_current(t, leaf, step.g, step.a, step.wj))
+    context = (t, leaf, step)
     if t[row, RULE] == RADAU:
-        return _radau_search(start, current, h, context)
-    end, slope = _gradient_search(start, current, h, context)
+        return _radau_search(start, current, step.h, context)
+    end, slope = _gradient_search(start, current, step.h, context)
     return end, slope, 0.0, 0.0
 
 
 @plain
-def leaf_moved(
-    t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, found: Any
-) -> Any:  # fmt: skip
+def leaf_moved(t: Any, leaf: Any, step: Step, found: Any) -> Any:
     """End state and mean effort of a reducible storage from the result of `leaf_search`."""
     stay_outside()
     row = t[0, LEAVES] + leaf
     k = t[row, OWN_STORAGE]
-    context = (t, leaf, theta, c, g, a, x, y, h, wj)
-    current = leaf_current(t, leaf, g, a, wj)
+    context, start = (t, leaf, step), step.x[k]
+    current = leaf_current(t, leaf, step.g, step.a, step.wj)
     if t[row, RULE] == RADAU:
-        return _radau_moved(x[k], current, h, c[leaf, STIFFNESS], found, context)
-    end = _gradient_moved(x[k], current, h, (found[0], found[1]), context)
-    return end, mean_effort(t, k, x[k], end, theta)
+        return _radau_moved(start, current, step.h, step.c[leaf, STIFFNESS], found, context)
+    end = _gradient_moved(start, current, step.h, (found[0], found[1]), context)
+    return end, mean_effort(t, k, start, end, step.theta)
 
 
 @inline
-def leaf_closed(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
+def leaf_closed(t: Any, leaf: Any, step: Step) -> Any:
     """End state and mean effort of a reducible storage with a closed solution."""
+    theta, c, x, h = step.theta, step.c, step.x, step.h
     row = t[0, LEAVES] + leaf
     k, rule = t[row, OWN_STORAGE], t[row, RULE]
+    current = leaf_current(t, leaf, step.g, step.a, step.wj)
     if rule == LOSSLESS:
-        gain = h * leaf_current(t, leaf, g, a, wj)
+        gain = h * current
         if t[row, IS_LINEAR] > 0:
             return x[k] + gain, c[leaf, STIFFNESS] * (x[k] + 0.5 * gain)
         return x[k] + gain, mean_effort(t, k, x[k], x[k] + gain, theta)
@@ -183,21 +187,21 @@ def leaf_closed(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y
     one, two, leak = c[leaf, ONE], c[leaf, TWO], c[leaf, LEAK]
     r = t[row, FIRST_RESISTOR]
     if t[r, READ] >= 0:
-        rho, low, high = resistor_thresholds(t, r, read(t, t[r, READ], c, g, a, x, y, h, wj), theta)
+        rho, low, high = resistor_thresholds(t, r, read(t, t[r, READ], step), theta)
         one, two = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])
     return rc_flow(
-        x[k], leaf_current(t, leaf, g, a, wj), h, c[leaf, STIFFNESS], rho, low, high, leak, one, two,
+        x[k], current, h, c[leaf, STIFFNESS], rho, low, high, leak, one, two,
         c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
     )  # fmt: skip
 
 
 @inline
-def leaf_step(t: Any, leaf: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
+def leaf_step(t: Any, leaf: Any, step: Step) -> Any:
     """End state and mean effort of a reducible storage."""
     if is_closed(t, leaf):
-        return leaf_closed(t, leaf, theta, c, g, a, x, y, h, wj)
-    found = leaf_search(t, leaf, theta, c, g, a, x, y, h, wj)
-    return leaf_moved(t, leaf, theta, c, g, a, x, y, h, wj, found)
+        return leaf_closed(t, leaf, step)
+    found = leaf_search(t, leaf, step)
+    return leaf_moved(t, leaf, step, found)
 
 
 @inline
@@ -209,25 +213,24 @@ def leaf_forces(t: Any, leaf: Any, g: Any, effort: Any, wj: Any) -> None:
 
 
 @inline
-def inlined_balance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any) -> None:
-    """Evaluate ``F`` at the unknowns ``y``, with the end states and mean efforts.
+def inlined_balance(t: Any, step: Step, wx: Any) -> None:
+    """Evaluate ``F`` at the unknowns of a step, with the end states and mean efforts.
 
     Args:
-        t: table; theta: (M,) parameters; x: (N,) state; y: (m,) unknowns; h: step.
-        c, g, a: see `phnn.integrate.constants`; modulated gains are filled in here.
-        wj: (4, m) filled with ``v̄``, ``z − p``, ``F`` and the size of its terms.
+        t: table; step: its modulated gains are filled in here.
         wx: (2, N) filled with end states and mean efforts.
     """
-    junction_flows(t, theta, x, y, wj)
+    x, wj = step.x, step.wj
+    junction_flows(t, step.theta, x, step.y, wj)
     if count(t, FACTORS) > 0:
-        modulate(t, theta, c, g, a, x, y, h, wj)
-    junction_terms(t, theta, c, g, a, x, y, h, wj)
+        modulate(t, step)
+    junction_terms(t, step)
     for leaf in range(count(t, LEAVES)):
-        end, mean = leaf_step(t, leaf, theta, c, g, a, x, y, h, wj)
+        end, mean = leaf_step(t, leaf, step)
         k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
         wx[NEXT, k] = end
         wx[EFFORT, k] = mean
-        leaf_forces(t, leaf, g, mean, wj)
+        leaf_forces(t, leaf, step.g, mean, wj)
     for j in range(count(t, JUNCTIONS)):
         k = junction_storage(t, j)
         wx[NEXT, k] = x[k] + wj[CHANGE, j]
@@ -235,7 +238,7 @@ def inlined_balance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, 
 
 
 @plain
-def balance(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any, wx: Any) -> None:
+def balance(t: Any, step: Step, wx: Any) -> None:
     """`inlined_balance` as a call."""
     stay_outside()
-    inlined_balance(t, theta, c, g, a, x, y, h, wj, wx)
+    inlined_balance(t, step, wx)

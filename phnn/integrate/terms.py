@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from phnn.integrate.compiled import inline
 from phnn.integrate.constants import CAPACITY
@@ -35,6 +35,26 @@ FLOW, CHANGE, FORCE, SIZE = range(4)
 NEXT, EFFORT = range(2)
 
 
+class Step(NamedTuple):
+    """One step, in floats or in complex numbers.
+
+    Attributes:
+        theta: (M,) parameters.
+        c, g, a: constants, ratios and actions, see `phnn.integrate.constants`.
+        x: (N,) state at its start; y: (m,) unknowns; h: its size [s].
+        wj: (4, m) filled with ``v̄``, ``z − p``, ``F`` and the size of its terms.
+    """
+
+    theta: Any
+    c: Any
+    g: Any
+    a: Any
+    x: Any
+    y: Any
+    h: Any
+    wj: Any
+
+
 @inline
 def junction_change(t: Any, j: Any, c: Any, x: Any, y: Any) -> Any:
     """``z_j − p_j``; of a linear storage ``2 (v̄/s − p)``, which takes no difference of end states."""
@@ -55,20 +75,21 @@ def leaf_current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
 
 
 @inline
-def read(t: Any, r: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> Any:
+def read(t: Any, r: Any, step: Step) -> Any:
     """Mid-step energy variable, or modulator state, that a law may read; 0 for none.
 
     The ratios of a reducible storage that is read follow no energy variable. A modulator state is read at the start of
     the step.
     """
     if r < 0:
-        return 0.0 * g[0]
+        return 0.0 * step.g[0]
     leaf, j = t[r, READ_LEAF], t[r, READ_JUNCTION]
     if t[r, READ_MODULATOR] >= 0:
-        return x[t[r, READ_MODULATOR]]
+        return step.x[t[r, READ_MODULATOR]]
     if leaf >= 0:
-        return x[t[t[0, LEAVES] + leaf, OWN_STORAGE]] + 0.5 * h * leaf_current(t, leaf, g, a, wj)
-    return x[junction_storage(t, j)] + 0.5 * junction_change(t, j, c, x, y)
+        start = step.x[t[t[0, LEAVES] + leaf, OWN_STORAGE]]
+        return start + 0.5 * step.h * leaf_current(t, leaf, step.g, step.a, step.wj)
+    return step.x[junction_storage(t, j)] + 0.5 * junction_change(t, j, step.c, step.x, step.y)
 
 
 @inline
@@ -96,9 +117,10 @@ def add(term: Any, j: Any, wj: Any) -> None:
 
 
 @inline
-def _resistor_term(t: Any, r: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
+def _resistor_term(t: Any, r: Any, step: Step) -> None:
+    g, wj = step.g, step.wj
     effort = branch_effort(t, r, g, wj)
-    flow = resistor_flow(t, r, effort, read(t, t[r, READ], c, g, a, x, y, h, wj), theta)
+    flow = resistor_flow(t, r, effort, read(t, t[r, READ], step), step.theta)
     for b in range(t[r, FIRST_BRANCH], t[r, LAST_BRANCH]):
         add(g[b] * flow, t[b, TO_JUNCTION], wj)
 
@@ -114,28 +136,29 @@ def _inlet_term(t: Any, r: Any, g: Any, a: Any, wj: Any) -> None:
 
 
 @inline
-def junction_term(t: Any, r: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
+def junction_term(t: Any, r: Any, step: Step) -> None:
     """Add the force of the junction resistor, gyrator or junction inlet in row ``r``."""
     if r < t[0, JUNCTION_RESISTORS + 1]:
-        _resistor_term(t, r, theta, c, g, a, x, y, h, wj)
+        _resistor_term(t, r, step)
     elif r < t[0, GYRATORS + 1]:
-        _gyrator_term(t, r, g, wj)
+        _gyrator_term(t, r, step.g, step.wj)
     else:
-        _inlet_term(t, r, g, a, wj)
+        _inlet_term(t, r, step.g, step.a, step.wj)
 
 
 @inline
-def junction_terms(t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, y: Any, h: Any, wj: Any) -> None:
+def junction_terms(t: Any, step: Step) -> None:
     """``F`` without the reducible storages, the size of its terms, and ``z − p``."""
-    rate = 1.0 / h
+    x, g, wj = step.x, step.g, step.wj
+    rate = 1.0 / step.h
     for j in range(count(t, JUNCTIONS)):
-        change = junction_change(t, j, c, x, y)
+        change = junction_change(t, j, step.c, x, step.y)
         wj[CHANGE, j] = change
         wj[FORCE, j] = change * rate
         wj[SIZE, j] = (abs(change.real) + abs(x[junction_storage(t, j)].real)) * rate
     for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
-        _resistor_term(t, r, theta, c, g, a, x, y, h, wj)
+        _resistor_term(t, r, step)
     for r in range(t[0, GYRATORS], t[0, GYRATORS + 1]):
         _gyrator_term(t, r, g, wj)
     for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
-        _inlet_term(t, r, g, a, wj)
+        _inlet_term(t, r, g, step.a, wj)
