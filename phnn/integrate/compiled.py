@@ -13,7 +13,7 @@ from phnn.integrate.cache import compiled
 from phnn.integrate.hooks import called_by_compiled, loop_options
 
 # numba's wrappers, by which Python or C call a function, take a third of the compilation: only entries have one.
-_WITHOUT_WRAPPERS = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_WITHOUT_WRAPPERS = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **loop_options()}
 
 
 def inline(function: Callable[..., Any]) -> Any:

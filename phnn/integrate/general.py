@@ -12,7 +12,8 @@ from phnn.integrate.constants import CONSTANTS, fill_gains
 from phnn.integrate.modulator_states import advance
 from phnn.integrate.program import Program
 from phnn.integrate.roots import extrapolated
-from phnn.integrate.solve import prepare, rest_guess, solve_many, solve_one
+from phnn.integrate.scalar import prepare, solve_one
+from phnn.integrate.solve import Room, rest_guess, solve_many
 from phnn.integrate.step import balance
 from phnn.integrate.table_access import count, is_linear, junction_storage
 from phnn.integrate.tables import JUNCTIONS, LEAVES, MODULATOR_STATES, rows_of
@@ -33,10 +34,10 @@ def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> Non
 
 
 def _steps(
-    t: Any, actions: Any, h: Any, states: Any, efforts: Any, values: Any, perturbed: Any, jacobian: Any, step: Any,
-    own: Any,
+    t: Any, actions: Any, h: Any, states: Any, efforts: Any, both: Any, room: Room
 ) -> Any:  # fmt: skip
-    """Integrate; the last arguments are work arrays."""
+    """Integrate; ``both`` are the values of a step in floats and in complex numbers."""
+    values, perturbed = both
     theta, c, g, a, x, y, wj, wx = values
     fill_gains(t, theta, g)
     for r in range(g.shape[0]):
@@ -61,7 +62,7 @@ def _steps(
         elif m == 0:
             balance(t, Step(theta, c, g, a, x, y, h[n], wj), wx)
         else:
-            solved = solve_many(t, h[n], values, perturbed, jacobian, step, own)
+            solved = solve_many(t, h[n], values, perturbed, room)
         if count(t, MODULATOR_STATES) > 0:
             advance(t, Step(theta, c, g, a, x, y, h[n], wj), wx)
         for k in range(x.shape[0]):
@@ -83,5 +84,5 @@ def march(program: Program, theta: Array, actions: Array, h: Array, states: Arra
     shapes = ((leaves + m, CONSTANTS), len(t), actions.shape[1], n, m, (4, m), (2, n))
     values = (theta, *(np.zeros(shape) for shape in shapes))
     perturbed = (theta.astype(np.complex128), *(np.zeros(shape, np.complex128) for shape in shapes))
-    own = (np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7 + m, m)))
-    return int(_compiled(t, actions, h, states, efforts, values, perturbed, *own))
+    room = Room(np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7 + m, m)))
+    return int(_compiled(t, actions, h, states, efforts, (values, perturbed), room))

@@ -12,38 +12,29 @@ once. `phnn.integrate.step` has the equations in general.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.compiled import inline, loop_entry, plain, stay_outside
+from phnn.integrate.compiled import loop_entry, plain, stay_outside
 from phnn.integrate.constants import (
     CAPACITY,
     CONSTANTS,
-    HIGH,
-    LEAK,
-    LEAK_ONE,
-    LEAK_TWO,
-    LOW,
-    ONE,
     RHO,
-    STIFFNESS,
-    TWO,
     fill_constants,
     fill_gains,
 )
+from phnn.integrate.junction import CURVED, FOLLOWING, GAIN, RESISTOR_OF, RULE_OF, STORAGE_OF, root
 from phnn.integrate.modulator_states import advance
 from phnn.integrate.partition import LINEAR_RESISTOR_CODES
 from phnn.integrate.program import Program
-from phnn.integrate.roots import extrapolated, make_root
+from phnn.integrate.roots import extrapolated
 from phnn.integrate.table_access import (
     count,
     factor,
     junction_storage,
-    mean_effort,
     resistor_flow,
-    resistor_thresholds,
 )
 from phnn.integrate.tables import (
     EXACT,
@@ -70,7 +61,6 @@ from phnn.integrate.tables import (
     RATIO,
     RATIO_PLACE,
     READ,
-    READ_LEAF,
     READ_MODULATOR,
     RULE,
     SIGN,
@@ -78,16 +68,34 @@ from phnn.integrate.tables import (
     rows_of,
 )
 from phnn.integrate.terms import EFFORT, FLOW, NEXT, Step
-from phnn.laws.leaf import rc_flow, relaxation
-from phnn.laws.namespace import TINY
 
 Array = NDArray[np.float64]
 
-GAIN = CONSTANTS
-# Columns of ``kinds``.
-_RULE, _STORAGE, _RESISTOR = range(3)
-# In addition to the rules of the table: a lossless storage with a nonlinear law, a storage with modulated thresholds.
-_CURVED, _FOLLOWING = -1, -2
+
+class Work(NamedTuple):
+    """Work arrays of an integration.
+
+    Attributes:
+        gains: (R,); constants: (L+1, 9), see `phnn.integrate.constants`.
+        kinds: (L, 3) rule and number of every reducible storage, and the row of its first resistor.
+        c: (L, 10) its constants and its ratio.
+        perturbed: (M,) parameters in complex numbers; ends, means: (N,) end states and mean efforts likewise.
+        others: (R,) rows of the junction's nonlinear resistors; ratios: (R,) theirs.
+        slow: unknown (1,), junction (4, 1) and states (2, N) of the modulator states.
+        scaled: rows with a modulated ratio.
+    """
+
+    gains: Any
+    constants: Any
+    kinds: Any
+    c: Any
+    perturbed: Any
+    ends: Any
+    means: Any
+    others: Any
+    ratios: Any
+    slow: Any
+    scaled: Any
 
 
 @lru_cache(maxsize=512)
@@ -104,108 +112,18 @@ def serves(program: Program) -> bool:
     return bool((single & closed).all() and slow.all()) and set(program.sparsity.scaled) <= set(scalable)
 
 
-@inline
-def _read(t: Any, r: Any, y: Any, capacity: Any, gains: Any, kinds: Any, x: Any, h: Any, p: Any) -> Any:
-    """`phnn.integrate.step.read`."""
-    if r < 0:
-        return 0.0 * y
-    leaf = t[r, READ_LEAF]
-    if t[r, READ_MODULATOR] >= 0:
-        return x[t[r, READ_MODULATOR]] + 0.0 * y
-    if leaf >= 0:
-        return x[kinds[leaf, _STORAGE]] + 0.5 * h * gains[leaf, GAIN] * y
-    return p + (y * capacity - p)
-
-
-@inline
-def _relaxation(c: Any, rho: Any, h: Any) -> Any:
-    """The relaxation functions of a reducible storage with slope ``rho``; ``c`` keeps those of the latest slope."""
-    one, two = c[ONE] + 0.0 * rho, c[TWO] + 0.0 * rho
-    if rho.real != c[RHO]:
-        one, two = relaxation(h * (rho + c[LEAK]) * c[STIFFNESS])
-        c[RHO], c[ONE], c[TWO] = rho.real, one.real, two.real
-    elif rho.imag != 0.0:
-        one, two = relaxation(h * (rho + c[LEAK]) * c[STIFFNESS])
-    return one, two
-
-
-@inline
-def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
-    """``F`` and the size of its terms; fills the end states and mean efforts."""
-    t, theta, kinds, c, capacity, damping, drive, h, p, others, ratios = context
-    change = 2.0 * (y * capacity - p)
-    rate = 1.0 / h
-    force = change * rate + damping * y - drive
-    size = (abs(change.real) + abs(p)) * rate + abs(damping * y.real) + abs(drive)
-    for other in range(others.shape[0]):
-        r, ratio = others[other], ratios[other]
-        q = _read(t, t[r, READ], y, capacity, c, kinds, x, h, p)
-        lost = ratio * resistor_flow(t, r, ratio * y, q, theta)
-        force += lost
-        size += abs(lost.real)
-    for leaf in range(kinds.shape[0]):
-        gain = c[leaf, GAIN]
-        if kinds[leaf, _RULE] == LOSSLESS:
-            moved = h * gain * y
-            end = x[kinds[leaf, _STORAGE]] + moved
-            mean = c[leaf, STIFFNESS] * (x[kinds[leaf, _STORAGE]] + 0.5 * moved)
-        elif kinds[leaf, _RULE] == _CURVED:
-            start = x[kinds[leaf, _STORAGE]] + 0.0 * y
-            end = start + h * gain * y
-            mean = mean_effort(t, kinds[leaf, _STORAGE], start, end, theta)
-        elif kinds[leaf, _RULE] == _FOLLOWING:
-            r = kinds[leaf, _RESISTOR]
-            q = _read(t, t[r, READ], y, capacity, c, kinds, x, h, p)
-            rho, low, high = resistor_thresholds(t, r, q, theta)
-            one, two = _relaxation(c[leaf], rho, h)
-            end, mean = rc_flow(
-                x[kinds[leaf, _STORAGE]], gain * y, h, c[leaf, STIFFNESS], rho, low, high, c[leaf, LEAK], one, two,
-                c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
-            )  # fmt: skip
-        else:
-            end, mean = rc_flow(
-                x[kinds[leaf, _STORAGE]], gain * y, h, c[leaf, STIFFNESS], c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH],
-                c[leaf, LEAK], c[leaf, ONE], c[leaf, TWO], c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
-            )  # fmt: skip
-        ends[kinds[leaf, _STORAGE]] = end
-        means[kinds[leaf, _STORAGE]] = mean
-        force += gain * mean
-        size += abs(gain * mean.real)
-    return force, size
-
-
-@inline
-def _value_at(y: Any, context: Any) -> Any:
-    (t, theta, _), step, x, ends, means, _, _ = context
-    return _total(y, (t, theta, *step), x, ends, means)
-
-
 @plain
-def _slope_at(y: Any, context: Any) -> Any:
+def _resolve(t: Any, theta: Any, h: Any, work: Work) -> Any:
+    """Fill what is constant in steps of size ``h``; returns the junction's ``1/s`` and damping."""
     stay_outside()
-    (t, _, theta), step, x, _, _, ends, means = context
-    return _total(complex(y, TINY), (t, theta, *step), x, ends, means)[0].imag / TINY
-
-
-_root = inline(make_root(_value_at, _slope_at))
-
-
-@plain
-def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: Any, others: Any, ratios: Any) -> Any:
-    """Fill the constants of the reducible storages for steps of size ``h``; returns the junction's ``1/s`` and damping.
-
-    Args:
-        g: gains; constants: (L+1, 9) work array.
-        kinds: (L, 3) filled with the rule and the number of every reducible storage, and the row of its first resistor.
-        c: (L, 10) filled with its constants, see `phnn.integrate.constants`, and its ratio.
-        others: (R,) rows of the junction's nonlinear resistors; ratios: (R,) filled with theirs.
-    """
-    stay_outside()
+    g, constants, kinds, c, others, ratios = (
+        work.gains, work.constants, work.kinds, work.c, work.others, work.ratios
+    )  # fmt: skip
     leaves = count(t, LEAVES)
     fill_constants(t, theta, h, constants)
     for leaf in range(leaves):
         row = t[0, LEAVES] + leaf
-        kinds[leaf, _RULE], kinds[leaf, _STORAGE], kinds[leaf, _RESISTOR] = (
+        kinds[leaf, RULE_OF], kinds[leaf, STORAGE_OF], kinds[leaf, RESISTOR_OF] = (
             t[row, RULE],
             t[row, OWN_STORAGE],
             t[row, FIRST_RESISTOR],
@@ -214,9 +132,9 @@ def _resolve(t: Any, theta: Any, h: Any, g: Any, constants: Any, kinds: Any, c: 
             c[leaf, i] = constants[leaf, i]
         c[leaf, GAIN] = g[t[row, FIRST_LINK]]
         if t[row, RULE] == LOSSLESS and t[row, IS_LINEAR] <= 0:
-            kinds[leaf, _RULE] = _CURVED
+            kinds[leaf, RULE_OF] = CURVED
         if t[row, RULE] == EXACT and t[t[row, FIRST_RESISTOR], READ] >= 0:
-            kinds[leaf, _RULE] = _FOLLOWING
+            kinds[leaf, RULE_OF] = FOLLOWING
             c[leaf, RHO] = np.nan
     damping, other = 0.0, 0
     for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
@@ -249,33 +167,30 @@ def _scale(t: Any, theta: Any, x: Any, g: Any, scaled: Any, c: Any) -> None:
 
 
 @plain
-def _advance_modulators(
-    t: Any, theta: Any, c: Any, g: Any, a: Any, x: Any, next_x: Any, means: Any, h: Any, y: Any, wj: Any, wx: Any
-) -> None:  # fmt: skip
-    """Advance the modulator states (`phnn.integrate.modulator_states`); ``y`` (1,), ``wj``, ``wx`` are work arrays."""
+def _advance_modulators(t: Any, step: Step, next_x: Any, means: Any, wx: Any) -> None:
+    """Advance the modulator states (`phnn.integrate.modulator_states`); unknown, ``wj`` and ``wx`` are filled."""
     stay_outside()
-    storages = count(t, STORAGES)
+    storages, x, y, wj = count(t, STORAGES), step.x, step.y, step.wj
     y[0] = means[junction_storage(t, 0)]
     wj[FLOW, 0] = y[0]
     for k in range(storages):
         wx[NEXT, k], wx[EFFORT, k] = next_x[k], means[k]
-    advance(t, Step(theta, c, g, a, x, y, h, wj), wx)
+    advance(t, step, wx)
     for k in range(storages, x.shape[0]):
         next_x[k], means[k] = wx[NEXT, k], wx[EFFORT, k]
 
 
 def _steps(
-    t: Any, theta: Any, actions: Any, h: Any, states: Any, efforts: Any, g: Any, constants: Any, kinds: Any, c: Any,
-    perturbed: Any, ends: Any, means: Any, others: Any, ratios: Any, slow: Any,
-    scaled: Any,
+    t: Any, theta: Any, actions: Any, h: Any, states: Any, efforts: Any, work: Work
 ) -> Any:  # fmt: skip
-    """Integrate; the last arguments are work arrays: ``perturbed`` is theta in complex numbers."""
+    """Integrate."""
+    g, constants, kinds, c, perturbed, ends, means, others, ratios, slow, scaled = work
     fill_gains(t, theta, g)
     k, remembers = junction_storage(t, 0), count(t, MODULATOR_STATES) > 0
     slope, capacity, damping = 0.0, 0.0, 0.0
     for n in range(actions.shape[0]):
         if n == 0 or h[n] != h[n - 1]:
-            capacity, damping = _resolve(t, theta, h[n], g, constants, kinds, c, others, ratios)
+            capacity, damping = _resolve(t, theta, h[n], work)
             slope = 0.0
         if count(t, FACTORS) > 0:
             _scale(t, theta, states[n], g, scaled, c)
@@ -286,14 +201,12 @@ def _steps(
         y = extrapolated(efforts, n, k) if n > 0 else p / capacity
         step = (kinds, c, capacity, damping, drive, h[n], p, others, ratios)
         around = ((t, theta, perturbed), step, states[n], states[n + 1], efforts[n], ends, means)
-        y, slope = _root(y, 2.0 * capacity / h[n], slope, around)
+        y, slope = root(y, 2.0 * capacity / h[n], slope, around)
         efforts[n, k] = y
         states[n + 1, k] = p + 2.0 * (y * capacity - p)
         if remembers:
-            _advance_modulators(
-                t, theta, constants, g, actions[n], states[n], states[n + 1], efforts[n], h[n], slow[0], slow[1],
-                slow[2],
-            )  # fmt: skip
+            whole = Step(theta, constants, g, actions[n], states[n], slow[0], h[n], slow[1])
+            _advance_modulators(t, whole, states[n + 1], efforts[n], slow[2])
         if not np.isfinite(y):
             return n
     return actions.shape[0]
@@ -312,4 +225,5 @@ def march(program: Program, theta: Array, actions: Array, h: Array, states: Arra
     others = t[0, JUNCTION_RESISTORS] + np.flatnonzero(~linear)
     slow = (np.zeros(1), np.zeros((4, 1)), np.zeros((2, states.shape[1])))
     scaled = np.array(program.sparsity.scaled, dtype=np.int64)
-    return int(_compiled(t, theta, actions, h, states, efforts, *own, others, np.zeros(others.size), slow, scaled))
+    work = Work(*own, others, np.zeros(others.size), slow, scaled)
+    return int(_compiled(t, theta, actions, h, states, efforts, work))

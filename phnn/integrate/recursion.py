@@ -10,7 +10,7 @@ them: as functions of a compiled caller they would be optimised twice.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from phnn.integrate.compiled import inline
 from phnn.integrate.elimination import eliminate
@@ -20,6 +20,53 @@ from phnn.integrate.tables import (
     LEAVES,
     OWN_STORAGE,
 )
+
+
+class Asked(NamedTuple):
+    """Perturbations of a forward sweep, and the nodes at which the output is wanted.
+
+    Attributes:
+        forces: (n, F); columns: the number of the junction that they act on, the first column of these perturbations
+            and that of the parameters perturbed by a signal, the numbers of these parameters; weights: (n, W) signals.
+        nodes: (M,) step indices; output: number of the state that is wanted.
+    """
+
+    forces: Any
+    columns: Any
+    weights: Any
+    nodes: Any
+    output: Any
+
+
+class Sensitivities(NamedTuple):
+    """Derivatives in a forward sweep.
+
+    Attributes:
+        known: (N+m, C) of the states, and of the unknowns, which are filled in; following: (N+m, C) its states are
+            filled, then both change places.
+        matrix: (m, m) work array.
+    """
+
+    known: Any
+    following: Any
+    matrix: Any
+
+
+class Pulled(NamedTuple):
+    """What a backward sweep fills, and its work arrays.
+
+    Attributes:
+        w: (N,) the contribution of later steps to ``dL/dx``; gradient: (K,) ``dL/dθ``.
+        multipliers: (n, N+m) of every step, or no rows.
+        pulled: (I,); mu: (m, 1); matrix: (m, m).
+    """
+
+    w: Any
+    gradient: Any
+    multipliers: Any
+    pulled: Any
+    mu: Any
+    matrix: Any
 
 
 @inline
@@ -64,17 +111,15 @@ def _solve_unknowns(p: Any, d: Any, force: Any, columns: Any, known: Any, matrix
 
 
 @inline
-def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, known: Any, following: Any, matrix: Any) -> None:
+def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, found: Sensitivities) -> None:
     """One step of the recursion for all columns.
 
     Args:
         force: (F,) perturbations of one junction's force.
-        columns: the number of that junction; the first column of these perturbations, and that of the parameters
-            perturbed by a signal; the numbers of these parameters; their signals at this step.
-        known: (N+m, C) derivatives of the states, and of the unknowns, which are filled in; following: (N+m, C) its
-            states are filled.
+        columns: as of `Asked`, and the signals at this step.
     """
     _, _, first_varied, varied, weight_of = columns
+    known, following, matrix = found
     m = matrix.shape[0]
     n = known.shape[0] - m
     _solve_unknowns(p, d, force, columns, known, matrix)
@@ -126,18 +171,19 @@ def _modulator_rows(d: Any, columns: Any, known: Any, following: Any, inputs: An
 
 
 def sensitivity_steps(
-    t: Any, p: Any, d: Any, run: Any, forces: Any, columns: Any, weights: Any, nodes: Any, output: Any, known: Any,
-    following: Any, matrix: Any, out: Any,
+    t: Any, p: Any, d: Any, run: Any, asked: Asked, start: Sensitivities, out: Any
 ) -> None:  # fmt: skip
-    """The forward sweep of `phnn.integrate.sweep.sensitivities`; the last four arguments are work arrays and result."""
-    junction, first_force, first_varied, varied = columns
+    """The forward sweep of `phnn.integrate.sweep.sensitivities`, from the derivatives at its start."""
+    junction, first_force, first_varied, varied = asked.columns
+    nodes, output = asked.nodes, asked.output
+    known, following, matrix = start
     for c in range(out.shape[1]):
         out[0, c] = known[output, c]
     node = 1
     for n in range(run.h.shape[0]):
         derivatives_at(t, p, d, n, run, n == 0 or run.h[n] != run.h[n - 1])
-        here = (junction, first_force, first_varied, varied, weights[n])
-        _propagate(t, p, d, forces[n], here, known, following, matrix)
+        here = (junction, first_force, first_varied, varied, asked.weights[n])
+        _propagate(t, p, d, asked.forces[n], here, Sensitivities(known, following, matrix))
         known, following = following, known
         if node < nodes.shape[0] and nodes[node] == n + 1:
             for c in range(out.shape[1]):
@@ -166,10 +212,10 @@ def _pull(t: Any, p: Any, d: Any, w: Any, pulled: Any) -> None:
 
 
 def adjoint_steps(
-    t: Any, p: Any, d: Any, run: Any, cotangent: Any, w: Any, gradient: Any, multipliers: Any, pulled: Any,
-    mu: Any, matrix: Any,
+    t: Any, p: Any, d: Any, run: Any, cotangent: Any, found: Pulled
 ) -> None:  # fmt: skip
-    """The backward sweep of `phnn.integrate.sweep.adjoint`; the last arguments are results and work arrays."""
+    """The backward sweep of `phnn.integrate.sweep.adjoint`; ``found`` is filled."""
+    w, gradient, multipliers, pulled, mu, matrix = found
     n, m = w.shape[0], mu.shape[0]
     last = run.h.shape[0] - 1
     for step in range(last, -1, -1):

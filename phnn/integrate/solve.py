@@ -1,18 +1,17 @@
-"""The unknowns of one step: a bracketed scalar root for one junction, a small dense Newton iteration for several."""
+"""The unknowns of a step with several junctions: a small dense Newton iteration."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from phnn.integrate.compiled import inline, plain, stay_outside
-from phnn.integrate.constants import CAPACITY, fill_constants
 from phnn.integrate.elimination import eliminate
-from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, make_root
-from phnn.integrate.step import balance, inlined_balance
-from phnn.integrate.table_access import count, is_linear, junction_storage, mean_effort
-from phnn.integrate.tables import LEAVES
+from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE
+from phnn.integrate.scalar import inertia, prepare
+from phnn.integrate.step import balance
+from phnn.integrate.table_access import is_linear, junction_storage, mean_effort
 from phnn.integrate.terms import FORCE, SIZE, Step
 from phnn.laws.namespace import TINY
 
@@ -31,57 +30,17 @@ _LEAST_PART = 2.0**-30
 _STEP, _BEGIN, _POINT, _NORMAL, _SCALE, _ROUNDING, _KEPT, _LATEST = range(8)
 
 
-@inline
-def _value_at(y: Any, context: Any) -> Any:
-    t, h, values, _ = context
-    theta, c, g, a, x, ys, wj, wx = values
-    ys[0] = y
-    inlined_balance(t, Step(theta, c, g, a, x, ys, h, wj), wx)
-    return wj[FORCE, 0], wj[SIZE, 0]
+class Room(NamedTuple):
+    """Work arrays of the Newton iteration, zero before the first step.
 
-
-@plain
-def _slope_at(y: Any, context: Any) -> Any:
-    stay_outside()
-    t, h, _, perturbed = context
-    theta, c, g, a, x, ys, wj, wx = perturbed
-    ys[0] = complex(y, TINY)
-    balance(t, Step(theta, c, g, a, x, ys, h, wj), wx)
-    return wj[FORCE, 0].imag / TINY
-
-
-_root = inline(make_root(_value_at, _slope_at))
-
-
-@plain
-def prepare(t: Any, theta: Any, h: Any, c: Any, c_perturbed: Any) -> None:
-    """The constants for steps of size ``h``, as floats and as complex numbers."""
-    stay_outside()
-    fill_constants(t, theta, h, c)
-    for i in range(c.shape[0]):
-        for k in range(c.shape[1]):
-            c_perturbed[i, k] = c[i, k]
-
-
-@inline
-def inertia(t: Any, j: Any, c: Any) -> Any:
-    """``d(z_j − p_j)/dy_j``: twice the mass of a linear junction, else one."""
-    return 2.0 * c[count(t, LEAVES) + j, CAPACITY] if is_linear(t, j) else 1.0
-
-
-@inline
-def solve_one(t: Any, h: Any, slope: Any, values: Any, perturbed: Any) -> Any:
-    """Solve for the one junction from the guess in ``y``; returns success and the slope at the root.
-
-    Args:
-        slope: slope of an earlier step as a first guess, or 0.
-        values: (theta, c, g, a, x, y, wj, wx) as for `balance`; left at the root.
-        perturbed: the same in complex numbers, without perturbations.
+    Attributes:
+        jacobian: (m, m); step: (m, 1).
+        own: (7+m, m), rows as above.
     """
-    _, c, _, _, _, ys, _, _ = values
-    y, slope = _root(ys[0], inertia(t, 0, c) / h, slope, (t, h, values, perturbed))
-    ys[0] = y
-    return np.isfinite(y), slope
+
+    jacobian: Any
+    step: Any
+    own: Any
 
 
 @plain
@@ -181,13 +140,14 @@ def _ask(t: Any, x: Any, y: Any, wj: Any, jacobian: Any, step: Any, own: Any) ->
 
 
 @plain
-def _once(t: Any, h: Any, values: Any, jacobian: Any, step: Any, own: Any) -> bool:
+def _once(t: Any, h: Any, values: Any, room: Room) -> bool:
     """One step with the latest Jacobian, which mostly suffices where the equations are piecewise linear.
 
     If it does not suffice, the unknowns are restored.
     """
     stay_outside()
     theta, c, g, a, x, y, wj, wx = values
+    jacobian, step, own = room
     m = y.shape[0]
     balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
     for j in range(m):
@@ -206,10 +166,11 @@ def _once(t: Any, h: Any, values: Any, jacobian: Any, step: Any, own: Any) -> bo
 
 
 @plain
-def _newton(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any, damped: bool) -> bool:
+def _newton(t: Any, h: Any, values: Any, perturbed: Any, room: Room, damped: bool) -> bool:
     """Newton's method from ``y``, damped by `_advance` or with whole steps."""
     stay_outside()
     theta, c, g, a, x, y, wj, wx = values
+    jacobian, step, own = room
     m = y.shape[0]
     for j in range(m):
         own[_SCALE, j] = np.sqrt(inertia(t, j, c) / h)
@@ -244,7 +205,7 @@ def rest_guess(t: Any, theta: Any, x: Any, y: Any) -> None:
 
 
 @plain
-def _followed(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any) -> bool:
+def _followed(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
     """Solve for ever longer parts of the step, each from the solution of the part before.
 
     The equations of monotone laws have one solution for every length, which depends on it continuously. Close to the
@@ -252,6 +213,7 @@ def _followed(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: 
     """
     stay_outside()
     theta, c, _, _, x, y, _, _ = values
+    own = room.own
     m = y.shape[0]
     rest_guess(t, theta, x, y)
     done, part = 0.0, _FIRST_PART
@@ -261,11 +223,11 @@ def _followed(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: 
             own[_KEPT, j] = y[j]
         length = (done + part) * h
         prepare(t, theta, length, c, perturbed[1])
-        found = _newton(t, length, values, perturbed, jacobian, step, own, False)
+        found = _newton(t, length, values, perturbed, room, False)
         if not found:
             for j in range(m):
                 y[j] = own[_KEPT, j]
-            found = _newton(t, length, values, perturbed, jacobian, step, own, True)
+            found = _newton(t, length, values, perturbed, room, True)
         if found:
             done, part = done + part, 2.0 * part
         else:
@@ -279,16 +241,15 @@ def _followed(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: 
 
 
 @plain
-def solve_many(t: Any, h: Any, values: Any, perturbed: Any, jacobian: Any, step: Any, own: Any) -> bool:
+def solve_many(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
     """Solve for several junctions from the guess in ``y``; the values are left at the solution.
 
     Args:
         values, perturbed: as for `solve_one`.
-        jacobian: (m, m), step: (m, 1) and own: (7+m, m) work arrays, zero before the first step.
     """
     stay_outside()
-    if own[_LATEST, 0] != 0.0 and _once(t, h, values, jacobian, step, own):
+    if room.own[_LATEST, 0] != 0.0 and _once(t, h, values, room):
         return True
-    if _newton(t, h, values, perturbed, jacobian, step, own, True):
+    if _newton(t, h, values, perturbed, room, True):
         return True
-    return _followed(t, h, values, perturbed, jacobian, step, own)
+    return _followed(t, h, values, perturbed, room)

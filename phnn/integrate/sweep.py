@@ -17,7 +17,7 @@ from phnn.integrate.compiled import loop_entry
 from phnn.integrate.pattern import Pattern, Run, pattern_of
 from phnn.integrate.perturbed import Derivatives, new_derivatives
 from phnn.integrate.program import Program
-from phnn.integrate.recursion import adjoint_steps, sensitivity_steps
+from phnn.integrate.recursion import Asked, Pulled, Sensitivities, adjoint_steps, sensitivity_steps
 from phnn.integrate.tables import (
     PLACE_4,
     PORTS,
@@ -137,10 +137,8 @@ def sensitivities(
     known[initial, active.size + np.arange(initial.size)] = 1.0
     junction, following = program.junctions.index(program.states[program.flow]) if m else 0, np.zeros_like(known)
     columns = (junction, first_force, first_varied, varied)
-    _sensitivities(
-        program.table, pattern, memory, run, perturbed.forces, columns, perturbed.weights, nodes, program.output, known,
-        following, np.zeros((m, m)), out,
-    )  # fmt: skip
+    asked = Asked(perturbed.forces, columns, perturbed.weights, nodes, program.output)
+    _sensitivities(program.table, pattern, memory, run, asked, Sensitivities(known, following, np.zeros((m, m))), out)
     if end is not None:
         # The sweep swaps the two arrays after every step.
         end[:] = (following if march.h.size % 2 else known)[: states.shape[1]]
@@ -171,8 +169,6 @@ def adjoint(
     w = np.zeros(march.states.shape[1]) if carry is None else carry.copy()
     gradient, pulled = np.zeros(active.size), np.zeros(pattern.slot.size)
     room = np.zeros((0, 0)) if multipliers is None else multipliers
-    _adjoint(
-        march.program.table, pattern, memory, run, cotangent, w, gradient, room, pulled, np.zeros((m, 1)),
-        np.zeros((m, m)),
-    )  # fmt: skip
+    found = Pulled(w, gradient, room, pulled, np.zeros((m, 1)), np.zeros((m, m)))
+    _adjoint(march.program.table, pattern, memory, run, cotangent, found)
     return gradient, w
