@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from docstrings import examples
 
 Names = dict[str, object]
@@ -88,11 +89,13 @@ def documented(folder: Path) -> Names:
     (folder / "other").symlink_to(folder / "recordings")
     campaign = phnn.read("recordings/")
     phnn.diagnose(campaign, phnn.Options(starts=1)).write("out")
+    frame, other = (pd.read_csv(path) for path in sorted((folder / "recordings").glob("*.csv"))[:2])
     t = np.linspace(0.0, 0.1, 1001)
     zero = torch.zeros(4, dtype=torch.float64)
     return {
         "np": np, "phnn": phnn, "campaign": campaign, "t": t, "voltage": 75.0 * np.sin(2.0 * np.pi * 20.0 * t),
-        "x": zero, "u": zero[:2], "reference": 2e-5 * (1.0 - np.cos(2.0 * np.pi * 10.0 * t)),
+        "frame": frame, "other": other, "x": zero, "u": zero[:2],
+        "reference": 2e-5 * (1.0 - np.cos(2.0 * np.pi * 10.0 * t)),
     }  # fmt: skip
 
 

@@ -34,7 +34,7 @@ def read(
     """Read, check and understand a folder of recordings, or recordings in memory.
 
         campaign = phnn.read("recordings/")
-        campaign = phnn.read({"loops": frame, "sweep": other}, {"setup": {"model": "linear"}})
+        from_frames = phnn.read({"loops": frame, "sweep": other}, {"setup": {"model": "linear"}})
 
     Args:
         folder: holds one file per recording, and ``recordings.yaml`` where something is to be said about them. Or a
