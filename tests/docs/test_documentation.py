@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import blocks
@@ -72,6 +73,14 @@ def test_every_page_of_markdown_has_no_fenced_block_that_is_overlooked() -> None
     for path in sorted(blocks.DOCS.glob("*.md")):
         text = path.read_text(encoding="utf-8")
         assert len(blocks.blocks_of(text)) == text.count("```python\n"), path.name
+
+
+def test_every_page_stands_in_a_table_of_contents() -> None:
+    listed = {"index"}
+    for path in blocks.DOCS.glob("*.md"):
+        for block in re.findall(r"^```\{toctree\}\n(.*?)^```$", path.read_text("utf-8"), re.DOTALL | re.MULTILINE):
+            listed |= {line for line in block.split("\n") if line and not line.startswith(":")}
+    assert {path.stem for path in blocks.DOCS.glob("*.md")} <= listed
 
 
 def test_indented_examples_of_docstrings_are_code_and_equations_are_not() -> None:
