@@ -18,6 +18,7 @@ copyright = "phnn contributors"
 
 extensions = [
     "effect_pages",
+    "law_tables",
     "drawings",
     "docstrings",
     "formulas",

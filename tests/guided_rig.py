@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -54,6 +55,7 @@ RECORDINGS = {
 
 def write_rig(folder: Path, power: float) -> None:
     """The recordings with noise, and their manifest."""
+    folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(20)
     entries = []
     for name, (volts, duration) in RECORDINGS.items():
@@ -65,3 +67,7 @@ def write_rig(folder: Path, power: float) -> None:
         entries.append(f"- file: {name}.csv\n  name: {name}\n  start: {{state: rest, input_before: 0.0}}\n")
     manifest = "setup: {model: piezo_actuator, hysterons: 2}\n" + f"known: {{m: {{value: {RIG['m']}, std: 1.0e-5}}}}\n"
     (folder / "recordings.yaml").write_text(manifest + "voltage: command\nrecordings:\n" + "".join(entries))
+
+
+if __name__ == "__main__":
+    write_rig(Path(sys.argv[1]), power=2.0)

@@ -23,6 +23,7 @@ from loky.process_executor import TerminatedWorkerError
 
 from phnn.ensemble.local import Executor, named
 from phnn.errors import SolverFailed
+from phnn.laws.identity import register_again, registered_outside
 
 _ALONE_AFTER, _KILLS = 2, 3
 # Idle workers leave after so many seconds; until then the next call finds them with everything imported.
@@ -64,7 +65,11 @@ class Processes(Executor):
     ) -> Iterator[tuple[int, Any]]:
         """Results of the chosen items until a worker dies; that counts against every item at work."""
         pool = get_reusable_executor(
-            self.workers, timeout=_IDLE, initializer=_begin, initargs=(os.getpid(),), env=ONE_THREAD
+            self.workers,
+            timeout=_IDLE,
+            initializer=_begin,
+            initargs=(os.getpid(), *registered_outside()),
+            env=ONE_THREAD,
         )
         waiting = deque(chosen)
         running: dict[Future[Any], int] = {}
@@ -88,10 +93,12 @@ class Processes(Executor):
                 pool.shutdown(kill_workers=True)
 
 
-def _begin(parent: int) -> None:
-    """What a worker does first: leave Ctrl-C to the parent, and end with it."""
+def _begin(parent: int, *laws: Any) -> None:
+    """What a worker does first: leave Ctrl-C to the parent, end with it, register laws before the solver is loaded."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with(parent)
+    for law in laws:
+        register_again(law)
 
 
 @cache

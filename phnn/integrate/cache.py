@@ -21,6 +21,8 @@ import numba
 
 import phnn
 from phnn.integrate import hooks
+from phnn.laws.identity import hash_of_own_laws
+from phnn.laws.law import close_tables
 
 # Sources of the compiled code. The torch modules beside them can be edited without recompiling.
 _SOURCES = (
@@ -90,12 +92,14 @@ def has_kept(function: str) -> bool:
 
 @cache
 def fingerprint() -> str:
-    """Hash of the sources of the kernels and of the versions of numba and python.
+    """Hash of the sources of the kernels, of the laws that a user registered and of the versions of numba and python.
 
     numba's own cache does not notice an edited callee in another file.
     """
     root = Path(phnn.__file__).parent
     digest = hashlib.sha256(repr((numba.__version__, sys.version_info[:2])).encode())
+    close_tables()
+    digest.update(hash_of_own_laws())
     for pattern in _SOURCES:
         for path in sorted(root.glob(pattern)):
             digest.update(path.read_bytes())

@@ -9,6 +9,7 @@ from phnn.integrate.dispatch import SCALARS, STORAGE_SCALARS
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 from phnn.network.elements import Network
+from phnn.network.named_laws import fault_of_laws
 
 # For each kind of element: the laws with a few parameters, and the torch modules that pass their weights to the kernel.
 LAWS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
@@ -28,6 +29,8 @@ def can_compile(network: Network) -> bool:
 def obstacle(network: Network) -> str:
     """The reason why the compiled kernels cannot solve a network, with the remedy; empty if they can."""
     n = network
+    if fault := fault_of_laws(n):
+        return fault
     elements: list[tuple[str, str, Any]] = [("storage", s.name, s) for s in n.storages]
     elements += [("resistor", r.name, r) for r in n.resistors]
     elements += [("port", p.name, p) for p in n.ports] + [("modulation", m.ratio, m) for m in n.modulations]
@@ -37,13 +40,11 @@ def obstacle(network: Network) -> str:
 
 
 def _law_obstacle(kind: str, name: str, element: Any) -> str:
-    scalar, wide = LAWS[kind]
+    wide = LAWS[kind][1]
     law = element.law
     if not isinstance(law, str):
         known = str(getattr(law, "law", None)) in wide
         return "" if known else f"{kind} {name}: this torch module has no kernel; solve with phnn.integrate.dense"
-    if law not in scalar:
-        return f"{kind} {name}: no law called {law!r}; there are {', '.join(scalar)}"
     most = STORAGE_SCALARS if kind == "storage" else SCALARS
     count = len(element.parameters)
     return "" if count <= most else f"{kind} {name}: {count} parameters; the kernel passes {most}"

@@ -7,11 +7,14 @@ from typing import Any
 
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws.law import close_tables
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, compiled_flow, compiled_mean_effort
 
 _PLACES = ("i0", "i1", "i2", "i3", "i4")
 # Parameters that the kernel passes to a law, and to one of a storage.
 SCALARS, STORAGE_SCALARS = 4, 5
+# The functions below compile the laws that exist now.
+close_tables()
 
 # A function of a law, the number of parameters it takes, and whether it reads a block of weights instead.
 Entry = tuple[Callable[..., Any] | None, int, bool]

@@ -178,7 +178,11 @@ def _checked_files() -> type:
             if content is None:
                 # The caller treats it as a file that was removed.
                 raise FileNotFoundError(name)
-            return pickle.loads(content)
+            try:
+                return pickle.loads(content)
+            except ImportError as error:
+                # A law of this code belongs to a module that this process cannot import, such as a script.
+                raise FileNotFoundError(name) from error
 
         def _save_data(self, name: str, data: Any) -> None:
             self._write(self._data_path(name), self._dump(data))

@@ -162,29 +162,46 @@ PORT_LAWS: dict[str, PortLaw] = {}
 FACTOR_LAWS: dict[str, FactorLaw] = {}
 MEMORY_LAWS: dict[str, MemoryLaw] = {}
 
+TABLES: dict[type, dict[str, Any]] = {
+    StorageLaw: STORAGE_LAWS,
+    ResistorLaw: RESISTOR_LAWS,
+    PortLaw: PORT_LAWS,
+    FactorLaw: FACTOR_LAWS,
+    MemoryLaw: MEMORY_LAWS,
+}
+_closed = False
+
 
 def register(law: Law) -> None:
     """Make a law available under its name.
 
+    Compiled code knows the laws that existed when the solver was loaded: register a law directly after ``import phnn``,
+    before a network is solved.
+
     Raises:
-        StructureViolated: the name is taken, or the law breaks its promise somewhere in the domains of its parameters:
-            a resistor outside the sector ``ε φ(ε) ≥ 0``, an energy below that at rest, a value that is not finite.
+        StructureViolated: the name is taken; the law breaks its promise somewhere in the domains of its parameters (a
+            resistor outside the sector ``ε φ(ε) ≥ 0``, an energy below that at rest, a value that is not finite); or
+            the solver has been loaded already.
     """
     # It needs the laws' types.
     from phnn.laws.sector import check_law
 
-    tables: tuple[tuple[type, dict[str, Any]], ...] = (
-        (StorageLaw, STORAGE_LAWS),
-        (ResistorLaw, RESISTOR_LAWS),
-        (PortLaw, PORT_LAWS),
-        (FactorLaw, FACTOR_LAWS),
-        (MemoryLaw, MEMORY_LAWS),
-    )
-    table = next(table for kind, table in tables if isinstance(law, kind))
+    table = next(table for kind, table in TABLES.items() if isinstance(law, kind))
     if law.name in table:
         raise StructureViolated(f"a law called {law.name!r} exists already: choose another name")
     check_law(law)
+    if _closed:
+        raise StructureViolated(
+            f"the law {law.name!r} comes too late: the solver is loaded and its compiled code knows the laws of that "
+            "moment. Start Python again and register the law directly after `import phnn`"
+        )
     table[law.name] = law
+
+
+def close_tables() -> None:
+    """Accept no further law: compiled code numbers the laws by their order in the tables."""
+    global _closed
+    _closed = True
 
 
 def _complete(law: Any) -> None:

@@ -30,6 +30,9 @@ _ORDINARY = 1e2
 _ROUNDING = 1e-9
 # Finer points between the neighbours of the least conductance.
 _FINER = 65
+# Every so many of the points are paired with each other, and what two functions of a law may differ by.
+_EVERY = 5
+_AGREE = 1e-6
 _AROUND = np.array([1.0 - 1e-3, 1.0, 1.0 + 1e-3])
 
 
@@ -41,14 +44,59 @@ def check_law(law: Law) -> None:
     """
     for values in dict.fromkeys(_samples(law.example, law.domains)):
         at = f"the law {law.name} with parameters {', '.join(f'{v:g}' for v in values)}"
-        with np.errstate(all="ignore"):
-            if isinstance(law, ResistorLaw):
-                for q in READ if _reads(law) else READ[:1]:
-                    check_sector(partial(_reading, law, q, values), at, _edges(law, q, values), q)
-            elif isinstance(law, StorageLaw) and law.bounded:
-                check_energy(partial(_stored, law, values), at)
-            elif isinstance(law, MemoryLaw) and not float(law.decay(*values)) >= 0.0:
-                raise StructureViolated(f"{at} decays at {float(law.decay(*values)):g} 1/s: it must not grow by itself")
+        try:
+            with np.errstate(all="ignore"):
+                _check_at(law, values, at)
+        except TypeError as error:
+            raise StructureViolated(
+                f"{at}: {error}; its functions are called with their arguments and one number for each of the "
+                f"{len(values)} parameters of its example"
+            ) from error
+
+
+def _check_at(law: Law, values: tuple[float, ...], at: str) -> None:
+    if isinstance(law, ResistorLaw):
+        for q in READ if _reads(law) else READ[:1]:
+            check_sector(partial(_reading, law, q, values), at, _edges(law, q, values), q)
+            _check_thresholds(law, q, values, at)
+    elif isinstance(law, StorageLaw):
+        if law.bounded:
+            check_energy(partial(_stored, law, values), at)
+        _check_mean_effort(law, values, at)
+    elif isinstance(law, MemoryLaw) and not float(law.decay(*values)) >= 0.0:
+        raise StructureViolated(f"{at} decays at {float(law.decay(*values)):g} 1/s: it must not grow by itself")
+
+
+def _check_mean_effort(law: StorageLaw, values: tuple[float, ...], at: str) -> None:
+    """Try whether ``ē(a, b) (b − a) = H(b) − H(a)``, without which a step does not balance power."""
+    points = POINTS[np.abs(POINTS) <= _ORDINARY][::_EVERY]
+    a, b = (x.ravel() for x in np.meshgrid(points, points))
+    before, after = law.energy(a, *values), law.energy(b, *values)
+    given = law.mean_effort(a, b, *values) * (b - a)
+    size = np.abs(before) + np.abs(after) + np.abs(given)
+    wrong = np.abs(given - (after - before)) > _AGREE * size
+    if wrong.any():
+        k = int(np.argmax(np.where(wrong, np.abs(given - (after - before)) / size, 0.0)))
+        raise StructureViolated(
+            f"{at}: from x = {a[k]:.6g} to {b[k]:.6g} its mean effort changes the energy by {given[k]:.6g} J, but "
+            f"H changes by {after[k] - before[k]:.6g} J: mean_effort(a, b) must be (H(b) − H(a))/(b − a)"
+        )
+
+
+def _check_thresholds(law: ResistorLaw, q: float, values: tuple[float, ...], at: str) -> None:
+    """Try whether the thresholds of a piecewise linear law describe its flow."""
+    if law.thresholds is None:
+        return
+    rho, low, high = law.thresholds(q, *values)
+    described = rho * (np.maximum(POINTS - high, 0.0) + np.minimum(POINTS - low, 0.0))
+    flow = _reading(law, q, values, POINTS)
+    wrong = np.abs(flow - described) > _AGREE * (np.abs(flow) + np.abs(rho) * np.abs(POINTS))
+    if wrong.any():
+        k = int(np.flatnonzero(wrong)[0])
+        raise StructureViolated(
+            f"{at}: φ({POINTS[k]:.6g}) = {flow[k]:.6g}, but its thresholds say {described[k]:.6g}: they must be "
+            "(ρ, lo, hi) of φ = ρ (max(ε − hi, 0) + min(ε − lo, 0))"
+        )
 
 
 def check_sector(
