@@ -154,27 +154,37 @@ def _add_own(commands: dict[str, argparse.ArgumentParser]) -> None:
     _add_plot(commands["plot"])
 
 
+def _number(text: str) -> float:
+    """A number of the command line."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number: give it without a unit, such as 1e-4") from None
+
+
 def _add_export(command: argparse.ArgumentParser) -> None:
     add = command.add_argument
     add("--to", required=True, metavar="TARGET", help="c, fmu, python or matlab")
-    add("--dt", type=float, default=1e-4, metavar="S", help="sample time in seconds; default: %(default)s")
+    add("--dt", type=_number, default=1e-4, metavar="S", help="sample time in seconds; default: %(default)s")
     add("--substeps", type=int, metavar="N", help="integration steps in a sample time; default: those of the model")
     add("--input", dest="hold", default="linear", metavar="HOLD", help="between samples: linear (default), zero_order")
     add("--name", default="", metavar="NAME", help="prefix of functions and files; default: that of the model")
     text = "a further port that is an input; may be repeated"
     add("--port", dest="ports", action="append", default=[], metavar="PORT", help=text)
     add("--no-sensor", dest="sensor", action="store_false", help="leave the sensor out: the output is what it senses")
-    add("--initial-input", type=float, default=0.0, metavar="U", help="begin at rest under it, where rest is stored")
+    add("--initial-input", type=_number, default=0.0, metavar="U", help="begin at rest under it, where rest is stored")
 
 
 def _add_invert(command: argparse.ArgumentParser) -> None:
     add = command.add_argument
     add("reference", type=Path, metavar="FILE", help="time_s, displacement_um: what is to be followed")
-    add("--smooth", type=float, metavar="HZ", help="low-pass without phase for the reference: its corner")
-    add("--slew", type=float, metavar="V/s", help="largest rate of the voltage")
-    add("--lead-in", type=float, metavar="S", help="time in which the motion begins from rest before the first sample")
-    add("--tolerance", type=float, metavar="M", help="error that counts as none, in the SI unit of the output")
-    add("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"), help="lowest and highest voltage, V")
+    add("--smooth", type=_number, metavar="HZ", help="low-pass without phase for the reference: its corner")
+    add("--slew", type=_number, metavar="V/s", help="largest rate of the voltage")
+    add(
+        "--lead-in", type=_number, metavar="S", help="time for a start from rest, before the first sample"
+    )
+    add("--tolerance", type=_number, metavar="M", help="error that counts as none, in the SI unit of the output")
+    add("--limits", type=_number, nargs=2, metavar=("LOW", "HIGH"), help="lowest and highest voltage, V")
     text = "the voltage between its samples; zero_order for a converter"
     add("--hold", choices=("cubic", "zero_order"), help=text)
 
@@ -183,5 +193,5 @@ def _add_plot(command: argparse.ArgumentParser) -> None:
     add = command.add_argument
     add("folder", type=Path, metavar="FOLDER", nargs="?", help="folder of recordings")
     add("--recording", metavar="NAME", action="append", help="draw this recording; may be repeated")
-    add("--frequencies", type=float, nargs=2, metavar=("LOW", "HIGH"), help="bode: lowest and highest [Hz]")
-    add("--amplitude", type=float, metavar="A", help="bode: amplitude of the input, SI")
+    add("--frequencies", type=_number, nargs=2, metavar=("LOW", "HIGH"), help="bode: lowest and highest [Hz]")
+    add("--amplitude", type=_number, metavar="A", help="bode: amplitude of the input, SI")

@@ -38,6 +38,17 @@ class Model:
     setup: Setup
     substeps: int = 1
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.setup, Setup):
+            raise InputRefused(
+                f"a model is made of a Setup, not of a {type(self.setup).__name__}: Model(Setup(network))"
+            )
+
+    def __repr__(self) -> str:
+        states = ", ".join(self.setup.network.state_names)
+        values = ", ".join(f"{name} = {self.setup.parameters[name].value:.4g}" for name in self.setup.free)
+        return f"<Model {self.setup.name}: states {states}; {values}>"
+
     @property
     def parameters(self) -> dict[str, float]:
         """Values of all parameters in SI units, by name."""

@@ -16,7 +16,7 @@ from phnn.identification.options import Options
 from phnn.model import Model
 from phnn.prediction import Predicted
 from phnn.predictor import loaded, predictor
-from phnn.recordings.recording import Campaign
+from phnn.recordings import Campaign, campaign_of
 from phnn.report.result import write
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class Diagnosis(Finished):
 
 
 def diagnose(
-    recorded: Campaign | Identified,
+    recorded: Campaign | Identified | str | Path,
     options: Options | None = None,
     progress: Progress = quiet,
     effects: Sequence[Effect] | None = None,
@@ -66,7 +66,8 @@ def diagnose(
         diagnosis = phnn.diagnose(phnn.read("recordings/"))
 
     Args:
-        recorded: recordings with their identification and confirmation parts, or what `phnn.identify` returned.
+        recorded: recordings with their identification and confirmation parts, their folder, or what `phnn.identify`
+            returned.
         options: how hard to try; those of the identification where it has been done, defaults otherwise.
         progress: called with a line of text at every stage, for example ``print``.
         effects: the catalogue to use; all effects that can exist otherwise.
@@ -75,7 +76,8 @@ def diagnose(
         InputRefused: a criterion is not known, the executor does not answer, an effect to do without is not in the
             catalogue, or recordings have several inputs or outputs; nothing has been fitted yet then.
     """
-    return Diagnosis(**vars(run_diagnosis(recorded, options, progress, effects)))
+    known = recorded if isinstance(recorded, Identified) else campaign_of(recorded)
+    return Diagnosis(**vars(run_diagnosis(known, options, progress, effects)))
 
 
 def load(folder: str | Path) -> Model | StoredModes:
@@ -96,7 +98,7 @@ def load(folder: str | Path) -> Model | StoredModes:
     return loaded(Path(folder))
 
 
-def predict(model: Model | StoredModes | str | Path, campaign: Campaign) -> tuple[Predicted, ...]:
+def predict(model: Model | StoredModes | str | Path, campaign: Campaign | str | Path) -> tuple[Predicted, ...]:
     """Simulate the recordings of a campaign, in their order.
 
         for found in phnn.predict("out/model", phnn.read("other/")):
@@ -107,17 +109,18 @@ def predict(model: Model | StoredModes | str | Path, campaign: Campaign) -> tupl
 
     Args:
         model: what `phnn.load` returned, or its folder; models of ``phnn modes`` included.
-        campaign: read it with ``phnn.read(folder, need_output=False)`` where no output was recorded.
+        campaign: recordings, or their folder. ``phnn.read(folder, need_output=False)`` reads one without outputs.
 
     Raises:
         InputRefused: there is no model, or a damaged one, or the recordings do not fit its ports and outputs.
         SolverFailed: a step has no solution.
     """
-    return tuple(predictor(Path(model) if isinstance(model, str) else model)(campaign))
+    known = campaign_of(campaign, need_output=False)
+    return tuple(predictor(Path(model) if isinstance(model, str) else model)(known))
 
 
 def compare(
-    campaign: Campaign,
+    campaign: Campaign | str | Path,
     out: str | Path,
     settings: Sequence[str] = (),
     progress: Progress = quiet,
@@ -128,7 +131,7 @@ def compare(
         table = phnn.compare(phnn.read("recordings/"), "compared/", ["models=[phs,linear]"])
 
     Args:
-        campaign: recordings with their uses.
+        campaign: recordings with their uses, or their folder.
         out: where `compare.md`, its tables, figures and models go.
         settings: ``key=value`` in the grammar of hydra, as for ``phnn compare``; see ``configs/compare.yaml``.
         progress: called with a line of text at every stage.
@@ -142,7 +145,8 @@ def compare(
     from phnn.comparison.settings import Settings
     from phnn.configuration import compose
 
-    return run_comparison(campaign, Path(out), Settings.from_config(compose("compare", settings)), progress, overwrite)
+    chosen = Settings.from_config(compose("compare", settings))
+    return run_comparison(campaign_of(campaign), Path(out), chosen, progress, overwrite)
 
 
 def export(
@@ -163,7 +167,7 @@ def export(
 
         phnn.export("out/model", to="c", out="out/c", dt=5e-5)    # out/c/piezo.h, out/c/piezo.c
 
-    Its steps are those of `phnn.simulate` with the same sample time, sub-steps and input between the samples.
+    Its steps are those of `Model.simulate` with the same sample time, sub-steps and input between the samples.
 
     Args:
         model: what `phnn.load` returned, or its folder, or that of a diagnosis.

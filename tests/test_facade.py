@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import phnn
+from phnn.demo import generate
 from phnn.models import hrc
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
@@ -123,3 +124,28 @@ def test_identified_model_goes_into_the_diagnosis_and_predicts(tmp_path: Path) -
     ):
         np.testing.assert_array_equal(one.y, other.y)
         assert one.document("")["residual_over_noise"] < 1.2
+
+
+def test_a_folder_stands_for_its_recordings(tmp_path: Path) -> None:
+    generate(3, tmp_path, None, "short")
+    campaign = phnn.read(tmp_path)
+    assert phnn.describe(tmp_path) == phnn.describe(str(tmp_path)) == phnn.describe(campaign)
+    model = phnn.Model(phnn.Setup(phnn.models.hrc(hysterons=2)))
+    as_predicted = phnn.read(tmp_path, need_output=False)
+    found, same = (phnn.predict(model, given) for given in (str(tmp_path), as_predicted))
+    assert [f.table.equals(s.table) for f, s in zip(found, same, strict=True)] == [True] * 4
+    assert phnn.plot.loops(model, tmp_path).size
+    with pytest.raises(phnn.InputRefused, match="no such folder"):
+        phnn.diagnose(tmp_path / "absent")
+
+
+def test_other_values_than_models_and_diagnoses_are_refused() -> None:
+    network = phnn.models.hrc(hysterons=2)
+    with pytest.raises(phnn.InputRefused, match="made of a Setup, not of a Network"):
+        phnn.Model(network)  # type: ignore[arg-type]
+    model = phnn.Model(phnn.Setup(network))
+    with pytest.raises(phnn.InputRefused, match="a Model has no locations: give a diagnosis"):
+        phnn.plot.location(model)  # type: ignore[arg-type]
+    t = np.arange(0.0, 0.1, 1e-4)
+    with pytest.raises(phnn.InputRefused, match=r"reaches 40 m, a piezo actuator at most 0.01 m: give it in metres"):
+        model.inverse(t, 40.0 * np.sin(50.0 * t) ** 3)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -9,7 +11,8 @@ import numpy as np
 
 from phnn.check.abilities import Ability, abilities
 from phnn.check.consistency import contaminated
-from phnn.check.finding import Finding
+from phnn.check.finding import WARNING, Finding
+from phnn.check.gain import odd_gain, odd_units
 from phnn.check.mains import mains
 from phnn.check.noise import stated_noise
 from phnn.check.quality import drift, limits, quantisation
@@ -19,7 +22,10 @@ from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Campaign
 from phnn.signals.noise_statement import NoiseStatement
 
-_CHECKS = (quantisation, limits, drift, mains, lead)
+_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[-+]?\d+)?(?: [nµmk]?[a-zA-Z]+\b)?")
+# Names in a line before only their number is said; check.json has all.
+_LISTED = 3
+_CHECKS = (quantisation, limits, drift, mains, lead, odd_gain)
 
 
 @dataclass(frozen=True)
@@ -38,13 +44,9 @@ class Checked:
     def text(self) -> str:
         """What `phnn check` prints."""
         lines = [describe(self.campaign), ""]
-        found = [(name, f) for name, some in self.findings.items() for f in some]
-        lines += ["Noticed:", *(f"  {f.severity:8}{name}: {f.text}" for name, f in found), ""] if found else []
-        lines += [
-            "Noise:",
-            *(f"  {name}: {s.colour}" + "".join(f"; {n}" for n in s.notes) for name, s in self.noise.items()),
-            "",
-        ]
+        if found := [(name, f) for name, some in self.findings.items() for f in some]:
+            lines += ["Noticed:", *_noticed(found), ""]
+        lines += ["Noise:", *_colours(self.noise), ""]
         for head, able in (("These recordings can show:", True), ("They cannot show, for which to record:", False)):
             some = [a for a in self.abilities if a.able is able]
             if some:
@@ -71,13 +73,39 @@ class Checked:
         }  # fmt: skip
 
 
+def _noticed(found: Iterable[tuple[str, Finding]]) -> Iterator[str]:
+    """Lines of findings; notes that differ in numbers alone share the line of the first."""
+    groups: dict[tuple[str, str], list[tuple[str, Finding]]] = {}
+    for name, f in found:
+        key = (name, f.text) if f.severity == WARNING else ("", _NUMBER.sub("#", f.text))
+        groups.setdefault(key, []).append((name, f))
+    for (name, first), *others in groups.values():
+        yield f"  {first.severity:8}{name}: {first.text}{_others('similar', [n for n, _ in others])}"
+
+
+def _colours(statements: Mapping[str, NoiseStatement]) -> Iterator[str]:
+    """Lines of noise statements; recordings of which the same is said share one."""
+    groups: dict[str, list[str]] = {}
+    for name, s in statements.items():
+        groups.setdefault("; ".join((s.colour, *s.notes)), []).append(name)
+    for said, (first, *others) in groups.items():
+        yield f"  {first}: {said}{_others('the same', others)}"
+
+
+def _others(how: str, names: Sequence[str]) -> str:
+    if not names:
+        return ""
+    return f" ({how} in {', '.join(names) if len(names) <= _LISTED else f'{len(names)} others'})"
+
+
 def check(campaign: Campaign) -> Checked:
     """All checks on all recordings that have an output."""
     recorded = [r for r in campaign.recordings if np.isfinite(r.y).all()]
     excitations = {r: excitation_of(r.drive, r.dt) for r in campaign.recordings}
     among = contaminated(recorded, excitations)
+    units = odd_units(recorded)
     findings: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
     for r in recorded:
-        findings[r.name] = [*(f for one in _CHECKS for f in one(r, excitations[r])), *among[r.name]]
+        findings[r.name] = [*(f for one in _CHECKS for f in one(r, excitations[r])), *among[r.name], *units[r.name]]
     noise = {r.name: stated_noise(r, excitations[r]) for r in recorded}
     return Checked(campaign, findings, abilities(campaign, excitations), noise)

@@ -11,7 +11,7 @@ NOTE, WARNING = "note", "warning"
 @dataclass(frozen=True)
 class Finding:
     """Attributes:
-    kind: ``quantisation``, ``limits``, ``drift``, ``mains``, ``lead`` or ``contaminated``.
+    kind: ``quantisation``, ``limits``, ``drift``, ``mains``, ``lead``, ``units`` or ``contaminated``.
     severity: ``note``, or ``warning`` where it may mislead a diagnosis.
     text: one sentence for a person, with what to do about a warning.
     values: its numbers, SI.

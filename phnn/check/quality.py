@@ -74,7 +74,7 @@ def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
     """
     if not recording.noise_found:
         return []
-    means, spread = _levels(recording, excitation)
+    means, spread, settled = _levels(recording, excitation)
     if means.size < 2:
         return []
     change, error = float(means[-1] - means[0]), spread * float(np.sqrt(2.0))
@@ -87,6 +87,8 @@ def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
     values = {"change": change, "standard_error": error}
     if abs(change) < _MUCH * recording.noise:
         return [Finding("drift", NOTE, text, values)]
+    if settled:
+        return [Finding("drift", NOTE, f"{text} and then rests there: hysteresis leaves such a change", values)]
     later = float(np.ptp(means[means.size // 2 :]))
     if means.size >= _TELLING and later < max(_SURE * error, _LATE * abs(change)):
         early = "nearly all of it in the first half: what the start left dies away so, and so does creep"
@@ -106,8 +108,9 @@ def comes_back(u: np.ndarray) -> bool:
     return bool(abs(u[-1] - u[0]) <= _LEVEL * np.ptp(u))
 
 
-def _levels(recording: Recording, excitation: Excitation) -> tuple[np.ndarray, float]:
-    """Means of the output over stretches of equal input, in order, and the standard error of each."""
+def _levels(recording: Recording, excitation: Excitation) -> tuple[np.ndarray, float, bool]:
+    """Means of the output over stretches of equal input, in order, the standard error of each, and whether the last of
+    them is a rest within which the output does not move."""
     first, last = excitation.span
     correlated = float(np.sqrt(max(2.0 * recording.noise_correlation.sum() - 1.0, 1.0)))
     if excitation.period is not None and excitation.cycles >= 3.0:
@@ -116,10 +119,13 @@ def _levels(recording: Recording, excitation: Excitation) -> tuple[np.ndarray, f
         integral = np.concatenate([[0.0], np.cumsum(recording.y)])
         edges = first + size * np.arange(1, int((last - first) / size + 1e-6) + 1)
         means = np.diff(np.interp(edges, np.arange(integral.size), integral)) / size
-        return means, recording.noise * correlated / float(np.sqrt(size))
+        return means, recording.noise * correlated / float(np.sqrt(size)), False
     before, after = recording.y[:first], recording.y[last:]
     if not comes_back(recording.drive) or min(before.size, after.size) < 10:
-        return np.zeros(0), 0.0
+        return np.zeros(0), 0.0, False
     # What follows the last change of the input is still on its way: its second half counts.
     after = after[after.size // 2 :]
-    return np.array([before.mean(), after.mean()]), recording.noise * correlated / np.sqrt(min(before.size, after.size))
+    error = recording.noise * correlated / np.sqrt(min(before.size, after.size))
+    half = after.size // 2
+    moved = abs(float(after[half:].mean() - after[:half].mean()))
+    return np.array([before.mean(), after.mean()]), error, moved < _SURE * 2.0 * error

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from phnn.commands.identify import keep
-from phnn.commands.terminal import Config, status
+from phnn.commands.terminal import Config, doubt, status
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.diagnosis import diagnose as run_diagnosis
 from phnn.identification.options import Options
@@ -33,6 +33,7 @@ def diagnose(
     """Diagnose a folder; writes ``diagnosis.json``, ``report.html``, ``model/``, ``base/`` and ``figures/``."""
     options = Options.from_config(config)
     campaign = read(folder, manifest, allow_outside=outside)
+    doubt(campaign)
     with claim(out, "diagnose", [folder], RESULTS, overwrite=overwrite) as place:
         diagnose_into(campaign, place, options, out, provenance(campaign, command_line(typed), manifest))
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from phnn.commands.terminal import Config, status
+from phnn.commands.terminal import Config, doubt, status
 from phnn.diagnosis.tested import score_on_all
 from phnn.identification.base import identify_base
 from phnn.identification.evaluate import Evaluation
@@ -31,6 +31,7 @@ def identify(
     """Fit the base model; writes ``base/`` and ``identify.json``."""
     options = Options.from_config(config)
     campaign = read(folder, manifest, allow_outside=outside)
+    doubt(campaign)
     with claim(out, "identify", [folder], ("base", "identify.json", PROGRESS), overwrite=overwrite) as place:
         parameters, scores = _identify(campaign, options, place)
     table = Table("parameter", "value", "standard error", "95 % interval", "note", title=f"base model of {folder}")

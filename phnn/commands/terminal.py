@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
+
+from phnn.check.gain import doubts_of_units
+from phnn.intake.names import printable
+from phnn.recordings import Campaign
 
 Config = Mapping[str, Any]
 # A pipe has no width of its own: whole tables fit there.
@@ -22,6 +27,12 @@ def status() -> Iterator[Callable[[str], None]]:
         return
     with terminal.status("reading") as status:
         yield status.update
+
+
+def doubt(campaign: Campaign) -> None:
+    """Warn of units that are probably wrong, before time is spent on them."""
+    for sentence in doubts_of_units(campaign):
+        print(f"warning: {printable(sentence)}", file=sys.stderr, flush=True)
 
 
 def console(pipe: int = _PIPE) -> Console:

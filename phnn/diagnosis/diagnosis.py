@@ -66,6 +66,10 @@ class Diagnosis:
     seconds: float
     criteria: Criteria = CRITERIA
 
+    def __repr__(self) -> str:
+        names = ", ".join(finding.effect.name for finding in self.judgement.findings) or "nothing"
+        return f"<Diagnosis of {self.campaign.folder}: {self.verdict}, added to the model: {names}>"
+
     @property
     def verdict(self) -> str:
         """``named``, ``equivalent``, ``unknown`` or ``none``."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 
 from phnn.errors import InputRefused
 from phnn.identification.base import Progress, identify_base, quiet
@@ -12,7 +13,7 @@ from phnn.identification.options import Options
 from phnn.model import Model
 from phnn.models.actuator import hrc
 from phnn.network.elements import Network
-from phnn.recordings.recording import Campaign
+from phnn.recordings import Campaign, campaign_of
 from phnn.setup import Setup
 
 
@@ -29,6 +30,9 @@ class Identified:
     fit: Fit
     error: NumericalError
     options: Options
+
+    def __repr__(self) -> str:
+        return f"<Identified from {self.campaign.folder}: {self.model!r}>"
 
     @property
     def model(self) -> Model:
@@ -48,7 +52,10 @@ def model_of(fitted: Fit) -> Model:
 
 
 def identify(
-    model: Network | Setup | None, campaign: Campaign, options: Options | None = None, progress: Progress = quiet
+    model: Network | Setup | None,
+    campaign: Campaign | str | Path,
+    options: Options | None = None,
+    progress: Progress = quiet,
 ) -> Identified:
     """Identify a model from the identification parts of a campaign.
 
@@ -59,7 +66,7 @@ def identify(
         model: a network, or one with amplifier and sensor. Of the actuator `phnn.models.hrc` only the number of
             hysterons counts: it needs no starting values. Any other model starts from its own values. None: the model
             that the manifest names.
-        campaign: recordings, see `phnn.read`.
+        campaign: recordings, or their folder; see `phnn.read`.
         options: how hard to try.
         progress: called with a line of text at every stage.
 
@@ -68,7 +75,8 @@ def identify(
             parameters that it does not have.
     """
     chosen = options or Options()
-    stated = campaign if model is None else replace(campaign, setup=_manifest_setup(model))
+    known = campaign_of(campaign)
+    stated = known if model is None else replace(known, setup=_manifest_setup(model))
     fitted, error = identify_base(stated, chosen, progress)
     return Identified(stated, fitted, error, chosen)
 

@@ -58,7 +58,7 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
         InputRefused: the reference or the model cannot be used; names the cause and a remedy.
         SolverFailed: a step has no solution.
     """
-    dt = checked(t, reference)
+    dt = checked(t, reference, any(port.unit == "V" for port in setup.network.ports[:1]))
     wanted = smoothed(led_in(reference, dt, options.lead_in), dt, options.smooth)
     times = t[0] + dt * (np.arange(wanted.size) - (wanted.size - t.size))
     tolerance = options.tolerance or _TOLERANCE * float(np.ptp(wanted))
@@ -122,7 +122,7 @@ def _told(missed: tuple[Stretch, ...], tolerance: float) -> tuple[str, ...]:
     ordered = sorted(missed, key=lambda s: -abs(s.error))
     told = [
         f"From {s.start:.6g} s to {s.end:.6g} s the reference is missed by up to {abs(s.error):.3g} m, at {s.at:.6g} s"
-        + (f": out of reach are {' and '.join(s.causes)}." if s.causes else f" (tolerance {tolerance:.3g} m).")
+        + (f": it is limited by {' and '.join(s.causes)}." if s.causes else f" (tolerance {tolerance:.3g} m).")
         for s in ordered[:_TOLD]
     ]
     if len(ordered) > _TOLD:

@@ -111,7 +111,7 @@ class Residuals:
 
 def residuals(
     model: Model | StoredModes | Diagnosis | str | Path,
-    campaign: Campaign | None = None,
+    campaign: Campaign | str | Path | None = None,
     *,
     recordings: Sequence[str] | None = None,
     lags: int | None = None,
@@ -144,7 +144,7 @@ def residuals(
 
 
 def whiteness(
-    model: Any, campaign: Campaign | None, recordings: Sequence[str] | None = None, lags: int | None = None
+    model: Any, campaign: Campaign | str | Path | None, recordings: Sequence[str] | None = None, lags: int | None = None
 ) -> Residuals:
     """What `residuals` draws."""
     if campaign is None:

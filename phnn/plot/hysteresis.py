@@ -17,7 +17,7 @@ from phnn.errors import InputRefused
 from phnn.model import Model
 from phnn.plot.panels import MOST, Panels, chosen, column, grid, hide_unused, predictions, scaled, under_each_other
 from phnn.prediction import Predicted
-from phnn.recordings.recording import Campaign
+from phnn.recordings import Campaign, campaign_of
 from phnn.report.figures.style import AFTER, MEASURED, RC, literal, quiet_grid
 from phnn.report.reduction import envelope
 from phnn.units import quantity
@@ -62,7 +62,7 @@ class Loops:
 
 def loops(
     model: Model | StoredModes | Diagnosis | str | Path,
-    campaign: Campaign,
+    campaign: Campaign | str | Path,
     *,
     recordings: Sequence[str] | None = None,
     axes: Any = None,
@@ -90,8 +90,9 @@ def loops(
     return hysteresis(model, campaign, recordings).draw(axes)
 
 
-def hysteresis(model: Any, campaign: Campaign, recordings: Sequence[str] | None = None) -> Loops:
+def hysteresis(model: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None = None) -> Loops:
     """What `loops` draws."""
+    campaign = campaign_of(campaign)
     if recordings is None:
         recordings = [r.name for r in campaign.recordings if r.period is not None and np.isfinite(r.y).any()][:MOST]
         if not recordings:

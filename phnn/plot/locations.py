@@ -10,6 +10,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 
 from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.errors import InputRefused
 from phnn.plot.panels import grid
 from phnn.report.document import Location
 from phnn.report.figures.locations import height_of, locations_into
@@ -61,7 +62,15 @@ def location(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes:
 
 
 def located(diagnosis: Diagnosis) -> Locations:
-    """What `location` draws."""
+    """What `location` draws.
+
+    Raises:
+        InputRefused: it is no diagnosis.
+    """
+    if not hasattr(diagnosis, "judgement"):
+        raise InputRefused(
+            f"a {type(diagnosis).__name__} has no locations: give a diagnosis, what phnn.diagnose(folder) returns"
+        )
     judged = diagnosis.judgement
     if judged.location is None:
         return Locations(None)

@@ -61,7 +61,7 @@ class Outputs:
 
 def compare(
     model: Model | StoredModes | Diagnosis | str | Path,
-    campaign: Campaign,
+    campaign: Campaign | str | Path,
     *,
     recordings: Sequence[str] | None = None,
     axes: Any = None,
@@ -89,7 +89,7 @@ def compare(
     return outputs(model, campaign, recordings).draw(axes)
 
 
-def outputs(model: Any, campaign: Campaign, recordings: Sequence[str] | None = None) -> Outputs:
+def outputs(model: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None = None) -> Outputs:
     """What `compare` draws."""
     return Outputs(predictions(model, campaign, recordings))
 

@@ -17,7 +17,7 @@ from phnn.errors import InputRefused
 from phnn.model import Model
 from phnn.prediction import Predicted
 from phnn.predictor import loaded, predictor
-from phnn.recordings.recording import Campaign
+from phnn.recordings import Campaign, campaign_of
 from phnn.report.figures.style import new_figure
 from phnn.report.formatting import listing
 from phnn.units import prefixed
@@ -112,18 +112,19 @@ def network_model(given: Any) -> Model:
     return found
 
 
-def predictions(given: Any, campaign: Campaign, recordings: Sequence[str] | None) -> tuple[Predicted, ...]:
+def predictions(given: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> tuple[Predicted, ...]:
     """Predictions of the recordings that are drawn; see `chosen`."""
     simulated: Iterable[Predicted] = predictor(model_of(given))(chosen(campaign, recordings))
     return tuple(simulated)
 
 
-def chosen(campaign: Campaign, recordings: Sequence[str] | None) -> Campaign:
+def chosen(campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> Campaign:
     """A campaign of the recordings that are named, or of the first dozen whose output was recorded.
 
     Raises:
         InputRefused: there is no recording of a name, or none that can be drawn.
     """
+    campaign = campaign_of(campaign)
     known = {r.name: r for r in campaign.recordings if bool(np.isfinite(r.y).any())}
     strange = [name for name in recordings or () if name not in known]
     if strange:

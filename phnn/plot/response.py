@@ -24,7 +24,8 @@ from phnn.errors import InputRefused, SolverFailed
 from phnn.model import Model
 from phnn.plot.panels import Array, Panels, Scaled, column, grid, network_model, scaled
 from phnn.plot.points import Point, point
-from phnn.recordings.recording import Campaign, Start, unrecorded
+from phnn.recordings import Campaign, campaign_of
+from phnn.recordings.recording import Start, unrecorded
 from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, INK, RC, log_axis, quiet_grid
 from phnn.setup import Setup
 from phnn.signals.harmonics import HARMONICS, harmonic_weights
@@ -145,7 +146,7 @@ def bode(
     amplitude: float | None = None,
     *,
     offset: float = 0.0,
-    campaign: Campaign | None = None,
+    campaign: Campaign | str | Path | None = None,
     axes: Any = None,
 ) -> Panels:
     """Draw the frequency response of a model at an amplitude, and its response to small amplitudes.
@@ -176,11 +177,12 @@ def response(
     frequencies: ArrayLike | None = None,
     amplitude: float | None = None,
     offset: float = 0.0,
-    campaign: Campaign | None = None,
+    campaign: Campaign | str | Path | None = None,
 ) -> Bode:
     """What `bode` draws."""
     setup = network_model(model).setup
-    measured = () if campaign is None else tuple(p for r in campaign.recordings if (p := point(r)) is not None)
+    recorded = () if campaign is None else campaign_of(campaign).recordings
+    measured = tuple(p for r in recorded if (p := point(r)) is not None)
     f, size = _asked(frequencies, amplitude, measured)
     found = [_converged(setup, size, offset, x) for x in f]
     linear = [_converged(setup, _SMALL * size, offset, x)[0] for x in f]

@@ -1,7 +1,7 @@
 """Folders of recordings: read, checked, in SI units, with a noise floor and a use for every sample."""
 
 from phnn.recordings.describe import describe
-from phnn.recordings.reader import read
+from phnn.recordings.reader import campaign_of, read
 from phnn.recordings.recording import Anchor, Campaign, Part, Recording, Start
 
-__all__ = ["Anchor", "Campaign", "Part", "Recording", "Start", "describe", "read"]
+__all__ = ["Anchor", "Campaign", "Part", "Recording", "Start", "campaign_of", "describe", "read"]

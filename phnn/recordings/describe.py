@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from phnn.recordings.excitation import Excitation, excitation_of
+from phnn.recordings.reader import campaign_of
 from phnn.recordings.recording import Campaign, Recording
 from phnn.units import quantity
 
 
-def describe(campaign: Campaign) -> str:
-    """Describe a campaign in words: ``print(phnn.describe(phnn.read("recordings/")))``.
+def describe(campaign: Campaign | str | Path) -> str:
+    """Describe a campaign, or a folder of recordings, in words: ``print(phnn.describe("recordings/"))``.
 
-    Per recording: rate, length, ranges, start, excitation, noise floor and its source, use; then the notes."""
+    Per recording: rate, length, ranges, start, excitation, noise floor and its source, use; what all share comes first,
+    the notes last."""
+    campaign = campaign_of(campaign)
     count = len(campaign.recordings)
     volts = all(r.units.input == "V" for r in campaign.recordings)
     drive, place = ("voltage", "measured at the terminals") if volts else ("input", "measured where it enters")
@@ -22,8 +27,13 @@ def describe(campaign: Campaign) -> str:
         f"the {drive} is {'the command' if campaign.voltage == 'command' else place}",
         "",
     ]
-    for recording in campaign.recordings:
-        lines += [*_recording(recording), ""]
+    every = [facts(r) for r in campaign.recordings]
+    common = [fact for fact in every[0] if len(every) > 1 and all(fact in facts for facts in every)]
+    if common:
+        lines += ["all recordings", *_listed(common), ""]
+    for recording, known in zip(campaign.recordings, every, strict=True):
+        own = [fact for fact in known if fact not in common]
+        lines += [f"{recording.name} ({recording.source})", *_listed(own), ""]
     if campaign.known:
         anchors = (f"{name} = {a.value:g} ± {a.std:g}" for name, a in campaign.known.items())
         lines += [f"known (SI): {', '.join(anchors)}", ""]
@@ -32,8 +42,8 @@ def describe(campaign: Campaign) -> str:
     return "\n".join(lines)
 
 
-def _recording(r: Recording) -> list[str]:
-    return [f"{r.name} ({r.source})", *(f"  {label:14}{value}" for label, value in facts(r))]
+def _listed(known: list[tuple[str, str]]) -> list[str]:
+    return [f"  {label:14}{value}" for label, value in known]
 
 
 def _within(r: Recording) -> str:

@@ -62,6 +62,15 @@ def read(
     return _campaign(tables, said, need_output, home, left)
 
 
+def campaign_of(recorded: Campaign | str | Path | Any, *, need_output: bool = True) -> Campaign:
+    """A campaign as it is; a folder, and what else `read` takes, is read.
+
+    Raises:
+        InputRefused: it cannot be read.
+    """
+    return recorded if isinstance(recorded, Campaign) else read(recorded, need_output=need_output)
+
+
 def _from_memory(data: Any, manifest: str | Path | Mapping[str, Any] | None, need_output: bool) -> Campaign:
     here = (Path(),)
     try:

@@ -26,6 +26,9 @@ IN_MEMORY = "recordings in memory"
 # periods may miss a whole number of samples.
 _GOLDEN, _WHOLE = 0.618, 0.02
 
+# Names of recordings in a short form of a campaign.
+_SHOWN = 4
+
 
 @dataclass(frozen=True)
 class Start:
@@ -233,6 +236,10 @@ class Campaign:
     folder: str
     held_out: frozenset[str] = frozenset()
     in_memory: bool = False
+
+    def __repr__(self) -> str:
+        names = ", ".join(r.name for r in self.recordings[:_SHOWN]) + (", …" if len(self.recordings) > _SHOWN else "")
+        return f"<Campaign {self.folder}: {len(self.recordings)} recordings ({names}); phnn.describe tells more>"
 
     @property
     def inputs(self) -> list[Path]:

@@ -23,7 +23,7 @@ def score_table(content: Mapping[str, Any]) -> Table | None:
     table = Table("recording", "use", "fit %", "RMSE", "residual over noise")
     for name, row in content["recordings"].items():
         if row["samples"]:
-            table.add_row(escape(name), "held out" if row["held_out"] else "", *_cells(row))
+            table.add_row(escape(name), "held out" if row["held_out"] else DASH, *_cells(row))
     table.add_section()
     for name, row in content["totals"].items():
         table.add_row(f"{name.replace('_', ' ')} ({row['recordings']})", "", *_cells(row))

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from phnn.check.gain import doubts_of_units
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.judge import Judgement
 from phnn.diagnosis.ledger import account
@@ -179,7 +180,7 @@ def evidence(diagnosis: Diagnosis, made_of: Provenance | None = None) -> Evidenc
         parameters=tuple(_parameters(diagnosis)),
         candidates=tuple(tried_rows(j, diagnosis.criteria.selection.level)),
         ledger=tuple(_ledger(j)),
-        notes=diagnosis.campaign.notes,
+        notes=(*doubts_of_units(diagnosis.campaign), *diagnosis.campaign.notes),
         verdict_sentence=sentence(diagnosis),
         no_proposal=no_proposal(diagnosis),
         supports=supports(diagnosis),

@@ -79,7 +79,7 @@ def noise_statement(rms: float, source: str, unit: str, sample: Sample | None) -
         sample: None where nothing shows the noise alone.
     """
     if sample is None or sample.noise.size < _FEWEST or not np.any(sample.noise):
-        return NoiseStatement(rms, source, WHITE, ("not seen alone: its colour is taken as white",))
+        return NoiseStatement(rms, source, WHITE, ("assumed, for the noise cannot be seen apart from the motion",))
     x = sample.noise - sample.noise.mean()
     colour = _colour(x, sample)
     jitter = _jitter(x, sample.speed)

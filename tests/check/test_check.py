@@ -271,3 +271,46 @@ def test_another_system_keeps_its_units_to_the_end(tmp_path: Path, capsys: pytes
     save(setup, tmp_path / "model", 2)
     assert main(["predict", str(tmp_path / "model"), str(folder), "--out", str(tmp_path / "y")]) == 0
     assert (tmp_path / "y" / "a.csv").read_text().startswith("time_s,output_V\n")
+
+
+def test_a_recording_in_another_unit_is_noticed() -> None:
+    some = [replace(sine(f), name=f"at_{f:g}") for f in (5.0, 8.0, 12.0, 20.0)]
+    assert not any(check(campaign(*some)).findings.values())
+    for factor in (1e-3, 1e3, 1e6):
+        wrong = replace(some[1], y=factor * some[1].y, noise=factor * NOISE)
+        findings = check(campaign(some[0], wrong, *some[2:])).findings
+        assert [name for name, found in findings.items() if any("of the 3 others" in f.text for f in found)] == ["at_8"]
+    # A resonance may do this.
+    higher = replace(some[1], y=50.0 * some[1].y)
+    findings = check(campaign(some[0], higher, *some[2:])).findings
+    assert not any(f.kind == "units" for found in findings.values() for f in found)
+
+
+def test_a_stroke_that_no_actuator_has_is_noticed() -> None:
+    one = sine()
+    noticed = found(replace(one, u=1e-3 * one.u))["units"]
+    assert noticed.severity == "warning"
+    assert noticed.values["gain"] == pytest.approx(1e3 * GAIN, rel=0.05)
+    assert "units" not in found(replace(one, u=1e-3 * one.u, units=Units("N", "m")))
+
+
+def test_what_hysteresis_leaves_is_told_from_what_goes_on() -> None:
+    u = np.concatenate([np.zeros(2000), 75.0 * np.ones(2000), np.zeros(4000)])
+    noise = NOISE * np.random.default_rng(4).standard_normal(u.size)
+    left = 2e-6 * (np.arange(u.size) >= 4000)
+    resting = found(recording(u, GAIN * u + left + noise))["drift"]
+    assert resting.severity == "note"
+    assert "hysteresis leaves such a change" in resting.text
+    creeping = left * np.exp(-np.maximum(np.arange(u.size) - 4000.0, 0.0) / 3000.0)
+    assert found(recording(u, GAIN * u + creeping + noise))["drift"].severity == "warning"
+
+
+def test_what_recordings_share_is_printed_once() -> None:
+    some = [replace(sine(f), name=f"at_{f:g}") for f in (5.0, 8.0, 12.0)]
+    coarse = [replace(r, y=1e-8 * np.round(r.y / 1e-8)) for r in some]
+    text = check(campaign(*coarse)).text()
+    assert text.count("10000 Hz") == 3
+    assert text.count("rest, input 0 before") == 1
+    assert text.count("output in steps of") == 1
+    assert "at_5: output in steps of 10 nm" in text
+    assert "similar in at_8, at_12" in text

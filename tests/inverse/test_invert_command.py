@@ -78,7 +78,7 @@ def test_options_reach_the_inverse(home: Path, capsys: pytest.CaptureFixture[str
     assert found["voltage_V"].between(-3.0, 40.0).all()
     assert not content["follows"]
     assert "the voltage limits -3 V and 40 V" in content["missed"][0]["causes"][0]
-    assert "out of reach are the voltage limits" in capsys.readouterr().out
+    assert "it is limited by the voltage limits" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -95,5 +95,5 @@ def test_heavy_tails_are_outliers() -> None:
 def test_what_cannot_be_seen_is_not_told() -> None:
     for sample in (None, Sample(white(0)[:50], DT), Sample(np.zeros(COUNT), DT)):
         found = noise_statement(SIGMA, "stated", "m", sample)
-        assert found.notes == ("not seen alone: its colour is taken as white",)
+        assert found.notes == ("assumed, for the noise cannot be seen apart from the motion",)
     assert found.document() == {"rms": SIGMA, "source": "stated", "colour": "white", "notes": list(found.notes)}
