@@ -180,9 +180,7 @@ def _add_invert(command: argparse.ArgumentParser) -> None:
     add("reference", type=Path, metavar="FILE", help="time_s, displacement_um: what is to be followed")
     add("--smooth", type=_number, metavar="HZ", help="low-pass without phase for the reference: its corner")
     add("--slew", type=_number, metavar="V/s", help="largest rate of the voltage")
-    add(
-        "--lead-in", type=_number, metavar="S", help="time for a start from rest, before the first sample"
-    )
+    add("--lead-in", type=_number, metavar="S", help="time for a start from rest, before the first sample")
     add("--tolerance", type=_number, metavar="M", help="error that counts as none, in the SI unit of the output")
     add("--limits", type=_number, nargs=2, metavar=("LOW", "HIGH"), help="lowest and highest voltage, V")
     text = "the voltage between its samples; zero_order for a converter"

@@ -46,7 +46,7 @@ def second_order_lowpass(fine: Array, h: Array, before: float, tau: Any, zeta: A
 
 
 def second_order_weights(h: Array, tau: Any, zeta: Any) -> tuple[Any, Any, Any, Any]:
-    """Half a step in units of τ and the entries of ``exp(A s)`` for `second_order_step`, in steps ``h`` [s]."""
+    """Half a step in units of τ and the entries of ``exp(A s)`` for `second_order_decay`, in steps ``h`` [s]."""
     s = 0.5 * h / tau
     even, odd = _decay(s, zeta)
     return s, even + zeta * odd, odd, even - zeta * odd
@@ -76,14 +76,9 @@ def first_order_step(state: Any, start: Any, end: Any, a: Any, b0: Any, b1: Any)
 
 
 @shared
-def second_order_step(
-    state: Any, rate: Any, start: Any, end: Any, s: Any, even: Any, odd: Any, even_rate: Any, zeta: Any
-) -> Any:
-    """The output and its rate after half a step ``s`` in units of τ; ``even`` … are the entries of ``exp(A s)``."""
-    slope = (end - start) / s
-    lags = 2.0 * zeta * slope
-    off, off_rate = state - start + lags, rate - slope
-    return end - lags + even * off + odd * off_rate, slope - odd * off + even_rate * off_rate
+def second_order_decay(off: Any, off_rate: Any, even: Any, odd: Any, even_rate: Any) -> Any:
+    """What is left of a deviation and its rate after half a step; ``even`` … are the entries of ``exp(A s)``."""
+    return even * off + odd * off_rate, even_rate * off_rate - odd * off
 
 
 def _first_order_loop(fine: Any, a: Any, b0: Any, b1: Any, state: Any) -> Any:
@@ -102,9 +97,11 @@ def _second_order_loop(fine: Any, s: Any, decay: Any, zeta: Any, state: Any) -> 
     for n in range(fine.shape[0]):
         out[n, 0] = state
         for i in range(1, 3):
-            state, rate = second_order_step(
-                state, rate, fine[n, i - 1], fine[n, i], s[n], decay[n, 0], decay[n, 1], decay[n, 2], zeta
-            )
+            slope = (fine[n, i] - fine[n, i - 1]) / s[n]
+            lag = 2.0 * zeta * slope
+            off, off_rate = state - fine[n, i - 1] + lag, rate - slope
+            left, left_rate = second_order_decay(off, off_rate, decay[n, 0], decay[n, 1], decay[n, 2])
+            state, rate = fine[n, i] - lag + left, slope + left_rate
             out[n, i] = state
     return out
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,7 @@ _TABLES = ("", "_spectrum", "_measured")
 # Arguments that a kind does not take; all others take no frequencies and no amplitude.
 _OF_BODE = ("--frequencies", "--amplitude")
 _NOT_TAKEN = {"bode": ("--recording",), "location": ("FOLDER", "--recording", *_OF_BODE)}
+_OPTIONS = ("recording", "frequencies", "amplitude")
 # Frequencies between the two that are given.
 _POINTS = 40
 
@@ -43,10 +45,7 @@ def plot(
     model: Path,
     folder: Path | None,
     out: Path,
-    manifest: Path | None = None,
-    recording: Sequence[str] | None = None,
-    frequencies: Sequence[float] | None = None,
-    amplitude: float | None = None,
+    options: Mapping[str, Any],
     outside: bool = False,
     overwrite: bool = False,
 ) -> None:
@@ -56,21 +55,22 @@ def plot(
         kind: compare, residuals, loops, bode, location or energy.
         model: of a model or a diagnosis; folder: of recordings, not needed for a location or, with ``frequencies`` and
             ``amplitude``, for a response.
-        recording: names of the recordings to draw.
-        frequencies: lowest and highest [Hz]; amplitude: of the input, SI.
+        options: ``manifest`` of the folder; ``recording``: names of the recordings to draw; ``frequencies``: lowest and
+            highest [Hz]; ``amplitude``: of the input, SI.
 
     Raises:
         InputRefused: what a kind needs is not given, or cannot be used.
     """
-    _check(kind, {"FOLDER": folder, "--recording": recording, "--frequencies": frequencies, "--amplitude": amplitude})
+    recording = options["recording"]
+    _check(kind, {"FOLDER": folder, **{f"--{name}": options[name] for name in _OPTIONS}})
     inputs, files = [model] if folder is None else [model, folder], [f"{kind}.svg"]
     results = (f"{kind}.svg", *(f"{kind}{end}.csv" for end in _TABLES))
     with claim(out, "plot", inputs, results, overwrite=overwrite) as place, status():
         if kind == "location":
             found: Plot = Locations(_located(model, outside))
         else:
-            campaign = None if folder is None else read(folder, manifest, allow_outside=outside)
-            found = _computed(kind, model, campaign, recording, frequencies, amplitude, outside)
+            campaign = None if folder is None else read(folder, options["manifest"], allow_outside=outside)
+            found = _computed(kind, model_of(model, outside), campaign, options)
             _tell(kind, campaign, recording)
         (place / f"{kind}.svg").write(svg(np.ravel(found.draw())[0].figure))
         for end, table in found.tables().items():
@@ -97,18 +97,10 @@ def _tell(kind: str, campaign: Campaign | None, recording: Sequence[str] | None)
         print(f"at most {MOST} of {count} recordings are drawn: choose others with --recording NAME")
 
 
-def _computed(
-    kind: str,
-    model: Path,
-    campaign: Campaign | None,
-    recording: Sequence[str] | None,
-    frequencies: Sequence[float] | None,
-    amplitude: float | None,
-    outside: bool,
-) -> Plot:
-    simulator = model_of(model, outside)
+def _computed(kind: str, simulator: Any, campaign: Campaign | None, options: Mapping[str, Any]) -> Plot:
+    recording = options["recording"]
     if kind == "bode":
-        return response(simulator, _spaced(frequencies), amplitude, campaign=campaign)
+        return response(simulator, _spaced(options["frequencies"]), options["amplitude"], campaign=campaign)
     if campaign is None:
         raise InputRefused(f"phnn plot {kind}: no recordings: name their folder after that of the model")
     if kind == "compare":

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from phnn.effects import Effect, Scales, at_amplifier, bounded, kinds, time_constant
+from phnn.effects import Effect, Scales, at_amplifier, between, kinds, time_constant
 
 _TAU = time_constant("tau_a", "time constant of the amplifier", strength=True).plausibly(
     1e-7, 1e-2, "amplifiers of capacitive loads have bandwidths of 20 Hz to 1 MHz"
 )
-_ZETA = bounded("zeta_a", "1", "damping of the amplifier", 0.05, 20.0, logarithmic=True).plausibly(
+_ZETA = between("zeta_a", "1", "damping of the amplifier", 0.05, 20.0).plausibly(
     0.3, 2.0, "power amplifiers are tuned to overshoot by no more than a third"
 )
 

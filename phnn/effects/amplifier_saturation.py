@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from phnn.effects import Effect, Scales, at_amplifier, bounded, kinds, limit
+from phnn.effects import Effect, Scales, at_amplifier, between, kinds, limit
 
 _MOST = limit("V_max", "V", "amplifier limit", 1e3).plausibly(5.0, 2e3, "piezo amplifiers end between 5 V and 2 kV")
 _BOOK = "Fleming & Leang 2014, Design, Modeling and Control of Nanopositioning Systems, ch. 14"
-_SHARPNESS = bounded("n_V", "1", "sharpness of the limit", 1.0, 200.0, logarithmic=True)
+_SHARPNESS = between("n_V", "1", "sharpness of the limit", 1.0, 200.0)
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:

@@ -93,7 +93,6 @@ def signed(
     typical: float,
     strength: bool = False,
     own_size: bool = False,
-    negative: bool = True,
 ) -> Declared:
     """A parameter on a linear scale, of either sign.
 
@@ -101,11 +100,13 @@ def signed(
         reach: largest size; at most a factor 10⁶ beyond the start value.
         typical: size of a noticeable change.
         own_size: a noticeable change is as large as the start value, unless that is zero.
-        negative: it may be negative.
     """
-    lower = -math.inf if negative else 0.0
-    place = _OnLinearScale(reach, typical, own_size, lower)
-    return Declared(name, unit, description, place, strength, lower)
+    return Declared(name, unit, description, _OnLinearScale(reach, typical, own_size), strength)
+
+
+def nonnegative(name: str, unit: str, description: str, reach: float, typical: float) -> Declared:
+    """A parameter on a linear scale that is zero or positive; for the arguments see `signed`."""
+    return Declared(name, unit, description, _OnLinearScale(reach, typical, lower=0.0), lower=0.0)
 
 
 def bounded(
@@ -115,17 +116,21 @@ def bounded(
     lower: float = -math.inf,
     upper: float = math.inf,
     typical: float = 1.0,
-    logarithmic: bool = False,
     strength: bool = False,
 ) -> Declared:
-    """A parameter between fixed bounds.
+    """A parameter between fixed bounds on a linear scale.
 
     Args:
-        typical: size of a noticeable change, on a linear scale.
-        logarithmic: estimated on a logarithmic scale; for positive values only.
+        typical: size of a noticeable change.
     """
-    place = partial(Parameter, lower=lower, upper=upper, positive=logarithmic, typical=typical)
+    place = partial(Parameter, lower=lower, upper=upper, typical=typical)
     return Declared(name, unit, description, place, strength, lower, upper)
+
+
+def between(name: str, unit: str, description: str, lower: float, upper: float) -> Declared:
+    """A positive parameter between fixed bounds, estimated on a logarithmic scale."""
+    place = partial(Parameter, lower=lower, upper=upper, positive=True)
+    return Declared(name, unit, description, place, lower=lower, upper=upper)
 
 
 def limit(name: str, unit: str, description: str, span: float, signed: bool = False) -> Declared:
@@ -153,12 +158,12 @@ def constant(name: str, unit: str, description: str) -> Declared:
 
 @dataclass(frozen=True)
 class _OnLinearScale:
-    """The function behind `signed`; see there for the attributes."""
+    """The function behind `signed` and `nonnegative`; see there for the attributes."""
 
     reach: float
     typical: float
-    own_size: bool
-    lower: float
+    own_size: bool = False
+    lower: float = -math.inf
 
     def __call__(self, name: str, value: float, unit: str, description: str) -> Parameter:
         size = abs(value) if self.own_size else 0.0

@@ -111,8 +111,13 @@ def _shifted(t: Any, p: Any, d: Any, leaf: Any, end: Any, mean: Any) -> None:
 
 
 @inline
-def fill(t: Any, p: Any, d: Any, leaf: Any, piece: Any, x: Any, current: Any, threshold: Any) -> None:
-    """Fill the derivatives of a reducible storage within a piece, without its force on the junctions."""
+def fill(t: Any, p: Any, d: Any, leaf: Any, piece: Any, at: Any) -> None:
+    """Fill the derivatives of a reducible storage within a piece, without its force on the junctions.
+
+    Args:
+        at: state, current and threshold.
+    """
+    x, current, threshold = at
     of, only = d.whole[p.active.shape[0], leaf, piece], d.kinds[leaf, ONLY_LINK]
     flow = d.flows[only] if only >= 0 else current
     for pair in range(p.first[leaf], p.first[leaf + 1]):
@@ -151,7 +156,7 @@ def plain_leaf(t: Any, p: Any, d: Any, leaf: Any, x: Any, mean: Any) -> Any:
         piece = piece_of(d.whole[p.active.shape[0], leaf], own, own[LOWER], own[UPPER], x, current)
         if piece == CROSSING:
             return False
-    fill(t, p, d, leaf, piece, x, current, own[UPPER] if piece == ABOVE else own[LOWER])
+    fill(t, p, d, leaf, piece, (x, current, own[UPPER] if piece == ABOVE else own[LOWER]))
     exert(t, p, d, leaf, mean)
     return True
 

@@ -84,7 +84,7 @@ def following_leaf(t: Any, p: Any, d: Any, leaf: Any, mean: Any, h: Any) -> Any:
             if slope.imag / TINY != d.slopes[pair]:
                 return False
             d.thresholds[pair] = (upper if piece == ABOVE else lower).imag / TINY
-    fill(t, p, d, leaf, piece, x, current, high if piece == ABOVE else low)
+    fill(t, p, d, leaf, piece, (x, current, high if piece == ABOVE else low))
     for pair in range(p.first[leaf], p.first[leaf + 1] if slides else p.first[leaf]):
         d.by_leaf[pair] += of[piece, 2] * d.thresholds[pair]
         d.by_mean[pair] += of[piece, 5] * d.thresholds[pair]

@@ -37,7 +37,7 @@ from phnn.integrate.tables import (
     RULE,
     TO_JUNCTION,
 )
-from phnn.laws.leaf import resting, sliding
+from phnn.laws.leaf import relaxed
 from phnn.laws.namespace import TINY
 
 
@@ -48,8 +48,11 @@ def _term(piece: Any, h: Any, c: Any, term: Any) -> Any:
     none, unit = 0.0 * c[STIFFNESS], 1.0 + 0.0 * c[STIFFNESS]
     x, current, threshold = unit if term == 0 else none, unit if term == 1 else none, unit if term == 2 else none
     if piece == RESTING:
-        return resting(x, current, h, c[STIFFNESS], c[LEAK], c[LEAK_ONE], c[LEAK_TWO])
-    return sliding(x, current, h, c[STIFFNESS], c[RHO], threshold, c[LEAK], c[ONE], c[TWO])
+        gain = (current - c[LEAK] * (x * c[STIFFNESS])) * h
+        return relaxed(x, gain, c[STIFFNESS], c[LEAK_ONE], c[LEAK_TWO])
+    effort = x * c[STIFFNESS]
+    gain = (current - c[LEAK] * effort - c[RHO] * (effort - threshold)) * h
+    return relaxed(x, gain, c[STIFFNESS], c[ONE], c[TWO])
 
 
 @inline

@@ -42,81 +42,68 @@ def relaxation(z: Any) -> Any:
 
 
 @shared
-def _relax(e: Any, duration: Any, current: Any, rho: Any, threshold: Any, inverse_c: Any) -> Any:
-    """End value and time integral of ``C ė = i − ρ(e − threshold)`` over a duration."""
+def _relax(e: Any, duration: Any, current: Any, rho: Any, threshold: Any) -> Any:
+    """End value and time integral of ``ė = i − ρ(e − threshold)`` over a duration."""
     if certain(real(duration) <= 0.0):
         return e, 0.0 * e
-    climb = (current - rho * (e - threshold)) * inverse_c * duration
-    one, two = relaxation(duration * rho * inverse_c)
+    climb = (current - rho * (e - threshold)) * duration
+    one, two = relaxation(duration * rho)
     return e + climb * one, duration * (e + climb * two)
 
 
 @shared
-def _time_to_threshold(depth: Any, current: Any, rho: Any, capacitance: Any) -> Any:
-    """When ``C ė = i − ρ(e − lo)`` has risen by ``depth`` to ``lo``; never for ``i ≤ 0``."""
+def _time_to_threshold(depth: Any, current: Any, rho: Any) -> Any:
+    """When ``ė = i − ρ(e − lo)`` has risen by ``depth`` to ``lo``; never for ``i ≤ 0``."""
     if certain(real(depth) <= 0.0):
         return 0.0 * depth
     rising = real(current) > _NO_CURRENT
     inverse_i = reciprocal(where(rising, current, 1.0 + 0.0 * current))
     slope = depth * rho * inverse_i
     flat = real(slope) < 1e-8
-    straight = depth * (1.0 - 0.5 * slope) * inverse_i * capacitance
+    straight = depth * (1.0 - 0.5 * slope) * inverse_i
     if certain(flat):
         return where(rising, straight, _NEVER + 0.0 * straight)
-    relaxing = log1p(slope) * reciprocal(where(flat, 1.0 + 0.0 * rho, rho)) * capacitance
+    relaxing = log1p(slope) * reciprocal(where(flat, 1.0 + 0.0 * rho, rho))
     time = where(flat, straight, relaxing)
     return where(rising, time, _NEVER + 0.0 * time)
 
 
 @register_jitable(error_model="numpy", forceinline=False)
-def _across(
-    x: Any, current: Any, h: Any, stiffness: Any, rho: Any, low: Any, high: Any, leak: Any, e0: Any, drive: Any
-) -> Any:  # fmt: skip
-    """The step region by region, for those that meet a threshold."""
-    capacitance, slope = reciprocal(stiffness), rho + leak
-    # Mirror a falling state: what follows moves upwards through (below, inside, above).
-    falling = real(drive) < 0.0
-    e = where(falling, -e0, e0)
-    i = where(falling, -current, current)
-    bottom = where(falling, -high, low)
-    top = where(falling, -low, high)
+def _across(e: Any, current: Any, span: Any, rho: Any, low: Any, high: Any, leak: Any) -> Any:
+    """Effort at the end, and its mean, of a step that meets a threshold: ``ė = i − g e − ρ (…)`` over ``span = h/C``.
+
+    It goes upwards through the regions below, inside and above the dead zone.
+    """
+    slope = rho + leak
     # Below the dead zone, until the lower threshold is met.
-    depth = bottom - e
+    depth = low - e
     below = real(depth) > 0.0
     depth = where(below, depth, 0.0 * depth)
-    whole = h + 0.0 * depth
-    meet = minimum(_time_to_threshold(depth, i - leak * bottom, slope, capacitance), whole)
+    whole = span + 0.0 * depth
+    meet = minimum(_time_to_threshold(depth, current - leak * low, slope), whole)
     time_below = where(below, meet, 0.0 * meet)
-    e1, area1 = _relax(e, time_below, i - leak * bottom, slope, bottom, stiffness)
+    e1, area1 = _relax(e, time_below, current - leak * low, slope, low)
     # Inside the dead zone: without a leak a straight line, until the upper threshold is met.
-    room = top - e1
+    room = high - e1
     inside = real(room) > 0.0
     room = where(inside, room, 0.0 * room)
-    cross = minimum(_time_to_threshold(room, i - leak * top, leak, capacitance), whole - time_below)
+    cross = minimum(_time_to_threshold(room, current - leak * high, leak), whole - time_below)
     time_inside = where(inside, cross, 0.0 * cross)
-    e2, area2 = _relax(e1, time_inside, i, leak, 0.0 * leak, stiffness)
+    e2, area2 = _relax(e1, time_inside, current, leak, 0.0 * leak)
     # Above it: relaxation for what is left of the step.
     rest = whole - time_below - time_inside
-    e3, area3 = _relax(e2, where(real(rest) > 0.0, rest, 0.0 * rest), i - leak * top, slope, top, stiffness)
-    end = where(falling, -e3, e3) * capacitance
-    mean = (area1 + area2 + area3) * reciprocal(whole)
-    return end, where(falling, -mean, mean)
+    e3, area3 = _relax(e2, where(real(rest) > 0.0, rest, 0.0 * rest), current - leak * high, slope, high)
+    return e3, (area1 + area2 + area3) * reciprocal(whole)
 
 
 @shared
-def resting(x: Any, current: Any, h: Any, stiffness: Any, leak: Any, one: Any, two: Any) -> Any:
-    """End state and average effort of a step inside the dead zone; ``one``, ``two``: `relaxation` of ``h g/C``."""
-    gain = (current - leak * (x * stiffness)) * h
-    return x + gain * one, stiffness * (x + gain * two)
+def relaxed(x: Any, gain: Any, stiffness: Any, one: Any, two: Any) -> Any:
+    """End state and average effort of a step within one region.
 
-
-@shared
-def sliding(
-    x: Any, current: Any, h: Any, stiffness: Any, rho: Any, threshold: Any, leak: Any, one: Any, two: Any
-) -> Any:  # fmt: skip
-    """The same of a step beyond one threshold; ``one`` and ``two`` are `relaxation` of ``h (ρ + g)/C``."""
-    effort = x * stiffness
-    gain = (current - leak * effort - rho * (effort - threshold)) * h
+    Args:
+        gain: the first rate times the duration, ``h (i − g e₀ − ρ (e₀ − threshold))``; no ``ρ`` inside the dead zone.
+        one, two: `relaxation` of ``h (ρ + g)/C``, inside the dead zone of ``h g/C``.
+    """
     return x + gain * one, stiffness * (x + gain * two)
 
 
@@ -161,18 +148,24 @@ def rc_flow(
     deficit = e0 - low
     # Most steps meet no threshold: one closed form, recognised by its end. Without a dead zone nothing rests in it.
     if certain((real(excess) <= 0.0) & (real(deficit) >= 0.0) & (real(high) > real(low))):
-        end, mean = resting(x, current, h, stiffness, leak, leak_one, leak_two)
+        end, mean = relaxed(x, (current - leak * e0) * h, stiffness, leak_one, leak_two)
         last = real(end) * real(stiffness)
         if certain((last <= real(high)) & (last >= real(low))):
             return end, mean
     elif certain(real(rho) > 0.0):
         above = real(excess) > 0.0
         threshold = where(above, high, low)
-        end, mean = sliding(x, current, h, stiffness, rho, threshold, leak, one, two)
+        end, mean = relaxed(x, (current - leak * e0 - rho * (e0 - threshold)) * h, stiffness, one, two)
         if certain(slides_on(e0, real(end) * real(stiffness), above, threshold, current, leak)):
             return end, mean
     drive = current - leak * e0 - rho * (maximum(excess, 0.0 * excess) + minimum(deficit, 0.0 * deficit))
-    return _across(x, current, h, stiffness, rho, low, high, leak, e0, drive)
+    # A falling state is mirrored.
+    falling = real(drive) < 0.0
+    bottom, top = where(falling, -high, low), where(falling, -low, high)
+    end, mean = _across(
+        where(falling, -e0, e0), where(falling, -current, current), h * stiffness, rho, bottom, top, leak
+    )
+    return where(falling, -end, end) * reciprocal(stiffness), where(falling, -mean, mean)
 
 
 def loss(x: Any, x_next: Any, current: Any, mean_effort: Any, h: Any, capacitance: Any) -> Any:

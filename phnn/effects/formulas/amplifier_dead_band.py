@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from phnn.effects import Effect, Scales, at_amplifier, bounded, constant, kinds, signed
+from phnn.effects import Effect, Scales, at_amplifier, bounded, constant, kinds, nonnegative
 from phnn.effects.learned.strengths import Within
 
-_WIDTH = signed("delta_U", "V", "half width of the dead band", 1e3, 0.1, negative=False)
+_WIDTH = nonnegative("delta_U", "V", "half width of the dead band", 1e3, 0.1)
 _ONLY_WIDTH = replace(_WIDTH, strength=True)
 _SHARE = bounded("a_U", "1", "gain lost in the dead band", 0.0, 1.0, 0.1, strength=True)
 
