@@ -19,6 +19,7 @@ import numpy as np
 from phnn.integrate import kernel, sweep
 from phnn.integrate.cache import has_kept
 from phnn.integrate.program import compile_network
+from phnn.laws.identity import registered_outside
 from phnn.models.actuator import hrc
 from phnn.models.variants import hrlc
 from phnn.network.elements import Network
@@ -93,7 +94,8 @@ def begin_elsewhere(*names: str) -> subprocess.Popen[bytes] | None:
         The process, the same for every call; None where all is kept or no process can be started.
     """
     left = [name for name in names if not is_kept(name)]
-    if not left:
+    # Another process knows nothing of laws that were registered in this one.
+    if not left or registered_outside():
         return None
     try:
         # -P: a folder of recordings may hold modules, which are not to be imported.
