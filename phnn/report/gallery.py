@@ -107,7 +107,7 @@ def draw_gallery(document: Document, evidence: Evidence, shares: Sequence[Shares
         held_out, left = _recordings([t for t in evidence.traces if t.held_out], "held-out", document, counter)
         others, more = _recordings([t for t in evidence.traces if not t.held_out], "identification", document, counter)
         if shares:
-            alt = "Share of the supplied energy that each element dissipated, that was stored, and that is unexplained"
+            alt = "Shares of the supplied energy: dissipated by each element, stored, and the work of the missing force"
             ledger = counter.drawing("ledger", "Energy", alt, draw_ledger(shares))
         fingerprints = tuple(
             counter.drawing(

@@ -12,6 +12,8 @@ from phnn.report.formatting import listing
 
 _MOST = 6  # dissipators told apart; the smallest others are joined
 SUPPLIED = "supplied"
+# Of the force that a located mismatch asks for: ``Σ h |f v|``. It is no part of the balance of the model.
+MISSING = "work of the missing force"
 
 
 @dataclass(frozen=True)
@@ -19,7 +21,7 @@ class Shares:
     """One recording: the share of each kind; ``kinds`` is the same, in the same order, for every row.
 
     Attributes:
-        base: the flow whose energy is one: ``supplied``, ``stored``, ``unexplained`` or a dissipator.
+        base: the flow whose energy is one: ``supplied``, ``stored``, `MISSING` or a dissipator.
     """
 
     recording: str
@@ -28,7 +30,7 @@ class Shares:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Dissipators first, then ``stored`` and ``unexplained``."""
+        """Dissipators first, then ``stored``, and `MISSING` where a missing force was located."""
         return tuple(self.parts)
 
     def share(self, kind: str) -> float:
@@ -55,20 +57,22 @@ def ledger_shares(rows: Sequence[LedgerRow]) -> tuple[tuple[Shares, ...], tuple[
         chosen = set(sorted(kept, key=lambda name: -largest[name])[: _MOST - 1])
         kept = [name for name in kept if name in chosen]
     result = []
+    located = any(row.unexplained for row in usable)
     for row in usable:
         base, size = bases[id(row)]
         parts = {name: row.dissipated.get(name, 0.0) / size for name in kept}
         if len(kept) < len(largest):
             parts["other losses"] = sum(e for n, e in row.dissipated.items() if n not in parts) / size
         parts["stored"] = row.stored / size
-        parts["unexplained"] = row.unexplained / size
+        if located:
+            parts[MISSING] = row.unexplained / size
         result.append(Shares(row.recording, parts, base))
     return tuple(result), skipped
 
 
 def _base(row: LedgerRow) -> tuple[str, float]:
     """The largest flow of a recording and its energy; 0 where none is finite. What was supplied comes first."""
-    flows = {SUPPLIED: row.supplied, **row.dissipated, "stored": row.stored, "unexplained": row.unexplained}
+    flows = {SUPPLIED: row.supplied, **row.dissipated, "stored": row.stored, MISSING: row.unexplained}
     sizes = {name: abs(energy) for name, energy in flows.items() if np.isfinite(energy)}
     name = max(sizes, key=lambda n: sizes[n], default=SUPPLIED)
     return name, sizes.get(name, 0.0)

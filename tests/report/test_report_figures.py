@@ -15,7 +15,7 @@ from phnn.report.document import FitRow, Location, Score
 from phnn.report.figures import draw_locations, draw_overview, draw_recording, png
 from phnn.report.formula import formula, symbol
 from phnn.report.reduction import cycles, envelope, telling_stretch
-from phnn.report.shares import base_note, ledger_shares
+from phnn.report.shares import MISSING, base_note, ledger_shares
 from phnn.report.spectrum import longest_run, residual_spectrum
 
 
@@ -97,7 +97,7 @@ def _row(name: str, supplied: float, **losses: float) -> LedgerRow:
 def test_ledger_shares_are_fractions_of_what_was_supplied() -> None:
     shares, skipped = ledger_shares([_row("a", 2.0, h1=1.0, b=0.4), _row("rest", 0.0, h1=0.0)])
     assert skipped == ("rest",)
-    assert shares[0].parts == pytest.approx({"h1": 0.5, "b": 0.2, "stored": 0.1, "unexplained": 0.2})
+    assert shares[0].parts == pytest.approx({"h1": 0.5, "b": 0.2, "stored": 0.1, MISSING: 0.2})
 
 
 def test_no_share_exceeds_the_largest_flow() -> None:
@@ -105,7 +105,7 @@ def test_no_share_exceeds_the_largest_flow() -> None:
     (shares,), skipped = ledger_shares([row])
     assert skipped == ()
     assert shares.base == "viscous"
-    assert shares.parts == pytest.approx({"viscous": 1.0, "stored": -0.8, "unexplained": 0.1})
+    assert shares.parts == pytest.approx({"viscous": 1.0, "stored": -0.8, MISSING: 0.1})
     assert "free decay (viscous)" in base_note([shares])
     assert base_note(ledger_shares([_row("a", 2.0, h1=1.0)])[0]) == ""
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from phnn.report.figures.style import CATEGORIES, INK, literal, new_figure, quiet_grid
 from phnn.report.formatting import words
-from phnn.report.shares import SUPPLIED, Shares
+from phnn.report.shares import MISSING, SUPPLIED, Shares
 
 
 def _by_rows(items: list[Any], columns: int) -> list[Any]:
@@ -19,14 +19,14 @@ def _by_rows(items: list[Any], columns: int) -> list[Any]:
 
 
 def draw_ledger(rows: Sequence[Shares]) -> Figure:
-    """Stacked bars: each dissipator, what was stored, what no element accounts for; negative parts go left."""
+    """Stacked bars: each dissipator, what was stored, the work of the missing force; negative parts go left."""
     figure = new_figure(9.0, 1.35 + 0.32 * len(rows))
     axes = figure.subplots()
     kinds = rows[0].kinds
     left, right = [0.0] * len(rows), [0.0] * len(rows)
     for place, kind in enumerate(kinds):
-        unexplained, stored = kind == "unexplained", kind == "stored"
-        colour = "white" if unexplained else "#aeb4ba" if stored else CATEGORIES[place % len(CATEGORIES)]
+        missing, stored = kind == MISSING, kind == "stored"
+        colour = "white" if missing else "#aeb4ba" if stored else CATEGORIES[place % len(CATEGORIES)]
         values = [100.0 * row.share(kind) for row in rows]
         # an empty part must not leave its outline behind
         drawn = [value if abs(value) > 0.05 else np.nan for value in values]
@@ -37,9 +37,9 @@ def draw_ledger(rows: Sequence[Shares]) -> Figure:
             left=starts,
             height=0.64,
             color=colour,
-            edgecolor=INK if unexplained else "white",
+            edgecolor=INK if missing else "white",
             linewidth=0.7,
-            hatch="/////" if unexplained else None,
+            hatch="/////" if missing else None,
             label=literal(words(kind)),
         )
         for i, value in enumerate(values):
