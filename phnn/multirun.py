@@ -53,9 +53,9 @@ class Sweep(Callback):
             sys.exit(error.exit_status)
         Sweep.running = Path(config.hydra.sweep.dir)
         os.environ[_PARENT] = str(os.getpid())
-        from phnn.warm import warm_up
+        from phnn.warm import compile_everything
 
-        warm_up()
+        compile_everything()
 
 
 @contextmanager

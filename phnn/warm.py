@@ -130,7 +130,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def _everything() -> None:
+def compile_everything() -> None:
     """Compile all parts in two processes."""
     process = begin_elsewhere(_ELSEWHERE, "adjoint")
     warm_up(_HERE)
@@ -144,4 +144,4 @@ if __name__ == "__main__":
     if names := sys.argv[1:]:
         warm_up(names)
     else:
-        _everything()
+        compile_everything()

@@ -70,3 +70,8 @@ def test_stated_values_widen_bounds_and_unknown_names_are_refused() -> None:
     assert with_values(table, {"g": 0.0})["g"].value == 0.0
     with pytest.raises(InputRefused, match="no parameter called k, z: this model has m, g"):
         with_values(table, {"z": 1.0, "k": 1.0})
+
+
+def test_a_parameter_without_its_name_is_refused() -> None:
+    with pytest.raises(InputRefused, match=r"give name, value and unit, such as Parameter\('k', 2e4, 'N/m'\)"):
+        Parameter(100.0, "N/m")  # type: ignore[arg-type]
