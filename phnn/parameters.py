@@ -41,7 +41,7 @@ class Parameter:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or isinstance(self.value, str):
             raise InputRefused(
-                f"parameter {self.name!r}, {self.value!r}: give name, value and unit, such as Parameter('k', 2e4, 'N/m')"
+                f"parameter {self.name!r}, {self.value!r}: give name, value, unit, such as Parameter('k', 2e4, 'N/m')"
             )
         if not math.isfinite(self.value):
             raise InputRefused(f"parameter {self.name} is {self.value}: give a finite value in {self.unit}")

@@ -73,5 +73,5 @@ def test_stated_values_widen_bounds_and_unknown_names_are_refused() -> None:
 
 
 def test_a_parameter_without_its_name_is_refused() -> None:
-    with pytest.raises(InputRefused, match=r"give name, value and unit, such as Parameter\('k', 2e4, 'N/m'\)"):
+    with pytest.raises(InputRefused, match=r"give name, value, unit, such as Parameter\('k', 2e4, 'N/m'\)"):
         Parameter(100.0, "N/m")  # type: ignore[arg-type]
