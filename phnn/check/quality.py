@@ -93,10 +93,15 @@ def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
     if means.size >= _TELLING and later < max(_SURE * error, _LATE * abs(change)):
         early = "nearly all of it in the first half: what the start left dies away so, and so does creep"
         return [Finding("drift", NOTE, f"{text}, {early}", values)]
-    causes = "creep, heating or a drifting sensor; a"
+    causes = "creep, heating or a drifting sensor"
+    severity = WARNING
     if means.size < _TELLING and excitation.period is not None and recording.start.state != "periodic":
-        causes = "what the start left, creep, heating or a drifting sensor; more periods and a"
-    return [Finding("drift", WARNING, f"{text}: {causes} long rest at {_zero(recording)} tells them apart", values)]
+        causes = f"what the start left, or {causes}; more periods would tell"
+        # From rest a model follows what the start leaves.
+        severity = NOTE if recording.start.state == "rest" else WARNING
+    else:
+        causes = f"{causes}; a long rest at {_zero(recording)} would tell"
+    return [Finding("drift", severity, f"{text}: {causes}", values)]
 
 
 def _zero(recording: Recording) -> str:

@@ -123,7 +123,7 @@ def _found(names: Sequence[str]) -> str:
 def _remedy(quantity: str, unit: str) -> str:
     return (
         f"name the column with its unit, such as {quantity}_{unit}, or write in recordings.yaml "
-        f"columns: {{{quantity}: {{column: ..., unit: {unit}}}}}"
+        f"columns: {{{quantity}: {{column: ..., unit: {unit}}}}} (phnn template FOLDER prints a first one)"
     )
 
 

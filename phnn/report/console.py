@@ -43,8 +43,8 @@ def _location_line(document: Document) -> list[Text]:
     parts = [words(location.name)]
     if location.detail:
         parts.append(f"– {words(location.detail)}")
-    if scores.get(location.name) is not None:
-        parts.append(f"(score {scores[location.name]:.2f})")
+    if (share := scores.get(location.name)) is not None:
+        parts.append(f"(its functions predict {100.0 * share:.0f} % of the explainable residual)")
     if location.tied:
         parts.append(f"tied with {listing(words(name) for name in location.tied)}")
     return [Text(f"location: {' '.join(parts)}")]
