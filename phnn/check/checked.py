@@ -12,7 +12,7 @@ import numpy as np
 from phnn.check.abilities import Ability, abilities
 from phnn.check.consistency import contaminated
 from phnn.check.finding import WARNING, Finding
-from phnn.check.gain import odd_gain, odd_units
+from phnn.check.gain import odd_units
 from phnn.check.mains import mains
 from phnn.check.noise import stated_noise
 from phnn.check.quality import drift, limits, quantisation
@@ -22,10 +22,10 @@ from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Campaign
 from phnn.signals.noise_statement import NoiseStatement
 
-_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[-+]?\d+)?(?: [nµmk]?[a-zA-Z]+\b)?")
+_NUMBER = re.compile(r"[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?: [nµmkM]?(?:m|V|s|N|A|Hz|rad)\b)?")
 # Names in a line before only their number is said; check.json has all.
 _LISTED = 3
-_CHECKS = (quantisation, limits, drift, mains, lead, odd_gain)
+_CHECKS = (quantisation, limits, drift, mains, lead)
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def check(campaign: Campaign) -> Checked:
     recorded = [r for r in campaign.recordings if np.isfinite(r.y).all()]
     excitations = {r: excitation_of(r.drive, r.dt) for r in campaign.recordings}
     among = contaminated(recorded, excitations)
-    units = odd_units(recorded)
+    units = odd_units(campaign)
     findings: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
     for r in recorded:
         findings[r.name] = [*(f for one in _CHECKS for f in one(r, excitations[r])), *among[r.name], *units[r.name]]

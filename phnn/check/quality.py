@@ -130,7 +130,10 @@ def _levels(recording: Recording, excitation: Excitation) -> tuple[np.ndarray, f
         return np.zeros(0), 0.0, False
     # What follows the last change of the input is still on its way: its second half counts.
     after = after[after.size // 2 :]
-    error = recording.noise * correlated / np.sqrt(min(before.size, after.size))
+    deviation = recording.noise * correlated
     half = after.size // 2
-    moved = abs(float(after[half:].mean() - after[:half].mean()))
-    return np.array([before.mean(), after.mean()]), error, moved < _SURE * 2.0 * error
+    moved = abs(float(after[half:].mean() - after[:half].mean())) + _SURE * deviation * float(np.sqrt(2.0 / half))
+    change = abs(float(after.mean() - before.mean()))
+    # At this rate, what goes on would explain a small share of the change within the whole recording.
+    settled = moved * recording.t.size / half < _LATE * change
+    return np.array([before.mean(), after.mean()]), deviation / np.sqrt(min(before.size, after.size)), settled

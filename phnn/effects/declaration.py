@@ -116,6 +116,7 @@ def bounded(
     lower: float = -math.inf,
     upper: float = math.inf,
     typical: float = 1.0,
+    *,
     strength: bool = False,
 ) -> Declared:
     """A parameter between fixed bounds on a linear scale.

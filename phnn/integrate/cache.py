@@ -18,10 +18,11 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 
 import phnn
 from phnn.integrate import hooks
-from phnn.laws.identity import hash_of_own_laws
+from phnn.laws.identity import UnknownContent, hash_of_own_laws
 from phnn.laws.law import close_tables
 
 # Sources of the compiled code. The torch modules beside them can be edited without recompiling.
@@ -92,12 +93,12 @@ def has_kept(function: str) -> bool:
 
 @cache
 def fingerprint() -> str:
-    """Hash of the sources of the kernels, of the laws that a user registered and of the versions of numba and python.
+    """Hash of the sources of the kernels, of the laws that a user registered, and of the versions of libraries.
 
     numba's own cache does not notice an edited callee in another file.
     """
     root = Path(phnn.__file__).parent
-    digest = hashlib.sha256(repr((numba.__version__, sys.version_info[:2])).encode())
+    digest = hashlib.sha256(repr((numba.__version__, np.__version__, sys.version_info[:2])).encode())
     close_tables()
     digest.update(hash_of_own_laws())
     for pattern in _SOURCES:
@@ -120,6 +121,12 @@ def _folder() -> Path | None:
             # The folder was made under a mask that lets a group write.
             own.chmod(_OWN)
         reason = _unsafe(own) or _unsafe(folder)
+    except UnknownContent as error:
+        warnings.warn(
+            f"compiled code is not kept: {error}, whose changes cannot be recognised; let laws use numbers, tuples, "
+            f"arrays and functions by their own names", stacklevel=4,
+        )  # fmt: skip
+        return None
     except (OSError, RuntimeError) as error:
         reason = f"it cannot be made ({error})"
         own = Path(os.environ.get("PHNN_CACHE_DIR", "~/.cache"))

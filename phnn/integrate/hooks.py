@@ -180,7 +180,7 @@ def _checked_files() -> type:
                 raise FileNotFoundError(name)
             try:
                 return pickle.loads(content)
-            except ImportError as error:
+            except (ImportError, AttributeError) as error:
                 # A law of this code belongs to a module that this process cannot import, such as a script.
                 raise FileNotFoundError(name) from error
 

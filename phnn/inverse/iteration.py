@@ -23,6 +23,7 @@ from phnn.inverse.options import InverseOptions
 from phnn.inverse.plant import Attempt, Plant
 from phnn.inverse.reference import begins_at_rest, checked, fast_share, judged, led_in, smoothed
 from phnn.inverse.result import Inverse, Stretch, stretches
+from phnn.network.elements import Network
 from phnn.setup import Setup
 
 Array = NDArray[np.float64]
@@ -58,7 +59,7 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
         InputRefused: the reference or the model cannot be used; names the cause and a remedy.
         SolverFailed: a step has no solution.
     """
-    dt = checked(t, reference, any(port.unit == "V" for port in setup.network.ports[:1]))
+    dt = checked(t, reference, _is_actuator(setup.network))
     wanted = smoothed(led_in(reference, dt, options.lead_in), dt, options.smooth)
     times = t[0] + dt * (np.arange(wanted.size) - (wanted.size - t.size))
     tolerance = options.tolerance or _TOLERANCE * float(np.ptp(wanted))
@@ -102,6 +103,12 @@ def _iterated(plant: Plant, wanted: Array, tolerance: float, begun: tuple[Attemp
         elif not np.isfinite(error) or count - best.count >= _PATIENCE:
             break
     return best, count
+
+
+def _is_actuator(network: Network) -> bool:
+    """Whether a voltage moves something."""
+    volts = any(port.unit == "V" for port in network.ports[:1])
+    return volts and any(s.name == network.output and s.unit == "m" for s in network.storages)
 
 
 def _size(error: Array) -> float:

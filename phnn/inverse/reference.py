@@ -27,18 +27,18 @@ _NOTED, _REFUSED = 0.02, 0.3
 _AT_REST = 1e-2
 
 
-def checked(t: Array, reference: Array, driven_by_voltage: bool = False) -> float:
+def checked(t: Array, reference: Array, of_actuator: bool = False) -> float:
     """The sampling interval [s] of a reference (N,) at times (N,).
 
     Raises:
         InputRefused: too few samples, values that are not finite, steps that differ, a reference that never moves, or
-            one in metres that no piezo actuator reaches where the model is driven by a voltage.
+            one in metres that no piezo actuator reaches where the model is that of an actuator.
     """
     check_samples(t, {"reference": reference})
     if t.size < smallest_count():
         raise InputRefused(f"the reference has {t.size} samples: give at least {smallest_count()}")
     most, largest = ACTUATORS["displacement"][1], float(np.abs(reference).max())
-    if driven_by_voltage and largest > most:
+    if of_actuator and largest > most:
         raise InputRefused(
             f"the reference reaches {largest:.3g} m, a piezo actuator at most {most:g} m: give it in metres"
         )

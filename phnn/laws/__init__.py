@@ -13,7 +13,11 @@ from phnn.laws.law import (
     ResistorLaw,
     StorageLaw,
     register,
+    remember_package,
 )
+
+# All modules with laws are imported above.
+remember_package()
 
 __all__ = [
     "FACTOR_LAWS",

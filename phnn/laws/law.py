@@ -170,6 +170,7 @@ TABLES: dict[type, dict[str, Any]] = {
     MemoryLaw: MEMORY_LAWS,
 }
 _closed = False
+_package: tuple[Any, ...] = ()
 
 
 def register(law: Law) -> None:
@@ -196,6 +197,17 @@ def register(law: Law) -> None:
             "moment. Start Python again and register the law directly after `import phnn`"
         )
     table[law.name] = law
+
+
+def remember_package() -> None:
+    """Take the laws that are registered now for those of the package."""
+    global _package
+    _package = tuple(law for table in TABLES.values() for law in table.values())
+
+
+def is_of_package(law: Any) -> bool:
+    """Whether a law is one of the package's, and not one that a user registered."""
+    return any(law is own for own in _package)
 
 
 def close_tables() -> None:

@@ -288,10 +288,26 @@ def test_a_recording_in_another_unit_is_noticed() -> None:
 
 def test_a_stroke_that_no_actuator_has_is_noticed() -> None:
     one = sine()
-    noticed = found(replace(one, u=1e-3 * one.u))["units"]
+    wrong = replace(one, u=1e-3 * one.u)
+    (noticed,) = (f for f in check(campaign(wrong, voltage="terminals")).findings["a"] if f.kind == "units")
     assert noticed.severity == "warning"
     assert noticed.values["gain"] == pytest.approx(1e3 * GAIN, rel=0.05)
-    assert "units" not in found(replace(one, u=1e-3 * one.u, units=Units("N", "m")))
+    # A small command in front of an amplifier, another system, and a measured voltage at rest.
+    assert "units" not in found(wrong)
+    assert "units" not in found(replace(wrong, units=Units("N", "m")))
+    rng = np.random.default_rng(2)
+    resting = replace(
+        one, name="rest", u=2e-4 * rng.standard_normal(one.u.size), y=NOISE * rng.standard_normal(one.u.size)
+    )
+    findings = check(campaign(one, resting, voltage="terminals")).findings
+    assert not any(f.kind == "units" for some in findings.values() for f in some)
+
+
+def test_the_small_gain_of_a_fast_recording_is_no_wrong_unit() -> None:
+    some = [replace(sine(f), name=f"at_{f:g}") for f in (5.0, 8.0, 12.0, 20.0)]
+    fast = sine(400.0, cycles=300)
+    fast = replace(fast, name="fast", y=1e-3 * fast.y, noise=1e-3 * NOISE)
+    assert not any(f.kind == "units" for f in check(campaign(*some, fast)).findings["fast"])
 
 
 def test_what_hysteresis_leaves_is_told_from_what_goes_on() -> None:
@@ -301,6 +317,10 @@ def test_what_hysteresis_leaves_is_told_from_what_goes_on() -> None:
     resting = found(recording(u, GAIN * u + left + noise))["drift"]
     assert resting.severity == "note"
     assert "hysteresis leaves such a change" in resting.text
+    short = np.concatenate([np.zeros(2000), 75.0 * np.ones(4000), np.zeros(200)])
+    drifting = 30.0 * NOISE * np.arange(short.size) / short.size
+    some = NOISE * np.random.default_rng(5).standard_normal(short.size)
+    assert found(recording(short, GAIN * short + drifting + some))["drift"].severity == "warning"
     creeping = left * np.exp(-np.maximum(np.arange(u.size) - 4000.0, 0.0) / 3000.0)
     assert found(recording(u, GAIN * u + creeping + noise))["drift"].severity == "warning"
 

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from phnn.errors import StructureViolated
-from phnn.laws import RESISTOR_LAWS, ResistorLaw, StorageLaw, register
+from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS, ResistorLaw, StorageLaw, register
+from phnn.laws.identity import UnknownContent, _Content
+from phnn.laws.sector import check_law
 
 # A damper of conductance {factor} · drag · {inner}: a value of the module, a parameter, and a value in a helper.
 _LAW = """
@@ -63,6 +65,57 @@ def _printed(program: str, folder: Path) -> str:
     return done.stdout.strip()
 
 
+def _hash(source: str) -> bytes:
+    names: dict[str, object] = {"np": np, "__name__": "made"}
+    exec(source, names)
+    content = _Content()
+    content.add(names["flow"], "a law")
+    return content.digest()
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("A, B = 1.0, 25.0", "A, B = 1.02, 5.0"),
+        ("A, B = 1.0, 2.0", "A, B = 2.0, 1.0"),
+        ("A, B = np.array([1.0]), 1.0", "A, B = np.array([1.0 + 1e-12]), 1.0"),
+        ("A, B = (np.array([1.0]),), 1.0", "A, B = (np.array([1.0 + 1e-12]),), 1.0"),
+        ("A, B = 1.0, np.minimum", "A, B = 1.0, np.maximum"),
+        (
+            "from phnn.laws.namespace import maximum as A; B = 1.0",
+            "from phnn.laws.namespace import minimum as A; B = 1.0",
+        ),
+        ("A = lambda x: 2.0 * x; B = 1.0", "A = lambda x: 3.0 * x; B = 1.0"),
+        ("A = lambda x, k=2.0: k * x; B = 1.0", "A = lambda x, k=3.0: k * x; B = 1.0"),
+        ("A = lambda x, *, k=2.0: k * x; B = 1.0", "A = lambda x, *, k=3.0: k * x; B = 1.0"),
+        ("A = lambda x: x; B = lambda x: 2.0 * x", "A = B = lambda x: x"),
+    ],
+)
+def test_laws_that_differ_in_what_they_use_have_other_hashes(one: str, other: str) -> None:
+    body = "\ndef flow(e, q, g):\n    return A, B, g * e\n"
+    assert _hash(one + body) == _hash(one + body)
+    assert _hash(one + body) != _hash(other + body)
+
+
+@pytest.mark.parametrize("unknown", ["import json as A", "A = {1: 2}", "class A: pass", "A = [1.0]"])
+def test_what_cannot_be_hashed_is_named(unknown: str) -> None:
+    with pytest.raises(UnknownContent, match=r"made.flow uses (json|dict|A|list)"):
+        _hash(unknown + "\ndef flow(e, q, g):\n    return A\n")
+
+
+def test_a_law_made_of_the_functions_of_another_is_one_of_the_users(tmp_path: Path) -> None:
+    program = """
+import phnn
+from phnn.laws import RESISTOR_LAWS, ResistorLaw, register
+from phnn.laws.identity import registered_outside
+stock = RESISTOR_LAWS["coulomb"]
+register(ResistorLaw("own_friction", stock.flow, stock.example))
+print([law.name for law in registered_outside()])
+"""
+    assert _printed(program, tmp_path) == "['own_friction']"
+    assert _printed(program + _FINGERPRINT, tmp_path) != _printed(_FINGERPRINT, tmp_path)
+
+
 def test_machine_code_is_kept_apart_for_other_laws(tmp_path: Path) -> None:
     laws = [_LAW.format(factor=f, inner=i) for f, i in ((1.0, 2.0), (1.0, 2.0), (3.0, 2.0), (1.0, 5.0))]
     first, again, other_value, other_helper = (_printed(law + _FINGERPRINT, tmp_path) for law in laws)
@@ -105,6 +158,36 @@ def test_functions_that_contradict_each_other_are_refused() -> None:
         register(StorageLaw("odd", lambda x, k: k * x * x / 2, lambda a, b, k: k * a, (1.0,)))
     with pytest.raises(StructureViolated, match="its thresholds say"):
         register(ResistorLaw("odd", lambda e, q, g: g * e, (1.0,), thresholds=lambda q, g: (g, -1.0, 1.0)))
+
+
+def test_a_mean_effort_that_is_no_number_or_wrong_where_nothing_moves_is_refused() -> None:
+    def energy(x: np.ndarray, k: float) -> np.ndarray:
+        return k * x * x / 2
+
+    def quotient(a: np.ndarray, b: np.ndarray, k: float) -> np.ndarray:
+        return (energy(b, k) - energy(a, k)) / (b - a)
+
+    def jumping(a: np.ndarray, b: np.ndarray, k: float) -> np.ndarray:
+        return np.where(a == b, -7.0 * k * a, 0.5 * k * (a + b))
+
+    with pytest.raises(StructureViolated, match="mean effort"):
+        register(StorageLaw("odd", energy, quotient, (1.0,)))
+    with pytest.raises(StructureViolated, match="mean effort"):
+        register(StorageLaw("odd", energy, jumping, (1.0,)))
+
+
+def test_energies_that_round_near_rest_are_accepted() -> None:
+    def energy(x: np.ndarray, k: float, s: float) -> np.ndarray:
+        return k * s * s * (np.sqrt(1.0 + (x / s) ** 2) - 1.0)
+
+    def mean_effort(a: np.ndarray, b: np.ndarray, k: float, s: float) -> np.ndarray:
+        return k * (a + b) / (np.sqrt(1.0 + (a / s) ** 2) + np.sqrt(1.0 + (b / s) ** 2))
+
+    check_law(StorageLaw("odd", energy, mean_effort, (1.0, 1.0)))
+    with_offset = StorageLaw("odd", lambda x, k: 1e6 + k * x * x / 2, lambda a, b, k: 0.5 * k * (a + b), (1.0,))
+    check_law(with_offset)
+    for law in STORAGE_LAWS.values():
+        check_law(law)
 
 
 def test_functions_with_another_number_of_parameters_are_refused() -> None:
