@@ -16,7 +16,8 @@ from numba.extending import register_jitable
 
 from phnn.laws.namespace import certain, exp, log1p, maximum, minimum, real, reciprocal, shared, where
 
-_SERIES = 0.05
+# Here nine terms of the series and the difference of the exponential round alike.
+_SERIES = 0.25
 _NO_CURRENT = 1e-100
 _SATURATED = 40.0
 _NEVER = 1e300
@@ -29,7 +30,9 @@ def relaxation(z: Any) -> Any:
     """``φ₁(−z) = (1 − e^{−z})/z`` and ``φ₂(−z) = (1 − φ₁(−z))/z``, ``z ≥ 0``, by series where they would cancel."""
     small = real(z) < _SERIES
     tail = where(small, z, 0.0 * z)
-    two = 0.5 - tail * (1.0 / 6 - tail * (1.0 / 24 - tail * (1.0 / 120 - tail * (1.0 / 720 - tail * (1.0 / 5040)))))
+    last = 1.0 / 40320 - tail * (1.0 / 362880 - tail * (1.0 / 3628800 - tail * (1.0 / 39916800)))
+    later = 1.0 / 120 - tail * (1.0 / 720 - tail * (1.0 / 5040 - tail * last))
+    two = 0.5 - tail * (1.0 / 6 - tail * (1.0 / 24 - tail * later))
     if certain(small):
         return 1.0 - z * two, two
     safe = where(small, 1.0 + 0.0 * z, z)
