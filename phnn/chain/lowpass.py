@@ -45,11 +45,11 @@ def second_order_lowpass(fine: Array, h: Array, before: float, tau: Any, zeta: A
     return np.asarray(_second_order(fine + zero, s + zero, decay + zero, zeta + zero, before + zero))
 
 
-def second_order_weights(h: Array, tau: Any, zeta: Any) -> tuple[Any, Any, Any, Any]:
-    """Half a step in units of τ and the entries of ``exp(A s)`` for `second_order_decay`, in steps ``h`` [s]."""
+def second_order_weights(h: Array, tau: Any, zeta: Any) -> tuple[Any, Any, Any]:
+    """Half a step in units of τ and the first row of ``exp(A s)`` for `second_order_step`, in steps ``h`` [s]."""
     s = 0.5 * h / tau
     even, odd = _decay(s, zeta)
-    return s, even + zeta * odd, odd, even - zeta * odd
+    return s, even + zeta * odd, odd
 
 
 def _decay(s: Array, zeta: Any) -> tuple[Array, Array]:
@@ -76,9 +76,16 @@ def first_order_step(state: Any, start: Any, end: Any, a: Any, b0: Any, b1: Any)
 
 
 @shared
-def second_order_decay(off: Any, off_rate: Any, even: Any, odd: Any, even_rate: Any) -> Any:
-    """What is left of a deviation and its rate after half a step; ``even`` … are the entries of ``exp(A s)``."""
-    return even * off + odd * off_rate, even_rate * off_rate - odd * off
+def second_order_step(off: Any, rate: Any, slope: Any, even: Any, odd: Any, zeta: Any) -> Any:
+    """Output minus input, and the rate of the output, after half a step with an input of a slope.
+
+    Args:
+        even, odd: first row of ``exp(A s)``; the second is ``(−odd, even − 2ζ odd)``.
+    """
+    lag = 2.0 * zeta * slope
+    start, start_rate = off + lag, rate - slope
+    end, end_rate = even * start + odd * start_rate, (even - 2.0 * zeta * odd) * start_rate - odd * start
+    return end - lag, slope + end_rate
 
 
 def _first_order_loop(fine: Any, a: Any, b0: Any, b1: Any, state: Any) -> Any:
@@ -98,10 +105,8 @@ def _second_order_loop(fine: Any, s: Any, decay: Any, zeta: Any, state: Any) -> 
         out[n, 0] = state
         for i in range(1, 3):
             slope = (fine[n, i] - fine[n, i - 1]) / s[n]
-            lag = 2.0 * zeta * slope
-            off, off_rate = state - fine[n, i - 1] + lag, rate - slope
-            left, left_rate = second_order_decay(off, off_rate, decay[n, 0], decay[n, 1], decay[n, 2])
-            state, rate = fine[n, i] - lag + left, slope + left_rate
+            off, rate = second_order_step(state - fine[n, i - 1], rate, slope, decay[n, 0], decay[n, 1], zeta)
+            state = fine[n, i] + off
             out[n, i] = state
     return out
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -75,21 +75,25 @@ class Checked:
 
 def _noticed(found: Iterable[tuple[str, Finding]]) -> Iterator[str]:
     """Lines of findings; notes that differ in numbers alone share the line of the first."""
-    groups: dict[tuple[str, str], list[tuple[str, Finding]]] = {}
-    for name, f in found:
-        key = (name, f.text) if f.severity == WARNING else ("", _NUMBER.sub("#", f.text))
-        groups.setdefault(key, []).append((name, f))
-    for (name, first), *others in groups.values():
-        yield f"  {first.severity:8}{name}: {first.text}{_others('similar', [n for n, _ in others])}"
+    return _grouped("similar", (
+        ((name, f.text) if f.severity == WARNING else _NUMBER.sub("#", f.text), name, f"{f.severity:8}{name}: {f.text}")
+        for name, f in found
+    ))  # fmt: skip
 
 
 def _colours(statements: Mapping[str, NoiseStatement]) -> Iterator[str]:
     """Lines of noise statements; recordings of which the same is said share one."""
-    groups: dict[str, list[str]] = {}
-    for name, s in statements.items():
-        groups.setdefault("; ".join((s.colour, *s.notes)), []).append(name)
-    for said, (first, *others) in groups.items():
-        yield f"  {first}: {said}{_others('the same', others)}"
+    said = ((name, "; ".join((s.colour, *s.notes))) for name, s in statements.items())
+    return _grouped("the same", ((text, name, f"{name}: {text}") for name, text in said))
+
+
+def _grouped(how: str, told: Iterable[tuple[Hashable, str, str]]) -> Iterator[str]:
+    """One line for each key, the first; ``told``: key, name of the recording and line."""
+    groups: dict[Hashable, tuple[str, list[str]]] = {}
+    for key, name, line in told:
+        groups.setdefault(key, (line, []))[1].append(name)
+    for line, (_, *others) in groups.values():
+        yield f"  {line}{_others(how, others)}"
 
 
 def _others(how: str, names: Sequence[str]) -> str:

@@ -74,7 +74,7 @@ def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
     """
     if not recording.noise_found:
         return []
-    means, spread, settled = _levels(recording, excitation)
+    means, spread, rests = _levels(recording, excitation)
     if means.size < 2:
         return []
     change, error = float(means[-1] - means[0]), spread * float(np.sqrt(2.0))
@@ -87,7 +87,7 @@ def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
     values = {"change": change, "standard_error": error}
     if abs(change) < _MUCH * recording.noise:
         return [Finding("drift", NOTE, text, values)]
-    if settled:
+    if rests:
         return [Finding("drift", NOTE, f"{text} and then rests there: hysteresis leaves such a change", values)]
     later = float(np.ptp(means[means.size // 2 :]))
     if means.size >= _TELLING and later < max(_SURE * error, _LATE * abs(change)):
@@ -135,5 +135,5 @@ def _levels(recording: Recording, excitation: Excitation) -> tuple[np.ndarray, f
     moved = abs(float(after[half:].mean() - after[:half].mean())) + _SURE * deviation * float(np.sqrt(2.0 / half))
     change = abs(float(after.mean() - before.mean()))
     # At this rate, what goes on would explain a small share of the change within the whole recording.
-    settled = moved * recording.t.size / half < _LATE * change
-    return np.array([before.mean(), after.mean()]), deviation / np.sqrt(min(before.size, after.size)), settled
+    rests = moved * recording.t.size / half < _LATE * change
+    return np.array([before.mean(), after.mean()]), deviation / np.sqrt(min(before.size, after.size)), rests

@@ -15,7 +15,7 @@ from phnn.chain import AMPLIFIERS, SENSORS, SOURCES
 from phnn.chain.amplifiers import slew_step
 from phnn.chain.bouc_wen import bouc_wen_step
 from phnn.chain.delay import parabola
-from phnn.chain.lowpass import first_order_step, first_order_weights, second_order_decay, second_order_weights
+from phnn.chain.lowpass import first_order_step, first_order_weights, second_order_step, second_order_weights
 from phnn.exporting.elements import Elements, refuse
 from phnn.setup import Block, Setup, Source
 
@@ -109,19 +109,14 @@ class Chain:
         rate = self.e.program.state(f"{key}_rate", "and its derivative by the time in units of tau")
         tau, zeta = self.e.values(block.parameters)
         found = second_order_weights(np.array([self.h]), tau, zeta)
-        s, *weights = self._weights(key, ("s", "even", "odd", "even_rate"), found)
+        s, *weights = self._weights(key, ("s", "even", "odd"), found)
         damping = self.e.parameter(block.parameters[1])
         self.begin += [f"{state} = u", f"{rate} = 0.0"]
         self.step.append(f"v_start = {state}")
         for a, b in (("u_start", "u_middle"), ("u_middle", "u_end")):
-            left = self.e.call(second_order_decay, key, f"{state} - {a} + v_lag", f"{rate} - v_slope", *weights)
-            self.step += [
-                f"v_slope = ({b} - {a}) / {s}",
-                f"v_lag = 2.0 * {damping} * v_slope",
-                f"v_left, r_left = {left}",
-                f"{state} = {b} - v_lag + v_left",
-                f"{rate} = v_slope + r_left",
-            ]
+            slope = f"({b} - {a}) / {s}"
+            moved = self.e.call(second_order_step, key, f"{state} - {a}", rate, slope, *weights, damping)
+            self.step += [f"v_off, {rate} = {moved}", f"{state} = {b} + v_off"]
             self.step += [f"v_middle = {state}"] if b == "u_middle" else []
         self.step += ["u_start = v_start", "u_middle = v_middle", f"u_end = {state}"]
 

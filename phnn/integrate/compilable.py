@@ -8,7 +8,7 @@ from typing import Any
 from phnn.integrate.dispatch import SCALARS, STORAGE_SCALARS
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
-from phnn.network.elements import Network
+from phnn.network.elements import Network, WithLaw
 from phnn.network.named_laws import fault_of_laws
 
 # For each kind of element: the laws with a few parameters, and the torch modules that pass their weights to the kernel.
@@ -28,26 +28,18 @@ def can_compile(network: Network) -> bool:
 
 def obstacle(network: Network) -> str:
     """The reason why the compiled kernels cannot solve a network, with the remedy; empty if they can."""
-    n = network
-    if fault := fault_of_laws(n):
-        return fault
-    elements: list[tuple[str, str, Any]] = [("storage", s.name, s) for s in n.storages]
-    elements += [("resistor", r.name, r) for r in n.resistors]
-    elements += [("port", p.name, p) for p in n.ports] + [("modulation", m.ratio, m) for m in n.modulations]
-    elements += [("memory", m.name, m) for m in n.memories]
-    found = (_law_obstacle(*element) for element in elements)
-    return next(filter(None, found), "") or partly_driven(network, network.storage_names)
+    found = map(_law_obstacle, network.with_laws())
+    return fault_of_laws(network) or next(filter(None, found), "") or partly_driven(network, network.storage_names)
 
 
-def _law_obstacle(kind: str, name: str, element: Any) -> str:
-    wide = LAWS[kind][1]
-    law = element.law
+def _law_obstacle(one: WithLaw) -> str:
+    law = one.element.law
     if not isinstance(law, str):
-        known = str(getattr(law, "law", None)) in wide
-        return "" if known else f"{kind} {name}: this torch module has no kernel; solve with phnn.integrate.dense"
-    most = STORAGE_SCALARS if kind == "storage" else SCALARS
-    count = len(element.parameters)
-    return "" if count <= most else f"{kind} {name}: {count} parameters; the kernel passes {most}"
+        known = str(getattr(law, "law", None)) in LAWS[one.kind][1]
+        return "" if known else f"{one.called}: this torch module has no kernel; solve with phnn.integrate.dense"
+    most = STORAGE_SCALARS if one.kind == "storage" else SCALARS
+    count = len(one.element.parameters)
+    return "" if count <= most else f"{one.called}: {count} parameters; the kernel passes {most}"
 
 
 def partly_driven(network: Network, storages: Iterable[str]) -> str:

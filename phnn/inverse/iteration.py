@@ -59,7 +59,7 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
         InputRefused: the reference or the model cannot be used; names the cause and a remedy.
         SolverFailed: a step has no solution.
     """
-    dt = checked(t, reference, _is_actuator(setup.network))
+    dt = checked(t, reference, _has_voltage_and_displacement(setup.network))
     wanted = smoothed(led_in(reference, dt, options.lead_in), dt, options.smooth)
     times = t[0] + dt * (np.arange(wanted.size) - (wanted.size - t.size))
     tolerance = options.tolerance or _TOLERANCE * float(np.ptp(wanted))
@@ -105,7 +105,7 @@ def _iterated(plant: Plant, wanted: Array, tolerance: float, begun: tuple[Attemp
     return best, count
 
 
-def _is_actuator(network: Network) -> bool:
+def _has_voltage_and_displacement(network: Network) -> bool:
     """Whether a voltage moves something."""
     volts = any(port.unit == "V" for port in network.ports[:1])
     return volts and any(s.name == network.output and s.unit == "m" for s in network.storages)

@@ -11,9 +11,9 @@ appears in every hysteron coupling and in the voltage port).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from phnn.errors import StructureViolated
 from phnn.parameters import Parameter, as_table, with_values
@@ -127,6 +127,26 @@ class ModulatorState:
     unit: str = "1"
 
 
+class WithLaw(NamedTuple):
+    """An element that has a law.
+
+    Attributes:
+        kind: storage, resistor, port, modulation or memory; name: what it is called among these.
+        element: the element itself.
+        laws: the laws of its kind, by name.
+    """
+
+    kind: str
+    name: str
+    element: Any
+    laws: Mapping[str, Any]
+
+    @property
+    def called(self) -> str:
+        """Kind and name, for messages."""
+        return f"{self.kind} {self.name}"
+
+
 @dataclass(frozen=True)
 class Network:
     """A port-Hamiltonian network as a value; ``PortHamiltonianSystem(network)`` makes it run.
@@ -217,34 +237,31 @@ class Network:
 
     def _passive_parameters(self) -> dict[str, Parameter]:
         """The parameters with their bounds inside the domains of the laws that take them."""
+        table = dict(self.parameters)
+        for one in self.with_laws():
+            law = one.element.law
+            # What no law is called is refused where the network is made to run.
+            domains = one.laws[law].domains if isinstance(law, str) and law in one.laws else ()
+            for name, domain in zip(one.element.parameters, domains, strict=False):
+                table[name] = table[name].within(domain, f"the law {law} of {one.called}")
+        return table
+
+    def with_laws(self) -> Iterator[WithLaw]:
+        """Every element that has a law."""
         # Laws are compiled by numba, which takes longer to load than a program that builds no network may.
         from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 
-        rooms: tuple[tuple[str, Mapping[str, Any], Iterable[Any]], ...] = (
-            ("storage", STORAGE_LAWS, self.storages),
-            ("resistor", RESISTOR_LAWS, self.resistors),
-            ("port", PORT_LAWS, self.ports),
-            ("modulation of", FACTOR_LAWS, self.modulations),
-            ("memory", MEMORY_LAWS, self.memories),
-        )
-        table = dict(self.parameters)
-        for kind, laws, elements in rooms:
-            for element in elements:
-                # What no law is called is refused where the network is made to run.
-                if not isinstance(element.law, str) or element.law not in laws:
-                    continue
-                where = f"the law {element.law} of {kind} {getattr(element, 'name', None) or element.ratio}"
-                for name, domain in zip(element.parameters, laws[element.law].domains, strict=False):
-                    table[name] = table[name].within(domain, where)
-        return table
+        yield from (WithLaw("storage", s.name, s, STORAGE_LAWS) for s in self.storages)
+        yield from (WithLaw("resistor", r.name, r, RESISTOR_LAWS) for r in self.resistors)
+        yield from (WithLaw("port", p.name, p, PORT_LAWS) for p in self.ports)
+        yield from (WithLaw("modulation", f"of {m.ratio}", m, FACTOR_LAWS) for m in self.modulations)
+        yield from (WithLaw("memory", m.name, m, MEMORY_LAWS) for m in self.memories)
 
     def _parameter_references(self) -> list[str]:
-        names = [n for s in self.storages for n in s.parameters]
-        names += [n for r in self.resistors for n in r.parameters] + [n for p in self.ports for n in p.parameters]
+        names = [n for one in self.with_laws() for n in one.element.parameters]
+        names += [m.ratio for m in self.modulations]
         ratios: list[Ratio] = [c.ratio for c in self.couplings]
         ratios += [v for r in self.resistors for v in r.on.values()] + [v for p in self.ports for v in p.on.values()]
-        names += [n for m in self.modulations for n in (m.ratio, *m.parameters)]
-        names += [n for m in self.memories for n in m.parameters]
         return names + [v for v in ratios if isinstance(v, str)]
 
     @property

@@ -28,7 +28,7 @@ def describe(campaign: Campaign | str | Path) -> str:
         "",
     ]
     every = [facts(r) for r in campaign.recordings]
-    common = [fact for fact in every[0] if len(every) > 1 and all(fact in facts for facts in every)]
+    common = [fact for fact in every[0] if len(every) > 1 and all(fact in known for known in every)]
     if common:
         lines += ["all recordings", *_listed(common), ""]
     for recording, known in zip(campaign.recordings, every, strict=True):
