@@ -5,20 +5,17 @@ Without a folder it makes recordings that also go beyond the identified range of
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import hydra
 from omegaconf import DictConfig, OmegaConf
-from rich.console import Console
 
 from phnn.commands.compare import compare
-from phnn.comparison.run import compare_on_made, show
-from phnn.comparison.settings import Settings
+from phnn.commands.terminal import console, refusals, status
 from phnn.configuration import checked
-from phnn.errors import PhnnError
-from phnn.experiment.recordings import Conditions
-from phnn.identification.base import quiet
+from phnn.studies.comparison.run import compare_on_made, show
+from phnn.studies.comparison.settings import Settings
+from phnn.studies.recordings import Conditions
 
 
 def run(config: DictConfig) -> None:
@@ -28,20 +25,17 @@ def run(config: DictConfig) -> None:
     if config.folder is not None:
         compare(Path(config.folder), out, Path(config.manifest) if config.manifest else None, chosen)
         return
-    progress = (lambda message: print(message, file=sys.stderr, flush=True)) if sys.stderr.isatty() else quiet
-    table = compare_on_made(out, Conditions(**config.recordings), Settings.from_config(chosen), progress)
-    show(table, Console() if sys.stdout.isatty() else Console(width=200))
+    with status() as progress:
+        table = compare_on_made(out, Conditions(**config.recordings), Settings.from_config(chosen), progress)
+    show(table, console())
     print(f"results: {out / 'compare.md'}")
 
 
 @hydra.main(version_base=None, config_path="../configs", config_name="experiment/compare")
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
-    try:
+    with refusals("compare"):
         run(config)
-    except PhnnError as error:
-        print(f"compare: {error}", file=sys.stderr)
-        sys.exit(error.exit_status)
 
 
 if __name__ == "__main__":

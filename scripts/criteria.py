@@ -24,14 +24,14 @@ from phnn.errors import PhnnError
 from phnn.identification.base import identify_base
 from phnn.identification.options import Options
 from phnn.output import Place
-from phnn.prove.cases import LEVELS, Task
-from phnn.prove.grades import WRONG
-from phnn.prove.outcome import graded
-from phnn.prove.run import containing
-from phnn.prove.settings import FULL, STRATA
 from phnn.recall import recalling
 from phnn.recordings import Campaign, read
 from phnn.report.result import document
+from phnn.studies.proof.cases import LEVELS, Task
+from phnn.studies.proof.grades import WRONG
+from phnn.studies.proof.outcome import graded
+from phnn.studies.proof.run import containing
+from phnn.studies.proof.settings import FULL, STRATA
 
 FACTORS = (0.5, 2.0)
 DEFAULT = "default"

@@ -8,13 +8,15 @@ import hydra
 from omegaconf import DictConfig
 
 from phnn.commands.diagnose import diagnose
+from phnn.commands.terminal import refusals
 
 
 @hydra.main(version_base=None, config_path="../configs", config_name="experiment/folder")
 def main(config: DictConfig) -> None:
     """Run one diagnosis from a composed configuration."""
     manifest = Path(config.manifest) if config.manifest else None
-    diagnose(Path(config.folder), Path(config.out), manifest, config.diagnose)
+    with refusals("diagnose"):
+        diagnose(Path(config.folder), Path(config.out), manifest, config.diagnose)
 
 
 if __name__ == "__main__":

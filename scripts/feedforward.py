@@ -7,12 +7,10 @@ from it, and prints the table of docs/feedforward.md; the figure and the table a
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
-from phnn.errors import PhnnError
-from phnn.experiment.feedforward_run import run_feedforward
-from phnn.identification.base import quiet
+from phnn.commands.terminal import refusals, status
+from phnn.studies.feedforward.run import run_feedforward
 
 
 def main() -> None:
@@ -23,12 +21,9 @@ def main() -> None:
     parser.add_argument("--noise", type=float, default=0.05, metavar="UM", help="of the sensor, micrometres rms")
     parser.add_argument("--out", type=Path, default=Path("out/feedforward"), metavar="DIR", help="default: %(default)s")
     given = parser.parse_args()
-    progress = (lambda text: print(text, file=sys.stderr, flush=True)) if sys.stderr.isatty() else quiet
-    try:
-        print(run_feedforward(given.out, given.seed, given.draws, given.noise, progress), end="")
-    except PhnnError as error:
-        print(f"feedforward: {error}", file=sys.stderr)
-        sys.exit(error.exit_status)
+    with refusals("feedforward"), status() as progress:
+        text = run_feedforward(given.out, given.seed, given.draws, given.noise, progress)
+    print(text, end="")
     print(f"seed {given.seed}   results: {given.out / 'feedforward.md'}")
 
 

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from phnn.commands.gather import gather
-from phnn.errors import PhnnError
+from phnn.commands.terminal import refusals
 
 
 def main() -> None:
     """Gather, and refuse bad input in one line."""
     parser = argparse.ArgumentParser(description="Print and write the table of the training runs below a folder.")
     parser.add_argument("folder", type=Path, nargs="?", default=Path("out/sweep"), help="default: %(default)s")
-    try:
+    with refusals("gather"):
         gather(parser.parse_args().folder)
-    except PhnnError as error:
-        print(f"gather: {error}", file=sys.stderr)
-        sys.exit(error.exit_status)
 
 
 if __name__ == "__main__":

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from phnn.commands.prove import prove
+from phnn.commands.terminal import refusals
 from phnn.configuration import checked
-from phnn.errors import PhnnError
 
 
 @hydra.main(version_base=None, config_path="../configs", config_name="experiment/prove")
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
-    try:
+    with refusals("prove"):
         prove(Path(config.out), checked("prove", OmegaConf.to_container(config.prove, resolve=True)))
-    except PhnnError as error:
-        print(f"prove: {error}", file=sys.stderr)
-        sys.exit(error.exit_status)
 
 
 if __name__ == "__main__":

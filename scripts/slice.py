@@ -14,12 +14,12 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from phnn.commands.diagnose import diagnose
+from phnn.commands.terminal import refusals
 from phnn.configuration import checked, config_folder
-from phnn.errors import PhnnError
-from phnn.prove.grades import WRONG
-from phnn.prove.outcome import Outcome
-from phnn.prove.run import claimed, prove
-from phnn.prove.settings import NULLS, Settings
+from phnn.studies.proof.grades import WRONG
+from phnn.studies.proof.outcome import Outcome
+from phnn.studies.proof.run import claimed, prove
+from phnn.studies.proof.settings import NULLS, Settings
 
 
 def said(outcome: Outcome) -> str:
@@ -72,11 +72,8 @@ def real(config: DictConfig) -> list[str]:
 @hydra.main(version_base=None, config_path="../configs", config_name="experiment/slice")
 def main(config: DictConfig) -> None:
     """Run both; exit status 1 where something is wrong."""
-    try:
+    with refusals("slice"):
         wrong = proof(config) + real(config)
-    except PhnnError as error:
-        print(f"slice: {error}", file=sys.stderr)
-        sys.exit(error.exit_status)
     for line in wrong:
         print(f"slice: {line}", file=sys.stderr)
     sys.exit(1 if wrong else 0)

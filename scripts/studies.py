@@ -19,7 +19,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from phnn.configuration import config_folder
 from phnn.output import Place
-from phnn.studies.figures import figures
+from phnn.studies.public.figures import figures
 
 
 def measured(command: list[str]) -> dict[str, float | int]:

@@ -6,14 +6,12 @@ With ``-m`` and lists of values a sweep: ``python scripts/train.py -m launcher=j
 from __future__ import annotations
 
 import os
-import sys
 
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from phnn import multirun
 from phnn.ensemble.processes import ONE_THREAD
-from phnn.errors import PhnnError
 
 # Sums over several threads round otherwise: a run would depend on the number of cores. Before numpy and torch are
 # loaded, and for the processes of a sweep as well.
@@ -26,13 +24,11 @@ def main(config: DictConfig) -> None:
     if multirun.is_sweep():
         multirun.run(config)
         return
+    from phnn.commands.terminal import refusals
     from phnn.commands.train import train
 
-    try:
+    with refusals("train"):
         train({str(k): v for k, v in OmegaConf.to_container(config, resolve=True).items()})
-    except PhnnError as error:
-        print(f"train: {error}", file=sys.stderr)
-        sys.exit(error.exit_status)
 
 
 if __name__ == "__main__":

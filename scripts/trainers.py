@@ -14,7 +14,6 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from phnn.ensemble.processes import ONE_THREAD
-from phnn.errors import PhnnError
 
 # Times are those of one processor. Before numpy and torch are loaded.
 os.environ.update(ONE_THREAD)
@@ -23,19 +22,13 @@ os.environ.update(ONE_THREAD)
 @hydra.main(version_base=None, config_path="../configs", config_name="experiment/trainers")
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
-    from phnn.comparison.trainers_page import RESULTS, run
+    from phnn.commands.terminal import refusals
     from phnn.output import claim
+    from phnn.studies.trainers.page import RESULTS, run
 
-    try:
-        with claim(Path(config.out), "trainers", (), RESULTS) as place:
-            table = run(
-                place,
-                OmegaConf.to_container(config, resolve=True),
-                lambda line: print(line, file=sys.stderr, flush=True),
-            )
-    except PhnnError as error:
-        print(f"trainers: {error}", file=sys.stderr)
-        sys.exit(error.exit_status)
+    settings = OmegaConf.to_container(config, resolve=True)
+    with refusals("trainers"), claim(Path(config.out), "trainers", (), RESULTS) as place:
+        table = run(place, settings, lambda line: print(line, file=sys.stderr, flush=True))
     print(table)
 
 

@@ -19,11 +19,8 @@ from hydra.core.plugins import Plugins
 from hydra.types import HydraContext, RunMode
 from junctions import march
 
-from phnn.comparison import settings as comparison
-from phnn.comparison.trainers import Case, Way
 from phnn.configuration import compose, compose_groups, config_folder
 from phnn.errors import InputRefused
-from phnn.experiment.recordings import Conditions
 from phnn.identification.options import Options
 from phnn.learn import Settings
 from phnn.learn.methods import METHODS
@@ -34,12 +31,15 @@ from phnn.modal.settings import Settings as ModalSettings
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_network
 from phnn.network import PortHamiltonianSystem
-from phnn.prove.cases import tasks
-from phnn.prove.settings import STRATA
-from phnn.prove.settings import Settings as ProofSettings
 from phnn.recordings.manifest import load_manifest
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
+from phnn.studies.comparison import settings as comparison
+from phnn.studies.proof.cases import tasks
+from phnn.studies.proof.settings import STRATA
+from phnn.studies.proof.settings import Settings as ProofSettings
+from phnn.studies.recordings import Conditions
+from phnn.studies.trainers.run import Case, Way
 
 HOME = config_folder()
 FILES = sorted(path.relative_to(HOME).as_posix() for path in HOME.rglob("*.y*ml"))

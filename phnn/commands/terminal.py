@@ -10,6 +10,7 @@ from typing import Any
 from rich.console import Console
 
 from phnn.check.gain import doubts_of_units
+from phnn.errors import PhnnError
 from phnn.intake.names import printable
 from phnn.recordings import Campaign
 
@@ -27,6 +28,16 @@ def status() -> Iterator[Callable[[str], None]]:
         return
     with terminal.status("reading") as status:
         yield status.update
+
+
+@contextmanager
+def refusals(name: str) -> Iterator[None]:
+    """End a script with one line and the exit status of what went wrong."""
+    try:
+        yield
+    except PhnnError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        sys.exit(error.exit_status)
 
 
 def doubt(campaign: Campaign) -> None:

@@ -1,1 +1,1 @@
-"""Worked studies of public recordings: the named figures that the pages in docs/ state."""
+"""The studies behind the pages in docs/: each goes from recordings to a page, tables and figures in a folder."""

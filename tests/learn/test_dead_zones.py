@@ -11,12 +11,12 @@ import torch
 
 from phnn.configuration import compose_groups
 from phnn.demo.actuator import TABLE
-from phnn.experiment.recordings import Conditions, write_recordings
 from phnn.learn import Settings, train
 from phnn.learn.characteristic import inverse, thresholds
 from phnn.models.store import load
 from phnn.recordings import read
 from phnn.simulate import simulate
+from phnn.studies.recordings import Conditions, write_recordings
 
 
 @pytest.mark.slow

@@ -1,0 +1,1 @@
+"""Tracking: the inverse of an identified model makes other actuators follow a reference."""

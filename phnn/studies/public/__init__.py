@@ -1,0 +1,1 @@
+"""Worked studies of public recordings: the named figures that the pages in docs/ state."""

@@ -1,0 +1,1 @@
+"""Trainers side by side, from the same start on the same recordings."""

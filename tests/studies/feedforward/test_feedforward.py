@@ -1,0 +1,69 @@
+"""The inverse of an identified model on plants that are not the model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import campaigns
+import numpy as np
+import pandas as pd
+import pytest
+
+from phnn.identification.identified import Identified
+from phnn.identification.options import Options
+from phnn.model import Model
+from phnn.models.actuator import hrc
+from phnn.setup import Setup
+from phnn.studies.feedforward.run import RESULTS, run_feedforward
+from phnn.studies.feedforward.tracking import Models, drawn_plants, row, table
+
+# What is claimed: the error of the full inverse over what noise and parameter errors allow, and how many times smaller
+# it is than without compensation.
+MOST, LEAST = 1.2, 20.0
+NOISE = 50e-9
+
+
+def small() -> Models:
+    """An identified actuator, and the same without hysterons as its linear model."""
+    fit: Any = campaigns.base()
+    full = Identified(campaigns.campaign(), fit, None, Options())  # type: ignore[arg-type]
+    values = {n: fit.setup.values()[n] for n in ("m", "k", "b", "alpha")}
+    linear: Any = SimpleNamespace(model=Model(Setup(hrc(0, values))))
+    return Models(full, linear, values["alpha"] / values["k"])
+
+
+def test_drawn_plants_scatter_as_the_estimates_do() -> None:
+    models = small()
+    names, covariance = models.full.fit.joint_covariance()
+    plants = drawn_plants(models.full, 400, np.random.default_rng(1))
+    for name in ("k", "alpha", "d_1"):
+        i = names.index(name)
+        values = np.array([p.parameters[name].value for p in plants])
+        assert np.std(values) == pytest.approx(covariance[i, i] ** 0.5, rel=0.15)
+        assert np.mean(values) == pytest.approx(models.full.fit.setup.parameters[name].value, rel=1e-3)
+
+
+def test_the_inverse_follows_as_well_as_noise_and_parameters_allow() -> None:
+    found = row(small(), 100.0, NOISE, 4, np.random.default_rng(2))
+    assert found.ratio <= MOST
+    assert found.gain >= LEAST
+    assert found.drawn["none"] > found.drawn["linear"] > found.drawn["full"]
+    assert found.nominal < found.clean < 0.5 * NOISE
+    assert table([found])[0][0] == "100 Hz"
+
+
+@pytest.mark.slow
+def test_the_whole_study(tmp_path: Path) -> None:
+    text = run_feedforward(tmp_path / "out", 0, 8, 0.05)
+    assert {p.name for p in (tmp_path / "out").iterdir()} >= set(RESULTS)
+    found = pd.read_csv(tmp_path / "out" / "feedforward.csv")
+    assert list(found["reference"]) == ["1 Hz", "25 Hz", "100 Hz"]
+    assert (found["full / allowed"] <= MOST).all()
+    assert (found["none / full"] >= LEAST).all()
+    assert (found["full, LSODA"] <= MOST * found["allowed"]).all()
+    # Without noise the parameters are what is left, and the first order tells how much.
+    expected = np.hypot(found["parameters"], found["full, no noise, plant = model"])
+    assert (found["full, no noise"] <= 2.0 * expected).all()
+    assert all(f"{r} |" in text for r in found["reference"])
