@@ -26,8 +26,10 @@ from phnn.identification.starting_points import (
 from phnn.identification.subset import representative_subset
 from phnn.identification.variables import starts_unknown
 from phnn.models.actuator import hrc
+from phnn.parameters import Parameter
 from phnn.recall import recalled
 from phnn.recordings.recording import Anchor
+from phnn.recordings.units import alike
 from phnn.setup import Setup
 
 # Parameters that the common factor scales: any one of them, once known, fixes it.
@@ -99,12 +101,19 @@ def _from_known_starts(plan: Plan, known: Mapping[str, Anchor], hysterons: int, 
         return None
 
 
-def check_known(known: Iterable[str], parameters: Iterable[str]) -> None:
-    """Refuse an anchor of a parameter that the model does not have. Raises InputRefused."""
-    names = list(parameters)
-    strangers = sorted(set(known) - set(names))
+def check_known(known: Mapping[str, Anchor], parameters: Mapping[str, Parameter]) -> None:
+    """Refuse an anchor of a parameter that the model does not have, or in a unit of something else.
+
+    Raises:
+        InputRefused: names the parameter.
+    """
+    strangers = sorted(set(known) - set(parameters))
     if strangers:
-        raise InputRefused(f"known: no parameter {strangers[0]}; this model has {', '.join(names)}")
+        raise InputRefused(f"known: no parameter {strangers[0]}; this model has {', '.join(parameters)}")
+    for name, anchor in known.items():
+        unit = parameters[name].unit
+        if anchor.unit and unit and not alike(anchor.unit, unit):
+            raise InputRefused(f"known: {name} is in {unit}, its unit is stated as one of {anchor.unit}: correct it")
 
 
 def held_by_statement(known: Mapping[str, Anchor]) -> dict[str, str]:

@@ -11,7 +11,16 @@ from phnn.errors import InputRefused
 from phnn.recordings import checks
 from phnn.recordings.columns import Column
 from phnn.recordings.table import Table
-from phnn.recordings.units import QUANTITIES, check_unit, find_unit, known_unit, parse_name, suits, to_si
+from phnn.recordings.units import (
+    QUANTITIES,
+    check_unit,
+    find_unit,
+    known_unit,
+    parse_name,
+    stated_by_name,
+    suits,
+    to_si,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,14 +81,21 @@ def _by_name(table: Table, quantity: str, unit: str | None) -> int | None:
 
 
 def _unit(table: Table, index: int, quantity: str, stated: str | None) -> str:
-    parsed = parse_name(table.names[index]) if table.names[index] else None
-    named = parsed[1] if parsed is not None and parsed[0] == quantity else None
+    named = stated_by_name(table.names[index], quantity)
     where = f"{table.where}: {table.label(index)}"
-    if stated is not None and suits(quantity, named) and find_unit(stated) != find_unit(named or ""):
+    if stated is not None and suits(quantity, named) and _differ(stated, named or "", quantity):
         raise InputRefused(
-            f"{where}: the name says {named}, recordings.yaml says {stated}: make them agree, or leave out the latter"
+            f"{where}: the name says {named}, recordings.yaml says {stated}: make them agree, or leave out the latter; "
+            f"where the name is wrong, rename the column, or write unit: {named} and the scale that makes it right"
         )
     return check_unit(quantity, stated if stated is not None else named, where)
+
+
+def _differ(one: str, other: str, quantity: str) -> bool:
+    """Whether two units give one number different values; of a quantity in any unit, units of one kind alone."""
+    first, second = find_unit(one), find_unit(other)
+    alike = first is None or second is None or first.si == second.si
+    return first != second and (alike or QUANTITIES[quantity] is not None)
 
 
 def unused(table: Table, channels: Mapping[str, Channel]) -> list[str]:

@@ -13,6 +13,7 @@ from phnn.errors import InputRefused
 from phnn.intake.files import shown_bytes
 from phnn.intake.limits import LIMITS, available_memory
 from phnn.intake.names import printable
+from phnn.output.record import FOLDER as RECORD
 from phnn.recordings.table import Where
 
 FEWEST_SAMPLES = 50
@@ -26,6 +27,10 @@ LARGEST_VALUE = 1e30
 SMALLEST_RANGE = 1e-60
 # Shortest and longest sampling interval, s: a decade beyond the fastest digitiser, and thirty years.
 INTERVALS = (1e-13, 1e9)
+# Results of the commands, of which one lies in the folder of every result.
+_RESULTS = (
+    "diagnosis.json", "identify.json", "predict.json", "compare.json", "modes.json", "invert.json", "model.json",
+)  # fmt: skip
 # Largest voltages and strokes of piezo actuators, SI: a decade beyond what is sold, from sensor to transducer.
 ACTUATORS = {"voltage": (1e-5, 1e5, "V"), "displacement": (1e-10, 1e-2, "m")}
 
@@ -55,6 +60,16 @@ def any_recordings(files: Sequence[Path], left: Sequence[str], folder: Path) -> 
         f"time_s, voltage_V, displacement_um, or describe the files in recordings.yaml (`phnn template` writes a first "
         f"one)"
     )
+
+
+def no_results(folder: Path) -> None:
+    """Refuse the folder of a result in the place of that of the recordings."""
+    found = next((name for name in _RESULTS if os.path.isfile(folder / name)), None)
+    if found is not None and os.path.isdir(folder / RECORD):
+        raise InputRefused(
+            f"folder {printable(str(folder))}: holds a result of phnn ({found}) and no recordings: give the folder of "
+            "the recordings"
+        )
 
 
 def file_exists(path: Path, where: str) -> None:

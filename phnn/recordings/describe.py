@@ -35,8 +35,8 @@ def describe(campaign: Campaign | str | Path) -> str:
         own = [fact for fact in known if fact not in common]
         lines += [f"{recording.name} ({recording.source})", *_listed(own), ""]
     if campaign.known:
-        anchors = (f"{name} = {a.value:g} ± {a.std:g}" for name, a in campaign.known.items())
-        lines += [f"known (SI): {', '.join(anchors)}", ""]
+        anchors = (f"{name} = {a.value:g} ± {a.std:g} {a.unit}".rstrip() for name, a in campaign.known.items())
+        lines += [f"known, in SI units: {', '.join(anchors)}", ""]
     lines.append("Understood:")
     lines += [f"  {note}" for note in campaign.notes]
     return "\n".join(lines)

@@ -15,6 +15,7 @@ from phnn.intake.yaml_file import load_yaml
 from phnn.recordings.columns import Column, axes_of, columns_of, named_of, variables_of
 from phnn.recordings.recording import Anchor, Start
 from phnn.recordings.sensor import PLAIN, Sensor, sensor_of
+from phnn.recordings.units import find_unit
 from phnn.recordings.values import choice, flag, keys_of, label, mapping, number, shown, text
 
 MODELS = ("piezo_actuator", "hrc", "linear", "bouc_wen")
@@ -238,14 +239,27 @@ def _known(value: Any, name: str) -> dict[str, Anchor]:
         anchor = label(key, f"{name}: known")
         where = f"{name}: known: {anchor}"
         content = mapping({"value": said} if isinstance(said, int | float) else said, where)
-        keys_of(content, ("value", "std"), where)
+        keys_of(content, ("value", "std", "unit"), where)
         if "value" not in content:
-            raise InputRefused(f"{where}: no value: write {{value: ..., std: ...}} in SI units")
+            raise InputRefused(
+                f"{where}: no value: write {{value: ..., std: ...}} in SI units, or with a unit, such as unit: g"
+            )
         std = number(content.get("std", 0.0), f"{where}: std")
         if std < 0.0:
             raise InputRefused(f"{where}: std {std:g} is negative: give the standard deviation, 0 or more")
-        anchors[anchor] = Anchor(number(content["value"], f"{where}: value"), std)
+        factor, si = _si(content.get("unit"), f"{where}: unit")
+        anchors[anchor] = Anchor(factor * number(content["value"], f"{where}: value"), factor * std, si)
     return anchors
+
+
+def _si(value: Any, where: str) -> tuple[float, str]:
+    """Factor to SI and SI unit of an anchor's unit; without one it is in SI units already."""
+    if value is None:
+        return 1.0, ""
+    found = find_unit(text(value, where))
+    if found is None or found.offset:
+        raise InputRefused(f"{where}: {shown(value)} is no unit of a parameter: write one such as g, N/mm or uF")
+    return found.factor, found.si
 
 
 def _setup(value: Any, name: str, homes: Sequence[Path], outside: bool) -> Mapping[str, Any]:

@@ -16,12 +16,14 @@ from phnn.recordings.draft import Draft, drafts_of
 from phnn.recordings.folder import READERS, Files
 from phnn.recordings.manifest import Entry, Manifest, load_manifest, manifest_of
 from phnn.recordings.partition import candidate_of, divide, whole_parts
-from phnn.recordings.recording import IN_MEMORY, Campaign, Part, Recording
+from phnn.recordings.recording import IN_MEMORY, Campaign, Part, Recording, is_actuator
 from phnn.recordings.table import Table, beside
 from phnn.signals.pooling import pooled
 
 # A manifest of an object in memory: its second argument.
 _SAID = "recordings.yaml"
+# A moving mass of an actuator beyond this is doubted where no unit was stated [kg].
+_HEAVY = 0.1
 
 
 def read(
@@ -56,6 +58,7 @@ def read(
         said = manifest_of(manifest, "the manifest given", (home,), allow_outside)
     else:
         said = load_manifest(home, Path(manifest) if manifest is not None else None, allow_outside)
+    checks.no_results(home)
     files = Files(home, said, allow_outside)
     entries, left = files.entries()
     tables = ((entry, _table(files, entry)) for entry in entries)
@@ -112,6 +115,7 @@ def _campaign(
         for d, f in zip(drafts, pooled([d.floor for d in drafts], [_kind(d.recording) for d in drafts]), strict=True)
     )  # fmt: skip
     notes = (_extent(recordings), *_columns(drafts), *(note for d in drafts for note in d.notes), *notes)
+    notes += _heavy(said)
     if left:
         notes = (*notes, f"Left alone, no recordings: {', '.join(left)}.")
     held = frozenset(d.recording.name for d in drafts if d.use == "confirmation")
@@ -146,6 +150,14 @@ def _extent(recordings: tuple[Recording, ...]) -> str:
     samples = sum(r.t.size for r in recordings)
     many = "s" if len(recordings) > 1 else ""
     return f"Read {len(recordings)} recording{many}: {samples} samples, {seconds:.4g} s, {said}."
+
+
+def _heavy(said: Manifest) -> tuple[str, ...]:
+    """A doubt where the mass of an actuator, stated without a unit, would be unusually large."""
+    mass = said.known.get("m")
+    if not is_actuator(said.setup) or mass is None or mass.unit or mass.value < _HEAVY:
+        return ()
+    return (f"known: m = {mass.value:g} kg is much for a moving mass of an actuator; if it is in g, add unit: g.",)
 
 
 def _columns(drafts: list[Draft]) -> tuple[str, ...]:

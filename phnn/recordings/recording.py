@@ -205,10 +205,16 @@ def drive_of(u: np.ndarray, further: Mapping[str, np.ndarray]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Anchor:
-    """A parameter known from elsewhere: value and standard deviation, SI."""
+    """A parameter known from elsewhere.
+
+    Attributes:
+        value, std: value and standard deviation, SI.
+        unit: SI unit, where one was stated.
+    """
 
     value: float
     std: float = 0.0
+    unit: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,6 +63,9 @@ _SI = (
 _MULTIPLES = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3}
 
 _NAME = re.compile(r"^\s*([A-Za-z]+)\s*(?:_(\S+)|[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
+_BRACKETED = re.compile(r"^(.*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])]\s*$", re.DOTALL)
+# Units of one letter that the end of a column's name may be.
+_SYMBOLS = "smVANCK"
 # A product such as `kg m2`, with exponents of one digit, so that no power is large; then what it is divided by.
 _FACTOR = r"(?:[A-Za-zΩÅ°%]+(?:_[A-Za-z0-9]+)*(?:(?:\^|\*\*)?-?[1-9]|[²³])?)"
 _PRODUCT = rf"{_FACTOR}(?: ?[*·. ] ?{_FACTOR})*"
@@ -160,10 +163,44 @@ def parse_name(header: str) -> tuple[str, str | None] | None:
     return match[1].lower(), spelled(unit) if unit else None
 
 
+def split_unit(header: str) -> tuple[str, str | None]:
+    """A column's name without the unit at its end, and that unit in its common spelling: ``pos [nm]``, ``pos_nm``.
+
+    What stands in brackets is a unit whatever it says; a last word is one if it is known.
+    """
+    bracketed = _BRACKETED.match(header)
+    if bracketed is not None:
+        return bracketed[1], spelled(bracketed[2])
+    head, _, tail = header.rpartition("_")
+    # A single letter is more often a place or a number than a year or an are.
+    alike = len(tail) > 1 or tail in _SYMBOLS
+    return (head, spelled(tail)) if head and alike and find_unit(tail) is not None else (header, None)
+
+
+def stated_by_name(header: str, quantity: str) -> str | None:
+    """The unit of a quantity that a column's name states, whatever the column is called; None if it states none."""
+    parsed = parse_name(header)
+    if parsed is not None and parsed[0] == quantity:
+        return parsed[1]
+    _, unit = split_unit(header)
+    # Without brackets `pos_m` may be a measured position.
+    certain = unit is not None and (_BRACKETED.match(header) is not None or (len(unit) > 1 and unit in _COMMON))
+    return unit if certain and suits(quantity, unit) else None
+
+
 def suits(quantity: str, unit: str | None) -> bool:
     """Whether a text is a unit of the quantity."""
     found = find_unit(unit) if unit else None
     return found is not None and QUANTITIES[quantity] in (None, found.si)
+
+
+def alike(one: str, other: str) -> bool:
+    """Whether two texts are units of the same kind, such as S and 1/ohm; a text that is no unit is like itself only."""
+    first, second = find_unit(one), find_unit(other)
+    if first is None or second is None or first.si == second.si:
+        return one == other or (first is not None and second is not None)
+    registry = _registry()
+    return _base(registry, registry.Unit(first.si)) == _base(registry, registry.Unit(second.si))
 
 
 def accepted(quantity: str) -> str:

@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 from phnn.errors import InputRefused
 from phnn.recordings.checks import ACTUATORS
 from phnn.recordings.table import Table
-from phnn.recordings.units import QUANTITIES, find_unit, parse_name, spelled
+from phnn.recordings.units import QUANTITIES, find_unit, parse_name, split_unit
 
 Array = NDArray[np.float64]
 
 TIME, INPUT, OUTPUT = "time", "input", "output"
-# Units of one letter that the end of a column's name may be.
-_SYMBOLS = "smVANCK"
 
 
 def _of(words: str) -> frozenset[str]:
@@ -43,7 +41,6 @@ _COUNTERS = _of("index idx sample samples row nr no number n")
 _FURTHER = ("current", "charge", "temperature")
 # Steps of a time may differ by so much of their median and still be a time; `phnn check` then says more.
 _UNEVEN = 0.5
-_UNIT = re.compile(r"^(.*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])]\s*$", re.DOTALL)
 
 
 def known_unit(text: str | None) -> tuple[str, float] | None:
@@ -68,13 +65,7 @@ class Seen:
     @cached_property
     def _parts(self) -> tuple[str, str | None]:
         """The name without its unit, and the unit in the spelling of the table of units."""
-        bracketed = _UNIT.match(self.name)
-        if bracketed is not None:
-            return bracketed[1], spelled(bracketed[2])
-        head, _, tail = self.name.rpartition("_")
-        # A single letter is more often a place or a number than a year or an are.
-        alike = len(tail) > 1 or tail in _SYMBOLS
-        return (head, spelled(tail)) if head and alike and known_unit(tail) is not None else (self.name, None)
+        return split_unit(self.name)
 
     @property
     def unit(self) -> str | None:

@@ -21,7 +21,11 @@ _HELD_OUT = 4
 # Keys that a user may want, in the order in which they are shown; those that this version does not know are left out.
 _WANTED: tuple[tuple[str, str, str], ...] = (
     ("setup", "{network: FILE.yaml}", "another system: a network of your own in a file beside the recordings"),
-    ("known", "{m: {value: 1.0e-3, std: 1.0e-5}}", "anchors in SI units, such as a weighed mass"),
+    (
+        "known",
+        "{m: {value: 1.06, std: 0.01, unit: g}}",
+        "known parameters, such as a weighed mass; without a unit in SI",
+    ),
     ("voltage", "terminals", "the voltage was measured at the actuator, behind the amplifier"),
     ("sensor", "{rectified: true}", "what is known of the sensor"),
     ("offset", "shared", "the zero of the output is the same in all recordings"),
@@ -127,8 +131,9 @@ def _column(key: str, role: Role, table: Table) -> str:
 
 
 def _place(table: Table, index: int) -> str:
-    """Where a column stands: by its index, or by its name where columns have no order."""
-    return _quoted(table.names[index]) if table.by_name else str(index)
+    """Where a column stands: by its name, by its index where it has none of its own."""
+    name = table.names[index]
+    return _quoted(name) if name and table.names.count(name) == 1 else str(index)
 
 
 def _called(table: Table, index: int) -> str:

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from phnn.effects import effect
+from phnn.errors import InputRefused
 from phnn.identification.fit import Fit, fit
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
-from phnn.identification.staged import held_at
+from phnn.identification.staged import check_known, held_at
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Anchor
 from phnn.setup import Setup
@@ -126,3 +127,9 @@ def test_what_a_manifest_states_reaches_the_fit() -> None:
     assert identification_plan(campaign, 1).anchors == {"m": stated.std}
     assert held_at(campaign.known) == {"m": f"held at the stated {stated.value:g} ± {stated.std:g}"}
     assert held_at({"m": Anchor(2.0)}) == {"m": "held at the stated 2"}
+
+
+def test_an_anchor_in_a_unit_of_something_else_is_refused() -> None:
+    check_known({"rho_1": Anchor(1e-6, unit="1/Ω"), "m": Anchor(1.0)}, hrc(1).parameters)
+    with pytest.raises(InputRefused, match="m is in kg, its unit is stated as one of m"):
+        check_known({"m": Anchor(1e-3, unit="m")}, hrc(1).parameters)

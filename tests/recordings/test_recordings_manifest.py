@@ -200,3 +200,57 @@ def test_a_force_drives_other_systems(tmp_path: Path) -> None:
     refused(tmp_path, "no voltage column")
     manifest(tmp_path, "setup: {model: linear}")
     assert np.ptp(read(tmp_path).recordings[0].u) == pytest.approx(0.02, rel=1e-3)
+
+
+def test_a_known_value_may_have_a_unit(tmp_path: Path) -> None:
+    write_sine(tmp_path, "a", 10.0, 60.0)
+    manifest(tmp_path, "known: {m: {value: 1.06, std: 0.01, unit: g}, k: {value: 90, unit: N/mm}}\n")
+    known = read(tmp_path).known
+    assert (known["m"].value, known["m"].std, known["m"].unit) == (pytest.approx(1.06e-3), pytest.approx(1e-5), "kg")
+    assert known["k"].value == pytest.approx(9e4)
+
+
+@pytest.mark.parametrize("unit", ["grams of lead", "", "degC"])
+def test_a_known_value_in_no_unit_is_refused(unit: str, tmp_path: Path) -> None:
+    write_sine(tmp_path, "a", 10.0, 60.0)
+    manifest(tmp_path, f"known: {{m: {{value: 1.06, unit: '{unit}'}}}}\n")
+    refused(tmp_path, "known: m: unit")
+
+
+def test_a_heavy_mass_without_a_unit_is_doubted(tmp_path: Path) -> None:
+    write_sine(tmp_path, "a", 10.0, 60.0)
+    for said, doubts in (("1.06", 1), ("{value: 1.06, unit: kg}", 0), ("1.06e-3", 0)):
+        manifest(tmp_path, f"known: {{m: {said}}}\n")
+        assert sum("add unit: g" in note for note in read(tmp_path).notes) == doubts
+
+
+@pytest.mark.parametrize(
+    ("header", "stated"),
+    [("pos [um]", "nm"), ("pos_um", "nm"), ("weg (nm)", "um"), ("displacement_um", "nm")],
+)
+def test_a_unit_that_contradicts_the_name_is_refused(header: str, stated: str, tmp_path: Path) -> None:
+    u, y = loops(tmp_path)
+    (tmp_path / "loops.dat").unlink()
+    table = np.column_stack([np.arange(u.size) / 4000, u, 1e6 * y])
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=f"time_s,voltage_V,{header}", comments="")
+    manifest(tmp_path, f"columns: {{displacement: {{column: 2, unit: {stated}}}}}\n")
+    refused(tmp_path, "the name says", stated, "scale")
+    manifest(tmp_path, "columns: {displacement: {column: 2}}\n")
+    size = 1e-9 if "nm" in header else 1e-6
+    assert np.allclose(read(tmp_path).recordings[0].y, size * 1e6 * y)
+
+
+@pytest.mark.parametrize("header", ["pos_m", "pos_N", "monitor [a.u.]", "signal_mV"])
+def test_a_last_word_that_is_no_unit_of_the_quantity_says_nothing(header: str, tmp_path: Path) -> None:
+    u, y = loops(tmp_path)
+    (tmp_path / "loops.dat").unlink()
+    table = np.column_stack([np.arange(u.size) / 4000, u, 1e6 * y])
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=f"time_s,voltage_V,{header}", comments="")
+    manifest(tmp_path, "columns: {displacement: {column: 2, unit: um}}\n")
+    assert np.allclose(read(tmp_path).recordings[0].y, y)
+
+
+def test_the_folder_of_a_result_is_refused(tmp_path: Path) -> None:
+    (tmp_path / ".phnn").mkdir()
+    (tmp_path / "diagnosis.json").write_text("{}")
+    refused(tmp_path, "holds a result of phnn (diagnosis.json)")

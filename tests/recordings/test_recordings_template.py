@@ -92,7 +92,7 @@ def test_another_system_is_no_actuator(folder: Path, tmp_path: Path) -> None:
     text, campaign = written(folder, tmp_path)
     assert campaign.setup["model"] == "linear"
     assert campaign.recordings[0].units == ("1", "1")
-    assert "input: {column: 1" in text
+    assert 'input: {column: "torque"' in text
 
 
 def test_numbers_that_no_actuator_gives_are_those_of_another_system(folder: Path, tmp_path: Path) -> None:
