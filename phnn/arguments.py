@@ -7,8 +7,10 @@ import sys
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any, NoReturn
 
 from phnn.configuration import config_folder
+from phnn.errors import meant
 
 # Commands with settings, and the file under configs/ that holds them.
 SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "modes", "prove")} | {"demo": "diagnose"}
@@ -52,6 +54,26 @@ class _Version(argparse.Action):
         parser.exit(0)
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that says what a misspelt command or option was probably meant to be."""
+
+    _given: Sequence[str] = ()
+
+    def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """As argparse; remembers the words for `error`."""
+        self._given = sys.argv[1:] if args is None else list(args)
+        return super().parse_known_args(args, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """As argparse, with a hint."""
+        options = [name for action in self._actions for name in action.option_strings]
+        choices = [str(c) for action in self._actions if not action.option_strings for c in action.choices or ()]
+        words = [w.partition("=")[0] for w in self._given]
+        strange = [(w, options) for w in words if w.startswith("--") and w not in options]
+        strange += [(w, choices) for w in words[:1] if not w.startswith("-") and w not in choices]
+        super().error(next((f"{message}: {w}{hint}" for w, known in strange if (hint := meant(w, known))), message))
+
+
 def _seed(text: str) -> int:
     value = int(text)
     if value < 0:
@@ -71,20 +93,29 @@ def parse(argv: Sequence[str] | None) -> tuple[argparse.Namespace, list[str]]:
     Returns:
         The arguments, ``command`` among them, and the settings ``key=value``, which may stand anywhere.
     """
-    parser = _parser()
+    parser, commands = _parser()
     # Settings may stand before, between and after the options, which argparse's own lists do not allow.
     arguments, settings = parser.parse_known_args(argv)
     # As it was typed, for the report of a run.
     arguments.typed = tuple(sys.argv[1:] if argv is None else argv)
     strangers = [s for s in settings if s.startswith("-") or arguments.command not in (*SETTINGS, TRAIN)]
     if strangers:
-        parser.error(f"phnn {arguments.command} does not know {' '.join(strangers)}")
+        commands[arguments.command].error(
+            f"phnn {arguments.command} does not know {' '.join(strangers)}{_dashes(arguments.command, strangers)}"
+        )
     return arguments, settings
 
 
+def _dashes(command: str, strangers: Sequence[str]) -> str:
+    """Says how settings are written, where one has the dashes of an option."""
+    named = any(s.startswith("-") and "=" in s for s in strangers)
+    return "; settings have no dashes, such as seed=1" if named and command in SETTINGS else ""
+
+
 @cache
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def _parser() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
+    """The parser, and that of each command by name."""
+    parser = _Parser(
         prog="phnn",
         description="Models of piezoelectric actuators from recordings, and the physics they leave out.",
         epilog="phnn COMMAND --help tells more. Exit status: 0 done, 1 the work failed, 2 the input was refused.",
@@ -110,7 +141,7 @@ def _parser() -> argparse.ArgumentParser:
     for name in _OVERWRITE:
         text = "replace results of phnn in DIR even where they were changed since"
         commands[name].add_argument("--overwrite", action="store_true", help=text)
-    return parser
+    return parser, commands
 
 
 def _add(group: argparse._SubParsersAction, name: str, text: str) -> argparse.ArgumentParser:

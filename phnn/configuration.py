@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from phnn.errors import InputRefused
+from phnn.errors import InputRefused, meant
 from phnn.intake import settings
 
 
@@ -99,7 +99,8 @@ def _check_key(command: str, override: str, defaults: Mapping[str, Any]) -> None
     if not equals:
         raise InputRefused(f"{override!r} is no setting: write key=value with a key out of {accepted}")
     if key.partition(".")[0] not in defaults:
-        raise InputRefused(f"unknown setting {key!r} in {override!r}: phnn {command} accepts {accepted}")
+        hint = meant(key, map(str, defaults))
+        raise InputRefused(f"unknown setting {key!r} in {override!r}{hint}: phnn {command} accepts {accepted}")
 
 
 def _in_full(override: str, defaults: Mapping[str, Any]) -> str:

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
+
+# Letters of an unknown word that are compared.
+_COMPARED = 200
+
 
 class PhnnError(Exception):
     """Base class of what phnn raises: ``except phnn.PhnnError``. The command line prints the message alone."""
@@ -29,3 +35,9 @@ class OutputRefused(InputRefused):
 
 class OutputFailed(PhnnError):
     """Results could not be written while the work was going on, as on a full disk: names what was finished."""
+
+
+def meant(word: str, known: Iterable[str]) -> str:
+    """``" (did you mean X?)"`` for the known word that an unknown one resembles; empty where it resembles none."""
+    near = difflib.get_close_matches(word[:_COMPARED], list(known), n=1)
+    return f" (did you mean {near[0]}?)" if near else ""

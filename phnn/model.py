@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from phnn.errors import InputRefused
 from phnn.models.store import save
+from phnn.recordings.manifest import INPUTS
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
 from phnn.signals.sampling import check_samples, series
@@ -20,6 +21,9 @@ from phnn.simulate import Trajectory, simulate
 if TYPE_CHECKING:
     from phnn.inverse.result import Inverse
     from phnn.network.system import PortHamiltonianSystem
+
+# A command may leave the recorded range by this share of it before that is told.
+_MARGIN = 0.02
 
 
 @dataclass(frozen=True)
@@ -33,10 +37,12 @@ class Model:
     Attributes:
         setup: amplifier, port-Hamiltonian network and sensor.
         substeps: integration steps in a sample interval of the recordings that it was identified from.
+        inputs: least and largest input of these recordings, SI; None where they are not known.
     """
 
     setup: Setup
     substeps: int = 1
+    inputs: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.setup, Setup):
@@ -72,6 +78,7 @@ class Model:
         input_before: float | None = None,
         further: Mapping[str, ArrayLike] | None = None,
         substeps: int | None = None,
+        hold: str = "cubic",
     ) -> NDArray[np.float64]:
         """Simulate the output from rest.
 
@@ -82,16 +89,18 @@ class Model:
             input_before: constant input before the first sample, in whose equilibrium the model begins; None: ``u[0]``.
             further: (N,) inputs at further ports, by the port's name; zero where left out.
             substeps: integration steps in an interval; those of the model if None.
+            hold: the input between its samples: ``"cubic"``, ``"linear"``, ``"band_limited"``, or ``"zero_order"`` as a
+                converter holds it.
 
         Returns:
             (N,) output in SI units, for an actuator its displacement [m].
 
         Raises:
             InputRefused: fewer than two samples, arrays of different lengths, values that are not finite, steps that
-                differ, or a port that the network does not have.
+                differ, a port that the network does not have, or an unknown hold.
             SolverFailed: a step has no solution.
         """
-        found = self.trajectory(t, u, input_before=input_before, further=further, substeps=substeps)
+        found = self.trajectory(t, u, input_before=input_before, further=further, substeps=substeps, hold=hold)
         return np.asarray(found.y)
 
     def trajectory(
@@ -102,6 +111,7 @@ class Model:
         input_before: float | None = None,
         further: Mapping[str, ArrayLike] | None = None,
         substeps: int | None = None,
+        hold: str = "cubic",
     ) -> Trajectory:
         """Simulate from rest and return states and efforts of every step beside the output; arguments as of
         `simulate`."""
@@ -111,8 +121,10 @@ class Model:
         ports = {p.name for p in self.setup.network.ports[1:]}
         for name in others.keys() - ports:
             raise InputRefused(f"further: no port {name!r}; there are {', '.join(sorted(ports)) or 'no further ports'}")
+        if hold not in INPUTS:
+            raise InputRefused(f"hold = {hold!r}: choose one of {', '.join(INPUTS)}")
         before = float(voltage[0]) if input_before is None else float(input_before)
-        recording = unrecorded("simulate", time - time[0], voltage, input_before=before, further=others)
+        recording = unrecorded("simulate", time - time[0], voltage, hold, before, others)
         return simulate(self.setup, recording, substeps or self.substeps)
 
     def inverse(
@@ -139,7 +151,7 @@ class Model:
             smooth: corner of a low-pass without phase that the reference passes first [Hz].
             limits: lowest and highest input [V].
             slew: largest rate of the input [V/s].
-            hold: the input between its samples: ``"cubic"`` as `simulate` takes it, ``"zero_order"`` as a converter
+            hold: the input between its samples, as `simulate` takes it: ``"cubic"``, or ``"zero_order"`` as a converter
                 holds it.
             lead_in: time before the first sample in which the motion begins from rest [s].
             tolerance: largest error that counts as none, SI; None: a hundred-thousandth of the reference's range.
@@ -156,7 +168,21 @@ class Model:
         from phnn.inverse import InverseOptions, invert
 
         options = InverseOptions(smooth, limits, slew, hold, lead_in, tolerance, iterations)
-        return invert(self.setup, self.substeps, series("t", t), series("reference", reference), options)
+        found = invert(self.setup, self.substeps, series("t", t), series("reference", reference), options)
+        return replace(found, messages=(*found.messages, *self._beyond(found.voltage)))
+
+    def _beyond(self, voltage: NDArray[np.float64]) -> tuple[str, ...]:
+        """Says where a command leaves the range of the recordings."""
+        if self.inputs is None:
+            return ()
+        (low, high), unit = self.inputs, self.setup.network.ports[0].unit
+        margin = _MARGIN * (high - low)
+        if voltage.min() >= low - margin and voltage.max() <= high + margin:
+            return ()
+        return (
+            f"The command reaches {voltage.min():.4g} to {voltage.max():.4g} {unit}, but the model was identified "
+            f"between {low:.4g} and {high:.4g} {unit}: beyond that it extrapolates.",
+        )
 
     def save(self, folder: str | Path) -> None:
         """Write the model into a folder, as ``model/`` of a diagnosis.
@@ -164,4 +190,4 @@ class Model:
         Raises:
             InputRefused: the folder holds other files, or cannot be written to.
         """
-        save(self.setup, Path(folder), self.substeps)
+        save(self.setup, Path(folder), self.substeps, self.inputs)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from phnn.errors import InputRefused
 from phnn.model import Model
-from phnn.models.store import setup_from, stored
+from phnn.models.store import inputs_of, setup_from, stored
 from phnn.prediction import Predicted, predicted
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
@@ -38,7 +38,7 @@ def loaded(folder: Path, outside: bool = False) -> Model | StoredModes:
 
     content, shown = stored(folder, outside)
     if content.get("schema") != MODEL_SCHEMA:
-        return Model(*setup_from(content, shown))
+        return Model(*setup_from(content, shown), inputs_of(content, shown))
     try:
         return model_from(content)
     except InputRefused as error:

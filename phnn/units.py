@@ -17,7 +17,10 @@ _LONG = ("rad", "ohm", "Ohm")
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
-    """``3.2e-7`` and ``s`` become ``0.32 µs``; compound units take no prefix."""
+    """``3.2e-7`` and ``s`` become ``320 ns``; of a quotient the first symbol takes the prefix, products take none."""
+    if "/" in unit:
+        size, name = prefixed(value, unit)
+        return f"{value / size:.{digits}g} {name}"
     if value == 0.0 or not math.isfinite(value) or unit == "1" or len(unit) > 2 or unit == "kg" or unit[-1] in "²³":
         return f"{value:.{digits}g}" if unit == "1" else f"{value:.{digits}g} {unit}"
     # What rounds up to the next power of a thousand has the next prefix.

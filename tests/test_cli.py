@@ -162,6 +162,29 @@ def test_wrong_usage_exits_with_2(argv: list[str], capsys: pytest.CaptureFixture
     assert "usage" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("argv", "hint"),
+    [
+        (["diagnos", "data", "--out", "o"], "did you mean diagnose?"),
+        (["diagnose", "data", "--ouput", "o"], "did you mean --out?"),
+        (["check", "data", "--manifst", "m"], "did you mean --manifest?"),
+        (["plot", "cmpare", "m", "--out", "o"], "invalid choice: 'cmpare'"),
+        (["diagnose", "data", "--out", "o", "--starts=2"], "settings have no dashes"),
+    ],
+)
+def test_misspelt_words_are_recognised(argv: list[str], hint: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(argv)
+    assert stop.value.code == 2
+    assert hint in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("override", "near"), [("stats=4", "starts"), ("criteria.materal=0.1", "material")])
+def test_misspelt_settings_are_recognised(override: str, near: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["diagnose", "data", "--out", "o", override]) == 2
+    assert f"did you mean {near}?" in capsys.readouterr().err
+
+
 def test_options_of_an_inverse_are_refused_before_anything_is_read(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["invert", "m", "r.csv", "--out", "o", "--slew", "-1"]) == 2
     assert "slew = -1 V/s: give a positive, finite number" in capsys.readouterr().err

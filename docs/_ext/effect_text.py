@@ -192,7 +192,10 @@ def _measured(effect: Effect) -> str:
     if not grades:
         return ""
     told = ", ".join(f"{words}: {grades[g]}" for g, words in _GRADES.items())
-    cases = f"Cases of the recorded [proof](../proof.md) that conceal it alone: {grades.total()}; {told}."
+    cases = (
+        f"Cases of the recorded [proof](../proof.md) that conceal it alone: {grades.total()}; {told}. So few cases "
+        "give no rate; how certain a diagnosis of your recordings is, its own p-value and held-out error say."
+    )
     return f"## Found in tests\n\n{cases}"
 
 

@@ -1,4 +1,5 @@
-"""Sphinx extension: ``{laws} storage`` lists the registered laws of a kind with the order of their parameters."""
+"""Sphinx extension: ``{laws} storage`` lists the laws of a kind with the order of their parameters, ``{kinds}`` the
+kinds of effects."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from phnn import laws
+from phnn.effects import catalogue, kinds
 
 # By kind: the table, the function whose parameters are listed, and its arguments before them.
 _KINDS: dict[str, tuple[dict[str, Any], str, int]] = {
@@ -38,6 +40,16 @@ def _first_line(function: Callable[..., Any]) -> str:
     return (inspect.getdoc(function) or "").split("\n")[0].replace("``", "`").replace("|", r"\|")
 
 
+def kind_table() -> str:
+    """A Markdown table of the kinds of effects in `phnn.effects.kinds`."""
+    lines = ["| kind | location | what it is | effects of the catalogue |", "|---|---|---|---|"]
+    for name, kind in vars(kinds).items():
+        if isinstance(kind, kinds.Kind):
+            of_kind = [f"`{n}`" for n, effect in catalogue().items() if effect.kind == kind]
+            lines.append(f"| `{name}` | {kind.location} | {kind.name} | {', '.join(of_kind) or '–'} |")
+    return "\n".join(lines)
+
+
 class LawTable(SphinxDirective):
     """The table of one kind of law."""
 
@@ -48,7 +60,16 @@ class LawTable(SphinxDirective):
         return self.parse_text_to_nodes(table(self.arguments[0]))
 
 
+class KindTable(SphinxDirective):
+    """The table of the kinds of effects."""
+
+    def run(self) -> list[nodes.Node]:
+        """The parsed table."""
+        return self.parse_text_to_nodes(kind_table())
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Add the directive."""
+    """Add the directives."""
     app.add_directive("laws", LawTable)
+    app.add_directive("kinds", KindTable)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

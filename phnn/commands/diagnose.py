@@ -7,10 +7,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from phnn.commands.identify import keep
 from phnn.commands.terminal import Config, doubt, status
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.diagnosis import diagnose as run_diagnosis
+from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
 from phnn.output import Place, claim, watched
 from phnn.recordings import Campaign, read
@@ -44,7 +44,7 @@ def diagnose_into(
     """Diagnose, write what `diagnose` writes, and print it; ``out`` is the place as the user calls it."""
     with status() as tell, watched(place, "diagnose", tell) as progress:
         compile_for_diagnosis(progress)
-        diagnosis = run_diagnosis(campaign, options, progress, on_base=lambda fitted: keep(fitted, place / "base"))
+        diagnosis = run_diagnosis(campaign, options, progress, on_base=lambda fitted: save_fit(fitted, place / "base"))
         progress("write the report")
         shown = evidence(diagnosis, made_of)
         document = write_into(diagnosis, place, shown)

@@ -16,8 +16,8 @@ from phnn.diagnosis.tested import score_on_all
 from phnn.identification.base import identify_base
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
+from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
-from phnn.models.store import save
 from phnn.network.roles import auxiliary
 from phnn.output import PROGRESS, Place, claim, finite, watched
 from phnn.recordings import Campaign, read
@@ -49,7 +49,7 @@ def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[
         compile_for_diagnosis(progress)
         fitted, error = identify_base(campaign, options, progress)
         scores = score_on_all(fitted, campaign)
-    keep(fitted, place / "base")
+    save_fit(fitted, place / "base")
     std, hidden = fitted.std(), auxiliary(fitted.setup.network)
     parameters = {
         n: {
@@ -70,11 +70,6 @@ def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[
     }
     (place / "identify.json").write_json(content)
     return parameters, scores
-
-
-def keep(fitted: Fit, place: Place) -> None:
-    """Store the setup of a fit with the sub-steps that it needs, for `phnn predict`."""
-    save(fitted.setup, place, fitted.plan.finest)
 
 
 def _note(fitted: Fit, name: str) -> str | None:

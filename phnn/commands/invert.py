@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from matplotlib import rc_context
+from numpy.typing import NDArray
 
 from phnn.errors import InputRefused
 from phnn.inverse import Inverse, InverseOptions
-from phnn.inverse import invert as inverse_of
 from phnn.model import Model
 from phnn.output import Place, claim
 from phnn.predictor import loaded
@@ -66,15 +66,23 @@ def invert(
     units, wanted = _units(found), read_reference(reference, outside)
     _check(reference, wanted, units)
     with claim(out, "invert", [model, reference], RESULTS, overwrite=overwrite) as place:
-        inverse = inverse_of(found.setup, found.substeps, wanted.t, wanted.y, chosen)
+        inverse = found.inverse(wanted.t, wanted.y, **given)
         _write(inverse, units, wanted.notes, place)
-    error = quantity(float(np.abs(inverse.error).max()), units.output)
-    rms = quantity(float(np.sqrt(np.mean(inverse.error**2))), units.output)
     low, high = float(inverse.voltage.min()), float(inverse.voltage.max())
-    print(f"command: {low:.4g} to {high:.4g} {units.input}; error at most {error}, {rms} rms")
+    print(f"command: {low:.4g} to {high:.4g} {units.input}")
+    if chosen.smooth is None:
+        print(f"error of the model: {_size(inverse.error, units.output)}")
+    else:
+        print(f"error of the model against the smoothed reference: {_size(inverse.error, units.output)}")
+        print(f"against the reference itself: {_size(inverse.error_of_given, units.output)}")
     for message in (*wanted.notes, *inverse.messages):
         print(message)
     print(f"results: {out / RESULTS[0]}")
+
+
+def _size(error: NDArray[np.float64], unit: str) -> str:
+    rms = float(np.sqrt(np.mean(error**2)))
+    return f"at most {quantity(float(np.abs(error).max()), unit)}, {quantity(rms, unit)} rms"
 
 
 def _units(model: Model) -> _Units:
@@ -105,6 +113,7 @@ def _write(inverse: Inverse, units: _Units, notes: tuple[str, ...], place: Place
             f"{output}_{suffix}": inverse.reached,
             f"reference_{suffix}": inverse.reference,
             f"error_{suffix}": inverse.error,
+            **({} if inverse.options.smooth is None else {f"given_{suffix}": inverse.given}),
         }
     )
     (place / "command.csv").write(table.to_csv(index=False).encode())

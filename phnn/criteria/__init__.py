@@ -18,7 +18,7 @@ from phnn.criteria.location import LOCATING, Locating
 from phnn.criteria.noise import NOISE, Noise
 from phnn.criteria.refits import RACE, REFITS, Race, Refits
 from phnn.criteria.selection import SELECTION, Selection
-from phnn.errors import InputRefused
+from phnn.errors import InputRefused, meant
 
 __all__ = [
     "COMPOSITION",
@@ -87,7 +87,8 @@ class Criteria:
         changed: dict[str, dict[str, float]] = {}
         for name, value in values.items():
             if name not in known:
-                raise InputRefused(f"no criterion is called {name!r}: take one of {', '.join(known)}")
+                hint = meant(name, known)
+                raise InputRefused(f"no criterion is called {name!r}{hint}: take one of {', '.join(known)}")
             changed.setdefault(known[name].group, {})[name] = _checked(known[name], value)
         groups = {group: replace(getattr(self, group), **given) for group, given in changed.items()}
         return replace(self, **groups)

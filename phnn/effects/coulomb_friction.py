@@ -46,8 +46,8 @@ EFFECT = Effect(
     name=_NAME,
     kind=kinds.DISSIPATIVE,
     equation=r"F_f = F_c \tanh(v/v_s)",
-    statement="Dry friction of {F_c} acts on the moving part; its sign follows the velocity, its size does not "
-    "grow (smoothed over {v_s}).",
+    statement="Dry friction of {F_c} acts on the moving part; its sign follows the velocity. From about {v_s} "
+    "on its size does not grow with the speed.",
     fingerprint="Odd harmonics whose share of the motion falls as the amplitude grows, and the motion sticks at its "
     "turning points.",
     separation="Triangles of small amplitude at two rates: friction holds the output at every reversal by the same "

@@ -130,6 +130,13 @@ class Effect:
     after: tuple[str, ...] = ()
     several_of: str = ""
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.kind, Kind):
+            raise InputRefused(
+                f"effect {self.name}: its kind is {self.kind!r}: give one of those of phnn.effects.kinds, such as "
+                "DISSIPATIVE, or a Kind of your own"
+            )
+
     @property
     def location(self) -> str:
         """One of `phnn.effects.kinds.LOCATIONS`."""

@@ -11,7 +11,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from phnn.effects.effect import Effect
-from phnn.errors import InputRefused
+from phnn.errors import InputRefused, meant
 
 if TYPE_CHECKING:
     from phnn.effects.soundness import Home
@@ -50,7 +50,9 @@ def effect(name: str) -> Effect:
         InputRefused: there is no such effect; the message lists those that exist.
     """
     if name not in catalogue():
-        raise InputRefused(f"no effect called {name!r}: the catalogue has {', '.join(catalogue())}")
+        raise InputRefused(
+            f"no effect called {name!r}{meant(name, catalogue())}: the catalogue has {', '.join(catalogue())}"
+        )
     return catalogue()[name]
 
 

@@ -12,7 +12,9 @@ from phnn.identification.numerics import NumericalError
 from phnn.identification.options import Options
 from phnn.model import Model
 from phnn.models.actuator import hrc
+from phnn.models.store import save
 from phnn.network.elements import Network
+from phnn.output import Place
 from phnn.recordings import Campaign, campaign_of
 from phnn.setup import Setup
 
@@ -47,8 +49,13 @@ class Identified:
 
 
 def model_of(fitted: Fit) -> Model:
-    """The model of a fit, with the finest sub-steps of its plan."""
-    return Model(fitted.setup, fitted.plan.finest)
+    """The model of a fit, with the finest sub-steps and the inputs of its plan."""
+    return Model(fitted.setup, fitted.plan.finest, fitted.plan.inputs)
+
+
+def save_fit(fitted: Fit, place: Path | Place) -> None:
+    """Write the model of a fit into a folder, for `phnn.load` and `phnn predict`."""
+    save(fitted.setup, place, fitted.plan.finest, fitted.plan.inputs)
 
 
 def identify(

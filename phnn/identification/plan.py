@@ -37,6 +37,11 @@ class Plan:
         """The most sub-steps of any recording."""
         return max((self.steps_of(r) for r in self.recordings), default=1)
 
+    @property
+    def inputs(self) -> tuple[float, float]:
+        """The least and the largest input of the recordings, SI."""
+        return min(float(r.u.min()) for r in self.recordings), max(float(r.u.max()) for r in self.recordings)
+
     def each(self, function: Callable[..., Any], *sequences: Sequence[Any]) -> list[Any]:
         """Apply a function to every recording (and matching entries of the sequences), in threads."""
         tasks = list(zip(self.recordings, *sequences, strict=True))

@@ -29,7 +29,7 @@ from phnn.models.actuator import hrc
 from phnn.parameters import Parameter
 from phnn.recall import recalled
 from phnn.recordings.recording import Anchor
-from phnn.recordings.units import alike
+from phnn.recordings.units import same_kind
 from phnn.setup import Setup
 
 # Parameters that the common factor scales: any one of them, once known, fixes it.
@@ -112,7 +112,7 @@ def check_known(known: Mapping[str, Anchor], parameters: Mapping[str, Parameter]
         raise InputRefused(f"known: no parameter {strangers[0]}; this model has {', '.join(parameters)}")
     for name, anchor in known.items():
         unit = parameters[name].unit
-        if anchor.unit and unit and not alike(anchor.unit, unit):
+        if anchor.unit and unit and not same_kind(anchor.unit, unit):
             raise InputRefused(f"known: {name} is in {unit}, its unit is stated as one of {anchor.unit}: correct it")
 
 

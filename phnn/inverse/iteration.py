@@ -60,7 +60,8 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
         SolverFailed: a step has no solution.
     """
     dt = checked(t, reference, _has_voltage_and_displacement(setup.network))
-    wanted = smoothed(led_in(reference, dt, options.lead_in), dt, options.smooth)
+    given = led_in(reference, dt, options.lead_in)
+    wanted = smoothed(given, dt, options.smooth)
     times = t[0] + dt * (np.arange(wanted.size) - (wanted.size - t.size))
     tolerance = options.tolerance or _TOLERANCE * float(np.ptp(wanted))
     plant = Plant(setup, substeps, dt, options)
@@ -68,8 +69,8 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
     messages = list(judged(fast_share(first.values), dt))
     if not begins_at_rest(wanted, dt):
         messages.append(
-            "The reference begins in motion, and the model at rest, so that the beginning is missed: give a lead_in, "
-            "for example of some periods."
+            "The reference begins in motion, and the model at rest, so that the beginning is missed: give a lead_in "
+            "(--lead-in), for example of some periods."
         )
     best, count = _iterated(plant, wanted, tolerance, (plant.forwards(first, before), port))
     attempt = best.attempt
@@ -78,7 +79,7 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
         _CLOSE * float(times[-1] - times[0]),
     )  # fmt: skip
     return Inverse(
-        times, wanted, attempt.command.values, attempt.before, attempt.output, tolerance, count, missed,
+        times, given, wanted, attempt.command.values, attempt.before, attempt.output, tolerance, count, missed,
         (*messages, *_told(missed, tolerance)), options,
     )  # fmt: skip
 

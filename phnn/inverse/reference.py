@@ -120,7 +120,7 @@ def judged(share: float, dt: float) -> tuple[str, ...]:
         f"{100.0 * share:.2g} % of the command is faster than {_FAST / dt:.4g} Hz, a quarter of the sampling rate: the "
         "reference jumps, has corners, or is noisy, and its second derivative makes that large"
     )
-    remedy = f"give a smoother reference, or smooth it, for example with smooth = {0.02 / dt:.3g} Hz"
+    remedy = f"give a smoother reference, or smooth it, for example with smooth = {0.02 / dt:.3g} Hz (--smooth)"
     if share >= _REFUSED:
         raise InputRefused(f"{about}: {remedy}")
     return (f"{about}; {remedy}.",)

@@ -38,11 +38,13 @@ class Inverse:
     """The input that makes a model follow a reference.
 
         found = model.inverse(t, reference)
-        model.simulate(found.t, found.voltage, input_before=found.voltage_before)      # is found.reached
+        model.simulate(found.t, found.voltage, input_before=found.voltage_before, hold=found.options.hold)
+                                                             # is found.reached
 
     Attributes:
         t: (N,) time [s]; it begins before the reference's where there is a way into it.
-        reference: (N,) what the output was to follow, smoothed if that was asked for [m].
+        given: (N,) the reference as it was given, after the way into it [m].
+        reference: (N,) what the output was to follow: the same, smoothed if that was asked for [m].
         voltage: (N,) the command [V].
         voltage_before: the constant command before the first sample, in whose equilibrium everything begins [V].
         reached: (N,) output of the complete model under that command [m].
@@ -54,6 +56,7 @@ class Inverse:
     """
 
     t: Array
+    given: Array
     reference: Array
     voltage: Array
     voltage_before: float
@@ -70,6 +73,11 @@ class Inverse:
         return self.reached - self.reference
 
     @property
+    def error_of_given(self) -> Array:
+        """(N,) output minus the reference as it was given, what smoothing has taken from it included [m]."""
+        return self.reached - self.given
+
+    @property
     def follows(self) -> bool:
         """Whether the error is nowhere larger than the tolerance."""
         return not self.missed
@@ -83,6 +91,8 @@ class Inverse:
             "follows": self.follows,
             "error_max_m": float(np.abs(self.error).max()),
             "error_rms_m": float(np.sqrt(np.mean(self.error**2))),
+            "error_of_given_max_m": float(np.abs(self.error_of_given).max()),
+            "error_of_given_rms_m": float(np.sqrt(np.mean(self.error_of_given**2))),
             "tolerance_m": self.tolerance,
             "range_of_reference_m": float(np.ptp(self.reference)),
             "iterations": self.iterations,

@@ -33,12 +33,13 @@ FILE = "model.json"
 FINAL = "model"
 
 
-def save(setup: Setup, folder: Path | Place, substeps: int = 1) -> None:
+def save(setup: Setup, folder: Path | Place, substeps: int = 1, inputs: tuple[float, float] | None = None) -> None:
     """Write a setup into a folder, whole or not at all.
 
     Args:
         folder: of the model alone, or a place in a folder that is claimed.
         substeps: sub-steps a sample interval that kept the numerical error below the noise.
+        inputs: least and largest input of the recordings that it was identified from, SI.
 
     Raises:
         PhnnError: a law is a torch module other than those of `phnn.laws.neural`, which this format does not hold.
@@ -48,6 +49,7 @@ def save(setup: Setup, folder: Path | Place, substeps: int = 1) -> None:
         "schema": SCHEMA,
         "name": setup.name,
         "substeps": substeps,
+        **({"identified_inputs": list(inputs)} if inputs else {}),
         "storages": [_element(s) for s in network.storages],
         "resistors": [_element(r) for r in network.resistors],
         "couplings": [asdict(c) for c in network.couplings],
@@ -99,6 +101,22 @@ def setup_from(content: Mapping[str, Any], shown: str) -> tuple[Setup, int]:
     except (KeyError, ValueError, PhnnError) as error:
         kind = f"no {error}" if isinstance(error, KeyError) else printable(str(error))
         raise InputRefused(f"{shown}: is damaged ({kind}): write the model again") from error
+
+
+def inputs_of(content: Mapping[str, Any], shown: str) -> tuple[float, float] | None:
+    """Least and largest input that a file's content states, SI; None where it states none.
+
+    Raises:
+        InputRefused: the range is none.
+    """
+    if "identified_inputs" not in content:
+        return None
+    try:
+        values = a_list(content["identified_inputs"], "identified_inputs", 2)
+        low, high = (a_number(v, "identified_inputs") for v in values)
+    except (TypeError, ValueError) as error:
+        raise InputRefused(f"{shown}: is damaged ({printable(str(error))}): write the model again") from error
+    return low, high
 
 
 def stored(folder: Path, outside: bool = False) -> tuple[Mapping[str, Any], str]:

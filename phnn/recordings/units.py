@@ -194,7 +194,7 @@ def suits(quantity: str, unit: str | None) -> bool:
     return found is not None and QUANTITIES[quantity] in (None, found.si)
 
 
-def alike(one: str, other: str) -> bool:
+def same_kind(one: str, other: str) -> bool:
     """Whether two texts are units of the same kind, such as S and 1/ohm; a text that is no unit is like itself only."""
     first, second = find_unit(one), find_unit(other)
     if first is None or second is None or first.si == second.si:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import reprlib
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from phnn.errors import InputRefused
+from phnn.errors import InputRefused, meant
 from phnn.intake.limits import LIMITS
 from phnn.intake.names import printable
 
@@ -35,8 +34,7 @@ def keys_of(content: Mapping[str, Any], accepted: Iterable[str], where: str) -> 
     names = list(accepted)
     for key in content:
         if key not in names:
-            near = difflib.get_close_matches(str(key)[:_SHOWN], names, n=1)
-            hint = f" (did you mean {near[0]}?)" if near else ""
+            hint = meant(str(key), names)
             raise InputRefused(f"{where}: unknown key {shown(key)}{hint}: accepted are {', '.join(names)}")
 
 

@@ -13,6 +13,7 @@ from phnn.parameters import Parameter
 from phnn.recordings.recording import ACTUATOR
 from phnn.report.anchored import forces_known
 from phnn.report.fingerprint import fingerprint
+from phnn.report.formatting import number
 from phnn.report.support import PlausibleRow, RivalRow, Support
 from phnn.units import FORCE_UNITS, quantity
 
@@ -78,7 +79,8 @@ def _excluded(best: Trial, rival: Trial) -> str:
     more = rival.cost - best.cost
     if best.fit is None or more <= 0.0:
         return "fits as well, but with terms of each recording that no model predicts"
-    return f"excluded: its sum of squares is larger by {more:.3g}; up to {tie(best.fit):.3g} would be a tie"
+    limit = number(tie(best.fit))
+    return f"excluded: its error is larger, by {number(more)} in the sum of squares; up to {limit} would be a tie"
 
 
 def plausible_row(

@@ -24,7 +24,7 @@ from phnn.diagnosis.picture import Picture, is_effort, learned_picture, missing_
 from phnn.diagnosis.rules import Applied
 from phnn.diagnosis.seen import seen
 from phnn.diagnosis.symptoms import symptoms
-from phnn.models.store import save
+from phnn.identification.identified import save_fit
 from phnn.network.roles import auxiliary
 from phnn.output import PROGRESS, Place, claim, finite
 from phnn.report.anchored import forces_known
@@ -69,9 +69,8 @@ def write_into(diagnosis: Diagnosis, place: Place, shown: Evidence | None = None
         shown: the evidence, where the caller has it already.
     """
     plan = diagnosis.base.plan
-    finest = plan.finest
-    save(diagnosis.base.setup, place / "base", finest)
-    save(diagnosis.judgement.final.setup, place / "model", finest)
+    save_fit(diagnosis.base, place / "base")
+    save_fit(diagnosis.judgement.final, place / "model")
     content = document(diagnosis)
     (place / "diagnosis.json").write_json(content)
     inputs = plan.recordings[0].units.input

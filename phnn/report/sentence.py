@@ -13,7 +13,7 @@ from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.diagnosis.words import fitted_in_words
 from phnn.identification.evaluate import Evaluation
 from phnn.report.domain_words import MOVING, NETWORK
-from phnn.report.formatting import listing, percent
+from phnn.report.formatting import listing, percent, ratio
 from phnn.units import quantity
 
 # Share of the excess that is worth a word about what is not the answer.
@@ -27,7 +27,7 @@ def sentence(diagnosis: Diagnosis) -> str:
     j = diagnosis.judgement
     held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")
     bare = [r.name for r in diagnosis.campaign.recordings if not r.noise_found]
-    change = f"On held-out recordings the residual goes from {held[0]:.3g} to {held[1]:.3g} × noise."
+    change = f"On held-out recordings the residual goes from {ratio(held[0])} to {ratio(held[1])} × noise."
     if math.isnan(held[0]):
         change = "No recording was held out to confirm it."
     elif bare:
@@ -38,7 +38,7 @@ def sentence(diagnosis: Diagnosis) -> str:
     if j.immaterial is not None:
         return immaterial_statement(j.immaterial, diagnosis.campaign.recordings[0].units.output)
     if j.verdict == "none":
-        stands = f"leaves {diagnosis.base.chi2**0.5:.3g} × noise."
+        stands = f"leaves {ratio(diagnosis.base.chi2**0.5)} × noise."
         if bare:
             stands = f"fits by {percent(mean_fit(diagnosis.before, 'identification'), 2)} %. {floorless(bare)}"
         return f"These recordings show nothing that is missing: the base model {stands}"

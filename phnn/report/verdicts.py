@@ -22,24 +22,24 @@ def test_sentence(document: Document) -> str:
     """Explain the p-value of this verdict."""
     if document.p_value is None:
         return ""
-    lead = f" (leading candidate: {words(document.candidate)})" if document.candidate else ""
-    statistic = "" if document.statistic is None else f" of {number(document.statistic)}"
+    lead = f", that of {words(document.candidate)}," if document.candidate else ""
+    statistic = "" if document.statistic is None else f" {number(document.statistic)}"
     if document.immaterial is not None:
         share = document.immaterial.share_of_noise
         size = quantity(document.immaterial.rms, document.output_unit)
         over = "" if share is None else f", {number(share)} × the noise"
         return (
-            f"The largest score among all candidates{lead}, with a statistic{statistic}, is significant "
-            f"({p_value(document.p_value)}) and immaterial: what it explains has a root mean square of {size}{over}."
+            f"The largest score of all candidates{lead} is{statistic or ' there'}: significant "
+            f"({p_value(document.p_value)}) and immaterial. What it explains has a root mean square of {size}{over}."
         )
     if document.verdict == "none":
         return (
-            f"The largest score among all candidates{lead}, with a statistic{statistic}, is what chance alone "
-            f"would give: {p_value(document.p_value)}."
+            f"The largest score of all candidates{lead} is{statistic and f'{statistic},'} what chance alone would "
+            f"give: {p_value(document.p_value)}."
         )
     return (
-        f"If nothing were missing, chance alone would give the largest score among all candidates{lead} a statistic"
-        f"{statistic} or more with {_probability(document.p_value)}."
+        f"The largest score of all candidates{lead} is{statistic or ' significant'}. If nothing were missing, chance "
+        f"alone would give as much or more with {_probability(document.p_value)}."
     )
 
 

@@ -158,6 +158,11 @@ def test_what_is_unsound_is_refused_with_its_cause(name: str) -> None:
     assert list(catalogue()) == before
 
 
+def test_a_kind_that_is_a_word_is_refused() -> None:
+    with pytest.raises(InputRefused, match=r"its kind is 'dissipative': give one of those of phnn\.effects\.kinds"):
+        replace(effect("creep"), kind="dissipative")  # type: ignore[arg-type]
+
+
 def test_a_base_model_of_the_user_serves_as_well() -> None:
     with registered(GUIDE, ACTUATOR):
         assert effect("guide_damping").can_be_added_to(BASE)

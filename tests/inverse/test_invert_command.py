@@ -39,7 +39,7 @@ def run(home: Path, *more: str, reference: str = "given/r.csv") -> int:
 def test_the_command_can_be_given_to_the_model(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(home) == 0
     printed = capsys.readouterr().out
-    assert "error at most" in printed
+    assert "error of the model: at most" in printed
     assert str(home / "out" / "command.csv") in printed
     assert {p.name for p in (home / "out").iterdir()} == {".phnn", "command.csv", "invert.json", "invert.png"}
     found = pd.read_csv(home / "out" / "command.csv")
@@ -128,3 +128,43 @@ def test_results_never_go_where_the_reference_lies(home: Path, capsys: pytest.Ca
     assert main(["invert", str(home / "model"), str(given / "r.csv"), "--out", str(given)]) == 2
     assert "from which this command reads" in capsys.readouterr().err
     assert {p.name for p in given.iterdir()} == {"r.csv"}
+
+
+def test_a_smoothed_reference_is_no_excuse(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t = np.arange(2001) / RATE
+    corners = 20.0 * np.abs(2.0 * (25.0 * t % 1.0) - 1.0)
+    pd.DataFrame({"time_s": t, "displacement_um": corners}).to_csv(home / "given" / "r.csv", index=False)
+    assert run(home, "--smooth", "500", "--lead-in", "0.02") == 0
+    printed = capsys.readouterr().out
+    assert "against the smoothed reference: at most" in printed
+    assert "against the reference itself: at most" in printed
+    content = json.loads((home / "out" / "invert.json").read_text())
+    found = pd.read_csv(home / "out" / "command.csv")
+    apart = np.abs(found["displacement_m"] - found["given_m"])
+    assert content["error_of_given_max_m"] == pytest.approx(apart.max())
+    assert content["error_of_given_max_m"] > 10.0 * content["error_max_m"]
+    np.testing.assert_allclose(found["given_m"].iloc[-t.size :], 1e-6 * corners, atol=1e-15)
+
+
+def test_a_command_beyond_the_recordings_is_told(tmp_path: Path) -> None:
+    t, y = np.arange(801) / RATE, 1e-6 * table()["displacement_um"].to_numpy()
+    for inputs, told in (((-75.0, 75.0), False), ((0.0, 20.0), True), (None, False)):
+        model = phnn.Model(Setup(from_paper()), inputs=inputs)
+        model.save(tmp_path / str(inputs))
+        loaded = phnn.load(tmp_path / str(inputs))
+        assert loaded.inputs == inputs
+        assert any("beyond that it extrapolates" in m for m in loaded.inverse(t, y).messages) is told
+
+
+@pytest.mark.parametrize("hold", ["cubic", "zero_order"])
+def test_what_is_reached_is_simulated_with_the_same_hold(hold: str) -> None:
+    t, y = np.arange(801) / RATE, 1e-6 * table()["displacement_um"].to_numpy()
+    model = phnn.Model(Setup(from_paper()))
+    found = model.inverse(t, y, hold=hold)
+    again = model.simulate(found.t, found.voltage, input_before=found.voltage_before, hold=hold)
+    np.testing.assert_allclose(again, found.reached, atol=1e-15)
+
+
+def test_an_unknown_hold_is_refused() -> None:
+    with pytest.raises(phnn.PhnnError, match="hold = 'quintic': choose one of cubic"):
+        phnn.Model(Setup(from_paper())).simulate([0.0, 1.0], [0.0, 1.0], hold="quintic")

@@ -113,7 +113,8 @@ def test_rivals_are_told_with_what_they_leave(found: campaigns.Diagnosis) -> Non
     for row in rows.values():
         assert row.leaves is None or row.leaves > 0.99 * support.leaves
         if row.outcome.startswith("excluded"):
-            more, most = (float(row.outcome.split(word)[1].split()[0].strip(",;")) for word in ("larger by", "up to"))
+            plain = row.outcome.replace(" × 10", "e").translate(str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789"))
+            more, most = (float(plain.split(word)[1].split()[0]) for word in ("larger, by", "up to"))
             assert more > most > 0.0
         assert (row.leaves is None) == (not row.outcome.startswith("excluded") and "as much" not in row.outcome)
 

@@ -12,6 +12,7 @@ import numpy as np
 from phnn.diagnosis.tested import score_on_all
 from phnn.identification.base import Progress, identify_base, identify_bouc_wen
 from phnn.identification.fit import Fit
+from phnn.identification.identified import save_fit
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import identify_actuator
@@ -125,7 +126,7 @@ _FITTED: Mapping[str, Callable[[Bench], Result]] = {"phs": _phs, "bouc_wen": _bo
 def _identified(bench: Bench, model: str, fitted: Fit, seconds: float) -> Result:
     """Score and judge a parametric model."""
     scores = score_on_all(fitted, bench.campaign)
-    save(fitted.setup, bench.home(model), fitted.plan.finest)
+    save_fit(fitted, bench.home(model))
     plant = None
     if not fitted.setup.amplifier:
         network = fitted.setup.network

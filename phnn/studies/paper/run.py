@@ -10,8 +10,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from phnn.identification.base import Progress, quiet
+from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
-from phnn.models.store import save
 from phnn.output import Place, claim
 from phnn.recordings import Campaign, read
 from phnn.studies.paper.document import cells, document, heads, markdown, table_csv
@@ -69,8 +69,7 @@ def _run(
     progress("draw")
     drawings = draw_all(comparison)
     for model in REFITTED:
-        fitted = comparison.models[model].fit
-        save(fitted.setup, place / model, fitted.plan.finest)
+        save_fit(comparison.models[model].fit, place / model)
     found = document(comparison, made, campaign.folder, options.seed, time.monotonic() - began)
     page = markdown(comparison, made, campaign.folder, drawings)
     texts = {"table3.csv": table_csv(rows), "experiment.md": page}
