@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,6 +13,8 @@ from phnn.demo.excitation import PEAK, Excitation, Piece, chirp, sine, step
 from phnn.demo.kinked import KINKED
 from phnn.errors import InputRefused
 
+# The names of recordings that an examination keeps back begin so.
+EXAM = "exam_"
 _DT = 1e-4  # s, sampling interval of the benchmark
 _LEAST = 0.3  # s, shortest sine of the benchmark
 _VARIED = 0.1  # each frequency moves by up to this part of itself
@@ -46,8 +49,22 @@ def _few(rng: Rng) -> tuple[Excitation, ...]:
     return _varied_sine(rng, 10.0), _varied_sine(rng, 100.0, 40.0)
 
 
-PLANS: dict[str, Callable[[], tuple[Excitation, ...]]] = {"demo": _demo, "short": _short}
+def _one() -> tuple[Excitation, ...]:
+    return (chirp(PEAK, duration=1.0),)
+
+
+def _exam() -> tuple[Excitation, ...]:
+    """Recordings that an examination keeps back: other frequencies and amplitudes than any plan has."""
+    recordings = (sine(18.0, 65.0), sine(66.0, 35.0), chirp(50.0, 2.0, 140.0, 0.5))
+    return tuple(replace(r, name=f"{EXAM}{r.name}") for r in recordings)
+
+
+PLANS: dict[str, Callable[[], tuple[Excitation, ...]]] = {"demo": _demo, "short": _short, "one": _one}
 VARIED: dict[str, Callable[[Rng], tuple[Excitation, ...]]] = {"full": _full, "few": _few}
+
+
+def _examined(base: str, rng: Rng) -> tuple[Excitation, ...]:
+    return (*plan_of(base, rng), *_exam())
 
 
 def _with(base: str, kind: str, rng: Rng) -> tuple[Excitation, ...]:
@@ -58,13 +75,15 @@ def _with(base: str, kind: str, rng: Rng) -> tuple[Excitation, ...]:
 
 
 VARIED |= {f"{base}_{kind}": partial(_with, base, kind) for base in ("full", "short") for kind in KINKED}
+VARIED |= {f"{base}_exam": partial(_examined, base) for base in ("demo", "short", "one")}
 
 
 def plan_of(name: str, rng: Rng | None = None) -> tuple[Excitation, ...]:
     """The recordings of a plan.
 
     Args:
-        name: "demo" (12 recordings, 41,000 samples), "short" (4, 8,500), "full" (13, some 113,000) or "few" (2, 6,000);
+        name: "demo" (12 recordings, 41,000 samples), "short" (4, 8,500), "one" (1, 5,000), "full" (13, some 113,000) or
+            "few" (2, 6,000); "demo_exam", "short_exam" and "one_exam" have three more, whose names begin with `EXAM`;
             "full_KIND" and "short_KIND" have a recording of `phnn.demo.kinked` in the place of the held step, KIND is
             "step", "ramp", "triangle", "stair" or "smooth".
         rng: draws frequencies and instants; "demo" and "short" are always the same.

@@ -1,0 +1,144 @@
+"""What a tool answers to a case: ``answer.json``, and a table with a prediction for each recording of the examination.
+
+    {"schema": "phnn.answer/1", "names": {"creep": 0.8, "extra_hysteron": 0.1}, "none": 0.05, "unlisted": 0.05,
+     "places": ["mechanical"], "seconds": 41.0}
+
+``names`` holds the probability of each effect that it is missing, as far as the tool deems it possible; ``none`` that
+nothing is missing; ``unlisted`` that something is missing which the list of effects does not have. Several effects may
+be missing at once, so that the probabilities need not add up to one. ``places`` holds the locations of what is missing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from phnn.effects import catalogue
+from phnn.effects.kinds import LOCATIONS
+from phnn.errors import InputRefused, meant
+from phnn.intake.files import named_file
+from phnn.intake.json_file import load_json
+from phnn.intake.limits import LIMITS
+from phnn.output import Place
+from phnn.studies.benchmark.folders import OUTPUT
+
+Array = NDArray[np.float64]
+
+SCHEMA = "phnn.answer/1"
+FILE = "answer.json"
+# From here on a probability counts as a claim.
+CLAIMED = 0.5
+_KEYS = ("schema", "names", "none", "unlisted", "places", "seconds")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Attributes:
+    names: probability of each effect that it is missing; none: that nothing is; unlisted: that something is which has
+        no name.
+    places: locations of what is missing, the first one first.
+    predictions: (N,) displacement [m] by recording of the examination.
+    seconds: of the processor.
+    """
+
+    names: Mapping[str, float]
+    none: float = 0.0
+    unlisted: float = 0.0
+    places: tuple[str, ...] = ()
+    predictions: Mapping[str, Array] = field(default_factory=dict, compare=False)
+    seconds: float = math.nan
+
+    def __post_init__(self) -> None:
+        known = catalogue()
+        for name, value in (*self.names.items(), ("none", self.none), ("unlisted", self.unlisted)):
+            if name not in (*known, "none", "unlisted"):
+                raise InputRefused(f"an answer names {name!r}{meant(name, known)}: the list has {', '.join(known)}")
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
+                raise InputRefused(f"an answer gives {name} the probability {value}: give a number from 0 to 1")
+        for place in self.places:
+            if place not in LOCATIONS:
+                raise InputRefused(f"an answer has the place {place!r}: there are {', '.join(LOCATIONS)}")
+
+    @property
+    def claims(self) -> tuple[str, ...]:
+        """The effects that are claimed to be missing."""
+        return tuple(name for name, p in self.names.items() if p >= CLAIMED)
+
+    @property
+    def claims_unlisted(self) -> bool:
+        """Whether something without a name is claimed, and nothing with one."""
+        return not self.claims and self.unlisted >= CLAIMED
+
+    @property
+    def claims_nothing(self) -> bool:
+        """Whether it is not claimed that anything is missing."""
+        return not self.claims and not self.claims_unlisted
+
+
+def write_answer(answer: Answer, place: Place, times: Mapping[str, Array]) -> None:
+    """Write an answer into a folder; ``answer.json`` comes last.
+
+    Args:
+        times: (N,) [s] of the recordings of the examination.
+    """
+    for name, y in answer.predictions.items():
+        table = pd.DataFrame({"time_s": times[name], OUTPUT: 1e6 * np.asarray(y)})
+        (place / f"{name}.csv").write(table.to_csv(index=False).encode())
+    content = {
+        "schema": SCHEMA,
+        "names": dict(answer.names),
+        "none": answer.none,
+        "unlisted": answer.unlisted,
+        "places": list(answer.places),
+        "seconds": answer.seconds,
+    }
+    (place / FILE).write_json(content)
+
+
+def read_answer(folder: Path) -> Answer:
+    """Read an answer.
+
+    Raises:
+        InputRefused: it is absent, damaged, or says what no answer can; names file and value.
+    """
+    remedy = f"give a folder with an {FILE} for each case"
+    source = named_file(folder / FILE, (folder,), "", remedy)
+    content = load_json(source, LIMITS.json_bytes, "an answer", remedy)
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        raise InputRefused(f"{folder / FILE}: is no {SCHEMA} file: {remedy}")
+    unknown = [key for key in content if key not in _KEYS]
+    if unknown:
+        raise InputRefused(f"{folder / FILE}: unknown key {unknown[0]!r}{meant(unknown[0], _KEYS)}")
+    names, places = content.get("names", {}), content.get("places", [])
+    if not isinstance(names, dict) or not isinstance(places, list):
+        raise InputRefused(f"{folder / FILE}: names must be an object of numbers, places a list of words")
+    try:
+        return Answer(
+            names, content.get("none", 0.0), content.get("unlisted", 0.0), tuple(places), _predictions(folder),
+            _seconds(content.get("seconds")),
+        )  # fmt: skip
+    except InputRefused as error:
+        raise InputRefused(f"{folder / FILE}: {error}") from error
+
+
+def _seconds(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+
+
+def _predictions(folder: Path) -> dict[str, Array]:
+    found = {}
+    for path in sorted(folder.glob("*.csv")):
+        try:
+            table = pd.read_csv(named_file(path, (folder,)).path)
+            values = table[OUTPUT].to_numpy(dtype=float)
+        except (ValueError, KeyError) as error:
+            raise InputRefused(f"{path.name}: no numbers in a column {OUTPUT} ({error})") from error
+        found[path.stem] = 1e-6 * values
+    return found

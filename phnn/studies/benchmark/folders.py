@@ -1,0 +1,127 @@
+"""The folders of a benchmark: recordings and examinations for a tool, seals for the scorer.
+
+bench.json                          versions, settings, names of the cases, hash of the seals
+cases/NAME/*.csv, recordings.yaml   what is known: inputs and outputs
+cases/NAME/exam/*.csv, …            inputs whose outputs are to be predicted
+sealed/NAME/seal.json, *.csv        what was concealed, and the outputs of the examination
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from omegaconf import OmegaConf
+
+import phnn
+from phnn.demo import Sealed, make_case, open_seal, write_seal
+from phnn.demo.folder import MANIFEST
+from phnn.demo.plans import EXAM
+from phnn.errors import InputRefused
+from phnn.intake.files import named_file
+from phnn.intake.json_file import load_json
+from phnn.intake.limits import LIMITS
+from phnn.output import Place, write_atomic
+from phnn.studies.benchmark.cases import Entry, entries
+from phnn.studies.benchmark.settings import Settings
+
+Say = Callable[[str], None]
+SCHEMA = "phnn.bench/1"
+RESULTS = ("bench.json", "cases", "sealed")
+OUTPUT = "displacement_um"
+_CARD, _CASES, _SEALED, _SEAL, _ENTRY = "bench.json", "cases", "sealed", "seal.json", "entry.json"
+
+
+def write_benchmark(settings: Settings, place: Place, say: Say) -> str:
+    """Make and seal all cases; returns the hash of the seals.
+
+    A case whose seal lies there is not made again.
+
+    Args:
+        place: claimed for it; say: called with a line of progress.
+    """
+    found = entries(settings)
+    for name in (_CASES, _SEALED):
+        (place / name).own_folder()
+    for number, entry in enumerate(found, start=1):
+        if not (place / _SEALED / entry.name / _SEAL).path.exists():
+            _make(entry, place)
+            say(f"made {number} of {len(found)}")
+    digest = digest_of(place.path, [e.name for e in found])
+    card = {
+        "schema": SCHEMA,
+        "generator": phnn.__version__,
+        "settings": asdict(settings),
+        "cases": [e.name for e in found],
+        "sha256_of_seals": digest,
+    }
+    (place / _CARD).write_json(card)
+    return digest
+
+
+def _make(entry: Entry, place: Place) -> None:
+    """Make a case; its seal comes last, so that it stands for the whole."""
+    known, sealed = (place / _CASES / entry.name).path, (place / _SEALED / entry.name).path
+    for folder in (known, sealed):
+        shutil.rmtree(folder, ignore_errors=True)
+    answer = make_case(entry.case(), known, write_atomic)
+    exam = known / "exam"
+    exam.mkdir()
+    sealed.mkdir()
+    for path in sorted(known.glob(f"{EXAM}*.csv")):
+        table = pd.read_csv(path)
+        write_atomic(sealed / path.name, table.to_csv(index=False).encode())
+        write_atomic(exam / path.name, table.drop(columns=OUTPUT).to_csv(index=False).encode())
+        path.unlink()
+    manifest: Any = OmegaConf.to_container(OmegaConf.load(known / MANIFEST))
+    for folder, is_exam in ((known, False), (exam, True)):
+        recordings = [r for r in manifest["recordings"] if r["file"].startswith(EXAM) is is_exam]
+        write_atomic(folder / MANIFEST, OmegaConf.to_yaml({**manifest, "recordings": recordings}).encode())
+    write_atomic(sealed / _ENTRY, (json.dumps(asdict(entry), indent=1) + "\n").encode())
+    write_seal(answer, sealed / _SEAL, write_atomic)
+
+
+def digest_of(folder: Path, names: Sequence[str]) -> str:
+    """One hash over all that is sealed of some cases, in their order."""
+    each = [
+        hashlib.sha256(path.read_bytes()).hexdigest()
+        for name in names
+        for path in sorted((folder / _SEALED / name).iterdir())
+    ]
+    return hashlib.sha256("".join(each).encode()).hexdigest()
+
+
+def card_of(folder: Path) -> dict[str, Any]:
+    """The content of ``bench.json``.
+
+    Raises:
+        InputRefused: the folder is no benchmark.
+    """
+    remedy = "give the folder that phnn bench write has written"
+    content = load_json(named_file(folder / _CARD, (folder,), "", remedy), LIMITS.json_bytes, "a benchmark", remedy)
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        raise InputRefused(f"{folder / _CARD}: is no {SCHEMA} file: {remedy}")
+    return content
+
+
+def case_folder(folder: Path, name: str) -> Path:
+    """What a tool sees of a case."""
+    return folder / _CASES / name
+
+
+def opened(folder: Path, name: str) -> tuple[Entry, Sealed, dict[str, pd.DataFrame]]:
+    """A case with its seal, and the tables of its examination by recording.
+
+    Raises:
+        InputRefused: the seal is absent or damaged.
+    """
+    home = folder / _SEALED / name
+    sealed = open_seal(home / _SEAL)
+    entry = Entry(**json.loads((home / _ENTRY).read_text(encoding="utf-8")))
+    return entry, sealed, {path.stem: pd.read_csv(path) for path in sorted(home.glob("*.csv"))}

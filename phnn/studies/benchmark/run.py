@@ -1,0 +1,122 @@
+"""Answers of a tool to a benchmark, and the scores of answers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from phnn.ensemble import executor
+from phnn.errors import InputRefused, PhnnError
+from phnn.output import Place
+from phnn.report.formatting import DASH, markdown_table, number
+from phnn.studies.benchmark.answer import FILE, Answer, read_answer, write_answer
+from phnn.studies.benchmark.folders import card_of, case_folder, digest_of, opened
+from phnn.studies.benchmark.score import Score, scored
+from phnn.studies.benchmark.tally import by_group, summary
+from phnn.studies.benchmark.tools import tool
+from phnn.studies.results import write_results
+
+Say = Callable[[str], None]
+ANSWERS, SCORES = ("answers", "tool.json"), ("scores.csv", "groups.csv", "leaderboard.csv", "leaderboard.md")
+
+
+def answer_all(folder: Path, name: str, place: Place, where: str, say: Say, seed: int = 0) -> None:
+    """Let a tool answer all cases of a benchmark; what was answered before is kept.
+
+    Args:
+        folder: of the benchmark; name: of the tool.
+        place: claimed for the answers.
+        where: see `phnn.ensemble.executor`; say: called with a line of progress.
+
+    Raises:
+        InputRefused: no benchmark, or no such tool.
+    """
+    card = card_of(folder)
+    tool(name)  # refuses an unknown one now
+    (place / "tool.json").write_json({"tool": name, "seed": seed, "sha256_of_seals": card["sha256_of_seals"]})
+    todo = [c for c in card["cases"] if not (place / "answers" / c / FILE).path.exists()]
+    work = partial(_answered, folder, name, place, seed)
+    for count, (index, _) in enumerate(executor(where).each(work, todo), start=1):
+        say(f"{name}: {count} of {len(todo)}, {todo[index]}")
+
+
+def _answered(folder: Path, name: str, place: Place, seed: int, case: str) -> None:
+    """Answer one case; a tool that fails says nothing."""
+    known, began = case_folder(folder, case), time.process_time()
+    try:
+        found = tool(name)(known, seed)
+    except PhnnError:
+        found = Answer({})
+    found = replace(found, seconds=time.process_time() - began)
+    write_answer(found, place / "answers" / case, _times(known / "exam"))
+
+
+def _times(exam: Path) -> dict[str, NDArray[np.float64]]:
+    return {path.stem: pd.read_csv(path)["time_s"].to_numpy(dtype=float) for path in sorted(exam.glob("*.csv"))}
+
+
+def scores_of(folder: Path, answers: Path) -> list[Score]:
+    """Open the seals of a benchmark and score the answers of a tool.
+
+    Args:
+        answers: holds a folder with an answer for each case, or ``answers/`` with these.
+
+    Raises:
+        InputRefused: a seal was changed since, or an answer is absent or damaged; names it.
+    """
+    card = card_of(folder)
+    if digest_of(folder, card["cases"]) != card["sha256_of_seals"]:
+        raise InputRefused(f"{folder}: the seals are not those that bench.json was written with: make the cases again")
+    home = answers / "answers" if (answers / "answers").is_dir() else answers
+    found = []
+    for case in card["cases"]:
+        entry, sealed, exam = opened(folder, case)
+        try:
+            found.append(scored(entry, sealed, exam, read_answer(home / case)))
+        except InputRefused as error:
+            raise InputRefused(f"{answers}: {case}: {error}") from error
+    return found
+
+
+def write_scores(found: Mapping[str, Sequence[Score]], place: Place) -> str:
+    """Write the scores of tools as tables; returns the leaderboard as markdown.
+
+    Args:
+        found: by tool; place: claimed for them.
+    """
+    rows = pd.DataFrame([{"tool": name, **_flat(s)} for name, scores in found.items() for s in scores])
+    groups = pd.concat([by_group(scores).assign(tool=name) for name, scores in found.items()])
+    figures = {name: summary(scores) for name, scores in found.items()}
+    table = pd.DataFrame(figures)
+    page = "\n".join([*leaderboard(figures), ""])
+    texts = {
+        "scores.csv": rows.to_csv(index=False),
+        "groups.csv": groups.to_csv(index=False),
+        "leaderboard.csv": table.to_csv(index_label="figure"),
+        "leaderboard.md": page,
+    }
+    write_results(place, texts)
+    return page
+
+
+def leaderboard(figures: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """The lines of a table: a row for each figure, a column for each tool."""
+    labels = next(iter(figures.values())).keys()
+    body = [[label, *(_shown(of[label]) for of in figures.values())] for label in labels]
+    return markdown_table(["", *figures], body)
+
+
+def _shown(value: float) -> str:
+    return number(value) if np.isfinite(value) else DASH
+
+
+def _flat(score: Score) -> dict[str, object]:
+    row = {n: "+".join(v) if n in ("truth", "places", "claimed") else v for n, v in asdict(score).items()}
+    return row | {"statements": " ".join(f"{p:.3g}:{int(true)}" for p, true in score.statements)}

@@ -1,0 +1,47 @@
+"""`phnn diagnose` as a tool.
+
+A verdict is no probability. The constants below translate verdicts; they were set before any case of a benchmark was
+made, and the calibration error of a score says how good they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from phnn.diagnosis.diagnosis import diagnose
+from phnn.identification.options import Options
+from phnn.recordings import read
+from phnn.report.result import document
+from phnn.studies.benchmark.answer import Answer
+from phnn.studies.benchmark.tools.common import predictions
+
+# Probability that a verdict is right: a single name, a class of names, something without a name, nothing.
+_NAMED, _CLASS, _UNKNOWN, _NONE = 0.95, 0.95, 0.9, 0.95
+# Of a class, that its first member, which fits best, is the true one.
+_FIRST = 0.55
+# Elements with these claim a name.
+_CLAIMING = ("named", "equivalent")
+
+
+def answer(folder: Path, seed: int) -> Answer:
+    """Diagnose a case."""
+    diagnosis = diagnose(read(folder), Options(seed=seed, workers=1))
+    return as_answer(document(diagnosis), predictions(diagnosis.model, folder))
+
+
+def as_answer(content: Mapping[str, Any], predicted: Mapping[str, Any]) -> Answer:
+    """The answer that ``diagnosis.json`` gives, with predictions of the examination."""
+    names: dict[str, float] = {}
+    for entry in content["missing"]:
+        if entry["status"] in _CLAIMING and entry["effect"] != "unknown":
+            first, *others = dict.fromkeys((entry["effect"], *entry["equivalent_to"]))
+            names[first] = _FIRST if others else _NAMED
+            for name in others:
+                names.setdefault(name, (_CLASS - _FIRST) / len(others))
+    verdict, location = content["verdict"], content["location"]
+    places = () if location is None else (location["name"], *location["tied"])
+    return Answer(
+        names, _NONE if verdict == "none" else 0.0, _UNKNOWN if verdict == "unknown" else 0.0, places, predicted
+    )
