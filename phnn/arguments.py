@@ -226,7 +226,12 @@ def _add_bench(command: argparse.ArgumentParser) -> None:
     add("--cases", type=Path, metavar="DIR", help="answer, score: the folder that write has written")
     add("--tool", metavar="NAME", help="answer: phnn, base, harmonics or stepwise")
     add("--answers", type=Path, metavar="DIR", action="append", help="score: answers of a tool; may be repeated")
-    add("--executor", default="processes", metavar="WHERE", help="answer: see phnn diagnose; default: %(default)s")
+    add(
+        "--executor",
+        default="processes",
+        metavar="WHERE",
+        help="write, answer: see phnn diagnose; default: %(default)s",
+    )
 
 
 def _add_plot(command: argparse.ArgumentParser) -> None:

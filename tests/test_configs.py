@@ -34,6 +34,7 @@ from phnn.network import PortHamiltonianSystem
 from phnn.recordings.manifest import load_manifest
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
+from phnn.studies.benchmark.settings import Settings as BenchSettings
 from phnn.studies.comparison import settings as comparison
 from phnn.studies.proof.cases import tasks
 from phnn.studies.proof.settings import STRATA
@@ -79,6 +80,9 @@ def command(name: str) -> None:
     if name == "prove":
         proof = ProofSettings.from_config(given)
         assert len(tasks(proof)) == sum(given[n] for n in (*STRATA, "fast_none", "fast_weak", "few"))
+        return
+    if name == "bench":
+        assert BenchSettings.from_config(given) == BenchSettings()
         return
     if name == "modes":
         assert asdict(ModalSettings.from_config(given)) == given

@@ -32,7 +32,7 @@ def bench(
         step: ``write`` makes and seals cases in ``out``; ``answer`` lets ``tool`` answer ``cases``; ``score`` opens
             the seals of ``cases`` and scores ``answers``.
         config: settings of ``write``.
-        executor: where a tool works, see `phnn.ensemble.executor`.
+        executor: where cases are made and a tool works, see `phnn.ensemble.executor`.
 
     Raises:
         InputRefused: an argument that a step does not take, or lacks.
@@ -42,7 +42,7 @@ def bench(
         if (name in _TAKES[step]) is (value is None):
             raise InputRefused(f"phnn bench {step} {'needs' if value is None else 'does not take'} {name}")
     if cases is None:
-        _write(Settings.from_config(config), out, overwrite)
+        _write(Settings.from_config(config), out, executor, overwrite)
     elif tool is not None:
         with claim(out, "bench", [cases], ANSWERS, Origin({"tool": tool}, resume=True), overwrite) as place:
             answer_all(cases, tool, place, executor, _say)
@@ -61,11 +61,11 @@ def _score(cases: Path, answers: Sequence[Path], out: Path, overwrite: bool) -> 
     print(f"results: {out / SCORES[-1]}")
 
 
-def _write(settings: Settings, out: Path, overwrite: bool) -> None:
+def _write(settings: Settings, out: Path, where: str, overwrite: bool) -> None:
     print(f"seed {settings.seed}", flush=True)
     changes = {"seed": settings.seed}
     with claim(out, "bench", (), RESULTS, Origin(changes, resume=True), overwrite) as place:
-        digest = write_benchmark(settings, place, _say)
+        digest = write_benchmark(settings, place, where, _say)
     print(f"SHA-256 of all that is sealed: {digest}")
 
 

@@ -1,4 +1,4 @@
-"""What a tool answers to a case: ``answer.json``, and a table with a prediction for each recording of the examination.
+"""The answer of a tool to a case: ``answer.json``, and a table with a prediction for each recording of the examination.
 
     {"schema": "phnn.answer/1", "names": {"creep": 0.8, "extra_hysteron": 0.1}, "none": 0.05, "unlisted": 0.05,
      "places": ["mechanical"], "seconds": 41.0}

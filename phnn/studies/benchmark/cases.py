@@ -13,8 +13,8 @@ from phnn.studies.proof.families import seed_of
 
 # Residual over noise that the effect alone leaves beyond a refit of the base model.
 STRENGTHS = {"weak": (1.5, 3.0), "medium": (3.0, 6.0), "strong": (6.0, 20.0)}
-# Sets of recordings by what they are called here: of 12, of 4, and a single sweep.
-PLANS = {"twelve": "demo", "four": "short", "one": "one"}
+# Sets of recordings by what they are called here: a single sweep, four recordings, twelve.
+PLANS = {"one": "one", "four": "short", "twelve": "demo"}
 # Noise of the cases with nothing concealed.
 NOISES = ("white", "first_order", "process:0.1", "pink:0.1", "heavy", "quantised", "jittered")
 

@@ -13,6 +13,7 @@ import json
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ import phnn
 from phnn.demo import Sealed, make_case, open_seal, write_seal
 from phnn.demo.folder import MANIFEST
 from phnn.demo.plans import EXAM
+from phnn.ensemble import executor
 from phnn.errors import InputRefused
 from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
@@ -38,21 +40,20 @@ OUTPUT = "displacement_um"
 _CARD, _CASES, _SEALED, _SEAL, _ENTRY = "bench.json", "cases", "sealed", "seal.json", "entry.json"
 
 
-def write_benchmark(settings: Settings, place: Place, say: Say) -> str:
+def write_benchmark(settings: Settings, place: Place, where: str, say: Say) -> str:
     """Make and seal all cases; returns the hash of the seals.
 
     A case whose seal lies there is not made again.
 
     Args:
-        place: claimed for it; say: called with a line of progress.
+        place: claimed for it; where: see `phnn.ensemble.executor`; say: called with a line of progress.
     """
     found = entries(settings)
     for name in (_CASES, _SEALED):
         (place / name).own_folder()
-    for number, entry in enumerate(found, start=1):
-        if not (place / _SEALED / entry.name / _SEAL).path.exists():
-            _make(entry, place)
-            say(f"made {number} of {len(found)}")
+    todo = [e for e in found if not (place / _SEALED / e.name / _SEAL).path.exists()]
+    for number, _ in enumerate(executor(where).each(partial(_make, place), todo), start=1):
+        say(f"made {number} of {len(todo)}")
     digest = digest_of(place.path, [e.name for e in found])
     card = {
         "schema": SCHEMA,
@@ -65,7 +66,7 @@ def write_benchmark(settings: Settings, place: Place, say: Say) -> str:
     return digest
 
 
-def _make(entry: Entry, place: Place) -> None:
+def _make(place: Place, entry: Entry) -> None:
     """Make a case; its seal comes last, so that it stands for the whole."""
     known, sealed = (place / _CASES / entry.name).path, (place / _SEALED / entry.name).path
     for folder in (known, sealed):

@@ -1,4 +1,4 @@
-"""What tools that start from the base model have in common."""
+"""Common parts of the tools that start from the base model."""
 
 from __future__ import annotations
 

@@ -23,6 +23,8 @@ from phnn.studies.benchmark.tools.common import base_of, predictions
 
 Array = NDArray[np.float64]
 
+# Multiples of the excitation above this one are fast.
+_FAST = 12
 # A residual below this multiple of the noise is noise.
 _NOISE = 1.1
 # By the band in which most of the excess lies: what a textbook names.
@@ -88,8 +90,8 @@ def _bands(frequency: Array, excitation: Excitation) -> dict[str, NDArray[np.boo
     return {
         **found,
         "fundamental": near & (whole == 1),
-        "even": near & (whole % 2 == 0) & (whole > 0),
-        "odd": near & (whole % 2 == 1) & (whole > 1) & (whole < 12),
-        "fast": (order > 12.0),
-        "line": ~near & (order > 1.0),
+        "even": near & (whole % 2 == 0) & (whole > 0) & (whole < _FAST),
+        "odd": near & (whole % 2 == 1) & (whole > 1) & (whole < _FAST),
+        "fast": order > _FAST,
+        "line": ~near & (order > 1.0) & (order < _FAST),
     }

@@ -1,0 +1,103 @@
+"""Cases of a benchmark: what is drawn, what a tool sees, and what is sealed."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from phnn.cli import main
+from phnn.errors import InputRefused
+from phnn.recordings import read
+from phnn.studies.benchmark.cases import NOISES, PLANS, STRENGTHS, entries
+from phnn.studies.benchmark.folders import card_of, digest_of, opened
+from phnn.studies.benchmark.settings import GROUPS, Settings
+
+SMALL = {"none": 9, "same": 9, "other": 4, "outside": 4, "pair": 4, "background": 4}
+NOTHING = ["none=2", *(f"{group}=0" for group in GROUPS if group != "none")]
+
+
+def test_names_and_order_do_not_tell_the_group() -> None:
+    found = entries(Settings(seed=3, **SMALL))
+    assert [e.name for e in found] == [f"case_{i:03d}" for i in range(len(found))]
+    assert Counter(e.group for e in found) == SMALL
+    groups = [e.group for e in found]
+    # As many neighbours are alike as chance gives, not nearly all.
+    assert sum(a == b for a, b in pairwise(groups)) < len(groups) // 2
+
+
+def test_strengths_plans_and_noises_take_turns() -> None:
+    same = sorted((e for e in entries(Settings(**SMALL)) if e.group == "same"), key=lambda e: e.seed)
+    assert {(e.strength, e.plan) for e in same} == {(s, p) for s in STRENGTHS for p in PLANS}
+    assert {e.noise for e in entries(Settings(**SMALL)) if e.group == "none"} == set(NOISES)
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_a_case_is_what_its_group_says(group: str) -> None:
+    (entry,) = entries(Settings(**{g: int(g == group) for g in GROUPS}))
+    case = entry.case()
+    assert len(case.effects) == {"none": 0, "pair": 2}.get(group, 1)
+    assert case.conditions.background is (group == "background")
+    assert case.withheld == ()
+    assert case.form == ("unlisted" if group == "outside" else case.form)
+
+
+def test_another_seed_gives_other_cases() -> None:
+    first, second = ({e.seed for e in entries(Settings(seed=s))} for s in (1, 2))
+    assert not first & second
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("bench") / "b"
+    assert main(["bench", "write", "--executor", "serial", "--out", str(out), *NOTHING]) == 0
+    return out
+
+
+def test_a_tool_sees_inputs_of_the_examination_alone(folder: Path) -> None:
+    for name in card_of(folder)["cases"]:
+        home = folder / "cases" / name
+        known, exam = read(home), read(home / "exam", need_output=False)
+        assert all(np.isfinite(r.y).all() for r in known.recordings)
+        assert all(np.isnan(r.y).all() for r in exam.recordings)
+        assert not {r.name for r in known.recordings} & {r.name for r in exam.recordings}
+        assert known.known == exam.known
+        _, sealed, tables = opened(folder, name)
+        assert sealed.effects == ()
+        assert set(tables) == {r.name for r in exam.recordings}
+        for r in exam.recordings:
+            np.testing.assert_allclose(tables[r.name]["voltage_V"], r.u)
+            assert "displacement_um" in tables[r.name]
+
+
+def test_what_was_made_is_not_made_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = {p: p.stat().st_mtime_ns for p in (folder / "sealed").rglob("*")}
+    assert main(["bench", "write", "--executor", "serial", "--out", str(folder), *NOTHING]) == 0
+    assert before == {p: p.stat().st_mtime_ns for p in (folder / "sealed").rglob("*")}
+    assert card_of(folder)["sha256_of_seals"] in capsys.readouterr().out
+
+
+def test_the_hash_covers_seals_and_outputs(folder: Path) -> None:
+    names = card_of(folder)["cases"]
+    digest = digest_of(folder, names)
+    assert digest == card_of(folder)["sha256_of_seals"]
+    path = next((folder / "sealed" / names[-1]).glob("*.csv"))
+    content = path.read_bytes()
+    table = pd.read_csv(path)
+    table.loc[3, "displacement_um"] += 0.001
+    path.write_text(table.to_csv(index=False))
+    assert digest_of(folder, names) != digest
+    path.write_bytes(content)
+
+
+def test_another_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "bench.json").write_text(json.dumps({"schema": "phnn.predict/1"}))
+    with pytest.raises(InputRefused, match=r"is no phnn\.bench/1 file"):
+        card_of(tmp_path)
+    with pytest.raises(InputRefused, match="give the folder that phnn bench write has written"):
+        card_of(tmp_path / "nowhere")

@@ -1,0 +1,158 @@
+"""Answers, their scores, and the figures over many."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from phnn.demo import Sealed
+from phnn.errors import InputRefused
+from phnn.output import claim
+from phnn.studies.benchmark.answer import FILE, Answer, read_answer, write_answer
+from phnn.studies.benchmark.cases import Entry
+from phnn.studies.benchmark.score import Score, scored
+from phnn.studies.benchmark.tally import balanced_accuracy, by_group, calibration_error, summary
+from phnn.studies.benchmark.tools.diagnosis import as_answer
+
+TRUE = Sealed(
+    effect="creep", parameters={}, base={}, strength_over_noise=3.0, noise=1e-7, quantisation=1e-12, seed=1,
+    plan="one_exam", effects=("creep",), location=("mechanical",),
+)  # fmt: skip
+NONE = replace(TRUE, effect="none", effects=(), location=(), stratum="none")
+OUTSIDE = replace(TRUE, effect="wear", effects=("wear",), location=("hysteron",), stratum="outside")
+BESIDE = replace(TRUE, background_effects=("creep", "delay"))
+T = np.linspace(0.0, 1.0, 101)
+EXAM = {"exam_a": pd.DataFrame({"time_s": T, "displacement_um": np.sin(T)})}
+
+
+def score(sealed: Sealed, answer: Answer, group: str = "same") -> Score:
+    return scored(Entry("case_000", group, 1, "weak", "one"), sealed, EXAM, answer)
+
+
+@pytest.mark.parametrize(
+    ("sealed", "group", "answer", "right"),
+    [
+        (TRUE, "same", Answer({"creep": 0.9}), True),
+        (TRUE, "same", Answer({"creep": 0.49}), False),
+        (TRUE, "same", Answer({"creep": 0.9, "delay": 0.6}), False),
+        (TRUE, "same", Answer({"creep": 0.9, "delay": 0.2}), True),
+        (TRUE, "same", Answer({"delay": 0.9}), False),
+        (TRUE, "same", Answer({}, none=0.9), False),
+        (NONE, "none", Answer({}, none=0.9), True),
+        (NONE, "none", Answer({}), True),
+        (NONE, "none", Answer({"creep": 0.9}), False),
+        (NONE, "none", Answer({}, unlisted=0.9), False),
+        (OUTSIDE, "outside", Answer({}, unlisted=0.9), True),
+        (OUTSIDE, "outside", Answer({"creep": 0.9}, unlisted=0.9), False),
+        (OUTSIDE, "outside", Answer({}), False),
+        (BESIDE, "background", Answer({"creep": 0.9, "delay": 0.9}), True),
+        (BESIDE, "background", Answer({"delay": 0.9}), False),
+    ],
+)
+def test_right_is_what_was_concealed_and_nothing_else(sealed: Sealed, group: str, answer: Answer, right: bool) -> None:
+    found = score(sealed, answer, group)
+    assert found.right is right
+    assert found.false_alarm is (group == "none" and not right)
+
+
+def test_places_count_as_the_first_and_as_one_of_three() -> None:
+    places = ("sensor", "mechanical", "coupling")
+    assert score(TRUE, Answer({}, places=places[1:])).placed
+    found = score(TRUE, Answer({}, places=places))
+    assert (found.placed, found.placed_within) == (False, True)
+    assert not score(TRUE, Answer({}, places=("sensor",))).placed_within
+
+
+def test_a_prediction_is_scored_without_its_zero() -> None:
+    y = 1e-6 * np.sin(T)
+    noise = np.random.default_rng(0).normal(0.0, 1e-7, T.size)
+    found = score(TRUE, Answer({}, predictions={"exam_a": y + 3e-6 + noise}))
+    assert found.error == pytest.approx(np.std(noise) / 1e-7)
+    assert np.isnan(score(TRUE, Answer({})).error)
+    with pytest.raises(InputRefused, match="exam_a: 100 samples are predicted, the recording has 101"):
+        score(TRUE, Answer({}, predictions={"exam_a": y[1:]}))
+
+
+@pytest.mark.parametrize(
+    ("stated", "error"),
+    [
+        # Of ten statements of 0.75, seven or eight should be true.
+        ([(0.75, k < 7) for k in range(10)] + [(0.75, k < 8) for k in range(10)], 0.0),
+        ([(0.95, False)], 0.95),
+        ([(0.95, True), (0.15, True)], 0.5 * (0.05 + 0.85)),
+        # In one bin too high and too low ones cancel.
+        ([(0.55, True), (0.55, False), (0.52, True), (0.58, False)], 0.05),
+    ],
+)
+def test_calibration_error_has_its_closed_form(stated: list[tuple[float, bool]], error: float) -> None:
+    found = replace(score(TRUE, Answer({})), statements=tuple(stated))
+    assert calibration_error([found]) == pytest.approx(error)
+
+
+def test_balanced_accuracy_weighs_each_kind_alike() -> None:
+    creep, delay = (score(TRUE, Answer({n: 0.9})) for n in ("creep", "delay"))
+    nothing = score(NONE, Answer({}), "none")
+    assert balanced_accuracy([creep, delay, nothing]) == pytest.approx(0.5 * (0.5 + 1.0))
+    assert np.isnan(balanced_accuracy([]))
+    figures = summary([creep, delay, nothing])
+    assert figures["names right (same, other, pair)"] == 0.5
+    assert figures["false alarms"] == 0.0
+    table = by_group([creep, delay, nothing]).set_index(["of", "value"])
+    assert tuple(table.loc[("group", "same"), ["cases", "right"]]) == (2, 1)
+    # Clopper and Pearson: of one hit in one case the lower end is 0.025.
+    assert table.loc[("group", "none"), "low"] == pytest.approx(0.025)
+
+
+def test_an_answer_comes_back(tmp_path: Path) -> None:
+    answer = Answer({"creep": 0.9}, 0.1, 0.2, ("mechanical",), {"exam_a": 1e-6 * np.sin(T)}, 4.0)
+    with claim(tmp_path / "o", "bench", (), ("answers",)) as place:
+        write_answer(answer, place / "answers", {"exam_a": T})
+    again = read_answer(tmp_path / "o" / "answers")
+    assert again == answer
+    np.testing.assert_allclose(again.predictions["exam_a"], answer.predictions["exam_a"])
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({"names": {"crepe": 0.5}}, "'crepe' .did you mean creep?"),
+        ({"names": {"creep": 1.5}}, "creep the probability 1.5"),
+        ({"names": {"creep": True}}, "creep the probability True"),
+        ({"names": [0.5]}, "names must be an object"),
+        ({"places": ["motor"]}, "the place 'motor'"),
+        ({"nams": {}}, "unknown key 'nams' .did you mean names?"),
+        ({"schema": "phnn.answer/9"}, "is no phnn.answer/1 file"),
+        ({"none": "much"}, "none the probability much"),
+    ],
+)
+def test_what_no_answer_can_say_is_refused(content: dict[str, Any], words: str, tmp_path: Path) -> None:
+    (tmp_path / FILE).write_text(json.dumps({"schema": "phnn.answer/1", **content}))
+    with pytest.raises(InputRefused, match=words.replace("?", r"\?")):
+        read_answer(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "missing", "claims", "unlisted", "nothing"),
+    [
+        ("named", [("creep", "named", [])], ("creep",), False, False),
+        ("equivalent", [("creep", "equivalent", ["delay", "sensor_lag"])], ("creep",), False, False),
+        ("unknown", [("unknown", "described", [])], (), True, False),
+        ("unknown", [("creep", "provisional", [])], (), True, False),
+        ("none", [], (), False, True),
+    ],
+)
+def test_a_diagnosis_is_translated(
+    verdict: str, missing: list[tuple[str, str, list[str]]], claims: tuple[str, ...], unlisted: bool, nothing: bool
+) -> None:
+    entries = [{"effect": e, "status": s, "equivalent_to": others} for e, s, others in missing]
+    content = {"verdict": verdict, "missing": entries, "location": {"name": "mechanical", "tied": ["hysteron"]}}
+    found = as_answer(content, {})
+    assert (found.claims, found.claims_unlisted, found.claims_nothing) == (claims, unlisted, nothing)
+    assert found.places == ("mechanical", "hysteron")
+    assert sum(found.names.values()) <= 0.95

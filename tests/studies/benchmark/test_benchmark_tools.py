@@ -1,0 +1,109 @@
+"""Tools that answer cases, and the command that runs and scores them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from phnn.cli import main
+from phnn.demo import generate
+from phnn.demo.listed import LISTED
+from phnn.effects import catalogue
+from phnn.errors import InputRefused
+from phnn.recordings.recording import unrecorded
+from phnn.studies.benchmark.settings import GROUPS
+from phnn.studies.benchmark.tools import TOOLS, tool
+from phnn.studies.benchmark.tools.harmonics import TABLE, _band
+
+T = np.arange(4000) / 4000.0
+SINE = unrecorded("sine", T, 75.0 * np.sin(2.0 * np.pi * 10.0 * T))
+
+
+def test_every_tool_can_be_had_and_others_are_refused() -> None:
+    assert all(callable(tool(name)) for name in TOOLS)
+    with pytest.raises(InputRefused, match=r"nothing is called 'stepwize' .did you mean stepwise\?"):
+        tool("stepwize")
+
+
+def test_the_rule_of_thumb_names_effects_of_the_catalogue() -> None:
+    assert set(TABLE.values()) <= set(catalogue())
+    assert set(TABLE.values()) <= set(LISTED)
+
+
+@pytest.mark.parametrize(
+    ("band", "residual"),
+    [
+        ("fundamental", np.sin(2.0 * np.pi * 10.0 * T)),
+        ("even", np.cos(2.0 * np.pi * 20.0 * T)),
+        ("odd", np.sin(2.0 * np.pi * 30.0 * T)),
+        ("fast", np.sin(2.0 * np.pi * 700.0 * T)),
+        ("slow", np.sin(2.0 * np.pi * 2.0 * T)),
+        ("line", np.sin(2.0 * np.pi * 54.0 * T)),
+        ("trend", T - 0.5),
+    ],
+)
+def test_the_band_of_a_residual_is_found_in_noise(band: str, residual: np.ndarray) -> None:
+    noise = np.random.default_rng(0).normal(size=T.size)
+    assert _band(SINE, noise) == ""
+    assert _band(SINE, noise + 5.0 * residual) == band
+
+
+@pytest.mark.slow
+def test_stepwise_selection_finds_a_strong_effect(tmp_path: Path) -> None:
+    sealed = generate(7, tmp_path / "case", "quadratic_drag", "short")
+    (tmp_path / "case" / "exam").mkdir()
+    for file in ("sine_100Hz_75V.csv", "recordings.yaml"):
+        content = (tmp_path / "case" / file).read_text()
+        if file.endswith("yaml"):
+            content = "setup: {model: piezo_actuator, hysterons: 2}\n"
+        (tmp_path / "case" / "exam" / file).write_text(content)
+    found = tool("stepwise")(tmp_path / "case", 0)
+    assert sealed.effects == ("quadratic_drag",)
+    assert "quadratic_drag" in found.claims
+    assert found.predictions["sine_100Hz_75V"].size == 2500
+
+
+def test_the_command_answers_and_scores(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cases, answers = tmp_path / "cases", tmp_path / "base"
+    nothing = ["none=1", *(f"{group}=0" for group in GROUPS if group != "none")]
+    assert main(["bench", "write", "--executor", "serial", "--out", str(cases), *nothing]) == 0
+    run = ["bench", "answer", "--cases", str(cases), "--tool", "base", "--out", str(answers), "--executor", "serial"]
+    assert main(run) == 0
+    assert "base: 1 of 1" in capsys.readouterr().out
+    assert main(run) == 0
+    assert "1 of 1" not in capsys.readouterr().out
+    score = ["bench", "score", "--cases", str(cases), "--answers", str(answers), "--out", str(tmp_path / "s")]
+    assert main(score) == 0
+    page = capsys.readouterr().out
+    assert "| balanced accuracy | 1.00 |" in page
+    assert page.split("results: ")[0] == (tmp_path / "s" / "leaderboard.md").read_text()
+    answer = next((answers / "answers").rglob("answer.json"))
+    content = json.loads(answer.read_text())
+    assert content["none"] == 0.125
+    assert content["seconds"] > 0.0
+    # A seal that was changed is noticed.
+    seal = next((cases / "sealed").rglob("seal.json"))
+    seal.write_text(seal.read_text().replace('"effect": "none"', '"effect": "creep"'))
+    assert main(score) == 2
+    assert "the seals are not those" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (["write", "--tool", "phnn"], "phnn bench write does not take --tool"),
+        (["answer", "--tool", "phnn"], "phnn bench answer needs --cases"),
+        (["answer", "--cases", "c"], "phnn bench answer needs --tool"),
+        (["score", "--cases", "c", "--tool", "phnn", "--answers", "a"], "phnn bench score does not take --tool"),
+        (["score", "--cases", "c", "--answers", "x/a", "--answers", "y/a"], "called alike, a, a"),
+        (["write", "none=0", *(f"{g}=0" for g in GROUPS if g != "none")], "no cases"),
+    ],
+)
+def test_wrong_usage_is_refused(
+    argv: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["bench", *argv, "--out", str(tmp_path / "o")]) == 2
+    assert words in capsys.readouterr().err
