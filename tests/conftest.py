@@ -1,7 +1,9 @@
-"""What every test shares: one torch thread, so that timings and results do not depend on the machine's load."""
+"""What every test shares: one torch thread, so that timings and results do not depend on the machine's load, and a
+collector of garbage that leaves alone what was there before the first test."""
 
 from __future__ import annotations
 
+import gc
 import sys
 
 import pytest
@@ -13,3 +15,9 @@ def _one_thread() -> None:
     torch = sys.modules.get("torch")
     if torch is not None:
         torch.set_num_threads(1)
+
+
+def pytest_collection_finish() -> None:
+    # Half a million objects of libraries and tests; to look through them again and again took a twentieth of the time.
+    gc.collect()
+    gc.freeze()
