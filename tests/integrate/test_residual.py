@@ -93,15 +93,15 @@ class Solve(nn.Module):
 
 # Seeds whose motion keeps clear of kinks by more than a finite difference moves it.
 @pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.slow) for s in (2, 3, 5, 7, 12))])
-@pytest.mark.parametrize("window", [100, 3])
+@pytest.mark.parametrize("window", [100, 2])
 @pytest.mark.parametrize("memories", [False, True])
 def test_gradcheck_by_parameters_inputs_steps_and_start(seed: int, window: int, memories: bool) -> None:
     network = random_junction(seed, stiff=False)
     network = remembering(network, seed) if memories else network
     system = PortHamiltonianSystem(network)
     random = np.random.default_rng(seed)
-    u = torch.from_numpy(random.normal(size=(4, len(network.ports)))).requires_grad_(True)
-    h = torch.from_numpy(random.uniform(0.05, 0.2, 4)).requires_grad_(True)
+    u = torch.from_numpy(random.normal(size=(3, len(network.ports)))).requires_grad_(True)
+    h = torch.from_numpy(random.uniform(0.05, 0.2, 3)).requires_grad_(True)
     x0 = torch.from_numpy(random.normal(size=len(network.state_names))).requires_grad_(True)
     names, values = called(system, Solve(system))
 
