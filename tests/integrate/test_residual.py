@@ -107,9 +107,13 @@ def test_gradcheck_by_parameters_inputs_steps_and_start(seed: int, window: int, 
 
     def solve(u: Tensor, h: Tensor, x0: Tensor, *parameters: Tensor) -> Tensor:
         replaced = dict(zip(names, parameters, strict=True))
-        return torch.func.functional_call(Solve(system, window), replaced, (u, h, x0))
+        path = torch.func.functional_call(Solve(system, window), replaced, (u, h, x0))
+        assert torch.equal(path[0], x0)
+        return path[1:]
 
     assert torch.autograd.gradcheck(solve, (u, h, x0, *values), eps=1e-6, atol=2e-6, rtol=1e-4)
+    first = simulate_torch(system, u, h, x0, window=window)[0]
+    assert torch.equal(torch.autograd.grad(first.sum(), x0)[0], torch.ones_like(x0))
 
 
 def test_windows_change_nothing_but_the_memory() -> None:
