@@ -17,11 +17,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recordings_example import output, refused, sine, write
 
-from phnn.recordings import draft, read
+from phnn.recordings import read
 from phnn.recordings.reader import READERS
 from phnn.recordings.text_files import read_text
 from phnn.recordings.units import QUANTITIES, accepted, by_pint, find_unit, known_unit, parse_name, suits, to_si
-from phnn.signals.noise import WHITE, NoiseFloor
 
 STATED = "columns: {time: {column: 0, unit: s}, voltage: {column: 1, unit: V}, displacement: {column: 2, unit: m}}\n"
 
@@ -388,11 +387,7 @@ HEADERS = {
 @pytest.mark.parametrize("decimal", [".", ","])
 @pytest.mark.parametrize("separator", [",", ";", "\t", "  "])
 @pytest.mark.parametrize("encoding", ["utf-8", "latin-1", "utf-16"])
-def test_text_as_instruments_write_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, header: str, separator: str, decimal: str, encoding: str
-) -> None:
-    # The noise of these samples, always the same ones, is no concern of the text.
-    monkeypatch.setattr(draft, "noise_floor", lambda *_: NoiseFloor(5e-8, "known", WHITE))
+def test_text_as_instruments_write_it(tmp_path: Path, header: str, separator: str, decimal: str, encoding: str) -> None:
     t, u, y = made().T
     quote = '"' if separator == decimal else ""
     cells = [
