@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
-from phnn.demo.actuator import NEUTRAL, TABLE
+from phnn.demo.actuator import NEUTRAL, TABLE, simulate_all
 from phnn.demo.concealed import Concealed, described
 from phnn.demo.excitation import Excitation
 from phnn.demo.strength import concealing
 
 
-def moves_and_vanishes(effect: Concealed, plan: Sequence[Excitation], undisturbed: Sequence[np.ndarray]) -> None:
+@cache
+def undisturbed(plan: tuple[Excitation, ...]) -> tuple[np.ndarray, ...]:
+    """The outputs of the actuator in which nothing is concealed."""
+    return tuple(simulate_all(TABLE, plan))
+
+
+def moves_and_vanishes(effect: Concealed, plan: tuple[Excitation, ...]) -> None:
     """Its parameters are known, and the output's change is seen at its guess and gone with its strength."""
     assert set(effect.law(effect.guess)) <= set(NEUTRAL)
     # A seal is JSON, which has no infinity.
@@ -21,7 +27,8 @@ def moves_and_vanishes(effect: Concealed, plan: Sequence[Excitation], undisturbe
 
     def change(strength: float) -> float:
         moved = concealing(TABLE, plan, [(effect, strength)])
-        return max(float(np.ptp(a - b)) for a, b in zip(moved, undisturbed, strict=True))
+        return max(float(np.ptp(a - b)) for a, b in zip(moved, undisturbed(plan), strict=True))
 
-    assert change(effect.guess) > 1e-8
-    assert change(effect.guess * 1e-3) < 0.05 * change(effect.guess)
+    seen = change(effect.guess)
+    assert seen > 1e-8
+    assert change(effect.guess * 1e-3) < 0.05 * seen

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -320,6 +320,7 @@ def in_a_hurry() -> list[str]:
     return [n for n in networks() if has_kernel(n) and n not in left_out and not n.endswith((" 3", " 4", " 5"))]
 
 
+@cache
 def networks() -> dict[str, Callable[[], Network]]:
     """What makes every law, learned law, model and effect; random networks with one and with several junctions, and
     memories."""

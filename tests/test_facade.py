@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import phnn
-from phnn.demo import generate
 from phnn.models import hrc
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
@@ -127,14 +126,14 @@ def test_identified_model_goes_into_the_diagnosis_and_predicts(tmp_path: Path) -
 
 
 def test_a_folder_stands_for_its_recordings(tmp_path: Path) -> None:
-    generate(3, tmp_path, None, "short")
-    campaign = phnn.read(tmp_path)
-    assert phnn.describe(tmp_path) == phnn.describe(str(tmp_path)) == phnn.describe(campaign)
+    folder, _ = campaigns.concealed()
+    campaign = phnn.read(folder)
+    assert phnn.describe(folder) == phnn.describe(str(folder)) == phnn.describe(campaign)
     model = phnn.Model(phnn.Setup(phnn.models.hrc(hysterons=2)))
-    as_predicted = phnn.read(tmp_path, need_output=False)
-    found, same = (phnn.predict(model, given) for given in (str(tmp_path), as_predicted))
+    as_predicted = phnn.read(folder, need_output=False)
+    found, same = (phnn.predict(model, given) for given in (str(folder), as_predicted))
     assert [f.table.equals(s.table) for f, s in zip(found, same, strict=True)] == [True] * 4
-    assert phnn.plot.loops(model, tmp_path).size
+    assert phnn.plot.loops(model, folder).size
     with pytest.raises(phnn.InputRefused, match="no such folder"):
         phnn.diagnose(tmp_path / "absent")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Mapping
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -32,23 +33,27 @@ def _module_of(name: str) -> str:
     return name
 
 
-def _for_types_only(tree: ast.Module) -> set[int]:
-    """Identities of the nodes under ``if TYPE_CHECKING``."""
-    blocks = [n for n in ast.walk(tree) if isinstance(n, ast.If) and "TYPE_CHECKING" in ast.dump(n.test)]
-    return {id(inner) for block in blocks for inner in ast.walk(block)}
+def _imports(tree: ast.AST, inside: bool = False) -> Iterator[tuple[ast.Import | ast.ImportFrom, bool]]:
+    """All imports but those under ``if TYPE_CHECKING``, and whether each is inside a function: what that imports is
+    loaded when it is called."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            yield node, inside
+        elif isinstance(node, ast.stmt | ast.excepthandler | ast.match_case):
+            if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+                continue
+            yield from _imports(node, inside or isinstance(node, ast.FunctionDef))
 
 
-def _in_functions(tree: ast.Module) -> set[int]:
-    """Identities of the nodes inside functions: what they import is loaded when they are called."""
-    return {id(inner) for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) for inner in ast.walk(n)}
+@cache
+def _imports_of(name: str) -> list[tuple[ast.Import | ast.ImportFrom, bool]]:
+    return list(_imports(ast.parse(MODULES[name].read_text(encoding="utf-8"))))
 
 
 def _imported(name: str, within_functions: bool) -> Iterator[str]:
     """Modules of the package that a module imports."""
-    tree = ast.parse(MODULES[name].read_text(encoding="utf-8"))
-    left_out = _for_types_only(tree) | (set() if within_functions else _in_functions(tree))
-    for node in ast.walk(tree):
-        if id(node) in left_out:
+    for node, inside in _imports_of(name):
+        if inside and not within_functions:
             continue
         named: list[str] = []
         if isinstance(node, ast.ImportFrom) and node.module is not None:

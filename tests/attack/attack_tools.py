@@ -75,7 +75,8 @@ def encrypted(members: Mapping[str, bytes]) -> bytes:
 
 def packed_zeros(size: int) -> bytes:
     """So many zeros, compressed by zlib."""
-    packer, block = zlib.compressobj(9), bytes(10**6)
+    # The quickest level: two hundred times smaller do as well as a thousand times.
+    packer, block = zlib.compressobj(1), bytes(10**6)
     return b"".join([*(packer.compress(block) for _ in range(size // len(block))), packer.flush()])
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from concealments import moves_and_vanishes
 
-from phnn.demo.actuator import TABLE, simulate, simulate_all
+from phnn.demo.actuator import TABLE, simulate
 from phnn.demo.concealed import described
 from phnn.demo.excitation import Excitation, Piece, sine, step
 from phnn.demo.listed import LISTED
@@ -25,7 +25,7 @@ def test_it_changes_the_output_and_vanishes_with_its_strength(form: str) -> None
     name, drawn = FORMS[form]
     effect = drawn(np.random.default_rng(1), TABLE, PLAN)
     assert effect.name == name and name in LISTED
-    moves_and_vanishes(effect, PLAN, simulate_all(TABLE, PLAN))
+    moves_and_vanishes(effect, PLAN)
 
 
 # Each limit turns a form into something known: the catalogue's form, a base parameter, or a changed voltage.

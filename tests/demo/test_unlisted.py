@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from concealments import moves_and_vanishes
 
-from phnn.demo.actuator import TABLE, simulate, simulate_all
+from phnn.demo.actuator import TABLE, simulate
 from phnn.demo.excitation import sine, step
 from phnn.demo.listed import LISTED
 from phnn.demo.plans import plan_of
@@ -21,7 +21,7 @@ def test_it_changes_the_output_and_vanishes_with_its_strength(name: str) -> None
     effect = UNLISTED[name](np.random.default_rng(1), TABLE, PLAN)
     assert effect.name == name
     assert name in UNLISTED_LOCATIONS and name not in LISTED
-    moves_and_vanishes(effect, PLAN, simulate_all(TABLE, PLAN))
+    moves_and_vanishes(effect, PLAN)
 
 
 def test_curved_capacitors_hold_the_charge_that_flowed() -> None:

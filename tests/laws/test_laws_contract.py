@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from decimal import Decimal
-from functools import cache
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 import torch
@@ -17,6 +15,7 @@ from scipy.integrate import solve_ivp
 from torch import Tensor
 
 from phnn.errors import StructureViolated
+from phnn.integrate.cache import compiled
 from phnn.integrate.dispatch import factor_table, flow_table, rate_table, storage_table, threshold_table
 from phnn.laws import (
     FACTOR_LAWS,
@@ -107,35 +106,50 @@ class TestEveryFunction:
             np.testing.assert_allclose(slope, expected, rtol=1e-12, atol=1e-14)
 
 
-@cache
-def tables() -> dict[str, tuple[Callable[..., Any], dict[str, Any], str, int]]:
-    """The kernel's look-ups, callable from python, with what they look up."""
-    made = {
-        "mean_effort": (storage_table(), STORAGE_LAWS, 2),
-        "thresholds": (threshold_table(), RESISTOR_LAWS, 1),
-        "flow": (flow_table(), RESISTOR_LAWS, 2),
-        "factor": (factor_table(), FACTOR_LAWS, 1),
-        "rate": (rate_table(), MEMORY_LAWS, 2),
-    }
-    return {
-        name: (caller(table, leading, laws is STORAGE_LAWS), laws, name, leading)
-        for name, (table, laws, leading) in made.items()
-    }
+# The kernel's look-ups, callable from Python. Their tables are global: numba keeps no machine code of closures.
+_storages, _thresholds, _flows, _factors, _rates = (
+    storage_table(), threshold_table(), flow_table(), factor_table(), rate_table()
+)  # fmt: skip
 
 
-def caller(table: Any, leading: int, storage: bool) -> Callable[..., Any]:
-    if leading == 1:
-        return numba.njit(lambda code, a, p: table(code, a, p, 0, 1, 2, 3))
-    if storage:
-        return numba.njit(lambda code, a, b, p: table(code, a, b, p, 0, 1, 2, 3, 4))
-    return numba.njit(lambda code, a, b, p: table(code, a, b, p, 0, 1, 2, 3))
+@compiled
+def mean_effort(code, a, b, p):  # type: ignore[no-untyped-def]
+    return _storages(code, a, b, p, 0, 1, 2, 3, 4)
 
 
-@pytest.mark.parametrize("name", ["mean_effort", "thresholds", "flow", "factor", "rate"])
-def test_compiled_values_and_slopes_are_those_of_the_law(name: str) -> None:
-    call, laws, attribute, leading = tables()[name]
+@compiled
+def thresholds(code, a, p):  # type: ignore[no-untyped-def]
+    return _thresholds(code, a, p, 0, 1, 2, 3)
+
+
+@compiled
+def flow(code, a, b, p):  # type: ignore[no-untyped-def]
+    return _flows(code, a, b, p, 0, 1, 2, 3)
+
+
+@compiled
+def factor(code, a, p):  # type: ignore[no-untyped-def]
+    return _factors(code, a, p, 0, 1, 2, 3)
+
+
+@compiled
+def rate(code, a, b, p):  # type: ignore[no-untyped-def]
+    return _rates(code, a, b, p, 0, 1, 2, 3)
+
+
+TABLES = [
+    (mean_effort, STORAGE_LAWS, 2),
+    (thresholds, RESISTOR_LAWS, 1),
+    (flow, RESISTOR_LAWS, 2),
+    (factor, FACTOR_LAWS, 1),
+    (rate, MEMORY_LAWS, 2),
+]
+
+
+@pytest.mark.parametrize(("call", "laws", "leading"), TABLES, ids=[call.__name__ for call, _, _ in TABLES])
+def test_compiled_values_and_slopes_are_those_of_the_law(call: Any, laws: dict[str, Any], leading: int) -> None:
     for code, law in enumerate(laws.values()):
-        function = getattr(law, attribute)
+        function = getattr(law, call.__name__)
         if function is None:
             continue
         parameters = np.zeros(5)

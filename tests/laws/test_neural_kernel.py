@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import mpmath
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from phnn.errors import StructureViolated
+from phnn.integrate.cache import compiled as kept
 from phnn.laws import wide
 from phnn.laws.namespace import TINY, sqrt
 from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
@@ -68,33 +68,47 @@ def evaluate(name: str, given_: list[Any], weights: Any) -> Any:
     return wide.mean_effort(WIDE_STORAGES[name], *given_, weights)
 
 
-@cache
-def kernel(name: str) -> Callable[..., Any]:
-    """The compiled law from code that can neither allocate nor count references, as the kernel is."""
-    if name in WIDE_RESISTORS:
-        flow = wide.compiled_flow(WIDE_RESISTORS[name])
+# Compiled laws are global: numba keeps no machine code of closures.
+_damping, _symmetric, _monotone, _convex = (
+    wide.compiled_flow(WIDE_RESISTORS["damping"]), wide.compiled_flow(WIDE_RESISTORS["symmetric_damping"]),
+    wide.compiled_flow(WIDE_RESISTORS["monotone"]), wide.compiled_mean_effort(WIDE_STORAGES["convex"]),
+)  # fmt: skip
 
-        @numba.njit(error_model="numpy", _nrt=False)
-        def fill_flow(effort: Any, theta: Any, first: Any, count: Any, out: Any) -> None:
-            for n in range(len(out)):
-                out[n] = flow(effort[n], theta, first, count)
 
-        return fill_flow
-    mean_effort = wide.compiled_mean_effort(WIDE_STORAGES[name])
+def _damping_of(effort, theta, first, count, out):  # type: ignore[no-untyped-def]
+    for n in range(len(out)):
+        out[n] = _damping(effort[n], theta, first, count)
 
-    @numba.njit(error_model="numpy", _nrt=False)
-    def fill_effort(a: Any, b: Any, theta: Any, first: Any, count: Any, out: Any) -> None:
-        for n in range(len(out)):
-            out[n] = mean_effort(a[n], b[n], theta, first, count)
 
-    return fill_effort
+def _symmetric_of(effort, theta, first, count, out):  # type: ignore[no-untyped-def]
+    for n in range(len(out)):
+        out[n] = _symmetric(effort[n], theta, first, count)
+
+
+def _monotone_of(effort, theta, first, count, out):  # type: ignore[no-untyped-def]
+    for n in range(len(out)):
+        out[n] = _monotone(effort[n], theta, first, count)
+
+
+def _convex_of(a, b, theta, first, count, out):  # type: ignore[no-untyped-def]
+    for n in range(len(out)):
+        out[n] = _convex(a[n], b[n], theta, first, count)
+
+
+# The compiled laws from code that can neither allocate nor count references, as the kernel is.
+KERNELS: dict[str, Callable[..., Any]] = {
+    name: kept(function, error_model="numpy", _nrt=False)
+    for name, function in {
+        "damping": _damping_of, "symmetric_damping": _symmetric_of, "monotone": _monotone_of, "convex": _convex_of,
+    }.items()
+}  # fmt: skip
 
 
 def compiled(name: str, given_: list[Any], weights: NDArray[Any]) -> NDArray[Any]:
     """The compiled law at (N,) arguments."""
     theta = np.concatenate([np.full(FIRST, np.nan), weights, [np.nan]])
     out = np.empty(len(given_[0]), np.result_type(theta, *given_))
-    kernel(name)(*given_, theta, FIRST, UNITS, out)
+    KERNELS[name](*given_, theta, FIRST, UNITS, out)
     return out
 
 

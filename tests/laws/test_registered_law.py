@@ -33,6 +33,15 @@ def flow(effort, q, drag):
 register(ResistorLaw("own_damper", flow, (1.0,)))
 """
 
+_OWN_FRICTION = """
+import phnn
+from phnn.laws import RESISTOR_LAWS, ResistorLaw, register
+stock = RESISTOR_LAWS["coulomb"]
+register(ResistorLaw("own_friction", stock.flow, stock.example))
+"""
+
+_OUTSIDE = "from phnn.laws.identity import registered_outside; print([law.name for law in registered_outside()])"
+
 _FINGERPRINT = "from phnn.integrate.cache import fingerprint; print(fingerprint())"
 
 _DISCHARGE = """
@@ -58,11 +67,29 @@ print(float(states[-1, 0]))
 """
 
 
-def _printed(program: str, folder: Path) -> str:
+# Runs each program in a fork of its own, behind the imports of what is none of the package's.
+_FORKS = """
+import os, sys
+import numba, numpy
+for program in sys.argv[1:]:
+    if child := os.fork():
+        assert os.waitpid(child, 0)[1] == 0
+        continue
+    exec(program)
+    sys.stdout.flush()
+    os._exit(0)
+"""
+
+
+def _printed(program: str, folder: Path, *others: str) -> list[str]:
+    """The line that each program prints."""
     environment = os.environ | {"PHNN_CACHE_DIR": str(folder)}
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
+    run = ["-c", _FORKS, program, *others] if others else ["-c", program]
+    done = subprocess.run([sys.executable, *run], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return done.stdout.strip()
+    lines = done.stdout.splitlines()
+    assert len(lines) == 1 + len(others)
+    return lines
 
 
 def _hash(source: str) -> bytes:
@@ -104,30 +131,24 @@ def test_what_cannot_be_hashed_is_named(unknown: str) -> None:
 
 
 def test_a_law_made_of_the_functions_of_another_is_one_of_the_users(tmp_path: Path) -> None:
-    program = """
-import phnn
-from phnn.laws import RESISTOR_LAWS, ResistorLaw, register
-from phnn.laws.identity import registered_outside
-stock = RESISTOR_LAWS["coulomb"]
-register(ResistorLaw("own_friction", stock.flow, stock.example))
-print([law.name for law in registered_outside()])
-"""
-    assert _printed(program, tmp_path) == "['own_friction']"
-    assert _printed(program + _FINGERPRINT, tmp_path) != _printed(_FINGERPRINT, tmp_path)
+    named, with_it, without = _printed(_OWN_FRICTION + _OUTSIDE, tmp_path, _OWN_FRICTION + _FINGERPRINT, _FINGERPRINT)
+    assert named == "['own_friction']"
+    assert with_it != without
 
 
 def test_machine_code_is_kept_apart_for_other_laws(tmp_path: Path) -> None:
-    laws = [_LAW.format(factor=f, inner=i) for f, i in ((1.0, 2.0), (1.0, 2.0), (3.0, 2.0), (1.0, 5.0))]
-    first, again, other_value, other_helper = (_printed(law + _FINGERPRINT, tmp_path) for law in laws)
-    assert first == again
-    assert len({first, other_value, other_helper, _printed(_FINGERPRINT, tmp_path)}) == 4
+    laws = [_LAW.format(factor=f, inner=i) for f, i in ((1.0, 2.0), (3.0, 2.0), (1.0, 5.0))]
+    first, *others = _printed(laws[0] + _FINGERPRINT, tmp_path, *(x + _FINGERPRINT for x in (*laws[1:], "")))
+    # Another process has another seed of hashes.
+    assert _printed(laws[0] + _FINGERPRINT, tmp_path) == [first]
+    assert len({first, *others}) == 4
 
 
 @pytest.mark.slow  # it compiles the general kernel twice
 def test_each_process_solves_with_the_law_that_it_registered(tmp_path: Path) -> None:
     for factor, inner in ((1.0, 2.0), (3.0, 2.0)):
-        found = float(_printed(_LAW.format(factor=factor, inner=inner) + _DISCHARGE, tmp_path))
-        np.testing.assert_allclose(found, np.exp(-factor * inner * 0.5 / 2.0), rtol=1e-3)
+        (found,) = _printed(_LAW.format(factor=factor, inner=inner) + _DISCHARGE, tmp_path)
+        np.testing.assert_allclose(float(found), np.exp(-factor * inner * 0.5 / 2.0), rtol=1e-3)
 
 
 def test_worker_processes_know_the_law(tmp_path: Path) -> None:
@@ -142,7 +163,7 @@ def newest(_):
 
 print(*(result for _, result in Processes(1).each(newest, [0])))
 """
-    assert _printed(_LAW.format(factor=3.0, inner=2.0) + ask, tmp_path) == "('own_damper', 12.0)"
+    assert _printed(_LAW.format(factor=3.0, inner=2.0) + ask, tmp_path) == ["('own_damper', 12.0)"]
 
 
 def test_a_law_that_comes_after_the_solver_is_refused() -> None:

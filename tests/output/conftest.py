@@ -39,6 +39,4 @@ def runner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runner]:
     structure["write_folder"](home / "modes", "none", 3, levels=(0.7,))
     made = Runner(home)
     yield made
-    assert made.process.stdin is not None
-    made.process.stdin.close()
-    made.process.wait()
+    made.end()

@@ -72,19 +72,30 @@ for line in sys.stdin:
 
 
 class Runner:
-    """Runs commands in forks of one process."""
+    """Runs commands in forks of one process, which starts with the first of them."""
 
     def __init__(self, home: Path) -> None:
         self.home, self.told = home, home / "told.txt"
-        environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", SERVER],
-            env=environment,
-            cwd=home,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        self._started: subprocess.Popen[str] | None = None
+
+    @property
+    def process(self) -> subprocess.Popen[str]:
+        if self._started is None:
+            self._started = subprocess.Popen(
+                [sys.executable, "-c", SERVER],
+                env=os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
+                cwd=self.home,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+        return self._started
+
+    def end(self) -> None:
+        """Let the process end, where one has started."""
+        if self._started is not None and self._started.stdin is not None:
+            self._started.stdin.close()
+            self._started.wait()
 
     def run(self, arguments: list[str], stop: tuple[float, signal.Signals] | None = None) -> int:
         """Exit status; ``stop`` gives the seconds after which a signal is sent."""

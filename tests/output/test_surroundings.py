@@ -9,11 +9,13 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import chdir, suppress
 from pathlib import Path
 
 import pytest
 from small_runs import MARK, ROOT, RUNS, Runner, differing, given, results
+
+from phnn.cli import main
 
 DISK = 64 << 20
 # Bytes that are left when the disk fills up.
@@ -35,7 +37,11 @@ def quick(names: object, first: str) -> list[object]:
 def clean(runner: Runner, verb: str) -> dict[str, object]:
     """What a command leaves that nothing has disturbed."""
     out = runner.home / "undisturbed" / verb
-    if not out.exists():
+    if not out.exists() and verb == "predict":
+        # So quick that a process would take longer to start.
+        with chdir(runner.home):
+            assert main(given(RUNS[verb][0], out)) == 0
+    elif not out.exists():
         assert runner.run(given(RUNS[verb][0], out)) == 0, runner.told.read_text()
     return results(out)
 

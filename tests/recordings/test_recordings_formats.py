@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -190,6 +191,7 @@ def recorded(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return t, u, y
 
 
+@cache
 def made() -> np.ndarray:
     t, u = sine(10.0, 75.0)
     return np.column_stack([t, u, output(u)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ def _excitation(name: str, t: np.ndarray) -> np.ndarray:
     return 37.5 * (1.0 - np.cos(2.0 * np.pi * frequency * t))
 
 
+@cache
 def make_trace(name: str, count: int | None = None, creeps: bool = True) -> Trace:
     """A trace whose base model misses a slow memory of 3 % of the displacement (or nothing)."""
     seconds = _SHAPES.get(name, (0.0, 2.0))[1]
