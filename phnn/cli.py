@@ -24,7 +24,7 @@ _DEBUG = "PHNN_DEBUG"
 
 
 def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
-    from phnn.ensemble.processes import ONE_THREAD
+    from phnn.threads import ONE_THREAD
 
     name = arguments.command
     # Settings are refused before torch and numba are loaded.

@@ -13,7 +13,7 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from phnn.ensemble.processes import ONE_THREAD
+from phnn.threads import ONE_THREAD
 
 # Times are those of one processor. Before numpy and torch are loaded.
 os.environ.update(ONE_THREAD)

@@ -24,14 +24,12 @@ from loky.process_executor import TerminatedWorkerError
 from phnn.ensemble.local import Executor, named
 from phnn.errors import SolverFailed
 from phnn.laws.identity import register_again, registered_outside
+from phnn.threads import ONE_THREAD
 
 _ALONE_AFTER, _KILLS = 2, 3
 # Idle workers leave after so many seconds; until then the next call finds them with everything imported.
 _IDLE = 60.0
 _WATCH = 1.0
-_LIBRARIES = ("OMP", "OPENBLAS", "MKL", "VECLIB_MAXIMUM", "NUMEXPR", "NUMBA")
-ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in _LIBRARIES}
-"""Environment under which a process does its linear algebra in one thread; read when the libraries are loaded."""
 
 
 @dataclass(frozen=True)

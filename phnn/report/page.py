@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
@@ -69,6 +70,7 @@ def _unit_of(row: ParameterRow) -> str:
     return "" if row.unit == "1" else row.unit
 
 
+@cache
 def _environment() -> Environment:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, loader=FunctionLoader(content)

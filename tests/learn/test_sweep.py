@@ -19,10 +19,10 @@ import psutil
 import pytest
 from test_run import ROOT, settings_of, without_times, written
 
-from phnn.ensemble.processes import ONE_THREAD
 from phnn.errors import InputRefused
 from phnn.learn import train
 from phnn.learn.gather import ERROR, gather
+from phnn.threads import ONE_THREAD
 
 SCRIPT = ROOT / "scripts" / "train.py"
 SHORT = ("model=hrc", "model.hysterons=1", "model.start=none", "tensorboard=false", "gauss_newton=2")
