@@ -24,6 +24,7 @@ from phnn.diagnosis.picture import Picture, is_effort, learned_picture, missing_
 from phnn.diagnosis.rules import Applied
 from phnn.diagnosis.seen import seen
 from phnn.diagnosis.symptoms import symptoms
+from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.network.roles import auxiliary
 from phnn.output import PROGRESS, Place, claim, finite
@@ -246,10 +247,18 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
             note = "up to one common factor"
         if not math.isfinite(std.get(name, 0.0)):
             note = "not identified by these recordings"
+        note = note or _unknown_before(diagnosis.base, name)
         old = before[name].value if name in before else None
         ends = j.final.interval(name)
         rows.append(ParameterRow(name, p.description, p.unit, old, p.value, finite(std.get(name)), note, ends))
     return rows
+
+
+def _unknown_before(base: Fit, name: str) -> str:
+    """Why the base model's value of a parameter says nothing, so that its change says nothing either."""
+    if math.isfinite(base.std().get(name, 0.0)) and name not in base.held:
+        return ""
+    return f"base model: {base.held.get(name, 'not identified by these recordings')}"
 
 
 def _ledger(j: Judgement) -> list[LedgerRow]:
