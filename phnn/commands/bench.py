@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from phnn.commands.terminal import Config
 from phnn.errors import InputRefused
@@ -13,42 +14,34 @@ from phnn.studies.benchmark.run import ANSWERS, SCORES, answer_all, scores_of, w
 from phnn.studies.benchmark.settings import Settings
 
 # By step: the options that it takes.
-_TAKES = {"write": (), "answer": ("--cases", "--tool"), "score": ("--cases", "--answers")}
+_TAKES = {"write": (), "answer": ("cases", "tool"), "score": ("cases", "answers")}
 
 
-def bench(
-    step: str,
-    out: Path,
-    config: Config,
-    cases: Path | None = None,
-    tool: str | None = None,
-    answers: Sequence[Path] | None = None,
-    executor: str = "processes",
-    overwrite: bool = False,
-) -> None:
+def bench(step: str, out: Path, config: Config, options: Mapping[str, Any], overwrite: bool = False) -> None:
     """Carry out one step of a benchmark.
 
     Args:
-        step: ``write`` makes and seals cases in ``out``; ``answer`` lets ``tool`` answer ``cases``; ``score`` opens
-            the seals of ``cases`` and scores ``answers``.
+        step: ``write`` makes and seals cases in ``out``; ``answer`` lets a tool answer them; ``score`` opens their
+            seals and scores answers.
         config: settings of ``write``.
-        executor: where cases are made and a tool works, see `phnn.ensemble.executor`.
+        options: ``cases``: what ``write`` has written; ``tool``: its name; ``answers``: folders with those of tools;
+            ``executor``: where cases are made and a tool works, see `phnn.ensemble.executor`.
 
     Raises:
-        InputRefused: an argument that a step does not take, or lacks.
+        InputRefused: an option that a step does not take, or lacks.
     """
-    given = {"--cases": cases, "--tool": tool, "--answers": answers}
-    for name, value in given.items():
-        if (name in _TAKES[step]) is (value is None):
-            raise InputRefused(f"phnn bench {step} {'needs' if value is None else 'does not take'} {name}")
-    if cases is None:
-        _write(Settings.from_config(config), out, executor, overwrite)
-    elif tool is not None:
+    for name in ("cases", "tool", "answers"):
+        if (name in _TAKES[step]) is (options[name] is None):
+            raise InputRefused(f"phnn bench {step} {'needs' if options[name] is None else 'does not take'} --{name}")
+    if step == "write":
+        _write(Settings.from_config(config), out, options["executor"], overwrite)
+    elif step == "answer":
+        cases, tool = options["cases"], options["tool"]
         with claim(out, "bench", [cases], ANSWERS, Origin({"tool": tool}, resume=True), overwrite) as place:
-            answer_all(cases, tool, place, executor, _say)
+            answer_all(cases, tool, place, options["executor"], _say)
         print(f"answers: {out / ANSWERS[0]}")
     else:
-        _score(cases, answers or (), out, overwrite)
+        _score(options["cases"], options["answers"], out, overwrite)
 
 
 def _score(cases: Path, answers: Sequence[Path], out: Path, overwrite: bool) -> None:

@@ -132,8 +132,7 @@ class WithLaw(NamedTuple):
 
     Attributes:
         kind: storage, resistor, port, modulation or memory; name: what it is called among these.
-        element: the element itself.
-        laws: the laws of its kind, by name.
+        element: the element itself; laws: those of its kind, by name.
     """
 
     kind: str
@@ -258,8 +257,7 @@ class Network:
         yield from (WithLaw("memory", m.name, m, MEMORY_LAWS) for m in self.memories)
 
     def _parameter_references(self) -> list[str]:
-        names = [n for one in self.with_laws() for n in one.element.parameters]
-        names += [m.ratio for m in self.modulations]
+        names = [n for one in self.with_laws() for n in one.element.parameters] + [m.ratio for m in self.modulations]
         ratios: list[Ratio] = [c.ratio for c in self.couplings]
         ratios += [v for r in self.resistors for v in r.on.values()] + [v for p in self.ports for v in p.on.values()]
         return names + [v for v in ratios if isinstance(v, str)]
