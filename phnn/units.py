@@ -19,7 +19,8 @@ _LONG = ("rad", "ohm", "Ohm")
 def quantity(value: float, unit: str, digits: int = 3) -> str:
     """``3.2e-7`` and ``s`` become ``320 ns``; of a quotient the first symbol takes the prefix, products take none."""
     if "/" in unit:
-        size, name = prefixed(value, unit)
+        # What rounds up to the next power of a thousand has the next prefix.
+        size, name = prefixed(float(f"{value:.{digits}g}"), unit)
         return f"{value / size:.{digits}g} {name}"
     if value == 0.0 or not math.isfinite(value) or unit == "1" or len(unit) > 2 or unit == "kg" or unit[-1] in "²³":
         return f"{value:.{digits}g}" if unit == "1" else f"{value:.{digits}g} {unit}"
@@ -40,7 +41,7 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
     The first symbol of a quotient takes the prefix; products, powers, ``kg`` and ``1`` take none.
     """
     first, bar, rest = unit.partition("/")
-    simple = (len(first) <= 2 and first[-1:].isalpha() and first != "kg") or first in _LONG
+    simple = (len(first) <= 2 and first.isalpha() and first != "kg") or first in _LONG
     if value == 0.0 or not math.isfinite(value) or not simple:
         return 1.0, unit
     power = _power(value)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from phnn.commands.terminal import Config
 from phnn.errors import InputRefused
 from phnn.output import Origin, claim
-from phnn.studies.benchmark.folders import RESULTS, write_benchmark
+from phnn.studies.benchmark.folders import RESULTS, card_of, write_benchmark
 from phnn.studies.benchmark.run import ANSWERS, SCORES, answer_all, scores_of, write_scores
 from phnn.studies.benchmark.settings import Settings
+from phnn.studies.benchmark.tools import tool
 
 # By step: the options that it takes.
 _TAKES = {"write": (), "answer": ("cases", "tool"), "score": ("cases", "answers")}
@@ -33,12 +35,17 @@ def bench(step: str, out: Path, config: Config, options: Mapping[str, Any], over
     for name in ("cases", "tool", "answers"):
         if (name in _TAKES[step]) is (options[name] is None):
             raise InputRefused(f"phnn bench {step} {'needs' if options[name] is None else 'does not take'} --{name}")
+    settings = [w for w in options["typed"] if w.partition("=")[0] in Settings.__dataclass_fields__]
+    if settings and step != "write":
+        raise InputRefused(f"phnn bench {step} does not take {settings[0]}: settings are those of write")
     if step == "write":
         _write(Settings.from_config(config), out, options["executor"], overwrite)
     elif step == "answer":
-        cases, tool = options["cases"], options["tool"]
-        with claim(out, "bench", [cases], ANSWERS, Origin({"tool": tool}, resume=True), overwrite) as place:
-            answer_all(cases, tool, place, options["executor"], _say)
+        cases, chosen = options["cases"], options["tool"]
+        tool(chosen)  # refuses an unknown one now
+        origin = Origin({"tool": chosen, "benchmark": card_of(cases)["sha256"]}, resume=True)
+        with claim(out, "bench", [cases], ANSWERS, origin, overwrite) as place:
+            answer_all(cases, chosen, place, options["executor"], _say)
         print(f"answers: {out / ANSWERS[0]}")
     else:
         _score(options["cases"], options["answers"], out, overwrite)
@@ -56,10 +63,9 @@ def _score(cases: Path, answers: Sequence[Path], out: Path, overwrite: bool) -> 
 
 def _write(settings: Settings, out: Path, where: str, overwrite: bool) -> None:
     print(f"seed {settings.seed}", flush=True)
-    changes = {"seed": settings.seed}
-    with claim(out, "bench", (), RESULTS, Origin(changes, resume=True), overwrite) as place:
+    with claim(out, "bench", (), RESULTS, Origin(asdict(settings), resume=True), overwrite) as place:
         digest = write_benchmark(settings, place, where, _say)
-    print(f"SHA-256 of all that is sealed: {digest}")
+    print(f"SHA-256 of all cases and seals: {digest}")
 
 
 def _say(line: str) -> None:

@@ -55,6 +55,14 @@ class Noise:
         "Argument: a larger excess is more likely a mismatch.",
         origin=1.0,
     )
+    unseen_excess: float = criterion(
+        9.0,
+        "rms of the stated noise",
+        "The same where the noise is stated from its highest frequencies and nothing shows its colour.",
+        "Calculation: first-order noise with coefficient 0.8 has 81 times the density of its highest frequencies at the "
+        "lowest ones. With 2, half of the single sweeps in such noise were taken for physics.",
+        origin=1.0,
+    )
     difference_samples: int = criterion(
         128,
         "samples",

@@ -20,6 +20,7 @@ from phnn.demo.excitation import Excitation
 from phnn.demo.folder import MANIFEST, Writer, refuse_strangers, reported, write_manifest, write_recording
 from phnn.demo.other_base import HYSTERONS, acts_on
 from phnn.demo.parameters import Array
+from phnn.demo.plans import EXAM
 from phnn.demo.sealed import Sealed
 from phnn.demo.strata import Choice
 from phnn.demo.strength import Ruler, concealing, find_strength, rulers
@@ -78,9 +79,11 @@ def make_case(case: Case, folder: Path, write: Writer = Path.write_bytes) -> Sea
     plan = case.recordings
     refuse_strangers(folder, plan)
     case, background = _with_background(case, plan)
-    gauges = _Gauges(*rulers(case.base, plan, case.noise)) if case.effects else None
-    choice, parts, redrawn = (case.choices[0], [], 0) if gauges is None else _chosen(case, plan, gauges)
-    outputs = parts[0].outputs if len(parts) == 1 else _together(case, plan, parts)
+    # How strong an effect is, says what can be seen of it.
+    seen = tuple(e for e in plan if not e.name.startswith(EXAM))
+    gauges = _Gauges(*rulers(case.base, seen, case.noise)) if case.effects else None
+    choice, parts, redrawn = (case.choices[0], [], 0) if gauges is None else _chosen(case, seen, gauges)
+    outputs = parts[0].outputs if len(parts) == 1 and seen == plan else _together(case, plan, parts)
     final = disturbed(
         case.noise, case.base, plan, outputs, lambda d: _together(case, plan, parts, d), case.stream
     )  # fmt: skip
@@ -195,7 +198,7 @@ def _answer(
 ) -> Sealed:
     level, delta, alone, apart = 0.0, 0.0, [], []
     if gauges is not None:
-        level, delta = gauges.of(outputs, case)
+        level, delta = gauges.of(outputs[: len(gauges.metres.plan)], case)
         alone = [gauges.of(part.outputs, case) for part in parts]
         apart = _apart([gauges.white.left(part.outputs) for part in parts])
     return Sealed(

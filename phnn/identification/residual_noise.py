@@ -108,7 +108,8 @@ def _spectra(
             if d is not None and abs(other.dt / recording.dt - 1.0) < 1e-6
         }  # fmt: skip
         shown = chosen(i, alike)
-        found.append(_averaged(shown, rule) if shown else _running_median(residual, rule))
+        most = rule.unseen_excess if recording.colour_unseen else rule.greatest_excess
+        found.append(_averaged(shown, rule) if shown else _running_median(residual, rule.least_density, most))
     return found
 
 
@@ -165,15 +166,16 @@ def _slope(at: Array, density: Array, sizes: NDArray[np.int64]) -> float:
     return float(np.clip(found, -2.0, 0.0))
 
 
-def _running_median(residual: Array, rule: Noise) -> NoiseSpectrum:
+def _running_median(residual: Array, least: float, most: float) -> NoiseSpectrum:
     """The running median of a periodogram: what repeats stands in single lines, which a median passes over.
 
-    What exceeds the stated noise by more than the usual doubt is rather what the model misses.
+    Args:
+        least: lower bound of the density; most: largest ratio [rms] of noise to stated noise: what exceeds it is rather
+            what the model misses.
     """
     cycles, power = periodogram(residual, detrend="constant")
     level = median_filter(0.5 * power[1:], min(_NEIGHBOURS, power.size - 1), mode="nearest") / _MEDIAN
-    bounds = rule.least_density, rule.greatest_excess**2
-    return NoiseSpectrum(cycles, np.clip(np.concatenate([level[:1], level]), *bounds))
+    return NoiseSpectrum(cycles, np.clip(np.concatenate([level[:1], level]), least, most**2))
 
 
 def _fast(size: int) -> int:

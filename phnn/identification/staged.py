@@ -113,7 +113,9 @@ def check_known(known: Mapping[str, Anchor], parameters: Mapping[str, Parameter]
     for name, anchor in known.items():
         unit = parameters[name].unit
         if anchor.unit and unit and not same_kind(anchor.unit, unit):
-            raise InputRefused(f"known: {name} is in {unit}, its unit is stated as one of {anchor.unit}: correct it")
+            raise InputRefused(
+                f"known: {name} is in {unit}, its stated unit is one of the kind of {anchor.unit}: correct it"
+            )
 
 
 def held_by_statement(known: Mapping[str, Anchor]) -> dict[str, str]:

@@ -114,6 +114,8 @@ def inputs_of(content: Mapping[str, Any], shown: str) -> tuple[float, float] | N
     try:
         values = a_list(content["identified_inputs"], "identified_inputs", 2)
         low, high = (a_number(v, "identified_inputs") for v in values)
+        if low > high:
+            raise ValueError(f"identified_inputs {low:g} to {high:g} is no range")
     except (TypeError, ValueError) as error:
         raise InputRefused(f"{shown}: is damaged ({printable(str(error))}): write the model again") from error
     return low, high

@@ -59,7 +59,7 @@ def _channel(table: Table, quantity: str, said: Column, name: str) -> Channel | 
     label = table.label(index)
     if said.place is not None and table.names[index] == "":
         label = f"column {said.place}"
-    unit = _unit(table, index, quantity, said.unit)
+    unit = _unit(table, index, quantity, said)
     values = table.numbers(index)
     checks.finite(values, f"{name} ({label})", table.where)
     return Channel(to_si(said.scale * values, unit), label, unit, said.scale * known_unit(unit).factor)
@@ -80,13 +80,14 @@ def _by_name(table: Table, quantity: str, unit: str | None) -> int | None:
     return known[0] if known else None
 
 
-def _unit(table: Table, index: int, quantity: str, stated: str | None) -> str:
-    named = stated_by_name(table.names[index], quantity)
+def _unit(table: Table, index: int, quantity: str, said: Column) -> str:
+    named, stated = stated_by_name(table.names[index], quantity), said.unit
     where = f"{table.where}: {table.label(index)}"
-    if stated is not None and suits(quantity, named) and _differ(stated, named or "", quantity):
+    # Whoever states a scale has looked at the numbers.
+    if stated is not None and said.scale == 1.0 and suits(quantity, named) and _differ(stated, named or "", quantity):
         raise InputRefused(
             f"{where}: the name says {named}, recordings.yaml says {stated}: make them agree, or leave out the latter; "
-            f"where the name is wrong, rename the column, or write unit: {named} and the scale that makes it right"
+            f"where the name is wrong, rename the column, or write its true unit by a scale (unit: {named}, scale: ...)"
         )
     return check_unit(quantity, stated if stated is not None else named, where)
 

@@ -63,12 +63,12 @@ def any_recordings(files: Sequence[Path], left: Sequence[str], folder: Path) -> 
 
 
 def no_results(folder: Path) -> None:
-    """Refuse the folder of a result in the place of that of the recordings."""
+    """Refuse the folder of a result in the place of that of the recordings, unless it has a manifest."""
     found = next((name for name in _RESULTS if os.path.isfile(folder / name)), None)
-    if found is not None and os.path.isdir(folder / RECORD):
+    if found is not None and os.path.isdir(folder / RECORD) and not os.path.lexists(folder / "recordings.yaml"):
         raise InputRefused(
-            f"folder {printable(str(folder))}: holds a result of phnn ({found}) and no recordings: give the folder of "
-            "the recordings"
+            f"folder {printable(str(folder))}: holds a result of phnn ({found}): give the folder of the recordings, or "
+            "describe those in this one in recordings.yaml"
         )
 
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from phnn.recordings.sensor import PLAIN, Sensor
+from phnn.signals.noise import AS_WHITE
 
 
 class Units(NamedTuple):
@@ -156,6 +157,11 @@ class Recording:
     def dt(self) -> float:
         """Sampling interval in s."""
         return float(self.t[-1] - self.t[0]) / (self.t.size - 1)
+
+    @property
+    def colour_unseen(self) -> bool:
+        """Whether the noise floor is the level of a band, and nothing shows what the noise is outside it."""
+        return AS_WHITE in self.noise_source and self.noise_interval is None
 
     def mask(self, use: str) -> np.ndarray:
         """``(N,)`` bool: the samples that serve as ``use``."""

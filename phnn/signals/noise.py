@@ -26,6 +26,8 @@ _LEAST_SHARE_OF_RANGE = 1e-6
 _ORDERS = range(1, 9)
 FROM_PERIODS = "period-to-period differences"
 SILENT = "the spectrum where the excitation is silent"
+# Part of the words of a source whose band does not show the colour.
+AS_WHITE = "noise taken as white"
 UPPER = "; an upper bound, for the excitation reaches that high"
 
 
@@ -221,14 +223,14 @@ def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
     if coloured is not None:
         return coloured
     sigma, order = _plateau(y)
-    source = f"the spectrum above {0.25 / dt:.4g} Hz, noise taken as white"
+    source = f"the spectrum above {0.25 / dt:.4g} Hz, {AS_WHITE}"
     gain = float(np.ptp(y)) / max(float(np.ptp(u)), 1e-300)
     if gain * _spread(np.diff(u, order)) / sqrt(comb(2 * order, order)) > 0.5 * sigma:
         silent = silent_deviation(u, y)
         if silent is not None and silent < sigma:
             return NoiseFloor(
                 silent,
-                f"{SILENT}, noise taken as white; more is possible where it is not",
+                f"{SILENT}, {AS_WHITE}; more is possible where it is not",
                 WHITE,
                 0.0,
             )

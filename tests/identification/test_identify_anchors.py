@@ -131,5 +131,5 @@ def test_what_a_manifest_states_reaches_the_fit() -> None:
 
 def test_an_anchor_in_a_unit_of_something_else_is_refused() -> None:
     check_known({"rho_1": Anchor(1e-6, unit="1/Ω"), "m": Anchor(1.0)}, hrc(1).parameters)
-    with pytest.raises(InputRefused, match="m is in kg, its unit is stated as one of m"):
+    with pytest.raises(InputRefused, match="m is in kg, its stated unit is one of the kind of m"):
         check_known({"m": Anchor(1e-3, unit="m")}, hrc(1).parameters)

@@ -235,6 +235,8 @@ def test_a_unit_that_contradicts_the_name_is_refused(header: str, stated: str, t
     np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=f"time_s,voltage_V,{header}", comments="")
     manifest(tmp_path, f"columns: {{displacement: {{column: 2, unit: {stated}}}}}\n")
     refused(tmp_path, "the name says", stated, "scale")
+    manifest(tmp_path, f"columns: {{displacement: {{column: 2, unit: {stated}, scale: 2}}}}\n")
+    assert np.allclose(read(tmp_path).recordings[0].y, {"nm": 2e-9, "um": 2e-6}[stated] * 1e6 * y)
     manifest(tmp_path, "columns: {displacement: {column: 2}}\n")
     size = 1e-9 if "nm" in header else 1e-6
     assert np.allclose(read(tmp_path).recordings[0].y, size * 1e6 * y)
@@ -254,3 +256,6 @@ def test_the_folder_of_a_result_is_refused(tmp_path: Path) -> None:
     (tmp_path / ".phnn").mkdir()
     (tmp_path / "diagnosis.json").write_text("{}")
     refused(tmp_path, "holds a result of phnn (diagnosis.json)")
+    write_sine(tmp_path, "a", 10.0, 60.0)
+    manifest(tmp_path, "voltage: command\n")
+    assert len(read(tmp_path).recordings) == 1

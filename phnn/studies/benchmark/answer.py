@@ -35,7 +35,8 @@ SCHEMA = "phnn.answer/1"
 FILE = "answer.json"
 # From here on a probability counts as a claim.
 CLAIMED = 0.5
-_KEYS = ("schema", "names", "none", "unlisted", "places", "seconds")
+NONE, UNLISTED = "none", "unlisted"
+_KEYS = ("schema", "names", "none", "unlisted", "places", "seconds", "failed")
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ class Answer:
     places: locations of what is missing, the first one first.
     predictions: (N,) displacement [m] by recording of the examination.
     seconds: of the processor.
+    failed: why the tool has no answer; empty where it has one.
     """
 
     names: Mapping[str, float]
@@ -54,12 +56,14 @@ class Answer:
     places: tuple[str, ...] = ()
     predictions: Mapping[str, Array] = field(default_factory=dict, compare=False)
     seconds: float = math.nan
+    failed: str = ""
 
     def __post_init__(self) -> None:
         known = catalogue()
-        for name, value in (*self.names.items(), ("none", self.none), ("unlisted", self.unlisted)):
-            if name not in (*known, "none", "unlisted"):
+        for name in self.names:
+            if name not in known:
                 raise InputRefused(f"an answer names {name!r}{meant(name, known)}: the list has {', '.join(known)}")
+        for name, value in self.probabilities.items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
                 raise InputRefused(f"an answer gives {name} the probability {value}: give a number from 0 to 1")
         for place in self.places:
@@ -67,19 +71,21 @@ class Answer:
                 raise InputRefused(f"an answer has the place {place!r}: there are {', '.join(LOCATIONS)}")
 
     @property
-    def claims(self) -> tuple[str, ...]:
-        """The effects that are claimed to be missing."""
-        return tuple(name for name, p in self.names.items() if p >= CLAIMED)
+    def probabilities(self) -> dict[str, float]:
+        """All that is stated: of names, and under `NONE` and `UNLISTED`."""
+        return {**self.names, NONE: self.none, UNLISTED: self.unlisted}
 
     @property
-    def claims_unlisted(self) -> bool:
-        """Whether something without a name is claimed, and nothing with one."""
-        return not self.claims and self.unlisted >= CLAIMED
+    def claims(self) -> frozenset[str]:
+        """What is claimed: names, `NONE`, `UNLISTED`."""
+        return frozenset(name for name, p in self.probabilities.items() if p >= CLAIMED)
 
-    @property
-    def claims_nothing(self) -> bool:
-        """Whether it is not claimed that anything is missing."""
-        return not self.claims and not self.claims_unlisted
+    def first(self, count: int) -> frozenset[str]:
+        """The most probable of all that is stated; empty where that is not unique."""
+        ordered = sorted(self.probabilities.items(), key=lambda item: -item[1])
+        chosen = ordered[:count]
+        tied = len(ordered) > count and ordered[count][1] >= chosen[-1][1]
+        return frozenset() if tied or chosen[-1][1] == 0.0 else frozenset(name for name, _ in chosen)
 
 
 def write_answer(answer: Answer, place: Place, times: Mapping[str, Array]) -> None:
@@ -98,6 +104,7 @@ def write_answer(answer: Answer, place: Place, times: Mapping[str, Array]) -> No
         "unlisted": answer.unlisted,
         "places": list(answer.places),
         "seconds": answer.seconds,
+        **({"failed": answer.failed} if answer.failed else {}),
     }
     (place / FILE).write_json(content)
 
@@ -122,7 +129,7 @@ def read_answer(folder: Path) -> Answer:
     try:
         return Answer(
             names, content.get("none", 0.0), content.get("unlisted", 0.0), tuple(places), _predictions(folder),
-            _seconds(content.get("seconds")),
+            _seconds(content.get("seconds")), str(content.get("failed", "")),
         )  # fmt: skip
     except InputRefused as error:
         raise InputRefused(f"{folder / FILE}: {error}") from error

@@ -38,10 +38,11 @@ SCHEMA = "phnn.bench/1"
 RESULTS = ("bench.json", "cases", "sealed")
 OUTPUT = "displacement_um"
 _CARD, _CASES, _SEALED, _SEAL, _ENTRY = "bench.json", "cases", "sealed", "seal.json", "entry.json"
+_SETTINGS = "settings.json"
 
 
 def write_benchmark(settings: Settings, place: Place, where: str, say: Say) -> str:
-    """Make and seal all cases; returns the hash of the seals.
+    """Make and seal all cases; returns the hash of all files.
 
     A case whose seal lies there is not made again.
 
@@ -54,15 +55,11 @@ def write_benchmark(settings: Settings, place: Place, where: str, say: Say) -> s
     todo = [e for e in found if not (place / _SEALED / e.name / _SEAL).path.exists()]
     for number, _ in enumerate(executor(where).each(partial(_make, place), todo), start=1):
         say(f"made {number} of {len(todo)}")
+    if not (place / _SEALED / _SETTINGS).path.exists():
+        (place / _SEALED / _SETTINGS).write_json(asdict(settings))
     digest = digest_of(place.path, [e.name for e in found])
-    card = {
-        "schema": SCHEMA,
-        "generator": phnn.__version__,
-        "settings": asdict(settings),
-        "cases": [e.name for e in found],
-        "sha256_of_seals": digest,
-    }
-    (place / _CARD).write_json(card)
+    content = {"schema": SCHEMA, "generator": phnn.__version__, "cases": [e.name for e in found], "sha256": digest}
+    (place / _CARD).write_json(content)
     return digest
 
 
@@ -89,13 +86,18 @@ def _make(place: Place, entry: Entry) -> None:
 
 
 def digest_of(folder: Path, names: Sequence[str]) -> str:
-    """One hash over all that is sealed of some cases, in their order."""
-    each = [
-        hashlib.sha256(path.read_bytes()).hexdigest()
-        for name in names
-        for path in sorted((folder / _SEALED / name).iterdir())
-    ]
-    return hashlib.sha256("".join(each).encode()).hexdigest()
+    """One hash over all files of some cases and their seals, in their order.
+
+    Raises:
+        InputRefused: the files of a case are absent.
+    """
+    each = []
+    for home in (folder / kind / name for name in names for kind in (_CASES, _SEALED)):
+        if not home.is_dir():
+            raise InputRefused(f"{home}: there is no such folder: a case cannot be scored without all that was written")
+        files = sorted(path for path in home.rglob("*") if path.is_file())
+        each += [f"{path.relative_to(folder)} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in files]
+    return hashlib.sha256("\n".join(each).encode()).hexdigest()
 
 
 def card_of(folder: Path) -> dict[str, Any]:

@@ -13,7 +13,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from phnn.ensemble import executor
-from phnn.errors import InputRefused, PhnnError
+from phnn.errors import InputRefused, SolverFailed
+from phnn.intake.files import named_file
+from phnn.intake.json_file import load_json
+from phnn.intake.limits import LIMITS
 from phnn.output import Place
 from phnn.report.formatting import DASH, markdown_table, number
 from phnn.studies.benchmark.answer import FILE, Answer, read_answer, write_answer
@@ -24,7 +27,8 @@ from phnn.studies.benchmark.tools import tool
 from phnn.studies.results import write_results
 
 Say = Callable[[str], None]
-ANSWERS, SCORES = ("answers", "tool.json"), ("scores.csv", "groups.csv", "leaderboard.csv", "leaderboard.md")
+_TOOL = "tool.json"
+ANSWERS, SCORES = ("answers", _TOOL), ("scores.csv", "groups.csv", "leaderboard.csv", "leaderboard.md")
 
 
 def answer_all(folder: Path, name: str, place: Place, where: str, say: Say, seed: int = 0) -> None:
@@ -39,23 +43,24 @@ def answer_all(folder: Path, name: str, place: Place, where: str, say: Say, seed
         InputRefused: no benchmark, or no such tool.
     """
     card = card_of(folder)
-    tool(name)  # refuses an unknown one now
-    (place / "tool.json").write_json({"tool": name, "seed": seed, "sha256_of_seals": card["sha256_of_seals"]})
+    (place / _TOOL).write_json({"tool": name, "seed": seed, "sha256": card["sha256"]})
     todo = [c for c in card["cases"] if not (place / "answers" / c / FILE).path.exists()]
     work = partial(_answered, folder, name, place, seed)
-    for count, (index, _) in enumerate(executor(where).each(work, todo), start=1):
-        say(f"{name}: {count} of {len(todo)}, {todo[index]}")
+    for count, (index, failed) in enumerate(executor(where).each(work, todo), start=1):
+        say(f"{name}: {count} of {len(todo)}, {todo[index]}" + (f": no answer, {failed}" if failed else ""))
 
 
-def _answered(folder: Path, name: str, place: Place, seed: int, case: str) -> None:
-    """Answer one case; a tool that fails says nothing."""
+def _answered(folder: Path, name: str, place: Place, seed: int, case: str) -> str:
+    """Answer one case; returns why the tool has no answer, empty where it has one."""
     known, began = case_folder(folder, case), time.process_time()
     try:
         found = tool(name)(known, seed)
-    except PhnnError:
-        found = Answer({})
+    except SolverFailed as error:
+        # Anything else is a fault of the tool's code, which ends the run.
+        found = Answer({}, failed=str(error))
     found = replace(found, seconds=time.process_time() - began)
     write_answer(found, place / "answers" / case, _times(known / "exam"))
+    return found.failed
 
 
 def _times(exam: Path) -> dict[str, NDArray[np.float64]]:
@@ -72,8 +77,10 @@ def scores_of(folder: Path, answers: Path) -> list[Score]:
         InputRefused: a seal was changed since, or an answer is absent or damaged; names it.
     """
     card = card_of(folder)
-    if digest_of(folder, card["cases"]) != card["sha256_of_seals"]:
-        raise InputRefused(f"{folder}: the seals are not those that bench.json was written with: make the cases again")
+    if digest_of(folder, card["cases"]) != card["sha256"]:
+        raise InputRefused(f"{folder}: a case or a seal is not as bench.json was written with: make the cases again")
+    if (answers / _TOOL).exists() and _benchmark_of(answers) != card["sha256"]:
+        raise InputRefused(f"{answers}: these answers are to another benchmark than {folder}: answer this one")
     home = answers / "answers" if (answers / "answers").is_dir() else answers
     found = []
     for case in card["cases"]:
@@ -83,6 +90,14 @@ def scores_of(folder: Path, answers: Path) -> list[Score]:
         except InputRefused as error:
             raise InputRefused(f"{answers}: {case}: {error}") from error
     return found
+
+
+def _benchmark_of(answers: Path) -> str:
+    """The hash of the benchmark that a tool of phnn's answered."""
+    content = load_json(
+        named_file(answers / _TOOL, (answers,)), LIMITS.json_bytes, "the tool of answers", "answer anew"
+    )
+    return str(content.get("sha256")) if isinstance(content, dict) else ""
 
 
 def write_scores(found: Mapping[str, Sequence[Score]], place: Place) -> str:
@@ -114,9 +129,8 @@ def leaderboard(figures: Mapping[str, Mapping[str, float]]) -> list[str]:
 
 
 def _shown(value: float) -> str:
-    return number(value) if np.isfinite(value) else DASH
+    return "∞" if value == np.inf else number(value) if np.isfinite(value) else DASH
 
 
 def _flat(score: Score) -> dict[str, object]:
-    row = {n: "+".join(v) if n in ("truth", "places", "claimed") else v for n, v in asdict(score).items()}
-    return row | {"statements": " ".join(f"{p:.3g}:{int(true)}" for p, true in score.statements)}
+    return {n: "+".join(v) if isinstance(v, tuple) else v for n, v in asdict(score).items()}

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from phnn.demo import Sealed
+from phnn.effects import catalogue
 from phnn.errors import InputRefused
-from phnn.studies.benchmark.answer import Answer
+from phnn.studies.benchmark.answer import NONE, UNLISTED, Answer
 from phnn.studies.benchmark.cases import Entry
 from phnn.studies.benchmark.folders import OUTPUT
 
 Array = NDArray[np.float64]
-
-# A probability below this states nothing: a tool need not list what it rules out.
-_STATED = 0.02
 
 
 @dataclass(frozen=True)
@@ -26,14 +24,17 @@ class Score:
     """One case, scored.
 
     Attributes:
-        case, group, strength, plan: which case; truth: names of what was concealed, sorted; places: of it.
-        claimed: names that the answer claims; unlisted: whether it claims something without a name.
-        right: whether exactly what was concealed is claimed. What a background holds may stand beside; an effect
-            without a name is rightly told where no name is claimed.
+        case, group, strength, plan: which case; truth: what was concealed, sorted: names, or one of `NONE` and
+            `UNLISTED`; places: of it.
+        claimed: what the answer claims, sorted.
+        right: whether exactly the truth is claimed; what a background holds may stand beside.
+        first: whether the truth is what the answer gives the highest probabilities to, claimed or not.
         placed: whether the first place is one of the true ones; placed_within: any of the first three.
-        statements: probabilities that were stated, and whether what they were given to is true.
-        error: of the predictions over the noise, root mean square over the recordings of the examination.
-        seconds: of the processor.
+        confidence: the highest probability that was stated; confirmed: whether what it was given to is true.
+        brier: sum of squared distances of all probabilities from 0 or 1.
+        error: of the predictions over the noise, root mean square over the recordings of the examination; infinite
+            where one is missing.
+        seconds: of the processor; failed: whether the tool had no answer.
     """
 
     case: str
@@ -43,18 +44,21 @@ class Score:
     truth: tuple[str, ...]
     places: tuple[str, ...]
     claimed: tuple[str, ...]
-    unlisted: bool
     right: bool
+    first: bool
     placed: bool
     placed_within: bool
-    statements: tuple[tuple[float, bool], ...]
+    confidence: float
+    confirmed: bool
+    brier: float
     error: float
     seconds: float
+    failed: bool
 
     @property
     def false_alarm(self) -> bool:
         """Whether something is claimed where nothing was concealed."""
-        return self.group == "none" and (bool(self.claimed) or self.unlisted)
+        return self.group == "none" and bool(set(self.claimed) - {NONE})
 
     @property
     def kind(self) -> str:
@@ -71,31 +75,39 @@ def scored(entry: Entry, sealed: Sealed, exam: Mapping[str, pd.DataFrame], answe
     Raises:
         InputRefused: a prediction has another length than its recording.
     """
-    truth, beside = set(sealed.effects), set(sealed.background_effects) - set(sealed.effects)
-    claimed = set(answer.claims)
-    outside = entry.group == "outside"
-    right = answer.claims_unlisted if outside else claimed - beside == truth and not answer.claims_unlisted
-    acts = {**dict.fromkeys(truth | beside, True)}
-    stated = [(p, name in acts) for name, p in answer.names.items() if p >= _STATED]
-    stated += [(p, true) for p, true in ((answer.none, not truth), (answer.unlisted, outside)) if p >= _STATED]
-    places = tuple(dict.fromkeys(sealed.location))
+    truth = frozenset({"none": (NONE,), "outside": (UNLISTED,)}.get(entry.group, sealed.effects))
+    beside = frozenset(sealed.background_effects) - truth
+    stated, places = answer.probabilities, tuple(dict.fromkeys(sealed.location))
+    best = max(stated, key=lambda name: stated[name])
+    names = {**dict.fromkeys((*catalogue(), NONE, UNLISTED), 0.0), **stated}
+    # A background may be named or not.
+    brier = sum((p - (name in truth)) ** 2 for name, p in names.items() if name not in beside)
     return Score(
-        entry.name, entry.group, entry.strength, entry.plan, tuple(sorted(truth)), places, tuple(sorted(claimed)),
-        answer.claims_unlisted, right, bool(set(answer.places[:1]) & set(places)),
-        bool(set(answer.places[:3]) & set(places)), tuple(stated), prediction_error(exam, answer.predictions, sealed),
-        answer.seconds,
+        entry.name, entry.group, entry.strength, entry.plan, tuple(sorted(truth)), places,
+        tuple(sorted(answer.claims)), not answer.failed and answer.claims - beside == truth,
+        _without(answer, beside).first(len(truth)) == truth, bool(set(answer.places[:1]) & set(places)),
+        bool(set(answer.places[:3]) & set(places)), stated[best], best in truth | beside, brier,
+        prediction_error(exam, answer.predictions, sealed), answer.seconds, bool(answer.failed),
     )  # fmt: skip
 
 
+def _without(answer: Answer, names: frozenset[str]) -> Answer:
+    return replace(answer, names={n: p for n, p in answer.names.items() if n not in names})
+
+
 def prediction_error(exam: Mapping[str, pd.DataFrame], predictions: Mapping[str, Array], sealed: Sealed) -> float:
-    """Error over the noise; the zero of a recording, which nobody can know, is taken off. NaN where one is missing."""
+    """Error over the noise; the zero of a recording, which nobody can know, is taken off.
+
+    Infinite where a prediction is missing, or is no number somewhere.
+    """
     squares = []
     for name, table in exam.items():
         if name not in predictions:
-            return float("nan")
+            return float("inf")
         y, predicted = 1e-6 * table[OUTPUT].to_numpy(dtype=float), np.asarray(predictions[name], dtype=float)
         if predicted.shape != y.shape:
             raise InputRefused(f"{name}: {predicted.size} samples are predicted, the recording has {y.size}")
         noise = sealed.noise_rms.get(name, float(np.hypot(sealed.noise, sealed.quantisation / np.sqrt(12.0))))
         squares.append(float(np.var(y - predicted)) / noise**2)
-    return float(np.sqrt(np.mean(squares)))
+    found = float(np.sqrt(np.mean(squares)))
+    return found if np.isfinite(found) else float("inf")

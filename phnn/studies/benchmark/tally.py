@@ -7,18 +7,13 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import pandas as pd
 
+from phnn.studies.benchmark.cases import PLANS, STRENGTHS
 from phnn.studies.benchmark.score import Score
 from phnn.studies.benchmark.settings import GROUPS
 from phnn.studies.proof.tally import Rate
 
 # Equal bins of probability for the calibration error.
 _BINS = 10
-
-
-def rate(label: str, scores: Iterable[Score], hits: Iterable[bool]) -> Rate:
-    """A share with its exact interval."""
-    found = list(hits)
-    return Rate(label, sum(found), len(list(scores)), "")
 
 
 def balanced_accuracy(scores: Sequence[Score]) -> float:
@@ -29,55 +24,63 @@ def balanced_accuracy(scores: Sequence[Score]) -> float:
     return float(np.mean([np.mean(found) for found in kinds.values()])) if kinds else float("nan")
 
 
-def calibration_error(scores: Iterable[Score]) -> float:
-    """Expected calibration error of all stated probabilities: mean distance of probability and frequency in ten bins,
-    weighted by their numbers (Naeini, Cooper & Hauskrecht 2015). NaN where nothing was stated."""
-    stated = np.array([statement for s in scores for statement in s.statements], dtype=float).reshape(-1, 2)
-    if not stated.size:
+def calibration_error(scores: Sequence[Score]) -> float:
+    """Expected calibration error of the highest probability that each answer states: mean distance of probability and
+    frequency in ten bins, weighted by their numbers (Naeini, Cooper & Hauskrecht 2015). NaN without cases.
+
+    It asks only whether probabilities are honest: whoever states the same shares in every case is calibrated. The
+    Brier score asks also whether they tell cases apart.
+    """
+    if not scores:
         return float("nan")
-    bins = np.minimum((_BINS * stated[:, 0]).astype(int), _BINS - 1)
-    distances = [abs(float(np.sum(stated[bins == b, 0] - stated[bins == b, 1]))) for b in np.unique(bins)]
-    return float(sum(distances) / len(stated))
+    stated = np.array([s.confidence for s in scores])
+    true = np.array([s.confirmed for s in scores], dtype=float)
+    bins = np.minimum((_BINS * stated).astype(int), _BINS - 1)
+    distances = [abs(float(np.sum(stated[bins == b] - true[bins == b]))) for b in np.unique(bins)]
+    return float(sum(distances) / len(scores))
 
 
 def summary(scores: Sequence[Score]) -> dict[str, float]:
     """The figures of a tool, by label; shares from 0 to 1."""
     concealing = [s for s in scores if s.group != "none"]
     listed = [s for s in scores if s.group in ("same", "other", "pair")]
-    errors = [s.error for s in scores if np.isfinite(s.error)]
-    modelled = [s.error for s in scores if s.group in ("outside", "background") and np.isfinite(s.error)]
+    modelled = [s for s in scores if s.group in ("outside", "background")]
     return {
         "cases": float(len(scores)),
-        "balanced accuracy": balanced_accuracy(scores),
-        "names right (same, other, pair)": _share(s.right for s in listed),
-        "place right": _share(s.placed for s in concealing),
-        "place among three": _share(s.placed_within for s in concealing),
-        "false alarms": _share(s.false_alarm for s in scores if s.group == "none"),
+        "without an answer": float(sum(s.failed for s in scores)),
+        "balanced accuracy of claims": balanced_accuracy(scores),
+        "names claimed rightly (same, other, pair)": _mean(s.right for s in listed),
+        "names first in probability (same, other, pair)": _mean(s.first for s in listed),
+        "place right": _mean(s.placed for s in concealing),
+        "place among three": _mean(s.placed_within for s in concealing),
+        "false alarms": _mean(s.false_alarm for s in scores if s.group == "none"),
         "calibration error": calibration_error(scores),
-        "prediction error / noise, median": float(np.median(errors)) if errors else float("nan"),
-        "the same, outside and background": float(np.median(modelled)) if modelled else float("nan"),
-        "predicted": float(len(errors)),
-        "processor seconds a case, median": float(np.median([s.seconds for s in scores])) if scores else float("nan"),
+        "Brier score": _mean(s.brier for s in scores),
+        "prediction error / noise, median": _median(s.error for s in scores),
+        "the same, outside and background": _median(s.error for s in modelled),
+        "processor seconds a case, median": _median(s.seconds for s in scores),
     }
 
 
 def by_group(scores: Sequence[Score]) -> pd.DataFrame:
-    """A row for each group, strength and plan: cases, right, with the exact 95 % interval."""
-    rows = []
-    for what, values in (("group", GROUPS), ("strength", _of("strength", scores)), ("plan", _of("plan", scores))):
-        for value in values:
-            chosen = [s for s in scores if getattr(s, what) == value]
-            if chosen:
-                found = rate(value, chosen, (s.right for s in chosen))
-                low, high = found.interval
-                rows.append((what, value, found.cases, found.hits, found.share, low, high))
+    """A row for each group, and of what conceals something for each strength and set of recordings: cases, rightly
+    claimed, with the exact 95 % interval."""
+    concealing, rows = [s for s in scores if s.group != "none"], []
+    wanted = [("group", g, scores) for g in GROUPS]
+    wanted += [("strength", x, concealing) for x in STRENGTHS] + [("recordings", x, concealing) for x in PLANS]
+    for what, value, among in wanted:
+        chosen = [s for s in among if value in (s.group, s.strength, s.plan)]
+        if chosen:
+            found = Rate(value, sum(s.right for s in chosen), len(chosen), "")
+            rows.append((what, value, found.cases, found.hits, found.share, *found.interval))
     return pd.DataFrame(rows, columns=["of", "value", "cases", "right", "share", "low", "high"])
 
 
-def _of(what: str, scores: Sequence[Score]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(getattr(s, what) for s in sorted(scores, key=lambda s: s.case)))
-
-
-def _share(hits: Iterable[bool]) -> float:
-    found = list(hits)
+def _mean(values: Iterable[float]) -> float:
+    found = list(values)
     return float(np.mean(found)) if found else float("nan")
+
+
+def _median(values: Iterable[float]) -> float:
+    found = list(values)
+    return float(np.median(found)) if found else float("nan")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,9 +13,11 @@ import pandas as pd
 import pytest
 
 from phnn.cli import main
+from phnn.demo import draw_case, make_case
+from phnn.demo.listed import LISTED
 from phnn.errors import InputRefused
 from phnn.recordings import read
-from phnn.studies.benchmark.cases import NOISES, PLANS, STRENGTHS, entries
+from phnn.studies.benchmark.cases import NOISES, PLANS, STRENGTHS, Entry, entries
 from phnn.studies.benchmark.folders import card_of, digest_of, opened
 from phnn.studies.benchmark.settings import GROUPS, Settings
 
@@ -32,9 +35,40 @@ def test_names_and_order_do_not_tell_the_group() -> None:
 
 
 def test_strengths_plans_and_noises_take_turns() -> None:
-    same = sorted((e for e in entries(Settings(**SMALL)) if e.group == "same"), key=lambda e: e.seed)
+    found = entries(Settings(**SMALL))
+    same = [e for e in found if e.group == "same"]
     assert {(e.strength, e.plan) for e in same} == {(s, p) for s in STRENGTHS for p in PLANS}
-    assert {e.noise for e in entries(Settings(**SMALL)) if e.group == "none"} == set(NOISES)
+    assert {e.noise for e in found if e.group == "none"} == set(NOISES)
+    # With another seed an effect is met in another strength or plan.
+    orders = [[(e.strength, e.plan) for e in sorted(of, key=lambda e: e.seed)] for of in (same, others("same", 2))]
+    assert orders[0] != orders[1]
+
+
+def others(group: str, seed: int) -> list[Entry]:
+    return [e for e in entries(Settings(seed=seed, **SMALL)) if e.group == group]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_pairs_share_no_effect_more_often_than_chance(seed: int) -> None:
+    (pairs,) = ([e.case().effects for e in entries(Settings(seed=seed, pair=9)) if e.group == "pair"],)
+    counts = Counter(name for pair in pairs for name in pair)
+    assert max(counts.values()) <= 4
+    assert len(set(pairs)) == 9
+
+
+def test_each_effect_has_its_turn() -> None:
+    found = [e.case().effects for e in entries(Settings(seed=5, same=len(LISTED))) if e.group == "same"]
+    assert len(set(found)) == len(LISTED)
+
+
+def test_strength_is_what_can_be_seen(tmp_path: Path) -> None:
+    """The examination takes no part: another one leaves the strength of the concealed effect as it is."""
+    case = draw_case(11, "same", "one_exam", (3.0, 6.0))
+    alone = make_case(replace(case, plan="one"), tmp_path / "alone")
+    beside = make_case(case, tmp_path / "beside")
+    assert beside.effects == alone.effects
+    assert beside.strength_over_noise == pytest.approx(alone.strength_over_noise, rel=1e-9)
+    assert beside.parameters == pytest.approx(alone.parameters)
 
 
 @pytest.mark.parametrize("group", GROUPS)
@@ -79,20 +113,34 @@ def test_what_was_made_is_not_made_again(folder: Path, capsys: pytest.CaptureFix
     before = {p: p.stat().st_mtime_ns for p in (folder / "sealed").rglob("*")}
     assert main(["bench", "write", "--executor", "serial", "--out", str(folder), *NOTHING]) == 0
     assert before == {p: p.stat().st_mtime_ns for p in (folder / "sealed").rglob("*")}
-    assert card_of(folder)["sha256_of_seals"] in capsys.readouterr().out
+    assert card_of(folder)["sha256"] in capsys.readouterr().out
 
 
 def test_the_hash_covers_seals_and_outputs(folder: Path) -> None:
     names = card_of(folder)["cases"]
     digest = digest_of(folder, names)
-    assert digest == card_of(folder)["sha256_of_seals"]
-    path = next((folder / "sealed" / names[-1]).glob("*.csv"))
-    content = path.read_bytes()
-    table = pd.read_csv(path)
-    table.loc[3, "displacement_um"] += 0.001
-    path.write_text(table.to_csv(index=False))
-    assert digest_of(folder, names) != digest
-    path.write_bytes(content)
+    assert digest == card_of(folder)["sha256"]
+    for kind in ("sealed", "cases"):
+        path = next((folder / kind / names[-1]).glob("*.csv"))
+        content = path.read_bytes()
+        table = pd.read_csv(path)
+        table.loc[3, "displacement_um"] += 0.001
+        path.write_text(table.to_csv(index=False))
+        assert digest_of(folder, names) != digest
+        path.write_bytes(content)
+
+
+def test_other_settings_are_other_cases(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    more = ["none=3", *NOTHING[1:]]
+    assert main(["bench", "write", "--executor", "serial", "--out", str(folder), *more]) == 2
+    assert len(card_of(folder)["cases"]) == 2
+    capsys.readouterr()
+
+
+def test_what_a_tool_sees_tells_no_seed(folder: Path) -> None:
+    seed = json.loads((folder / "sealed" / "settings.json").read_text())["seed"]
+    assert seed == 1
+    assert "settings" not in card_of(folder)
 
 
 def test_another_folder_is_refused(tmp_path: Path) -> None:

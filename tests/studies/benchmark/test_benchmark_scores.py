@@ -26,6 +26,7 @@ TRUE = Sealed(
 )  # fmt: skip
 NONE = replace(TRUE, effect="none", effects=(), location=(), stratum="none")
 OUTSIDE = replace(TRUE, effect="wear", effects=("wear",), location=("hysteron",), stratum="outside")
+PAIR = replace(TRUE, effects=("creep", "delay"), stratum="pair")
 BESIDE = replace(TRUE, background_effects=("creep", "delay"))
 T = np.linspace(0.0, 1.0, 101)
 EXAM = {"exam_a": pd.DataFrame({"time_s": T, "displacement_um": np.sin(T)})}
@@ -35,6 +36,9 @@ def score(sealed: Sealed, answer: Answer, group: str = "same") -> Score:
     return scored(Entry("case_000", group, 1, "weak", "one"), sealed, EXAM, answer)
 
 
+NOTHING = Answer({}, none=0.9)
+
+
 @pytest.mark.parametrize(
     ("sealed", "group", "answer", "right"),
     [
@@ -42,15 +46,20 @@ def score(sealed: Sealed, answer: Answer, group: str = "same") -> Score:
         (TRUE, "same", Answer({"creep": 0.49}), False),
         (TRUE, "same", Answer({"creep": 0.9, "delay": 0.6}), False),
         (TRUE, "same", Answer({"creep": 0.9, "delay": 0.2}), True),
+        (TRUE, "same", Answer({"creep": 0.9}, unlisted=0.6), False),
+        (TRUE, "same", Answer({"creep": 0.9}, none=0.6), False),
         (TRUE, "same", Answer({"delay": 0.9}), False),
-        (TRUE, "same", Answer({}, none=0.9), False),
-        (NONE, "none", Answer({}, none=0.9), True),
-        (NONE, "none", Answer({}), True),
+        (TRUE, "same", NOTHING, False),
+        (NONE, "none", NOTHING, True),
+        (NONE, "none", Answer({}), False),
+        (NONE, "none", Answer({}, none=0.9, failed="no step"), False),
         (NONE, "none", Answer({"creep": 0.9}), False),
         (NONE, "none", Answer({}, unlisted=0.9), False),
         (OUTSIDE, "outside", Answer({}, unlisted=0.9), True),
         (OUTSIDE, "outside", Answer({"creep": 0.9}, unlisted=0.9), False),
         (OUTSIDE, "outside", Answer({}), False),
+        (PAIR, "pair", Answer({"creep": 0.9, "delay": 0.9}), True),
+        (PAIR, "pair", Answer({"creep": 0.9}), False),
         (BESIDE, "background", Answer({"creep": 0.9, "delay": 0.9}), True),
         (BESIDE, "background", Answer({"delay": 0.9}), False),
     ],
@@ -58,7 +67,33 @@ def score(sealed: Sealed, answer: Answer, group: str = "same") -> Score:
 def test_right_is_what_was_concealed_and_nothing_else(sealed: Sealed, group: str, answer: Answer, right: bool) -> None:
     found = score(sealed, answer, group)
     assert found.right is right
-    assert found.false_alarm is (group == "none" and not right)
+    assert found.false_alarm is (group == "none" and bool({"creep", "unlisted"} & answer.claims))
+
+
+@pytest.mark.parametrize(
+    ("sealed", "group", "answer", "first"),
+    [
+        (TRUE, "same", Answer({"creep": 0.3, "delay": 0.2}), True),
+        (TRUE, "same", Answer({"creep": 0.3, "delay": 0.3}), False),
+        (TRUE, "same", Answer({"creep": 0.3}, unlisted=0.4), False),
+        (TRUE, "same", Answer({}), False),
+        (PAIR, "pair", Answer({"creep": 0.3, "delay": 0.2, "second_mode": 0.1}), True),
+        (PAIR, "pair", Answer({"creep": 0.3, "delay": 0.2}, none=0.25), False),
+        (NONE, "none", Answer({"creep": 0.2}, none=0.3), True),
+        (OUTSIDE, "outside", Answer({"creep": 0.2}, unlisted=0.3), True),
+        (BESIDE, "background", Answer({"delay": 0.9, "creep": 0.3}), True),
+    ],
+)
+def test_first_is_what_is_most_probable(sealed: Sealed, group: str, answer: Answer, first: bool) -> None:
+    assert score(sealed, answer, group).first is first
+
+
+def test_the_brier_score_counts_everything_that_may_be_missing() -> None:
+    assert score(TRUE, Answer({"creep": 1.0})).brier == 0.0
+    assert score(TRUE, Answer({})).brier == 1.0
+    assert score(TRUE, Answer({"creep": 0.5, "delay": 0.5}, none=0.2)).brier == pytest.approx(0.25 + 0.25 + 0.04)
+    # A background may be named or not.
+    assert score(BESIDE, Answer({"creep": 1.0, "delay": 0.7}), "background").brier == 0.0
 
 
 def test_places_count_as_the_first_and_as_one_of_three() -> None:
@@ -74,7 +109,8 @@ def test_a_prediction_is_scored_without_its_zero() -> None:
     noise = np.random.default_rng(0).normal(0.0, 1e-7, T.size)
     found = score(TRUE, Answer({}, predictions={"exam_a": y + 3e-6 + noise}))
     assert found.error == pytest.approx(np.std(noise) / 1e-7)
-    assert np.isnan(score(TRUE, Answer({})).error)
+    assert score(TRUE, Answer({})).error == np.inf
+    assert score(TRUE, Answer({}, predictions={"exam_a": y * np.nan})).error == np.inf
     with pytest.raises(InputRefused, match="exam_a: 100 samples are predicted, the recording has 101"):
         score(TRUE, Answer({}, predictions={"exam_a": y[1:]}))
 
@@ -91,20 +127,30 @@ def test_a_prediction_is_scored_without_its_zero() -> None:
     ],
 )
 def test_calibration_error_has_its_closed_form(stated: list[tuple[float, bool]], error: float) -> None:
-    found = replace(score(TRUE, Answer({})), statements=tuple(stated))
-    assert calibration_error([found]) == pytest.approx(error)
+    one = score(TRUE, Answer({}))
+    assert calibration_error([replace(one, confidence=p, confirmed=true) for p, true in stated]) == pytest.approx(error)
+
+
+def test_confidence_is_the_highest_probability() -> None:
+    found = score(TRUE, Answer({"creep": 0.3, "delay": 0.4}, none=0.1))
+    assert (found.confidence, found.confirmed) == (0.4, False)
+    assert score(NONE, NOTHING, "none").confirmed
+    assert score(OUTSIDE, Answer({}, unlisted=0.6), "outside").confirmed
 
 
 def test_balanced_accuracy_weighs_each_kind_alike() -> None:
     creep, delay = (score(TRUE, Answer({n: 0.9})) for n in ("creep", "delay"))
-    nothing = score(NONE, Answer({}), "none")
+    nothing = score(NONE, NOTHING, "none")
     assert balanced_accuracy([creep, delay, nothing]) == pytest.approx(0.5 * (0.5 + 1.0))
     assert np.isnan(balanced_accuracy([]))
     figures = summary([creep, delay, nothing])
-    assert figures["names right (same, other, pair)"] == 0.5
+    assert figures["names claimed rightly (same, other, pair)"] == 0.5
     assert figures["false alarms"] == 0.0
+    # A tool that predicts nothing has no median.
+    assert figures["prediction error / noise, median"] == np.inf
     table = by_group([creep, delay, nothing]).set_index(["of", "value"])
     assert tuple(table.loc[("group", "same"), ["cases", "right"]]) == (2, 1)
+    assert table.loc[("strength", "weak"), "cases"] == 2
     # Clopper and Pearson: of one hit in one case the lower end is 0.025.
     assert table.loc[("group", "none"), "low"] == pytest.approx(0.025)
 
@@ -129,6 +175,8 @@ def test_an_answer_comes_back(tmp_path: Path) -> None:
         ({"nams": {}}, "unknown key 'nams' .did you mean names?"),
         ({"schema": "phnn.answer/9"}, "is no phnn.answer/1 file"),
         ({"none": "much"}, "none the probability much"),
+        ({"names": {"none": 0.9}}, "an answer names 'none'"),
+        ({"names": {"unlisted": 0.9}}, "an answer names 'unlisted'"),
     ],
 )
 def test_what_no_answer_can_say_is_refused(content: dict[str, Any], words: str, tmp_path: Path) -> None:
@@ -138,21 +186,19 @@ def test_what_no_answer_can_say_is_refused(content: dict[str, Any], words: str, 
 
 
 @pytest.mark.parametrize(
-    ("verdict", "missing", "claims", "unlisted", "nothing"),
+    ("verdict", "missing", "claims"),
     [
-        ("named", [("creep", "named", [])], ("creep",), False, False),
-        ("equivalent", [("creep", "equivalent", ["delay", "sensor_lag"])], ("creep",), False, False),
-        ("unknown", [("unknown", "described", [])], (), True, False),
-        ("unknown", [("creep", "provisional", [])], (), True, False),
-        ("none", [], (), False, True),
+        ("named", [("creep", "named", [])], {"creep"}),
+        ("equivalent", [("creep", "equivalent", ["delay", "sensor_lag"])], {"creep"}),
+        ("unknown", [("unknown", "described", [])], {"unlisted"}),
+        ("unknown", [("creep", "provisional", [])], {"unlisted"}),
+        ("none", [], {"none"}),
     ],
 )
-def test_a_diagnosis_is_translated(
-    verdict: str, missing: list[tuple[str, str, list[str]]], claims: tuple[str, ...], unlisted: bool, nothing: bool
-) -> None:
+def test_a_diagnosis_is_translated(verdict: str, missing: list[tuple[str, str, list[str]]], claims: set[str]) -> None:
     entries = [{"effect": e, "status": s, "equivalent_to": others} for e, s, others in missing]
     content = {"verdict": verdict, "missing": entries, "location": {"name": "mechanical", "tied": ["hysteron"]}}
     found = as_answer(content, {})
-    assert (found.claims, found.claims_unlisted, found.claims_nothing) == (claims, unlisted, nothing)
+    assert found.claims == claims
     assert found.places == ("mechanical", "hysteron")
     assert sum(found.names.values()) <= 0.95

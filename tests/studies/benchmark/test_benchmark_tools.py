@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ from phnn.cli import main
 from phnn.demo import generate
 from phnn.demo.listed import LISTED
 from phnn.effects import catalogue
-from phnn.errors import InputRefused
+from phnn.errors import InputRefused, SolverFailed
 from phnn.recordings.recording import unrecorded
+from phnn.studies.benchmark import run
+from phnn.studies.benchmark.answer import Answer
 from phnn.studies.benchmark.settings import GROUPS
 from phnn.studies.benchmark.tools import TOOLS, tool
 from phnn.studies.benchmark.tools.harmonics import TABLE, _band
@@ -78,17 +81,51 @@ def test_the_command_answers_and_scores(tmp_path: Path, capsys: pytest.CaptureFi
     score = ["bench", "score", "--cases", str(cases), "--answers", str(answers), "--out", str(tmp_path / "s")]
     assert main(score) == 0
     page = capsys.readouterr().out
-    assert "| balanced accuracy | 1.00 |" in page
+    assert "| balanced accuracy of claims | 1.00 |" in page
     assert page.split("results: ")[0] == (tmp_path / "s" / "leaderboard.md").read_text()
     answer = next((answers / "answers").rglob("answer.json"))
     content = json.loads(answer.read_text())
-    assert content["none"] == 0.125
+    assert content["none"] == 1.0
     assert content["seconds"] > 0.0
     # A seal that was changed is noticed.
     seal = next((cases / "sealed").rglob("seal.json"))
     seal.write_text(seal.read_text().replace('"effect": "none"', '"effect": "creep"'))
     assert main(score) == 2
-    assert "the seals are not those" in capsys.readouterr().err
+    assert "a case or a seal is not as bench.json" in capsys.readouterr().err
+
+
+def test_answers_to_another_benchmark_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folders = [tmp_path / name for name in ("first", "second")]
+    for seed, cases in enumerate(folders):
+        settings = [f"seed={seed}", "none=1", *(f"{group}=0" for group in GROUPS if group != "none")]
+        assert main(["bench", "write", "--executor", "serial", "--out", str(cases), *settings]) == 0
+    out = tmp_path / "answers"
+    answer = ["bench", "answer", "--tool", "base", "--executor", "serial", "--out", str(out)]
+    assert main([*answer, "--cases", str(folders[0])]) == 0
+    assert main([*answer, "--cases", str(folders[1])]) == 2
+    score = ["bench", "score", "--cases", str(folders[1]), "--answers", str(out), "--out", str(tmp_path / "s")]
+    assert main(score) == 2
+    assert "answers are to another benchmark" in capsys.readouterr().err
+    shutil.rmtree(folders[1] / "sealed")
+    assert main(score) == 2
+    assert "cannot be scored without all that was written" in capsys.readouterr().err
+
+
+def test_a_tool_that_cannot_solve_a_case_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(folder: Path, seed: int) -> Answer:
+        raise SolverFailed("the step at 0.1 s has no solution")
+
+    nothing = ["none=1", *(f"{group}=0" for group in GROUPS if group != "none")]
+    assert main(["bench", "write", "--executor", "serial", "--out", str(tmp_path / "c"), *nothing]) == 0
+    monkeypatch.setattr(run, "tool", lambda name: fails)
+    options = ["--cases", str(tmp_path / "c"), "--tool", "base", "--executor", "serial", "--out", str(tmp_path / "a")]
+    assert main(["bench", "answer", *options]) == 0
+    assert "no answer, the step at 0.1 s" in capsys.readouterr().out
+    (score,) = run.scores_of(tmp_path / "c", tmp_path / "a")
+    assert score.failed
+    assert not score.right
 
 
 @pytest.mark.parametrize(
@@ -99,6 +136,8 @@ def test_the_command_answers_and_scores(tmp_path: Path, capsys: pytest.CaptureFi
         (["answer", "--cases", "c"], "phnn bench answer needs --tool"),
         (["score", "--cases", "c", "--tool", "phnn", "--answers", "a"], "phnn bench score does not take --tool"),
         (["score", "--cases", "c", "--answers", "x/a", "--answers", "y/a"], "called alike, a, a"),
+        (["answer", "--cases", "c", "--tool", "base", "seed=3"], "phnn bench answer does not take seed=3"),
+        (["answer", "--cases", "c", "--tool", "bse"], "did you mean base?"),
         (["write", "none=0", *(f"{g}=0" for g in GROUPS if g != "none")], "no cases"),
     ],
 )

@@ -12,7 +12,8 @@ of their names. There is no learned element, no held-out recording and no place 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,24 +31,35 @@ from phnn.studies.benchmark.tools.common import base_of, predictions
 
 # Effects at most; points of a grid; simulations of a first try and of a refit; tries that are refitted.
 _MOST, _POINTS, _TRY, _REFIT, _REFITTED = 3, 3, 6, 30, 4
+# Places that are stated at most.
+_PLACES = 3
 
 
 def answer(folder: Path, seed: int) -> Answer:
     """Add effects as long as the criterion falls."""
     base = base_of(folder, seed)
-    current, names, none = base.fit, dict[str, float](), 0.0
+    current, taken, none = base.fit, list[str](), 0.0
+    names: dict[str, float] = {}
     for step in range(_MOST):
-        found = _step(current, base.campaign, [n for n, p in names.items() if p >= 0.5])
-        weights = _weights([bic(current), *(bic(f) for _, f in found)])
-        none = weights[0] if step == 0 else none
-        for (effect, _), weight in zip(found, weights[1:], strict=True):
-            names[effect.name] = max(names.get(effect.name, 0.0), weight)
-        if not found or weights[0] >= max(weights[1:]):
+        found = _step(current, base.campaign, taken)
+        without, *weights = _weights([bic(current), *(bic(f) for _, f in found)])
+        none = without if step == 0 else none
+        for (effect, _), weight in zip(found, weights, strict=True):
+            names[effect.canonical] = max(names.get(effect.canonical, 0.0), weight)
+        if not found or without >= max(weights):
             break
-        current = min((f for _, f in found), key=bic)
-    places = dict.fromkeys(catalogue()[n].location for n, p in names.items() if p >= 0.5)
+        effect, current = min(found, key=lambda pair: bic(pair[1]))
+        taken.append(effect.canonical)
     model = Model(current.setup, current.plan.finest)
-    return Answer(names, none, places=tuple(places), predictions=predictions(model, folder))
+    return Answer(names, none, places=_places(names), predictions=predictions(model, folder))
+
+
+def _places(names: Mapping[str, float]) -> tuple[str, ...]:
+    """Locations by the sum of the probabilities of their effects, the most probable first; three at most."""
+    known, sums = catalogue(), Counter[str]()
+    for name, probability in names.items():
+        sums[known[name].location] += probability  # type: ignore[assignment]
+    return tuple(place for place, _ in sums.most_common(_PLACES))
 
 
 def bic(fitted: Fit) -> float:
@@ -66,9 +78,10 @@ def _step(current: Fit, campaign: Campaign, taken: Sequence[str]) -> list[tuple[
     scales = prepare(current).scales
     tried: dict[str, tuple[Effect, Fit]] = {}
     for effect in available(campaign, current.setup):
-        found = _tried(current, effect, scales) if effect.name not in taken else None
-        if found is not None and (effect.name not in tried or bic(found) < bic(tried[effect.name][1])):
-            tried[effect.name] = effect, found
+        name = effect.canonical
+        found = _tried(current, effect, scales) if name not in taken else None
+        if found is not None and (name not in tried or bic(found) < bic(tried[name][1])):
+            tried[name] = effect, found
     ordered = sorted(tried.values(), key=lambda pair: bic(pair[1]))
     return [(e, _refitted(current, f)) for e, f in ordered[:_REFITTED]] + ordered[_REFITTED:]
 
