@@ -59,8 +59,8 @@ class Noise:
         9.0,
         "rms of the stated noise",
         "The same where the noise is stated from its highest frequencies and nothing shows its colour.",
-        "Calculation: first-order noise with coefficient 0.8 has 81 times the density of its highest frequencies at the "
-        "lowest ones. With 2, half of the single sweeps in such noise were taken for physics.",
+        "Calculation: first-order noise with coefficient 0.8 has at the lowest frequencies 81 times the density of the "
+        "highest ones. With 2, seven of sixteen single sweeps in first-order noise were taken for physics.",
         origin=1.0,
     )
     difference_samples: int = criterion(

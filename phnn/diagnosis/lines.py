@@ -22,7 +22,7 @@ from phnn.diagnosis.linearised_fit import LinearisedFit, direction
 from phnn.diagnosis.spectra import FINER, LEVEL_CELLS, strongest
 from phnn.effects import Effect
 from phnn.identification.nuisances import drift_columns, line_columns, own_columns, without_nuisances
-from phnn.identification.residual_noise import doubt
+from phnn.identification.residual_noise import most_excess
 from phnn.setup import DRIFT_TERMS, Own
 
 Array = NDArray[np.float64]
@@ -103,10 +103,11 @@ def own_score(linearised: LinearisedFit, own: Own, colour: Colour) -> tuple[floa
     if not free.any():
         return 0.0, 0.0
     q = linearised.project(alone) @ (vectors[:, free] / np.sqrt(left_over[free]))
-    stated, left = np.array([np.mean(colour.stated(q)), np.mean(np.diag(colour.left(q)))])
+    stated, left = float(np.mean(colour.stated(q))), float(np.mean(np.diag(colour.left(q))))
     saved = float(np.sum((q.T @ linearised.residual) ** 2) / stated)
     # A line raises the spectrum that it is compared with; a slow drift does not, it is slower than that spectrum.
-    excess = max(left / stated, 1.0) if own.drift_terms else float(doubt(left, stated, linearised.noise)) ** 2
+    most = np.inf if own.drift_terms else most_excess(recordings, linearised.noise)
+    excess = float(np.clip(left / stated, 1.0, most**2))
     return _deviate(saved, q.shape[1], 1.0), _deviate(saved / excess, q.shape[1], 1.0)
 
 

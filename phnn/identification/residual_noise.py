@@ -108,7 +108,7 @@ def _spectra(
             if d is not None and abs(other.dt / recording.dt - 1.0) < 1e-6
         }  # fmt: skip
         shown = chosen(i, alike)
-        most = rule.unseen_excess if recording.colour_unseen else rule.greatest_excess
+        most = most_excess([recording], rule)
         found.append(_averaged(shown, rule) if shown else _running_median(residual, rule.least_density, most))
     return found
 
@@ -185,6 +185,6 @@ def _fast(size: int) -> int:
     return int(next_fast_len(size, real=True))
 
 
-def doubt(left: Array, stated: Array, rule: Noise = NOISE) -> Array:
-    """Factor on standard deviations from the variances as left and as stated, between 1 and the greatest excess."""
-    return np.asarray(np.sqrt(np.clip(left / np.maximum(stated, 1e-300), 1.0, rule.greatest_excess**2)))
+def most_excess(recordings: Sequence[Recording], rule: Noise = NOISE) -> float:
+    """Largest ratio [rms] of noise to stated noise: more where no recording shows the colour of its noise."""
+    return rule.unseen_excess if all(r.colour_unseen for r in recordings) else rule.greatest_excess
