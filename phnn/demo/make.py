@@ -79,7 +79,7 @@ def make_case(case: Case, folder: Path, write: Writer = Path.write_bytes) -> Sea
     plan = case.recordings
     refuse_strangers(folder, plan)
     case, background = _with_background(case, plan)
-    # How strong an effect is, says what can be seen of it.
+    # An effect is as strong as the recordings without the examination show it.
     seen = tuple(e for e in plan if not e.name.startswith(EXAM))
     gauges = _Gauges(*rulers(case.base, seen, case.noise)) if case.effects else None
     choice, parts, redrawn = (case.choices[0], [], 0) if gauges is None else _chosen(case, seen, gauges)

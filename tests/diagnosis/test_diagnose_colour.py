@@ -1,13 +1,22 @@
 """The noise that scores are judged with, against matrices written out and noise of known colour."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.signal import lfilter
 
+import phnn
+from phnn.criteria import NOISE
+from phnn.demo import draw_case, make_case
 from phnn.diagnosis.colour import Colour
+from phnn.diagnosis.diagnosis import available
 from phnn.diagnosis.linearised_fit import LinearisedFit
-from phnn.identification.residual_noise import doubt
+from phnn.diagnosis.scored import scored
+from phnn.identification.residual_noise import most_excess, noise_spectra
+from phnn.recordings.recording import Campaign, unrecorded
+from phnn.signals.noise import AS_WHITE
 from tests import campaigns
 
 
@@ -124,5 +133,34 @@ def test_a_true_effect_does_not_hide_in_its_own_spread() -> None:
     assert colour.deviates(direction, colour.left(direction))[0] > 0.5 * white
 
 
-def test_doubt_never_sharpens_and_never_blinds() -> None:
-    np.testing.assert_allclose(doubt(np.array([0.1, 2.25, 1e6]), np.ones(3)), [1.0, 1.5, 2.0])
+@pytest.mark.parametrize(
+    ("source", "most"),
+    [("400 samples at rest", 2.0), (f"the spectrum above 250 Hz, {AS_WHITE}", 9.0)],
+)
+def test_noise_may_exceed_what_is_stated_the_more_the_less_is_known(source: str, most: float) -> None:
+    t = np.arange(2000) / 1e3
+    recording = replace(unrecorded("sweep", t, t), noise_source=source)
+    white = np.random.default_rng(0).normal(size=t.size)
+    for size, expected in ((1e3, most**2), (1e-3, NOISE.least_density)):
+        (spectrum,) = noise_spectra([size * white], [recording])
+        np.testing.assert_allclose(spectrum.density, expected)
+    assert most_excess([recording]) == most
+    # One recording that shows its colour is enough.
+    assert most_excess([recording, replace(recording, noise_source="period-to-period differences")]) == 2.0
+
+
+def test_a_sweep_in_first_order_noise_is_no_physics(tmp_path: Path) -> None:
+    """The floor comes from the highest frequencies, where such noise is small."""
+    case = draw_case(7919, "none", "one", noise="first_order:0.6")
+    make_case(case, tmp_path)
+    campaign = phnn.read(tmp_path)
+    (recording,) = campaign.recordings
+    assert recording.colour_unseen
+    assert recording.noise < 0.7 * case.noise.deviation
+    assert scored_p_value(campaign) > 0.01
+
+
+def scored_p_value(campaign: Campaign) -> float:
+    """Of the largest score of the catalogue on the base model."""
+    base = phnn.identify(None, campaign, phnn.Options(starts=1, workers=1)).fit
+    return scored(base, available(campaign, base.setup), 0).naming.p_value
