@@ -92,7 +92,7 @@ def scatter(residual: Array, jacobian: Array, recordings: Sequence[Recording], s
     # Without repetitions nothing tells noise from what the model misses. All of it counts, but a line is held against
     # what noise can be.
     spectra = noise_spectra(parts, recordings, replace(NOISE, greatest_excess=np.inf, unseen_excess=np.inf))
-    bounded = noise_spectra(parts, recordings)
+    bounded = noise_spectra(parts, recordings, replace(NOISE, unseen_excess=NOISE.greatest_excess))
     middle, doubt = np.zeros((count, count)), np.zeros(count)
     for part, rows, spectrum, least in zip(parts, slices, spectra, bounded, strict=True):
         q, cycles = basis[rows], np.arange(part.size // 2 + 1) / part.size
