@@ -104,7 +104,9 @@ def scatter(residual: Array, jacobian: Array, recordings: Sequence[Recording], s
     values, vectors = np.linalg.eigh(middle)
     spread = root @ vectors
     found = (spread * np.maximum(values, 1.0)) @ spread.T
-    freedom = 2.0 * np.diag(found) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
+    # Without a doubt there are endlessly many.
+    with np.errstate(over="ignore"):
+        freedom = 2.0 * np.diag(found) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
     return Scatter(found, np.minimum(freedom, _MOST_FREEDOM))
 
 
