@@ -24,10 +24,8 @@ from phnn.effects import catalogue
 from phnn.effects.kinds import LOCATIONS
 from phnn.errors import InputRefused, meant
 from phnn.intake.files import named_file
-from phnn.intake.json_file import load_json
-from phnn.intake.limits import LIMITS
 from phnn.output import Place
-from phnn.studies.benchmark.folders import OUTPUT
+from phnn.studies.benchmark.folders import OUTPUT, document_of
 
 Array = NDArray[np.float64]
 
@@ -115,11 +113,7 @@ def read_answer(folder: Path) -> Answer:
     Raises:
         InputRefused: it is absent, damaged, or says what no answer can; names file and value.
     """
-    remedy = f"give a folder with an {FILE} for each case"
-    source = named_file(folder / FILE, (folder,), "", remedy)
-    content = load_json(source, LIMITS.json_bytes, "an answer", remedy)
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise InputRefused(f"{folder / FILE}: is no {SCHEMA} file: {remedy}")
+    content = document_of(folder / FILE, SCHEMA, "an answer", f"give a folder with an {FILE} for each case")
     unknown = [key for key in content if key not in _KEYS]
     if unknown:
         raise InputRefused(f"{folder / FILE}: unknown key {unknown[0]!r}{meant(unknown[0], _KEYS)}")

@@ -1,9 +1,12 @@
 """The folders of a benchmark: recordings and examinations for a tool, seals for the scorer.
 
-bench.json                          versions, settings, names of the cases, hash of the seals
-cases/NAME/*.csv, recordings.yaml   what is known: inputs and outputs
-cases/NAME/exam/*.csv, …            inputs whose outputs are to be predicted
-sealed/NAME/seal.json, *.csv        what was concealed, and the outputs of the examination
+    bench.json                          version, names of the cases, hash of cases and seals
+    cases/NAME/*.csv, recordings.yaml   what is known: inputs and outputs
+    cases/NAME/exam/*.csv, …            inputs whose outputs are to be predicted
+    sealed/NAME/seal.json, *.csv        what was concealed, and the outputs of the examination
+    sealed/settings.json                seed and numbers of cases, from which everything follows
+
+A tool sees what is not sealed.
 """
 
 from __future__ import annotations
@@ -106,10 +109,18 @@ def card_of(folder: Path) -> dict[str, Any]:
     Raises:
         InputRefused: the folder is no benchmark.
     """
-    remedy = "give the folder that phnn bench write has written"
-    content = load_json(named_file(folder / _CARD, (folder,), "", remedy), LIMITS.json_bytes, "a benchmark", remedy)
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise InputRefused(f"{folder / _CARD}: is no {SCHEMA} file: {remedy}")
+    return document_of(folder / _CARD, SCHEMA, "a benchmark", "give the folder that phnn bench write has written")
+
+
+def document_of(path: Path, schema: str, what: str, remedy: str) -> dict[str, Any]:
+    """The content of a json file of a schema.
+
+    Raises:
+        InputRefused: it is absent, damaged or of another schema.
+    """
+    content = load_json(named_file(path, (path.parent,), "", remedy), LIMITS.json_bytes, what, remedy)
+    if not isinstance(content, dict) or content.get("schema") != schema:
+        raise InputRefused(f"{path}: is no {schema} file: {remedy}")
     return content
 
 

@@ -42,7 +42,7 @@ _NAME, _NONE = 0.6, 0.8
 
 
 def answer(folder: Path, seed: int) -> Answer:
-    """Identify the base model and look at what it leaves."""
+    """Identify the base model and look at its residual."""
     base = base_of(folder, seed)
     predicted = predictions(base.model, folder)
     found = [band for band in map(_band, base.fit.plan.recordings, _residuals(base)) if band]
