@@ -82,7 +82,7 @@ def make_case(case: Case, folder: Path, write: Writer = Path.write_bytes) -> Sea
     # An effect is as strong as the recordings without the examination show it.
     seen = tuple(e for e in plan if not e.name.startswith(EXAM))
     gauges = _Gauges(*rulers(case.base, seen, case.noise)) if case.effects else None
-    choice, parts, redrawn = (case.choices[0], [], 0) if gauges is None else _chosen(case, seen, gauges)
+    choice, parts, redrawn = (case.choices[0], [], 0) if gauges is None else _chosen(case, plan, gauges)
     outputs = parts[0].outputs if len(parts) == 1 and seen == plan else _together(case, plan, parts)
     final = disturbed(
         case.noise, case.base, plan, outputs, lambda d: _together(case, plan, parts, d), case.stream
@@ -128,7 +128,10 @@ def _conditions_as_made(case: Case, background: Background) -> dict[str, Any]:
 
 
 def _chosen(case: Case, plan: tuple[Excitation, ...], gauges: _Gauges) -> tuple[Choice, Parts, int]:
-    """Choose the effects with their strengths; also count the rejected shapes."""
+    """Choose the effects with their strengths; also count the rejected shapes.
+
+    Shapes are drawn for all recordings of the plan, also for those that are not gauged.
+    """
     rejected = 0
     for number, (weaker, choice) in enumerate(product(_WEAKER, case.choices)):
         parts: Parts = []

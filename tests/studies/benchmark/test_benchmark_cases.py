@@ -15,10 +15,12 @@ import pytest
 from phnn.cli import main
 from phnn.demo import draw_case, make_case
 from phnn.demo.listed import LISTED
+from phnn.demo.plans import EXAM
+from phnn.demo.strength import concealing
 from phnn.errors import InputRefused
 from phnn.recordings import read
 from phnn.studies.benchmark.cases import NOISES, PLANS, STRENGTHS, Entry, entries
-from phnn.studies.benchmark.folders import card_of, digest_of, opened
+from phnn.studies.benchmark.folders import OUTPUT, card_of, digest_of, opened
 from phnn.studies.benchmark.settings import GROUPS, Settings
 
 SMALL = {"none": 9, "same": 9, "other": 4, "outside": 4, "pair": 4, "background": 4}
@@ -69,6 +71,20 @@ def test_strength_is_what_can_be_seen(tmp_path: Path) -> None:
     assert beside.effects == alone.effects
     assert beside.strength_over_noise == pytest.approx(alone.strength_over_noise, rel=1e-9)
     assert beside.parameters == pytest.approx(alone.parameters)
+
+
+@pytest.mark.parametrize("effect", ["sensor_drift", "mains_pickup"])
+def test_what_acts_on_each_recording_acts_in_the_examination_too(effect: str, tmp_path: Path) -> None:
+    seeds = (s for s in range(1000) if draw_case(s, "same", "one_exam").effects == (effect,))
+    case = draw_case(next(seeds), "same", "one_exam", (6.0, 6.0))
+    sealed = make_case(case, tmp_path / "case")
+    exam = [e for e in case.recordings if e.name.startswith(EXAM)]
+    tables = (pd.read_csv(tmp_path / "case" / f"{excitation.name}.csv") for excitation in exam)
+    left = [
+        1e-6 * table[OUTPUT].to_numpy() - y for table, y in zip(tables, concealing(case.base, exam, []), strict=True)
+    ]
+    # A drift shows in the longest of them.
+    assert max(np.std(rest) for rest in left) > 2.0 * sealed.noise
 
 
 @pytest.mark.parametrize("group", GROUPS)
