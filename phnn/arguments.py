@@ -224,8 +224,9 @@ def _add_bench(command: argparse.ArgumentParser) -> None:
     add = command.add_argument
     add("step", choices=("write", "answer", "score"), metavar="STEP", help="write, answer or score")
     add("--cases", type=Path, metavar="DIR", help="answer, score: the folder that write has written")
-    add("--tool", metavar="NAME", help="answer: phnn, base, harmonics or stepwise")
+    add("--tool", metavar="NAME", help="answer: the name of a tool; docs/bench.md lists them")
     add("--answers", type=Path, metavar="DIR", action="append", help="score: answers of a tool; may be repeated")
+    add("--first", type=int, metavar="N", help="answer, score: the first N cases alone; their order is drawn")
     add(
         "--executor",
         default="processes",

@@ -17,6 +17,7 @@ from phnn.studies.benchmark.tools import tool
 
 # By step: the options that it takes.
 _TAKES = {"write": (), "answer": ("cases", "tool"), "score": ("cases", "answers")}
+_FIRST = ("answer", "score")
 
 
 def bench(step: str, out: Path, config: Config, options: Mapping[str, Any], overwrite: bool = False) -> None:
@@ -27,7 +28,8 @@ def bench(step: str, out: Path, config: Config, options: Mapping[str, Any], over
             seals and scores answers.
         config: settings of ``write``.
         options: ``cases``: what ``write`` has written; ``tool``: its name; ``answers``: folders with those of tools;
-            ``executor``: where cases are made and a tool works, see `phnn.ensemble.executor`.
+            ``first``: so many cases alone, None for all; ``executor``: where cases are made and a tool works, see
+            `phnn.ensemble.executor`.
 
     Raises:
         InputRefused: an option that a step does not take, or lacks.
@@ -35,6 +37,9 @@ def bench(step: str, out: Path, config: Config, options: Mapping[str, Any], over
     for name in ("cases", "tool", "answers"):
         if (name in _TAKES[step]) is (options[name] is None):
             raise InputRefused(f"phnn bench {step} {'needs' if options[name] is None else 'does not take'} --{name}")
+    first = options["first"]
+    if first is not None and (step not in _FIRST or first < 1):
+        raise InputRefused(f"--first {first}: {' and '.join(_FIRST)} take a number of cases, 1 or more")
     settings = [w for w in options["typed"] if w.partition("=")[0] in Settings.__dataclass_fields__]
     if settings and step != "write":
         raise InputRefused(f"phnn bench {step} does not take {settings[0]}: settings are those of write")
@@ -45,18 +50,18 @@ def bench(step: str, out: Path, config: Config, options: Mapping[str, Any], over
         tool(chosen)  # refuses an unknown one now
         origin = Origin({"tool": chosen, "benchmark": card_of(cases)["sha256"]}, resume=True)
         with claim(out, "bench", [cases], ANSWERS, origin, overwrite) as place:
-            answer_all(cases, chosen, place, options["executor"], _say)
+            answer_all(cases, chosen, place, options["executor"], _say, first=first)
         print(f"answers: {out / ANSWERS[0]}")
     else:
-        _score(options["cases"], options["answers"], out, overwrite)
+        _score(options["cases"], options["answers"], out, first, overwrite)
 
 
-def _score(cases: Path, answers: Sequence[Path], out: Path, overwrite: bool) -> None:
+def _score(cases: Path, answers: Sequence[Path], out: Path, first: int | None, overwrite: bool) -> None:
     names = [path.resolve().name for path in answers]
     if len(set(names)) != len(names):
         raise InputRefused(f"two folders of answers are called alike, {', '.join(names)}: rename one")
     with claim(out, "bench", [cases, *answers], SCORES, overwrite=overwrite) as place:
-        found = {name: scores_of(cases, path) for name, path in zip(names, answers, strict=True)}
+        found = {name: scores_of(cases, path, first) for name, path in zip(names, answers, strict=True)}
         print(write_scores(found, place), end="")
     print(f"results: {out / SCORES[-1]}")
 

@@ -184,6 +184,7 @@ def diagnose(
     progress: Progress = quiet,
     effects: Sequence[Effect] | None = None,
     on_base: Callable[[Fit], None] | None = None,
+    learned: Sequence[Effect] | None = None,
 ) -> Diagnosis:
     """Fit the base model, locate what it misses, name it, refit, judge and confirm.
 
@@ -194,6 +195,7 @@ def diagnose(
         effects: the catalogue to use; all that can exist otherwise.
         on_base: called with the base fit as soon as there is one, and before a search begins again from a better one,
             so that it can be kept whatever comes.
+        learned: elements without a name that may be added; all that can exist otherwise.
 
     Raises:
         InputRefused: a criterion is not known, the executor is not understood or does not answer, an effect to do
@@ -209,9 +211,9 @@ def diagnose(
     progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
     tell = on_base or (lambda fitted: None)
     tell(base)
-    learned = _possible(campaign, base.setup, learned_elements().values())
+    nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else learned
     search = Search(
-        catalogue_, learned, chosen.seed, max(1, chosen.max_effects), criteria, refits,
+        catalogue_, nameless, chosen.seed, max(1, chosen.max_effects), criteria, refits,
         input_measured(campaign, base.setup), campaign.held_out_is_new, progress,
     )  # fmt: skip
     base, error, judgement = _judged(search, chosen, base, error, tell)

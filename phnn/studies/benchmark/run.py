@@ -18,9 +18,9 @@ from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
 from phnn.output import Place
-from phnn.report.formatting import DASH, markdown_table, number
 from phnn.studies.benchmark.answer import FILE, Answer, read_answer, write_answer
 from phnn.studies.benchmark.folders import card_of, case_folder, digest_of, opened
+from phnn.studies.benchmark.page import page
 from phnn.studies.benchmark.score import Score, scored
 from phnn.studies.benchmark.tally import by_group, summary
 from phnn.studies.benchmark.tools import tool
@@ -31,20 +31,23 @@ _TOOL = "tool.json"
 ANSWERS, SCORES = ("answers", _TOOL), ("scores.csv", "groups.csv", "leaderboard.csv", "leaderboard.md")
 
 
-def answer_all(folder: Path, name: str, place: Place, where: str, say: Say, seed: int = 0) -> None:
+def answer_all(
+    folder: Path, name: str, place: Place, where: str, say: Say, seed: int = 0, first: int | None = None
+) -> None:
     """Let a tool answer all cases of a benchmark; what was answered before is kept.
 
     Args:
         folder: of the benchmark; name: of the tool.
         place: claimed for the answers.
         where: see `phnn.ensemble.executor`; say: called with a line of progress.
+        first: so many cases alone; all where it is None.
 
     Raises:
         InputRefused: no benchmark, or no such tool.
     """
     card = card_of(folder)
     (place / _TOOL).write_json({"tool": name, "seed": seed, "sha256": card["sha256"]})
-    todo = [c for c in card["cases"] if not (place / "answers" / c / FILE).path.exists()]
+    todo = [c for c in card["cases"][:first] if not (place / "answers" / c / FILE).path.exists()]
     work = partial(_answered, folder, name, place, seed)
     for count, (index, failed) in enumerate(executor(where).each(work, todo), start=1):
         say(f"{name}: {count} of {len(todo)}, {todo[index]}" + (f": no answer, {failed}" if failed else ""))
@@ -67,11 +70,12 @@ def _times(exam: Path) -> dict[str, NDArray[np.float64]]:
     return {path.stem: pd.read_csv(path)["time_s"].to_numpy(dtype=float) for path in sorted(exam.glob("*.csv"))}
 
 
-def scores_of(folder: Path, answers: Path) -> list[Score]:
+def scores_of(folder: Path, answers: Path, first: int | None = None) -> list[Score]:
     """Open the seals of a benchmark and score the answers of a tool.
 
     Args:
         answers: holds a folder with an answer for each case, or ``answers/`` with these.
+        first: so many cases alone, in the order of the benchmark, which is drawn; all where it is None.
 
     Raises:
         InputRefused: a seal was changed since, or an answer is absent or damaged; names it.
@@ -83,7 +87,7 @@ def scores_of(folder: Path, answers: Path) -> list[Score]:
         raise InputRefused(f"{answers}: these answers are to another benchmark than {folder}: answer this one")
     home = answers / "answers" if (answers / "answers").is_dir() else answers
     found = []
-    for case in card["cases"]:
+    for case in card["cases"][:first]:
         entry, sealed, exam = opened(folder, case)
         try:
             found.append(scored(entry, sealed, exam, read_answer(home / case)))
@@ -101,7 +105,7 @@ def _benchmark_of(answers: Path) -> str:
 
 
 def write_scores(found: Mapping[str, Sequence[Score]], place: Place) -> str:
-    """Write the scores of tools as tables; returns the leaderboard as markdown.
+    """Write the scores of tools as tables; returns their page as markdown.
 
     Args:
         found: by tool; place: claimed for them.
@@ -110,26 +114,14 @@ def write_scores(found: Mapping[str, Sequence[Score]], place: Place) -> str:
     groups = pd.concat([by_group(scores).assign(tool=name) for name, scores in found.items()])
     figures = {name: summary(scores) for name, scores in found.items()}
     table = pd.DataFrame(figures)
-    page = "\n".join([*leaderboard(figures), ""])
     texts = {
         "scores.csv": rows.to_csv(index=False),
         "groups.csv": groups.to_csv(index=False),
         "leaderboard.csv": table.to_csv(index_label="figure"),
-        "leaderboard.md": page,
+        "leaderboard.md": page(found),
     }
     write_results(place, texts)
-    return page
-
-
-def leaderboard(figures: Mapping[str, Mapping[str, float]]) -> list[str]:
-    """The lines of a table: a row for each figure, a column for each tool."""
-    labels = next(iter(figures.values())).keys()
-    body = [[label, *(_shown(of[label]) for of in figures.values())] for label in labels]
-    return markdown_table(["", *figures], body)
-
-
-def _shown(value: float) -> str:
-    return "∞" if value == np.inf else number(value) if np.isfinite(value) else DASH
+    return texts["leaderboard.md"]
 
 
 def _flat(score: Score) -> dict[str, object]:

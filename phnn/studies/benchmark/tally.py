@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -40,17 +41,65 @@ def calibration_error(scores: Sequence[Score]) -> float:
     return float(sum(distances) / len(scores))
 
 
+def listed(scores: Sequence[Score]) -> list[Score]:
+    """Those with listed effects and nothing beside them: groups same, other and pair."""
+    return [s for s in scores if s.group in ("same", "other", "pair")]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Right answers of two tools to the same cases.
+
+    Attributes:
+        cases: how many; gained: right with the first tool alone; lost: right with the second alone.
+    """
+
+    cases: int
+    gained: int
+    lost: int
+
+    @property
+    def share(self) -> float:
+        """Share of right answers of the first less that of the second; NaN without cases."""
+        return (self.gained - self.lost) / self.cases if self.cases else float("nan")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Exact 95 % interval, given in how many cases the two differ.
+
+        In these cases the first tool alone is right with some probability, of which the interval of Clopper & Pearson
+        (1934) is known; McNemar's test (1947, Psychometrika 12) is its companion.
+        """
+        apart = self.gained + self.lost
+        if not apart:
+            return 0.0, 0.0
+        low, high = Rate("", self.gained, apart, "").interval
+        return apart * (2.0 * low - 1.0) / self.cases, apart * (2.0 * high - 1.0) / self.cases
+
+
+def difference(first: Sequence[Score], second: Sequence[Score]) -> Difference:
+    """Compare two tools, case by case.
+
+    Raises:
+        ValueError: they answered other cases.
+    """
+    pairs = [(a.right, b.right) for a, b in zip(first, second, strict=True) if a.case == b.case]
+    if len(pairs) != len(first):
+        raise ValueError("the scores are of different cases")
+    return Difference(len(pairs), sum(a and not b for a, b in pairs), sum(b and not a for a, b in pairs))
+
+
 def summary(scores: Sequence[Score]) -> dict[str, float]:
     """The figures of a tool, by label; shares from 0 to 1."""
     concealing = [s for s in scores if s.group != "none"]
-    listed = [s for s in scores if s.group in ("same", "other", "pair")]
+    named = listed(scores)
     modelled = [s for s in scores if s.group in ("outside", "background")]
     return {
         "cases": float(len(scores)),
         "without an answer": float(sum(s.failed for s in scores)),
         "balanced accuracy of claims": balanced_accuracy(scores),
-        "names claimed rightly (same, other, pair)": _mean(s.right for s in listed),
-        "names first in probability (same, other, pair)": _mean(s.first for s in listed),
+        "names claimed rightly (same, other, pair)": _mean(s.right for s in named),
+        "names first in probability (same, other, pair)": _mean(s.first for s in named),
         "place right": _mean(s.placed for s in concealing),
         "place among three": _mean(s.placed_within for s in concealing),
         "false alarms": _mean(s.false_alarm for s in scores if s.group == "none"),

@@ -16,8 +16,9 @@ from phnn.errors import InputRefused
 from phnn.output import claim
 from phnn.studies.benchmark.answer import FILE, Answer, read_answer, write_answer
 from phnn.studies.benchmark.cases import Entry
+from phnn.studies.benchmark.page import page
 from phnn.studies.benchmark.score import Score, scored
-from phnn.studies.benchmark.tally import balanced_accuracy, by_group, calibration_error, summary
+from phnn.studies.benchmark.tally import balanced_accuracy, by_group, calibration_error, difference, summary
 from phnn.studies.benchmark.tools.diagnosis import as_answer
 
 TRUE = Sealed(
@@ -136,6 +137,28 @@ def test_confidence_is_the_highest_probability() -> None:
     assert (found.confidence, found.confirmed) == (0.4, False)
     assert score(NONE, NOTHING, "none").confirmed
     assert score(OUTSIDE, Answer({}, unlisted=0.6), "outside").confirmed
+
+
+def test_two_tools_are_compared_case_by_case() -> None:
+    right, silent = score(TRUE, Answer({"creep": 0.9})), score(TRUE, Answer({}))
+    first, second = [right] * 9 + [silent], [right] * 2 + [silent] * 7 + [right]
+    found = difference(first, second)
+    assert (found.cases, found.gained, found.lost) == (10, 7, 1)
+    assert found.share == pytest.approx(0.6)
+    # 7 of 8: Clopper and Pearson give 0.47349 to 0.99684.
+    assert found.interval == pytest.approx((0.8 * (2 * 0.47349 - 1), 0.8 * (2 * 0.99684 - 1)), abs=1e-4)
+    assert difference(first, first).interval == (0.0, 0.0)
+    with pytest.raises(ValueError, match="different cases"):
+        difference(first, [replace(s, case="another") for s in second])
+
+
+def test_the_page_tells_wrong_answers_first() -> None:
+    right, silent = score(TRUE, Answer({"creep": 0.9})), score(TRUE, Answer({"delay": 0.6}))
+    lines = page({"mine": [right, silent], "other": [silent, right]}).splitlines()
+    assert lines[0] == "## Wrong answers of mine"
+    (wrong,) = (line for line in lines if line.endswith("| delay |"))
+    assert wrong.startswith(f"| {silent.case} | same |")
+    assert any(line.startswith("| other | +0 (") for line in lines)
 
 
 def test_balanced_accuracy_weighs_each_kind_alike() -> None:

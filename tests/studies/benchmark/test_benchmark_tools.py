@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from phnn.cli import main
-from phnn.demo import generate
+from phnn.demo import draw_case, generate, make_case
 from phnn.demo.listed import LISTED
 from phnn.effects import catalogue
 from phnn.errors import InputRefused, SolverFailed
@@ -23,6 +23,19 @@ from phnn.studies.benchmark.tools.harmonics import TABLE, _band
 
 T = np.arange(4000) / 4000.0
 SINE = unrecorded("sine", T, 75.0 * np.sin(2.0 * np.pi * 10.0 * T))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in TOOLS if name.startswith("phnn_")])
+def test_a_diagnosis_without_a_part_answers(name: str, tmp_path: Path) -> None:
+    case = draw_case(6, "same", "one_exam", (8.0, 12.0))
+    make_case(case, tmp_path / "case")
+    exam = tmp_path / "case" / "exam"
+    exam.mkdir()
+    shutil.copy(tmp_path / "case" / "recordings.yaml", exam)
+    found = tool(name)(tmp_path / "case", 0)
+    assert found.claims
+    assert sum(found.probabilities.values()) <= 1.0 + 1e-9
 
 
 def test_every_tool_can_be_had_and_others_are_refused() -> None:
@@ -94,6 +107,20 @@ def test_the_command_answers_and_scores(tmp_path: Path, capsys: pytest.CaptureFi
     assert "a case or a seal is not as bench.json" in capsys.readouterr().err
 
 
+def test_the_first_cases_alone_are_answered_and_scored(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cases, answers = tmp_path / "cases", tmp_path / "base"
+    nothing = ["none=2", *(f"{group}=0" for group in GROUPS if group != "none")]
+    assert main(["bench", "write", "--executor", "serial", "--out", str(cases), *nothing]) == 0
+    run = ["bench", "answer", "--cases", str(cases), "--tool", "base", "--out", str(answers), "--executor", "serial"]
+    assert main([*run, "--first", "1"]) == 0
+    assert "base: 1 of 1, case_000" in capsys.readouterr().out
+    score = ["bench", "score", "--cases", str(cases), "--answers", str(answers), "--out", str(tmp_path / "s")]
+    assert main([*score, "--first", "1"]) == 0
+    assert "| cases | 1.00 |" in capsys.readouterr().out
+    assert main(score) == 2
+    assert "case_001" in capsys.readouterr().err
+
+
 def test_answers_to_another_benchmark_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folders = [tmp_path / name for name in ("first", "second")]
     for seed, cases in enumerate(folders):
@@ -137,6 +164,8 @@ def test_a_tool_that_cannot_solve_a_case_says_so(
         (["score", "--cases", "c", "--tool", "phnn", "--answers", "a"], "phnn bench score does not take --tool"),
         (["score", "--cases", "c", "--answers", "x/a", "--answers", "y/a"], "called alike, a, a"),
         (["answer", "--cases", "c", "--tool", "base", "seed=3"], "phnn bench answer does not take seed=3"),
+        (["write", "--first", "3"], "--first 3: answer and score take"),
+        (["score", "--cases", "c", "--answers", "a", "--first", "0"], "--first 0: answer and score take"),
         (["answer", "--cases", "c", "--tool", "bse"], "did you mean base?"),
         (["write", "none=0", *(f"{g}=0" for g in GROUPS if g != "none")], "no cases"),
     ],

@@ -15,12 +15,16 @@ from phnn.studies.benchmark.answer import Answer
 
 Tool = Callable[[Path, int], Answer]
 
-# By name: the module in which its function ``answer`` stands.
+# By name: the module in which its function stands, and what that is called.
 _MODULES = {
-    "phnn": "diagnosis",
-    "base": "nothing",
-    "harmonics": "harmonics",
-    "stepwise": "stepwise",
+    "phnn": ("diagnosis", "answer"),
+    "base": ("nothing", "answer"),
+    "harmonics": ("harmonics", "answer"),
+    "stepwise": ("stepwise", "answer"),
+    "phnn_without_veto": ("ablations", "without_veto"),
+    "phnn_without_racing": ("ablations", "without_racing"),
+    "phnn_without_learned": ("ablations", "without_learned"),
+    "phnn_scores_only": ("ablations", "scores_only"),
 }
 TOOLS = tuple(_MODULES)
 
@@ -33,5 +37,6 @@ def tool(name: str) -> Tool:
     """
     if name not in _MODULES:
         raise InputRefused(f"tool: nothing is called {name!r}{meant(name, TOOLS)}: there are {', '.join(TOOLS)}")
-    found: Tool = import_module(f"phnn.studies.benchmark.tools.{_MODULES[name]}").answer
+    module, function = _MODULES[name]
+    found: Tool = getattr(import_module(f"phnn.studies.benchmark.tools.{module}"), function)
     return found

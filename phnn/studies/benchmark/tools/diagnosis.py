@@ -6,11 +6,12 @@ made, and the calibration error of a score says how good they are.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from phnn.diagnosis.diagnosis import diagnose
+from phnn.effects import Effect
 from phnn.identification.options import Options
 from phnn.recordings import read
 from phnn.report.result import document
@@ -27,7 +28,12 @@ _CLAIMING = ("named", "equivalent")
 
 def answer(folder: Path, seed: int) -> Answer:
     """Diagnose a case."""
-    diagnosis = diagnose(read(folder), Options(seed=seed, workers=1))
+    return diagnosed(folder, Options(seed=seed, workers=1))
+
+
+def diagnosed(folder: Path, options: Options, learned: Sequence[Effect] | None = None) -> Answer:
+    """Diagnose a case with other options, or with other elements without a name."""
+    diagnosis = diagnose(read(folder), options, learned=learned)
     return as_answer(document(diagnosis), predictions(diagnosis.model, folder))
 
 

@@ -1,0 +1,56 @@
+"""The whole benchmark in one command: ``python scripts/bench.py --out DIR [--tools phnn base] [--first N] [seed=2]``.
+
+Makes the cases, lets each tool answer them, scores all answers and prints the page, ``DIR/scores/leaderboard.md``. Run
+again, it goes on where it stopped; another tool is added by naming it too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+from phnn.commands.bench import bench
+from phnn.commands.terminal import refusals
+from phnn.configuration import compose
+from phnn.studies.benchmark.tools import TOOLS
+
+
+def run(chosen: argparse.Namespace) -> None:
+    """Carry out all steps."""
+    config, out = compose("bench", chosen.settings), chosen.out
+    given: dict[str, Any] = {
+        **dict.fromkeys(("cases", "tool", "answers", "first")), "executor": chosen.executor, "typed": chosen.settings,
+    }  # fmt: skip
+    bench("write", out / "benchmark", config, given)
+    asked = {**given, "typed": [], "cases": out / "benchmark", "first": chosen.first}
+    for tool in chosen.tools:
+        began = time.monotonic()
+        bench("answer", out / tool, config, {**asked, "tool": tool})
+        print(f"{tool}: {time.monotonic() - began:.0f} s", flush=True)
+    answers = [out / tool for tool in chosen.tools]
+    bench("score", out / "scores", config, {**asked, "answers": answers}, overwrite=True)
+
+
+def main() -> None:
+    """Run, and refuse bad input in one line."""
+    parser = argparse.ArgumentParser(description="Make, answer and score a benchmark.")
+    add = parser.add_argument
+    add("--out", type=Path, default=Path("out/bench"), help="default: %(default)s")
+    add(
+        "--tools",
+        nargs="+",
+        default=list(TOOLS),
+        metavar="NAME",
+        help="default: all; the first is compared with others",
+    )
+    add("--first", type=int, metavar="N", help="the first N cases alone")
+    add("--executor", default="processes", metavar="WHERE", help="see phnn diagnose; default: %(default)s")
+    add("settings", nargs="*", metavar="KEY=VALUE", help="of configs/bench.yaml")
+    with refusals("bench"):
+        run(parser.parse_args())
+
+
+if __name__ == "__main__":
+    main()
