@@ -23,7 +23,7 @@ from phnn.studies.benchmark.answer import FILE, Answer, read_answer, write_answe
 from phnn.studies.benchmark.folders import card_of, case_folder, digest_of, opened
 from phnn.studies.benchmark.score import Score, scored
 from phnn.studies.benchmark.tally import by_group, summary
-from phnn.studies.benchmark.tools import tool
+from phnn.studies.benchmark.tools import Tool, tool
 from phnn.studies.results import write_results
 
 Say = Callable[[str], None]
@@ -31,13 +31,16 @@ _TOOL = "tool.json"
 ANSWERS, SCORES = ("answers", _TOOL), ("scores.csv", "groups.csv", "leaderboard.csv", "leaderboard.md")
 
 
-def answer_all(folder: Path, name: str, place: Place, where: str, say: Say, seed: int = 0) -> None:
+def answer_all(
+    folder: Path, name: str, place: Place, where: str, say: Say, seed: int = 0, training: Path | None = None
+) -> None:
     """Let a tool answer all cases of a benchmark; what was answered before is kept.
 
     Args:
         folder: of the benchmark; name: of the tool.
         place: claimed for the answers.
         where: see `phnn.ensemble.executor`; say: called with a line of progress.
+        training: see `phnn.studies.benchmark.tools.tool`.
 
     Raises:
         InputRefused: no benchmark, or no such tool.
@@ -45,16 +48,16 @@ def answer_all(folder: Path, name: str, place: Place, where: str, say: Say, seed
     card = card_of(folder)
     (place / _TOOL).write_json({"tool": name, "seed": seed, "sha256": card["sha256"]})
     todo = [c for c in card["cases"] if not (place / "answers" / c / FILE).path.exists()]
-    work = partial(_answered, folder, name, place, seed)
+    work = partial(_answered, folder, partial(tool, name, training), place, seed)
     for count, (index, failed) in enumerate(executor(where).each(work, todo), start=1):
         say(f"{name}: {count} of {len(todo)}, {todo[index]}" + (f": no answer, {failed}" if failed else ""))
 
 
-def _answered(folder: Path, name: str, place: Place, seed: int, case: str) -> str:
+def _answered(folder: Path, found_tool: Callable[[], Tool], place: Place, seed: int, case: str) -> str:
     """Answer one case; returns why the tool has no answer, empty where it has one."""
     known, began = case_folder(folder, case), time.process_time()
     try:
-        found = tool(name)(known, seed)
+        found = found_tool()(known, seed)
     except SolverFailed as error:
         # Anything else is a fault of the tool's code, which ends the run.
         found = Answer({}, failed=str(error))

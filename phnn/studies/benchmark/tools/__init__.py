@@ -7,6 +7,7 @@ examination, never the seal.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -21,17 +22,30 @@ _MODULES = {
     "base": "nothing",
     "harmonics": "harmonics",
     "stepwise": "stepwise",
+    "fingerprints": "fingerprints",
+    "nearest": "nearest",
 }
 TOOLS = tuple(_MODULES)
+# Tools that need the folder of a training.
+TRAINED = ("fingerprints", "nearest")
 
 
-def tool(name: str) -> Tool:
+def tool(name: str, training: Path | None = None) -> Tool:
     """The tool of a name.
 
+    Args:
+        training: the folder that ``phnn bench train`` has written, for the tools that need one.
+
     Raises:
-        InputRefused: there is none.
+        InputRefused: there is none, or it needs a training, or takes none.
     """
     if name not in _MODULES:
         raise InputRefused(f"tool: nothing is called {name!r}{meant(name, TOOLS)}: there are {', '.join(TOOLS)}")
-    found: Tool = import_module(f"phnn.studies.benchmark.tools.{_MODULES[name]}").answer
-    return found
+    if (name in TRAINED) is (training is None):
+        remedy = "give the folder that phnn bench train has written"
+        raise InputRefused(
+            f"tool {name} {f'needs --training: {remedy}' if training is None else 'takes no --training'}"
+        )
+    found = import_module(f"phnn.studies.benchmark.tools.{_MODULES[name]}").answer
+    known: Tool = found if training is None else partial(found, training=training)
+    return known
