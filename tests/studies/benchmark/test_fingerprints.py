@@ -235,6 +235,8 @@ def test_training_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.M
         (lambda table: table.drop(columns=names()[3]), "has other columns than this version writes: train anew"),
         (lambda table: table.astype({names()[3]: object}).assign(**{names()[3]: "much"}), "holds words"),
         (lambda table: table.iloc[:0], "has no rows: train with a larger size"),
+        (lambda table: table.assign(effects="crepe"), "a group or an effect 'crepe' that nobody conceals"),
+        (lambda table: table.assign(group="sane"), "a group or an effect 'sane' that nobody conceals"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_refused(tmp_path: Path, change: Any, words: str) -> None:

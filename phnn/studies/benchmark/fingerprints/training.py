@@ -20,6 +20,7 @@ from typing import Any
 
 import pandas as pd
 
+from phnn.demo.listed import LISTED
 from phnn.ensemble import executor
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification.fit import Fit
@@ -31,6 +32,7 @@ from phnn.studies.benchmark.fingerprints.actuators import Actuator, simulated
 from phnn.studies.benchmark.fingerprints.cases import Drawn, drawn
 from phnn.studies.benchmark.fingerprints.features import features, names
 from phnn.studies.benchmark.fingerprints.fitting import fitted
+from phnn.studies.benchmark.settings import GROUPS
 
 Say = Callable[[str], None]
 Row = dict[str, Any]
@@ -138,8 +140,17 @@ def read_table(folder: Path) -> pd.DataFrame:
         raise InputRefused(f"{path}: is no table ({error}): {_REMEDY}") from error
     if list(table.columns) != [*KEYS, *names()]:
         raise InputRefused(f"{path}: has other columns than this version writes: train anew")
-    if any(table[name].dtype.kind not in "if" for name in names()):
-        raise InputRefused(f"{path}: holds words where numbers belong: train anew")
     if table.empty:
         raise InputRefused(f"{path}: has no rows: train with a larger size")
+    if any(table[name].dtype.kind not in "if" for name in names()):
+        raise InputRefused(f"{path}: holds words where numbers belong: train anew")
+    strange = set(table["group"]) - set(GROUPS) or _named(table) - set(LISTED)
+    if strange:
+        raise InputRefused(f"{path}: has a group or an effect {min(strange)!r} that nobody conceals: train anew")
     return table
+
+
+def _named(table: pd.DataFrame) -> set[str]:
+    """The effects that rows name, but those that no catalogue lists."""
+    listed = table[~table["group"].isin(("none", "outside"))]
+    return {name for effects in listed["effects"] for name in effects.split("+")}
