@@ -4,6 +4,11 @@ Each name, ``none`` and ``unlisted`` is a label of its own, so that two effects 
 of extremely randomised trees (Geurts, Ernst & Wehenkel 2006, Machine Learning 63) votes on all labels at once. Its
 shares of votes are drawn towards the middle; Platt's scaling (1999) of their logits, fitted to votes on cases that were
 held out, makes probabilities of them.
+
+Chosen by cross-validation on 287 to 319 cases of training: this forest had a Brier score of 0.59 and the true labels
+first in 62 %; the same with one label a row and weights for pairs 0.59 and 61 %; a random forest 0.64 and 59 %;
+histogram gradient boosting (40 rounds, six leaves, one label a row) 0.67 and 54 %, as it needs more cases. The share of
+features at a split and the number of trees were not tuned.
 """
 
 from __future__ import annotations
@@ -113,6 +118,7 @@ def _second(p: Array) -> Array:
 
 def _nearest(x: Array, y: NDArray[np.bool_], seed: int) -> Callable[[Array], Array]:
     """The nearest fingerprints, in features whose middle half is scaled to one; the votes fall with the distance."""
+    x = np.where(np.isnan(x).all(axis=0), 0.0, x)  # a feature of recordings that nobody made
     middle, spread = np.nanmedian(x, axis=0), np.subtract(*np.nanquantile(x, (0.75, 0.25), axis=0))
 
     def prepared(rows: Array) -> Array:

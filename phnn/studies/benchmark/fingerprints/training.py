@@ -70,7 +70,7 @@ def _made(place: Place, seed: int, number: int) -> None:
         rows = rows_of(case, simulated(case.case()))
     except PhnnError:
         rows = []
-    (place / _ROWS / f"{number:05d}.json").write_json(rows)
+    (place / _ROWS / f"{number:05d}.json").write(json.dumps(rows).encode())
 
 
 def rows_of(case: Drawn, actuator: Actuator) -> list[Row]:

@@ -58,7 +58,7 @@ def _figures(table: pd.DataFrame, kind: str, seed: int) -> list[tuple[str, str, 
         for value in dict.fromkeys(counted[of]):
             rows = (counted[of] == value).to_numpy() & np.asarray(among)
             found.append((of, value, int(rows.sum()), right[rows].mean(), first[rows].mean(), brier[rows].mean()))
-    return [(of, value, count, *(float(x) for x in figures)) for of, value, count, *figures in found]
+    return [(of, value, count, float(r), float(f), float(b)) for of, value, count, r, f, b in found]
 
 
 def _first(stated: Array, y: NDArray[np.bool_]) -> NDArray[np.bool_]:
