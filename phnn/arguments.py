@@ -222,16 +222,18 @@ def _add_invert(command: argparse.ArgumentParser) -> None:
 
 def _add_bench(command: argparse.ArgumentParser) -> None:
     add = command.add_argument
-    add("step", choices=("write", "answer", "score"), metavar="STEP", help="write, answer or score")
+    add("step", choices=("write", "train", "answer", "score"), metavar="STEP", help="write, train, answer or score")
     add("--cases", type=Path, metavar="DIR", help="answer, score: the folder that write has written")
     add("--tool", metavar="NAME", help="answer: the name of a tool; docs/bench.md lists them")
+    text = "answer: the folder that train has written, for fingerprints and nearest"
+    add("--training", type=Path, metavar="DIR", help=text)
     add("--answers", type=Path, metavar="DIR", action="append", help="score: answers of a tool; may be repeated")
     add("--first", type=int, metavar="N", help="answer, score: the first N cases alone; their order is drawn")
     add(
         "--executor",
         default="processes",
         metavar="WHERE",
-        help="write, answer: see phnn diagnose; default: %(default)s",
+        help="write, train, answer: see phnn diagnose; default: %(default)s",
     )
 
 

@@ -10,13 +10,17 @@ from typing import Any
 from phnn.commands.terminal import Config
 from phnn.errors import InputRefused
 from phnn.output import Origin, claim
+from phnn.studies.benchmark.fingerprints.settings import TrainSettings
+from phnn.studies.benchmark.fingerprints.training import TABLE, TRAINING, VALIDATION, digest, train
+from phnn.studies.benchmark.fingerprints.validation import validated
 from phnn.studies.benchmark.folders import RESULTS, card_of, write_benchmark
 from phnn.studies.benchmark.run import ANSWERS, SCORES, answer_all, scores_of, write_scores
 from phnn.studies.benchmark.settings import Settings
 from phnn.studies.benchmark.tools import tool
 
-# By step: the options that it takes.
-_TAKES = {"write": (), "answer": ("cases", "tool"), "score": ("cases", "answers")}
+# By step: the options that it needs, and the settings that it takes. An answer may take a training.
+_TAKES = {"write": (), "train": (), "answer": ("cases", "tool"), "score": ("cases", "answers")}
+_SETTINGS = {"write": Settings.__dataclass_fields__, "train": TrainSettings.__dataclass_fields__}
 _FIRST = ("answer", "score")
 
 
@@ -24,11 +28,12 @@ def bench(step: str, out: Path, config: Config, options: Mapping[str, Any], over
     """Carry out one step of a benchmark.
 
     Args:
-        step: ``write`` makes and seals cases in ``out``; ``answer`` lets a tool answer them; ``score`` opens their
-            seals and scores answers.
-        config: settings of ``write``.
-        options: ``cases``: what ``write`` has written; ``tool``: its name; ``answers``: folders with those of tools;
-            ``first``: so many cases alone, None for all; ``executor``: where cases are made and a tool works, see
+        step: ``write`` makes and seals cases in ``out``; ``train`` makes what the tools of
+            `phnn.studies.benchmark.tools.TRAINED` learn from; ``answer`` lets a tool answer cases; ``score`` opens
+            their seals and scores answers.
+        config: settings of ``write`` and of ``train``.
+        options: ``cases``: what ``write`` has written; ``tool``: its name; ``training``: what ``train`` has written;
+            ``answers``: folders with those of tools; ``first``: so many cases alone, None for all; ``executor``: see
             `phnn.ensemble.executor`.
 
     Raises:
@@ -40,20 +45,49 @@ def bench(step: str, out: Path, config: Config, options: Mapping[str, Any], over
     first = options["first"]
     if first is not None and (step not in _FIRST or first < 1):
         raise InputRefused(f"--first {first}: {' and '.join(_FIRST)} take a number of cases, 1 or more")
-    settings = [w for w in options["typed"] if w.partition("=")[0] in Settings.__dataclass_fields__]
-    if settings and step != "write":
-        raise InputRefused(f"phnn bench {step} does not take {settings[0]}: settings are those of write")
+    if options["training"] is not None and step != "answer":
+        raise InputRefused(f"phnn bench {step} does not take --training")
+    _refuse_settings(step, options["typed"])
     if step == "write":
         _write(Settings.from_config(config), out, options["executor"], overwrite)
+    elif step == "train":
+        _train(TrainSettings.from_config(config), out, options["executor"], overwrite)
     elif step == "answer":
-        cases, chosen = options["cases"], options["tool"]
-        tool(chosen)  # refuses an unknown one now
-        origin = Origin({"tool": chosen, "benchmark": card_of(cases)["sha256"]}, resume=True)
-        with claim(out, "bench", [cases], ANSWERS, origin, overwrite) as place:
-            answer_all(cases, chosen, place, options["executor"], _say, first=first)
-        print(f"answers: {out / ANSWERS[0]}")
+        _answer(options, out, overwrite)
     else:
         _score(options["cases"], options["answers"], out, first, overwrite)
+
+
+def _refuse_settings(step: str, typed: Sequence[str]) -> None:
+    every = {name for fields in _SETTINGS.values() for name in fields}
+    for word in typed:
+        name = word.partition("=")[0]
+        if name in every and name not in _SETTINGS.get(step, ()):
+            of = "write and train" if step not in _SETTINGS else next(s for s, f in _SETTINGS.items() if name in f)
+            raise InputRefused(f"phnn bench {step} does not take {word}: settings are those of {of}")
+
+
+def _answer(options: Mapping[str, Any], out: Path, overwrite: bool) -> None:
+    cases, chosen, training = options["cases"], options["tool"], options["training"]
+    tool(chosen, training)  # refuses an unknown one now
+    origin = {"tool": chosen, "benchmark": card_of(cases)["sha256"]}
+    if training is not None:
+        origin["training"] = digest(training)
+    inputs = [cases, *([training] if training is not None else [])]
+    with claim(out, "bench", inputs, ANSWERS, Origin(origin, resume=True), overwrite) as place:
+        answer_all(cases, chosen, place, options["executor"], _say, options["first"], training)
+    print(f"answers: {out / ANSWERS[0]}")
+
+
+def _train(settings: TrainSettings, out: Path, where: str, overwrite: bool) -> None:
+    print(f"seed {settings.seed}", flush=True)
+    # A larger training goes on from a smaller one.
+    with claim(out, "bench", (), TRAINING, Origin({"seed": settings.seed}, resume=True), overwrite) as place:
+        table = train(settings.seed, settings.size, place, where, _say)
+        figures = validated(table, settings.seed)
+        (place / VALIDATION).write(figures.to_csv(index=False).encode())
+    print(figures[figures["of"] == "all"].to_string(index=False))
+    print(f"training: {out / TABLE}")
 
 
 def _score(cases: Path, answers: Sequence[Path], out: Path, first: int | None, overwrite: bool) -> None:

@@ -23,16 +23,18 @@ from phnn.studies.benchmark.folders import card_of, case_folder, digest_of, open
 from phnn.studies.benchmark.page import page
 from phnn.studies.benchmark.score import Score, scored
 from phnn.studies.benchmark.tally import by_group, summary
-from phnn.studies.benchmark.tools import tool
+from phnn.studies.benchmark.tools import Tool, tool
 from phnn.studies.results import write_results
 
 Say = Callable[[str], None]
 _TOOL = "tool.json"
+# Of everything that a tool draws.
+_SEED = 0
 ANSWERS, SCORES = ("answers", _TOOL), ("scores.csv", "groups.csv", "leaderboard.csv", "leaderboard.md")
 
 
 def answer_all(
-    folder: Path, name: str, place: Place, where: str, say: Say, seed: int = 0, first: int | None = None
+    folder: Path, name: str, place: Place, where: str, say: Say, first: int | None = None, training: Path | None = None
 ) -> None:
     """Let a tool answer all cases of a benchmark; what was answered before is kept.
 
@@ -41,23 +43,24 @@ def answer_all(
         place: claimed for the answers.
         where: see `phnn.ensemble.executor`; say: called with a line of progress.
         first: so many cases alone; all where it is None.
+        training: see `phnn.studies.benchmark.tools.tool`.
 
     Raises:
         InputRefused: no benchmark, or no such tool.
     """
     card = card_of(folder)
-    (place / _TOOL).write_json({"tool": name, "seed": seed, "sha256": card["sha256"]})
+    (place / _TOOL).write_json({"tool": name, "seed": _SEED, "sha256": card["sha256"]})
     todo = [c for c in card["cases"][:first] if not (place / "answers" / c / FILE).path.exists()]
-    work = partial(_answered, folder, name, place, seed)
+    work = partial(_answered, folder, partial(tool, name, training), place)
     for count, (index, failed) in enumerate(executor(where).each(work, todo), start=1):
         say(f"{name}: {count} of {len(todo)}, {todo[index]}" + (f": no answer, {failed}" if failed else ""))
 
 
-def _answered(folder: Path, name: str, place: Place, seed: int, case: str) -> str:
+def _answered(folder: Path, found_tool: Callable[[], Tool], place: Place, case: str) -> str:
     """Answer one case; returns why the tool has no answer, empty where it has one."""
     known, began = case_folder(folder, case), time.process_time()
     try:
-        found = tool(name)(known, seed)
+        found = found_tool()(known, _SEED)
     except SolverFailed as error:
         # Anything else is a fault of the tool's code, which ends the run.
         found = Answer({}, failed=str(error))

@@ -18,7 +18,7 @@ from phnn.recordings.recording import unrecorded
 from phnn.studies.benchmark import run
 from phnn.studies.benchmark.answer import Answer
 from phnn.studies.benchmark.settings import GROUPS
-from phnn.studies.benchmark.tools import TOOLS, tool
+from phnn.studies.benchmark.tools import TOOLS, TRAINED, tool
 from phnn.studies.benchmark.tools.harmonics import TABLE, _band
 
 T = np.arange(4000) / 4000.0
@@ -39,7 +39,7 @@ def test_a_diagnosis_without_a_part_answers(name: str, tmp_path: Path) -> None:
 
 
 def test_every_tool_can_be_had_and_others_are_refused() -> None:
-    assert all(callable(tool(name)) for name in TOOLS)
+    assert all(callable(tool(name, Path("t") if name in TRAINED else None)) for name in TOOLS)
     with pytest.raises(InputRefused, match=r"nothing is called 'stepwize' .did you mean stepwise\?"):
         tool("stepwize")
 
@@ -146,7 +146,7 @@ def test_a_tool_that_cannot_solve_a_case_says_so(
 
     nothing = ["none=1", *(f"{group}=0" for group in GROUPS if group != "none")]
     assert main(["bench", "write", "--executor", "serial", "--out", str(tmp_path / "c"), *nothing]) == 0
-    monkeypatch.setattr(run, "tool", lambda name: fails)
+    monkeypatch.setattr(run, "tool", lambda name, training: fails)
     options = ["--cases", str(tmp_path / "c"), "--tool", "base", "--executor", "serial", "--out", str(tmp_path / "a")]
     assert main(["bench", "answer", *options]) == 0
     assert "no answer, the step at 0.1 s" in capsys.readouterr().out
@@ -167,6 +167,13 @@ def test_a_tool_that_cannot_solve_a_case_says_so(
         (["write", "--first", "3"], "--first 3: answer and score take"),
         (["score", "--cases", "c", "--answers", "a", "--first", "0"], "--first 0: answer and score take"),
         (["answer", "--cases", "c", "--tool", "bse"], "did you mean base?"),
+        (["answer", "--cases", "c", "--tool", "nearest"], "tool nearest needs --training: give the folder that"),
+        (["answer", "--cases", "c", "--tool", "base", "--training", "t"], "tool base takes no --training"),
+        (["train", "--training", "t"], "phnn bench train does not take --training"),
+        (["train", "--tool", "base"], "phnn bench train does not take --tool"),
+        (["train", "none=3"], "phnn bench train does not take none=3: settings are those of write"),
+        (["write", "size=30"], "phnn bench write does not take size=30: settings are those of train"),
+        (["train", "size=3"], "size"),
         (["write", "none=0", *(f"{g}=0" for g in GROUPS if g != "none")], "no cases"),
     ],
 )
