@@ -21,6 +21,7 @@ _MODULES = {
     "base": "nothing",
     "harmonics": "harmonics",
     "stepwise": "stepwise",
+    "sindy": "sindy",
 }
 TOOLS = tuple(_MODULES)
 
