@@ -60,9 +60,13 @@ class Compressed:
         )  # fmt: skip
 
 
-def compressed(evidence: Evidence, folds: int = 5) -> Compressed:
-    """Factor the blocks. Folds are whole recordings where there are enough, blocks in turn otherwise."""
-    rows = np.column_stack([evidence.base, evidence.columns, evidence.target])
+def compressed(evidence: Evidence, columns: Array | None = None, folds: int = 5) -> Compressed:
+    """Factor the blocks. Folds are whole recordings where there are enough, blocks in turn otherwise.
+
+    Args:
+        columns: (n, K) whitened responses; those to the terms where not given.
+    """
+    rows = np.column_stack([evidence.base, evidence.columns if columns is None else columns, evidence.target])
     factors = tuple(np.linalg.qr(rows[b], mode="r") for b in evidence.blocks)
     owners = np.array(evidence.recording_of)
     groups = owners if len(set(evidence.recording_of)) >= folds else np.arange(owners.size)

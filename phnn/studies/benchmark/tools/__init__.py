@@ -22,6 +22,7 @@ _MODULES = {
     "harmonics": "harmonics",
     "stepwise": "stepwise",
     "sindy": "sindy",
+    "gp_force": "gp_force",
 }
 TOOLS = tuple(_MODULES)
 
