@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.signal import lsim
+from scipy.stats import multivariate_normal
 
 from phnn.demo import generate
 from phnn.demo.listed import LISTED
@@ -20,6 +21,8 @@ from phnn.simulate import simulate
 from phnn.studies import rivals
 from phnn.studies.benchmark.residual_force import signals
 from phnn.studies.benchmark.residual_force.evidence import whitening_filter
+from phnn.studies.benchmark.residual_force.latent import Features, best_of
+from phnn.studies.benchmark.residual_force.matching import named, shares
 from phnn.studies.benchmark.residual_force.plant import Plant, deconvolved, plant_of
 from phnn.studies.benchmark.residual_force.prediction import Forced, predicted, with_force
 from phnn.studies.benchmark.residual_force.states import responses, states_of
@@ -35,7 +38,9 @@ SINE = unrecorded("sine", T, 60.0 * np.sin(2.0 * np.pi * 20.0 * T))
 
 
 def _force() -> np.ndarray:
-    return 0.05 * np.sin(2.0 * np.pi * 30.0 * T) + 0.02 * np.sin(2.0 * np.pi * 170.0 * T) * np.sin(2.0 * np.pi * 3.0 * T)
+    return 0.05 * np.sin(2.0 * np.pi * 30.0 * T) + 0.02 * np.sin(2.0 * np.pi * 170.0 * T) * np.sin(
+        2.0 * np.pi * 3.0 * T
+    )
 
 
 def _moved(force: np.ndarray) -> np.ndarray:
@@ -150,6 +155,33 @@ def case(folder: Path, effect: str, seed: int = 3) -> Path:
     return folder
 
 
+def test_shares_are_found_forward_and_grids_count_once() -> None:
+    rng = np.random.default_rng(0)
+    columns = np.linalg.qr(rng.normal(size=(200, 4)))[0]
+    wanted = 3.0 * columns[:, 0] + 2.0 * columns[:, 1] + 1.0 * columns[:, 2]
+    found = shares(columns, wanted, ("creep", "creep", "delay", ""), 14.0)
+    assert found == pytest.approx({"creep": 13.0 / 14.0})
+    assert named(found) == (frozenset({"creep"}), pytest.approx(13.0 / 14.0 / 0.75))
+    assert named({}) == (frozenset(), 0.0)
+
+
+def test_a_process_recovers_a_force_and_prefers_none_in_noise() -> None:
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(500, 20))
+    truth = 0.1 * rng.normal(size=20)
+    features = Features("motion", np.zeros(2), np.ones(2), np.zeros((20, 2)), np.eye(20), 1.0)
+    y = x @ truth + rng.normal(size=500)
+    found = best_of(features, x, x, y, 1.0)
+    exact = np.linalg.solve(x.T @ x + np.eye(20) / found.variance, x.T @ y)
+    assert found.mean == pytest.approx(exact)
+    # The definition of the marginal likelihood: y ~ N(0, I + s² x xᵀ).
+    ratio = [multivariate_normal(np.zeros(500), np.eye(500) + v * x @ x.T).logpdf(y) for v in (found.variance, 0.0)]
+    assert found.evidence == pytest.approx(ratio[0] - ratio[1], rel=1e-6)
+    assert found.evidence > 8.0
+    assert np.corrcoef(found.mean, truth)[0, 1] > 0.85
+    assert best_of(features, x, x, rng.normal(size=500), 1.0).evidence < 8.0
+
+
 @pytest.mark.slow
 def test_sindy_finds_a_concealed_cubic_spring_and_leaves_a_null_alone(tmp_path: Path) -> None:
     pytest.importorskip("pysindy")
@@ -158,4 +190,15 @@ def test_sindy_finds_a_concealed_cubic_spring_and_leaves_a_null_alone(tmp_path: 
     assert "mechanical" in found.places
     assert found.predictions["sine_100Hz_75V"].size == 2500
     nothing = tool("sindy")(case(tmp_path / "none", "none"), 0)
+    assert nothing.claims == {"none"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "package"), [("gp_force", "sklearn"), ("symbolic", "gplearn")])
+def test_other_tools_tell_a_spring_from_nothing(name: str, package: str, tmp_path: Path) -> None:
+    pytest.importorskip(package)
+    found = tool(name)(case(tmp_path / "cubic", "cubic_stiffness"), 0)
+    assert "none" not in found.claims
+    assert "cubic_stiffness" in found.names
+    nothing = tool(name)(case(tmp_path / "none", "none"), 0)
     assert nothing.claims == {"none"}

@@ -12,6 +12,7 @@ candidates leaves, recording by recording (Cochrane & Orcutt 1949, J. Am. Stat. 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -148,7 +149,7 @@ def _blocks(linearised: LinearisedFit) -> tuple[tuple[slice, ...], tuple[int, ..
     for number, rows in enumerate(linearised.slices):
         count = min(_BLOCKS, max(1, (rows.stop - rows.start) // _SAMPLES))
         edges = np.linspace(rows.start, rows.stop, count + 1).astype(int).tolist()
-        blocks += [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        blocks += [slice(a, b) for a, b in itertools.pairwise(edges)]
         owners += [number] * count
     return tuple(blocks), tuple(owners)
 

@@ -3,11 +3,11 @@
     F(x) ~ GP(0, s² k(x, x')),   k = exp(−½ |x − x'|²/ℓ²),   r = g ∗ F(x(t)) + J δz + ε
 
 ``x`` are signals of the base model in units of their deviations. A linear system under a Gaussian process has a
-Gaussian output (Álvarez, Luengo & Lawrence 2009, AISTATS: latent force models). With as many samples as recordings
-have, the process is projected onto inducing points ``x_m`` (Williams & Seeger 2001, NIPS 13: Nyström): ``F = Φ w`` with
-``Φ = K_nm K_mm^{−1/2}`` and ``w ~ N(0, s² I)``. Then ``g ∗ Φ`` are the responses of the linearised base to the features,
-and the marginal likelihood of the whitened residual is that of Bayesian linear regression (Rasmussen & Williams 2006,
-Sec. 5.4), with the sensitivities ``J`` of the base eliminated.
+Gaussian output (Álvarez, Luengo & Lawrence 2009, AISTATS: latent force models). Recordings have too many samples for
+an exact process: it is projected onto inducing points ``x_m`` (Williams & Seeger 2001, NIPS 13: Nyström), ``F = Φ w``
+with ``Φ = K_nm K_mm^{−1/2}`` and ``w ~ N(0, s² I)``. Then ``g ∗ Φ`` are the responses of the linearised base to the
+features, and the marginal likelihood of the whitened residual is that of Bayesian linear regression (Rasmussen &
+Williams 2006, Sec. 5.4), with the sensitivities ``J`` of the base eliminated.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def force_size(evidence: Evidence) -> float:
 def best_of(features: Features, seen: Array, x: Array, y: Array, size: float) -> Posterior:
     """Choose the variance; ``x`` (K, M) and ``y`` (K,) are the regression with the base eliminated.
 
-        ln p(y)/p₀(y) = ½ Σ_i [ c_i² s²d_i²/(1 + s²d_i²) − ln(1 + s²d_i²) ],   x = U diag(d) Vᵀ,   c = Uᵀ y
+    ln p(y)/p₀(y) = ½ Σ_i [ c_i² s²d_i²/(1 + s²d_i²) − ln(1 + s²d_i²) ],   x = U diag(d) Vᵀ,   c = Uᵀ y
     """
     left, d, _ = np.linalg.svd(x, full_matrices=False)
     c = left.T @ y

@@ -12,6 +12,8 @@ Array = NDArray[np.float64]
 
 # Terms at most; share of a force at which enough is explained; least share of an effect that counts.
 _TERMS, ENOUGH, _COUNTS = 4, 0.9, 0.1
+# Share of a force that one or two effects have to explain for it to be listed.
+BY_TWO = 0.75
 
 
 def shares(columns: Array, wanted: Array, effects: Sequence[str], total: float) -> Mapping[str, float]:
@@ -42,3 +44,13 @@ def shares(columns: Array, wanted: Array, effects: Sequence[str], total: float) 
         if explained >= ENOUGH:
             break
     return {name: share for name, share in found.items() if share >= _COUNTS}
+
+
+def named(found: Mapping[str, float]) -> tuple[frozenset[str], float]:
+    """The effects of largest shares, one where it explains enough, and the share of both over `BY_TWO`."""
+    ordered = sorted(found.items(), key=lambda item: -item[1])
+    for count in (1, 2):
+        share = sum(s for _, s in ordered[:count])
+        if share >= BY_TWO:
+            break
+    return frozenset(name for name, _ in ordered[:count]), share / BY_TWO

@@ -42,7 +42,9 @@ def answer_of(weighed: Weighed, model: Forced, folder: Path) -> Answer:
     scale = MOST if trusted else MOST * max(0.0, weighed.explained)
     names = {name: scale * p for name, p in weighed.frequencies.items() if name}
     strange = MOST * weighed.frequencies.get("", 0.0)
-    unlisted = strange if trusted else max(strange, MOST * (1.0 - weighed.explained) if weighed.explained < 1.0 else 0.0)
+    unlisted = (
+        strange if trusted else max(strange, MOST * (1.0 - weighed.explained) if weighed.explained < 1.0 else 0.0)
+    )
     unlisted = min(MOST, max(LEAST, unlisted))
     return Answer(names, LEAST, unlisted, places_of(names), predictions)
 

@@ -82,7 +82,9 @@ def plant_of(trajectory: Trajectory, seed: int = 0) -> Plant:
     return Plant(mass, max(float(damping), 0.0), float(stiffness))
 
 
-def deconvolved(residual: Array, dt: float, plant: Plant, noise: float, correlation: Array | None = None) -> Deconvolved:
+def deconvolved(
+    residual: Array, dt: float, plant: Plant, noise: float, correlation: Array | None = None
+) -> Deconvolved:
     """The force that closes the gap between a recording and the base model.
 
     The residual is continued by its point reflections at both ends, so that it has neither a jump nor a kink there.
@@ -95,7 +97,9 @@ def deconvolved(residual: Array, dt: float, plant: Plant, noise: float, correlat
         InputRefused: fewer than 16 samples, numbers that are not finite, noise or interval that are not positive.
     """
     if residual.size < 16 or not np.isfinite(residual).all():
-        raise InputRefused(f"residual: {residual.size} samples, all finite and 16 at least are needed: give a longer one")
+        raise InputRefused(
+            f"residual: {residual.size} samples, all finite and 16 at least are needed: give a longer one"
+        )
     if not (noise > 0.0 and dt > 0.0):
         raise InputRefused(f"noise = {noise} m, interval = {dt} s: give positive numbers")
     longer = np.concatenate([residual, 2.0 * residual[-1] - residual[-2:0:-1]])

@@ -4,8 +4,8 @@ The force follows from the states, and the states from the force. The fitted bas
 recorded one, gives the first states; a simulation of the base with this force as an input at its port gives the next
 ones (Picard's iteration). Without convergence there is an error of the order of the force's change by its own effect:
 a force that moves the output by a share ε of its range leaves an error of about ε² of it, more near the resonance.
-The iteration contracts for stiffness-like forces below the resonance, not for dry friction, whose sign chatters. So one,
-two or three iterations are made, whichever brings the model nearest to the recordings that are known.
+The iteration contracts for stiffness-like forces below the resonance, not for dry friction, whose sign chatters. So
+one, two or three iterations are made, whichever brings the model nearest to the recordings that are known.
 
 The parameters of the base are estimated anew beside the force, for alone they have taken up a part of what is missing.
 """
@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 # Force [N] and change of the output [m] at the samples, by the states of a recording.
 Law = Callable[[States], tuple[Array, Array]]
 
-# Iterations at most; evaluations of a refit; change of the output over its range beyond which a prediction has diverged.
+# Iterations at most; evaluations of a refit; change of the output over its range beyond which a prediction diverges.
 _MOST, _EVALUATIONS, _DIVERGED = 3, 12, 0.5
 
 
@@ -90,7 +90,7 @@ def _refitted(fitted: Fit, law: Law) -> Setup:
 
 
 def with_force(recording: Recording, force: Array) -> Recording:
-    """The recording with a force (N + lead,) [N] that acts on the mass, at the model's port, which points against it."""
+    """The recording with a force (N + lead,) [N] on the mass; the model's port counts it with the other sign."""
     lead = force.size - recording.t.size
     return replace(recording, further={**recording.further, "force": -force[lead:]})
 

@@ -111,9 +111,7 @@ def _mechanical(sizes: Sizes) -> list[Term]:
         for share in (0.5, 0.65, 0.8, 0.9, 0.95)
     ]
     for tau in np.geomspace(0.1 / sizes.fastest, 2.0 * sizes.duration, 8):
-        found.append(
-            _forced(f"relax(q,{tau:.2g})", "creep", lambda s, c=float(tau): signals.relaxed(s.q, s.dt, c))
-        )
+        found.append(_forced(f"relax(q,{tau:.2g})", "creep", lambda s, c=float(tau): signals.relaxed(s.q, s.dt, c)))
     for frequency in np.geomspace(0.2 * sizes.fastest, 20.0 * sizes.fastest, 24):
         for damping in (0.02, 0.1):
             found.append(

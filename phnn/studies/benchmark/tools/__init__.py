@@ -23,6 +23,7 @@ _MODULES = {
     "stepwise": "stepwise",
     "sindy": "sindy",
     "gp_force": "gp_force",
+    "symbolic": "symbolic",
 }
 TOOLS = tuple(_MODULES)
 

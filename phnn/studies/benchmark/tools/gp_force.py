@@ -17,7 +17,6 @@ that turn shares into claims were set on the same cases.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,7 +27,7 @@ from phnn.studies.benchmark.answer import Answer
 from phnn.studies.benchmark.residual_force.compressed import Compressed, compressed
 from phnn.studies.benchmark.residual_force.evidence import Evidence, evidence_of
 from phnn.studies.benchmark.residual_force.latent import Posterior, mean_of, posteriors
-from phnn.studies.benchmark.residual_force.matching import shares
+from phnn.studies.benchmark.residual_force.matching import named, shares
 from phnn.studies.benchmark.residual_force.naming import EXPLAINED, Weighed, answer_of
 from phnn.studies.benchmark.residual_force.prediction import alone, forced
 from phnn.studies.benchmark.tools.common import base_of
@@ -39,9 +38,8 @@ Array = NDArray[np.float64]
 # Logarithm of the odds of a force against none that eighteen tries ask for; residual over noise, squared, that is no
 # noise whatever explains it; draws; weight of all blocks beside the draws.
 _ODDS, _NO_NOISE, _DRAWS, _WHOLE = 8.0, 1.5, 20, 0.5
-# Share of the excess that the process has to explain for its force to be compared, rather than the force in time; share
-# that one or two effects have to explain.
-_BY_STATES, _BY_TWO = 0.8, 0.75
+# Share of the excess that the process has to explain for its force to be compared, rather than the force in time.
+_BY_STATES = 0.8
 
 
 def answer(folder: Path, seed: int) -> Answer:
@@ -74,8 +72,8 @@ def weighed(evidence: Evidence, best: Posterior, seed: int) -> tuple[Weighed, bo
 
 class _Compared(NamedTuple):
     """Attributes:
-    names: of the one or two effects that a force resembles most; explained: share of it, scaled to what
-        `phnn.studies.benchmark.residual_force.naming.EXPLAINED` asks; lawful: the process explains most of the residual.
+    names: of the one or two effects that a force resembles most; lawful: the process explains most of the residual.
+    explained: share of the force, scaled to what `phnn.studies.benchmark.residual_force.naming.EXPLAINED` asks.
     """
 
     names: frozenset[str]
@@ -91,15 +89,5 @@ def _compared(small: Compressed, blocks: list[int], best: Posterior, effects: tu
     excess = max(float(y @ y) - count, 1e-9)
     lawful = float(y @ y - (y - response) @ (y - response)) >= _BY_STATES * excess
     wanted, total = (response, float(response @ response)) if lawful else (y, excess)
-    names, share = _two(shares(columns, wanted, effects, total))
-    return _Compared(names, min(1.0, EXPLAINED * share / _BY_TWO), lawful)
-
-
-def _two(found: Mapping[str, float]) -> tuple[frozenset[str], float]:
-    """The effects of largest shares, one where it explains enough, and what they explain together."""
-    ordered = sorted(found.items(), key=lambda item: -item[1])
-    for count in (1, 2):
-        share = sum(s for _, s in ordered[:count])
-        if share >= _BY_TWO:
-            break
-    return frozenset(name for name, _ in ordered[:count]), share
+    names, share = named(shares(columns, wanted, effects, total))
+    return _Compared(names, min(1.0, EXPLAINED * share), lawful)

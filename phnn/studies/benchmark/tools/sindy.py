@@ -29,11 +29,11 @@ from numpy.typing import NDArray
 from phnn.studies.benchmark.answer import Answer
 from phnn.studies.benchmark.residual_force.compressed import Compressed, compressed
 from phnn.studies.benchmark.residual_force.evidence import Evidence, evidence_of, force_of
-from phnn.studies.benchmark.residual_force.naming import Weighed, answer_of
+from phnn.studies.benchmark.residual_force.naming import EXPLAINED, Weighed, answer_of
 from phnn.studies.benchmark.residual_force.prediction import alone, forced
 from phnn.studies.benchmark.residual_force.states import States
-from phnn.studies.rivals import needed
 from phnn.studies.benchmark.tools.common import base_of
+from phnn.studies.rivals import needed
 
 Array = NDArray[np.float64]
 Support = tuple[int, ...]
@@ -53,7 +53,9 @@ def answer(folder: Path, seed: int) -> Answer:
     base = base_of(folder, seed)
     evidence = evidence_of(base.fit)
     weighed, support = selected(evidence, seed)
-    model = forced(base.fit, Sparse(evidence, support)) if support else alone(base.fit)
+    # Terms that leave most of the residual are no law to predict by.
+    lawful = support and weighed.explained >= EXPLAINED
+    model = forced(base.fit, Sparse(evidence, support)) if lawful else alone(base.fit)
     return answer_of(weighed, model, folder)
 
 
