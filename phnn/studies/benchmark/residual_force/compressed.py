@@ -35,7 +35,7 @@ class Compressed:
 
     def problem(self, blocks: Sequence[int]) -> tuple[Array, Array]:
         """``X`` (K, K) and ``y`` (K,) of a least-squares problem that is that of some blocks, the base eliminated."""
-        factor = np.linalg.qr(np.concatenate([self.factors[k] for k in blocks]), mode="r")
+        factor = np.asarray(np.linalg.qr(np.concatenate([self.factors[k] for k in blocks]), mode="r"))
         inner = factor[self.base :, self.base :]
         return inner[:, :-1], inner[:, -1]
 
@@ -67,7 +67,7 @@ def compressed(evidence: Evidence, columns: Array | None = None, folds: int = 5)
         columns: (n, K) whitened responses; those to the terms where not given.
     """
     rows = np.column_stack([evidence.base, evidence.columns if columns is None else columns, evidence.target])
-    factors = tuple(np.linalg.qr(rows[b], mode="r") for b in evidence.blocks)
+    factors = tuple(np.asarray(np.linalg.qr(rows[b], mode="r")) for b in evidence.blocks)
     owners = np.array(evidence.recording_of)
     groups = owners if len(set(evidence.recording_of)) >= folds else np.arange(owners.size)
     found = tuple(tuple(np.flatnonzero(groups % folds == f).tolist()) for f in range(folds))

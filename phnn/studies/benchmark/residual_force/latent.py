@@ -120,7 +120,7 @@ def responses_to(evidence: Evidence, features: Features) -> Array:
 def posterior(evidence: Evidence, features: Features) -> Posterior:
     """The force under the variance of largest marginal likelihood."""
     seen = responses_to(evidence, features)
-    factor = np.linalg.qr(np.column_stack([evidence.base, seen, evidence.target]), mode="r")
+    factor = np.asarray(np.linalg.qr(np.column_stack([evidence.base, seen, evidence.target]), mode="r"))
     inner = factor[evidence.base.shape[1] :, evidence.base.shape[1] :]
     return best_of(features, seen, inner[:, :-1], inner[:, -1], force_size(evidence))
 

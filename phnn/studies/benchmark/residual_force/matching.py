@@ -39,7 +39,7 @@ def shares(columns: Array, wanted: Array, effects: Sequence[str], total: float) 
         direction = basis[:, best] / size[best]
         left = left - direction * (direction @ left)
         basis = basis - np.outer(direction, direction @ basis)
-        found[effects[best]] += gain[best] / total  # type: ignore[assignment]
+        found[effects[best]] += gain[best] / total
         explained += gain[best] / total
         if explained >= ENOUGH:
             break

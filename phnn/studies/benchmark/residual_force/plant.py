@@ -107,7 +107,7 @@ def deconvolved(
         [np.linspace(0.0, 2.0, 2 * residual.size - 1)[:-1]]
     )  # fmt: skip
     periodic = longer - slope
-    spectrum, frequency = np.fft.rfft(periodic), np.fft.rfftfreq(periodic.size, dt)
+    spectrum, frequency = np.fft.rfft(periodic), np.asarray(np.fft.rfftfreq(periodic.size, dt), dtype=np.float64)
     power = uniform_filter1d(np.abs(spectrum) ** 2 / periodic.size, _SMOOTH, mode="nearest")
     floor = noise**2 * _shape(correlation, frequency * dt)
     weight = np.maximum(0.0, 1.0 - _EXCEEDS * floor / np.maximum(power, 1e-300))

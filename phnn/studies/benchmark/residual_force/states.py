@@ -63,7 +63,7 @@ def states_of(trajectory: Trajectory) -> States:
     dt, u = trajectory.recording.dt, np.append(trajectory.fine[:, 0], trajectory.fine[-1, 2])[nodes]
     slips = np.where(np.abs(e) > 0.5 * width, np.sign(e), 0.0)
     q, v = x[:, list(names).index("q")], x[:, list(names).index("p")] / values["m"]
-    t = dt * (np.arange(nodes.size) - trajectory.lead)
+    t: Array = dt * (np.arange(nodes.size) - trajectory.lead).astype(np.float64)
     return States(
         dt, trajectory.lead, t, q, v, u, rate_of(u, dt), e, slips, values["alpha"], values["b"], capacitance, slope,
         width,

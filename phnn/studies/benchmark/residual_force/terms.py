@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +81,15 @@ def _seen(name: str, effect: str, law: Callable[[States], Array]) -> Term:
     return Term(name, effect, lambda s: Action(output=law(s)))
 
 
+def _at(law: Callable[[States, float], Array], value: float) -> Callable[[States], Array]:
+    """A law with a threshold or a time constant."""
+    return lambda s: law(s, float(value))
+
+
+def _mode(s: States, frequency: float, damping: float) -> Array:
+    return signals.resonant(s.q, s.dt, min(frequency, 0.4 / s.dt), damping)
+
+
 def _polynomials() -> list[Term]:
     """Monomials of ``q, v, u`` up to the third degree, and those of single laws beyond."""
     return [
@@ -103,21 +113,21 @@ def _polynomials() -> list[Term]:
 
 def _mechanical(sizes: Sizes) -> list[Term]:
     found = [
-        _forced(f"tanh(v/{share:g})", "coulomb_friction", lambda s, c=share * sizes.v: np.tanh(s.v / c))
+        _forced(f"tanh(v/{share:g})", "coulomb_friction", _at(lambda s, c: np.tanh(s.v / c), share * sizes.v))
         for share in (0.001, 0.01)
     ]
     found += [
-        _forced(f"max(q-{share:g},0)", "contact_stop", lambda s, c=share * sizes.q: np.maximum(s.q - c, 0.0))
+        _forced(f"max(q-{share:g},0)", "contact_stop", _at(lambda s, c: np.maximum(s.q - c, 0.0), share * sizes.q))
         for share in (0.5, 0.65, 0.8, 0.9, 0.95)
     ]
     for tau in np.geomspace(0.1 / sizes.fastest, 2.0 * sizes.duration, 8):
-        found.append(_forced(f"relax(q,{tau:.2g})", "creep", lambda s, c=float(tau): signals.relaxed(s.q, s.dt, c)))
+        found.append(_forced(f"relax(q,{tau:.2g})", "creep", _at(lambda s, c: signals.relaxed(s.q, s.dt, c), tau)))
     for frequency in np.geomspace(0.2 * sizes.fastest, 20.0 * sizes.fastest, 24):
         for damping in (0.02, 0.1):
             found.append(
                 _forced(
                     f"mode(q,{frequency:.0f},{damping:g})", "second_mode",
-                    lambda s, f=float(frequency), z=damping: signals.resonant(s.q, s.dt, min(f, 0.4 / s.dt), z),
+                    partial(_mode, frequency=float(frequency), damping=damping),
                 )
             )  # fmt: skip
     return found
@@ -130,7 +140,7 @@ def _hysterons(sizes: Sizes) -> list[Term]:
         return lambda s: Action(current=-s.slope * s.slips * 0.5 * s.width * law(s)[:, None])
 
     found = [
-        _forced(f"play(q,{share:g})", "extra_hysteron", lambda s, c=share * sizes.q: signals.played(s.q, c))
+        _forced(f"play(q,{share:g})", "extra_hysteron", _at(lambda s, c: signals.played(s.q, c), share * sizes.q))
         for share in (0.01, 0.03, 0.1, 0.2, 0.35, 0.5)
     ]
     return [
@@ -163,11 +173,11 @@ def _coupling(sizes: Sizes) -> list[Term]:
     found = [Term("alpha q", "displacement_coupling", ratio(lambda s: s.q))]
     for span in (0.05, 0.3, 2.0):
         tau = span * sizes.duration
-        found.append(Term(f"alpha heat({tau:.2g})", "self_heating", ratio(lambda s, c=tau: heat(s, c))))
+        found.append(Term(f"alpha heat({tau:.2g})", "self_heating", ratio(_at(heat, tau))))
     for share in (0.3, 0.6, 0.85):
         for span in (0.1, 0.3, 1.0, 3.0):
             level, tau = share * sizes.u, span * sizes.duration
-            law = ratio(lambda s, a=level, c=tau: loss(s, a, c))
+            law = ratio(partial(loss, coercive=level, tau=tau))
             found.append(Term(f"alpha loss({level:.3g},{tau:.2g})", "depolarisation", law))
     return found
 
@@ -178,15 +188,15 @@ def _amplifier(sizes: Sizes) -> list[Term]:
 
     found: list[Term] = []
     for tau in np.geomspace(0.3 * sizes.dt, 0.3 / sizes.fastest, 4):
-        low = lambda s, c=float(tau): signals.relaxed(s.u, s.dt, c) - s.u  # noqa: E731
-        late = lambda s, c=float(tau): signals.delayed(s.u, s.dt, c) - s.u  # noqa: E731
+        low = _at(lambda s, c: signals.relaxed(s.u, s.dt, c) - s.u, float(tau))
+        late = _at(lambda s, c: signals.delayed(s.u, s.dt, c) - s.u, float(tau))
         found.append(through(f"low(u,{tau:.2g})-u", "amplifier_lowpass", low))
         found.append(through(f"u(t-{tau:.2g})-u", "delay", late))
     for share in (0.5, 0.7, 0.8, 0.9, 0.95):
-        clipped = lambda s, c=share * sizes.u: np.clip(s.u, -c, c) - s.u  # noqa: E731
+        clipped = _at(lambda s, c: np.clip(s.u, -c, c) - s.u, share * sizes.u)
         found.append(through(f"clip(u,{share:g})-u", "amplifier_saturation", clipped))
     for share in (0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98):
-        limited = lambda s, c=share * sizes.du: signals.slewed(s.u, c * s.dt) - s.u  # noqa: E731
+        limited = _at(lambda s, c: signals.slewed(s.u, c * s.dt) - s.u, share * sizes.du)
         found.append(through(f"slew(u,{share:g})-u", "slew_limit", limited))
     return found
 
@@ -199,11 +209,11 @@ def _sensor(sizes: Sizes) -> list[Term]:
         _seen("y: t q", "", lambda s: s.t * s.q),
     ]
     for tau in np.geomspace(0.3 * sizes.dt, 0.3 / sizes.fastest, 4):
-        lag = lambda s, c=float(tau): signals.relaxed(s.q, s.dt, c) - s.q  # noqa: E731
+        lag = _at(lambda s, c: signals.relaxed(s.q, s.dt, c) - s.q, float(tau))
         found.append(_seen(f"y: low(q,{tau:.2g})-q", "sensor_lag", lag))
     widest = 0.03 * sizes.q
     for width in np.geomspace(min(0.3 * sizes.noise, 0.1 * widest), widest, 4):
-        behind = lambda s, c=float(width): signals.played(s.q, c) - s.q  # noqa: E731
+        behind = _at(lambda s, c: signals.played(s.q, c) - s.q, float(width))
         found.append(_seen(f"y: play(q,{width:.2g})-q", "output_backlash", behind))
     return found
 

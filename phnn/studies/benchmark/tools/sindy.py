@@ -10,8 +10,8 @@ The probability of an effect is the mean of two: whether all blocks select it, a
 
 Settings were tuned on twelve cases of the benchmark with seed 902, and on two cubic springs. With the least error of
 prediction alone, thresholding kept 10 to 40 terms where an effect is strong and its law is a little off. The first term
-of forward regression was right in six of the eight cases with one effect and with the pair, stepwise elimination
-(pysindy's SSR) chose alike and was left out. With the share of draws alone, a cubic spring that all blocks show clearly
+of forward regression was right in six of the eight cases with one effect; stepwise elimination (pysindy's SSR) chose
+alike and was left out. With the share of draws alone, a cubic spring that all blocks show clearly
 has a half: few blocks are drawn from few recordings.
 """
 

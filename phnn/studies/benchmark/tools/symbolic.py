@@ -119,8 +119,8 @@ def evolved(evidence: Evidence, seed: int) -> list[Formula]:
         regressor = genetic.SymbolicRegressor(
             population_size=_FORMULAS, generations=_GENERATIONS, tournament_size=10, metric=metric,
             function_set=("add", "sub", "mul", "abs", "max", "min", _sign()), const_range=(-2.0, 2.0),
-            init_depth=(1, 4), parsimony_coefficient=_PRICE, p_crossover=0.65, p_subtree_mutation=0.1, p_hoist_mutation=0.1,
-            p_point_mutation=0.1, feature_names=_NAMES, random_state=seed + population,
+            init_depth=(1, 4), parsimony_coefficient=_PRICE, p_crossover=0.65, p_subtree_mutation=0.1,
+            p_hoist_mutation=0.1, p_point_mutation=0.1, feature_names=_NAMES, random_state=seed + population,
         )  # fmt: skip
         with warnings.catch_warnings(), np.errstate(all="ignore"), contextlib.suppress(ZeroDivisionError):
             warnings.simplefilter("ignore")
@@ -168,7 +168,7 @@ class _Filtered:
         ):
             inside = np.flatnonzero(recording.mask("identification")[::step])
             size = recording.t[::step].size
-            frequency = np.fft.rfftfreq(2 * size, step * recording.dt)
+            frequency = np.asarray(np.fft.rfftfreq(2 * size, step * recording.dt), dtype=np.float64)
             gains.append(plant_of(trajectory).response(frequency) / recording.noise)
             slices.append(slice(begun, begun + size))
             begun += size
