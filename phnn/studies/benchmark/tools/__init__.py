@@ -21,6 +21,7 @@ _MODULES = {
     "base": "nothing",
     "harmonics": "harmonics",
     "stepwise": "stepwise",
+    "lisdd": "lisdd",
 }
 TOOLS = tuple(_MODULES)
 
