@@ -22,6 +22,7 @@ _MODULES = {
     "harmonics": "harmonics",
     "stepwise": "stepwise",
     "lisdd": "lisdd",
+    "lfr": "lfr",
 }
 TOOLS = tuple(_MODULES)
 

@@ -28,7 +28,7 @@ _STRETCHES, _ROUNDS, _REFIT = 8, 20, 15
 # Share of all samples that is clean at least, and the false discovery rate of flags.
 _CLEAN, _RATE = 0.5, 0.05
 # Mean square over that of the clean regimes from which on a flag matters: noise of unknown colour stays below.
-_MATTERS = 2.0
+_MATTERS = 3.0
 
 
 def whole(plan: Plan) -> Plan:
