@@ -23,6 +23,7 @@ _MODULES = {
     "stepwise": "stepwise",
     "lisdd": "lisdd",
     "lfr": "lfr",
+    "aphynity": "aphynity",
 }
 TOOLS = tuple(_MODULES)
 
