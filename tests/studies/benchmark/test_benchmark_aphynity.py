@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from phnn.effects import catalogue
 from phnn.errors import SolverFailed
-from phnn.identification.identified import Identified
 from phnn.models.actuator import TABLE_1, hrc
-from phnn.recordings.recording import Recording, unrecorded
+from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
 from phnn.simulate import simulate
 from phnn.studies.benchmark.tools.aphynity import _begun, _data, _simulated, _states, learn
@@ -77,37 +75,19 @@ def test_another_model_is_refused() -> None:
         Augmented({"m": 1.0, "k": 1.0, "b": 1.0}, torch.ones(3), torch.ones(2), 0)
 
 
-def written(folder: Path, hardening: float) -> tuple[Identified, Recording, np.ndarray]:
-    """Two noisy recordings of an actuator with a cubic spring, its base model, and a third one without noise."""
-    setup = Setup(hrc(1))
-    if hardening:
-        effect = catalogue()["cubic_stiffness"]
-        setup = effect.add_to(setup, {"kappa_3": hardening, "q_0": 1e-4})
-    folder.mkdir()
+@pytest.mark.slow
+def test_where_nothing_is_missing_the_field_stays_small(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     for frequency, amplitude in ((20.0, 75.0), (80.0, 60.0)):
         t = np.arange(1201) * 1e-4
         u = amplitude * np.sin(2.0 * np.pi * frequency * t)
-        y = 1e6 * (simulate(setup, unrecorded("x", t, u), 4).y + 5e-8 * rng.normal(size=t.size))
-        with (folder / f"sine_{frequency:03.0f}Hz.csv").open("w", newline="") as file:
+        y = 1e6 * (simulate(Setup(hrc(1)), unrecorded("x", t, u), 4).y + 5e-8 * rng.normal(size=t.size))
+        with (tmp_path / f"sine_{frequency:03.0f}Hz.csv").open("w", newline="") as file:
             table = csv.writer(file)
             table.writerow(["time_s", "voltage_V", "displacement_um"])
             table.writerows(zip(t, u, y, strict=True))
     manifest = "setup: {model: piezo_actuator, hysterons: 1}\nknown: {m: {value: 1.0148e-3, std: 1.0e-5}}\n"
-    (folder / "recordings.yaml").write_text(manifest)
-    other = unrecorded("other", T, 65.0 * np.sin(2.0 * np.pi * 50.0 * T))
-    return base_of(folder, 0), other, simulate(setup, other, 4).y
-
-
-@pytest.mark.slow
-def test_a_field_is_learned_where_something_is_missing_and_is_small_where_nothing_is(tmp_path: Path) -> None:
-    nothing, _, _ = written(tmp_path / "nothing", 0.0)
-    null = learn(nothing, 0, 1, 5)
-    base, other, truth = written(tmp_path / "cubic", 0.03)
-    found = learn(base, 0, 3, 20)
-    assert not null.useful
-    assert found.useful
-    assert null.norm < 0.3 * found.norm
-    data = _data(base.fit.setup, [other], 4, found.model)
-    errors = [np.std(y - truth) for y in (simulate(base.fit.setup, other, 4).y, _simulated(found.model, data)[0])]
-    assert errors[1] < 0.8 * errors[0]
+    (tmp_path / "recordings.yaml").write_text(manifest)
+    found = learn(base_of(tmp_path, 0), 0, 1, 5)
+    assert not found.useful
+    assert found.norm < 0.02
