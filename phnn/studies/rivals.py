@@ -1,31 +1,20 @@
-<<<<<<< HEAD
-"""Packages that only the rivals of phnn need."""
-=======
-"""Packages of other methods, which a study compares with: they are loaded where they are used."""
->>>>>>> diag
+"""Third-party packages that only rival methods need."""
 
 from __future__ import annotations
 
-from importlib import import_module
+import importlib
 from types import ModuleType
 
 from phnn.errors import InputRefused
 
 
 def needed(name: str) -> ModuleType:
-<<<<<<< HEAD
-    """Import a module of a package that is not always installed.
+    """Import a package that rival methods need.
 
     Raises:
-        InputRefused: it is not installed; names the remedy.
-=======
-    """Import a package of another method.
-
-    Raises:
-        InputRefused: it is not installed.
->>>>>>> diag
+        InputRefused: the package is not installed.
     """
     try:
-        return import_module(name)
+        return importlib.import_module(name)
     except ImportError as error:
         raise InputRefused(f"{name} is not installed: pip install 'phnn[rivals]'") from error
