@@ -33,7 +33,8 @@ class Gridded:
         u: (N,) input; y: (N,) output less its zero, NaN where none was recorded.
         before: scaled input before the first sample.
         rest: it begins at rest; run_in: samples in front of it that belong to the run-in of a periodic one.
-        noise: standard deviation of the output's noise, scaled.
+        noise: standard deviation of the output's noise, scaled, times the root of grid samples over recorded ones: a
+            recording weighs as much as with the samples it was recorded with.
     """
 
     u: Array
@@ -67,7 +68,7 @@ def gridded(recording: Recording, dt: float, scales: Scales, zero: float) -> Gri
         _input(recording, t, u, grid) / scales.u,
         (_output(recording, t, y, grid, dt) - zero) / scales.y,
         float(recording.start.input_before if rest else u[0]) / scales.u,
-        rest, int(np.searchsorted(grid, cycle * recording.dt)), recording.noise / scales.y,
+        rest, int(np.searchsorted(grid, cycle * recording.dt)), recording.noise / scales.y * float(np.sqrt(grid.size / t.size)),
     )  # fmt: skip
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import importlib
+from typing import TYPE_CHECKING
 
 from phnn.errors import InputRefused
-from phnn.studies.rival_models.rival import Rival
+
+if TYPE_CHECKING:
+    from phnn.studies.rival_models.rival import Rival
 
 _ROOM = "phnn.studies.rival_models"
 _CLASSES = {

@@ -5,7 +5,9 @@
 Differences in place of lags span the same polynomials and are better conditioned on a fine grid. ``|Δu|`` lets a
 polynomial have a hysteresis that does not depend on rate, as in a Duhem model. Orthogonal matching pursuit on the
 one-step error orders the terms; how many are kept, the grid and the degree are chosen by free simulation of the samples
-set aside; the weights then follow from the error of free simulation (Levenberg–Marquardt).
+set aside; the weights then follow from the error of free simulation (Levenberg–Marquardt). The best candidate grows by the
+term whose sensitivity in free simulation explains most of the remaining error, orthogonal to those of its terms, for as
+long as the samples set aside are predicted better.
 
 References: Billings 2013 (forward regression); Martins, Aguirre 2016 (NARX terms for hysteresis); Piroddi, Spinelli
 2003 (simulation error). ``sysidentpy`` needs an older numpy than the one pinned, so that the regression is
@@ -14,6 +16,7 @@ scikit-learn's.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -36,9 +39,13 @@ Powers = NDArray[np.int64]
 
 PER_PERIOD, DEGREES, TERMS = (12.0, 24.0, 48.0), (1, 2, 3), (3, 5, 8, 12, 18)
 _VARIABLES = {False: 4, True: 6}
+_LONG = 20_000  # samples within which an equilibrium is reached
+_HOPELESS = 1e6  # residual over noise, only reached by a simulation that diverged
+_UNSTABLE = 1e17  # sum of squares of a simulation that diverged
 _DIVERGED = 50.0  # scaled output that no stable model reaches
-_EVALUATIONS = 60
-_SEARCH = 0.8  # share of the budget for grids, degrees and terms
+_EVALUATIONS, _FEW = 60, 25
+_SEARCH, _GROWTH = 0.5, 0.9  # shares of the budget after which the search and the growth end
+_MOST_TERMS, _PATIENCE, _PROBE = 40, 10, 1e-5  # of the growth; the probe is a weight's step for its sensitivity
 _ROWS = 20_000  # of the one-step regression; more are thinned evenly
 
 
@@ -156,17 +163,21 @@ class _Stepper(Stepper):
         return np.array([y, now, x, last]), y * f.scales.y
 
 
-_LONG = 20_000  # samples within which an equilibrium is reached
 
 
 @dataclass(frozen=True)
 class _Data:
-    """Recordings on one grid with the masks of `Split` there."""
+    """Recordings on one grid with the masks of `Split` there; ``checked`` recorded samples are set aside."""
 
     dt: float
     gridded: tuple[Gridded, ...]
     fit: tuple[Mask, ...]
     check: tuple[Mask, ...]
+    checked: int
+
+    def score(self, terms: Terms, weights: Array) -> float:
+        """Residual over noise on the samples set aside, as many as were recorded."""
+        return float(np.sqrt(np.sum(self.error(terms, weights, self.check) ** 2) / self.checked))
 
     def error(self, terms: Terms, weights: Array, masks: Sequence[Mask]) -> Array:
         """(M,) residual of free simulation over noise, each recording's mean taken out."""
@@ -185,7 +196,7 @@ def _data(recordings: Sequence[Recording], scales: Scales, zero: float, per_peri
         tuple(on_grid(r, m, dt, g.run_in, g.u.size) for r, m, g in zip(recordings, side, grids, strict=True))
         for side in (parts.fit, parts.check)
     )
-    return _Data(dt, tuple(grids), *masks)
+    return _Data(dt, tuple(grids), *masks, sum(int(m.sum()) for m in parts.check))
 
 
 class Narx(Rival):
@@ -207,6 +218,7 @@ class Narx(Rival):
         if not tried:
             raise SolverFailed("narx: no polynomial was stable in free simulation: allow more time or other recordings")
         score, data, terms, weights = min(tried, key=lambda t: t[0])
+        score, terms, weights = _grown(data, terms, weights, score, budget)
         both = tuple(f | c for f, c in zip(data.fit, data.check, strict=True))
         weights = _refined(data, terms, weights, both, budget, budget.most)
         facts = {
@@ -230,15 +242,13 @@ def _search(
         data = _data(recordings, scales, zero, per_period)
         candidates = []
         for terms, weights in _pursued(data, degree, long):
-            error = data.error(terms, weights, data.check)
-            candidates.append((float(np.sqrt(np.mean(error**2))), terms, weights))
+            candidates.append((data.score(terms, weights), terms, weights))
         # The best of the one-step errors may not be the best after refinement: two are refined.
         for score, terms, weights in sorted(candidates, key=lambda c: c[0])[:2]:
-            if score >= 1e8:
+            if score >= _HOPELESS:
                 continue
             refined = _refined(data, terms, weights, data.fit, own, budget.most)
-            error = data.error(terms, refined, data.check)
-            yield float(np.sqrt(np.mean(error**2))), data, terms, refined
+            yield data.score(terms, refined), data, terms, refined
 
 
 def _pursued(data: _Data, degree: int, long: bool) -> Iterator[tuple[Terms, Array]]:
@@ -247,13 +257,17 @@ def _pursued(data: _Data, degree: int, long: bool) -> Iterator[tuple[Terms, Arra
     pairs = [_variables(g, long) for g in data.gridded]
     v = np.concatenate([p[0][m] for p, m in zip(pairs, data.fit, strict=True)])
     target = np.concatenate([p[1][m] for p, m in zip(pairs, data.fit, strict=True)])
+    weight = np.concatenate([np.full(m.sum(), 1.0 / g.noise) for g, m in zip(data.gridded, data.fit, strict=True)])
     stride = max(1, v.shape[0] // _ROWS)
-    v, target = v[::stride], target[::stride]
+    v, target, weight = v[::stride], (target * weight)[::stride], weight[::stride]
     powers = preprocessing.PolynomialFeatures(degree).fit(v[:1]).powers_.astype(np.int64)
-    columns = np.stack([np.prod(v**p, axis=1) for p in powers], axis=1)
+    columns = np.stack([weight * np.prod(v**p, axis=1) for p in powers], axis=1)
     sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     counts = sorted({min(n, powers.shape[0], columns.shape[0]) for n in TERMS})
-    path = linear.orthogonal_mp(columns / sizes, target, n_nonzero_coefs=counts[-1], return_path=True)
+    with warnings.catch_warnings():
+        # Terms that depend on others end the path early: nothing is lost.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        path = linear.orthogonal_mp(columns / sizes, target, n_nonzero_coefs=counts[-1], return_path=True)
     path = path if path.ndim == 2 else path[:, None]
     for count in counts:
         weights = path[:, min(count, path.shape[1]) - 1]
@@ -262,10 +276,64 @@ def _pursued(data: _Data, degree: int, long: bool) -> Iterator[tuple[Terms, Arra
             yield Terms(np.ascontiguousarray(powers[chosen]), long), weights[chosen] / sizes[chosen]
 
 
+def _grown(data: _Data, terms: Terms, weights: Array, score: float, budget: Budget) -> tuple[float, Terms, Array]:
+    """The terms with further ones, and the error on the samples set aside."""
+    degree = max(DEGREES)
+    features = needed("sklearn.preprocessing").PolynomialFeatures(degree)
+    powers = features.fit(np.zeros((1, _VARIABLES[True]))).powers_.astype(np.int64)
+    best, worse = (score, terms, weights), 0
+    widened = np.zeros((weights.size, _VARIABLES[True]), dtype=np.int64)
+    widened[:, : terms.powers.shape[1]] = terms.powers
+    terms = Terms(widened, True)
+    while worse < _PATIENCE and weights.size < _MOST_TERMS:
+        spare = budget.left - (1.0 - _GROWTH) * budget.seconds if np.isfinite(budget.seconds) else np.inf
+        if spare <= 0.0:
+            break
+        chosen = _next_term(data, terms, weights, powers, budget)
+        if chosen is None:
+            break
+        terms = Terms(np.vstack([terms.powers, chosen[0]]), True)
+        weights = _refined(data, terms, np.append(weights, chosen[1]), data.fit, Budget(spare, budget.most), _FEW)
+        now = data.score(terms, weights)
+        worse = 0 if now < best[0] else worse + 1
+        best = (now, terms, weights) if now < best[0] else best
+    return best
+
+
+def _next_term(
+    data: _Data, terms: Terms, weights: Array, powers: Powers, budget: Budget
+) -> tuple[Powers, float] | None:
+    """Powers of the term whose sensitivity explains most of the error of free simulation, and its first weight."""
+    error = data.error(terms, weights, data.fit)
+    own = {tuple(p) for p in terms.powers}
+    steps = np.diag(_PROBE * np.maximum(np.abs(weights), 1e-6 * np.abs(weights).max()))
+    held = np.stack([(data.error(terms, weights + h, data.fit) - error) / h.sum() for h in steps], axis=1)
+    q = np.linalg.qr(held / np.linalg.norm(held, axis=0))[0]
+    left, best = error - q @ (q.T @ error), (0.0, None, 0.0)
+    for power in powers:
+        if budget.left <= 0.0:
+            return None
+        if tuple(power) in own:
+            continue
+        larger, probe = Terms(np.vstack([terms.powers, power]), True), np.append(weights, _PROBE)
+        d = (data.error(larger, probe, data.fit) - error) / _PROBE
+        size = np.linalg.norm(d)
+        d = d - q @ (q.T @ d)
+        # What is left of a sensitivity that others span is rounding.
+        if np.linalg.norm(d) > 1e-6 * size and np.isfinite(size):
+            gain = float(left @ d) ** 2 / float(d @ d)
+            if gain > best[0]:
+                best = gain, power, -float(left @ d) / float(d @ d)
+    return None if best[1] is None else (best[1], best[2])
+
+
 def _refined(data: _Data, terms: Terms, weights: Array, masks: Sequence[Mask], budget: Budget, most: int) -> Array:
     """Weights that make the error of free simulation smallest, as far as the time goes."""
     scale = np.maximum(np.abs(weights), 1e-6 * np.abs(weights).max())
-    best: list[Any] = [float(np.sum(data.error(terms, weights, masks) ** 2)), weights]
+    start, most = weights.copy(), min(most, budget.most)
+    while float(np.sum(data.error(terms, start, masks) ** 2)) >= _UNSTABLE and np.abs(start[-1]) > 0.0:
+        start[-1] *= 0.25 if np.abs(start[-1]) > 1e-12 * scale[-1] else 0.0
+    best: list[Any] = [float(np.sum(data.error(terms, start, masks) ** 2)), start]
 
     def residual(x: Array) -> Array:
         budget.check()
@@ -276,7 +344,7 @@ def _refined(data: _Data, terms: Terms, weights: Array, masks: Sequence[Mask], b
         return error
 
     try:
-        least_squares(residual, weights / scale, method="trf", max_nfev=min(most, _EVALUATIONS), diff_step=1e-6)
+        least_squares(residual, start / scale, method="trf", max_nfev=min(most, _EVALUATIONS), diff_step=1e-6)
     except Spent:
         pass
     return np.asarray(best[1])
