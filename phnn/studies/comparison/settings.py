@@ -8,7 +8,7 @@ from typing import Any
 
 from phnn.errors import InputRefused
 from phnn.identification.options import Options
-from phnn.intake.settings import check, real, whole
+from phnn.intake.settings import check, positive, whole
 from phnn.studies.rival_models.names import NAMES as RIVALS
 
 # Networks whose time step the identified model tells.
@@ -58,7 +58,7 @@ class Settings:
     resume: bool
     recipes: Mapping[str, Recipe]
     inputs: int = whole(1000, least=1)
-    budget: float = real(60.0, above=0.0)
+    budget: float = positive(60.0)
 
     def __post_init__(self) -> None:
         check(self)
