@@ -1,4 +1,6 @@
-"""Models of hysteresis side by side: ``python scripts/rivals.py study=truths|scarcity|real [out=DIR] [compare.budget=60]``.
+"""Models of hysteresis side by side: ``python scripts/rivals.py study=truths [out=DIR] [compare.budget=60]``.
+
+The studies are ``truths``, ``scarcity`` and ``real``.
 
 Writes ``STUDY.csv`` and ``STUDY.md``. ``real`` takes ``folder=DIR``, which holds a folder for each set of recordings.
 """
@@ -7,7 +9,6 @@ from __future__ import annotations
 
 import os
 import sys
-from pathlib import Path
 
 import hydra
 from omegaconf import DictConfig, OmegaConf

@@ -79,7 +79,9 @@ class Settings:
         if not chosen:
             raise InputRefused(f"models: none is named: choose from {', '.join(MODELS)}, or all")
         recipes = {name: Recipe(**config[name]) for name in TRAINED}
-        return cls(Options.from_config(config), chosen, bool(config["resume"]), recipes, config["inputs"], config["budget"])
+        return cls(
+            Options.from_config(config), chosen, bool(config["resume"]), recipes, config["inputs"], config["budget"]
+        )
 
     def of(self, model: str) -> dict[str, Any]:
         """All that the result of one model depends on besides the recordings, as plain numbers and texts."""

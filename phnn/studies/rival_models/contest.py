@@ -135,8 +135,9 @@ def table_csv(rows: Sequence[Row]) -> str:
 
 
 def middle(rows: Sequence[Row], use: str) -> float:
-    """Median residual over noise of one use; NaN without rows."""
-    return float(np.median([r.scores[use] for r in rows])) if rows else float("nan")
+    """Median residual over noise of one use, rows without a recording of this use left out; NaN without any."""
+    found = [r.scores[use] for r in rows if not np.isnan(r.scores[use])]
+    return float(np.median(found)) if found else float("nan")
 
 
 def truths_page(rows: Sequence[Row], settings: Settings, spent: str) -> str:
@@ -158,10 +159,14 @@ def scarcity_page(rows: Sequence[Row], settings: Settings, spent: str) -> str:
     for model in models:
         found = [[r for r in rows if (r.model, r.recordings) == (model, c)] for c in counts]
         reached = [held_out(own) for own in found]
-        enough = next((str(c) for k, c in enumerate(counts) if all(x <= ENOUGH for x in reached[k:])), f"> {counts[-1]}")
+        enough = next(
+            (str(c) for k, c in enumerate(counts) if all(x <= ENOUGH for x in reached[k:])), f"> {counts[-1]}"
+        )
         body.append([HEADS[model], *(ratio(x) for x in reached), enough])
     heads = ["model", *(f"{c} recordings" for c in counts), f"needed for {ENOUGH} × noise"]
-    return "\n".join(["# Models on few recordings", "", _words(rows, settings, spent), "", *markdown_table(heads, body)])
+    return "\n".join(
+        ["# Models on few recordings", "", _words(rows, settings, spent), "", *markdown_table(heads, body)]
+    )
 
 
 def held_out(rows: Sequence[Row]) -> float:
@@ -182,5 +187,3 @@ def _words(rows: Sequence[Row], settings: Settings, spent: str) -> str:
         f"Residual over noise, median over the seeds {seeds}. Budget of each rival: {settings.budget:g} processor "
         f"seconds; {spent}. PHS, Bouc–Wen and the linear model are fitted until they converge."
     )
-
-

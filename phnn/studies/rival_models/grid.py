@@ -68,7 +68,8 @@ def gridded(recording: Recording, dt: float, scales: Scales, zero: float) -> Gri
         _input(recording, t, u, grid) / scales.u,
         (_output(recording, t, y, grid, dt) - zero) / scales.y,
         float(recording.start.input_before if rest else u[0]) / scales.u,
-        rest, int(np.searchsorted(grid, cycle * recording.dt)), recording.noise / scales.y * float(np.sqrt(grid.size / t.size)),
+        rest, int(np.searchsorted(grid, cycle * recording.dt)),
+        recording.noise / scales.y * float(np.sqrt(grid.size / t.size)),
     )  # fmt: skip
 
 

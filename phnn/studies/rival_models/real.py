@@ -166,8 +166,9 @@ def page(rows: Sequence[Scored], settings: Settings) -> str:
     shown = {BASE: "phnn, base model", DIAGNOSED: "phnn, diagnosed"}
     heads = ["recordings", *(shown.get(m) or HEADS[m] for m in models), "best rival", "phnn / best rival"]
     words = (
-        f"Residual over noise on the held-out parts, root mean square. Seed {settings.options.seed}; budget of each rival "
-        f"{settings.budget:g} processor seconds. Below 1 in the last column the best model of phnn predicts better."
+        f"Residual over noise on the held-out parts, root mean square. Seed {settings.options.seed}; budget of each "
+        f"rival {settings.budget:g} processor seconds. "
+        "Below 1 in the last column, phnn predicts better."
     )
     why = [f"* {r.recordings}, {r.model}: {r.why_not}" for r in rows if r.why_not]
     return "\n".join(["# Models on public recordings", "", words, "", *markdown_table(heads, body), "", *why])

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.identification.prepare import single
 from phnn.errors import InputRefused
+from phnn.identification.prepare import single
 from phnn.recordings.recording import Recording
 from phnn.studies.rival_models.budget import Budget
 

@@ -2,8 +2,8 @@
 
     y = L_θ [Σ_k w_k φ_k(u; η)] + zero
 
-For given dynamics θ and shape η the weights are a linear least-squares problem, non-negative where the operator asks for
-it. Variable projection (Golub, Pereyra 2003) leaves a small nonlinear problem in (θ, η).
+For given dynamics θ and shape η the weights are a linear least-squares problem, non-negative where the operator asks
+for it. Variable projection (Golub, Pereyra 2003) leaves a small nonlinear problem in (θ, η).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _STEP = 1e-5  # of finite differences
 # Further starts of the last fit, and the standard deviation of their parameters about the best ones.
 _AGAIN, _SPREAD = 6, 0.5
 # Starts of the dynamics: ω over the highest excited frequency, ζ.
-_STARTS = ((4.0, 0.3), (1.0, 0.1), (0.1, 1.0))
+STARTS = ((4.0, 0.3), (1.0, 0.1), (0.1, 1.0))
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,11 @@ class _Projection:
 
 
 def fit_structure(
-    structure: Structure, recordings: Sequence[Recording], masks: Sequence[Mask], starts: Sequence[Array], budget: Budget
+    structure: Structure,
+    recordings: Sequence[Recording],
+    masks: Sequence[Mask],
+    starts: Sequence[Array],
+    budget: Budget,
 ) -> Separable | None:
     """The best parameters from several starts; None where no time was left for one evaluation that is finite."""
     projection = _Projection(structure, recordings, masks, budget)
@@ -185,7 +189,14 @@ def fit_structure(
         for start in starts:
             inside = np.clip(start, low + 1e-9, high - 1e-9)
             least_squares(
-                projection, inside, bounds=(low, high), diff_step=_STEP, x_scale=0.3, max_nfev=most, xtol=1e-6, ftol=1e-6
+                projection,
+                inside,
+                bounds=(low, high),
+                diff_step=_STEP,
+                x_scale=0.3,
+                max_nfev=most,
+                xtol=1e-6,
+                ftol=1e-6,
             )
     except Spent:
         pass
@@ -255,7 +266,7 @@ def _starts(structure: Structure, tried: Sequence[tuple[float, Separable]]) -> l
             found[structure.dynamics.start.size :] = shape
         return [found]
     starts = []
-    for omega, zeta in _STARTS:
+    for omega, zeta in STARTS:
         start = structure.start
         start[:2] = np.log(omega), np.log(zeta)
         starts.append(start)

@@ -2,9 +2,10 @@
 
     x_0 = e(u_{−n..−1}, y_{−n..−1}),   x_{k+1} = x_k + A x_k + B u_k + f(x_k, u_k),   y_k = C x_k + D u_k + h(x_k, u_k)
 
-The encoder ``e``, ``f`` and ``h`` are perceptrons of one hidden layer. All are trained on windows that begin anywhere, the
-error being that of simulation from the encoded state, truncated after a window. Recordings are on a grid of 16 samples a
-period of the highest frequency, input and output over their half ranges.
+A training begins with the best linear model in ``A, B, C, D``. The encoder ``e``, ``f`` and ``h`` are perceptrons of
+one hidden layer. All are trained on windows that begin anywhere, the error being that of simulation from the encoded
+state, truncated after a window. Recordings are on a grid of 16 samples a period of the highest frequency, input and
+output over their half ranges.
 
 Reference: Beintema, Schoukens, Tóth 2023, Deep subspace encoders for nonlinear system identification, Automatica 156.
 """
@@ -24,6 +25,7 @@ from phnn.integrate.cache import compiled
 from phnn.recordings.recording import Recording
 from phnn.studies.rival_models.budget import Budget
 from phnn.studies.rival_models.grid import Gridded, back, gridded, interval, on_grid
+from phnn.studies.rival_models.linear_start import Linear, linear_model
 from phnn.studies.rival_models.rival import Fitted, Rival, State, Stepper, anchored
 from phnn.studies.rival_models.samples import Scales, Split, over_noise, scales_of, split
 from phnn.studies.rival_models.torch_search import Trained, search
@@ -33,6 +35,8 @@ Array = NDArray[np.float64]
 PER_PERIOD, WINDOW, BATCH = 16.0, 80, 128
 SIZES = ((3, 16), (6, 24), (8, 48))  # states, hidden units
 _LAGS = 12  # past samples that the encoder sees
+_SMALL = 0.05  # of the random weights of what is not linear, at the beginning
+_SEEN, _RIDGE = 2000, 0.1  # samples of each recording that start the encoder, and the weight of its ridge
 _DIVERGED = 1e3
 _RUN_IN = 400  # samples of constant input before a rest ends
 
@@ -43,19 +47,47 @@ class Net(nn.Module):
     def __init__(self, states: int, width: int) -> None:
         super().__init__()
         double = {"dtype": torch.float64}
-        self.encoder = nn.Sequential(nn.Linear(2 * _LAGS, width, **double), nn.Tanh(), nn.Linear(width, states, **double))
+        self.encoder = nn.Sequential(
+            nn.Linear(2 * _LAGS, width, **double), nn.Tanh(), nn.Linear(width, states, **double)
+        )
         self.encoded = nn.Linear(2 * _LAGS, states, **double)
         self.linear = nn.Linear(states + 1, states, bias=False, **double)
         self.inner, self.change = nn.Linear(states + 1, width, **double), nn.Linear(width, states, **double)
         self.out = nn.Linear(states + 1, 1, **double)
         self.seen, self.shown = nn.Linear(states + 1, width, **double), nn.Linear(width, 1, bias=False, **double)
         with torch.no_grad():
-            # Begins as lags of different slowness, and with a small part that is not linear.
+            # Lags of different slowness; `start` puts the best linear model in front of them.
             self.linear.weight.zero_()
-            self.linear.weight[:, :states] = -torch.diag(torch.logspace(-2.0, -0.3, states, **double))
+            self.linear.weight[:, :states] = -torch.diag(torch.logspace(-2.5, -0.5, states, **double))
             self.linear.weight[:, states] = -torch.diagonal(self.linear.weight[:, :states])
-            for layer in (self.change, self.shown):
-                layer.weight.mul_(0.1)
+            for layer in (self.change, self.shown, self.encoder[2]):
+                layer.weight.mul_(_SMALL)
+                if layer.bias is not None:
+                    layer.bias.zero_()
+
+    @torch.no_grad()
+    def start(self, linear: Linear, grids: Sequence[Gridded]) -> None:
+        """Begin as the best linear model in the first states; the encoder finds its states by least squares."""
+        step, driven, shown, direct = (torch.tensor(x) for x in linear.realised(grids))
+        n, all_states = step.shape[0], self.linear.weight.shape[0]
+        self.linear.weight[:n] = 0.0
+        self.linear.weight[:n, :n] = step - torch.eye(n, dtype=torch.float64)
+        self.linear.weight[:n, all_states] = driven
+        self.out.weight.zero_()
+        self.out.bias.zero_()
+        self.out.weight[0, :n], self.out.weight[0, all_states] = shown, direct
+        found = []
+        for g in grids:
+            x, states = torch.zeros(1, all_states, dtype=torch.float64), []
+            for u in torch.tensor(g.u[:_SEEN])[:, None, None]:
+                states.append(x[0])
+                x = x + self.linear(torch.cat([x, u], dim=1))
+            found.append(torch.stack(states))
+        past = torch.tensor(np.concatenate([_past(g, np.arange(min(_SEEN, g.u.size))) for g in grids]))
+        columns = torch.cat([past, _RIDGE * torch.eye(past.shape[1], dtype=torch.float64)])
+        wanted = torch.cat([torch.cat(found), torch.zeros(past.shape[1], all_states, dtype=torch.float64)])
+        self.encoded.weight.copy_(torch.linalg.lstsq(columns, wanted).solution.T)
+        self.encoded.bias.zero_()
 
     def begin(self, past: Tensor) -> Tensor:
         """States (B, n) from past inputs and outputs (B, 2·lags)."""
@@ -161,6 +193,8 @@ def _past(g: Gridded, first: NDArray[np.int64]) -> Array:
 class _Batches(Trained):
     """Windows that begin at random samples of random recordings."""
 
+    module: Net
+
     def __init__(self, fitted: SubnetFitted, recordings: Sequence[Recording], parts: Split, seed: int) -> None:
         self.module, self._fitted, self._recordings, self._parts = fitted.net, fitted, recordings, parts
         self._rng = np.random.default_rng(seed)
@@ -171,6 +205,11 @@ class _Batches(Trained):
                 self._used.append((g, on_grid(r, mask, fitted.grid, g.run_in, g.u.size), mask.sum() / r.noise**2))
         shares = np.array([share for _, _, share in self._used])
         self._shares = shares / shares.sum()
+
+    @property
+    def grids(self) -> list[Gridded]:
+        """Recordings that are fitted."""
+        return [g for g, _, _ in self._used]
 
     def loss(self) -> Tensor:
         counts = self._rng.multinomial(BATCH, self._shares)
@@ -205,7 +244,7 @@ class Subnet(Rival):
 
     words = "state-space network with an encoder (SUBNET)"
     source = "Beintema, Schoukens, Tóth 2023"
-    how = "Adam on the truncated error of simulation from encoded states"
+    how = "from the best linear model, Adam on the truncated error of simulation from encoded states"
 
     def warm(self) -> None:
         rollout_kernel(np.zeros(2), np.zeros(2), *_matrices(Net(2, 3)), 1.0, np.zeros(2))
@@ -214,8 +253,12 @@ class Subnet(Rival):
         scales, parts, grid = scales_of(recordings), split(recordings), interval(recordings, PER_PERIOD)
         zero = float(np.mean(np.concatenate([r.y[r.mask("identification")] for r in recordings])))
 
+        linear = linear_model(recordings, parts.fit, scales, grid, budget)
+
         def build(size: tuple[int, int]) -> _Batches:
-            return _Batches(SubnetFitted(0, {}, Net(*size), grid, scales, zero), recordings, parts, seed)
+            found = _Batches(SubnetFitted(0, {}, Net(*size), grid, scales, zero), recordings, parts, seed)
+            found.module.start(linear, found.grids)
+            return found
 
         best = search(build, SIZES, budget, seed)
         net = best.trained.module

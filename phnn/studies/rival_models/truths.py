@@ -2,8 +2,8 @@
 
     phs                  the paper's network of two hysterons, Table 1 moved by up to 20 % (`phnn.demo`)
     bouc_wen             a Bouc–Wen element in the place of the hysterons (`phnn.demo.other_base`)
-    prandtl_ishlinskii   q = L [c₀ u + Σ c_i w_i(u)], plays with cubic envelopes and thresholds r_i + λ |u̇|, behind a mass,
-                         spring and damper L (Al Janaideh, Krejčí 2011)
+    prandtl_ishlinskii   q = L [c₀ u + Σ c_i w_i(u)], plays with cubic envelopes and thresholds r_i + λ |u̇|, behind a
+                         mass, spring and damper L (Al Janaideh, Krejčí 2011)
 
 The first two are `phnn.demo`'s, integrated by LSODA. The third is computed here, sample by sample on a grid a hundredth
 as long as the shortest time constant; it shares no code with the rivals.
@@ -116,4 +116,3 @@ def _path(
             q, v = q + 0.5 * dt * (v + new), new
         out[n], last = q, force
     return out
-

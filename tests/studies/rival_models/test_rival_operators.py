@@ -11,7 +11,9 @@ from phnn.studies.rival_models.dynamics import Dynamics, filtered
 from phnn.studies.rival_models.operators import Dahl, Operator, Plays, Preisach, played
 
 # Up to 1, down to −1, up to 1: branches of a triangle.
-TRIANGLE = np.concatenate([np.linspace(0.0, 1.0, 101), np.linspace(1.0, -1.0, 201)[1:], np.linspace(-1.0, 1.0, 201)[1:]])
+TRIANGLE = np.concatenate(
+    [np.linspace(0.0, 1.0, 101), np.linspace(1.0, -1.0, 201)[1:], np.linspace(-1.0, 1.0, 201)[1:]]
+)
 BRANCHES = np.repeat([0, 1, 2], [101, 200, 200])
 
 
@@ -79,7 +81,9 @@ def test_dahl_is_the_solution_of_its_equation() -> None:
     z, start = [], 0.0
     for side, first, last in ((1.0, 0, 100), (-1.0, 100, 300), (1.0, 300, 500)):
         span = np.abs(TRIANGLE[first : last + 1] - TRIANGLE[first])
-        found = solve_ivp(lambda _, x, s=side: (s - x) / 0.4, (0.0, span[-1]), [start], t_eval=span, rtol=1e-10, atol=1e-12)
+        found = solve_ivp(
+            lambda _, x, s=side: (s - x) / 0.4, (0.0, span[-1]), [start], t_eval=span, rtol=1e-10, atol=1e-12
+        )
         z.append(found.y[0][0 if first == 0 else 1 :])
         start = found.y[0][-1]
     assert np.allclose(columns[:, 1], np.concatenate(z), atol=1e-8)

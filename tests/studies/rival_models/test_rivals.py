@@ -22,7 +22,9 @@ FEW = 3  # evaluations or updates of each candidate
 
 def error(found: list[np.ndarray], recordings: list[Recording]) -> float:
     """Residual over noise."""
-    return float(np.sqrt(np.mean([np.mean(((r.y - y) / r.noise) ** 2) for r, y in zip(recordings, found, strict=True)])))
+    return float(
+        np.sqrt(np.mean([np.mean(((r.y - y) / r.noise) ** 2) for r, y in zip(recordings, found, strict=True)]))
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -34,7 +36,8 @@ def test_contract(name: str) -> None:
     assert all(np.isfinite(y).all() for y in outputs)
     assert fitted.parameters > 0
     again = rival(name).fit(recordings, math.inf, 1, most=FEW).outputs(recordings)
-    assert all(np.array_equal(a, b) for a, b in zip(outputs, again, strict=True))
+    # Rounding in linear algebra depends on where arrays lie in storage.
+    assert all(np.allclose(a, b, rtol=0.0, atol=1e-9) for a, b in zip(outputs, again, strict=True))
     # Nothing but the input and the start may shape the response: another output moves it by a constant only.
     other = replace(recordings[0], y=np.cos(np.arange(recordings[0].y.size)))
     assert np.ptp(fitted.outputs([other])[0] - outputs[0]) < 1e-9
