@@ -39,13 +39,12 @@ def test_a_truth_is_drawn_by_its_seed(truth: str, tmp_path: Path) -> None:
     assert np.array_equal(a[0].y, b[0].y)
     assert np.ptp(a[0].y - c[0].y) > 1e-7
     assert 5e-6 < 0.5 * np.ptp(a[0].y) < 500e-6
-    # The loop is open: hysteresis or inertia, at 20 Hz far below the resonance.
+    # The loop is open, at 20 Hz far below the resonance: its area is many times what noise does to it.
     slow = next(r for r in a if "020Hz" in r.name)
     part = slow.last_periods(1.0)
-    assert (
-        abs(float(np.sum(slow.u[part][1:] * np.diff(slow.y[part]))))
-        > 20.0 * slow.noise * np.sqrt(slow.u.size) * 40.0 / 50
-    )
+    area = abs(float(np.sum(slow.u[part][1:] * np.diff(slow.y[part]))))
+    noise = 40.0 * slow.noise * np.sqrt(slow.u.size)
+    assert area > 10.0 * noise
 
 
 def test_an_unknown_truth_is_refused(tmp_path: Path) -> None:
