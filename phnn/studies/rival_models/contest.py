@@ -147,9 +147,14 @@ def truths_page(rows: Sequence[Row], settings: Settings, spent: str) -> str:
     for truth in dict.fromkeys(r.truth for r in rows):
         for use, words in USES.items():
             own = [[r for r in rows if (r.truth, r.model) == (truth, m)] for m in models]
-            body.append([truth, words, *(ratio(middle(o, use)) for o in own)])
+            body.append([truth, words, *(cell(middle(o, use)) for o in own)])
     heads = ["truth", "recordings", *(HEADS[m] for m in models)]
     return "\n".join(["# Models on three truths", "", _words(rows, settings, spent), "", *markdown_table(heads, body)])
+
+
+def cell(score: float) -> str:
+    """A residual over noise in a table; a model that left the finite numbers says so."""
+    return "diverged" if score == float("inf") else ratio(score)
 
 
 def scarcity_page(rows: Sequence[Row], settings: Settings, spent: str) -> str:
@@ -162,7 +167,7 @@ def scarcity_page(rows: Sequence[Row], settings: Settings, spent: str) -> str:
         enough = next(
             (str(c) for k, c in enumerate(counts) if all(x <= ENOUGH for x in reached[k:])), f"> {counts[-1]}"
         )
-        body.append([HEADS[model], *(ratio(x) for x in reached), enough])
+        body.append([HEADS[model], *(cell(x) for x in reached), enough])
     heads = ["model", *(f"{c} recordings" for c in counts), f"needed for {ENOUGH} × noise"]
     return "\n".join(
         ["# Models on few recordings", "", _words(rows, settings, spent), "", *markdown_table(heads, body)]

@@ -69,12 +69,12 @@ def _discretised(b: Array, a: Array, dt: float, held: bool) -> tuple[Array, Arra
     step, constant, ramp = over[:n, :n], over[:n, n], np.zeros(n) if held else over[:n, n + 1]
     driven = constant - ramp + step @ ramp
     row = np.concatenate([np.zeros(n - high.size), high])
-    impulse, state = [row @ ramp], driven
+    impulse, state = [float(row @ ramp)], driven
     for _ in range(n):
-        impulse.append(row @ state)
+        impulse.append(float(row @ state))
         state = step @ state
-    denominator = np.poly(step).real
-    numerator = np.convolve(denominator, impulse)[: n + 1]
+    denominator: Array = np.asarray(np.poly(step).real, dtype=np.float64)
+    numerator: Array = np.convolve(denominator, np.array(impulse))[: n + 1]
     # Rounding would leave a static gain that differs from one where poles lie close to one.
     return numerator * (denominator.sum() / numerator.sum()), denominator
 

@@ -62,7 +62,7 @@ def gridded(recording: Recording, dt: float, scales: Scales, zero: float) -> Gri
         zero = first_zero(recording)
     if cycle:
         u, y = np.concatenate([u[-cycle:], u]), np.concatenate([y[-cycle:], y])
-    t = np.arange(u.size) * recording.dt
+    t = np.arange(u.size, dtype=np.float64) * recording.dt
     grid = grid_times(t, dt)
     return Gridded(
         _input(recording, t, u, grid) / scales.u,
@@ -75,7 +75,7 @@ def gridded(recording: Recording, dt: float, scales: Scales, zero: float) -> Gri
 
 def grid_times(t: Array, dt: float) -> Array:
     """(N,) times of the grid that reach the last sample."""
-    return np.arange(int(np.ceil((t[-1] - t[0]) / dt - 1e-9)) + 1) * dt
+    return np.arange(int(np.ceil((t[-1] - t[0]) / dt - 1e-9)) + 1, dtype=np.float64) * dt
 
 
 def _input(recording: Recording, t: Array, u: Array, grid: Array) -> Array:

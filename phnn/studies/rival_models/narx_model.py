@@ -166,8 +166,8 @@ class Data:
 def data_on(recordings: Sequence[Recording], scales: Scales, zero: float, per_period: float) -> Data:
     dt, parts = interval(recordings, per_period), split(recordings)
     grids = [gridded(r, dt, scales, zero) for r in recordings]
-    masks = (
+    fit, check = (
         tuple(on_grid(r, m, dt, g.run_in, g.u.size) for r, m, g in zip(recordings, side, grids, strict=True))
         for side in (parts.fit, parts.check)
     )
-    return Data(dt, tuple(grids), *masks, sum(int(m.sum()) for m in parts.check))
+    return Data(dt, tuple(grids), fit, check, sum(int(m.sum()) for m in parts.check))

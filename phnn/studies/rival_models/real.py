@@ -29,6 +29,7 @@ from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table, ratio
 from phnn.studies.comparison.document import HEADS
 from phnn.studies.comparison.settings import RIVALS, Settings
+from phnn.studies.rival_models.contest import cell
 from phnn.studies.rival_models.names import rival
 
 FOLDERS = ("piezo-stack", "steering-mirror", "silverbox", "emps", "tanks", "mr-damper", "shaking-table")
@@ -160,7 +161,7 @@ def page(rows: Sequence[Scored], settings: Settings) -> str:
             for side in (True, False)
         )
         best = min((m for m in own if m not in _OWN and np.isfinite(own[m])), key=lambda m: own[m], default=None)
-        cells = [ratio(own[m]) if np.isfinite(own.get(m, np.nan)) else DASH for m in models]
+        cells = [cell(own.get(m, np.nan)) for m in models]
         compared = ratio(ours / theirs) if np.isfinite(ours / theirs) else DASH
         body.append([name, *cells, DASH if best is None else HEADS[best], compared])
     shown = {BASE: "phnn, base model", DIAGNOSED: "phnn, diagnosed"}

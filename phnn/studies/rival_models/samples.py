@@ -42,14 +42,14 @@ def split(recordings: Sequence[Recording]) -> Split:
         none = [np.zeros(m.size, dtype=bool) for m in masks]
         fit = tuple(n if k == aside else m for k, (m, n) in enumerate(zip(masks, none, strict=True)))
         return Split(fit, tuple(m if k == aside else n for k, (m, n) in enumerate(zip(masks, none, strict=True))))
-    fit, check = [], []
+    early, ends = [], []
     for mask in masks:
         places = np.flatnonzero(mask)
         late = np.zeros(mask.size, dtype=bool)
         late[places[round((1.0 - _END) * places.size) :]] = True
-        fit.append(mask & ~late)
-        check.append(late)
-    return Split(tuple(fit), tuple(check))
+        early.append(mask & ~late)
+        ends.append(late)
+    return Split(tuple(early), tuple(ends))
 
 
 @dataclass(frozen=True)

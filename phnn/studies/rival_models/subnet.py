@@ -42,25 +42,29 @@ _RUN_IN = 400  # samples of constant input before a rest ends
 
 
 class Net(nn.Module):
-    """Encoder, state and output networks; ``rate`` scales the change of the state in one step."""
+    """Encoder, state and output networks."""
 
     def __init__(self, states: int, width: int) -> None:
         super().__init__()
-        double = {"dtype": torch.float64}
-        self.encoder = nn.Sequential(
-            nn.Linear(2 * _LAGS, width, **double), nn.Tanh(), nn.Linear(width, states, **double)
+        last = nn.Linear(width, states, dtype=torch.float64)
+        self.encoder = nn.Sequential(nn.Linear(2 * _LAGS, width, dtype=torch.float64), nn.Tanh(), last)
+        self.encoded = nn.Linear(2 * _LAGS, states, dtype=torch.float64)
+        self.linear = nn.Linear(states + 1, states, bias=False, dtype=torch.float64)
+        self.inner, self.change = (
+            nn.Linear(states + 1, width, dtype=torch.float64),
+            nn.Linear(width, states, dtype=torch.float64),
         )
-        self.encoded = nn.Linear(2 * _LAGS, states, **double)
-        self.linear = nn.Linear(states + 1, states, bias=False, **double)
-        self.inner, self.change = nn.Linear(states + 1, width, **double), nn.Linear(width, states, **double)
-        self.out = nn.Linear(states + 1, 1, **double)
-        self.seen, self.shown = nn.Linear(states + 1, width, **double), nn.Linear(width, 1, bias=False, **double)
+        self.out = nn.Linear(states + 1, 1, dtype=torch.float64)
+        self.seen, self.shown = (
+            nn.Linear(states + 1, width, dtype=torch.float64),
+            nn.Linear(width, 1, bias=False, dtype=torch.float64),
+        )
         with torch.no_grad():
             # Lags of different slowness; `start` puts the best linear model in front of them.
             self.linear.weight.zero_()
-            self.linear.weight[:, :states] = -torch.diag(torch.logspace(-2.5, -0.5, states, **double))
+            self.linear.weight[:, :states] = -torch.diag(torch.logspace(-2.5, -0.5, states, dtype=torch.float64))
             self.linear.weight[:, states] = -torch.diagonal(self.linear.weight[:, :states])
-            for layer in (self.change, self.shown, self.encoder[2]):
+            for layer in (self.change, self.shown, last):
                 layer.weight.mul_(_SMALL)
                 if layer.bias is not None:
                     layer.bias.zero_()

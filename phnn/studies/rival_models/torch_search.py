@@ -104,7 +104,7 @@ def train(trained: Trained, budget: Budget, rate: float) -> tuple[float, int]:
             group["lr"] = _LEAST + 0.5 * max(rate - _LEAST, 0.0) * (1.0 + math.cos(math.pi * progress))
         optimiser.zero_grad()
         loss = trained.loss()
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         nn.utils.clip_grad_norm_(trained.module.parameters(), _CLIP)
         optimiser.step()
         count += 1

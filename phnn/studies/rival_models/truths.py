@@ -86,7 +86,8 @@ def _plays(law: Mapping[str, Array], base: Mapping[str, float], excitation: Exci
     damping = base["b"] / (2.0 * math.sqrt(base["k"] * base["m"]))
     parts = max(1, math.ceil(excitation.dt * omega * _FINE / (2.0 * math.pi)))
     dt = excitation.dt / parts
-    u = excitation.voltage(np.arange((excitation.samples - 1) * parts + 1) * dt) / PEAK
+    t = np.arange((excitation.samples - 1) * parts + 1, dtype=np.float64) * dt
+    u = excitation.voltage(t) / PEAK
     gain = base["alpha"] * PEAK / base["k"]
     path = _path(u, dt, law["reach"], law["weights"], law["envelope"], float(law["rated"][0]), omega, damping)
     return np.asarray(gain * path[::parts])

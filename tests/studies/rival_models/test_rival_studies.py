@@ -80,6 +80,8 @@ def test_scores_held_out_are_medians_over_seeds() -> None:
     rows = [row("phs", 4, 3.0, 4.0, seed) for seed in (0, 1)] + [row("phs", 4, float("nan"), 100.0, 2)]
     assert held_out(rows) == pytest.approx(np.sqrt(12.5))
     assert held_out([row("phs", 1, float("nan"), float("nan"))]) == float("inf")
+    lost = truths_page([row("narx", 4, 2.0, float("inf"))], settings("models=[phs]"), "")
+    assert "| phs | held out, outside | diverged |" in lost
     lines = truths_page(rows, settings("models=[phs]"), "").splitlines()
     assert "| phs | held out, inside | 3.00 |" in lines and "| phs | held out, outside | 4.00 |" in lines
 
