@@ -35,6 +35,7 @@ class Gridded:
         rest: it begins at rest; run_in: samples in front of it that belong to the run-in of a periodic one.
         noise: standard deviation of the output's noise, scaled, times the root of grid samples over recorded ones: a
             recording weighs as much as with the samples it was recorded with.
+        known: grid samples before the first scored one that is held out; only their outputs may begin a simulation.
     """
 
     u: Array
@@ -43,6 +44,7 @@ class Gridded:
     rest: bool
     run_in: int
     noise: float
+    known: int = 0
 
 
 def interval(recordings: Sequence[Recording], per_period: float) -> float:
@@ -70,7 +72,13 @@ def gridded(recording: Recording, dt: float, scales: Scales, zero: float) -> Gri
         float(recording.start.input_before if rest else u[0]) / scales.u,
         rest, int(np.searchsorted(grid, cycle * recording.dt)),
         recording.noise / scales.y * float(np.sqrt(grid.size / t.size)),
+        int(_unscored(recording) * recording.dt / dt),
     )  # fmt: skip
+
+
+def _unscored(recording: Recording) -> int:
+    """Samples before the first that is held out and scored."""
+    return min((p.first for p in recording.parts if p.use == "confirmation"), default=recording.t.size)
 
 
 def grid_times(t: Array, dt: float) -> Array:

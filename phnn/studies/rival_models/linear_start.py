@@ -17,7 +17,7 @@ from scipy.signal import lfilter, lfilter_zi
 from phnn.errors import SolverFailed
 from phnn.recordings.recording import Recording
 from phnn.studies.rival_models.budget import Budget
-from phnn.studies.rival_models.dynamics import Dynamics
+from phnn.studies.rival_models.dynamics import Dynamics, free_responses
 from phnn.studies.rival_models.grid import Gridded
 from phnn.studies.rival_models.operators import Static
 from phnn.studies.rival_models.samples import Mask, Scales
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 _SHARE = 0.1  # of the budget
 _LAGS = 1
+_FIRST = 100  # grid samples that tell an unknown start
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,17 @@ class Linear:
         """(N,) outputs, and the state behind them."""
         y, state = lfilter(self.b, self.a, u, zi=state)
         return np.asarray(y), np.asarray(state)
+
+    def start(self, g: Gridded) -> Array:
+        """The filter's state in front of a recording: at rest, else the one that its first outputs tell best."""
+        rest = self.rest(g.before)
+        count = min(_FIRST, g.known)
+        if g.rest or count < self.a.size or not np.isfinite(g.y[:count]).all():
+            return rest
+        missing = g.y[:count] - self.run(g.u[:count], rest)[0]
+        # A constant beside the free responses: the recording's zero.
+        columns = np.column_stack([free_responses(self.b, self.a, count), np.ones(count)])
+        return np.asarray(rest + np.linalg.lstsq(columns, missing, rcond=1e-6)[0][:-1])
 
     def realised(self, grids: Sequence[Gridded]) -> tuple[Array, Array, Array, float]:
         """``A, B, C, D`` whose states have unit variance and no correlation under the inputs of the grids."""

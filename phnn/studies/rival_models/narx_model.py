@@ -74,7 +74,7 @@ def free(terms: Terms, weights: Array, g: Gridded) -> Array:
     """
     y, first = np.zeros(g.u.size), 0
     start = np.array([g.before, g.before, 0.0, 0.0])
-    if not g.rest and np.isfinite(g.y[:2]).all():
+    if not g.rest and g.known >= 2 and np.isfinite(g.y[:2]).all():
         y[:2], first = g.y[:2], 2
         start = np.array([g.u[1], g.u[0], g.y[1], g.y[0]])
     tail = y[first:]

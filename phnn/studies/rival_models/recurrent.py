@@ -80,7 +80,7 @@ class RecurrentFitted(Fitted):
 
     def inputs(self, g: Gridded) -> Tensor:
         """(1, T, 3) what the cell sees of a recording."""
-        return _inputs(g.u, g.before, self.linear.run(g.u, self.linear.rest(g.before))[0])
+        return _inputs(g.u, g.before, self.linear.run(g.u, self.linear.start(g))[0])
 
     @torch.no_grad()
     def rested(self, u: float) -> Any:

@@ -147,7 +147,7 @@ class SubnetFitted(Fitted):
     @torch.no_grad()
     def begin(self, g: Gridded) -> tuple[Array, int]:
         """State, and the sample of the grid that it belongs to: behind the encoder's past unless from rest."""
-        first = 0 if g.rest or not np.isfinite(g.y[:_LAGS]).all() else _LAGS
+        first = 0 if g.rest or not np.isfinite(g.y[:_LAGS]).all() else min(_LAGS, g.known)
         past = torch.tensor(_past(g, np.array([first])))
         return self.net.begin(past)[0].numpy().copy(), first
 
