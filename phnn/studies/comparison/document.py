@@ -27,6 +27,14 @@ HEADS = {
     "bouc_wen": "Bouc–Wen",
     "linear": "linear",
     "neural_ode": "neural ODE",
+    "prandtl_ishlinskii": "Prandtl–Ishlinskii",
+    "preisach": "Preisach",
+    "dahl": "Dahl",
+    "hammerstein": "Hammerstein",
+    "narx": "NARX",
+    "gru": "GRU",
+    "lstm": "LSTM",
+    "subnet": "SUBNET",
 }
 USES = {IDENTIFICATION: "identified", CONFIRMATION: "held out, inside", OUTSIDE: "held out, outside"}
 _COLUMNS = (

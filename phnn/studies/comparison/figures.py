@@ -19,8 +19,9 @@ from phnn.studies.comparison.uses import CONFIRMATION, IDENTIFICATION, OUTSIDE
 
 Array = NDArray[np.float64]
 
-_COLOURS = dict(zip(HEADS, (*CATEGORIES, "#d55e00"), strict=True))
-_MARKS = dict(zip(HEADS, "DoX*sv^P", strict=True))
+_FURTHER = ("#d55e00", "#117733", "#882255", "#44aa99", "#999933", "#332288", "#aa4499", "#777777", "#bb9922")
+_COLOURS = dict(zip(HEADS, (*CATEGORIES, *_FURTHER), strict=True))
+_MARKS = dict(zip(HEADS, "DoX*sv^P<>phdH8.", strict=True))
 _GROUPS = {OUTSIDE: "outside", CONFIRMATION: "inside", IDENTIFICATION: "identified"}
 _PANELS = 4
 _MICRO, _NANO = 1e-6, 1e-9
@@ -163,7 +164,7 @@ def _harmonics(table: Table, shown: Sequence[tuple[str, Recording]]) -> Figure:
 
 
 def _harmonic_panel(axes: Axes, entries: Mapping[str, Entry]) -> None:
-    width = 0.12
+    width = min(0.12, 0.9 / len(entries))
     for i, (model, entry) in enumerate(entries.items()):
         if entry.cycles is None:
             continue

@@ -11,6 +11,7 @@ import numpy as np
 
 from phnn.diagnosis.tested import score_on_all
 from phnn.identification.base import Progress, identify_base, identify_bouc_wen
+from phnn.identification.evaluate import Evaluation, score_part
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.identification.plan import Plan
@@ -28,6 +29,8 @@ from phnn.studies.comparison.result import Result, keep, kept
 from phnn.studies.comparison.settings import NETWORKS, Settings
 from phnn.studies.comparison.supply import Response, Supply, of_plant, of_setup, supply
 from phnn.studies.comparison.trained import Trained, Training, train
+from phnn.studies.rival_models.names import NAMES as RIVALS
+from phnn.studies.rival_models.names import rival
 
 STATES = 10_000
 # Parameters that a linear model has as well.
@@ -88,7 +91,7 @@ class Bench:
         made_with, recordings = self.settings.of(model), digest(self.campaign)
         found = kept(model, self.home(model).path, made_with, recordings) if self.settings.resume else None
         if found is None:
-            found = _FITTED[model](self) if model in _FITTED else _trained(self, model)
+            found = _fitter(model)(self)
             keep(found, self.home(model), made_with, recordings)
         self.done[model] = found
         return found
@@ -121,6 +124,40 @@ def _linear(bench: Bench) -> Result:
 
 
 _FITTED: Mapping[str, Callable[[Bench], Result]] = {"phs": _phs, "bouc_wen": _bouc_wen, "linear": _linear}
+
+
+def _fitter(model: str) -> Callable[[Bench], Result]:
+    """How a model is fitted."""
+    if model in RIVALS:
+        return lambda bench: _rival(bench, model)
+    return _FITTED.get(model, lambda bench: _trained(bench, model))
+
+
+def _rival(bench: Bench, model: str) -> Result:
+    """Fit a rival within its budget, score and judge it."""
+    began, chosen, settings = time.monotonic(), rival(model), bench.settings
+    bench.progress(f"fit {model}, {settings.budget:g} s of the processor")
+    fitted = chosen.fit(bench.campaign.recordings, settings.budget, settings.options.seed)
+    seconds = time.monotonic() - began
+    outputs = fitted.outputs(bench.campaign.recordings)
+    parts = [
+        score_part(r, y, p.first, p.last, p.name, p.use)
+        for r, y in zip(bench.campaign.recordings, outputs, strict=True)
+        for p in r.parts
+        if p.use != "nuisance"
+    ]
+    found = Evaluation({r.name: y for r, y in zip(bench.campaign.recordings, outputs, strict=True)}, tuple(parts))
+    facts = {
+        "kind": f"{chosen.words} ({chosen.source})",
+        "parameters": fitted.parameters,
+        "seconds": round(seconds, 1),
+        "gradient": chosen.how,
+        "seed": settings.options.seed,
+        "budget": settings.budget,
+        **fitted.facts,
+        "passivity": _passivity(bench, model, fitted.outputs, None, _NO_ENERGY),
+    }
+    return Result(model, found, facts, {})
 
 
 def _identified(bench: Bench, model: str, fitted: Fit, seconds: float) -> Result:

@@ -8,7 +8,8 @@ from typing import Any
 
 from phnn.errors import InputRefused
 from phnn.identification.options import Options
-from phnn.intake.settings import check, whole
+from phnn.intake.settings import check, positive, whole
+from phnn.studies.rival_models.names import NAMES as RIVALS
 
 # Networks whose time step the identified model tells.
 NETWORKS = ("phs_neural", "phs_adjoint", "phs_neural_adjoint")
@@ -16,7 +17,7 @@ TRAINED = (*NETWORKS, "neural_phs", "neural_ode")
 # These begin without an identified model.
 BLACK_BOXES = ("neural_phs", "neural_ode")
 # In the order in which they are fitted and shown: phs_neural begins from phs.
-MODELS = ("phs", *NETWORKS, "neural_phs", "bouc_wen", "linear", "neural_ode")
+MODELS = ("phs", *NETWORKS, "neural_phs", "bouc_wen", "linear", "neural_ode", *RIVALS)
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ class Settings:
         inputs: random voltages under which the supplied energy is accounted for, see `phnn.studies.comparison.supply`.
         resume: read finished models of an earlier run back, and go on where a training was stopped.
         recipes: of the neural models, by name.
+        budget: processor seconds of each rival of `phnn.studies.rival_models`.
     """
 
     options: Options
@@ -56,6 +58,7 @@ class Settings:
     resume: bool
     recipes: Mapping[str, Recipe]
     inputs: int = whole(1000, least=1)
+    budget: float = positive(60.0)
 
     def __post_init__(self) -> None:
         check(self)
@@ -76,7 +79,9 @@ class Settings:
         if not chosen:
             raise InputRefused(f"models: none is named: choose from {', '.join(MODELS)}, or all")
         recipes = {name: Recipe(**config[name]) for name in TRAINED}
-        return cls(Options.from_config(config), chosen, bool(config["resume"]), recipes, config["inputs"])
+        return cls(
+            Options.from_config(config), chosen, bool(config["resume"]), recipes, config["inputs"], config["budget"]
+        )
 
     def of(self, model: str) -> dict[str, Any]:
         """All that the result of one model depends on besides the recordings, as plain numbers and texts."""
@@ -84,6 +89,8 @@ class Settings:
         own: dict[str, Any] = {"seed": self.options.seed, "inputs": self.inputs}
         if model in TRAINED:
             own |= {"recipe": vars(self.recipes[model])}
+        if model in RIVALS:
+            return own | {"budget": self.budget}
         if model in BLACK_BOXES:
             return own
         return own | {n: getattr(self.options, n) for n in ("starts", "error_bound_sigma")}

@@ -19,7 +19,7 @@ from phnn.models.store import load
 from phnn.recordings import Campaign, read
 from phnn.studies.comparison import models, run
 from phnn.studies.comparison.run import compare
-from phnn.studies.comparison.settings import MODELS, Settings
+from phnn.studies.comparison.settings import MODELS, RIVALS, Settings
 
 QUICK = ("phs", "bouc_wen", "linear", "neural_ode")
 
@@ -66,13 +66,13 @@ def check_facts(found: dict[str, Any]) -> None:
         assert facts["parameters"] > 0
         assert facts["seconds"] >= 0.0
         balance, supplied = facts["passivity"]["power_balance"], facts["passivity"]["supply"]
-        if model in ("bouc_wen", "neural_ode"):
+        if model in ("bouc_wen", "neural_ode", *RIVALS):
             assert balance["violations"] is None
             assert "energy" in balance["reason"]
         else:
             assert balance["violations"] == 0
         assert supplied["inputs"] + supplied["failed"] == 20
-        assert model in ("bouc_wen", "neural_ode", "neural_phs") or supplied["violations"] == 0
+        assert model in ("bouc_wen", "neural_ode", "neural_phs", *RIVALS) or supplied["violations"] == 0
 
 
 def test_scores_and_facts_of_the_models(out: Path) -> None:
@@ -199,3 +199,16 @@ def test_all_means_all_in_one_order() -> None:
     assert Settings.from_config(compose("compare", ["models=all"])).models == MODELS
     assert Settings.from_config(compose("compare", ["models=[linear,phs]"])).models == ("phs", "linear")
     assert {"phs", "bouc_wen", "linear"} <= set(Settings.from_config(compose("compare")).models)
+
+
+def test_rivals_are_scored_like_the_others(campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "draw_all", lambda *_: [])
+    table = compare(campaign, tmp_path, example.settings("models=[dahl,subnet]"))
+    facts = content(tmp_path / "models.json")
+    check_facts(facts)
+    assert all(f["budget"] == 1.0 and f["processor_seconds"] < 3.0 and f["size"] for f in facts.values())
+    assert table.over_noise("dahl", "identification") < table.over_noise("subnet", "identification")
+    again = compare(campaign, tmp_path, example.settings("models=[dahl]"))
+    assert again.entries["dahl"] == table.entries["dahl"]
+    with pytest.raises(InputRefused, match="budget"):
+        compare(campaign, tmp_path, example.settings("models=[dahl]", "budget=2.0"))

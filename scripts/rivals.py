@@ -1,0 +1,34 @@
+"""Models of hysteresis side by side: ``python scripts/rivals.py study=truths [out=DIR] [compare.budget=60]``.
+
+The studies are ``truths``, ``scarcity`` and ``real``.
+
+Writes ``STUDY.csv`` and ``STUDY.md``. ``real`` takes ``folder=DIR``, which holds a folder for each set of recordings.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import hydra
+from omegaconf import DictConfig, OmegaConf
+
+from phnn.threads import ONE_THREAD
+
+# Budgets are those of one processor. Before numpy and torch are loaded.
+os.environ.update(ONE_THREAD)
+
+
+@hydra.main(version_base=None, config_path="../configs", config_name="experiment/rivals")
+def main(config: DictConfig) -> None:
+    """Run, and refuse bad input in one line."""
+    from phnn.commands.terminal import refusals
+    from phnn.studies.rival_models.studies import run
+
+    with refusals("rivals"):
+        page = run(OmegaConf.to_container(config, resolve=True), lambda line: print(line, file=sys.stderr, flush=True))
+    print(page.read_text(encoding="utf-8"))
+
+
+if __name__ == "__main__":
+    main()
