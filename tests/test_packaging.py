@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 # Names of conda-forge that differ from those of PyPI, and names of modules that differ from those of distributions.
 CONDA = {"torch": "pytorch", "matplotlib": "matplotlib-base"}
-MODULES = {"pillow": "PIL", "hydra-core": "hydra", "pyyaml": "yaml", "nptdms": "nptdms"}
+MODULES = {"pillow": "PIL", "hydra-core": "hydra", "pyyaml": "yaml", "nptdms": "nptdms", "scikit-learn": "sklearn"}
 
 
 def test_every_folder_of_code_is_a_package() -> None:
