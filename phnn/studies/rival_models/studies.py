@@ -12,9 +12,10 @@ from phnn.identification.base import Progress, quiet
 from phnn.output import Place
 from phnn.studies.comparison.settings import Settings
 from phnn.studies.rival_models.contest import scarcity, truths
+from phnn.studies.rival_models.coupled import loops
 from phnn.studies.rival_models.real import real
 
-STUDIES = ("truths", "scarcity", "real")
+STUDIES = ("truths", "scarcity", "real", "loops")
 
 
 def run(config: Mapping[str, Any], progress: Progress = quiet) -> Path:
@@ -44,6 +45,8 @@ def run(config: Mapping[str, Any], progress: Progress = quiet) -> Path:
         raise InputRefused("truths, seeds: one of them is empty: name one at least")
     elif study == "truths":
         truths(place, settings, config["truths"], config["seeds"], float(config["noise_um"]), progress)
+    elif study == "loops":
+        loops(place, settings, config["seeds"], float(config["noise_um"]), int(config["runs"]), progress)
     else:
         scarcity(place, settings, config["truths"][0], config["seeds"], float(config["noise_um"]), progress)
     return place.path / f"{study}.md"

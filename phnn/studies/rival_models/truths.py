@@ -69,6 +69,11 @@ def write_truth(
     write_manifest(folder / MANIFEST, base["m"], excitations, uses, _WEIGHING, write=write_atomic)
 
 
+def base_of(seed: int) -> dict[str, float]:
+    """The parameters of Table 1 as `write_truth` moves them for a seed, SI."""
+    return draw_base(np.random.default_rng(np.random.SeedSequence(seed).spawn(2)[0]))
+
+
 def _drawn(rng: np.random.Generator) -> dict[str, Array]:
     """Weights, thresholds over the largest voltage, envelope ``(a, b, c)``, and λ [s]."""
     reach = np.sort(rng.uniform(0.08, 0.7, _COUNT))

@@ -11,8 +11,8 @@ from phnn.effects import catalogue
 from phnn.studies.benchmark.answer import Answer
 from phnn.studies.benchmark.residual_force.prediction import Forced, examination
 
-# The most that is believed of anything, and the least of what cannot be excluded. The other numbers here were chosen on twelve
-# cases of a seed of their own, whose answers were known.
+# The most that is believed of anything, and the least of what cannot be excluded. The other numbers here were chosen on
+# twelve cases of a seed of their own, whose answers were known.
 MOST, LEAST = 0.9, 0.05
 # Share of the residual's excess over the noise that the table has to explain, or something else is missing.
 EXPLAINED = 0.5

@@ -1,0 +1,113 @@
+"""The study of models in a loop: fit all to recordings of one actuator, close the loop around each, and count."""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, fields, replace
+
+from phnn.demo.excitation import PEAK
+from phnn.errors import InputRefused, SolverFailed
+from phnn.identification.base import Progress, quiet
+from phnn.identification.identified import identify
+from phnn.output import Place
+from phnn.recordings import Campaign, read
+from phnn.report.formatting import markdown_table
+from phnn.studies.comparison.document import HEADS
+from phnn.studies.comparison.settings import Settings
+from phnn.studies.recordings import comparison_plan
+from phnn.studies.rival_models.loops import ExportedStepper, Loops, closed, drawn_runs
+from phnn.studies.rival_models.names import NAMES, rival
+from phnn.studies.rival_models.rival import Stepper
+from phnn.studies.rival_models.truths import PHS, base_of, write_truth
+
+# Length of a run, and the sampling interval of models that take any, s; highest frequency of its drive, Hz.
+_LENGTH, _DT, _HIGHEST_HZ = 0.4, 1e-4, 150.0
+
+
+@dataclass(frozen=True)
+class Row:
+    """One model: ``seed`` of the actuator, interval ``dt`` [s], and what became of its loops; None where it cannot be
+    stepped or was not fitted, with the reason in ``why``."""
+
+    seed: int
+    model: str
+    dt: float
+    found: Loops | None
+    why: str = ""
+
+
+def loops(
+    place: Place, settings: Settings, seeds: Sequence[int], noise_um: float, runs: int, progress: Progress = quiet
+) -> list[Row]:
+    """Close the loop around each model of the paper's actuator; writes ``loops.csv`` and ``loops.md``.
+
+    Models that are neither ``phs`` nor a rival are left out: they have no form that takes single samples.
+
+    Raises:
+        InputRefused: no model is left.
+        SolverFailed: the truth could not be simulated.
+    """
+    models = [m for m in settings.models if m in (PHS, *NAMES)]
+    if not models:
+        raise InputRefused(f"models: none of {', '.join(settings.models)} takes single samples: name {PHS} or a rival")
+    began, rows = time.process_time(), list[Row]()
+    for seed in seeds:
+        folder = (place / f"{PHS}_{seed}" / "recordings").own_folder()
+        write_truth(folder, PHS, seed, comparison_plan(), noise_um)
+        campaign = read(folder)
+        for model in models:
+            progress(f"seed {seed}: {model}")
+            rows.append(_row(campaign, model, settings, seed, runs))
+            spent = f"{time.process_time() - began:.0f} processor seconds"
+            (place / "loops.csv").write(_csv(rows).encode())
+            (place / "loops.md").write(_page(rows, settings, spent).encode())
+    return rows
+
+
+def _row(campaign: Campaign, model: str, settings: Settings, seed: int, runs: int) -> Row:
+    base = base_of(seed)
+    try:
+        stepper = _stepper(campaign, model, settings, seed)
+    except SolverFailed as error:
+        return Row(seed, model, float("nan"), None, str(error))
+    stiffness = base["k"] / base["alpha"]
+    drawn = drawn_runs(runs, (_LENGTH, stepper.dt), PEAK, _HIGHEST_HZ, stiffness, seed)
+    return Row(seed, model, stepper.dt, closed(stepper, drawn, 1.0 / stiffness))
+
+
+def _stepper(campaign: Campaign, model: str, settings: Settings, seed: int) -> Stepper:
+    if model == PHS:
+        options = replace(settings.options, seed=seed, workers=1)
+        return ExportedStepper(identify(None, campaign, options).model, _DT)
+    fitted = rival(model).fit(campaign.recordings, settings.budget, seed)
+    return fitted.stepper(fitted.dt or _DT)
+
+
+def _csv(rows: Sequence[Row]) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["seed", "model", "dt_s", *(f.name for f in fields(Loops)), "why"])
+    for r in rows:
+        counts = astuple(r.found) if r.found else [""] * len(fields(Loops))
+        writer.writerow([r.seed, r.model, r.dt, *counts, r.why])
+    return out.getvalue()
+
+
+def _page(rows: Sequence[Row], settings: Settings, spent: str) -> str:
+    body = []
+    for model in dict.fromkeys(r.model for r in rows):
+        own = [r.found for r in rows if r.model == model and r.found is not None]
+        total = sum(f.runs for f in own)
+        counts = [str(sum(getattr(f, name) for f in own)) for name in ("diverged", "unsolved", "gained")]
+        body.append([HEADS[model], str(total), *counts])
+    seeds = ", ".join(str(s) for s in dict.fromkeys(r.seed for r in rows))
+    words = (
+        f"Each model was fitted to four recordings of the paper's actuator (seeds {seeds}; {settings.budget:g} "
+        f"processor seconds for each rival) and then met a spring of a tenth to three times the actuator's stiffness. "
+        f"Runs of {_LENGTH:g} s, from rest under another voltage than that at which the drive begins; {spent}."
+    )
+    heads = ["model", "runs", "diverged", "of these without a solution", "moved more after the drive"]
+    return "\n".join(["# Models in a loop with a compliant load", "", words, "", *markdown_table(heads, body), ""])
