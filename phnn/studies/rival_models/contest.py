@@ -168,7 +168,7 @@ def scarcity_page(rows: Sequence[Row], settings: Settings, spent: str) -> str:
             (str(c) for k, c in enumerate(counts) if all(x <= ENOUGH for x in reached[k:])), f"> {counts[-1]}"
         )
         body.append([HEADS[model], *(cell(x) for x in reached), enough])
-    heads = ["model", *(f"{c} recordings" for c in counts), f"needed for {ENOUGH} × noise"]
+    heads = ["model", *(f"from {c}" for c in counts), f"needed for {ENOUGH} × noise"]
     return "\n".join(
         ["# Models on few recordings", "", _words(rows, settings, spent), "", *markdown_table(heads, body)]
     )

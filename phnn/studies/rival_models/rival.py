@@ -18,6 +18,8 @@ from phnn.studies.rival_models.budget import Budget
 Array = NDArray[np.float64]
 State = Any
 
+_SHOWN = 1e-4  # least singular value, over the largest, of a zero and initial state that samples tell
+
 
 class Stepper(ABC):
     """A model that takes one input sample and gives one output sample, for a loop that is closed around it.
@@ -93,7 +95,10 @@ def anchored(recording: Recording, y: Array, free: Array) -> Array:
     columns = np.column_stack([np.ones(y.size), free])
     if not np.isfinite(y).all():
         return y
-    found = np.linalg.lstsq(columns[mask], (recording.y - y)[mask], rcond=1e-10)[0]
+    # Over their largest value in the whole recording: a response that the samples hardly show, and that is large
+    # elsewhere, is left out.
+    columns = columns / np.maximum(np.abs(columns).max(axis=0), 1e-300)
+    found = np.linalg.lstsq(columns[mask], (recording.y - y)[mask], rcond=_SHOWN)[0]
     return np.asarray(y + columns @ found)
 
 

@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 # Share of the budget for the choice of a size; the rest refits the chosen one to all identification samples.
 _SEARCH = 0.7
 _EVALUATIONS = 400
+_EXCITED = 1e-2  # least norm of a column, over the largest, from which on the ridge is in proportion to it
 _STEP = 1e-5  # of finite differences
 # Further starts of the last fit, and the standard deviation of their parameters about the best ones.
 _AGAIN, _SPREAD = 6, 0.5
@@ -160,7 +161,9 @@ class _Projection:
     def _weights(self, blocks: Sequence[Array], targets: Sequence[Array]) -> Array:
         gram = sum((b.T @ b for b in blocks), start=np.zeros((blocks[0].shape[1],) * 2))
         right = sum((b.T @ t for b, t in zip(blocks, targets, strict=True)), start=np.zeros(gram.shape[0]))
-        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        # A column that these samples hardly excite is held by the ridge: elsewhere it may be large.
+        sizes = np.sqrt(np.diag(gram))
+        scale = np.maximum(sizes, max(_EXCITED * float(sizes.max()), 1e-300))
         gram, right = gram / np.outer(scale, scale), right / scale
         gram[np.diag_indices_from(gram)] += self.structure.operator.ridge
         try:
