@@ -15,6 +15,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -143,7 +144,7 @@ def _path(stepper: Stepper, run: Run, far: float) -> tuple[Array, bool]:
     u = run.before
     for n, v in enumerate(run.v):
         try:
-            found = _solved(lambda x, at=state: stepper.step(at, x), float(v), run.pull, u)
+            found = _solved(partial(stepper.step, state), float(v), run.pull, u)
         except (PhnnError, ArithmeticError, ValueError):
             return y[:n], False
         if found is None:

@@ -29,7 +29,6 @@ _MODULES = {
     "symbolic": "symbolic",
     "lisdd": "lisdd",
     "lfr": "lfr",
-    "aphynity": "aphynity",
     "phnn_without_veto": "ablations:without_veto",
     "phnn_without_racing": "ablations:without_racing",
     "phnn_without_learned": "ablations:without_learned",

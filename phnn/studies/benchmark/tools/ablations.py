@@ -53,8 +53,8 @@ def without_learned(folder: Path, seed: int) -> Answer:
 def scores_only(folder: Path, seed: int) -> Answer:
     """The name with the highest score of the catalogue on the base model, refitted once; no local functions."""
     base = base_of(folder, seed)
-    effects = available(base.campaign, base.setup)
-    found = scored(base.fit, effects, seed, terminals=input_measured(base.campaign, base.setup))
+    effects = available(base.campaign, base.fit.setup)
+    found = scored(base.fit, effects, seed, terminals=input_measured(base.campaign, base.fit.setup))
     if not found.significant or not found.naming.candidates:
         return Answer({}, none=_NONE, predictions=predictions(base.model, folder))
     best = found.naming.candidates[0]

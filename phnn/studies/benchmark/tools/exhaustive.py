@@ -76,7 +76,8 @@ class Products:
 
 def library(linearised: LinearisedFit, effects: Sequence[Effect]) -> tuple[list[Candidate], Array]:
     """Every effect at every point of its grid, and (N, M) its responses; none that change nothing."""
-    candidates, columns = [], []
+    candidates: list[Candidate] = []
+    columns: list[Array] = []
     for effect in effects:
         for point in effect.grid(linearised.scales):
             column = direction(linearised, effect, point)
