@@ -42,7 +42,7 @@ def answer_all(
         folder: of the benchmark; name: of the tool.
         place: claimed for the answers.
         where: see `phnn.ensemble.executor`; say: called with a line of progress.
-        first: so many cases alone; all where it is None.
+        first: so many cases alone; all if left out.
         training: see `phnn.studies.benchmark.tools.tool`.
 
     Raises:
@@ -78,7 +78,7 @@ def scores_of(folder: Path, answers: Path, first: int | None = None) -> list[Sco
 
     Args:
         answers: holds a folder with an answer for each case, or ``answers/`` with these.
-        first: so many cases alone, in the order of the benchmark, which is drawn; all where it is None.
+        first: so many cases alone, in the order of the benchmark, which is drawn; all if left out.
 
     Raises:
         InputRefused: a seal was changed since, or an answer is absent or damaged; names it.

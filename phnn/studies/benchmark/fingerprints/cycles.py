@@ -1,4 +1,4 @@
-"""What the base model leaves of a recording that swings: harmonics of the drive in a window of samples.
+"""The residual of a recording that swings: harmonics of the drive in a window of samples.
 
 The drive has the phase φ(t): 2πft of a sine, the angle of the analytic signal of a sweep (Gabor 1946). A least-squares
 fit splits the residual in mean, trend and harmonics,

@@ -1,4 +1,4 @@
-"""What the base model leaves after a jump of the drive: creep, lag and ringing have their time scales there."""
+"""Features of the residual after a jump of the drive: creep, lag and ringing have their time scales there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the base model leaves in all recordings together: dependence on the signals, on amplitude and on frequency."""
+"""Features of all residuals together: dependence on the signals, on amplitude and on frequency."""
 
 from __future__ import annotations
 

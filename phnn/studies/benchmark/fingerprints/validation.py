@@ -1,4 +1,4 @@
-"""How good the classifiers are on cases of the training that they have not seen, and whether more cases would help.
+"""Classifiers on cases of the training that they have not seen, and the gain that more cases would bring.
 
 Cross-validation over cases: all rows of one actuator are held out together. Rows that are parts of another recording
 set train, but are not counted. Platt's scaling is fitted to the same held-out votes that are counted; it has two

@@ -1,4 +1,4 @@
-"""Which terms of the table a force resembles that was found without them."""
+"""Terms of the table that resemble a force found without them."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ class Deconvolved:
 def plant_of(trajectory: Trajectory, seed: int = 0) -> Plant:
     """The time-invariant plant that is nearest to the base model linearised along a recording.
 
-    A hysteron is a spring while it sticks and next to nothing while it slips. Stiffness and damping are those of least
+    A hysteron is a spring while it sticks and almost no force while it slips. Stiffness and damping are those of least
     error in the balance of forces under a random force of small size; the mass is the base's.
     """
     dt = trajectory.recording.dt
