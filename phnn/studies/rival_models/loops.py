@@ -1,7 +1,7 @@
 """Models in a closed loop with a compliant load: which of them diverge or give energy.
 
-A spring of stiffness ``k_L`` between the moving mass and a fixed frame pulls with ``−k_L q``, which a model from voltage
-to displacement feels as the voltage ``−(k_L/α) q``. At every sample the loop is closed without delay,
+A spring of stiffness ``k_L`` between the moving mass and a fixed frame pulls with ``−k_L q``, which a model from
+voltage to displacement feels as the voltage ``−(k_L/α) q``. At every sample the loop is closed without delay,
 
     u_n = v_n − (k_L/α) y_n,        y_n = model(state, u_n)
 

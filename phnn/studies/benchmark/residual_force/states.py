@@ -1,4 +1,4 @@
-"""Signals that the terms of a residual force depend on: the states of the simulated base model at the samples of a recording."""
+"""Signals that the terms of a residual force depend on: states of the simulated base model at the samples."""
 
 from __future__ import annotations
 
