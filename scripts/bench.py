@@ -14,23 +14,27 @@ from typing import Any
 from phnn.commands.bench import bench
 from phnn.commands.terminal import refusals
 from phnn.configuration import compose
-from phnn.studies.benchmark.tools import TOOLS
+from phnn.studies.benchmark.tools import TOOLS, TRAINED
+from phnn.studies.results import fill
 
 
 def run(chosen: argparse.Namespace) -> None:
     """Carry out all steps."""
     config, out = compose("bench", chosen.settings), chosen.out
-    given: dict[str, Any] = {
-        **dict.fromkeys(("cases", "tool", "answers", "first")), "executor": chosen.executor, "typed": chosen.settings,
-    }  # fmt: skip
+    given: dict[str, Any] = dict.fromkeys(("cases", "tool", "answers", "first", "training"))
+    given |= {"executor": chosen.executor, "typed": chosen.settings}
+    tools = chosen.tools or [name for name in TOOLS if chosen.training or name not in TRAINED]
     bench("write", out / "benchmark", config, given)
     asked = {**given, "typed": [], "cases": out / "benchmark", "first": chosen.first}
-    for tool in chosen.tools:
+    for tool in tools:
         began = time.monotonic()
-        bench("answer", out / tool, config, {**asked, "tool": tool})
+        training = chosen.training if tool in TRAINED else None
+        bench("answer", out / tool, config, {**asked, "tool": tool, "training": training})
         print(f"{tool}: {time.monotonic() - began:.0f} s", flush=True)
-    answers = [out / tool for tool in chosen.tools]
+    answers = [out / tool for tool in tools]
     bench("score", out / "scores", config, {**asked, "answers": answers}, overwrite=True)
+    if chosen.page:
+        fill(chosen.page, "bench", (out / "scores" / "leaderboard.md").read_text(encoding="utf-8"))
 
 
 def main() -> None:
@@ -46,6 +50,8 @@ def main() -> None:
         help="default: all; the first is compared with others",
     )
     add("--first", type=int, metavar="N", help="the first N cases alone")
+    add("--page", type=Path, metavar="FILE", help="also fill the table of this page of markdown, as docs/evidence.md")
+    add("--training", type=Path, metavar="DIR", help="what phnn bench train has written, for the tools that learn")
     add("--executor", default="processes", metavar="WHERE", help="see phnn diagnose; default: %(default)s")
     add("settings", nargs="*", metavar="KEY=VALUE", help="of configs/bench.yaml")
     with refusals("bench"):

@@ -2,13 +2,15 @@
 
 The studies are ``truths``, ``scarcity`` and ``real``.
 
-Writes ``STUDY.csv`` and ``STUDY.md``. ``real`` takes ``folder=DIR``, which holds a folder for each set of recordings.
+Writes ``STUDY.csv`` and ``STUDY.md``; ``page=FILE`` also fills the table of that study in a page of markdown. ``real``
+takes ``folder=DIR``, which holds a folder for each set of recordings.
 """
 
 from __future__ import annotations
 
 import os
 import sys
+from pathlib import Path
 
 import hydra
 from omegaconf import DictConfig, OmegaConf
@@ -23,10 +25,13 @@ os.environ.update(ONE_THREAD)
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
     from phnn.commands.terminal import refusals
+    from phnn.studies.results import fill
     from phnn.studies.rival_models.studies import run
 
     with refusals("rivals"):
         page = run(OmegaConf.to_container(config, resolve=True), lambda line: print(line, file=sys.stderr, flush=True))
+        if config.page is not None:
+            fill(Path(config.page), config.study, page.read_text(encoding="utf-8").split("\n", 1)[1])
     print(page.read_text(encoding="utf-8"))
 
 

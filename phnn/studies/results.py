@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from phnn.output import Place
+from phnn.errors import InputRefused
+from phnn.output import Place, write_atomic
 from phnn.report.figures import Drawing
 
 _FIGURES = "figures"
@@ -30,6 +32,24 @@ def write_results(
         (place / name).write_json(document)
     for name, text in texts.items():
         (place / name).write(text.encode())
+
+
+def fill(page: Path, name: str, text: str) -> None:
+    """Put a table into a page of markdown, between the lines ``<!-- begin NAME -->`` and ``<!-- end NAME -->``.
+
+    Raises:
+        InputRefused: the page is absent, or has no such lines.
+    """
+    begin, end = f"<!-- begin {name} -->\n", f"<!-- end {name} -->"
+    try:
+        before = page.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputRefused(f"{page}: cannot be read ({error.strerror}): name a page of markdown") from error
+    head, found, rest = before.partition(begin)
+    _, closed, tail = rest.partition(end)
+    if not found or not closed:
+        raise InputRefused(f"{page}: has no lines {begin.strip()} and {end}: write them where the table belongs")
+    write_atomic(page, f"{head}{begin}\n{text.strip()}\n\n{end}{tail}".encode())
 
 
 def figure_lines(drawings: Sequence[Drawing]) -> list[str]:
