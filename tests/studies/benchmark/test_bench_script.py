@@ -1,0 +1,51 @@
+"""The benchmark and the loops as commands that fill a page."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from phnn.studies.benchmark.settings import GROUPS
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def run(script: str, *arguments: str) -> str:
+    done = subprocess.run([sys.executable, f"scripts/{script}", *arguments], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_one_command_makes_answers_scores_and_fills_a_page(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- begin bench -->\n<!-- end bench -->\n")
+    sizes = [f"{group}={int(group in ('none', 'same'))}" for group in GROUPS]
+    asked = ["--tools", "harmonics", "base", "--page", str(page), "--executor", "serial", "seed=5"]
+    said = run("bench.py", "--out", str(tmp_path / "out"), *asked, *sizes)
+    assert "seed 5" in said
+    text = page.read_text()
+    assert "## Wrong answers of harmonics" in text
+    assert "| cases | 2.00 | 2.00 |" in text
+    assert (tmp_path / "out" / "scores" / "scores.csv").exists()
+
+
+@pytest.mark.slow
+def test_no_passive_model_diverges_with_a_compliant_load(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- begin loops -->\n<!-- end loops -->\n")
+    models = "compare.models=[phs,hammerstein]"
+    run(
+        "rivals.py",
+        "study=loops",
+        f"out={tmp_path / 'out'}",
+        f"page={page}",
+        "seeds=[1]",
+        "runs=3",
+        models,
+        "compare.budget=4",
+    )
+    assert "| PHS | 3 | 0 | 0 | 0 |" in page.read_text()
