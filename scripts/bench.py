@@ -34,7 +34,8 @@ def run(chosen: argparse.Namespace) -> None:
     answers = [out / tool for tool in tools]
     bench("score", out / "scores", config, {**asked, "answers": answers}, overwrite=True)
     if chosen.page:
-        fill(chosen.page, "bench", (out / "scores" / "leaderboard.md").read_text(encoding="utf-8"))
+        table = (out / "scores" / "leaderboard.md").read_text(encoding="utf-8")
+        fill(chosen.page, "bench", table.replace("## ", "### "))
 
 
 def main() -> None:

@@ -28,7 +28,7 @@ def test_one_command_makes_answers_scores_and_fills_a_page(tmp_path: Path) -> No
     said = run("bench.py", "--out", str(tmp_path / "out"), *asked, *sizes)
     assert "seed 5" in said
     text = page.read_text()
-    assert "## Wrong answers of harmonics" in text
+    assert "\n### Wrong answers of harmonics\n" in text
     assert "| cases | 2.00 | 2.00 |" in text
     assert (tmp_path / "out" / "scores" / "scores.csv").exists()
 
