@@ -41,6 +41,9 @@ def test_every_experiment_composes(name: str) -> None:
         assert config.seed == 0
         return
     assert config.folder == "recordings"
+    if name == "rivals":
+        assert config.compare.budget == 60.0
+        return
     if name == "studies":
         assert all(
             command.split()[0] in ("check", "compare", "diagnose", "identify", "modes")
