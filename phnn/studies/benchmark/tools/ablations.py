@@ -10,15 +10,14 @@ from pathlib import Path
 
 from phnn.diagnosis.diagnosis import available, input_measured
 from phnn.diagnosis.scored import scored
-from phnn.diagnosis.starts import clamped
 from phnn.effects import Effect
 from phnn.errors import PhnnError
-from phnn.identification.fit import Fit, fit
+from phnn.identification.fit import Fit
 from phnn.identification.identified import Identified
 from phnn.identification.options import Options
 from phnn.model import Model
 from phnn.studies.benchmark.answer import Answer
-from phnn.studies.benchmark.tools.common import base_of, predictions
+from phnn.studies.benchmark.tools.common import base_of, fitted_with, predictions
 from phnn.studies.benchmark.tools.diagnosis import diagnosed
 
 # Held-out recordings take out nothing but what makes their error clearly larger.
@@ -31,8 +30,6 @@ _NO_RACE = {
 }
 # Probability of the name with the highest score, and that nothing is missing where no score is significant.
 _NAME, _NONE = 0.6, 0.95
-# Simulations of its refit.
-_REFIT = 30
 
 
 def without_veto(folder: Path, seed: int) -> Answer:
@@ -68,9 +65,6 @@ def scores_only(folder: Path, seed: int) -> Answer:
 def _refitted(base: Identified, effect: Effect, values: dict[str, float]) -> Fit:
     """The base model with an effect, refitted; the base model where that cannot be simulated."""
     try:
-        begun = clamped(effect, base.fit.setup, values)
-        own = [n for n in effect.parameters if not begun.parameters[n].fixed]
-        names = [*base.fit.variables.names, *own]
-        return fit(begun, base.fit.plan, names, base.fit.held, _REFIT, origin=base.fit)
+        return fitted_with(base.fit, effect, values)
     except PhnnError:
         return base.fit

@@ -67,13 +67,26 @@ def tried(current: Fit, effect: Effect, scales: Scales) -> Fit | None:
     ends = []
     for point in effect.grid(scales)[:_POINTS]:
         try:
-            begun = clamped(effect, current.setup, point)
-            own = [n for n in effect.parameters if not begun.parameters[n].fixed]
-            names = [*current.variables.names, *own]
-            ends.append(fit(begun, current.plan, names, current.held, _TRY, origin=current))
+            ends.append(fitted_with(current, effect, point, _TRY))
         except PhnnError:
             continue
     return min(ends, key=bic, default=None)
+
+
+def fitted_with(current: Fit, effect: Effect, point: Mapping[str, float], most: int = _REFIT) -> Fit:
+    """A model with an effect from one starting point, fitted together with what was free before.
+
+    Args:
+        current: the fit to whose model the effect is added.
+        point: starting values of the effect's parameters, SI; moved inside their bounds.
+        most: simulations at most.
+
+    Raises:
+        PhnnError: it cannot be simulated.
+    """
+    begun = clamped(effect, current.setup, point)
+    own = [n for n in effect.parameters if not begun.parameters[n].fixed]
+    return fit(begun, current.plan, [*current.variables.names, *own], current.held, most, origin=current)
 
 
 def refitted(current: Fit, found: Fit) -> Fit:
