@@ -40,8 +40,8 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any], overwrite: bool
     sealed = open_seal(seal_file)
     j = diagnosis.judgement
     claimed = j.claimed
-    named = [f.effect.name for f in claimed]
-    members = list(dict.fromkeys(t.candidate.effect.name for f in claimed for t in f.members))
+    named = [f.named_as.name for f in claimed]
+    members = list(dict.fromkeys(t.candidate.effect.name for f in claimed for t in f.alike))
     held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")
     print(f"opened the seal: {sealed.effect}, residual {sealed.strength_over_noise:.3g} × noise, {sealed.parameters}")
     print(f"held-out residual over noise: {held[0]:.3g} -> {held[1]:.3g}")

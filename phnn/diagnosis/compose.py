@@ -17,6 +17,7 @@ from phnn.criteria import Criteria
 from phnn.diagnosis.finding import Finding, effects_of
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.name import Candidate
+from phnn.diagnosis.nearest_law import with_nearest_laws
 from phnn.diagnosis.place import of_its_kinds
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.retest import fit_with
@@ -114,6 +115,8 @@ def compose(
     if begun is None:
         return kept, final
     here = _grown(material, held, start.findings, begun)
+    if start is searched:
+        here = replace(here, findings=_with_alone(held, base, here))
     here = _still_needed(material, held, base, here, len(here.findings), record)
     again = [] if here.findings else _ended(tried, material)
     for _ in range(_ROUNDS * criteria.composition.most_elements):
@@ -128,8 +131,15 @@ def compose(
     whole = fit_with(material.base, here.findings, here.fit.setup.values())
     if record.decide(WHOLE, WholeCase(None if whole is None else whole.cost, final.cost)) is not None or whole is None:
         return kept, final
+    found = with_nearest_laws(held, base, here.findings, here.pair, material.search, record)
     # A fit of the search without an element may have elements that this model lacks.
-    return tuple(replace(f, others_alone=None) for f in here.findings), whole
+    return tuple(replace(f, others_alone=None) for f in found), whole
+
+
+def _with_alone(held: LeftOut, base: Fit, here: _Grown) -> tuple[Finding, ...]:
+    """The elements of the search, each with the share of the excess that they take without any others."""
+    share = held.gain((base, held.scores(base)), here.pair).share
+    return tuple(replace(f, alone=share) for f in here.findings)
 
 
 def _same(some: Sequence[Finding], others: Sequence[Finding]) -> bool:

@@ -34,7 +34,7 @@ from phnn.diagnosis.judge import Immaterial, Judgement, immaterial, unexplained
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.rules import Record
-from phnn.diagnosis.rules.composition import CLAIM, ClaimCase
+from phnn.diagnosis.rules.composition import CLAIM, NAME, ClaimCase
 from phnn.diagnosis.rules.held_out import MODEL, NAMELESS, REMAINDER, ModelCase, NamelessCase
 from phnn.diagnosis.scored import Scored
 from phnn.diagnosis.select import share_of
@@ -114,15 +114,16 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
     """
 
     def takes(t: Tested) -> float:
-        return max(t.shown.before**2 - t.shown.after**2, 0.0)
+        return max(t.shown.takes, 0.0)
 
     def asked(t: Tested) -> Tested:
         effect = t.finding.effect
-        beside = [o for o in tested if o.finding.learned and _may_be_part_of(o.finding.effect, effect)]
+        beside = [o for o in tested if o.finding.nameless and _may_be_part_of(o.finding.effect, effect)]
         if t.finding.provisional or not beside:
             return t
-        case = ClaimCase(t.finding.learned, takes(t), sum(map(takes, beside)), criteria)
-        doubtful = record.decide(CLAIM, case, effect.name) is not None
+        case = ClaimCase(t.finding.nameless, takes(t), sum(map(takes, beside)), criteria, t.finding.alone)
+        decided = record.decide(CLAIM, case, effect.name)
+        doubtful = decided is None or decided.outcome != NAME
         return replace(t, finding=replace(t.finding, provisional=True)) if doubtful else t
 
     return [asked(t) for t in tested]

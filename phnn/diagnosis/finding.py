@@ -29,6 +29,10 @@ class Finding:
         gained: what it gains on identification recordings that were left out while it was found; None where none were.
         learned: it is a learned element, which has no name; description: the formula that stands for it, where there is
             one.
+        laws: of a learned element: laws of the catalogue of its kind that take nearly all that it takes, the best one
+            first; it is these in another form.
+        alone: share of the excess over the noise, on identification recordings that were left out, that the effects
+            which the search has named take without what was added to them; None where nothing was added.
     """
 
     trial: Trial
@@ -42,11 +46,28 @@ class Finding:
     gained: Gain | None = None
     learned: bool = False
     description: Distilled | None = None
+    laws: tuple[Trial, ...] = ()
+    alone: float | None = None
 
     @property
     def effect(self) -> Effect:
         """The effect that was added."""
         return self.trial.candidate.effect
+
+    @property
+    def nameless(self) -> bool:
+        """Whether nothing that has a name comes near it."""
+        return self.learned and not self.laws
+
+    @property
+    def alike(self) -> tuple[Trial, ...]:
+        """What may be its name, the first one above all; it among them, unless it is another form of a law."""
+        return self.laws or self.members
+
+    @property
+    def named_as(self) -> Effect:
+        """The effect whose name it has where its name is claimed."""
+        return self.alike[0].candidate.effect
 
     @property
     def described(self) -> Distilled | None:
@@ -55,13 +76,15 @@ class Finding:
         return found if found is not None and found.as_good and found.first_order else None
 
     @property
+    def takes(self) -> float:
+        """Mean square [noise²] that it takes from identification recordings that were left out; 0 where none were."""
+        return 0.0 if self.gained is None else self.gained.takes
+
+    @property
     def share(self) -> float | None:
         """Share of the excess over the noise that it takes on identification recordings which took no part in finding
         it; None where none were left out for that."""
-        found = self.gained
-        if found is None or not found.before > 1.0:
-            return None
-        return (found.before**2 - found.after**2) / (found.before**2 - 1.0)
+        return None if self.gained is None else self.gained.share
 
     @property
     def evidence(self) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from phnn.diagnosis.locate import Location, group_of
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.place import located
 from phnn.diagnosis.rules import Applied, Record
-from phnn.diagnosis.rules.composition import CLAIM, ClaimCase
+from phnn.diagnosis.rules.composition import CLAIM, NAME, ClaimCase
 from phnn.diagnosis.rules.search import BASE, BaseCase
 from phnn.diagnosis.rules.verdict import VERDICT, VerdictCase
 from phnn.diagnosis.scored import Scored, excess
@@ -84,7 +84,7 @@ class Judgement:
         if self.location is None:
             return ()
         if self.claimed:
-            return tuple(dict.fromkeys(t.candidate.effect.location for t in self.claimed[0].members))
+            return tuple(dict.fromkeys(t.candidate.effect.location for t in self.claimed[0].alike))
         able = [f for f in self.findings if f.described is not None or (f.share or 0.0) > SELECTION.explains_well]
         most = max(able, key=lambda f: f.gained.rms if f.gained is not None else 0.0, default=None)
         if most is not None:
@@ -139,7 +139,7 @@ def _word(asked: _Asked, selected: Selected, record: Record) -> tuple[str, str]:
         alone = learn(linearised, group_of(location).kind)
     case = VerdictCase(
         effects=len(selected.findings),
-        members=max((len(f.members) for f in selected.findings), default=0),
+        members=max((len(f.alike) for f in selected.findings), default=0),
         share=share,
         chi2=final.chi2,
         misplaced=bool(selected.findings) and misplaced(selected, location, criteria),
@@ -166,6 +166,8 @@ def _composed(
     model = selected.model
     if fitted is not model.linearised.fit:
         model = asked.search.scored(fitted)
+        if word == "unknown":
+            findings = tuple(replace(f, alone=None) for f in findings)
         word, named = "unknown", ()
         # Whatever had a name before has to claim it anew beside what was added.
         if claimed := _claimed(findings, model, asked.search.criteria, record):
@@ -186,14 +188,15 @@ def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, rec
     doubt, chi2 = criteria.selection.noise_doubt, model.linearised.fit.chi2
     counts = model.significant or chi2 > criteria.composition.composed_beyond**2
     nameless = max(chi2 / doubt**2 - 1.0, 0.0) if counts else 0.0
-    takes = [f.gained.before**2 - f.gained.after**2 if f.gained is not None else 0.0 for f in findings]
-    weakest_first = sorted(zip(takes, findings, strict=True), key=lambda pair: (not pair[1].learned, pair[0]))
+    weakest_first = sorted(findings, key=lambda f: (not f.nameless, f.takes))
     claimed: list[Finding] = []
     unclaimed: list[tuple[Effect, float]] = []
-    for taken, finding in weakest_first:
-        effect = finding.effect
+    for finding in weakest_first:
+        effect, taken = finding.effect, finding.takes
         others = sum(took for other, took in unclaimed if not other.is_more_of(effect))
-        if record.decide(CLAIM, ClaimCase(finding.learned, taken, nameless + others, criteria), effect.name) is None:
+        case = ClaimCase(finding.nameless, taken, nameless + others, criteria, finding.alone)
+        decided = record.decide(CLAIM, case, effect.name)
+        if decided is not None and decided.outcome == NAME:
             claimed.append(finding)
         else:
             unclaimed.append((effect, taken))

@@ -53,7 +53,7 @@ def questions(judgement: Judgement, criteria: Criteria = CRITERIA) -> tuple[Ques
 def tied_members(judgement: Judgement) -> tuple[Trial, ...]:
     """Refitted models that the recordings cannot tell apart: a class of effects, or where nothing is named and places
     are tied, the best model of each place that fits better than the base model."""
-    members = next((f.members for f in judgement.findings if len(f.members) > 1), ())
+    members = next((f.alike for f in judgement.findings if len(f.alike) > 1), ())
     location = judgement.location
     if members or judgement.findings or location is None or not location.tied:
         return members
@@ -73,7 +73,7 @@ def of_trials(trials: Sequence[Trial]) -> tuple[Rival, ...]:
 def _takes(finding: Finding) -> float:
     """What an element takes of the residual, noise²."""
     found = finding.gained or finding.held_out
-    return found.before**2 - found.after**2 if found is not None else 0.0
+    return found.takes if found is not None else 0.0
 
 
 def _question(judgement: Judgement, finding: Finding, criteria: Criteria) -> Question:
@@ -91,7 +91,7 @@ def _refits(judgement: Judgement, finding: Finding, most: int, criteria: Criteri
     others = tuple(f for f in judgement.findings if f is not finding)
     taken = {e.name for e in (finding.effect, *effects_of(others))}
     reach = _Reach(judgement, finding, others, criteria)
-    members = [t for t in finding.members if t.candidate.effect.name not in taken]
+    members = [t for t in finding.alike if t.candidate.effect.name not in taken]
     tried = [t for t in sorted(finding.trials, key=lambda t: t.fair_cost) if reach.may_reach(t)]
     chosen: dict[str, Trial] = {}
     for trial in (*members, *tried) if finding.provisional else members:

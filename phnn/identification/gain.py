@@ -63,6 +63,18 @@ class Gain:
     falls: float | None
     rises: float | None
 
+    @property
+    def takes(self) -> float:
+        """Mean square [noise²] that the element takes; negative where the error rises."""
+        return self.before**2 - self.after**2
+
+    @property
+    def share(self) -> float | None:
+        """Share of the excess over the noise that the element takes; None where there is none."""
+        if not self.before > 1.0:
+            return None
+        return self.takes / (self.before**2 - 1.0)
+
 
 def gain(
     before: Evaluation,

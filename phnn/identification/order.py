@@ -61,7 +61,7 @@ def _better(held: LeftOut, fewer: tuple[Fit, Evaluation], more: tuple[Fit, Evalu
     Recordings too short for a test decide nothing: there the default stays, if it predicts no worse.
     """
     found = held.gain(fewer, more)
-    taken, excess = found.before**2 - found.after**2, max(found.before**2 - 1.0, 0.0)
+    taken, excess = found.takes, max(found.before**2 - 1.0, 0.0)
     if found.falls is None:
         return count <= DEFAULT_HYSTERONS and taken >= 0.0
     return taken > _SHARE * excess and found.falls is not None and found.falls < _LEVEL

@@ -37,24 +37,27 @@ def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
     parameters = final.setup.parameters
     shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in effect.parameters}
     # A provisional element belongs to the model, and its name is not claimed.
-    claimed: dict[str, Any] = {"effect": effect.canonical, "status": _status(diagnosis, finding)}
+    claimed: dict[str, Any] = {"effect": finding.named_as.canonical, "status": _status(diagnosis, finding)}
     if finding.provisional:
         claimed = {
             "effect": "unknown",
             "status": "provisional",
-            "nearest": None if finding.learned else effect.canonical,
+            "nearest": None if finding.nameless else finding.named_as.canonical,
         }
     found = finding.described
     if found is not None:
-        claimed |= {"status": "described", "description": _description(found, effect.passive)}
+        status = "described" if finding.provisional else claimed["status"]
+        claimed |= {"status": status, "description": _description(found, effect.passive)}
     said = effect.statement.format(**shown) if found is None else found.words
+    if finding.laws and not finding.provisional:
+        said += f" It is {finding.named_as.canonical.replace('_', ' ')} in another form than the catalogue gives it."
     names = effect.strengths if finding.learned else effect.parameters
     return claimed | {
         "held_out": _held_out(finding),
         "share_explained": finding.share,
         "location": effect.location,
         "place": place_of(effect, diagnosis.base.setup.network),
-        "equivalent_to": list(dict.fromkeys(t.candidate.effect.title for t in finding.members[1:])),
+        "equivalent_to": list(dict.fromkeys(t.candidate.effect.title for t in finding.alike[1:])),
         "p_value": finding.evidence[1],
         "statement": said
         + ("" if anchored or not any(parameters[n].unit in FORCE_UNITS for n in effect.parameters) else _UP_TO_FACTOR)
@@ -69,7 +72,7 @@ def _status(diagnosis: Diagnosis, finding: Finding) -> str:
     """Status of a claimed element: the verdict, or ``named`` if this element alone is proven."""
     held, level = finding.held_out, diagnosis.criteria.confirmation.held_out_level
     proven = held is not None and held.falls is not None and held.falls < level
-    alone = len(finding.members) == 1 and diagnosis.campaign.held_out_is_new
+    alone = len(finding.alike) == 1 and diagnosis.campaign.held_out_is_new
     return "named" if alone and proven else diagnosis.judgement.verdict
 
 

@@ -27,19 +27,19 @@ def supports(diagnosis: Diagnosis) -> tuple[Support, ...]:
 
 
 def _support(diagnosis: Diagnosis, finding: Finding) -> Support:
-    effect, final = finding.effect, diagnosis.judgement.final
+    effect, named, final = finding.effect, finding.named_as, diagnosis.judgement.final
     before = final.setup.parameters
     actuator = diagnosis.campaign.recordings[0].units == ACTUATOR
     anchored = forces_known(diagnosis)
     fitted = finding.trial.fit
     return Support(
-        effect=effect.name,
-        expected=effect.fingerprint,
-        seen=fingerprint(diagnosis, effect),
+        effect=named.name,
+        expected=named.fingerprint,
+        seen=fingerprint(diagnosis, named),
         leaves=math.sqrt(fitted.chi2) if fitted is not None else math.nan,
         rivals=_rivals(diagnosis, finding),
-        separation=effect.separation,
-        references=effect.references,
+        separation=named.separation,
+        references=named.references,
         plausible=tuple(
             plausible_row(before[n], effect.plausible[n], before, anchored, actuator)
             for n in effect.parameters
@@ -52,7 +52,7 @@ def _rivals(diagnosis: Diagnosis, finding: Finding) -> tuple[RivalRow, ...]:
     """List the related effects and the next best ones, with the residual of each."""
     effect = finding.effect
     base = diagnosis.judgement.linearised.fit
-    members = {t.candidate.effect.name for t in finding.members}
+    members = {t.candidate.effect.name for t in finding.alike}
     refits: dict[str, Trial] = {}
     for trial in sorted(finding.trials, key=lambda t: t.cost):
         if trial.fit is not None and trial.candidate.effect.name != effect.name:

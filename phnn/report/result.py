@@ -118,7 +118,7 @@ def _test(j: Judgement) -> dict[str, Any]:
     """
     if j.claimed:
         statistic, p_value = j.claimed[0].evidence
-        return {"statistic": statistic, "p_value": p_value, "candidate": j.claimed[0].effect.name}
+        return {"statistic": statistic, "p_value": p_value, "candidate": j.claimed[0].named_as.name}
     best = j.naming.candidates[0] if j.naming.candidates else None
     name = best.effect.name if best is not None and best.score >= j.naming.generic else None
     test = {"statistic": j.naming.statistic, "p_value": j.naming.p_value, "candidate": name}

@@ -46,7 +46,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         return f"{unknown_statement(j)} {_nearest(j)}{change}"
     claimed = j.claimed
     names = " and ".join(_with_members(f) for f in claimed)
-    others = any(len(f.members) > 1 for f in claimed)
+    others = any(len(f.alike) > 1 for f in claimed)
     if j.verdict == "named":
         start = f"The model leaves out {names}."
     elif others:
@@ -116,8 +116,9 @@ def _nearest(judgement: Judgement) -> str:
 
 
 def _with_members(finding: Finding) -> str:
-    first, *others = [t.candidate.effect.name.replace("_", " ") for t in finding.members]
-    return f"{first} (or {', '.join(others)})" if others else first
+    first, *others = [t.candidate.effect.name.replace("_", " ") for t in finding.alike]
+    named = f"{first} (or {', '.join(others)})" if others else first
+    return f"{named} in another form, which the model describes by {_learned(finding)}" if finding.laws else named
 
 
 def unknown_statement(judgement: Judgement) -> str:
@@ -139,10 +140,14 @@ def unknown_statement(judgement: Judgement) -> str:
 
 def _element(finding: Finding) -> str:
     """An element of a model whose name is not claimed, in words."""
-    name = finding.effect.name.replace("_", " ")
     if not finding.learned:
-        return f"an element that acts like {name}"
-    found = finding.described
+        return f"an element that acts like {finding.effect.name.replace('_', ' ')}"
+    return _learned(finding)
+
+
+def _learned(finding: Finding) -> str:
+    """A learned element and its formula, in words."""
+    name, found = finding.effect.name.replace("_", " "), finding.described
     return f"a {name}" if found is None else f"a {name} ({found.words.removesuffix('.')})"
 
 

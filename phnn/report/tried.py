@@ -12,7 +12,7 @@ def tried_rows(j: Judgement, level: float) -> list[CandidateRow]:
     """Every effect with its score, its refit and its outcome; a p-value below ``level`` is significant."""
     refits = {t.candidate.effect.name: t for t in j.tried if t.fit is not None}
     added = {f.effect.name for f in j.findings}
-    members = {t.candidate.effect.name for f in j.findings for t in f.members} - added
+    members = {t.candidate.effect.name for f in j.findings for t in f.alike} - added
     samples = j.linearised.fit.residual.size
 
     def outcome(c: Candidate) -> str:

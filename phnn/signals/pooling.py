@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2, norm
 
-from phnn.signals.first_order import correlation_of
+from phnn.signals.first_order import correlation_of, density
 from phnn.signals.noise import WHITE, NoiseFloor
 
 # Fewest recordings whose spectra are pooled; how far their coefficients may lie from the median.
@@ -97,7 +97,8 @@ def _of_one_word(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
     One spectrum hardly tells coloured noise from what the signal leaves there; several that agree do. Where at least
     half of them show first-order noise of about the same coefficient, all get their median; where few do, those get
     the median of the white ones. Only deviations of one size count. One that is larger, and not trusted (it has no
-    interval), is what the signal leaves; any other keeps its own word.
+    interval), is what the signal leaves. One that is smaller, for it was taken as white at the highest frequencies
+    alone, agrees where the first-order noise of the others has this size there. Any other keeps its own word.
     """
     every = [f for f in floors if f.coefficient is not None]
     size = float(np.median([f.value for f in every])) if every else 0.0
@@ -111,12 +112,15 @@ def _of_one_word(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
         if 2 * len(agreeing) < len(partial):
             return list(floors)
         note, correlation = f"first-order noise of coefficient {middle:.2g}", correlation_of(middle)
+        lowest = float(np.sqrt(density(middle, np.array(-1.0)))) / _ONE_SIZE
     else:
         agreeing = [f for f in partial if not f.coefficient]
-        note, correlation = "white noise", WHITE
+        note, correlation, lowest = "white noise", WHITE, 1.0
     value = float(np.median([f.value for f in agreeing]))
     source = f"the spectra of {len(agreeing)} recordings that agree on {note}"
-    told = [f for f in every if f not in partial and (f.value < size or f.interval is not None)]
+    as_white = [f for f in every if not f.coefficient and f.interval is None and lowest * value < f.value < value]
+    agreed = (*partial, *as_white)
+    told = [f for f in every if f not in agreed and (f.value < size or f.interval is not None)]
     alone = {id(f) for f in (*told, *(agreeing if correlation is WHITE else ()))}
     common = NoiseFloor(value, source, correlation, 0.0)
     return [f if f.coefficient is None or id(f) in alone else common for f in floors]

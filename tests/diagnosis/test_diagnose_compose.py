@@ -13,6 +13,7 @@ import pytest
 from phnn.criteria import CRITERIA
 from phnn.diagnosis import compose as composing
 from phnn.diagnosis import judge as judging
+from phnn.diagnosis import nearest_law
 from phnn.diagnosis.compose import Material, _chosen, _Grown, _still_needed
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import _Asked, _claimed, _composed
@@ -158,6 +159,58 @@ class TestANameInAComposedModel:
             word, _, findings = _composed(asked, searched, (), "named", Record())
         assert word == "unknown"
         assert all(f.provisional for f in findings)
+
+    def test_stands_beside_what_was_added_where_it_took_nearly_all_alone(self) -> None:
+        before, added = a_finding(NAMED["A"], a_gain(7.0, 1.0)), a_finding(LEARNED["L"], a_gain(4.0, 1.0))
+        assert self.names(a_model(1.0, False), before, added) == []
+        assert self.names(a_model(1.0, False), replace(before, alone=0.93), added) == ["creep"]
+        assert self.names(a_model(1.0, False), replace(before, alone=0.85), added) == []
+
+    def test_is_that_of_the_law_that_a_learned_element_is_near_to(self) -> None:
+        spring = a_finding(learned_elements()["learned_spring"], a_gain(7.0, 1.0))
+        law = Trial(Candidate(effect("cubic_stiffness"), {}, (), 10.0, 1e-3), None)
+        assert self.names(a_model(1.0, False), spring) == []
+        near = replace(spring, laws=(law,))
+        assert self.names(a_model(1.0, False), near) == ["learned_spring"]
+        assert near.named_as.name == "cubic_stiffness"
+        assert not near.nameless
+
+
+class TestTheLawsNearToALearnedElement:
+    SPRING = learned_elements()["learned_spring"]
+    LAWS = tuple(effect(n) for n in ("cubic_stiffness", "contact_stop", "coulomb_friction"))
+
+    def near(self, left: dict[str, float]) -> Finding:
+        """The learned spring ``S`` of a model, with what each effect leaves in its place."""
+        world, asked = World(left), list[str]()
+
+        def scored(fitted: Any, effects: Any, *others: Any) -> Any:
+            candidates = tuple(Candidate(e, {}, (), 1.0, 1e-3) for e in effects)
+            return SimpleNamespace(naming=SimpleNamespace(candidates=candidates))
+
+        def refit(fitted: Any, candidates: Any, *others: Any, **criteria: Any) -> list[Trial]:
+            asked.extend(c.effect.name for c in candidates)
+            return [Trial(c, world.fit(c.effect.name)) for c in candidates]
+
+        grown, search = (world.fit("S"), "S"), Search(self.LAWS)
+        spring = a_finding(self.SPRING, a_gain(2.0, 1.5))
+        with mock.patch.multiple(nearest_law, scored=scored, refit=refit):
+            (found,) = nearest_law.with_nearest_laws(world, world.fit(""), (spring,), grown, search, Record())  # type: ignore[arg-type]
+        assert "coulomb_friction" not in asked
+        return found
+
+    def test_take_nearly_all_that_it_takes_the_best_one_first(self) -> None:
+        found = self.near({"": 10.0, "S": 1.0, "cubic_stiffness": 2.0, "contact_stop": 1.5})
+        assert [t.candidate.effect.name for t in found.laws] == ["contact_stop", "cubic_stiffness"]
+
+    def test_are_none_where_it_takes_clearly_more(self) -> None:
+        found = self.near({"": 10.0, "S": 1.0, "cubic_stiffness": 4.0, "contact_stop": 8.0})
+        assert found.laws == ()
+        assert found.nameless
+
+    def test_its_gain_is_that_over_the_model_without_it(self) -> None:
+        found = self.near({"": 10.0, "S": 1.0, "cubic_stiffness": 4.0, "contact_stop": 8.0})
+        assert found.takes == pytest.approx(99.0)
 
 
 class TestTheNumberOfHysterons:

@@ -10,7 +10,7 @@ import pytest
 
 from phnn.criteria import CRITERIA, Confirmation
 from phnn.diagnosis.rules import Applied, Record, composition, held_out, search, verdict
-from phnn.diagnosis.rules.composition import CLAIM, GAIN, LEAVES
+from phnn.diagnosis.rules.composition import CLAIM, GAIN, LAW, LEAVES
 from phnn.diagnosis.rules.held_out import ELEMENT, MODEL, NAMELESS, NUMERICS, REMAINDER
 from phnn.diagnosis.rules.search import BASE, FORM, KEEP, REFIT, STEP
 from phnn.diagnosis.rules.verdict import VERDICT
@@ -18,7 +18,7 @@ from phnn.identification.gain import Gain
 
 RULE = CRITERIA.selection
 TABLES = (
-    BASE, REFIT, STEP, FORM, KEEP, LEAVES, GAIN, CLAIM, VERDICT, ELEMENT, MODEL, NAMELESS, REMAINDER, NUMERICS,
+    BASE, REFIT, STEP, FORM, KEEP, LEAVES, GAIN, CLAIM, LAW, VERDICT, ELEMENT, MODEL, NAMELESS, REMAINDER, NUMERICS,
 )  # fmt: skip
 
 
@@ -39,6 +39,7 @@ MODEL_CASE = held_out.ModelCase(2, 0, 0, 2, share=0.99, remains=False, criteria=
 SMALL = held_out.NamelessCase(0.05, 1.0, CRITERIA)
 LEFT = composition.LeavesCase(4.0, 1, lambda: 1e-4, CRITERIA)
 COMPOSED = composition.ClaimCase(False, takes=4.0, leaves=0.1, criteria=CRITERIA)
+NEAR = composition.LawCase(takes=9.2, learned=10.0, criteria=CRITERIA)
 LARGE, SLIGHT = a_gain(5.0, 1.0), a_gain(1.010, 1.008)
 
 # What decides, of which case.
@@ -70,8 +71,12 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (LEAVES, replace(LEFT, elements=5), "model_has_enough_elements", "stop"),
     (GAIN, composition.GainCase(LARGE, CRITERIA), "element_predicts_better", "add"),
     (GAIN, composition.GainCase(SLIGHT, CRITERIA), "element_does_not_predict_better", "leave out"),
-    (CLAIM, replace(COMPOSED, learned=True), "learned_element_has_no_name", "no name"),
+    (CLAIM, replace(COMPOSED, nameless=True, alone=0.95), "learned_element_has_no_name", "no name"),
+    (CLAIM, replace(COMPOSED, leaves=0.3, alone=0.95), "takes_nearly_all_alone", "name"),
+    (CLAIM, replace(COMPOSED, leaves=0.3, alone=0.85), "too_much_has_no_name", "no name"),
     (CLAIM, replace(COMPOSED, leaves=0.3), "too_much_has_no_name", "no name"),
+    (CLAIM, COMPOSED, "little_has_no_name", "name"),
+    (LAW, NEAR, "law_takes_nearly_all", "another form"),
     (ELEMENT, element(None, SLIGHT), "nothing_held_out_and_small", "immaterial"),
     (ELEMENT, element(None, LARGE), "nothing_held_out_and_far", "open"),
     (ELEMENT, element(None, a_gain(3.0, 2.0)), "nothing_held_out", "refuted"),
@@ -122,7 +127,8 @@ def test_no_rule_is_left_out() -> None:
         (STEP, STEP_CASE),
         (FORM, STEP_CASE),
         (LEAVES, LEFT),
-        (CLAIM, COMPOSED),
+        (LAW, replace(NEAR, takes=8.0)),
+        (LAW, replace(NEAR, learned=-1.0)),
         (NAMELESS, replace(SMALL, share=0.2, chi2=1.3)),
         (REMAINDER, replace(SMALL, share=0.2)),
         (REMAINDER, replace(SMALL, chi2=1.2)),

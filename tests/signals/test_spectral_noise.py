@@ -172,3 +172,22 @@ def test_a_spectrum_that_a_signal_fills_is_no_word_on_the_noise() -> None:
     assert [f.value for f in pooled([*trusted, louder, finer])[3:]] == [200e-9, 5e-9]
     # Two of four are no majority that would know better.
     assert [f.value for f in pooled([*trusted[:2], ringing, replace(ringing, value=9e-6)])][2:] == [3e-6, 9e-6]
+
+
+def test_a_floor_taken_as_white_at_the_highest_frequencies_agrees_with_first_order_noise_there() -> None:
+    """With coefficient 0.7 the highest frequencies have 0.42 times the deviation of the noise."""
+    known = [NoiseFloor(40e-9, "spectrum", correlation_of(0.7), 0.7)] * 3
+    high = NoiseFloor(0.42 * 40e-9, "the highest frequencies, noise taken as white", WHITE, 0.0)
+    found = pooled([*known, high])[-1]
+    assert found.value == pytest.approx(40e-9)
+    assert found.correlation == pytest.approx(correlation_of(0.7))
+    # Less than the first-order noise has there is another noise, and so is what is trusted.
+    for other in (replace(high, value=0.2 * 40e-9), replace(high, interval=(16e-9, 18e-9))):
+        assert pooled([*known, other])[-1] is other
+
+
+def test_the_deviation_of_first_order_noise_at_the_highest_frequencies() -> None:
+    rng, a = np.random.default_rng(7), 0.7
+    y = NOISE * np.sqrt(1.0 - a * a) * lfilter([1.0], [1.0, -a], rng.normal(size=50_000))
+    highest = np.diff(y, 8) / np.sqrt(12870.0)
+    assert np.std(highest) == pytest.approx(NOISE * np.sqrt((1.0 - a) / (1.0 + a)), rel=0.1)

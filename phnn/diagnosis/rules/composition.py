@@ -10,6 +10,8 @@ from phnn.criteria import Criteria
 from phnn.diagnosis.rules import Applied
 from phnn.identification.gain import Gain
 
+NAME, NO_NAME = "name", "no name"
+
 
 @dataclass(frozen=True)
 class LeavesCase:
@@ -83,19 +85,31 @@ class ClaimCase:
     """One element of a composed model.
 
     Attributes:
-        learned: it is a learned element; takes: mean square [noise²] that it takes from recordings that were left out.
+        nameless: it is a learned element, and no law of the catalogue comes near it.
+        takes: mean square [noise²] that it takes from recordings that were left out.
         leaves: mean square [noise²] that has no name: what the model leaves, and what elements without a name take.
+        alone: share of the excess that it took, with all that the search has named, before anything was added; None
+            where it was added itself.
     """
 
-    learned: bool
+    nameless: bool
     takes: float
     leaves: float
     criteria: Criteria
+    alone: float | None = None
 
 
 def learned_element_has_no_name(case: ClaimCase) -> Applied:
     """A learned element stands for physics that no list has."""
-    return Applied(case.learned, "no name", {})
+    return Applied(case.nameless, NO_NAME, {})
+
+
+def takes_nearly_all_alone(case: ClaimCase) -> Applied | None:
+    """Before anything was added, it took nearly all of the excess: what was added is a small part beside it."""
+    if case.alone is None:
+        return None
+    least = case.criteria.selection.explains_well
+    return Applied(case.alone >= least, NAME, {"share": case.alone, "explains_well": least})
 
 
 def too_much_has_no_name(case: ClaimCase) -> Applied:
@@ -105,7 +119,32 @@ def too_much_has_no_name(case: ClaimCase) -> Applied:
     """
     most = case.criteria.composition.claim_leaves
     numbers = {"takes": case.takes, "leaves": case.leaves, "claim_leaves": most}
-    return Applied(case.takes <= 0.0 or case.leaves > most * case.takes, "no name", numbers)
+    return Applied(case.takes <= 0.0 or case.leaves > most * case.takes, NO_NAME, numbers)
+
+
+def little_has_no_name(case: ClaimCase) -> Applied:
+    """What has no name is a small part of what the element takes."""
+    return Applied(True, NAME, {"takes": case.takes, "leaves": case.leaves})
+
+
+@dataclass(frozen=True)
+class LawCase:
+    """A law of the catalogue in the place of a learned element of its kind.
+
+    Attributes:
+        takes: mean square [noise²] that it takes from recordings that were left out; learned: that the element takes.
+    """
+
+    takes: float
+    learned: float
+    criteria: Criteria
+
+
+def law_takes_nearly_all(case: LawCase) -> Applied:
+    """The law takes nearly all that the learned element takes: this is the same physics in another form."""
+    least = case.criteria.selection.explains_well
+    numbers = {"takes": case.takes, "learned_takes": case.learned, "explains_well": least}
+    return Applied(case.learned > 0.0 and case.takes >= least * case.learned, "another form", numbers)
 
 
 LEAVES = (model_is_at_the_noise, model_has_enough_elements, model_leaves_no_more_than_chance)
@@ -145,4 +184,5 @@ def composed_model_fits_no_better(case: WholeCase) -> Applied:
 GAIN = (element_predicts_better, element_does_not_predict_better)
 KEPT = (element_is_still_needed, element_does_not_predict_better)
 WHOLE = (composed_model_fits_no_better,)
-CLAIM = (learned_element_has_no_name, too_much_has_no_name)
+CLAIM = (learned_element_has_no_name, takes_nearly_all_alone, too_much_has_no_name, little_has_no_name)
+LAW = (law_takes_nearly_all,)
