@@ -10,23 +10,26 @@ from __future__ import annotations
 import csv
 import io
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from phnn.configuration import config_folder
+from phnn.diagnosis.diagnosis import diagnose
 from phnn.diagnosis.tested import score_on_all
 from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import Progress, identify_base, quiet
-from phnn.identification.evaluate import Evaluation, PartScore, evaluate, score_part
-from phnn.identification.plan import Plan
+from phnn.identification.evaluate import PartScore, score_part
 from phnn.identification.zero import own_zeros
-from phnn.models.store import load
+from phnn.intake.files import named_file
+from phnn.intake.json_file import load_json
+from phnn.intake.limits import LIMITS
 from phnn.output import Place
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table, ratio
+from phnn.report.result import document
 from phnn.studies.comparison.document import HEADS
 from phnn.studies.comparison.settings import RIVALS, Settings
 from phnn.studies.rival_models.contest import cell
@@ -35,6 +38,7 @@ from phnn.studies.rival_models.names import rival
 FOLDERS = ("piezo-stack", "steering-mirror", "silverbox", "emps", "tanks", "mr-damper", "shaking-table")
 BASE, DIAGNOSED = "base", "diagnosed"  # the model that the manifest names, and that of phnn diagnose
 _OWN = (BASE, DIAGNOSED)
+_RESULT = "score.json"
 _COLUMNS = ("recordings", "model", "held_out", "identified", "processor_seconds", "budget", "seed", "why_not")
 # The second and the third realisation at 100 mV are contaminated; one of each amplitude identifies.
 _MIRROR = ("100mV_1", "300mV_1", "100mV_test_1", "300mV_test_1")
@@ -53,9 +57,8 @@ class Scored:
 
 
 def real(
-    place: Place, settings: Settings, folder: Path, only: Sequence[str], diagnosed: Mapping[str, Path],
-    progress: Progress = quiet,
-) -> list[Scored]:  # fmt: skip
+    place: Place, settings: Settings, folder: Path, only: Sequence[str], diagnoses: bool, progress: Progress = quiet
+) -> list[Scored]:
     """Fit the base model of each manifest and the rivals among ``settings.models`` to all folders that are there.
 
     Writes ``real.csv`` and ``real.md`` after every folder.
@@ -63,12 +66,12 @@ def real(
     Args:
         folder: holds folders of the names ``FOLDERS``.
         only: which of them; all where empty.
-        diagnosed: results of ``phnn diagnose`` by name of the recordings; their models are scored as they are.
+        diagnoses: whether the model of a diagnosis joins them; it is kept in ``NAME/`` and not made again.
 
     Raises:
         InputRefused: an unknown name, or no folder of these names.
     """
-    unknown = [name for name in (*only, *diagnosed) if name not in FOLDERS]
+    unknown = [name for name in only if name not in FOLDERS]
     if unknown:
         raise InputRefused(f"only: no manifest is known for {unknown[0]!r}: choose from {', '.join(FOLDERS)}")
     there = [n for n in FOLDERS if (folder / n).is_dir() and (not only or n in only)]
@@ -77,7 +80,7 @@ def real(
     rows: list[Scored] = []
     for name in there:
         campaign = one_to_one(folder / name, name)
-        for found in _scored(campaign, name, settings, diagnosed.get(name), progress):
+        for found in _scored(campaign, name, settings, place / name if diagnoses else None, progress):
             rows.append(found)
             (place / "real.csv").write(_csv(rows, settings).encode())
             (place / "real.md").write((page(rows, settings) + "\n").encode())
@@ -95,33 +98,39 @@ def one_to_one(folder: Path, name: str) -> Campaign:
 
 
 def _scored(
-    campaign: Campaign, name: str, settings: Settings, diagnosed: Path | None, progress: Progress
+    campaign: Campaign, name: str, settings: Settings, home: Place | None, progress: Progress
 ) -> Iterator[Scored]:
     """All models on one folder; a model that cannot be fitted states the reason in the place of its score."""
-    chosen = [BASE, *([DIAGNOSED] if diagnosed else []), *(m for m in settings.models if m in RIVALS)]
+    chosen = [BASE, *([DIAGNOSED] if home is not None else []), *(m for m in settings.models if m in RIVALS)]
     for model in chosen:
         progress(f"{name}: fit {model}")
-        began = time.process_time()
+        if model == DIAGNOSED and home is not None and (home / _RESULT).path.exists():
+            kept = named_file((home / _RESULT).path, (Path(home.path),))
+            yield Scored(**load_json(kept, LIMITS.json_bytes, "a score", "remove it"))
+            continue
+        began, why = time.process_time(), ""
         try:
             if model == BASE:
                 fit, _ = identify_base(campaign, settings.options)
                 parts = score_on_all(fit, campaign).parts
-            elif model == DIAGNOSED and diagnosed is not None:
-                parts = _stored(campaign, diagnosed).parts
+            elif model == DIAGNOSED and home is not None:
+                parts = _diagnosed(campaign, settings, home, progress)
             else:
                 parts = _rival(campaign, model, settings)
-            why = ""
         except (InputRefused, SolverFailed) as error:
             parts, why = (), str(error)
         identified, held = (_over_noise(parts, use) for use in ("identification", "confirmation"))
-        yield Scored(name, model, held, identified, time.process_time() - began, why)
+        found = Scored(name, model, held, identified, time.process_time() - began, why)
+        if model == DIAGNOSED and home is not None and not why:
+            (home / _RESULT).write_json(asdict(found))
+        yield found
 
 
-def _stored(campaign: Campaign, folder: Path) -> Evaluation:
-    """The model that phnn diagnose has left in a folder of results, on all recordings."""
-    setup, substeps = load(folder / "model" if (folder / "model").is_dir() else folder)
-    plan = Plan(campaign.recordings, {r.name: substeps for r in campaign.recordings}, workers=1)
-    return evaluate(setup, plan, {})
+def _diagnosed(campaign: Campaign, settings: Settings, home: Place, progress: Progress) -> tuple[PartScore, ...]:
+    """The model that a diagnosis leaves, on all recordings; its verdict and what it has added are kept."""
+    found = diagnose(campaign, settings.options, progress)
+    (home / "diagnosis.json").write_json(document(found))
+    return found.after.parts
 
 
 def _rival(campaign: Campaign, model: str, settings: Settings) -> tuple[PartScore, ...]:
@@ -166,10 +175,12 @@ def page(rows: Sequence[Scored], settings: Settings) -> str:
         body.append([name, *cells, DASH if best is None else HEADS[best], compared])
     shown = {BASE: "phnn, base model", DIAGNOSED: "phnn, diagnosed"}
     heads = ["recordings", *(shown.get(m) or HEADS[m] for m in models), "best rival", "phnn / best rival"]
+    took = [r.seconds for r in rows if r.model == DIAGNOSED]
     words = (
         f"Residual over noise on the held-out parts, root mean square. Seed {settings.options.seed}; budget of each "
         f"rival {settings.budget:g} processor seconds. "
-        "Below 1 in the last column, phnn predicts better."
+        + (f"A diagnosis took {min(took):.0f} to {max(took):.0f} processor seconds. " if took else "")
+        + "Below 1 in the last column, phnn predicts better."
     )
     why = [f"* {r.recordings}, {r.model}: {r.why_not}" for r in rows if r.why_not]
     return "\n".join(["# Models on public recordings", "", words, "", *markdown_table(heads, body), "", *why])

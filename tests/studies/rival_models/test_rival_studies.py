@@ -167,7 +167,7 @@ def test_rivals_and_the_base_model_on_the_tanks(tmp_path: Path) -> None:
     home = Path(os.environ.get("PHNN_RECORDINGS", Path(__file__).parents[4] / "shared" / "recordings"))
     if not (home / "tanks").is_dir():
         pytest.skip(f"{home / 'tanks'}: is not there")
-    rows = real(Place(tmp_path), settings("models=[hammerstein,narx]"), home, ["tanks"], {})
+    rows = real(Place(tmp_path), settings("models=[hammerstein,narx]"), home, ["tanks"], False)
     assert [r.model for r in rows] == ["base", "hammerstein", "narx"]
     assert all(np.isfinite(r.held_out) for r in rows)
     assert (tmp_path / "real.md").read_text().count("| tanks") == 1
