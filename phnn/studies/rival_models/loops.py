@@ -59,7 +59,7 @@ class ExportedStepper(Stepper):
 
     def rest(self, u: float) -> Any:
         state = self._program.Model()
-        for _ in range(_settling(self.dt)):
+        for _ in range(settling(self.dt)):
             state.step(u)
         return state
 
@@ -68,7 +68,7 @@ class ExportedStepper(Stepper):
         return after, float(after.step(u))
 
 
-def _settling(dt: float) -> int:
+def settling(dt: float) -> int:
     """Samples of a tenth of a second."""
     return max(1, round(0.1 / dt))
 
