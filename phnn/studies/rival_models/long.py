@@ -80,7 +80,7 @@ def long(
             progress(f"seed {seed}: {model}")
             rows += _rows(campaign, model, settings, seed, runs)
             spent = f"{time.process_time() - began:.0f} processor seconds"
-            (place / "long.csv").write(_csv(rows).encode())
+            (place / "long.csv").write(table(rows).encode())
             (place / "long.md").write(page(rows, settings, runs, spent).encode())
     return rows
 
@@ -100,7 +100,8 @@ def _rows(campaign: Campaign, model: str, settings: Settings, seed: int, runs: R
     return found
 
 
-def _csv(rows: Sequence[Row]) -> str:
+def table(rows: Sequence[Row]) -> str:
+    """One line of csv for each run."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     names = [f.name for f in fields(LongRun)]
@@ -116,15 +117,16 @@ def page(rows: Sequence[Row], settings: Settings, runs: Runs, spent: str) -> str
     seeds = ", ".join(str(s) for s in dict.fromkeys(r.seed for r in rows))
     words = (
         f"Each model was fitted to four recordings of the paper's actuator (seeds {seeds}; {settings.budget:g} "
-        f"processor seconds for each rival) and then ran freely over {runs.samples:,} samples, {runs.drives} times with "
-        f"another periodic voltage, from rest under another voltage than that at which the drive begins. For the last "
-        f"tenth the voltage is zero. Drift: r.m.s. difference between the periods of {PERIOD:g} s at one hundredth of the "
-        f"run and at the end of the drive, over the output's r.m.s.; above {DRIFTED:g} a model drifted. Motion: r.m.s. "
-        f"about the mean in the last quarter of the rest over that in the first. Both are the largest of all runs; {spent}."
+        f"processor seconds for each rival) and then ran freely over {runs.samples:,} samples, {runs.drives} times "
+        f"with another periodic voltage, from rest under another voltage, which jumps to the drive at the first "
+        f"sample. For the last tenth the voltage is zero. Drift: r.m.s. difference between the periods of {PERIOD:g} s "
+        f"at a hundredth of the run and at the end of the drive, over the output's r.m.s.; above {DRIFTED:g} a model "
+        f"drifted. Motion: r.m.s. about the mean in the last quarter of the rest over that in the first. Drift and "
+        f"motion are the largest of all runs; {spent}."
     )
     heads = [
-        "model", "interval [ms]", "runs", "diverged", "drifted", "drift", "gained motion", "motion",
-        "µs a sample",
+        "model", "interval [ms]", "runs", "diverged", "after samples", "drifted", "drift", "gained motion", "motion",
+        "processor seconds", "µs a sample",
     ]  # fmt: skip
     return "\n".join(["# Models over long runs", "", words, "", *markdown_table(heads, body), ""])
 
@@ -132,15 +134,20 @@ def page(rows: Sequence[Row], settings: Settings, runs: Runs, spent: str) -> str
 def _line(model: str, rows: Sequence[Row]) -> list[str]:
     own = [(r.dt, r.found) for r in rows if r.model == model and r.found is not None]
     found = [f for _, f in own]
-    samples = sum(f.samples for f in found)
+    lost, whole = [f for f in found if f.diverged], [f for f in found if not f.diverged]
+    samples = sum(f.samples for f in whole)
     return [
         HEADS[model],
         ", ".join(dict.fromkeys(f"{1e3 * dt:.3g}" for dt, _ in own)) or DASH,
-        *(str(n) for n in (len(found), sum(f.diverged for f in found), sum(f.drifted for f in found))),
+        str(len(found)),
+        str(len(lost)),
+        f"{min(f.samples for f in lost):,}" if lost else DASH,
+        str(sum(f.drifted for f in found)),
         _largest([f.drift for f in found]),
         str(sum(f.gained for f in found)),
         _largest([f.motion for f in found]),
-        f"{1e6 * sum(f.seconds for f in found) / samples:.3g}" if samples else DASH,
+        f"{sum(f.seconds for f in found):.3g}",
+        f"{1e6 * sum(f.seconds for f in whole) / samples:.3g}" if samples else DASH,
     ]
 
 
