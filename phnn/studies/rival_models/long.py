@@ -121,12 +121,12 @@ def page(rows: Sequence[Row], settings: Settings, runs: Runs, spent: str) -> str
         f"with another periodic voltage, from rest under another voltage, which jumps to the drive at the first "
         f"sample. For the last tenth the voltage is zero. Drift: r.m.s. difference between the periods of {PERIOD:g} s "
         f"at a hundredth of the run and at the end of the drive, over the output's r.m.s.; above {DRIFTED:g} a model "
-        f"drifted. Motion: r.m.s. about the mean in the last quarter of the rest over that in the first. Drift and "
-        f"motion are the largest of all runs; {spent}."
+        f"drifted. Late drift: the same from the middle of the drive to its end. Motion: r.m.s. about the mean in the "
+        f"last quarter of the rest over that in the first. All three are the largest of all runs; {spent}."
     )
     heads = [
-        "model", "interval [ms]", "runs", "diverged", "after samples", "drifted", "drift", "gained motion", "motion",
-        "processor seconds", "µs a sample",
+        "model", "interval [ms]", "runs", "diverged", "after samples", "drifted", "drift", "late drift",
+        "gained motion", "motion", "processor seconds", "µs a sample",
     ]  # fmt: skip
     return "\n".join(["# Models over long runs", "", words, "", *markdown_table(heads, body), ""])
 
@@ -144,6 +144,7 @@ def _line(model: str, rows: Sequence[Row]) -> list[str]:
         f"{min(f.samples for f in lost):,}" if lost else DASH,
         str(sum(f.drifted for f in found)),
         _largest([f.drift for f in found]),
+        _largest([f.late for f in found]),
         str(sum(f.gained for f in found)),
         _largest([f.motion for f in found]),
         f"{sum(f.seconds for f in found):.3g}",

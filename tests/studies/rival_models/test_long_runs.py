@@ -53,6 +53,8 @@ def test_drift_is_the_difference_of_two_periods() -> None:
     early = u * (1.0 + slope * (PERIOD + n))
     late = u * (1.0 + slope * (21 * PERIOD + n))
     assert found.drift == pytest.approx(np.sqrt(np.mean((late - early) ** 2) / np.mean(early**2)))
+    middle = u * (1.0 + slope * (11 * PERIOD + n))
+    assert found.late == pytest.approx(np.sqrt(np.mean((late - middle) ** 2) / np.mean(middle**2)))
     assert found.drifted
 
 
@@ -128,16 +130,16 @@ def test_short_runs_are_refused() -> None:
 
 
 def test_table_and_page_count_runs() -> None:
-    good = LongRun(20_000, False, 1e-12, 0.0, False, 0.02)
-    lost = LongRun(1234, True, float("nan"), float("nan"), False, 0.01)
-    moved = replace(good, drift=0.5, motion=2.0, gained=True)
+    good = LongRun(20_000, False, 1e-12, 1e-13, 0.0, False, 0.02)
+    lost = LongRun(1234, True, float("nan"), float("nan"), float("nan"), False, 0.01)
+    moved = replace(good, drift=0.5, late=0.2, motion=2.0, gained=True)
     rows = [Row(0, "phs", 1e-4, n, good) for n in range(2)]
     rows += [Row(0, "narx", 2e-4, 0, lost), Row(0, "narx", 2e-4, 1, moved), Row(0, "gru", float("nan"), 0, None, "no")]
     settings = Settings.from_config(compose("compare", ["models=[phs]"]))
     lines = page(rows, settings, Runs(20_000, 2), "9 processor seconds").splitlines()
-    assert "| PHS | 0.1 | 2 | 0 | – | 0 | 1e-12 | 0 | 0 | 0.04 | 1 |" in lines
-    assert "| NARX | 0.2 | 2 | 1 | 1,234 | 1 | 0.5 | 1 | 2 | 0.03 | 1 |" in lines
-    assert "| GRU | – | 0 | 0 | – | 0 | – | 0 | – | 0 | – |" in lines
+    assert "| PHS | 0.1 | 2 | 0 | – | 0 | 1e-12 | 1e-13 | 0 | 0 | 0.04 | 1 |" in lines
+    assert "| NARX | 0.2 | 2 | 1 | 1,234 | 1 | 0.5 | 0.2 | 1 | 2 | 0.03 | 1 |" in lines
+    assert "| GRU | – | 0 | 0 | – | 0 | – | – | 0 | – | 0 | – |" in lines
     written = list(csv.DictReader(io.StringIO(table(rows))))
     assert [r["samples"] for r in written] == ["20000", "20000", "1234", "20000", ""]
     assert written[-1]["why"] == "no"
