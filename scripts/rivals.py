@@ -1,6 +1,6 @@
 """Models of hysteresis side by side: ``python scripts/rivals.py study=truths [out=DIR] [compare.budget=60]``.
 
-The studies are ``truths``, ``scarcity``, ``real`` and ``loops``.
+The studies are ``truths``, ``scarcity``, ``real``, ``loops`` and ``long``.
 
 Writes ``STUDY.csv`` and ``STUDY.md``; ``page=FILE`` also fills the table of that study in a page of markdown. ``real``
 takes ``folder=DIR``, which holds a folder for each set of recordings.

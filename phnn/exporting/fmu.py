@@ -110,6 +110,11 @@ def description(program: Program, guid: str) -> str:
 def compiled(name: str, sources: Mapping[str, str]) -> bytes | None:
     """The shared library for Linux on 64 bits; None on other machines or without a compiler.
 
+    Args:
+        name: of the program.
+        sources: texts of C by file name; each file that ends in ``.c`` is compiled. Only functions that are marked as
+            visible can be called from outside.
+
     Raises:
         OutputFailed: the compiler refuses the sources, or takes too long; gives its message.
     """
@@ -120,7 +125,7 @@ def compiled(name: str, sources: Mapping[str, str]) -> bytes | None:
         for entry, text in sources.items():
             (Path(folder) / entry).write_text(text, "utf-8")
         library = Path(folder) / f"{name}.so"
-        units = [f"{name}.c", "fmi2.c"]
+        units = [entry for entry in sources if entry.endswith(".c")]
         command = [compiler, *_FLAGS, *units, "-o", library.name, "-lm"]
         try:
             done = subprocess.run(command, cwd=folder, capture_output=True, timeout=_TIME_LIMIT, check=False)
@@ -133,6 +138,6 @@ def compiled(name: str, sources: Mapping[str, str]) -> bytes | None:
 
 def _uncompiled(compiler: str, cause: str) -> OutputFailed:
     return OutputFailed(
-        f"fmu: {compiler} does not compile the exported model: {cause}: mend the compiler, or take it out of PATH for "
-        "a unit with sources only"
+        f"{compiler} does not compile the exported model: {cause}: mend the compiler, or take it out of PATH to do "
+        "without compiled code"
     )

@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, fields, replace
 
 from phnn.demo.excitation import PEAK
 from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import Progress, quiet
 from phnn.identification.identified import identify
+from phnn.model import Model
 from phnn.output import Place
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import markdown_table
@@ -50,9 +51,7 @@ def loops(
         InputRefused: no model is left.
         SolverFailed: the truth could not be simulated.
     """
-    models = [m for m in settings.models if m in (PHS, *NAMES)]
-    if not models:
-        raise InputRefused(f"models: none of {', '.join(settings.models)} takes single samples: name {PHS} or a rival")
+    models = stepped(settings.models)
     began, rows = time.process_time(), list[Row]()
     for seed in seeds:
         folder = (place / f"{PHS}_{seed}" / "recordings").own_folder()
@@ -70,7 +69,7 @@ def loops(
 def _row(campaign: Campaign, model: str, settings: Settings, seed: int, runs: int) -> Row:
     base = base_of(seed)
     try:
-        stepper = _stepper(campaign, model, settings, seed)
+        stepper = fitted_stepper(campaign, model, settings, seed, ExportedStepper)
     except SolverFailed as error:
         return Row(seed, model, float("nan"), None, str(error))
     stiffness = base["k"] / base["alpha"]
@@ -78,10 +77,32 @@ def _row(campaign: Campaign, model: str, settings: Settings, seed: int, runs: in
     return Row(seed, model, stepper.dt, closed(stepper, drawn, 1.0 / stiffness))
 
 
-def _stepper(campaign: Campaign, model: str, settings: Settings, seed: int) -> Stepper:
+def stepped(models: Sequence[str]) -> list[str]:
+    """Those models that take single samples: ``phs`` and the rivals.
+
+    Raises:
+        InputRefused: no model is left.
+    """
+    found = [m for m in models if m in (PHS, *NAMES)]
+    if not found:
+        raise InputRefused(f"models: none of {', '.join(models)} takes single samples: name {PHS} or a rival")
+    return found
+
+
+def fitted_stepper(
+    campaign: Campaign, model: str, settings: Settings, seed: int, exported: Callable[[Model, float], Stepper]
+) -> Stepper:
+    """Fit a model to a campaign, and give it sample by sample; at 1e-4 s where any interval serves.
+
+    Args:
+        exported: makes the stepper of the identified port-Hamiltonian model at a sampling interval [s].
+
+    Raises:
+        SolverFailed: the model could not be fitted.
+    """
     if model == PHS:
         options = replace(settings.options, seed=seed, workers=1)
-        return ExportedStepper(identify(None, campaign, options).model, _DT)
+        return exported(identify(None, campaign, options).model, _DT)
     fitted = rival(model).fit(campaign.recordings, settings.budget, seed)
     return fitted.stepper(fitted.dt or _DT)
 

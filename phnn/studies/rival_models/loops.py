@@ -34,10 +34,10 @@ Array = NDArray[np.float64]
 _SECANTS, _CLOSE = 25, 1e-9
 _TONES = 3
 # A run has diverged where the output exceeds the largest static one by this factor.
-_FAR = 10.0
+FAR = 10.0
 # Growth of the motion at rest, from the third quarter of a run to the fourth, that no decay has; and the least share of
 # the largest output that counts as motion.
-_GROWS, _MOVES = 1.05, 1e-3
+GROWS, MOVES = 1.05, 1e-3
 
 
 class ExportedStepper(Stepper):
@@ -59,7 +59,7 @@ class ExportedStepper(Stepper):
 
     def rest(self, u: float) -> Any:
         state = self._program.Model()
-        for _ in range(_settling(self.dt)):
+        for _ in range(settling(self.dt)):
             state.step(u)
         return state
 
@@ -68,7 +68,7 @@ class ExportedStepper(Stepper):
         return after, float(after.step(u))
 
 
-def _settling(dt: float) -> int:
+def settling(dt: float) -> int:
     """Samples of a tenth of a second."""
     return max(1, round(0.1 / dt))
 
@@ -126,14 +126,14 @@ def closed(stepper: Stepper, runs: Sequence[Run], gain: float) -> Loops:
     """
     diverged = gained = unsolved = 0
     for run in runs:
-        far = _FAR * gain * max(float(np.abs(run.v).max()), abs(run.before))
+        far = FAR * gain * max(float(np.abs(run.v).max()), abs(run.before))
         y, solved = _path(stepper, run, far)
         rest = y[y.size // 2 :] - y[-1]
         third, fourth = (float(np.sqrt(np.mean(part**2))) for part in np.array_split(rest, 2))
         if not solved or y.size < run.v.size:
             diverged += 1
             unsolved += not solved
-        elif fourth > _GROWS * third and fourth > _MOVES * float(np.abs(y).max()):
+        elif fourth > GROWS * third and fourth > MOVES * float(np.abs(y).max()):
             gained += 1
     return Loops(len(runs), diverged, gained, unsolved)
 

@@ -138,6 +138,14 @@ class _Stepper(Stepper):
         y = now + float(np.prod(np.power(v, f.terms.powers), axis=1) @ f.weights)
         return np.array([y, now, x, last]), y * f.scales.y
 
+    def run(self, state: State, u: Array) -> tuple[State, Array]:
+        now, previous, last, older = state
+        f, x, y = self._fitted, u / self._fitted.scales.u, np.full(u.size, np.nan)
+        start = np.array([last, older, now, previous])
+        simulate_kernel(x, start, y, f.terms.powers, f.weights, f.terms.long, np.inf)
+        ends = np.array([*np.append(now, y)[:-3:-1], *np.append(last, x)[:-3:-1]])
+        return ends, y * f.scales.y
+
 
 @dataclass(frozen=True)
 class Data:

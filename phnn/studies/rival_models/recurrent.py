@@ -115,6 +115,14 @@ class _Stepper(Stepper):
         y, inner = self._fitted.cell(_inputs(x, last, linear), inner)
         return (inner, kept, float(x[0])), float(y[0, 0]) * self._fitted.scales.y
 
+    @torch.no_grad()
+    def run(self, state: State, u: Array) -> tuple[State, Array]:
+        inner, kept, last = state
+        x = u / self._fitted.scales.u
+        linear, kept = self._fitted.linear.run(x, kept)
+        y, inner = self._fitted.cell(_inputs(x, last, linear), inner)
+        return (inner, kept, float(x[-1])), y[0].numpy() * self._fitted.scales.y
+
 
 class _Windows(Trained):
     """Windows of all recordings, padded at their ends, with stored initial states."""

@@ -38,6 +38,21 @@ class Stepper(ABC):
     def step(self, state: State, u: float) -> tuple[State, float]:
         """The next state, and the output [SI] at the sample whose input is ``u`` [SI]; the zero is the model's own."""
 
+    def run(self, state: State, u: Array) -> tuple[State, Array]:
+        """Step through many samples; a model with a faster way than `step` overrides this.
+
+        Args:
+            state: in front of the first sample; it stays as it is.
+            u: (N,) inputs [SI], one at least.
+
+        Returns:
+            The state behind the last sample, and (N,) outputs [SI]: those of `step`, as long as they are finite.
+        """
+        y = np.empty(u.size)
+        for n, x in enumerate(u):
+            state, y[n] = self.step(state, float(x))
+        return state, y
+
 
 @dataclass(frozen=True)
 class Fitted(ABC):

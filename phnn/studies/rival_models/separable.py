@@ -35,6 +35,7 @@ _EXCITED = 1e-2  # least norm of a column, over the largest, from which on the r
 _STEP = 1e-5  # of finite differences
 # Further starts of the last fit, and the standard deviation of their parameters about the best ones.
 _AGAIN, _SPREAD = 6, 0.5
+_BLOCK = 10_000  # samples of a long run whose columns are held at once: some hundred columns are 20 MB
 # Starts of the dynamics: ω over the highest excited frequency, ζ.
 STARTS = ((4.0, 0.3), (1.0, 0.1), (0.1, 1.0))
 
@@ -130,6 +131,16 @@ class _Stepper(Stepper):
         columns, inner = self._operator.run(self._shape, inner, x, rate)
         y, kept = lfilter(self._b, self._a, columns @ self._fitted.weights, zi=kept)
         return (inner, kept), float(y[0])
+
+    def run(self, state: State, u: Array) -> tuple[State, Array]:
+        (inner, kept), found = state, []
+        for first in range(0, u.size, _BLOCK):
+            x = u[first : first + _BLOCK] / self._scales.u
+            rates = np.abs(np.diff(x, prepend=inner[-1])) / (self.dt * self._scales.rate)
+            columns, inner = self._operator.run(self._shape, inner, x, rates)
+            y, kept = lfilter(self._b, self._a, columns @ self._fitted.weights, zi=kept)
+            found.append(y)
+        return (inner, kept), np.concatenate(found)
 
 
 class _Projection:

@@ -13,9 +13,10 @@ from phnn.output import Place
 from phnn.studies.comparison.settings import Settings
 from phnn.studies.rival_models.contest import scarcity, truths
 from phnn.studies.rival_models.coupled import loops
+from phnn.studies.rival_models.long import Runs, long
 from phnn.studies.rival_models.real import real
 
-STUDIES = ("truths", "scarcity", "real", "loops")
+STUDIES = ("truths", "scarcity", "real", "loops", "long")
 
 
 def run(config: Mapping[str, Any], progress: Progress = quiet) -> Path:
@@ -46,6 +47,9 @@ def run(config: Mapping[str, Any], progress: Progress = quiet) -> Path:
         truths(place, settings, config["truths"], config["seeds"], float(config["noise_um"]), progress)
     elif study == "loops":
         loops(place, settings, config["seeds"], float(config["noise_um"]), int(config["runs"]), progress)
+    elif study == "long":
+        runs = Runs(int(config["samples"]), int(config["drives"]))
+        long(place, settings, config["seeds"], float(config["noise_um"]), runs, progress)
     else:
         scarcity(place, settings, config["truths"][0], config["seeds"], float(config["noise_um"]), progress)
     return place.path / f"{study}.md"

@@ -185,6 +185,11 @@ class _Stepper(Stepper):
         rollout_kernel(state, np.array([u / self._fitted.scales.u]), *self._matrices, _DIVERGED, y)
         return state, float(y[0]) * self._fitted.scales.y
 
+    def run(self, state: State, u: Array) -> tuple[State, Array]:
+        state, y = state.copy(), np.full(u.size, np.nan)
+        rollout_kernel(state, u / self._fitted.scales.u, *self._matrices, np.inf, y)
+        return state, y * self._fitted.scales.y
+
 
 def _past(g: Gridded, first: NDArray[np.int64]) -> Array:
     """(B, 2·lags) inputs and outputs before the samples ``first`` (B,); before the recording it rests."""

@@ -1,4 +1,4 @@
-"""The benchmark and the loops as commands that fill a page."""
+"""The benchmark, the loops and the long runs as commands that fill a page."""
 
 from __future__ import annotations
 
@@ -49,3 +49,14 @@ def test_no_passive_model_diverges_with_a_compliant_load(tmp_path: Path) -> None
         "compare.budget=4",
     )
     assert "| PHS | 3 | 0 | 0 | 0 |" in page.read_text()
+
+
+@pytest.mark.slow
+def test_a_passive_model_repeats_itself_over_a_long_run(tmp_path: Path) -> None:
+    page, out = tmp_path / "page.md", tmp_path / "out"
+    page.write_text("<!-- begin long -->\n<!-- end long -->\n")
+    small = ["seeds=[1]", "samples=200000", "drives=2", "compare.models=[phs,hammerstein]", "compare.budget=4"]
+    run("rivals.py", "study=long", f"out={out}", f"page={page}", *small)
+    assert "| PHS | 0.1 | 2 | 0 | – | 0 |" in page.read_text()
+    assert "| Hammerstein | 0.1 | 2 | 0 | – |" in page.read_text()
+    assert len((out / "long.csv").read_text().splitlines()) == 5
