@@ -27,13 +27,14 @@ def supports(diagnosis: Diagnosis) -> tuple[Support, ...]:
 
 
 def _support(diagnosis: Diagnosis, finding: Finding) -> Support:
-    effect, named, final = finding.effect, finding.named_as, diagnosis.judgement.final
+    effect, final = finding.effect, diagnosis.judgement.final
+    named = effect if finding.provisional else finding.named_as
     before = final.setup.parameters
     actuator = diagnosis.campaign.recordings[0].units == ACTUATOR
     anchored = forces_known(diagnosis)
     fitted = finding.trial.fit
     return Support(
-        effect=named.name,
+        effect=named.name if named is effect else f"{named.name} in another form",
         expected=named.fingerprint,
         seen=fingerprint(diagnosis, named),
         leaves=math.sqrt(fitted.chi2) if fitted is not None else math.nan,
@@ -52,7 +53,7 @@ def _rivals(diagnosis: Diagnosis, finding: Finding) -> tuple[RivalRow, ...]:
     """List the related effects and the next best ones, with the residual of each."""
     effect = finding.effect
     base = diagnosis.judgement.linearised.fit
-    members = {t.candidate.effect.name for t in finding.alike}
+    members = {t.candidate.effect.name for t in finding.members}
     refits: dict[str, Trial] = {}
     for trial in sorted(finding.trials, key=lambda t: t.cost):
         if trial.fit is not None and trial.candidate.effect.name != effect.name:

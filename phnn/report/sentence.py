@@ -59,7 +59,7 @@ def sentence(diagnosis: Diagnosis) -> str:
             if diagnosis.campaign.held_out_is_new
             else "bring nothing new to confirm it"
         )
-        start = f"{names} explains most of the mismatch, but the held-out samples {why}."
+        start = f"{names[0].upper()}{names[1:]} explains most of the mismatch, but the held-out samples {why}."
     level = diagnosis.criteria.selection.level
     left = j.remainder is not None and j.remainder.p_value < level and j.remainder_immaterial is None
     rest = " A significant remainder is left." if left else ""
@@ -118,7 +118,7 @@ def _nearest(judgement: Judgement) -> str:
 def _with_members(finding: Finding) -> str:
     first, *others = [t.candidate.effect.name.replace("_", " ") for t in finding.alike]
     named = f"{first} (or {', '.join(others)})" if others else first
-    return f"{named} in another form, which the model describes by {_learned(finding)}" if finding.laws else named
+    return f"{named} in another form" if finding.laws else named
 
 
 def unknown_statement(judgement: Judgement) -> str:
@@ -142,11 +142,6 @@ def _element(finding: Finding) -> str:
     """An element of a model whose name is not claimed, in words."""
     if not finding.learned:
         return f"an element that acts like {finding.effect.name.replace('_', ' ')}"
-    return _learned(finding)
-
-
-def _learned(finding: Finding) -> str:
-    """A learned element and its formula, in words."""
     name, found = finding.effect.name.replace("_", " "), finding.described
     return f"a {name}" if found is None else f"a {name} ({found.words.removesuffix('.')})"
 
