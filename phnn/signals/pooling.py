@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from phnn.signals.first_order import correlation_of, density
-from phnn.signals.noise import WHITE, NoiseFloor
+from phnn.signals.noise import SILENT, WHITE, NoiseFloor
 
 # Fewest recordings whose spectra are pooled; how far their coefficients may lie from the median.
 _FEWEST, _AGREES = 3, 0.12
@@ -97,8 +97,9 @@ def _of_one_word(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
     One spectrum hardly tells coloured noise from what the signal leaves there; several that agree do. Where at least
     half of them show first-order noise of about the same coefficient, all get their median; where few do, those get
     the median of the white ones. Only deviations of one size count. One that is larger, and not trusted (it has no
-    interval), is what the signal leaves. One that is smaller, for it was taken as white at the highest frequencies
-    alone, agrees where the first-order noise of the others has this size there. Any other keeps its own word.
+    interval), is what the signal leaves. A smaller one may come from the highest frequencies alone, taken as white:
+    where the first-order noise of the others has about that deviation there, it is this noise. Any other keeps its own
+    word.
     """
     every = [f for f in floors if f.coefficient is not None]
     size = float(np.median([f.value for f in every])) if every else 0.0
@@ -112,15 +113,20 @@ def _of_one_word(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
         if 2 * len(agreeing) < len(partial):
             return list(floors)
         note, correlation = f"first-order noise of coefficient {middle:.2g}", correlation_of(middle)
-        lowest = float(np.sqrt(density(middle, np.array(-1.0)))) / _ONE_SIZE
+        highest = float(np.sqrt(density(middle, np.array(-1.0))))
     else:
         agreeing = [f for f in partial if not f.coefficient]
-        note, correlation, lowest = "white noise", WHITE, 1.0
+        note, correlation, highest = "white noise", WHITE, 1.0
     value = float(np.median([f.value for f in agreeing]))
     source = f"the spectra of {len(agreeing)} recordings that agree on {note}"
-    as_white = [f for f in every if not f.coefficient and f.interval is None and lowest * value < f.value < value]
-    agreed = (*partial, *as_white)
+    agreed = (*partial, *(f for f in every if _seen_at_the_highest(f, highest * value)))
     told = [f for f in every if f not in agreed and (f.value < size or f.interval is not None)]
     alone = {id(f) for f in (*told, *(agreeing if correlation is WHITE else ()))}
     common = NoiseFloor(value, source, correlation, 0.0)
     return [f if f.coefficient is None or id(f) in alone else common for f in floors]
+
+
+def _seen_at_the_highest(floor: NoiseFloor, expected: float) -> bool:
+    """Whether a floor from the highest frequencies, taken as white, has about the deviation that a noise has there."""
+    as_white = not floor.coefficient and floor.interval is None and SILENT not in floor.source
+    return as_white and expected / _ONE_SIZE <= floor.value <= expected * _ONE_SIZE

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, chirp, cont2discrete, lfilter, sosfilt
 
 from phnn.signals.first_order import correlation_of
-from phnn.signals.noise import WHITE, NoiseFloor, noise_floor
+from phnn.signals.noise import AS_WHITE, SILENT, WHITE, NoiseFloor, _plateau, noise_floor
 from phnn.signals.pooling import DIFFERENT, alike, pooled
 from phnn.signals.spectral_noise import estimated
 
@@ -181,13 +181,19 @@ def test_a_floor_taken_as_white_at_the_highest_frequencies_agrees_with_first_ord
     found = pooled([*known, high])[-1]
     assert found.value == pytest.approx(40e-9)
     assert found.correlation == pytest.approx(correlation_of(0.7))
-    # Less than the first-order noise has there is another noise, and so is what is trusted.
-    for other in (replace(high, value=0.2 * 40e-9), replace(high, interval=(16e-9, 18e-9))):
+    # Less or more than the first-order noise has there is another noise, and so is what is trusted or comes from
+    # frequencies about which the drive is silent.
+    others = replace(high, value=0.2 * 40e-9), replace(high, value=0.65 * 40e-9), replace(high, interval=(16e-9, 18e-9))
+    for other in (*others, replace(high, source=SILENT)):
         assert pooled([*known, other])[-1] is other
 
 
-def test_the_deviation_of_first_order_noise_at_the_highest_frequencies() -> None:
+def test_first_order_noise_taken_as_white_at_the_highest_frequencies_is_pooled_to_its_deviation() -> None:
     rng, a = np.random.default_rng(7), 0.7
-    y = NOISE * np.sqrt(1.0 - a * a) * lfilter([1.0], [1.0, -a], rng.normal(size=50_000))
-    highest = np.diff(y, 8) / np.sqrt(12870.0)
-    assert np.std(highest) == pytest.approx(NOISE * np.sqrt((1.0 - a) / (1.0 + a)), rel=0.1)
+    t = np.arange(20_000) * DT
+    drive = chirp(t, 1.0, t[-1], 100.0)
+    y = 1e-6 * drive + NOISE * np.sqrt(1.0 - a * a) * lfilter([1.0], [1.0, -a], rng.normal(size=t.size))
+    high = NoiseFloor(_plateau(y)[0], AS_WHITE, WHITE, 0.0)
+    assert high.value < 0.6 * NOISE
+    found = pooled([NoiseFloor(NOISE, "spectrum", correlation_of(a), a)] * 3 + [high])[-1]
+    assert found.value == pytest.approx(NOISE)
