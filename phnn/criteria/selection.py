@@ -46,8 +46,7 @@ class Selection:
     explains_well: float = criterion(
         0.9,
         "share of the excess",
-        "An effect that explains more is compared with no learned element, keeps its name in a larger model, and may be "
-        "one of an equivalent class or the name of a learned element.",
+        "An effect that explains more is compared with no learned element, and may be one of an equivalent class.",
         "Measured: the concealed effects of the demonstrations take 97 % or more of the held-out excess.",
     )
     noise_doubt: float = criterion(

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from phnn.criteria import Criteria
-from phnn.diagnosis.finding import Finding, effects_of
+from phnn.diagnosis.finding import Finding, effects_of, without_element
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.nearest_law import with_nearest_laws
@@ -116,7 +116,7 @@ def compose(
         return kept, final
     here = _grown(material, held, start.findings, begun)
     if start is searched:
-        here = replace(here, findings=_with_alone(held, base, here))
+        here = replace(here, findings=_with_share(held, base, here))
     here = _still_needed(material, held, base, here, len(here.findings), record)
     again = [] if here.findings else _ended(tried, material)
     for _ in range(_ROUNDS * criteria.composition.most_elements):
@@ -131,15 +131,15 @@ def compose(
     whole = fit_with(material.base, here.findings, here.fit.setup.values())
     if record.decide(WHOLE, WholeCase(None if whole is None else whole.cost, final.cost)) is not None or whole is None:
         return kept, final
-    found = with_nearest_laws(held, base, here.findings, here.pair, material.search, record)
+    found = with_nearest_laws(held, base, here.findings, here.fit, material.search, record)
     # A fit of the search without an element may have elements that this model lacks.
     return tuple(replace(f, others_alone=None) for f in found), whole
 
 
-def _with_alone(held: LeftOut, base: Fit, here: _Grown) -> tuple[Finding, ...]:
-    """The elements of the search, each with the share of the excess that they take without any others."""
+def _with_share(held: LeftOut, base: Fit, here: _Grown) -> tuple[Finding, ...]:
+    """The elements of the search, with the share of the excess that all of them take before anything is added."""
     share = held.gain((base, held.scores(base)), here.pair).share
-    return tuple(replace(f, alone=share) for f in here.findings)
+    return tuple(replace(f, first=share) for f in here.findings)
 
 
 def _same(some: Sequence[Finding], others: Sequence[Finding]) -> bool:
@@ -275,13 +275,15 @@ def _explains(where: Location | None, effect: Effect) -> float:
 def _still_needed(material: Material, held: LeftOut, base: Fit, grown: _Grown, asked: int, record: Record) -> _Grown:
     """The model without those of its elements without which the left-out recordings are predicted as well.
 
+    Where one goes, the others gain something else, and all are asked.
+
     Args:
         asked: how many of them are asked, from the first on.
     """
     place, end = 0, len(grown.findings) - asked
     while place < len(grown.findings) - end:
         finding = grown.findings[place]
-        others = (*grown.findings[:place], *grown.findings[place + 1 :])
+        others = without_element(grown.findings, finding)
         alone = fit_with(base, others, grown.fit.setup.values()) if others else base
         if alone is None:
             place += 1
@@ -293,5 +295,5 @@ def _still_needed(material: Material, held: LeftOut, base: Fit, grown: _Grown, a
             grown = replace(grown, findings=(*grown.findings[:place], found, *grown.findings[place + 1 :]))
             place += 1
             continue
-        grown = _grown(material, held, others, alone)
+        grown, place, end = _grown(material, held, others, alone), 0, 0
     return grown

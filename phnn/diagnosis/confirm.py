@@ -29,7 +29,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from phnn.criteria import Confirmation, Criteria
-from phnn.diagnosis.finding import Finding
+from phnn.diagnosis.finding import Finding, without_element
 from phnn.diagnosis.judge import Immaterial, Judgement, immaterial, unexplained
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.name import Naming
@@ -121,7 +121,7 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
         beside = [o for o in tested if o.finding.nameless and _may_be_part_of(o.finding.effect, effect)]
         if t.finding.provisional or not beside:
             return t
-        case = ClaimCase(t.finding.nameless, takes(t), sum(map(takes, beside)), criteria, t.finding.alone)
+        case = ClaimCase(t.finding.nameless, takes(t), sum(map(takes, beside)), criteria)
         decided = record.decide(CLAIM, case, effect.name)
         doubtful = decided is None or decided.outcome != NAME
         return replace(t, finding=replace(t.finding, provisional=True)) if doubtful else t
@@ -180,9 +180,10 @@ def _small_remainder(judgement: Judgement, criteria: Criteria, record: Record) -
 def _dropped(judgement: Judgement, fallen: Tested, score_again: Callable[[Fit], Scored]) -> Judgement:
     """The judgement without one of several elements; what the rest leaves is scored again."""
     here = score_again(fallen.alone)
+    rest = without_element(judgement.findings, fallen.finding)
     return replace(
         judgement,
-        findings=tuple(replace(f, others_alone=None) for f in judgement.findings if f is not fallen.finding),
+        findings=tuple(replace(f, others_alone=None) for f in rest),
         final=fallen.alone,
         final_linearised=here.linearised,
         remainder=here.naming,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from phnn.criteria import SELECTION
 from phnn.diagnosis.distil import Distilled
@@ -29,10 +29,10 @@ class Finding:
         gained: what it gains on identification recordings that were left out while it was found; None where none were.
         learned: it is a learned element, which has no name; description: the formula that stands for it, where there is
             one.
-        laws: of a learned element: laws of the catalogue of its kind that take nearly all that it takes, the best one
-            first; it is these in another form.
-        alone: share of the excess over the noise, on identification recordings that were left out, that the effects
-            which the search has named take without what was added to them; None where nothing was added.
+        laws: of a learned element: effects of the catalogue that take nearly all that it takes, in its place, the best
+            one first; the element is one of these in another form.
+        first: of an effect of the search in a model that was composed further: share of the excess, on identification
+            recordings that were left out, that all effects of the search took before anything was added to them.
     """
 
     trial: Trial
@@ -47,7 +47,7 @@ class Finding:
     learned: bool = False
     description: Distilled | None = None
     laws: tuple[Trial, ...] = ()
-    alone: float | None = None
+    first: float | None = None
 
     @property
     def effect(self) -> Effect:
@@ -56,12 +56,12 @@ class Finding:
 
     @property
     def nameless(self) -> bool:
-        """Whether nothing that has a name comes near it."""
+        """Whether it is a learned element that no effect of the catalogue can nearly replace."""
         return self.learned and not self.laws
 
     @property
     def alike(self) -> tuple[Trial, ...]:
-        """What may be its name, the first one above all; it among them, unless it is another form of a law."""
+        """The effects of which these recordings cannot tell it, the most probable one first."""
         return self.laws or self.members
 
     @property
@@ -103,3 +103,9 @@ def effects_of(findings: Sequence[Finding]) -> list[Effect]:
 def own_parameters(findings: Sequence[Finding]) -> list[str]:
     """Parameters of the effects that were found."""
     return [n for f in findings for n in f.effect.parameters]
+
+
+def without_element(findings: Sequence[Finding], gone: Finding) -> tuple[Finding, ...]:
+    """The others; where one of the search has gone, what all of these took says nothing of the others any more."""
+    rest = (f for f in findings if f is not gone)
+    return tuple(rest if gone.first is None else (replace(f, first=None) for f in rest))

@@ -96,7 +96,8 @@ def judge(found: Scored, search: Search) -> Judgement:
     """Locate, name, compose and judge.
 
     A search for effects comes first; where it explains everything, its words stand. Where something is left, the model
-    is composed further, of effects and learned elements. Elements of that model have names only if it leaves nothing.
+    is composed further, of effects and learned elements. Elements of that model have names only by the rules of
+    `phnn.diagnosis.rules.composition.CLAIM`.
 
     Args:
         found: the scores of the base model.
@@ -147,6 +148,7 @@ def _word(asked: _Asked, selected: Selected, record: Record) -> tuple[str, str]:
         learned=excess(alone) if alone is not None else None,
         new_in_held_out=asked.search.new_in_held_out,
         rule=rule,
+        another_form=any(f.laws for f in selected.findings),
     )
     decided = record.decide(VERDICT, case)
     assert decided is not None
@@ -167,7 +169,7 @@ def _composed(
     if fitted is not model.linearised.fit:
         model = asked.search.scored(fitted)
         if word == "unknown":
-            findings = tuple(replace(f, alone=None) for f in findings)
+            findings = tuple(replace(f, first=None) for f in findings)
         word, named = "unknown", ()
         # Whatever had a name before has to claim it anew beside what was added.
         if claimed := _claimed(findings, model, asked.search.criteria, record):
@@ -194,7 +196,7 @@ def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, rec
     for finding in weakest_first:
         effect, taken = finding.effect, finding.takes
         others = sum(took for other, took in unclaimed if not other.is_more_of(effect))
-        case = ClaimCase(finding.nameless, taken, nameless + others, criteria, finding.alone)
+        case = ClaimCase(finding.nameless, taken, nameless + others, criteria, finding.first)
         decided = record.decide(CLAIM, case, effect.name)
         if decided is not None and decided.outcome == NAME:
             claimed.append(finding)

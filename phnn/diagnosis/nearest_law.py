@@ -1,8 +1,8 @@
-"""Laws of the catalogue that come near to a learned element.
+"""Effects of the catalogue that can nearly replace a learned element.
 
-A learned element has no name. Where one law of its own kind, in its place, takes nearly all that the element takes from
-recordings which were left out, the physics is that of the law, and the element only draws its form more exactly:
-a spring that hardens with the fourth power of its deflection is a cubic spring in another form.
+A learned element has no name. Where one effect of its own kind, in its place, takes nearly all that the element takes
+from recordings which were left out, the physics is that effect in another form: a spring that hardens with the fifth
+power of its deflection is a cubic spring in another form. Effects of other kinds that take as much are not excluded.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from phnn.diagnosis.finding import Finding
+from phnn.diagnosis.name import first_by_name
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.retest import fit_with
 from phnn.diagnosis.rules import Record
@@ -25,36 +26,44 @@ from phnn.identification.left_out import LeftOut
 
 
 def with_nearest_laws(
-    held: LeftOut, base: Fit, findings: Sequence[Finding], grown: tuple[Fit, Evaluation], search: Search, record: Record
+    held: LeftOut, base: Fit, findings: Sequence[Finding], grown: Fit, search: Search, record: Record
 ) -> tuple[Finding, ...]:
-    """The elements of a composed model, each learned one with the laws that come near to it.
+    """The elements of a composed model, each learned one with the effects that can nearly replace it.
 
     Args:
         held: the identification recordings in two sets.
         base: the fit without any element, on the recordings that models are grown on.
-        findings: the elements; grown: the fit with all of them there, and what it predicts.
+        findings: the elements; grown: the fit with all of them there.
         search: the catalogue, and how refits are made.
         record: of the rules that are asked.
     """
 
     def asked(finding: Finding) -> Finding:
         others = [f for f in findings if f is not finding]
-        able = [e for e in search.effects if _same_kind(e, finding.effect, others)]
-        alone = fit_with(base, others, grown[0].setup.values()) if others and able else base
+        able = _able(finding, others, search)
+        alone = fit_with(base, others, grown.setup.values()) if others and able else base
         if not able or alone is None:
             return finding
-        # What it gained when it was added beside elements that have gone since says nothing any more.
-        without = alone, held.scores(alone)
-        finding = replace(finding, gained=held.gain(without, grown))
-        return replace(finding, laws=_near(held, without, finding, able, search, record))
+        near = _near(held, (alone, held.scores(alone)), finding, able, search, record)
+        own = any(_of_its_kind(t.candidate.effect, finding.effect) for t in near)
+        return replace(finding, laws=near) if own else finding
 
     return tuple(asked(f) if f.learned else f for f in findings)
 
 
-def _same_kind(effect: Effect, learned: Effect, others: Sequence[Finding]) -> bool:
-    """Whether an effect acts as a learned element does, at its place, and is not in the model already."""
-    alike = (effect.kind, effect.place) == (learned.kind, learned.place)
-    return alike and all(effect.name != f.effect.name for f in others)
+def _able(finding: Finding, others: Sequence[Finding], search: Search) -> list[Effect]:
+    """Effects of a learned element's kind, and with them those that explained as much when it was added; none where
+    there are none of its kind."""
+    taken = {f.effect.name for f in others}
+    free = [e for e in search.effects if e.name not in taken]
+    own = [e for e in free if _of_its_kind(e, finding.effect)]
+    tied = {t.candidate.effect.name for t in finding.members}
+    return [*own, *(e for e in free if e.name in tied and e not in own)] if own else []
+
+
+def _of_its_kind(effect: Effect, learned: Effect) -> bool:
+    """Whether an effect acts as a learned element does, at its place."""
+    return (effect.kind, effect.place) == (learned.kind, learned.place)
 
 
 def _near(
@@ -65,14 +74,19 @@ def _near(
     search: Search,
     record: Record,
 ) -> tuple[Trial, ...]:
-    """Effects that take nearly all that the learned element takes, the one that takes most first."""
+    """Effects that take nearly all that the learned element takes, the one that takes most first.
+
+    Each is refitted on its own: in a race, one that is only a little worse would be dropped.
+    """
     fitted, criteria = without[0], search.criteria
     naming = scored(fitted, effects, search.seed, None, search.terminals, criteria).naming
     near: list[tuple[float, Trial]] = []
-    for trial in refit(fitted, naming.candidates, search.executor, criteria=criteria):
+    for candidate in naming.candidates:
+        (trial,) = refit(fitted, [candidate], search.executor, criteria=criteria)
         if trial.fit is None:
             continue
         takes = held.gain(without, (trial.fit, held.scores(trial.fit))).takes
-        if record.decide(LAW, LawCase(takes, learned.takes, criteria), trial.candidate.effect.name) is not None:
+        if record.decide(LAW, LawCase(takes, learned.takes, criteria), candidate.effect.name) is not None:
             near.append((takes, trial))
-    return tuple(trial for _, trial in sorted(near, key=lambda pair: -pair[0]))
+    ordered = [trial for _, trial in sorted(near, key=lambda pair: -pair[0])]
+    return tuple(first_by_name(ordered, lambda t: t.candidate.effect).values())

@@ -53,7 +53,7 @@ def questions(judgement: Judgement, criteria: Criteria = CRITERIA) -> tuple[Ques
 def tied_members(judgement: Judgement) -> tuple[Trial, ...]:
     """Refitted models that the recordings cannot tell apart: a class of effects, or where nothing is named and places
     are tied, the best model of each place that fits better than the base model."""
-    members = next((f.alike for f in judgement.findings if len(f.alike) > 1), ())
+    members = next((f.members for f in judgement.findings if len(f.members) > 1 and not f.laws), ())
     location = judgement.location
     if members or judgement.findings or location is None or not location.tied:
         return members
@@ -82,7 +82,8 @@ def _question(judgement: Judgement, finding: Finding, criteria: Criteria) -> Que
     described = finding.described
     models = described.models[:most] if described is not None else ()
     models = models or (refitted_rival(effect.name, judgement.final, effect.parameters),)
-    refits = _refits(judgement, finding, most - len(models), criteria)
+    # One effect in another form has no rival in its own form.
+    refits = [] if len(finding.laws) == 1 else _refits(judgement, finding, most - len(models), criteria)
     return Question((*models, *of_trials(refits)), effect.name if finding.provisional else "")
 
 

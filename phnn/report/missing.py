@@ -50,7 +50,9 @@ def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
         claimed |= {"status": status, "description": _description(found, effect.passive)}
     said = effect.statement.format(**shown) if found is None else found.words
     if finding.laws and not finding.provisional:
-        said += f" It is {finding.named_as.canonical.replace('_', ' ')} in another form than the catalogue gives it."
+        names_ = dict.fromkeys(t.candidate.effect.canonical.replace("_", " ") for t in finding.laws)
+        said += f" It is {' or '.join(names_)} in another form than the catalogue gives it."
+        claimed["form"] = effect.name
     names = effect.strengths if finding.learned else effect.parameters
     return claimed | {
         "held_out": _held_out(finding),
@@ -72,7 +74,7 @@ def _status(diagnosis: Diagnosis, finding: Finding) -> str:
     """Status of a claimed element: the verdict, or ``named`` if this element alone is proven."""
     held, level = finding.held_out, diagnosis.criteria.confirmation.held_out_level
     proven = held is not None and held.falls is not None and held.falls < level
-    alone = len(finding.alike) == 1 and diagnosis.campaign.held_out_is_new
+    alone = len(finding.alike) == 1 and not finding.laws and diagnosis.campaign.held_out_is_new
     return "named" if alone and proven else diagnosis.judgement.verdict
 
 

@@ -117,8 +117,12 @@ def _test(j: Judgement) -> dict[str, Any]:
     What is significant and immaterial is told with its size.
     """
     if j.claimed:
-        statistic, p_value = j.claimed[0].evidence
-        return {"statistic": statistic, "p_value": p_value, "candidate": j.claimed[0].named_as.name}
+        first = j.claimed[0]
+        statistic, p_value = first.evidence
+        own = j.naming.by_name.get(first.named_as.name) if first.laws else None
+        if own is not None:
+            statistic, p_value = own.score, own.p_value
+        return {"statistic": statistic, "p_value": p_value, "candidate": first.named_as.name}
     best = j.naming.candidates[0] if j.naming.candidates else None
     name = best.effect.name if best is not None and best.score >= j.naming.generic else None
     test = {"statistic": j.naming.statistic, "p_value": j.naming.p_value, "candidate": name}

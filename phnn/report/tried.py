@@ -12,13 +12,16 @@ def tried_rows(j: Judgement, level: float) -> list[CandidateRow]:
     """Every effect with its score, its refit and its outcome; a p-value below ``level`` is significant."""
     refits = {t.candidate.effect.name: t for t in j.tried if t.fit is not None}
     added = {f.effect.name for f in j.findings}
-    members = {t.candidate.effect.name for f in j.findings for t in f.alike} - added
+    members = {t.candidate.effect.name for f in j.findings for t in f.members} - added
+    forms = {t.candidate.effect.name for f in j.findings for t in f.laws} - added
     samples = j.linearised.fit.residual.size
 
     def outcome(c: Candidate) -> str:
         name = c.effect.name
         if name in added:
             return "added"
+        if name in forms:
+            return "can nearly replace the learned element: the same in another form"
         if name in members:
             return "explains as much as the one added"
         if j.immaterial is not None and name == j.immaterial.candidate:

@@ -15,7 +15,7 @@ from phnn.diagnosis import compose as composing
 from phnn.diagnosis import judge as judging
 from phnn.diagnosis import nearest_law
 from phnn.diagnosis.compose import Material, _chosen, _Grown, _still_needed
-from phnn.diagnosis.finding import Finding
+from phnn.diagnosis.finding import Finding, without_element
 from phnn.diagnosis.judge import _Asked, _claimed, _composed
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.rules import Record
@@ -118,6 +118,9 @@ class TestAnElementThatWasAdded:
     def test_goes_where_nothing_is_lost(self) -> None:
         assert World({"": 5.0, "A": 3.0, "B": 2.0, "AB": 2.0}).still("AB", 1) == "B"
 
+    def test_goes_itself_where_another_one_that_has_gone_was_needed_for_it(self) -> None:
+        assert World({"": 2.0, "A": 3.0, "B": 2.0, "AB": 2.0}).still("AB", 1) == ""
+
     def test_is_not_asked_beyond_the_first_ones(self) -> None:
         assert World({"": 5.0, "A": 2.0, "B": 3.0, "AB": 2.0}).still("AB", 1) == "AB"
 
@@ -160,11 +163,11 @@ class TestANameInAComposedModel:
         assert word == "unknown"
         assert all(f.provisional for f in findings)
 
-    def test_stands_beside_what_was_added_where_it_took_nearly_all_alone(self) -> None:
+    def test_stands_beside_what_was_added_where_the_search_took_nearly_all_before(self) -> None:
         before, added = a_finding(NAMED["A"], a_gain(7.0, 1.0)), a_finding(LEARNED["L"], a_gain(4.0, 1.0))
         assert self.names(a_model(1.0, False), before, added) == []
-        assert self.names(a_model(1.0, False), replace(before, alone=0.93), added) == ["creep"]
-        assert self.names(a_model(1.0, False), replace(before, alone=0.85), added) == []
+        assert self.names(a_model(1.0, False), replace(before, first=0.93), added) == ["creep"]
+        assert self.names(a_model(1.0, False), replace(before, first=0.85), added) == []
 
     def test_is_that_of_the_law_that_a_learned_element_is_near_to(self) -> None:
         spring = a_finding(learned_elements()["learned_spring"], a_gain(7.0, 1.0))
@@ -176,41 +179,61 @@ class TestANameInAComposedModel:
         assert not near.nameless
 
 
-class TestTheLawsNearToALearnedElement:
+class TestTheEffectsThatCanReplaceALearnedElement:
     SPRING = learned_elements()["learned_spring"]
-    LAWS = tuple(effect(n) for n in ("cubic_stiffness", "contact_stop", "coulomb_friction"))
+    LAWS = tuple(effect(n) for n in ("cubic_stiffness", "contact_stop", "coulomb_friction", "sensor_lag"))
 
-    def near(self, left: dict[str, float]) -> Finding:
+    def found(self, left: dict[str, float], *tied: str) -> Finding:
         """The learned spring ``S`` of a model, with what each effect leaves in its place."""
-        world, asked = World(left), list[str]()
+        world: Any = World(left)
 
         def scored(fitted: Any, effects: Any, *others: Any) -> Any:
             candidates = tuple(Candidate(e, {}, (), 1.0, 1e-3) for e in effects)
             return SimpleNamespace(naming=SimpleNamespace(candidates=candidates))
 
         def refit(fitted: Any, candidates: Any, *others: Any, **criteria: Any) -> list[Trial]:
-            asked.extend(c.effect.name for c in candidates)
             return [Trial(c, world.fit(c.effect.name)) for c in candidates]
 
-        grown, search = (world.fit("S"), "S"), Search(self.LAWS)
-        spring = a_finding(self.SPRING, a_gain(2.0, 1.5))
+        members = tuple(Trial(Candidate(effect(n), {}, (), 1.0, 1e-3), None) for n in tied)
+        spring = replace(a_finding(self.SPRING, a_gain(left[""], left["S"])), members=members)
         with mock.patch.multiple(nearest_law, scored=scored, refit=refit):
-            (found,) = nearest_law.with_nearest_laws(world, world.fit(""), (spring,), grown, search, Record())  # type: ignore[arg-type]
-        assert "coulomb_friction" not in asked
+            (found,) = nearest_law.with_nearest_laws(
+                world,
+                world.fit(""),
+                (spring,),
+                world.fit("S"),
+                Search(self.LAWS),
+                Record(),
+            )
         return found
 
+    def names(self, left: dict[str, float], *tied: str) -> list[str]:
+        return [t.candidate.effect.name for t in self.found(left, *tied).laws]
+
     def test_take_nearly_all_that_it_takes_the_best_one_first(self) -> None:
-        found = self.near({"": 10.0, "S": 1.0, "cubic_stiffness": 2.0, "contact_stop": 1.5})
-        assert [t.candidate.effect.name for t in found.laws] == ["contact_stop", "cubic_stiffness"]
+        left = {"": 10.0, "S": 1.0, "cubic_stiffness": 2.0, "contact_stop": 1.5}
+        assert self.names(left) == ["contact_stop", "cubic_stiffness"]
 
     def test_are_none_where_it_takes_clearly_more(self) -> None:
-        found = self.near({"": 10.0, "S": 1.0, "cubic_stiffness": 4.0, "contact_stop": 8.0})
+        found = self.found({"": 10.0, "S": 1.0, "cubic_stiffness": 4.0, "contact_stop": 8.0})
         assert found.laws == ()
         assert found.nameless
 
-    def test_its_gain_is_that_over_the_model_without_it(self) -> None:
-        found = self.near({"": 10.0, "S": 1.0, "cubic_stiffness": 4.0, "contact_stop": 8.0})
-        assert found.takes == pytest.approx(99.0)
+    def test_of_other_kinds_belong_to_the_class_where_they_explained_as_much(self) -> None:
+        left = {"": 10.0, "S": 1.0, "cubic_stiffness": 2.0, "contact_stop": 8.0, "sensor_lag": 1.5}
+        assert self.names(left) == ["cubic_stiffness"]
+        assert self.names(left, "sensor_lag") == ["sensor_lag", "cubic_stiffness"]
+
+    def test_are_none_where_only_other_kinds_can(self) -> None:
+        left = {"": 10.0, "S": 1.0, "cubic_stiffness": 8.0, "contact_stop": 8.0, "sensor_lag": 1.5}
+        assert self.names(left, "sensor_lag") == []
+
+
+def test_what_the_effects_of_a_search_took_says_nothing_once_one_of_them_has_gone() -> None:
+    one, other = (replace(a_finding(NAMED[n]), first=0.97) for n in "AB")
+    added = a_finding(LEARNED["L"])
+    assert [f.first for f in without_element((one, other, added), one)] == [None, None]
+    assert [f.first for f in without_element((one, other, added), added)] == [0.97, 0.97]
 
 
 class TestTheNumberOfHysterons:

@@ -16,7 +16,10 @@ The tables stand in `phnn.diagnosis.rules.search`, ``.composition``, ``.verdict`
 | ``verdict.VERDICT`` | of what the search has kept | ``named``, ``equivalent``, ``unknown`` |
 | ``composition.LEAVES`` | of a model that may be composed further | ``stop`` |
 | ``composition.GAIN`` | of one more element, by recordings that were left out | ``add``, ``leave out`` |
-| ``composition.CLAIM`` | of an element of a composed model | ``no name`` |
+| ``composition.KEPT`` | of an element of a composed model, by the same recordings | ``keep``, ``leave out`` |
+| ``composition.WHOLE`` | of the composed model and that of the search | ``model of the search`` |
+| ``composition.LAW`` | of a law in the place of a learned element | ``another form`` |
+| ``composition.CLAIM`` | of an element of a composed model | ``name``, ``no name`` |
 | ``held_out.ELEMENT`` | of every element | see `phnn.diagnosis.tested.Outcome` |
 | ``held_out.MODEL`` | of all elements together | ``none``, ``unknown``, ``equivalent``, ``kept`` |
 | ``held_out.NAMELESS`` | of a base model to which nothing is added | ``none`` |

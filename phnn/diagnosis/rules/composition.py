@@ -88,15 +88,15 @@ class ClaimCase:
         nameless: it is a learned element, and no law of the catalogue comes near it.
         takes: mean square [noise²] that it takes from recordings that were left out.
         leaves: mean square [noise²] that has no name: what the model leaves, and what elements without a name take.
-        alone: share of the excess that it took, with all that the search has named, before anything was added; None
-            where it was added itself.
+        first: share of the excess that the effects of the search took before anything was added to them; None where it
+            is none of them.
     """
 
     nameless: bool
     takes: float
     leaves: float
     criteria: Criteria
-    alone: float | None = None
+    first: float | None = None
 
 
 def learned_element_has_no_name(case: ClaimCase) -> Applied:
@@ -104,12 +104,12 @@ def learned_element_has_no_name(case: ClaimCase) -> Applied:
     return Applied(case.nameless, NO_NAME, {})
 
 
-def takes_nearly_all_alone(case: ClaimCase) -> Applied | None:
-    """Before anything was added, it took nearly all of the excess: what was added is a small part beside it."""
-    if case.alone is None:
+def took_nearly_all_before(case: ClaimCase) -> Applied | None:
+    """Before anything was added, the effects of the search took nearly all of the excess."""
+    if case.first is None:
         return None
-    least = case.criteria.selection.explains_well
-    return Applied(case.alone >= least, NAME, {"share": case.alone, "explains_well": least})
+    least = case.criteria.composition.first_takes
+    return Applied(case.first >= least, NAME, {"share": case.first, "first_takes": least})
 
 
 def too_much_has_no_name(case: ClaimCase) -> Applied:
@@ -142,8 +142,8 @@ class LawCase:
 
 def law_takes_nearly_all(case: LawCase) -> Applied:
     """The law takes nearly all that the learned element takes: this is the same physics in another form."""
-    least = case.criteria.selection.explains_well
-    numbers = {"takes": case.takes, "learned_takes": case.learned, "explains_well": least}
+    least = case.criteria.composition.law_takes
+    numbers = {"takes": case.takes, "learned_takes": case.learned, "law_takes": least}
     return Applied(case.learned > 0.0 and case.takes >= least * case.learned, "another form", numbers)
 
 
@@ -184,5 +184,5 @@ def composed_model_fits_no_better(case: WholeCase) -> Applied:
 GAIN = (element_predicts_better, element_does_not_predict_better)
 KEPT = (element_is_still_needed, element_does_not_predict_better)
 WHOLE = (composed_model_fits_no_better,)
-CLAIM = (learned_element_has_no_name, takes_nearly_all_alone, too_much_has_no_name, little_has_no_name)
+CLAIM = (learned_element_has_no_name, took_nearly_all_before, too_much_has_no_name, little_has_no_name)
 LAW = (law_takes_nearly_all,)

@@ -19,6 +19,7 @@ class VerdictCase:
         misplaced: whether what they leave lies elsewhere than they do.
         excess: sum of squares above the noise that they leave; learned: that a learned element leaves in their place.
         new_in_held_out: whether held-out recordings bring a new amplitude or frequency.
+        another_form: whether a name is that of an effect which a learned element stands for.
     """
 
     effects: int
@@ -30,6 +31,7 @@ class VerdictCase:
     learned: float | None
     new_in_held_out: bool
     rule: Selection
+    another_form: bool = False
 
 
 def remainder_lies_elsewhere(case: VerdictCase) -> Applied | None:
@@ -69,6 +71,11 @@ def several_explain_equally_well(case: VerdictCase) -> Applied:
     return Applied(case.members > 1, "equivalent", {"members": case.members, "tie": case.rule.tie})
 
 
+def another_form_is_named(case: VerdictCase) -> Applied:
+    """Held-out recordings are asked for the learned element, and not for the effect that it has its name from."""
+    return Applied(case.another_form, "equivalent", {})
+
+
 def held_out_bring_nothing_new(case: VerdictCase) -> Applied:
     """Held-out recordings repeat what the identification recordings show."""
     return Applied(not case.new_in_held_out, "equivalent", {})
@@ -85,6 +92,7 @@ VERDICT = (
     several_effects_confound,
     learned_element_explains_better,
     several_explain_equally_well,
+    another_form_is_named,
     held_out_bring_nothing_new,
     one_explanation,
 )
