@@ -52,8 +52,8 @@ def with_nearest_laws(
 
 
 def _able(finding: Finding, others: Sequence[Finding], search: Search) -> list[Effect]:
-    """Effects of a learned element's kind, and with them those that explained as much when it was added; none where
-    there are none of its kind."""
+    """Effects of a learned element's kind, and with them those that explained as much when it was added; empty where
+    no effect is of its kind."""
     taken = {f.effect.name for f in others}
     free = [e for e in search.effects if e.name not in taken]
     own = [e for e in free if _of_its_kind(e, finding.effect)]

@@ -88,8 +88,8 @@ class ClaimCase:
         nameless: it is a learned element, and no law of the catalogue comes near it.
         takes: mean square [noise²] that it takes from recordings that were left out.
         leaves: mean square [noise²] that has no name: what the model leaves, and what elements without a name take.
-        first: share of the excess that the effects of the search took before anything was added to them; None where it
-            is none of them.
+        first: share of the excess that the effects of the search took before anything was added to them; None of any
+            other element.
     """
 
     nameless: bool

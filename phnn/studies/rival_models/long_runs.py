@@ -226,6 +226,6 @@ def long_run(stepper: Stepper, drive: Drive, gain: float, samples: int) -> LongR
             kept.take(first, y[: lost[0]] if lost.size else y)
             if lost.size:
                 return LongRun(first + int(lost[0]), True, kept.drift, kept.late, math.nan, False, spent)
-    except (PhnnError, ArithmeticError, ValueError):
+    except (PhnnError, ArithmeticError):
         return LongRun(first, True, kept.drift, kept.late, math.nan, False, spent)
     return LongRun(samples, False, kept.drift, kept.late, kept.motion, kept.gained, spent)

@@ -11,7 +11,7 @@ import csv
 import io
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +23,6 @@ from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import Progress, identify_base, quiet
 from phnn.identification.evaluate import PartScore, score_part
 from phnn.identification.zero import own_zeros
-from phnn.intake.files import named_file
-from phnn.intake.json_file import load_json
-from phnn.intake.limits import LIMITS
 from phnn.output import Place
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table, ratio
@@ -38,7 +35,6 @@ from phnn.studies.rival_models.names import rival
 FOLDERS = ("piezo-stack", "steering-mirror", "silverbox", "emps", "tanks", "mr-damper", "shaking-table")
 BASE, DIAGNOSED = "base", "diagnosed"  # the model that the manifest names, and that of phnn diagnose
 _OWN = (BASE, DIAGNOSED)
-_RESULT = "score.json"
 _COLUMNS = ("recordings", "model", "held_out", "identified", "processor_seconds", "budget", "seed", "why_not")
 # The second and the third realisation at 100 mV are contaminated; one of each amplitude identifies.
 _MIRROR = ("100mV_1", "300mV_1", "100mV_test_1", "300mV_test_1")
@@ -66,7 +62,7 @@ def real(
     Args:
         folder: holds folders of the names ``FOLDERS``.
         only: which of them; all where empty.
-        diagnoses: whether the model of a diagnosis joins them; it is kept in ``NAME/`` and not made again.
+        diagnoses: whether the model of a diagnosis joins them; its ``diagnosis.json`` is kept in ``NAME/``.
 
     Raises:
         InputRefused: an unknown name, or no folder of these names.
@@ -104,10 +100,6 @@ def _scored(
     chosen = [BASE, *([DIAGNOSED] if home is not None else []), *(m for m in settings.models if m in RIVALS)]
     for model in chosen:
         progress(f"{name}: fit {model}")
-        if model == DIAGNOSED and home is not None and (home / _RESULT).path.exists():
-            kept = named_file((home / _RESULT).path, (Path(home.path),))
-            yield Scored(**load_json(kept, LIMITS.json_bytes, "a score", "remove it"))
-            continue
         began, why = time.process_time(), ""
         try:
             if model == BASE:
@@ -120,10 +112,7 @@ def _scored(
         except (InputRefused, SolverFailed) as error:
             parts, why = (), str(error)
         identified, held = (_over_noise(parts, use) for use in ("identification", "confirmation"))
-        found = Scored(name, model, held, identified, time.process_time() - began, why)
-        if model == DIAGNOSED and home is not None and not why:
-            (home / _RESULT).write_json(asdict(found))
-        yield found
+        yield Scored(name, model, held, identified, time.process_time() - began, why)
 
 
 def _diagnosed(campaign: Campaign, settings: Settings, home: Place, progress: Progress) -> tuple[PartScore, ...]:
@@ -179,8 +168,16 @@ def page(rows: Sequence[Scored], settings: Settings) -> str:
     words = (
         f"Residual over noise on the held-out parts, root mean square. Seed {settings.options.seed}; budget of each "
         f"rival {settings.budget:g} processor seconds. "
-        + (f"A diagnosis took {min(took):.0f} to {max(took):.0f} processor seconds. " if took else "")
+        + (_diagnoses_took(took) if took else "")
         + "Below 1 in the last column, phnn predicts better."
     )
     why = [f"* {r.recordings}, {r.model}: {r.why_not}" for r in rows if r.why_not]
     return "\n".join(["# Models on public recordings", "", words, "", *markdown_table(heads, body), "", *why])
+
+
+def _diagnoses_took(seconds: Sequence[float]) -> str:
+    """What a reader has to know of the models of diagnoses."""
+    return (
+        f"A diagnosis took {min(seconds):.0f} to {max(seconds):.0f} processor seconds; held-out recordings may take "
+        "elements out of its model, and no rival has seen them. "
+    )
