@@ -81,7 +81,7 @@ def test_a_model_that_leaves_the_range_has_diverged() -> None:
     assert found.samples == 231
 
 
-@pytest.mark.parametrize("error", [SolverFailed("no root"), ArithmeticError("no root"), ValueError("no root")])
+@pytest.mark.parametrize("error", [SolverFailed("no root"), ArithmeticError("no root")])
 def test_a_step_without_a_solution_ends_a_run(error: Exception) -> None:
     class Fails(Lag):
         def step(self, state: State, u: float) -> tuple[State, float]:
