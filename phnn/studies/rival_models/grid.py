@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
 from phnn.recordings.recording import Recording
+from phnn.studies.rival_models.rival import Fitted
 from phnn.studies.rival_models.samples import Mask, Scales, highest
 
 Array = NDArray[np.float64]
@@ -130,3 +131,29 @@ def back(recording: Recording, y: Array, dt: float, run_in: int, scales: Scales)
     if abs(dt - recording.dt) < 1e-9 * dt:
         return y[run_in : run_in + t.size] * scales.y
     return np.asarray(CubicSpline(grid, y)(np.clip(t, grid[0], grid[-1]))) * scales.y
+
+
+@dataclass(frozen=True)
+class OnGrid(Fitted):
+    """A fitted model in discrete time.
+
+    Attributes:
+        grid: its sampling interval, s; scales: of what it takes and gives.
+        zero: of the output, SI, in recordings that do not start from rest.
+    """
+
+    grid: float = 0.0
+    scales: Scales = None  # type: ignore[assignment]
+    zero: float = 0.0
+
+    @property
+    def dt(self) -> float | None:
+        return self.grid
+
+    def gridded(self, recording: Recording) -> Gridded:
+        """The recording on the model's grid."""
+        return gridded(recording, self.grid, self.scales, self.zero)
+
+    def back(self, recording: Recording, y: Array, g: Gridded) -> Array:
+        """(N,) scaled outputs on the grid as outputs at the recording's samples [SI]."""
+        return back(recording, y, self.grid, g.run_in, self.scales)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from phnn.integrate.cache import compiled
 from phnn.recordings.recording import Recording
-from phnn.studies.rival_models.grid import Gridded, back, gridded, interval, on_grid
-from phnn.studies.rival_models.rival import Fitted, State, Stepper
+from phnn.studies.rival_models.grid import Gridded, OnGrid, gridded, interval, on_grid
+from phnn.studies.rival_models.rival import State, Stepper
 from phnn.studies.rival_models.samples import Mask, Scales, split
 
 Array = NDArray[np.float64]
@@ -94,22 +94,15 @@ def variables(g: Gridded, long: bool) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True)
-class NarxFitted(Fitted):
-    """Terms with weights (T,) on a grid of ``grid`` s."""
+class NarxFitted(OnGrid):
+    """Terms with weights (T,) on a grid."""
 
-    grid: float = 0.0
-    scales: Scales = None  # type: ignore[assignment]
-    zero: float = 0.0
     terms: Terms = None  # type: ignore[assignment]
     weights: Array = None  # type: ignore[assignment]
 
-    @property
-    def dt(self) -> float | None:
-        return self.grid
-
     def simulate(self, recording: Recording) -> Array:
-        g = gridded(recording, self.grid, self.scales, self.zero)
-        return back(recording, free(self.terms, self.weights, g), self.grid, g.run_in, self.scales)
+        g = self.gridded(recording)
+        return self.back(recording, free(self.terms, self.weights, g), g)
 
     def stepper(self, dt: float) -> Stepper:
         self._same_interval(dt)

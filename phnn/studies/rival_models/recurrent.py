@@ -24,10 +24,10 @@ from torch import Tensor, nn
 
 from phnn.recordings.recording import Recording
 from phnn.studies.rival_models.budget import Budget
-from phnn.studies.rival_models.grid import Gridded, back, gridded, interval, on_grid
+from phnn.studies.rival_models.grid import Gridded, OnGrid, gridded, interval, on_grid
 from phnn.studies.rival_models.linear_start import Linear, linear_model
 from phnn.studies.rival_models.rival import Fitted, Rival, State, Stepper, anchored
-from phnn.studies.rival_models.samples import Scales, Split, over_noise, scales_of, split
+from phnn.studies.rival_models.samples import Split, over_noise, scales_of, split
 from phnn.studies.rival_models.torch_search import Trained, search
 
 Array = NDArray[np.float64]
@@ -65,18 +65,11 @@ def _inputs(u: Array, last: float, linear: Array) -> Tensor:
 
 
 @dataclass(frozen=True)
-class RecurrentFitted(Fitted):
-    """A trained cell on a grid of ``grid`` s; ``zero`` (SI) of recordings that do not start from rest."""
+class RecurrentFitted(OnGrid):
+    """A trained cell on a grid."""
 
     cell: Cell = None  # type: ignore[assignment]
     linear: Linear = None  # type: ignore[assignment]
-    grid: float = 0.0
-    scales: Scales = None  # type: ignore[assignment]
-    zero: float = 0.0
-
-    @property
-    def dt(self) -> float | None:
-        return self.grid
 
     def inputs(self, g: Gridded) -> Tensor:
         """(1, T, 3) what the cell sees of a recording."""
@@ -90,9 +83,9 @@ class RecurrentFitted(Fitted):
 
     @torch.no_grad()
     def simulate(self, recording: Recording) -> Array:
-        g = gridded(recording, self.grid, self.scales, self.zero)
+        g = self.gridded(recording)
         y, _ = self.cell(self.inputs(g), self.rested(g.before))
-        return back(recording, y[0].numpy(), self.grid, g.run_in, self.scales)
+        return self.back(recording, y[0].numpy(), g)
 
     def stepper(self, dt: float) -> Stepper:
         self._same_interval(dt)
@@ -191,7 +184,7 @@ class Recurrent(Rival):
         linear = linear_model(recordings, parts.fit, scales, grid, budget)
 
         def build(hidden: int) -> _Windows:
-            begun = RecurrentFitted(0, {}, Cell(self.kind, hidden), linear, grid, scales, zero)
+            begun = RecurrentFitted(0, {}, grid, scales, zero, Cell(self.kind, hidden), linear)
             return _Windows(begun, recordings, parts)
 
         best = search(build, SIZES, budget, seed)
@@ -201,7 +194,7 @@ class Recurrent(Rival):
             "check_over_noise": best.score, "processor_seconds": budget.used,
         }  # fmt: skip
         count = sum(p.numel() for p in cell.parameters()) + linear.a.size + linear.b.size
-        return RecurrentFitted(count, facts, cell, linear, grid, scales, zero)
+        return RecurrentFitted(count, facts, grid, scales, zero, cell, linear)
 
 
 class Gru(Recurrent):

@@ -24,10 +24,10 @@ from torch import Tensor, nn
 from phnn.integrate.cache import compiled
 from phnn.recordings.recording import Recording
 from phnn.studies.rival_models.budget import Budget
-from phnn.studies.rival_models.grid import Gridded, back, gridded, interval, on_grid
+from phnn.studies.rival_models.grid import Gridded, OnGrid, gridded, interval, on_grid
 from phnn.studies.rival_models.linear_start import Linear, linear_model
 from phnn.studies.rival_models.rival import Fitted, Rival, State, Stepper, anchored
-from phnn.studies.rival_models.samples import Scales, Split, over_noise, scales_of, split
+from phnn.studies.rival_models.samples import Split, over_noise, scales_of, split
 from phnn.studies.rival_models.torch_search import Trained, search
 
 Array = NDArray[np.float64]
@@ -132,17 +132,10 @@ def _matrices(net: Net) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
 
 
 @dataclass(frozen=True)
-class SubnetFitted(Fitted):
-    """A trained network on a grid of ``grid`` s; ``zero`` (SI) of recordings that do not start from rest."""
+class SubnetFitted(OnGrid):
+    """A trained network on a grid."""
 
     net: Net = None  # type: ignore[assignment]
-    grid: float = 0.0
-    scales: Scales = None  # type: ignore[assignment]
-    zero: float = 0.0
-
-    @property
-    def dt(self) -> float | None:
-        return self.grid
 
     @torch.no_grad()
     def begin(self, g: Gridded) -> tuple[Array, int]:
@@ -152,14 +145,14 @@ class SubnetFitted(Fitted):
         return self.net.begin(past)[0].numpy().copy(), first
 
     def simulate(self, recording: Recording) -> Array:
-        g = gridded(recording, self.grid, self.scales, self.zero)
+        g = self.gridded(recording)
         x, first = self.begin(g)
         y = np.zeros(g.u.size)
         y[:first] = g.y[:first]
         tail = np.zeros(g.u.size - first)
         good = rollout_kernel(x, np.ascontiguousarray(g.u[first:]), *_matrices(self.net), _DIVERGED, tail)
         y[first:] = tail
-        return back(recording, y if good else np.full(y.size, np.inf), self.grid, g.run_in, self.scales)
+        return self.back(recording, y if good else np.full(y.size, np.inf), g)
 
     def stepper(self, dt: float) -> Stepper:
         self._same_interval(dt)
@@ -265,7 +258,7 @@ class Subnet(Rival):
         linear = linear_model(recordings, parts.fit, scales, grid, budget)
 
         def build(size: tuple[int, int]) -> _Batches:
-            found = _Batches(SubnetFitted(0, {}, Net(*size), grid, scales, zero), recordings, parts, seed)
+            found = _Batches(SubnetFitted(0, {}, grid, scales, zero, Net(*size)), recordings, parts, seed)
             found.module.start(linear, found.grids)
             return found
 
@@ -275,4 +268,4 @@ class Subnet(Rival):
             "size": f"{best.size[0]} states, {best.size[1]} units, grid {grid:.3g} s", "sizes_tried": best.tried,
             "updates": best.updates, "check_over_noise": best.score, "processor_seconds": budget.used,
         }  # fmt: skip
-        return SubnetFitted(sum(p.numel() for p in net.parameters()), facts, net, grid, scales, zero)
+        return SubnetFitted(sum(p.numel() for p in net.parameters()), facts, grid, scales, zero, net)

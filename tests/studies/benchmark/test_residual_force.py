@@ -1,4 +1,4 @@
-"""The residual force: its deconvolution, the table of terms, and SINDy on it."""
+"""The residual force: the table of terms, and SINDy on it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from phnn.studies.benchmark.residual_force import signals
 from phnn.studies.benchmark.residual_force.evidence import whitening_filter
 from phnn.studies.benchmark.residual_force.latent import Features, best_of
 from phnn.studies.benchmark.residual_force.matching import named, shares
-from phnn.studies.benchmark.residual_force.plant import Plant, deconvolved, plant_of
+from phnn.studies.benchmark.residual_force.plant import Plant, plant_of
 from phnn.studies.benchmark.residual_force.prediction import Forced, predicted, with_force
 from phnn.studies.benchmark.residual_force.states import responses, states_of
 from phnn.studies.benchmark.residual_force.terms import Sizes, effects_of, table_of
@@ -47,38 +47,6 @@ def _moved(force: np.ndarray) -> np.ndarray:
     """Of a linear oscillator, by scipy."""
     system = ([1.0], [PLANT.mass, PLANT.damping, PLANT.stiffness])
     return np.asarray(lsim(system, force, T)[1])
-
-
-@pytest.mark.parametrize(("noise", "error"), [(1e-12, 0.01), (2e-8, 0.15)])
-def test_the_force_on_an_oscillator_is_recovered(noise: float, error: float) -> None:
-    y = _moved(_force()) + noise * np.random.default_rng(1).normal(size=T.size)
-    found = deconvolved(y, DT, PLANT, noise)
-    inner = slice(200, -200)
-    assert np.std((found.force - _force())[inner]) < error * np.std(_force())
-    assert found.band[0] <= 30.0
-    assert found.band[1] >= 170.0
-
-
-def test_noise_is_no_force() -> None:
-    noise = 2e-8
-    found = deconvolved(noise * np.random.default_rng(2).normal(size=T.size), DT, PLANT, noise)
-    naive = np.fft.irfft(np.fft.rfft(np.random.default_rng(2).normal(size=T.size)) * noise / PLANT.response(
-        np.fft.rfftfreq(T.size, DT)), T.size)  # fmt: skip
-    assert np.std(found.force) < 0.2 * np.std(naive)
-    assert np.mean(found.weight > 0.5) < 0.05
-
-
-def test_a_drift_is_a_growing_force() -> None:
-    found = deconvolved(1e-6 * T / T[-1], DT, PLANT, 1e-9)
-    assert found.force[-1] == pytest.approx(PLANT.stiffness * 1e-6, rel=0.02)
-
-
-@pytest.mark.parametrize("residual", [np.zeros(5), np.full(100, np.nan)])
-def test_a_force_needs_finite_samples(residual: np.ndarray) -> None:
-    with pytest.raises(InputRefused, match="16 at least"):
-        deconvolved(residual, DT, PLANT, 1e-8)
-    with pytest.raises(InputRefused, match="give positive numbers"):
-        deconvolved(np.zeros(100), DT, PLANT, 0.0)
 
 
 def test_the_plant_of_a_model_without_hysterons_is_the_model() -> None:
