@@ -117,9 +117,9 @@ def page(rows: Sequence[Row], settings: Settings, runs: Runs, spent: str) -> str
     seeds = ", ".join(str(s) for s in dict.fromkeys(r.seed for r in rows))
     words = (
         f"Each model was fitted to four recordings of the paper's actuator (seeds {seeds}; {settings.budget:g} "
-        f"processor seconds for each rival) and then ran freely over {runs.samples:,} samples, {runs.drives} times "
-        f"with another periodic voltage, from rest under another voltage, which jumps to the drive at the first "
-        f"sample. For the last tenth the voltage is zero. Drift: r.m.s. difference between the periods of {PERIOD:g} s "
+        f"processor seconds for each rival) and then ran freely over {runs.samples:,} samples, "
+        f"{'once under a' if runs.drives == 1 else f'{runs.drives} times under another'} periodic voltage, from rest "
+        f"under another voltage, which jumps to the drive at the first sample. For the last tenth the voltage is zero. Drift: r.m.s. difference between the periods of {PERIOD:g} s "
         f"at a hundredth of the run and at the end of the drive, over the output's r.m.s.; above {DRIFTED:g}, ten "
         f"times what the port-Hamiltonian model leaves in 200,000 samples, a model drifted. Late drift: the same from "
         f"the middle of the drive to its end. Motion: r.m.s. about the mean in the last quarter of the rest over that "
