@@ -119,11 +119,12 @@ def page(rows: Sequence[Row], settings: Settings, runs: Runs, spent: str) -> str
         f"Each model was fitted to four recordings of the paper's actuator (seeds {seeds}; {settings.budget:g} "
         f"processor seconds for each rival) and then ran freely over {runs.samples:,} samples, "
         f"{'once under a' if runs.drives == 1 else f'{runs.drives} times under another'} periodic voltage, from rest "
-        f"under another voltage, which jumps to the drive at the first sample. For the last tenth the voltage is zero. Drift: r.m.s. difference between the periods of {PERIOD:g} s "
-        f"at a hundredth of the run and at the end of the drive, over the output's r.m.s.; above {DRIFTED:g}, ten "
-        f"times what the port-Hamiltonian model leaves in 200,000 samples, a model drifted. Late drift: the same from "
-        f"the middle of the drive to its end. Motion: r.m.s. about the mean in the last quarter of the rest over that "
-        f"in the first. All three are the largest of all runs; {spent}."
+        f"under another voltage, which jumps to the drive at the first sample. For the last tenth the voltage is zero. "
+        f"Drift: r.m.s. difference between the periods of {PERIOD:g} s at a hundredth of the run and at the end of the "
+        f"drive, over the output's r.m.s.; above {DRIFTED:g}, ten times what the port-Hamiltonian model leaves in "
+        f"200,000 samples, a model drifted. Late drift: the same from the middle of the drive to its end. Motion: "
+        f"r.m.s. about the mean in the last quarter of the rest over that in the first. All three are the largest of "
+        f"all runs; {spent}."
     )
     heads = [
         "model", "interval [ms]", "runs", "diverged", "after samples", "drifted", "drift", "late drift",
