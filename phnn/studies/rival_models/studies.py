@@ -40,7 +40,7 @@ def run(config: Mapping[str, Any], progress: Progress = quiet) -> Path:
     if study == "real":
         if config["folder"] is None:
             raise InputRefused("folder: is not given: name the folder that holds a folder for each set of recordings")
-        real(place, settings, Path(config["folder"]), list(config["only"]), bool(config["diagnose"]), progress)
+        real(place, settings, Path(config["folder"]), list(config["only"]), bool(config["diagnoses"]), progress)
     elif not config["truths"] or not config["seeds"]:
         raise InputRefused("truths, seeds: one of them is empty: name one at least")
     elif study == "truths":

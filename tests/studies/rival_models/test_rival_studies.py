@@ -108,7 +108,7 @@ def test_the_ratio_is_best_of_phnn_over_best_rival() -> None:
 def test_studies_refuse_what_they_cannot_use(change: dict[str, object], needle: str, tmp_path: Path) -> None:
     config = {
         "study": "truths", "out": str(tmp_path / "out"), "truths": ["phs"], "seeds": [0], "noise_um": 0.05,
-        "folder": None, "only": [], "diagnose": False, "compare": compose("compare", QUICK),
+        "folder": None, "only": [], "diagnoses": False, "compare": compose("compare", QUICK),
     }  # fmt: skip
     with pytest.raises(InputRefused, match=needle):
         run({**config, **change})
