@@ -85,11 +85,11 @@ class Composition:
         "outside the catalogue got a name. " + STUDIED,
     )
     law_takes: float = criterion(
-        0.9,
+        0.95,
         "share of what it takes",
         "A learned element has the name of a law of the catalogue that takes more of what it takes, in its place.",
-        "Argument: nine tenths of the mismatch are the law. Measured: with it, none of seven sealed cases with an "
-        "effect outside the catalogue got a name. " + STUDIED,
+        "Argument: as for `claim_leaves`, for what the law does not take has no name. Measured: of four actuators with "
+        "a contact stop that the catalogue was without, a cubic spring took 0.29, 0.47, 0.88 and 0.949. " + STUDIED,
     )
 
     asked_elements: int = criterion(
