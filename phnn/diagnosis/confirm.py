@@ -34,7 +34,7 @@ from phnn.diagnosis.judge import Immaterial, Judgement, immaterial, unexplained
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.rules import Record
-from phnn.diagnosis.rules.composition import CLAIM, NAME, ClaimCase
+from phnn.diagnosis.rules.composition import ClaimCase, has_name
 from phnn.diagnosis.rules.held_out import MODEL, NAMELESS, REMAINDER, ModelCase, NamelessCase
 from phnn.diagnosis.scored import Scored
 from phnn.diagnosis.select import share_of
@@ -122,9 +122,7 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
         if t.finding.provisional or not beside:
             return t
         case = ClaimCase(t.finding.nameless, takes(t), sum(map(takes, beside)), criteria)
-        decided = record.decide(CLAIM, case, effect.name)
-        doubtful = decided is None or decided.outcome != NAME
-        return replace(t, finding=replace(t.finding, provisional=True)) if doubtful else t
+        return t if has_name(case, effect.name, record) else replace(t, finding=replace(t.finding, provisional=True))
 
     return [asked(t) for t in tested]
 

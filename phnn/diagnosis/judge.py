@@ -14,7 +14,7 @@ from phnn.diagnosis.locate import Location, group_of
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.place import located
 from phnn.diagnosis.rules import Applied, Record
-from phnn.diagnosis.rules.composition import CLAIM, NAME, ClaimCase
+from phnn.diagnosis.rules.composition import ClaimCase, has_name
 from phnn.diagnosis.rules.search import BASE, BaseCase
 from phnn.diagnosis.rules.verdict import VERDICT, VerdictCase
 from phnn.diagnosis.scored import Scored, excess
@@ -197,8 +197,7 @@ def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, rec
         effect, taken = finding.effect, finding.takes
         others = sum(took for other, took in unclaimed if not other.is_more_of(effect))
         case = ClaimCase(finding.nameless, taken, nameless + others, criteria, finding.first)
-        decided = record.decide(CLAIM, case, effect.name)
-        if decided is not None and decided.outcome == NAME:
+        if has_name(case, effect.name, record):
             claimed.append(finding)
         else:
             unclaimed.append((effect, taken))

@@ -37,18 +37,19 @@ def with_nearest_laws(
         search: the catalogue, and how refits are made.
         record: of the rules that are asked.
     """
-
-    def asked(finding: Finding) -> Finding:
+    found = list(findings)
+    for place, finding in enumerate(findings):
         others = [f for f in findings if f is not finding]
-        able = _able(finding, others, search)
-        alone = fit_with(base, others, grown.setup.values()) if others and able else base
-        if not able or alone is None:
-            return finding
+        able = _able(finding, others, search) if finding.learned else []
+        if not able:
+            continue
+        alone = fit_with(base, others, grown.setup.values()) if others else base
+        if alone is None:
+            continue
         near = _near(held, (alone, held.scores(alone)), finding, able, search, record)
-        own = any(_of_its_kind(t.candidate.effect, finding.effect) for t in near)
-        return replace(finding, laws=near) if own else finding
-
-    return tuple(asked(f) if f.learned else f for f in findings)
+        if any(_of_its_kind(t.candidate.effect, finding.effect) for t in near):
+            found[place] = replace(finding, laws=near)
+    return tuple(found)
 
 
 def _able(finding: Finding, others: Sequence[Finding], search: Search) -> list[Effect]:

@@ -70,7 +70,7 @@ class Gain:
 
     @property
     def share(self) -> float | None:
-        """Share of the excess over the noise that the element takes; None where there is none."""
+        """Share of the excess over the noise that the element takes; None where the error is no larger than that."""
         if not self.before > 1.0:
             return None
         return self.takes / (self.before**2 - 1.0)

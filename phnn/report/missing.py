@@ -50,8 +50,8 @@ def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
         claimed |= {"status": status, "description": _description(found, effect.passive)}
     said = effect.statement.format(**shown) if found is None else found.words
     if finding.laws and not finding.provisional:
-        names_ = dict.fromkeys(t.candidate.effect.canonical.replace("_", " ") for t in finding.laws)
-        said += f" It is {' or '.join(names_)} in another form than the catalogue gives it."
+        laws = dict.fromkeys(t.candidate.effect.canonical.replace("_", " ") for t in finding.laws)
+        said += f" It is {' or '.join(laws)} in another form than the catalogue gives it."
         claimed["form"] = effect.name
     names = effect.strengths if finding.learned else effect.parameters
     return claimed | {

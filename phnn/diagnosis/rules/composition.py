@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from phnn.criteria import Criteria
-from phnn.diagnosis.rules import Applied
+from phnn.diagnosis.rules import Applied, Record
 from phnn.identification.gain import Gain
 
 NAME, NO_NAME = "name", "no name"
@@ -186,3 +186,9 @@ KEPT = (element_is_still_needed, element_does_not_predict_better)
 WHOLE = (composed_model_fits_no_better,)
 CLAIM = (learned_element_has_no_name, took_nearly_all_before, too_much_has_no_name, little_has_no_name)
 LAW = (law_takes_nearly_all,)
+
+
+def has_name(case: ClaimCase, element: str, record: Record) -> bool:
+    """Whether an element of a composed model has a name, by the rules of ``CLAIM``."""
+    decided = record.decide(CLAIM, case, element)
+    return decided is not None and decided.outcome == NAME

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields, replace
 
 from phnn.demo.excitation import PEAK
@@ -25,7 +25,7 @@ from phnn.studies.rival_models.rival import Stepper
 from phnn.studies.rival_models.truths import PHS, base_of, write_truth
 
 # Length of a run, and the sampling interval of models that take any, s; highest frequency of its drive, Hz.
-_LENGTH, _DT, _HIGHEST_HZ = 0.4, 1e-4, 150.0
+_LENGTH, DT, _HIGHEST_HZ = 0.4, 1e-4, 150.0
 
 
 @dataclass(frozen=True)
@@ -51,19 +51,32 @@ def loops(
         InputRefused: no model is left.
         SolverFailed: the truth could not be simulated.
     """
-    models = stepped(settings.models)
     began, rows = time.process_time(), list[Row]()
+    for seed, campaign, model in each_model(place, settings, seeds, noise_um, progress):
+        rows.append(_row(campaign, model, settings, seed, runs))
+        spent = f"{time.process_time() - began:.0f} processor seconds"
+        (place / "loops.csv").write(_csv(rows).encode())
+        (place / "loops.md").write(_page(rows, settings, spent).encode())
+    return rows
+
+
+def each_model(
+    place: Place, settings: Settings, seeds: Sequence[int], noise_um: float, progress: Progress
+) -> Iterator[tuple[int, Campaign, str]]:
+    """Each seed with recordings of the paper's actuator and each model that takes single samples.
+
+    Raises:
+        InputRefused: no model is left.
+        SolverFailed: the truth could not be simulated.
+    """
+    models = _stepped(settings.models)
     for seed in seeds:
         folder = (place / f"{PHS}_{seed}" / "recordings").own_folder()
         write_truth(folder, PHS, seed, comparison_plan(), noise_um)
         campaign = read(folder)
         for model in models:
             progress(f"seed {seed}: {model}")
-            rows.append(_row(campaign, model, settings, seed, runs))
-            spent = f"{time.process_time() - began:.0f} processor seconds"
-            (place / "loops.csv").write(_csv(rows).encode())
-            (place / "loops.md").write(_page(rows, settings, spent).encode())
-    return rows
+            yield seed, campaign, model
 
 
 def _row(campaign: Campaign, model: str, settings: Settings, seed: int, runs: int) -> Row:
@@ -77,7 +90,7 @@ def _row(campaign: Campaign, model: str, settings: Settings, seed: int, runs: in
     return Row(seed, model, stepper.dt, closed(stepper, drawn, 1.0 / stiffness))
 
 
-def stepped(models: Sequence[str]) -> list[str]:
+def _stepped(models: Sequence[str]) -> list[str]:
     """Those models that take single samples: ``phs`` and the rivals.
 
     Raises:
@@ -102,9 +115,18 @@ def fitted_stepper(
     """
     if model == PHS:
         options = replace(settings.options, seed=seed, workers=1)
-        return exported(identify(None, campaign, options).model, _DT)
+        return exported(identify(None, campaign, options).model, DT)
     fitted = rival(model).fit(campaign.recordings, settings.budget, seed)
-    return fitted.stepper(fitted.dt or _DT)
+    return fitted.stepper(fitted.dt or DT)
+
+
+def how_fitted(seeds: Sequence[int], settings: Settings) -> str:
+    """The beginning of a page: what the models were fitted to, and in what time."""
+    listed = ", ".join(str(s) for s in dict.fromkeys(seeds))
+    return (
+        f"Each model was fitted to four recordings of the paper's actuator (seeds {listed}; {settings.budget:g} "
+        "processor seconds for each rival)"
+    )
 
 
 def _csv(rows: Sequence[Row]) -> str:
@@ -124,11 +146,9 @@ def _page(rows: Sequence[Row], settings: Settings, spent: str) -> str:
         total = sum(f.runs for f in own)
         counts = [str(sum(getattr(f, name) for f in own)) for name in ("diverged", "unsolved", "gained")]
         body.append([HEADS[model], str(total), *counts])
-    seeds = ", ".join(str(s) for s in dict.fromkeys(r.seed for r in rows))
     words = (
-        f"Each model was fitted to four recordings of the paper's actuator (seeds {seeds}; {settings.budget:g} "
-        f"processor seconds for each rival) and then met a spring of a tenth to three times the actuator's stiffness. "
-        f"Runs of {_LENGTH:g} s, from rest under another voltage than that at which the drive begins; {spent}."
+        f"{how_fitted([r.seed for r in rows], settings)} and then met a spring of a tenth to three times the "
+        f"actuator's stiffness. Runs of {_LENGTH:g} s, from rest under another voltage than that at which the drive begins; {spent}."
     )
     heads = ["model", "runs", "diverged", "of these without a solution", "moved more after the drive"]
     return "\n".join(["# Models in a loop with a compliant load", "", words, "", *markdown_table(heads, body), ""])

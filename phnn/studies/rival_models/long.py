@@ -14,17 +14,14 @@ from phnn.demo.excitation import PEAK
 from phnn.errors import InputRefused, OutputFailed, SolverFailed
 from phnn.identification.base import Progress, quiet
 from phnn.output import Place
-from phnn.recordings import Campaign, read
+from phnn.recordings import Campaign
 from phnn.report.formatting import DASH, markdown_table
 from phnn.studies.comparison.document import HEADS
 from phnn.studies.comparison.settings import Settings
-from phnn.studies.recordings import comparison_plan
 from phnn.studies.rival_models.compiled_stepper import compiled_stepper
-from phnn.studies.rival_models.coupled import fitted_stepper, stepped
+from phnn.studies.rival_models.coupled import DT, each_model, fitted_stepper, how_fitted
 from phnn.studies.rival_models.long_runs import DRIFTED, LEAST, PERIOD, LongRun, drawn_drive, long_run
-from phnn.studies.rival_models.truths import PHS, base_of, write_truth
-
-_FINEST = 1e-4  # sampling interval of models that take any, s; those on a grid have longer ones
+from phnn.studies.rival_models.truths import base_of
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,8 @@ class Runs:
     drives: int
 
     def __post_init__(self) -> None:
-        least = LEAST * round(PERIOD / _FINEST)
+        # Models on a grid of their own have longer intervals.
+        least = LEAST * round(PERIOD / DT)
         if self.samples < least:
             raise InputRefused(f"samples = {self.samples}: give {least} or more, {LEAST} periods of the voltage")
         if self.drives < 1:
@@ -71,17 +69,12 @@ def long(
         InputRefused: no model is left.
         SolverFailed: the truth could not be simulated.
     """
-    models, began, rows = stepped(settings.models), time.process_time(), list[Row]()
-    for seed in seeds:
-        folder = (place / f"{PHS}_{seed}" / "recordings").own_folder()
-        write_truth(folder, PHS, seed, comparison_plan(), noise_um)
-        campaign = read(folder)
-        for model in models:
-            progress(f"seed {seed}: {model}")
-            rows += _rows(campaign, model, settings, seed, runs)
-            spent = f"{time.process_time() - began:.0f} processor seconds"
-            (place / "long.csv").write(table(rows).encode())
-            (place / "long.md").write(page(rows, settings, runs, spent).encode())
+    began, rows = time.process_time(), list[Row]()
+    for seed, campaign, model in each_model(place, settings, seeds, noise_um, progress):
+        rows += _rows(campaign, model, settings, seed, runs)
+        spent = f"{time.process_time() - began:.0f} processor seconds"
+        (place / "long.csv").write(table(rows).encode())
+        (place / "long.md").write(page(rows, settings, runs, spent).encode())
     return rows
 
 
@@ -114,10 +107,8 @@ def table(rows: Sequence[Row]) -> str:
 def page(rows: Sequence[Row], settings: Settings, runs: Runs, spent: str) -> str:
     """The page of markdown: counts, largest drift and motion, and processor time by model."""
     body = [_line(model, rows) for model in dict.fromkeys(r.model for r in rows)]
-    seeds = ", ".join(str(s) for s in dict.fromkeys(r.seed for r in rows))
     words = (
-        f"Each model was fitted to four recordings of the paper's actuator (seeds {seeds}; {settings.budget:g} "
-        f"processor seconds for each rival) and then ran freely over {runs.samples:,} samples, "
+        f"{how_fitted([r.seed for r in rows], settings)} and then ran freely over {runs.samples:,} samples, "
         f"{'once under a' if runs.drives == 1 else f'{runs.drives} times under another'} periodic voltage, from rest "
         f"under another voltage, which jumps to the drive at the first sample. For the last tenth the voltage is zero. "
         f"Drift: r.m.s. difference between the periods of {PERIOD:g} s at a hundredth of the run and at the end of the "
