@@ -148,7 +148,8 @@ def _page(rows: Sequence[Row], settings: Settings, spent: str) -> str:
         body.append([HEADS[model], str(total), *counts])
     words = (
         f"{how_fitted([r.seed for r in rows], settings)} and then met a spring of a tenth to three times the "
-        f"actuator's stiffness. Runs of {_LENGTH:g} s, from rest under another voltage than that at which the drive begins; {spent}."
+        f"actuator's stiffness. Runs of {_LENGTH:g} s, from rest under another voltage than that at which the drive "
+        f"begins; {spent}."
     )
     heads = ["model", "runs", "diverged", "of these without a solution", "moved more after the drive"]
     return "\n".join(["# Models in a loop with a compliant load", "", words, "", *markdown_table(heads, body), ""])
