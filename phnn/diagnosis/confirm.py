@@ -142,6 +142,7 @@ def _model_case(judgement: Judgement, tested: Sequence[Tested], criteria: Criter
         size=len(tested),
         share=share,
         remains=judgement.remainder_location is not None,
+        base=_nameless_case(judgement.linearised, judgement.naming, criteria),
         criteria=criteria,
     )
 

@@ -11,6 +11,7 @@ from math import comb, sqrt
 
 import numpy as np
 
+from phnn.signals.differences import by_differences, holds_throughout, spread
 from phnn.signals.first_order import correlation_of, fit_first_order
 from phnn.signals.quantisation import quantisation_step
 from phnn.signals.silent import silent_deviation
@@ -23,7 +24,6 @@ _SETTLING = 0.4  # share of a rest that is left to what still moves
 # Samples of a rest that is long enough to show the noise.
 LONG_REST = int(np.ceil(_FEWEST_AT_REST / (1.0 - _SETTLING)))
 _LEAST_SHARE_OF_RANGE = 1e-6
-_ORDERS = range(1, 9)
 FROM_PERIODS = "period-to-period differences"
 SILENT = "the spectrum where the excitation is silent"
 # Part of the words of a source whose band does not show the colour.
@@ -183,7 +183,7 @@ def from_rest(u: np.ndarray, y: np.ndarray) -> NoiseFloor | None:
     trend = np.polynomial.Polynomial.fit(k, y[first:last], 3)
     rest = y[first:last] - trend(k)
     sigma = sqrt(float(rest @ rest) / (n - 4))
-    above, _ = _plateau(y[first:last])
+    above, _ = by_differences(y[first:last])
     if sigma > 1.5 * above and float(rest[1:] @ rest[:-1]) > 0.9 * float(rest @ rest):
         return None  # it still moves smoothly: this is settling, not noise
     return NoiseFloor(sigma, f"{n} samples at rest", _correlation([rest]))
@@ -200,9 +200,10 @@ def longest_hold(u: np.ndarray) -> tuple[int, int]:
 
 
 def from_spectrum(y: np.ndarray, dt: float) -> NoiseFloor | None:
-    """First-order noise fitted to the spectrum above what is excited; ``None`` where white noise does as well."""
+    """First-order noise fitted to the spectrum above what is excited; ``None`` where white noise does as well, or where
+    few samples hold its power."""
     found = fit_first_order(y)
-    if found is None:
+    if found is None or not holds_throughout(y, found.deviation, correlation_of(found.coefficient)):
         return None
     source = (
         f"the spectrum above {found.edge / dt:.4g} Hz, carried on below as first-order noise of coefficient "
@@ -214,18 +215,16 @@ def from_spectrum(y: np.ndarray, dt: float) -> NoiseFloor | None:
 def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
     """From the highest frequencies: first-order noise where their spectrum shows it, else white noise.
 
-    Differences of order p pass white noise with the factor ``√C(2p, p)`` and a tone of angular frequency ω with
-    ``(2 sin(ω dt/2))^p``, so with rising order what was excited vanishes and the estimate comes to rest at the noise.
-    Jumps and corners touch few samples and are clipped away. An excitation that reaches that high leaves but the
+    White noise is that of differences (`phnn.signals.differences`). An excitation that reaches that high leaves but the
     frequencies between or above its own.
     """
     coloured = from_spectrum(y, dt)
     if coloured is not None:
         return coloured
-    sigma, order = _plateau(y)
+    sigma, order = by_differences(y)
     source = f"the spectrum above {0.25 / dt:.4g} Hz, {AS_WHITE}"
     gain = float(np.ptp(y)) / max(float(np.ptp(u)), 1e-300)
-    if gain * _spread(np.diff(u, order)) / sqrt(comb(2 * order, order)) > 0.5 * sigma:
+    if gain * spread(np.diff(u, order)) / sqrt(comb(2 * order, order)) > 0.5 * sigma:
         silent = silent_deviation(u, y)
         if silent is not None and silent < sigma:
             return NoiseFloor(
@@ -247,35 +246,17 @@ def from_one_spectrum(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
     known = estimated(u, y)
     if known is None or SILENT in simple.source:
         return simple
+    correlation = correlation_of(known.coefficient) if known.coefficient else WHITE
+    if not holds_throughout(y, known.value, correlation):
+        return simple
     step = quantisation_step(y) / sqrt(12.0)
     interval = max(known.low, min(step, known.value)), max(known.high, step)
     if known.low <= simple.value <= known.high and UPPER not in simple.source:
         return replace(simple, interval=interval)
-    correlation = correlation_of(known.coefficient) if known.coefficient else WHITE
     smaller = None
     if simple.value < known.value and UPPER not in simple.source:
         smaller = replace(simple, interval=(min(simple.value, known.low), interval[1]))
     return NoiseFloor(known.value, known.words(dt), correlation, None, interval=interval, smaller=smaller)
-
-
-def _plateau(y: np.ndarray) -> tuple[float, int]:
-    """Noise by differences of the lowest order that agrees with the best one, and that order."""
-    sigmas = [_spread(np.diff(y, p)) / sqrt(comb(2 * p, p)) for p in _ORDERS]
-    best = min(sigmas)
-    order = next(i for i, s in enumerate(sigmas) if s <= 1.05 * best)
-    return sigmas[order], order + 1
-
-
-def _spread(values: np.ndarray) -> float:
-    """Standard deviation of the Gaussian core: median absolute deviation, then clipped at 3σ without bias."""
-    core = np.abs(values)
-    sigma = float(np.median(core)) / 0.67449
-    for _ in range(10):
-        kept = core[core <= 3.0 * sigma]
-        if kept.size == 0:
-            break
-        sigma = sqrt(float(kept @ kept) / kept.size) / 0.98652
-    return sigma
 
 
 def _correlation(pieces: list[np.ndarray]) -> np.ndarray:

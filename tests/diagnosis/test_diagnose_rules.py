@@ -35,8 +35,9 @@ def element(held: Gain | None, identified: Gain) -> held_out.ElementCase:
 STEP_CASE = search.StepCase(share=0.95, chi2=9.0, significant=True, p_value=1e-4, criteria=CRITERIA)
 KEEP_CASE = search.KeepCase(0.95, 9.0, remains=True, first=True, located=True, own=True, rule=RULE)
 KEPT = verdict.VerdictCase(1, 1, 0.99, 1.0, False, 0.0, None, True, RULE)
-MODEL_CASE = held_out.ModelCase(2, 0, 0, 2, share=0.99, remains=False, criteria=CRITERIA)
 SMALL = held_out.NamelessCase(0.05, 1.0, CRITERIA)
+MODEL_CASE = held_out.ModelCase(2, 0, 0, 2, share=0.99, remains=False, base=SMALL, criteria=CRITERIA)
+NOTHING_HELPS = replace(MODEL_CASE, proven=0, immaterial=2)
 LEFT = composition.LeavesCase(4.0, 1, lambda: 1e-4, CRITERIA)
 COMPOSED = composition.ClaimCase(False, takes=4.0, leaves=0.1, criteria=CRITERIA)
 NEAR = composition.LawCase(takes=9.6, learned=10.0, criteria=CRITERIA)
@@ -88,7 +89,8 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (ELEMENT, element(a_gain(3.0, 3.1, None), LARGE), "untested", "provisional"),
     (ELEMENT, element(a_gain(6.6, 2.1), LARGE), "error_falls", "proven"),
     (ELEMENT, element(a_gain(3.0, 3.1, 0.9), LARGE), "error_does_not_fall", "refuted"),
-    (MODEL, replace(MODEL_CASE, proven=0, immaterial=2), "all_are_immaterial", "none"),
+    (MODEL, NOTHING_HELPS, "all_are_immaterial", "none"),
+    (MODEL, replace(NOTHING_HELPS, base=replace(SMALL, share=3.0, chi2=9.0)), "none_is_confirmed", "unknown"),
     (MODEL, replace(MODEL_CASE, proven=0), "none_is_confirmed", "unknown"),
     (MODEL, replace(MODEL_CASE, share=0.3, remains=True), "confirmed_explain_too_little", "unknown"),
     (MODEL, replace(MODEL_CASE, proven=1), "not_all_are_proven", "equivalent"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from recordings_example import NOISE, output, sine
-from scipy.signal import chirp, lfilter
+from scipy.signal import chirp, lfilter, lsim
 
 from phnn.recordings.excitation import excitation_of
 from phnn.signals.noise import NoiseFloor, from_high_band, from_periods, from_rest, longest_hold, noise_floor
@@ -114,6 +114,18 @@ def test_settling_is_no_rest() -> None:
     u[0] = 0.0
     y = 1e-5 * np.exp(-np.linspace(0.0, 12.0, 2000)) * np.cos(np.linspace(0.0, 60.0, 2000)) + 1e-5
     assert from_rest(u, y) is None
+
+
+@pytest.mark.parametrize("shaking", [0.0, 5e-7])
+def test_ringing_after_a_step_is_no_noise(shaking: float) -> None:
+    """The spectrum of a step that rings looks like noise, and has seventy times its power or more."""
+    t = np.arange(1000) * 5e-4
+    u = np.where((t >= 0.05) & (t < 0.35), 75.0, 0.0)
+    resonance, damping = 2.0 * np.pi * 858.0, 0.45
+    denominator = [1.0, 2.0 * damping * resonance, resonance**2]
+    y = 2e-6 * lsim(([resonance**2], denominator), u, t, interp=False)[1]
+    y += shaking * np.sin(2.0 * np.pi * 29.8 * t) + NOISE * np.random.default_rng(4).normal(size=t.size)
+    assert floor_of(t, u, y).value == pytest.approx(NOISE, rel=0.15)
 
 
 def test_an_excitation_that_fills_the_band_is_named() -> None:

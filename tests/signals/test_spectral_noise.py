@@ -9,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import butter, chirp, cont2discrete, lfilter, sosfilt
 
+from phnn.signals.differences import by_differences
 from phnn.signals.first_order import correlation_of
-from phnn.signals.noise import AS_WHITE, SILENT, WHITE, NoiseFloor, _plateau, noise_floor
+from phnn.signals.noise import AS_WHITE, SILENT, WHITE, NoiseFloor, noise_floor
 from phnn.signals.pooling import DIFFERENT, alike, pooled
 from phnn.signals.spectral_noise import estimated
 
@@ -193,7 +194,7 @@ def test_first_order_noise_taken_as_white_at_the_highest_frequencies_is_pooled_t
     t = np.arange(20_000) * DT
     drive = chirp(t, 1.0, t[-1], 100.0)
     y = 1e-6 * drive + NOISE * np.sqrt(1.0 - a * a) * lfilter([1.0], [1.0, -a], rng.normal(size=t.size))
-    high = NoiseFloor(_plateau(y)[0], AS_WHITE, WHITE, 0.0)
+    high = NoiseFloor(by_differences(y)[0], AS_WHITE, WHITE, 0.0)
     assert high.value < 0.6 * NOISE
     found = pooled([NoiseFloor(NOISE, "spectrum", correlation_of(a), a)] * 3 + [high])[-1]
     assert found.value == pytest.approx(NOISE)

@@ -111,12 +111,26 @@ def error_does_not_fall(case: ElementCase) -> Applied | None:
 
 
 @dataclass(frozen=True)
+class NamelessCase:
+    """A model that leaves something.
+
+    Attributes:
+        share: of the noise that the strongest score explains; chi2: mean square that the model leaves [noise²].
+    """
+
+    share: float
+    chi2: float
+    criteria: Criteria
+
+
+@dataclass(frozen=True)
 class ModelCase:
     """All elements that were tested.
 
     Attributes:
         proven, open_, immaterial: how many have this outcome; size: how many there are.
         share: of the whole excess that the model explains; remains: whether it leaves something significant.
+        base: what the base model leaves.
     """
 
     proven: int
@@ -125,13 +139,14 @@ class ModelCase:
     size: int
     share: float
     remains: bool
+    base: NamelessCase
     criteria: Criteria
 
 
 def all_are_immaterial(case: ModelCase) -> Applied:
-    """Nothing that the model adds matters."""
-    numbers = {"elements": case.size, "immaterial": case.immaterial}
-    return Applied(case.immaterial == case.size, "none", numbers)
+    """Nothing that the model adds matters, nor does what the base model leaves."""
+    numbers = {"elements": case.size, "immaterial": case.immaterial, **_small_numbers(case.base)}
+    return Applied(case.immaterial == case.size and _small_mismatch(case.base), "none", numbers)
 
 
 def none_is_confirmed(case: ModelCase) -> Applied:
@@ -156,29 +171,20 @@ def all_are_proven(case: ModelCase) -> Applied:
     return Applied(True, "kept", {"elements": case.size, "proven": case.proven})
 
 
-@dataclass(frozen=True)
-class NamelessCase:
-    """A model that leaves something.
-
-    Attributes:
-        share: of the noise that the strongest score explains; chi2: mean square that the model leaves [noise²].
-    """
-
-    share: float
-    chi2: float
-    criteria: Criteria
-
-
 def mismatch_is_immaterial(case: NamelessCase) -> Applied:
     """Nothing predicts recordings better, and what is significant explains less of the noise than matters, or the
     residual as a whole is hardly above it."""
     least = case.criteria.selection.small_residual
-    return Applied(_small(case) or case.chi2 < least**2, "none", {**_small_numbers(case), "small_residual": least})
+    return Applied(_small_mismatch(case), "none", {**_small_numbers(case), "small_residual": least})
 
 
 def remainder_is_immaterial(case: NamelessCase) -> Applied:
     """The same of what the final model leaves."""
     return Applied(_small(case), "immaterial", _small_numbers(case))
+
+
+def _small_mismatch(case: NamelessCase) -> bool:
+    return _small(case) or case.chi2 < case.criteria.selection.small_residual**2
 
 
 def _small(case: NamelessCase) -> bool:
