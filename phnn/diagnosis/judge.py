@@ -78,8 +78,8 @@ class Judgement:
         """Where the mismatch is, the likeliest place first; empty for ``none``.
 
         Of a name that is claimed, or a formula that describes the mismatch, it is the element's: a refit knows better
-        than local functions did before. So it is of an element without either that explains well. Several elements at
-        different places are no tie.
+        than local functions did before. So it is of an element without either that explains well, and of elements at
+        one place that together explain most. Several elements at different places are no tie.
         """
         if self.location is None:
             return ()
@@ -89,7 +89,15 @@ class Judgement:
         most = max(able, key=lambda f: f.gained.rms if f.gained is not None else 0.0, default=None)
         if most is not None:
             return (most.effect.location,)
+        where = {f.effect.location for f in self.findings}
+        if len(where) == 1 and self._explained > SELECTION.explains_further:
+            return tuple(where)
         return (self.location.name, *self.location.tied)
+
+    @property
+    def _explained(self) -> float:
+        """Share of the base model's excess over the noise that the final model takes."""
+        return 1.0 - excess(self.final) / max(excess(self.linearised.fit), 1e-300)
 
 
 def judge(found: Scored, search: Search) -> Judgement:
@@ -163,7 +171,9 @@ def _composed(
 ) -> tuple[str, Scored, tuple[Finding, ...]]:
     """Verdict, model and elements after composing, where the search has left something."""
     named = selected.findings if word != "unknown" else ()
-    material = Material(asked.found.linearised.fit, asked.search)
+    base = asked.found.linearised
+    # Grown on some of the recordings, a model has to predict the others too.
+    material = Material(base.fit, replace(asked.search, reach=base.scales))
     findings, fitted = compose(material, selected, tried, record)
     model = selected.model
     if fitted is not model.linearised.fit:

@@ -127,14 +127,19 @@ class LinearisedFit:
         return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
 
 
-def prepare(fit: Fit, terminals: bool = False, noise: Noise = NOISE) -> LinearisedFit:
-    """Simulate the fitted model on its plan and take the scales."""
+def prepare(fit: Fit, terminals: bool = False, noise: Noise = NOISE, reach: Scales | None = None) -> LinearisedFit:
+    """Simulate the fitted model on its plan and take the scales.
+
+    Args:
+        reach: scales of further recordings that a model has to predict; their ranges are held too.
+    """
 
     def run(recording: Recording) -> Trajectory:
         return simulate(fit.setup, recording, fit.plan.steps_of(recording), initial=fit.initial(recording.name))
 
     trajectories = tuple(fit.plan.each(run))
-    linearised = LinearisedFit(fit, trajectories, scales_of(fit, trajectories), terminals, noise)
+    own = scales_of(fit, trajectories)
+    linearised = LinearisedFit(fit, trajectories, own if reach is None else own.reaching(reach), terminals, noise)
     return replace(linearised, scales=replace(linearised.scales, peaks=linearised.spectra.peaks))
 
 

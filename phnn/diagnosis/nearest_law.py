@@ -2,7 +2,8 @@
 
 A learned element has no name. Where one effect of its own kind, in its place, takes nearly all that the element takes
 from recordings which were left out, the physics is that effect in another form: a spring that hardens with the fifth
-power of its deflection is a cubic spring in another form. Effects of other kinds that take as much are not excluded.
+power of its deflection is a cubic spring in another form. Several relaxing springs are creep in another form,
+however little one of them takes. Effects of other kinds that take as much are not excluded.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from phnn.diagnosis.refit import refit
 from phnn.diagnosis.retest import fit_with
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.composition import LAW, LawCase
-from phnn.diagnosis.scored import scored
 from phnn.diagnosis.search import Search
 from phnn.diagnosis.trial import Trial
 from phnn.effects import Effect
@@ -80,14 +80,15 @@ def _near(
     Each is refitted on its own: in a race, one that is only a little worse would be dropped.
     """
     fitted, criteria = without[0], search.criteria
-    naming = scored(fitted, effects, search.seed, None, search.terminals, criteria).naming
+    naming = search.scores_of(fitted, effects).naming
     near: list[tuple[float, Trial]] = []
     for candidate in naming.candidates:
         (trial,) = refit(fitted, [candidate], search.executor, criteria=criteria)
         if trial.fit is None:
             continue
         takes = held.gain(without, (trial.fit, held.scores(trial.fit))).takes
-        if record.decide(LAW, LawCase(takes, learned.takes, criteria), candidate.effect.name) is not None:
+        case = LawCase(takes, learned.takes, criteria, learned.effect.is_more_of(candidate.effect))
+        if record.decide(LAW, case, candidate.effect.name) is not None:
             near.append((takes, trial))
     ordered = [trial for _, trial in sorted(near, key=lambda pair: -pair[0])]
     return tuple(first_by_name(ordered, lambda t: t.candidate.effect).values())

@@ -10,7 +10,7 @@ from phnn.criteria import CRITERIA, Criteria, Noise
 from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.locate import Location, Responses, locate, responses
 from phnn.diagnosis.name import Naming, score
-from phnn.effects import Effect
+from phnn.effects import Effect, Scales
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import NumericalError
 from phnn.recall import recalled
@@ -50,6 +50,7 @@ def scored(
     error: NumericalError | None = None,
     terminals: bool = False,
     criteria: Criteria = CRITERIA,
+    reach: Scales | None = None,
 ) -> Scored:
     """Score the catalogue and the generic functions on a model.
 
@@ -63,10 +64,11 @@ def scored(
         error: numerical error of the simulations, where the score that it alone would have is asked.
         terminals: whether the input was measured at the port.
         criteria: for the noise, for locations and for what is significant.
+        reach: scales of further recordings that a model has to predict.
     """
     large = fitted.chi2 > criteria.race.large_residual**2
     few = large and error is None
-    linearised, generic, naming = _scores(fitted, tuple(effects), seed, error, terminals, criteria.noise, few)
+    linearised, generic, naming = _scores(fitted, tuple(effects), seed, error, terminals, criteria.noise, few, reach)
     return Scored(linearised, generic, naming, criteria)
 
 
@@ -79,8 +81,9 @@ def _scores(
     terminals: bool,
     noise: Noise,
     few: bool,
+    reach: Scales | None,
 ) -> tuple[LinearisedFit, Responses, Naming]:
-    linearised = prepare(fitted, terminals, noise)
+    linearised = prepare(fitted, terminals, noise, reach)
     generic = responses(linearised)
     if few:
         subset = linearised.on_subset()

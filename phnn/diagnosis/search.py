@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from phnn.criteria import CRITERIA, Criteria
 from phnn.diagnosis.scored import Scored, scored
-from phnn.effects import Effect
+from phnn.effects import Effect, Scales
 from phnn.ensemble import SERIAL, Executor
 from phnn.identification.base import Progress, quiet
 from phnn.identification.fit import Fit
@@ -27,6 +27,7 @@ class Search:
         terminals: whether the input was measured where it acts.
         new_in_held_out: whether confirmation brings something new; without it the word is ``equivalent`` at most.
         progress: told what is tried.
+        reach: scales of recordings that a model has to predict beside those it is fitted to; None where there are none.
     """
 
     effects: Sequence[Effect]
@@ -38,6 +39,7 @@ class Search:
     terminals: bool = False
     new_in_held_out: bool = False
     progress: Progress = quiet
+    reach: Scales | None = None
 
     def scored(self, fitted: Fit, error: NumericalError | None = None) -> Scored:
         """Scores of the catalogue in the residual of a fit."""
@@ -45,4 +47,8 @@ class Search:
 
     def scored_with_learned(self, fitted: Fit) -> Scored:
         """Scores of the catalogue and of the learned elements."""
-        return scored(fitted, (*self.effects, *self.learned), self.seed, None, self.terminals, self.criteria)
+        return self.scores_of(fitted, (*self.effects, *self.learned))
+
+    def scores_of(self, fitted: Fit, effects: Sequence[Effect]) -> Scored:
+        """Scores of some effects, whose functions span the range of all recordings that a model has to predict."""
+        return scored(fitted, effects, self.seed, None, self.terminals, self.criteria, self.reach)

@@ -1,7 +1,8 @@
-"""Coulomb friction on the moving mass, smoothed over a velocity or over a displacement."""
+"""Coulomb friction on the moving mass, smoothed over a velocity, over a displacement, or over both."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from phnn.effects import Effect, Parts, Scales, constant, has_motion, kinds, positive
@@ -12,6 +13,13 @@ _NAME = "coulomb_friction"
 # Resistance at the largest velocity, as a share of the friction.
 _HARDLY = 0.01
 _FORCE = positive("F_c", "N", "Coulomb friction force", 1e8, strength=True)
+_STIFFNESS = positive("k_f", "N/m", "stiffness of the bristles before they slip", 1e8)
+_SLIP = constant("slip_f", "m/(N s)", "speed of slipping over the force beyond friction")
+_BRISTLES, _BENT = Storage("z", "spring", ("k_f",), "m"), Coupling("z", "p", 1.0)
+_SLIPPING = Resistor(_NAME, "bristles", {"z": 1.0}, ("slip_f", "F_c"))
+_CREEPING = Resistor(f"{_NAME}_creep", "linear", {"z": 1.0}, ("rho_f",))
+# Rates at which bristles creep, as shares of the fastest line.
+_RATES = (0.03, 0.3, 3.0)
 
 
 def slides(setup: Setup) -> bool:
@@ -36,13 +44,20 @@ def grid_bristles(scales: Scales) -> list[dict[str, float]]:
     ]
 
 
+def grid_creeping(scales: Scales) -> list[dict[str, float]]:
+    """The same bristles, which creep slower and faster than the fastest line."""
+    rates = [2.0 * math.pi * share * scales.fastest for share in _RATES]
+    return [{**v, "rho_f": rate / v["k_f"]} for v in grid_bristles(scales) for rate in rates]
+
+
 def rescale_bristles(values: Mapping[str, float], factor: float) -> dict[str, float]:
-    """Scale the force; the displacement to slip and the share of the resistance do not change."""
+    """Scale the force; the displacement to slip, the rate of creep and the share of the resistance do not change."""
     weight = max(factor, 1e-3)
-    return {"k_f": weight * values["k_f"], "F_c": weight * values["F_c"], "slip_f": values["slip_f"] / weight}
+    stiff = {n: weight * values[n] for n in ("k_f", "F_c")}
+    return {**stiff, **{n: v / weight for n, v in values.items() if n in ("slip_f", "rho_f")}}
 
 
-EFFECT = Effect(
+_OVER_VELOCITY = Effect(
     name=_NAME,
     kind=kinds.DISSIPATIVE,
     equation=r"F_f = F_c \tanh(v/v_s)",
@@ -63,21 +78,24 @@ EFFECT = Effect(
     grid=grid,
     applies=slides,
     neighbours=("extra_hysteron",),
-).or_as(
+)
+_OVER_DISPLACEMENT = _OVER_VELOCITY.or_as(
     equation=r"F_f = k_f\,z, \quad \dot{z} = v - \varphi(k_f z)",
     statement="Dry friction acts on the moving part: bristles of {k_f} bend with it and slip as soon as they "
     "pull with {F_c}.",
     references=("Canudas de Wit, Olsson, Åström & Lischinsky 1995, IEEE Trans. Autom. Control 40",),
-    declares=(
-        positive("k_f", "N/m", "stiffness of the bristles before they slip", 1e8),
-        _FORCE,
-        constant("slip_f", "m/(N s)", "speed of slipping over the force beyond friction"),
-    ),
-    adds=Parts(
-        (Storage("z", "spring", ("k_f",), "m"),),
-        (Resistor(_NAME, "bristles", {"z": 1.0}, ("slip_f", "F_c")),),
-        (Coupling("z", "p", 1.0),),
-    ),
+    declares=(_STIFFNESS, _FORCE, _SLIP),
+    adds=Parts((_BRISTLES,), (_SLIPPING,), (_BENT,)),
     grid=grid_bristles,
+    rescale=rescale_bristles,
+)
+EFFECT = _OVER_DISPLACEMENT.or_as(
+    equation=r"F_f = k_f\,z, \quad \dot{z} = v - \rho_f\,k_f z - \varphi(k_f z)",
+    statement="Dry friction acts on the moving part: bristles of {k_f} bend with it, creep by {rho_f} under any "
+    "force, and slip as soon as they pull with {F_c}.",
+    references=("Kamath & Wereley 1997, Smart Mater. Struct. 6 (viscoelastic-plastic model of controllable dampers)",),
+    declares=(_STIFFNESS, _FORCE, positive("rho_f", "m/(N s)", "speed of creep over the force of the bristles"), _SLIP),
+    adds=Parts((_BRISTLES,), (_SLIPPING, _CREEPING), (_BENT,)),
+    grid=grid_creeping,
     rescale=rescale_bristles,
 )

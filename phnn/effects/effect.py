@@ -58,6 +58,19 @@ class Scales:
     peaks: tuple[float, ...] = ()
     effort: float = 0.0
 
+    def reaching(self, other: Scales) -> Scales:
+        """The same with ranges that hold those of other recordings too."""
+        return replace(
+            self,
+            voltage=max(self.voltage, other.voltage),
+            displacement=max(self.displacement, other.displacement),
+            velocity=max(self.velocity, other.velocity),
+            slowest=min(self.slowest, other.slowest),
+            fastest=max(self.fastest, other.fastest),
+            duration=max(self.duration, other.duration),
+            effort=max(self.effort, other.effort),
+        )
+
     @property
     def sensed(self) -> float:
         """Largest output: of the displacement, or of the force that an imposed motion requires."""

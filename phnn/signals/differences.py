@@ -45,8 +45,8 @@ def spread(values: np.ndarray) -> float:
 def holds_throughout(y: np.ndarray, deviation: float, correlation: np.ndarray) -> bool:
     """Whether a noise is there in most samples, and not in a few, as the ringing after a step is.
 
-    Differences of order p with coefficients ``c`` would have the variance ``σ² Σ_ij c_i c_j ρ(|i − j|)``; most of those
-    that are there must reach half its root. Finer than the quantisation they show nothing.
+    Differences of order p with coefficients ``c`` would have the variance ``σ² Σ_ij c_i c_j ρ(|i − j|)``; the
+    differences in most samples must reach half its root. Finer than the quantisation they show nothing.
 
     Args:
         y: ``(N,)`` output; deviation: σ of the noise, unit of the output; correlation: ``(K,)`` ρ at lags 0 to K − 1.

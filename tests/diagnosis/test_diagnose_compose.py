@@ -155,10 +155,12 @@ class TestANameInAComposedModel:
         before, added = a_finding(NAMED["A"], a_gain(10.0, 7.0)), a_finding(LEARNED["L"], a_gain(7.0, 1.0))
         whole = SimpleNamespace(chi2=1.0)
         model = SimpleNamespace(significant=False, linearised=SimpleNamespace(fit=whole))
-        search = mock.Mock(criteria=CRITERIA, new_in_held_out=True, scored=lambda *a: model)
-        asked = _Asked(mock.Mock(), mock.Mock(), search)
+        asked = _Asked(mock.Mock(), mock.Mock(), Search((), new_in_held_out=True))
         searched = mock.Mock(findings=(before,))
-        with mock.patch.object(judging, "compose", lambda *a: ((before, added), whole)):
+        with (
+            mock.patch.object(judging, "compose", lambda *a: ((before, added), whole)),
+            mock.patch.object(Search, "scored", lambda *a: model),
+        ):
             word, _, findings = _composed(asked, searched, (), "named", Record())
         assert word == "unknown"
         assert all(f.provisional for f in findings)
@@ -187,7 +189,7 @@ class TestTheEffectsThatCanReplaceALearnedElement:
         """The learned spring ``S`` of a model, with what each effect leaves in its place."""
         world: Any = World(left)
 
-        def scored(fitted: Any, effects: Any, *others: Any) -> Any:
+        def scored(search: Search, fitted: Any, effects: Any) -> Any:
             candidates = tuple(Candidate(e, {}, (), 1.0, 1e-3) for e in effects)
             return SimpleNamespace(naming=SimpleNamespace(candidates=candidates))
 
@@ -196,7 +198,7 @@ class TestTheEffectsThatCanReplaceALearnedElement:
 
         members = tuple(Trial(Candidate(effect(n), {}, (), 1.0, 1e-3), None) for n in tied)
         spring = replace(a_finding(self.SPRING, a_gain(left[""], left["S"])), members=members)
-        with mock.patch.multiple(nearest_law, scored=scored, refit=refit):
+        with mock.patch.object(Search, "scores_of", scored), mock.patch.object(nearest_law, "refit", refit):
             (found,) = nearest_law.with_nearest_laws(
                 world,
                 world.fit(""),
@@ -227,6 +229,13 @@ class TestTheEffectsThatCanReplaceALearnedElement:
     def test_are_none_where_only_other_kinds_can(self) -> None:
         left = {"": 10.0, "S": 1.0, "cubic_stiffness": 8.0, "contact_stop": 8.0, "sensor_lag": 1.5}
         assert self.names(left, "sensor_lag") == []
+
+    def test_hold_the_law_of_which_it_is_a_sum_however_little_one_term_takes(self) -> None:
+        left = {"": 10.0, "S": 1.0, "creep": 9.0, "contact_stop": 9.0}
+        relaxing = learned_elements()["learned_relaxation"]
+        with mock.patch.multiple(type(self), SPRING=relaxing, LAWS=tuple(effect(n) for n in ("creep", "contact_stop"))):
+            assert self.names(left) == ["creep"]
+            assert self.names({**left, "S": 11.0}) == []
 
 
 def test_what_the_effects_of_a_search_took_says_nothing_once_one_of_them_has_gone() -> None:

@@ -133,11 +133,13 @@ class LawCase:
 
     Attributes:
         takes: mean square [noise²] that it takes from recordings that were left out; learned: that the element takes.
+        term: whether the element is a sum of several such laws.
     """
 
     takes: float
     learned: float
     criteria: Criteria
+    term: bool = False
 
 
 def law_takes_nearly_all(case: LawCase) -> Applied:
@@ -145,6 +147,12 @@ def law_takes_nearly_all(case: LawCase) -> Applied:
     least = case.criteria.composition.law_takes
     numbers = {"takes": case.takes, "learned_takes": case.learned, "law_takes": least}
     return Applied(case.learned > 0.0 and case.takes >= least * case.learned, "another form", numbers)
+
+
+def element_is_a_sum_of_it(case: LawCase) -> Applied:
+    """The learned element is a sum of several such laws: more of the same physics."""
+    numbers = {"takes": case.takes, "learned_takes": case.learned}
+    return Applied(case.term and case.learned > 0.0, "another form", numbers)
 
 
 LEAVES = (model_is_at_the_noise, model_has_enough_elements, model_leaves_no_more_than_chance)
@@ -185,7 +193,7 @@ GAIN = (element_predicts_better, element_does_not_predict_better)
 KEPT = (element_is_still_needed, element_does_not_predict_better)
 WHOLE = (composed_model_fits_no_better,)
 CLAIM = (learned_element_has_no_name, took_nearly_all_before, too_much_has_no_name, little_has_no_name)
-LAW = (law_takes_nearly_all,)
+LAW = (law_takes_nearly_all, element_is_a_sum_of_it)
 
 
 def has_name(case: ClaimCase, element: str, record: Record) -> bool:
