@@ -44,13 +44,17 @@ _MIRROR = ("100mV_1", "300mV_1", "100mV_test_1", "300mV_test_1")
 
 @dataclass(frozen=True)
 class Scored:
-    """One model on one folder: residual over noise, root mean square over parts; ``why_not`` it has no score."""
+    """One model on one folder: residual over noise, root mean square over parts; ``why_not`` it has no score.
+
+    A rival had ``budget`` processor seconds; a model of phnn has none.
+    """
 
     recordings: str
     model: str
     held_out: float
     identified: float
     seconds: float
+    budget: float = float("nan")
     why_not: str = ""
 
 
@@ -64,7 +68,8 @@ def real(
     Args:
         folder: holds folders of the names ``FOLDERS``.
         only: which of them; all where empty.
-        diagnoses: whether the model of a diagnosis joins them; its ``diagnosis.json`` is kept in ``NAME/``.
+        diagnoses: whether the model of a diagnosis joins them; its ``diagnosis.json`` is kept in ``NAME/``, and each
+            rival has the processor time that it took, ``settings.budget`` at least.
 
     Raises:
         InputRefused: an unknown name, or no folder of these names.
@@ -101,6 +106,7 @@ def _scored(
 ) -> Iterator[Scored]:
     """All models on one folder; a model that cannot be fitted states the reason in the place of its score."""
     chosen = [BASE, *([DIAGNOSED] if home is not None else []), *(m for m in settings.models if m in RIVALS)]
+    budget = settings.budget
     for model in chosen:
         progress(f"{name}: fit {model}")
         began, why = time.process_time(), ""
@@ -111,11 +117,14 @@ def _scored(
             elif model == DIAGNOSED and home is not None:
                 parts = _diagnosed(campaign, settings, home, progress)
             else:
-                parts = _rival(campaign, model, settings)
+                parts = _rival(campaign, model, budget, settings.options.seed)
         except (InputRefused, SolverFailed) as error:
             parts, why = (), str(error)
         identified, held = (_over_noise(parts, use) for use in ("identification", "confirmation"))
-        yield Scored(name, model, held, identified, time.process_time() - began, why)
+        seconds = time.process_time() - began
+        yield Scored(name, model, held, identified, seconds, float("nan") if model in _OWN else budget, why)
+        if model == DIAGNOSED:
+            budget = max(budget, seconds)
 
 
 def _diagnosed(campaign: Campaign, settings: Settings, home: Place, progress: Progress) -> tuple[PartScore, ...]:
@@ -125,8 +134,8 @@ def _diagnosed(campaign: Campaign, settings: Settings, home: Place, progress: Pr
     return found.after.parts
 
 
-def _rival(campaign: Campaign, model: str, settings: Settings) -> tuple[PartScore, ...]:
-    fitted = rival(model).fit(campaign.recordings, settings.budget, settings.options.seed)
+def _rival(campaign: Campaign, model: str, budget: float, seed: int) -> tuple[PartScore, ...]:
+    fitted = rival(model).fit(campaign.recordings, budget, seed)
     outputs = fitted.outputs(campaign.recordings)
     return tuple(
         score_part(r, y, p.first, p.last, p.name, p.use)
@@ -145,9 +154,9 @@ def _csv(rows: Sequence[Scored], settings: Settings) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(_COLUMNS)
-    seed, budget = settings.options.seed, settings.budget
     for r in rows:
-        writer.writerow([r.recordings, r.model, r.held_out, r.identified, r.seconds, budget, seed, r.why_not])
+        found = [r.recordings, r.model, r.held_out, r.identified, r.seconds, r.budget]
+        writer.writerow([*found, settings.options.seed, r.why_not])
     return out.getvalue()
 
 
@@ -167,20 +176,21 @@ def page(rows: Sequence[Scored], settings: Settings) -> str:
         body.append([name, *cells, DASH if best is None else HEADS[best], compared])
     shown = {BASE: "phnn, base model", DIAGNOSED: "phnn, diagnosed"}
     heads = ["recordings", *(shown.get(m) or HEADS[m] for m in models), "best rival", "phnn / best rival"]
-    took = [r.seconds for r in rows if r.model == DIAGNOSED]
     words = (
-        f"Residual over noise on the held-out parts, root mean square. Seed {settings.options.seed}; budget of each "
-        f"rival {settings.budget:g} processor seconds. "
-        + (_diagnoses_took(took) if took else "")
+        f"Residual over noise on the held-out parts, root mean square. Seed {settings.options.seed}. "
+        + _budget([r.seconds for r in rows if r.model == DIAGNOSED], settings.budget)
         + "Below 1 in the last column, phnn predicts better."
     )
     why = [f"* {r.recordings}, {r.model}: {r.why_not}" for r in rows if r.why_not]
     return "\n".join(["# Models on public recordings", "", words, "", *markdown_table(heads, body), "", *why])
 
 
-def _diagnoses_took(seconds: Sequence[float]) -> str:
-    """What a reader has to know of the models of diagnoses."""
+def _budget(diagnoses: Sequence[float], least: float) -> str:
+    """What a reader has to know of the time that each model had."""
+    if not diagnoses:
+        return f"Each rival had {least:g} processor seconds. "
     return (
-        f"A diagnosis took {min(seconds):.0f} to {max(seconds):.0f} processor seconds; held-out recordings may take "
-        "elements out of its model, and no rival has seen them. "
+        f"A diagnosis took {min(diagnoses):.0f} to {max(diagnoses):.0f} processor seconds, and each rival had as many, "
+        f"{least:g} at least; held-out recordings may take elements out of a diagnosis's model, and no rival has seen "
+        "them. "
     )

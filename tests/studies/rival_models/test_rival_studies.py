@@ -89,12 +89,14 @@ def test_scores_held_out_are_medians_over_seeds() -> None:
 def test_the_ratio_is_best_of_phnn_over_best_rival() -> None:
     rows = [
         Scored("tanks", "base", 6.0, 5.0, 1.0), Scored("tanks", "diagnosed", 2.0, 2.0, 1.0),
-        Scored("tanks", "narx", 4.0, 4.0, 1.0), Scored("tanks", "gru", float("nan"), float("nan"), 1.0, "no time"),
+        Scored("tanks", "narx", 4.0, 4.0, 1.0, 2.0),
+        Scored("tanks", "gru", float("nan"), float("nan"), 1.0, 2.0, "no time"),
     ]  # fmt: skip
     text = page(rows, settings("models=[phs]"))
     line = next(x for x in text.splitlines() if x.startswith("| tanks"))
     assert line.endswith("| NARX | 0.50 |")
     assert "tanks, gru: no time" in text
+    assert "A diagnosis took 1 to 1 processor seconds, and each rival had as many" in text
 
 
 @pytest.mark.parametrize(
