@@ -191,19 +191,21 @@ def _dropped(judgement: Judgement, fallen: Tested, score_again: Callable[[Fit], 
 
 
 def _nameless(judgement: Judgement, tested: Sequence[Tested], criteria: Criteria, record: Record) -> Judgement:
-    """A judgement that names nothing: the model keeps what helps, and a mismatch for which nothing helps has to be
-    worth telling.
-    """
+    """A judgement that names nothing: the model keeps what helps, and a mismatch has to be worth telling."""
     location = judgement.location
     assert location is not None
-    if tested and all(_helps(t, criteria.confirmation) for t in tested):
-        small = _small_remainder(judgement, criteria, record)
-        findings = _shown(tested, nameless=True)
-        return replace(judgement, verdict="unknown", findings=findings, remainder_immaterial=small)
-    judgement = unexplained(judgement.linearised, judgement.naming, location, judgement.tried)
-    if record.decide(NAMELESS, _nameless_case(judgement.linearised, judgement.naming, criteria)) is None:
-        return judgement
-    return immaterial(judgement, _size(judgement.linearised, judgement.naming))
+    able = tested if all(_helps(t, criteria.confirmation) for t in tested) else ()
+    case = replace(
+        _nameless_case(judgement.linearised, judgement.naming, criteria),
+        proven=any(t.outcome in SURE for t in able),
+        gains=max((t.shown.share_of_noise for t in able), default=0.0),
+    )
+    if record.decide(NAMELESS, case) is not None:
+        return immaterial(judgement, _size(judgement.linearised, judgement.naming))
+    if not able:
+        return unexplained(judgement.linearised, judgement.naming, location, judgement.tried)
+    small = _small_remainder(judgement, criteria, record)
+    return replace(judgement, verdict="unknown", findings=_shown(able, nameless=True), remainder_immaterial=small)
 
 
 def _nameless_case(linearised: LinearisedFit, naming: Naming, criteria: Criteria) -> NamelessCase:

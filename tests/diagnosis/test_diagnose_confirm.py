@@ -275,6 +275,16 @@ def test_a_name_that_is_not_proven_leaves_its_element_in_the_model_where_that_he
     assert found.claimed == ()
 
 
+def test_a_gain_that_chance_might_make_is_not_told_beside_a_residual_hardly_above_the_noise() -> None:
+    world = World()
+    base, final = world.fit(0.3, 0.41), world.fit(0.1, 0.38)
+    for after, verdict in ((1.07, "none"), (0.96, "unknown")):  # from 1.085: 0.18 and half of the noise
+        with mock.patch.object(testing, "gain", side_effect=lambda *_, to=after: a_gain(1.085, to, 0.09)):
+            found, *_ = world.judge(base, final)
+        assert found.verdict == verdict
+        assert found.final is (base if verdict == "none" else final)
+
+
 @pytest.mark.parametrize(("level", "statistic", "verdict"), [(0.0, 6.0, "none"), (2.0, 6.0, "unknown")])
 def test_a_mismatch_without_a_name_is_told_only_where_it_matters(level: float, statistic: float, verdict: str) -> None:
     world = World()

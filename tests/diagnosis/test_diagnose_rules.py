@@ -98,6 +98,7 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (MODEL, MODEL_CASE, "all_are_proven", "kept"),
     (NAMELESS, SMALL, "mismatch_is_immaterial", "none"),
     (NAMELESS, replace(SMALL, share=0.2, chi2=1.1), "mismatch_is_immaterial", "none"),
+    (NAMELESS, replace(SMALL, gains=0.2), "mismatch_is_immaterial", "none"),
     (REMAINDER, SMALL, "remainder_is_immaterial", "immaterial"),
     (NUMERICS, held_out.NumericsCase(0.5, CRITERIA), "numerical_error_may_confound", "equivalent"),
 ]
@@ -135,6 +136,8 @@ def test_no_rule_is_left_out() -> None:
         (LAW, replace(NEAR, learned=-1.0)),
         (LAW, replace(NEAR, learned=-1.0, term=True)),
         (NAMELESS, replace(SMALL, share=0.2, chi2=1.3)),
+        (NAMELESS, replace(SMALL, proven=True)),
+        (NAMELESS, replace(SMALL, gains=0.6)),
         (REMAINDER, replace(SMALL, share=0.2)),
         (REMAINDER, replace(SMALL, chi2=1.2)),
         (NUMERICS, held_out.NumericsCase(0.2, CRITERIA)),

@@ -116,11 +116,15 @@ class NamelessCase:
 
     Attributes:
         share: of the noise that the strongest score explains; chi2: mean square that the model leaves [noise²].
+        proven: whether something that would be added to it is; gains: the largest share of the noise that such an
+            element explains of recordings it was not found on.
     """
 
     share: float
     chi2: float
     criteria: Criteria
+    proven: bool = False
+    gains: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -172,10 +176,12 @@ def all_are_proven(case: ModelCase) -> Applied:
 
 
 def mismatch_is_immaterial(case: NamelessCase) -> Applied:
-    """Nothing predicts recordings better, and what is significant explains less of the noise than matters, or the
-    residual as a whole is hardly above it."""
-    least = case.criteria.selection.small_residual
-    return Applied(_small_mismatch(case), "none", {**_small_numbers(case), "small_residual": least})
+    """What is significant explains less of the noise than matters, or the residual as a whole is hardly above it; and
+    nothing that is proven, or gains much, predicts recordings better."""
+    least, real = case.criteria.selection.small_residual, case.criteria.confirmation.real_gain
+    small = _small_mismatch(case) and not case.proven and case.gains < real
+    numbers = {**_small_numbers(case), "small_residual": least, "gains": case.gains, "real_gain": real}
+    return Applied(small, "none", numbers)
 
 
 def remainder_is_immaterial(case: NamelessCase) -> Applied:
