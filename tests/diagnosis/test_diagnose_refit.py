@@ -80,17 +80,22 @@ def test_large_step_starts_race_on_few_recordings_and_the_best_go_on_on_all(monk
     assert found.fit.setup.values()["kappa_v"] == pytest.approx(6.0, rel=0.05)
 
 
-def test_friction_may_be_bristles_that_slip() -> None:
-    rounded, (bristles,) = effect("coulomb_friction"), effect("coulomb_friction").forms
-    true = bristles.add_to(Setup(hrc(2)), {"k_f": 4e4, "F_c": 0.04, "slip_f": 5e3})
+@pytest.mark.parametrize("creep", [{}, {"rho_f": 5e-3}], ids=["slip", "creep too"])
+def test_friction_may_be_bristles(creep: dict[str, float]) -> None:
+    rounded, forms = effect("coulomb_friction"), effect("coulomb_friction").forms
+    slipping, creeping = forms
+    bristles = creeping if creep else slipping
+    true = bristles.add_to(Setup(hrc(2)), {"k_f": 4e4, "F_c": 0.04, "slip_f": 5e3, **creep})
     drives = {f: 80.0 * np.sin(2.0 * np.pi * f * T) for f in (50, 100, 200)}
     made = tuple(campaigns.recorded(true, f"sine {f}", T, u, 1e-8, seed=f) for f, u in drives.items())
     base = fit_identified(Setup(hrc(2)), Plan(made, {r.name: 4 for r in made}), HELD, max_evaluations=15)
-    naming = score(prepare(base), [rounded, bristles, effect("cubic_stiffness")], None, 0)
+    naming = score(prepare(base), [rounded, *forms, effect("cubic_stiffness")], None, 0)
     trials = refit(base, naming.candidates)
     assert trials[0].candidate.effect is bristles
     assert trials[0].fit is not None and trials[0].fit.chi2 < 1.1
-    assert trials[0].fit.setup.values()["F_c"] == pytest.approx(0.04, rel=0.02)
+    found = trials[0].fit.setup.values()
+    assert found["F_c"] == pytest.approx(0.04, rel=0.02)
+    assert [found[name] for name in creep] == pytest.approx(list(creep.values()), rel=0.1)
 
 
 @pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if has_large_starts(e)))
