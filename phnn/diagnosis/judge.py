@@ -95,6 +95,17 @@ class Judgement:
         return (self.location.name, *self.location.tied)
 
     @property
+    def detail(self) -> str:
+        """Kind of what is missing at the first of the places; empty for ``none``."""
+        if self.location is None:
+            return ""
+        first = self.places[0]
+        if first == self.location.name:
+            return self.location.detail
+        acting = (e for f in (*self.claimed, *self.findings) for e in (f.named_as, f.effect))
+        return next(e.kind.name for e in acting if e.location == first)
+
+    @property
     def _explained(self) -> float:
         """Share of the base model's excess over the noise that the final model takes."""
         return 1.0 - excess(self.final) / max(excess(self.linearised.fit), 1e-300)

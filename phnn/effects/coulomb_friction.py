@@ -93,7 +93,7 @@ EFFECT = _OVER_DISPLACEMENT.or_as(
     equation=r"F_f = k_f\,z, \quad \dot{z} = v - \rho_f\,k_f z - \varphi(k_f z)",
     statement="Dry friction acts on the moving part: bristles of {k_f} bend with it, creep by {rho_f} under any "
     "force, and slip as soon as they pull with {F_c}.",
-    references=("Kamath & Wereley 1997, Smart Mater. Struct. 6 (viscoelastic-plastic model of controllable dampers)",),
+    references=("Kamath & Wereley 1997, Smart Mater. Struct. 6 (nonlinear viscoelastic-plastic fluids)",),
     declares=(_STIFFNESS, _FORCE, positive("rho_f", "m/(N s)", "speed of creep over the force of the bristles"), _SLIP),
     adds=Parts((_BRISTLES,), (_SLIPPING, _CREEPING), (_BENT,)),
     grid=grid_creeping,

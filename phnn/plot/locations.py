@@ -76,7 +76,7 @@ def located(diagnosis: Diagnosis) -> Locations:
         return Locations(None)
     name, *tied = judged.places
     scores = tuple(sorted(judged.location.scores.items(), key=lambda item: -item[1]))
-    return Locations(Location(name, judged.location.detail, tuple(tied), scores, (), (), ()))
+    return Locations(Location(name, judged.detail, tuple(tied), scores, (), (), ()))
 
 
 def _rank(found: Location | None, name: str) -> str:

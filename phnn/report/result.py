@@ -152,7 +152,7 @@ def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
     name, *tied = j.places
     return {
         "name": name,
-        "detail": j.location.detail,
+        "detail": j.detail,
         "tied": tied,
         "dictionary": [j.location.name, *j.location.tied],
         "scores": {n: round(s, 4) for n, s in j.location.scores.items()},
