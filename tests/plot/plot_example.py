@@ -74,7 +74,9 @@ def diagnosis(scores: dict[str, float] | None = None) -> Any:
     if scores is None:
         return SimpleNamespace(judgement=SimpleNamespace(location=None, places=()))
     where = SimpleNamespace(detail="elastic", scores=scores)
-    return SimpleNamespace(judgement=SimpleNamespace(location=where, places=("mechanical", "amplifier")))
+    return SimpleNamespace(
+        judgement=SimpleNamespace(location=where, places=("mechanical", "amplifier"), detail=where.detail)
+    )
 
 
 SCORES = {"sensor": 0.2, "mechanical": 0.95, "amplifier": 0.93, "thermal": 0.0}
