@@ -105,7 +105,8 @@ def _search(diagnosis: Mapping[str, Any], noise: float) -> Figures:
         elif asked["rule"] == "model_leaves_little":
             found[name]["left [mm]"] = _MILLI * noise * numbers["residual_over_noise"]
         elif asked["outcome"] in _DECISIONS:
-            found[name]["decision"] = _DECISIONS[asked["outcome"]]
+            # Composing, which asks later, has the last word on the model and not on the search.
+            found[name].setdefault("decision", _DECISIONS[asked["outcome"]])
     return found
 
 
