@@ -74,7 +74,8 @@ def confirmed(
         tested = [_no_surer(t, level) if t.finding.effect in doubted else t for t in tested]
     tested = _without_doubtful_names(tested, criteria, record)
     claimed = [t for t in tested if not t.finding.provisional]
-    decided = record.decide(MODEL, _model_case(judgement, claimed, criteria)) if claimed else None
+    left = before.over_noise("confirmation")
+    decided = record.decide(MODEL, _model_case(judgement, claimed, left, criteria)) if claimed else None
     if decided is not None and decided.outcome == "none":
         first, shown = judgement.findings[0].effect.name, tested[0].shown
         small = Immaterial(first, abs(shown.rms), abs(shown.share_of_noise))
@@ -132,7 +133,7 @@ def _may_be_part_of(learned: Effect, effect: Effect) -> bool:
     return learned.location == effect.location and not learned.is_more_of(effect)
 
 
-def _model_case(judgement: Judgement, tested: Sequence[Tested], criteria: Criteria) -> ModelCase:
+def _model_case(judgement: Judgement, tested: Sequence[Tested], held_out: float, criteria: Criteria) -> ModelCase:
     counts = Counter(t.outcome for t in tested)
     share = share_of(judgement.linearised.fit, judgement.final, judgement.naming)
     return ModelCase(
@@ -143,6 +144,7 @@ def _model_case(judgement: Judgement, tested: Sequence[Tested], criteria: Criter
         share=share,
         remains=judgement.remainder_location is not None,
         base=_nameless_case(judgement.linearised, judgement.naming, criteria),
+        held_out=held_out,
         criteria=criteria,
     )
 

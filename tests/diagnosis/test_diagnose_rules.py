@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import fields, replace
 from typing import Any
 
@@ -36,7 +37,8 @@ STEP_CASE = search.StepCase(share=0.95, chi2=9.0, significant=True, p_value=1e-4
 KEEP_CASE = search.KeepCase(0.95, 9.0, remains=True, first=True, located=True, own=True, rule=RULE)
 KEPT = verdict.VerdictCase(1, 1, 0.99, 1.0, False, 0.0, None, True, RULE)
 SMALL = held_out.NamelessCase(0.05, 1.0, CRITERIA)
-MODEL_CASE = held_out.ModelCase(2, 0, 0, 2, share=0.99, remains=False, base=SMALL, criteria=CRITERIA)
+MODEL_CASE = held_out.ModelCase(2, 0, 0, 2, share=0.99, remains=False, base=SMALL, held_out=9.0, criteria=CRITERIA)
+LARGE_BASE = replace(SMALL, share=3.0, chi2=9.0)
 NOTHING_HELPS = replace(MODEL_CASE, proven=0, immaterial=2)
 LEFT = composition.LeavesCase(4.0, 1, lambda: 1e-4, CRITERIA)
 COMPOSED = composition.ClaimCase(False, takes=4.0, leaves=0.1, criteria=CRITERIA)
@@ -91,7 +93,9 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (ELEMENT, element(a_gain(6.6, 2.1), LARGE), "error_falls", "proven"),
     (ELEMENT, element(a_gain(3.0, 3.1, 0.9), LARGE), "error_does_not_fall", "refuted"),
     (MODEL, NOTHING_HELPS, "all_are_immaterial", "none"),
-    (MODEL, replace(NOTHING_HELPS, base=replace(SMALL, share=3.0, chi2=9.0)), "none_is_confirmed", "unknown"),
+    (MODEL, replace(NOTHING_HELPS, base=LARGE_BASE, held_out=1.0), "all_are_immaterial", "none"),
+    (MODEL, replace(NOTHING_HELPS, base=LARGE_BASE), "none_is_confirmed", "unknown"),
+    (MODEL, replace(NOTHING_HELPS, base=LARGE_BASE, held_out=math.nan), "none_is_confirmed", "unknown"),
     (MODEL, replace(MODEL_CASE, proven=0), "none_is_confirmed", "unknown"),
     (MODEL, replace(MODEL_CASE, share=0.3, remains=True), "confirmed_explain_too_little", "unknown"),
     (MODEL, replace(MODEL_CASE, proven=1), "not_all_are_proven", "equivalent"),

@@ -134,7 +134,7 @@ class ModelCase:
     Attributes:
         proven, open_, immaterial: how many have this outcome; size: how many there are.
         share: of the whole excess that the model explains; remains: whether it leaves something significant.
-        base: what the base model leaves.
+        base: what the base model leaves; held_out: its residual over noise on held-out recordings, NaN without any.
     """
 
     proven: int
@@ -144,13 +144,17 @@ class ModelCase:
     share: float
     remains: bool
     base: NamelessCase
+    held_out: float
     criteria: Criteria
 
 
 def all_are_immaterial(case: ModelCase) -> Applied:
-    """Nothing that the model adds matters, nor does what the base model leaves."""
+    """Nothing that the model adds matters, nor does what the base model leaves where it was fitted, or where it was
+    not."""
+    small = _small_mismatch(case.base) or case.held_out < case.criteria.selection.small_residual
     numbers = {"elements": case.size, "immaterial": case.immaterial, **_small_numbers(case.base)}
-    return Applied(case.immaterial == case.size and _small_mismatch(case.base), "none", numbers)
+    numbers["held_out"] = None if math.isnan(case.held_out) else case.held_out
+    return Applied(case.immaterial == case.size and small, "none", numbers)
 
 
 def none_is_confirmed(case: ModelCase) -> Applied:
