@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.chain import AMPLIFIERS, REMEMBERING, SENSORS, SOURCES
+from phnn.chain import AMPLIFIERS, LINEAR, REMEMBERING, SENSORS, SOURCES
 from phnn.laws.namespace import TINY
 from phnn.setup import Block, Setup, Source
 from phnn.signals.reconstruct import mean_input
@@ -85,7 +85,10 @@ def measured_changes(setup: Setup, q: Array, times: Array, changes: Array, names
     for block in setup.sensor:
         law, values = SENSORS[block.kind], _values(setup, block)
         own = {n: np.imag(law(y, times, *_values(setup, block, n))) / TINY for n in block.parameters if n in names}
-        changes = np.imag(law(y + 1j * TINY * changes, times, *values)) / TINY
+        if block.kind in LINEAR:
+            changes = law(changes, times, *values)
+        else:
+            changes = np.imag(law(y + 1j * TINY * changes, times, *values)) / TINY
         for name, change in own.items():
             changes[:, names.index(name)] += change[:, 0]
         y = law(y, times, *values)

@@ -15,46 +15,41 @@ Array = NDArray[Any]
 
 # Below this ratio of interval to time constant the closed forms cancel; the series has converged after these terms.
 _SERIES, _TERMS = 0.5, 16
+# Coefficients of the series of the second moment, the last one first.
+_POWERS = np.array([(-1.0) ** j * 2.0 / factorial(j + 3) for j in reversed(range(_TERMS))])
 
 
 def lag(y: Array, t: Array, tau: Any) -> Array:
     """``τ ẏ' + y' = y``, exact for parabolas through samples and midpoints; in equilibrium at the first sample."""
     times, columns = t.ravel(), y.reshape(y.shape[0], -1)
-    zeroth, first, second = _moments(np.diff(times) / tau)
-    # Weights of the parabola's values at 0, 1 and ½.
-    weights = (zeroth - 3.0 * first + 2.0 * second, 2.0 * second - first, 4.0 * (first - second))
-    parts = (columns[:-1], columns[1:], midpoints(columns, times))
-    driven = weights[0][:, None] * parts[0] + weights[1][:, None] * parts[1] + weights[2][:, None] * parts[2]
-    keeps = 1.0 - zeroth
-    zero = 0.0 * (driven[0, 0] + keeps[0])
-    return np.asarray(_lagging(driven + zero, keeps + zero, columns[0] + zero).reshape(y.shape))
+    if np.iscomplexobj(tau):
+        columns = columns.astype(complex)
+    return np.asarray(_lagged(columns, midpoints(columns, times), times, tau, _POWERS).reshape(y.shape))
 
 
-def _lagging_loop(driven: Any, keeps: Any, start: Any) -> Any:
-    out = np.empty((driven.shape[0] + 1, driven.shape[1]), driven.dtype)
-    out[0] = start
-    for n in range(driven.shape[0]):
-        for k in range(driven.shape[1]):
-            out[n + 1, k] = keeps[n] * out[n, k] + driven[n, k]
+def _lagged_loop(y: Any, middle: Any, t: Any, tau: Any, powers: Any) -> Any:
+    """The filter, step by step; the weights follow from ``∫₀¹ z e^{−z(1−s)} sᵏ ds`` for k = 0, 1, 2."""
+    out = np.empty(y.shape, y.dtype)
+    out[0] = y[0]
+    for n in range(y.shape[0] - 1):
+        z = (t[n + 1] - t[n]) / tau
+        if z.real < _SERIES:
+            second = 0.0 * z
+            for power in powers:
+                second = second * z + power
+            second = second * z
+            first = 0.5 * z * (1.0 - second)
+            zeroth = z * (1.0 - first)
+        else:
+            zeroth = 1.0 - np.exp(-z)
+            first = 1.0 - zeroth / z
+            second = 1.0 - 2.0 * first / z
+        # Of the parabola's values at 0, ½ and 1.
+        before, between, after = zeroth - 3.0 * first + 2.0 * second, 4.0 * (first - second), 2.0 * second - first
+        for k in range(y.shape[1]):
+            driven = before * y[n, k] + between * middle[n, k] + after * y[n + 1, k]
+            out[n + 1, k] = (1.0 - zeroth) * out[n, k] + driven
     return out
 
 
-def _moments(z: Array) -> tuple[Array, ...]:
-    """``∫₀¹ z e^{−z(1−s)} sᵏ ds`` for k = 0, 1, 2."""
-    small = np.real(z) < _SERIES
-    low, high = np.where(small, z, 0.0), np.where(small, 1.0, z)
-    zeroth = 1.0 - np.exp(-high)
-    first = 1.0 - zeroth / high
-    closed = (zeroth, first, 1.0 - 2.0 * first / high)
-    return tuple(np.where(small, _series(low, k), c) for k, c in enumerate(closed))
-
-
-def _series(z: Array, k: int) -> Array:
-    """The same by powers of a small ``z``, Horner's way."""
-    total = 0.0 * z
-    for j in reversed(range(_TERMS)):
-        total = total * z + (-1.0) ** j * factorial(k) / factorial(k + j + 1)
-    return np.asarray(total * z)
-
-
-_lagging = entry(_lagging_loop)
+_lagged = entry(_lagged_loop)

@@ -67,3 +67,5 @@ SENSORS: dict[str, Callable[..., Array]] = {
 }
 REMEMBERING = ("lag", "play", "clock", "rate")
 """Blocks whose output depends on what was between the samples."""
+LINEAR = ("lag", "rate", "clock", "drifting_gain")
+"""Blocks whose output is linear in their input, so that changes of it pass like the signal itself."""

@@ -21,7 +21,8 @@ class Selection:
     numerical_score: float = criterion(
         0.3,
         "noise standard deviations",
-        "Sub-steps are halved while the numerical error alone has a larger score; if it still has, no name is proven.",
+        "Sub-steps are halved while the numerical error alone has a larger score, and one above `numerical_share` of "
+        "the largest score; if it still has, no name is proven.",
         "Calculation: a score of 2.33 that is 0.3 too large has p = 0.021 in place of 0.01.",
     )
     first_refits: int = criterion(

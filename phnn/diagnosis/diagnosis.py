@@ -17,7 +17,7 @@ from phnn.diagnosis.propose import propose
 from phnn.diagnosis.questions import questions
 from phnn.diagnosis.retest import better_base, fit_with
 from phnn.diagnosis.rules import Record
-from phnn.diagnosis.rules.held_out import NUMERICS, NumericsCase
+from phnn.diagnosis.rules.held_out import NUMERICS, NumericsCase, numerical_limit
 from phnn.diagnosis.search import Search
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
@@ -39,6 +39,8 @@ from phnn.setup import Setup
 
 # How often all steps are halved where the numerical error could be taken for physics.
 _REFINEMENTS = 2
+# Steps half as long leave a quarter of the error of the integration; more than this share is not its error.
+_HELPS = 0.8
 # How often a search begins again from a better optimum of the base model.
 _BASES = 2
 
@@ -159,11 +161,15 @@ def _judged_from(search: Search, base: Fit, error: NumericalError) -> tuple[Fit,
     """
     found = search.scored(base, error)
     for _ in range(_REFINEMENTS):
-        if found.naming.numerical <= search.criteria.selection.numerical_score:
+        if found.naming.numerical <= numerical_limit(found.naming.statistic, search.criteria.selection):
             break
         search.progress(f"numerical error could score {found.naming.numerical:.2g}: finer steps")
-        base, error = refined(base)
-        found = search.scored(base, error)
+        finer = refined(base)
+        again = search.scored(*finer)
+        if again.naming.numerical > _HELPS * found.naming.numerical:
+            # It comes from the input between the samples, which finer steps do not know better.
+            break
+        (base, error), found = finer, again
     search.progress(f"largest score {found.naming.statistic:.3g}: locate and name")
     return base, error, judge(found, search)
 
@@ -173,7 +179,7 @@ def _held_against_numerics(judgement: Judgement, criteria: Criteria) -> Judgemen
     if judgement.verdict != "named":
         return judgement
     record = Record(list(judgement.rules))
-    decided = record.decide(NUMERICS, NumericsCase(judgement.naming.numerical, criteria))
+    decided = record.decide(NUMERICS, NumericsCase(judgement.naming.numerical, judgement.naming.statistic, criteria))
     verdict = judgement.verdict if decided is None else decided.outcome
     return replace(judgement, verdict=verdict, rules=tuple(record.asked))
 

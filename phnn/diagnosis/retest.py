@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from phnn.criteria import CRITERIA, SELECTION, Criteria
+from phnn.criteria import CRITERIA, REFITS, SELECTION, Criteria
 from phnn.diagnosis.finding import Finding, own_parameters
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.place import in_place
 from phnn.diagnosis.refit import refit
+from phnn.diagnosis.steps import tolerance_of
 from phnn.diagnosis.trial import Trial, class_of, fair_cost, tie
 from phnn.ensemble import Executor
 from phnn.errors import PhnnError
@@ -89,15 +90,15 @@ def without(
         variances: difference of χ² in residual variances below which two fits are equally good.
     """
     values, own = fitted.setup.values(), dropped.effect.equivalents
-    best = None
     scaled = at_the_mass_of(base.setup, fitted.setup)
+    best = None
     for moved in ({}, base.setup.values(), *scaled, *(own(values) if own is not None else ())):
-        if best is not None and fair_cost(best) - fair_cost(fitted) < tie(fitted, variances):
-            break
         known = {n: v for n, v in moved.items() if n not in stated_only(base.held)}
-        other = fit_with(base, others, {**values, **known})
-        best = min((f for f in (best, other) if f is not None), key=fair_cost, default=None)
-    return best
+        tried = fit_with(base, others, {**values, **known}, REFITS.second_evaluations)
+        best = min((f for f in (best, tried) if f is not None), key=fair_cost, default=None)
+        if best is not None and fair_cost(best) - fair_cost(fitted) < tie(fitted, variances):
+            return best
+    return best if best is None else fit_with(base, others, best.setup.values(), origin=best)
 
 
 def at_the_mass_of(base: Setup, fitted: Setup) -> tuple[dict[str, float], ...]:
@@ -147,7 +148,10 @@ def fit_with(
     try:
         for f in findings:
             setup = f.effect.add_to(setup, values)
-        held = stated_only(base.held)
-        return fit_identified(setup, base.plan, held, evaluations, origin or base, own_parameters(findings))
+        held, own, loose = stated_only(base.held), own_parameters(findings), REFITS.loose_tolerance
+        found = fit_identified(setup, base.plan, held, evaluations, origin or base, own, loose)
+        if tolerance_of(found, loose) < loose / 2.0:
+            found = fit_identified(found.setup, base.plan, held, evaluations, found, own, tolerance_of(found, loose))
+        return found
     except PhnnError:
         return None

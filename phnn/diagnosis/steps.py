@@ -159,15 +159,15 @@ def finished(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
     own, held, begun = trial.candidate.effect.parameters, stated_only(base.held), trial.fit
     loose, length = limits.loose_tolerance, limits.last_evaluations
     try:
-        full = fit_identified(begun.setup, base.plan, held, length, begun, own, _tolerance(begun, loose))
-        if _tolerance(full, loose) < 0.5 * _tolerance(begun, loose):
-            full = fit_identified(full.setup, base.plan, held, length, full, own, _tolerance(full, loose))
+        full = fit_identified(begun.setup, base.plan, held, length, begun, own, tolerance_of(begun, loose))
+        if tolerance_of(full, loose) < 0.5 * tolerance_of(begun, loose):
+            full = fit_identified(full.setup, base.plan, held, length, full, own, tolerance_of(full, loose))
         full = released(full, own)
     except PhnnError:
         return None
     return replace(full, alternatives=begun.alternatives)
 
 
-def _tolerance(found: Fit, loose: float) -> float:
-    """Where a refit stops: what leaves much is told apart from others by large differences only."""
+def tolerance_of(found: Fit, loose: float) -> float:
+    """The tolerance at which a refit stops: what leaves much is told apart from others by large differences only."""
     return max(TOLERANCE, loose * (1.0 - 1.0 / max(found.chi2, 1.0)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from phnn.chain.midpoints import midpoints
-from phnn.chain.sensors import SENSORS, drift, lag, play, polynomial, rate, rectification
+from phnn.chain.sensors import LINEAR, SENSORS, drift, lag, play, polynomial, rate, rectification
 from phnn.laws.namespace import TINY
 
 T = np.arange(601) * 1e-3
@@ -157,3 +159,13 @@ def test_complex_steps_by_every_parameter_are_its_derivatives(kind: str) -> None
 
 def test_every_block_is_tested() -> None:
     assert set(VALUES) == set(SENSORS)
+
+
+@settings(max_examples=20, deadline=None)
+@given(signals, st.sampled_from(LINEAR))
+def test_changes_pass_a_linear_block_like_the_signal_itself(q: np.ndarray, kind: str) -> None:
+    law, t = SENSORS[kind], T[: q.size]
+    values = [2e-3] * (len(inspect.signature(law).parameters) - 2)
+    change = np.cos(np.arange(q.size))
+    by_step = np.imag(law(q + 1j * TINY * change, t, *values)) / TINY
+    np.testing.assert_allclose(law(change, t, *values), by_step, atol=1e-12 * max(np.abs(by_step).max(), 1.0))

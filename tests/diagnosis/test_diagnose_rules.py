@@ -104,7 +104,7 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (NAMELESS, replace(SMALL, share=0.2, chi2=1.1), "mismatch_is_immaterial", "none"),
     (NAMELESS, replace(SMALL, gains=0.2), "mismatch_is_immaterial", "none"),
     (REMAINDER, SMALL, "remainder_is_immaterial", "immaterial"),
-    (NUMERICS, held_out.NumericsCase(0.5, CRITERIA), "numerical_error_may_confound", "equivalent"),
+    (NUMERICS, held_out.NumericsCase(0.5, 8.0, CRITERIA), "numerical_error_may_confound", "equivalent"),
 ]
 
 
@@ -144,7 +144,8 @@ def test_no_rule_is_left_out() -> None:
         (NAMELESS, replace(SMALL, gains=0.6)),
         (REMAINDER, replace(SMALL, share=0.2)),
         (REMAINDER, replace(SMALL, chi2=1.2)),
-        (NUMERICS, held_out.NumericsCase(0.2, CRITERIA)),
+        (NUMERICS, held_out.NumericsCase(0.2, 2.0, CRITERIA)),
+        (NUMERICS, held_out.NumericsCase(0.5, 20.0, CRITERIA)),
     ],
 )
 def test_where_no_rule_applies_nothing_is_decided_and_all_are_recorded(table: Any, case: Any) -> None:

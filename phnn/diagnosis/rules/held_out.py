@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from phnn.criteria import Confirmation, Criteria
+from phnn.criteria import Confirmation, Criteria, Selection
 from phnn.diagnosis.rules import Applied
 from phnn.identification.gain import Gain
 
@@ -214,15 +214,21 @@ def _small_numbers(case: NamelessCase) -> dict[str, float | None]:
 
 @dataclass(frozen=True)
 class NumericsCase:
-    """A named verdict: largest score [noise standard deviations] that the numerical error alone has."""
+    """A named verdict: the largest score [noise standard deviations] of the numerical error alone, and of all."""
 
     score: float
+    statistic: float
     criteria: Criteria
+
+
+def numerical_limit(statistic: float, rule: Selection) -> float:
+    """The largest score that the numerical error alone may have, beside the largest score of all."""
+    return max(rule.numerical_score, rule.numerical_share * statistic)
 
 
 def numerical_error_may_confound(case: NumericsCase) -> Applied:
     """The numerical error alone scores too much for a proof."""
-    most = case.criteria.selection.numerical_score
+    most = numerical_limit(case.statistic, case.criteria.selection)
     return Applied(case.score > most, "equivalent", {"numerical_score": case.score, "most": most})
 
 
