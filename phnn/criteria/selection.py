@@ -84,6 +84,12 @@ class Selection:
         "Largest numerical error relative to the remaining residual.",
         "Calculation: a fifth of the least share that counts (`explains_some`), and its square is 0.25 % of χ².",
     )
+    base_numerical_share: float = criterion(
+        0.001,
+        "share of the excess's norm",
+        "Largest numerical error of the base model relative to its residual, where that is more than its bound.",
+        "Argument: an effect that leaves a hundredth of the residual still leaves ten times the error.",
+    )
     tie: float = criterion(
         12.0,
         "residual variances",

@@ -33,6 +33,7 @@ from phnn.diagnosis.finding import Finding, without_element
 from phnn.diagnosis.judge import Immaterial, Judgement, immaterial, unexplained
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.name import Naming
+from phnn.diagnosis.place import of_the_kind
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.composition import ClaimCase, has_name
 from phnn.diagnosis.rules.held_out import MODEL, NAMELESS, REMAINDER, ModelCase, NamelessCase
@@ -111,7 +112,8 @@ def _helps(tested: Tested, rule: Confirmation) -> bool:
 def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record: Record) -> list[Tested]:
     """The elements, none of them with a name beside a learned element at its own place that takes much as well.
 
-    Both together may be one thing that has no name, unless the learned one is more of the same.
+    Both together may be one thing that has no name, unless the learned one is more of the same: an effect that took
+    nearly all before has its name beside learned elements of its own kind, for both together are another form of it.
     """
 
     def takes(t: Tested) -> float:
@@ -122,7 +124,8 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
         beside = [o for o in tested if o.finding.nameless and _may_be_part_of(o.finding.effect, effect)]
         if t.finding.provisional or not beside:
             return t
-        case = ClaimCase(t.finding.nameless, takes(t), sum(map(takes, beside)), criteria)
+        first = t.finding.first if all(of_the_kind(effect, o.finding.effect) for o in beside) else None
+        case = ClaimCase(t.finding.nameless, takes(t), sum(map(takes, beside)), criteria, first)
         return t if has_name(case, effect.name, record) else replace(t, finding=replace(t.finding, provisional=True))
 
     return [asked(t) for t in tested]

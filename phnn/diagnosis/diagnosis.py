@@ -120,14 +120,14 @@ def _distilled(judgement: Judgement, executor: Executor, criteria: Criteria) -> 
 
 
 def _base(
-    recorded: Campaign | Identified, options: Options, progress: Progress
+    recorded: Campaign | Identified, options: Options, criteria: Criteria, progress: Progress
 ) -> tuple[Campaign, Fit, NumericalError]:
     """The recordings and their base model, fitted where that has not been done."""
     campaign = recorded.campaign if isinstance(recorded, Identified) else recorded
     single(campaign.recordings, "a diagnosis follows one input to one output")
     if isinstance(recorded, Identified):
         return campaign, recorded.fit, recorded.error
-    return campaign, *identify_base(campaign, options, progress)
+    return campaign, *identify_base(campaign, options, progress, criteria.selection.base_numerical_share)
 
 
 def _judged(
@@ -212,7 +212,7 @@ def diagnose(
     chosen = options or (recorded.options if isinstance(recorded, Identified) else Options())
     criteria = CRITERIA.with_values(chosen.criteria)
     refits, left_out = executor(chosen.executor), [effect(name) for name in chosen.without]
-    campaign, base, error = _base(recorded, chosen, progress)
+    campaign, base, error = _base(recorded, chosen, criteria, progress)
     catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, left_out)
     progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
     tell = on_base or (lambda fitted: None)

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.name import first_by_name
+from phnn.diagnosis.place import of_the_kind
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.retest import fit_with
 from phnn.diagnosis.rules import Record
@@ -47,7 +48,7 @@ def with_nearest_laws(
         if alone is None:
             continue
         near = _near(held, (alone, held.scores(alone)), finding, able, search, record)
-        if any(_of_its_kind(t.candidate.effect, finding.effect) for t in near):
+        if any(of_the_kind(t.candidate.effect, finding.effect) for t in near):
             found[place] = replace(finding, laws=near)
     return tuple(found)
 
@@ -57,14 +58,9 @@ def _able(finding: Finding, others: Sequence[Finding], search: Search) -> list[E
     no effect is of its kind."""
     taken = {f.effect.name for f in others}
     free = [e for e in search.effects if e.name not in taken]
-    own = [e for e in free if _of_its_kind(e, finding.effect)]
+    own = [e for e in free if of_the_kind(e, finding.effect)]
     tied = {t.candidate.effect.name for t in finding.members}
     return [*own, *(e for e in free if e.name in tied and e not in own)] if own else []
-
-
-def _of_its_kind(effect: Effect, learned: Effect) -> bool:
-    """Whether an effect acts as a learned element does, at its place."""
-    return (effect.kind, effect.place) == (learned.kind, learned.place)
 
 
 def _near(

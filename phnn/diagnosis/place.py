@@ -47,6 +47,12 @@ def of_its_kinds(location: Location, effect: Effect) -> list[float]:
     return [location.ranks[k.key] for k in (effect.kind, *effect.related_kinds) if k.key in location.details]
 
 
+def of_the_kind(effect: Effect, learned: Effect) -> bool:
+    """Whether an effect acts as a learned element does, at its place."""
+    kinds = (learned.kind, *learned.related_kinds)
+    return effect.kind in kinds and (effect.location, effect.place) == (learned.location, learned.place)
+
+
 def may_lie(effect: Effect, location: Location, rule: Locating = LOCATING) -> bool:
     """Whether an effect lies where some of what is left is explained, as far as that can be told.
 

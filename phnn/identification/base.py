@@ -26,14 +26,23 @@ def quiet(message: str) -> None:
     """Say nothing."""
 
 
-def identify_base(campaign: Campaign, options: Options, progress: Progress = quiet) -> tuple[Fit, NumericalError]:
-    """Fit the campaign's base model; the sub-steps are chosen on the way and checked at the end."""
+def identify_base(
+    campaign: Campaign, options: Options, progress: Progress = quiet, share: float = 0.0
+) -> tuple[Fit, NumericalError]:
+    """Fit the campaign's base model; the sub-steps are chosen on the way and checked at the end.
+
+    Args:
+        share: of the residual's norm beyond the noise, which the numerical error may have where that is more than
+            ``options.error_bound_sigma``: the steps of a model that is far from the recordings need not be finer.
+    """
     prepared = prepare(campaign, options.workers)
-    if not is_shared(campaign.recordings):
-        return with_bounded_error(_begun(prepared, campaign, options, progress), options.error_bound_sigma)
-    own = replace(prepared, plan=with_own_zeros(prepared.plan))
-    first = with_shared_zero(_begun(own, campaign, options, progress), prepared.plan)
-    return with_bounded_error(first, options.error_bound_sigma)
+    if is_shared(campaign.recordings):
+        own = replace(prepared, plan=with_own_zeros(prepared.plan))
+        first = with_shared_zero(_begun(own, campaign, options, progress), prepared.plan)
+    else:
+        first = _begun(prepared, campaign, options, progress)
+    beyond = max(first.cost - first.residual.size, 0.0) ** 0.5
+    return with_bounded_error(first, max(options.error_bound_sigma, share * beyond))
 
 
 def _begun(prepared: Prepared, campaign: Campaign, options: Options, progress: Progress) -> Fit:

@@ -314,3 +314,26 @@ def test_a_name_falls_beside_a_learned_element_at_its_place_that_takes_as_much(t
     assert found.final is final
     assert [f.effect.name for f in found.claimed] == names
     assert found.verdict == ("named" if names else "unknown")
+
+
+@pytest.mark.parametrize(
+    ("first", "learned", "names"),
+    [
+        (0.95, "learned_spring", ["cubic_stiffness"]),
+        (0.85, "learned_spring", []),
+        (None, "learned_spring", []),
+        (0.95, "learned_damper", []),
+    ],
+)
+def test_a_name_that_took_nearly_all_stands_beside_learned_elements_of_its_kind(
+    first: float | None, learned: str, names: list[str]
+) -> None:
+    world = World()
+    base, final = world.fit(5.0, 5.0), world.fit(0.0, 0.0)
+    trial = Trial(Candidate(learned_elements()[learned], {}, (), 10.0, 1e-3), final)
+    beside = Finding(trial, (trial,), (trial,), mock.Mock(), learned=True, provisional=True)
+    judgement = nameless(base, final, ())
+    claims = replace(finding("cubic_stiffness", final), first=first)
+    judgement = replace(judgement, verdict="named", findings=(claims, beside))
+    found, *_ = world.confirm(judgement, {"cubic_stiffness": world.fit(1.0, 1.0), learned: world.fit(2.0, 2.0)})
+    assert [f.effect.name for f in found.claimed] == names
