@@ -116,6 +116,9 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
     nearly all before has its name beside learned elements of its own kind, for both together are another form of it.
     """
 
+    # Of several effects of the search it is not known which of them took nearly all.
+    alone = sum(t.finding.first is not None for t in tested) == 1
+
     def takes(t: Tested) -> float:
         return max(t.shown.takes, 0.0)
 
@@ -124,7 +127,8 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
         beside = [o for o in tested if o.finding.nameless and _may_be_part_of(o.finding.effect, effect)]
         if t.finding.provisional or not beside:
             return t
-        first = t.finding.first if all(of_the_kind(effect, o.finding.effect) for o in beside) else None
+        forms = alone and takes(t) > 0.0 and all(of_the_kind(effect, o.finding.effect) for o in beside)
+        first = t.finding.first if forms else None
         case = ClaimCase(t.finding.nameless, takes(t), sum(map(takes, beside)), criteria, first)
         return t if has_name(case, effect.name, record) else replace(t, finding=replace(t.finding, provisional=True))
 

@@ -166,7 +166,8 @@ def _judged_from(search: Search, base: Fit, error: NumericalError) -> tuple[Fit,
         search.progress(f"numerical error could score {found.naming.numerical:.2g}: finer steps")
         finer = refined(base)
         again = search.scored(*finer)
-        if again.naming.numerical > _HELPS * found.naming.numerical:
+        enough = numerical_limit(again.naming.statistic, search.criteria.selection)
+        if again.naming.numerical > max(enough, _HELPS * found.naming.numerical):
             # It comes from the input between the samples, which finer steps do not know better.
             break
         (base, error), found = finer, again
@@ -179,7 +180,8 @@ def _held_against_numerics(judgement: Judgement, criteria: Criteria) -> Judgemen
     if judgement.verdict != "named":
         return judgement
     record = Record(list(judgement.rules))
-    decided = record.decide(NUMERICS, NumericsCase(judgement.naming.numerical, judgement.naming.statistic, criteria))
+    least = min((f.naming.statistic for f in judgement.claimed), default=judgement.naming.statistic)
+    decided = record.decide(NUMERICS, NumericsCase(judgement.naming.numerical, least, criteria))
     verdict = judgement.verdict if decided is None else decided.outcome
     return replace(judgement, verdict=verdict, rules=tuple(record.asked))
 

@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 
 from phnn.criteria import SELECTION, Criteria
 from phnn.diagnosis.compose import Material, compose
-from phnn.diagnosis.finding import Finding, effects_of
+from phnn.diagnosis.finding import Finding, effects_of, own_parameters
 from phnn.diagnosis.learn import learn
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location, group_of
 from phnn.diagnosis.name import Naming
-from phnn.diagnosis.place import located
+from phnn.diagnosis.place import located, of_the_kind
 from phnn.diagnosis.rules import Applied, Record
 from phnn.diagnosis.rules.composition import ClaimCase, has_name
 from phnn.diagnosis.rules.search import BASE, BaseCase
 from phnn.diagnosis.rules.verdict import VERDICT, VerdictCase
 from phnn.diagnosis.scored import Scored, excess
 from phnn.diagnosis.search import Search
-from phnn.diagnosis.select import Selected, misplaced, select, share_of
+from phnn.diagnosis.select import Selected, exact, misplaced, select, share_of
 from phnn.diagnosis.trial import Trial
 from phnn.effects import Effect
 from phnn.identification.fit import Fit
@@ -147,8 +147,12 @@ class _Asked:
     search: Search
 
 
-def _word(asked: _Asked, selected: Selected, record: Record) -> tuple[str, str]:
-    """The verdict on a selection, and a location that comes into question beside that of the whole mismatch."""
+def _word(asked: _Asked, selected: Selected, record: Record, beside: Sequence[Finding] = ()) -> tuple[str, str]:
+    """The verdict on a selection, and a location that comes into question beside that of the whole mismatch.
+
+    Args:
+        beside: all elements of the model, those without a name among them.
+    """
     linearised, location, criteria = asked.found.linearised, asked.location, asked.search.criteria
     rule = criteria.selection
     here = selected.model
@@ -167,7 +171,7 @@ def _word(asked: _Asked, selected: Selected, record: Record) -> tuple[str, str]:
         learned=excess(alone) if alone is not None else None,
         new_in_held_out=asked.search.new_in_held_out,
         rule=rule,
-        another_form=any(f.laws for f in selected.findings),
+        another_form=any(f.laws or _has_another_form(f, beside) for f in selected.findings),
     )
     decided = record.decide(VERDICT, case)
     assert decided is not None
@@ -188,6 +192,7 @@ def _composed(
     findings, fitted = compose(material, selected, tried, record)
     model = selected.model
     if fitted is not model.linearised.fit:
+        fitted = exact(fitted, own_parameters(findings), asked.search.criteria.selection)
         model = asked.search.scored(fitted)
         if word == "unknown":
             findings = tuple(replace(f, first=None) for f in findings)
@@ -195,11 +200,16 @@ def _composed(
         # Whatever had a name before has to claim it anew beside what was added.
         if claimed := _claimed(findings, model, asked.search.criteria, record):
             share = share_of(asked.found.linearised.fit, fitted, asked.found.naming)
-            word, _ = _word(asked, Selected(claimed, model, share), record)
+            word, _ = _word(asked, Selected(claimed, model, share), record, findings)
             named = claimed if word != "unknown" else ()
     names = effects_of(named)
     kept = tuple(replace(f, provisional=f.effect not in names) for f in findings)
     return word, model, kept
+
+
+def _has_another_form(named: Finding, findings: Sequence[Finding]) -> bool:
+    """Whether a learned element beside an effect is more of it, so that both together are another form of it."""
+    return any(f.nameless and of_the_kind(named.effect, f.effect) for f in findings)
 
 
 def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, record: Record) -> tuple[Finding, ...]:

@@ -48,9 +48,9 @@ def of_its_kinds(location: Location, effect: Effect) -> list[float]:
 
 
 def of_the_kind(effect: Effect, learned: Effect) -> bool:
-    """Whether an effect acts as a learned element does, at its place."""
-    kinds = (learned.kind, *learned.related_kinds)
-    return effect.kind in kinds and (effect.location, effect.place) == (learned.location, learned.place)
+    """Whether an effect of the catalogue and a learned element may be two forms of one thing, at one place."""
+    related = effect.kind == learned.kind or effect.name in learned.neighbours
+    return related and (effect.location, effect.place) == (learned.location, learned.place)
 
 
 def may_lie(effect: Effect, location: Location, rule: Locating = LOCATING) -> bool:

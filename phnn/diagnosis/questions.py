@@ -150,4 +150,6 @@ def _again(
         return trial
     values = judgement.final.setup.values() | fitted.setup.values()
     all_of_them = (*others, replace(finding, trial=trial))
-    return Trial(trial.candidate, fit_with(base, all_of_them, values, criteria.refits.second_evaluations))
+    return Trial(
+        trial.candidate, fit_with(base, all_of_them, values, criteria.refits.second_evaluations, limits=criteria.refits)
+    )

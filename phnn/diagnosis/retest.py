@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from phnn.criteria import CRITERIA, REFITS, SELECTION, Criteria
+from phnn.criteria import CRITERIA, REFITS, Criteria, Refits
 from phnn.diagnosis.finding import Finding, own_parameters
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.place import in_place
@@ -14,7 +14,7 @@ from phnn.diagnosis.steps import tolerance_of
 from phnn.diagnosis.trial import Trial, class_of, fair_cost, tie
 from phnn.ensemble import Executor
 from phnn.errors import PhnnError
-from phnn.identification.fit import Fit
+from phnn.identification.fit import Fit, distinct_optima
 from phnn.identification.staged import EVALUATIONS, fit_identified, stated_only
 from phnn.setup import Setup
 from phnn.units import FORCE_UNITS
@@ -45,7 +45,7 @@ def retested(
     alone_at: dict[int, Fit] = {}
     while place < len(findings) and len(findings) > 1:
         others = (*findings[:place], *findings[place + 1 :])
-        alone = without(base, others, findings[place], fitted, rule.tie)
+        alone = without(base, others, findings[place], fitted, criteria)
         if alone is None:
             place += 1
             continue
@@ -79,26 +79,31 @@ def _refitted(base: Fit, trials: Sequence[Trial], executor: Executor, criteria: 
 
 
 def without(
-    base: Fit, others: Sequence[Finding], dropped: Finding, fitted: Fit, variances: float = SELECTION.tie
+    base: Fit, others: Sequence[Finding], dropped: Finding, fitted: Fit, criteria: Criteria = CRITERIA
 ) -> Fit | None:
     """The base model with some of the effects of a fit, fitted from where that one ended.
 
     Where that explains less, the model may have followed what was dropped, or that has taken the place of something of
-    the model's own.
+    the model's own: it takes a few steps from several starts, and the best ones are carried to convergence.
 
     Args:
-        variances: difference of χ² in residual variances below which two fits are equally good.
+        criteria: the difference of χ² in residual variances below which two fits are equally good, and how far to go.
     """
-    values, own = fitted.setup.values(), dropped.effect.equivalents
+    values, own, limits = fitted.setup.values(), dropped.effect.equivalents, criteria.refits
     scaled = at_the_mass_of(base.setup, fitted.setup)
-    best = None
+    tried: list[Fit] = []
     for moved in ({}, base.setup.values(), *scaled, *(own(values) if own is not None else ())):
         known = {n: v for n, v in moved.items() if n not in stated_only(base.held)}
-        tried = fit_with(base, others, {**values, **known}, REFITS.second_evaluations)
-        best = min((f for f in (best, tried) if f is not None), key=fair_cost, default=None)
-        if best is not None and fair_cost(best) - fair_cost(fitted) < tie(fitted, variances):
-            return best
-    return best if best is None else fit_with(base, others, best.setup.values(), origin=best)
+        found = fit_with(base, others, {**values, **known}, limits.second_evaluations, limits=limits)
+        tried += [found] if found is not None else []
+        if found is not None and fair_cost(found) - fair_cost(fitted) < tie(fitted, criteria.selection.tie):
+            break
+    if not tried:
+        return None
+    best, further = distinct_optima(tried)
+    ends = [fit_with(base, others, best.setup.values(), origin=best, limits=limits)]
+    ends += [fit_with(base, others, setup.values(), limits=limits) for setup in further]
+    return min((f for f in (best, *ends) if f is not None), key=fair_cost)
 
 
 def at_the_mass_of(base: Setup, fitted: Setup) -> tuple[dict[str, float], ...]:
@@ -137,21 +142,24 @@ def fit_with(
     values: Mapping[str, float],
     evaluations: int = EVALUATIONS,
     origin: Fit | None = None,
+    limits: Refits = REFITS,
 ) -> Fit | None:
     """The base model with some effects, fitted from parameter values.
 
     Args:
         evaluations: bound on the simulations of all recordings.
         origin: whose initial states to start from; those of the base model otherwise.
+        limits: the tolerance where much is left.
     """
     setup = base.setup.with_values({n: values[n] for n in base.setup.free})
     try:
         for f in findings:
             setup = f.effect.add_to(setup, values)
-        held, own, loose = stated_only(base.held), own_parameters(findings), REFITS.loose_tolerance
+        held, own, loose = stated_only(base.held), own_parameters(findings), limits.loose_tolerance
         found = fit_identified(setup, base.plan, held, evaluations, origin or base, own, loose)
-        if tolerance_of(found, loose) < loose / 2.0:
-            found = fit_identified(found.setup, base.plan, held, evaluations, found, own, tolerance_of(found, loose))
+        left, tolerance = evaluations - found.evaluations, tolerance_of(found, loose)
+        if left > 0 and tolerance < loose / 2.0:
+            found = fit_identified(found.setup, base.plan, held, left, found, own, tolerance)
         return found
     except PhnnError:
         return None

@@ -199,7 +199,7 @@ def _with(search: Search, base: Scored, last: Selected, trials: Sequence[Trial])
     members = class_of(trials, model.significant, rule)
     if model.significant:
         members += [t for t in trials if t not in members and _as_well(t, best, last, search.criteria)]
-        fitted = _exact(fitted, [*own_parameters(last.findings), *best.candidate.effect.parameters], rule)
+        fitted = exact(fitted, [*own_parameters(last.findings), *best.candidate.effect.parameters], rule)
         best = members[0] = Trial(best.candidate, fitted)
     found = Finding(best, tuple(members), tuple(trials), last.model.naming, level=rule.level)
     findings = (*last.findings, found)
@@ -207,11 +207,12 @@ def _with(search: Search, base: Scored, last: Selected, trials: Sequence[Trial])
         base.linearised.fit, _location(base), findings, fitted, search.executor, search.criteria
     )
     if fitted is not model.linearised.fit:
+        fitted = exact(fitted, own_parameters(findings), rule)
         model = search.scored(fitted)
     return Selected(findings, model, share)
 
 
-def _exact(fitted: Fit, keep: Sequence[str], rule: Selection) -> Fit:
+def exact(fitted: Fit, keep: Sequence[str], rule: Selection) -> Fit:
     """The fit with sub-steps that bound the numerical error, where it has outgrown those of the base model.
 
     While much is left to be found, a small share of that is bound enough.
@@ -233,10 +234,10 @@ def _compared(trials: list[Trial], keep: Sequence[str], rule: Selection) -> list
     near = [t for t in trials if t.fit is not None and t.fair_cost <= most]
     if len(near) < 2:
         return trials
-    exact = [
-        replace(t, fit=_exact(t.fit, [*keep, *t.candidate.effect.parameters], rule)) for t in near if t.fit is not None
+    bounded = [
+        replace(t, fit=exact(t.fit, [*keep, *t.candidate.effect.parameters], rule)) for t in near if t.fit is not None
     ]
-    return sorted([*exact, *(t for t in trials if t not in near)], key=criterion)
+    return sorted([*bounded, *(t for t in trials if t not in near)], key=criterion)
 
 
 def _as_well(trial: Trial, best: Trial, last: Selected, criteria: Criteria) -> bool:

@@ -73,7 +73,7 @@ def tested_elements(
         others = tuple(f for f in judgement.findings if f is not finding)
         alone = finding.others_alone
         if alone is None:
-            alone = without(base, others, finding, final, criteria.selection.tie) if others else base
+            alone = without(base, others, finding, final, criteria) if others else base
         if alone is None:
             tested.append(_untold(finding, final, after, campaign, rule))
             continue

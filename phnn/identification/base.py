@@ -41,8 +41,15 @@ def identify_base(
         first = with_shared_zero(_begun(own, campaign, options, progress), prepared.plan)
     else:
         first = _begun(prepared, campaign, options, progress)
-    beyond = max(first.cost - first.residual.size, 0.0) ** 0.5
-    return with_bounded_error(first, max(options.error_bound_sigma, share * beyond))
+    found = with_bounded_error(first, _bound(first, options, share))
+    # It may have come much nearer to the recordings than where it began.
+    bound = _bound(found[0], options, share)
+    return found if found[1].sigma <= bound else with_bounded_error(found[0], bound)
+
+
+def _bound(fitted: Fit, options: Options, share: float) -> float:
+    beyond = max(fitted.cost - fitted.residual.size, 0.0) ** 0.5
+    return max(options.error_bound_sigma, share * beyond)
 
 
 def _begun(prepared: Prepared, campaign: Campaign, options: Options, progress: Progress) -> Fit:

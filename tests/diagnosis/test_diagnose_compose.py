@@ -159,6 +159,7 @@ class TestANameInAComposedModel:
         searched = mock.Mock(findings=(before,))
         with (
             mock.patch.object(judging, "compose", lambda *a: ((before, added), whole)),
+            mock.patch.object(judging, "exact", lambda fitted, *_: fitted),
             mock.patch.object(Search, "scored", lambda *a: model),
         ):
             word, _, findings = _composed(asked, searched, (), "named", Record())

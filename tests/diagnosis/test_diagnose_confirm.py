@@ -337,3 +337,15 @@ def test_a_name_that_took_nearly_all_stands_beside_learned_elements_of_its_kind(
     judgement = replace(judgement, verdict="named", findings=(claims, beside))
     found, *_ = world.confirm(judgement, {"cubic_stiffness": world.fit(1.0, 1.0), learned: world.fit(2.0, 2.0)})
     assert [f.effect.name for f in found.claimed] == names
+
+
+def test_of_two_names_of_the_search_neither_stands_for_what_both_took() -> None:
+    world = World()
+    base, final = world.fit(5.0, 5.0), world.fit(0.0, 0.0)
+    trial = Trial(Candidate(learned_elements()["learned_damper"], {}, (), 10.0, 1e-3), final)
+    beside = Finding(trial, (trial,), (trial,), mock.Mock(), learned=True, provisional=True)
+    both = [replace(finding(n, final), first=0.92) for n in ("cubic_stiffness", "quadratic_drag")]
+    judgement = replace(nameless(base, final, ()), verdict="named", findings=(*both, beside))
+    alone = {"cubic_stiffness": world.fit(4.0, 4.0), "quadratic_drag": world.fit(1.0, 1.0)}
+    found, *_ = world.confirm(judgement, {**alone, "learned_damper": world.fit(2.0, 2.0)})
+    assert "quadratic_drag" not in [f.effect.name for f in found.claimed]

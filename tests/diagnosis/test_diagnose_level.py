@@ -76,7 +76,7 @@ def searching(world: LinearWorld) -> Iterator[None]:
     with (
         mock.patch("phnn.diagnosis.search.scored", lambda fitted, *_: world.scored(fitted)),
         mock.patch.object(select, "_refitted", world.trials),
-        mock.patch.object(select, "_exact", lambda fitted, *_: fitted),
+        mock.patch.object(select, "exact", lambda fitted, *_: fitted),
         mock.patch.object(select, "retested", lambda base, place, findings, fitted, *_: (findings, fitted)),
         mock.patch.object(select, "misplaced", lambda *_: False),
         mock.patch.object(select, "_in_another_form", lambda *_: False),

@@ -214,7 +214,8 @@ def _small_numbers(case: NamelessCase) -> dict[str, float | None]:
 
 @dataclass(frozen=True)
 class NumericsCase:
-    """A named verdict: the largest score [noise standard deviations] of the numerical error alone, and of all."""
+    """A named verdict: the largest score [noise standard deviations] of the numerical error alone, and the least of the
+    largest scores by which its elements were found."""
 
     score: float
     statistic: float
