@@ -21,7 +21,7 @@ from phnn.studies.results import fill
 def run(chosen: argparse.Namespace) -> None:
     """Carry out all steps."""
     config, out = compose("bench", chosen.settings), chosen.out
-    given: dict[str, Any] = dict.fromkeys(("cases", "tool", "answers", "first", "training"))
+    given: dict[str, Any] = dict.fromkeys(("cases", "tool", "answers", "first", "limit", "training"))
     given |= {"executor": chosen.executor, "typed": chosen.settings}
     tools = chosen.tools or [name for name in TOOLS if chosen.training or name not in TRAINED]
     bench("write", out / "benchmark", config, given)
@@ -29,7 +29,7 @@ def run(chosen: argparse.Namespace) -> None:
     for tool in tools:
         began = time.monotonic()
         training = chosen.training if tool in TRAINED else None
-        bench("answer", out / tool, config, {**asked, "tool": tool, "training": training})
+        bench("answer", out / tool, config, {**asked, "tool": tool, "training": training, "limit": chosen.limit})
         print(f"{tool}: {time.monotonic() - began:.0f} s", flush=True)
     answers = [out / tool for tool in tools]
     bench("score", out / "scores", config, {**asked, "answers": answers}, overwrite=True)
@@ -51,6 +51,7 @@ def main() -> None:
         help="default: all; the first is compared with others",
     )
     add("--first", type=int, metavar="N", help="the first N cases alone")
+    add("--limit", type=float, metavar="S", help="processor seconds of a tool for a case, after which it has no answer")
     add("--page", type=Path, metavar="FILE", help="also fill the table of this page of markdown, as docs/evidence.md")
     add("--training", type=Path, metavar="DIR", help="what phnn bench train has written, for the tools that learn")
     add("--executor", default="processes", metavar="WHERE", help="see phnn diagnose; default: %(default)s")

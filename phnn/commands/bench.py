@@ -33,8 +33,8 @@ def bench(step: str, out: Path, config: Config, options: Mapping[str, Any], over
             their seals and scores answers.
         config: settings of ``write`` and of ``train``.
         options: ``cases``: what ``write`` has written; ``tool``: its name; ``training``: what ``train`` has written;
-            ``answers``: folders with those of tools; ``first``: so many cases alone, None for all; ``executor``: see
-            `phnn.ensemble.executor`.
+            ``answers``: folders with those of tools; ``first``: so many cases alone, None for all; ``limit``:
+            processor seconds that a tool has for a case, None for no limit; ``executor``: see `phnn.ensemble.executor`.
 
     Raises:
         InputRefused: an option that a step does not take, or lacks.
@@ -45,6 +45,9 @@ def bench(step: str, out: Path, config: Config, options: Mapping[str, Any], over
     first = options["first"]
     if first is not None and (step not in _FIRST or first < 1):
         raise InputRefused(f"--first {first}: {' and '.join(_FIRST)} take a number of cases, 1 or more")
+    limit = options["limit"]
+    if limit is not None and (step != "answer" or not limit > 0.0):
+        raise InputRefused(f"--limit {limit:g}: answer alone takes it, processor seconds above 0")
     if options["training"] is not None and step != "answer":
         raise InputRefused(f"phnn bench {step} does not take --training")
     _refuse_settings(step, options["typed"])
@@ -75,7 +78,7 @@ def _answer(options: Mapping[str, Any], out: Path, overwrite: bool) -> None:
         origin["training"] = digest(training)
     inputs = [cases, *([training] if training is not None else [])]
     with claim(out, "bench", inputs, ANSWERS, Origin(origin, resume=True), overwrite) as place:
-        answer_all(cases, chosen, place, options["executor"], _say, options["first"], training)
+        answer_all(cases, chosen, place, options["executor"], _say, options["first"], training, options["limit"])
     print(f"answers: {out / ANSWERS[0]}")
 
 

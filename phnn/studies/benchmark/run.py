@@ -23,6 +23,7 @@ from phnn.studies.benchmark.folders import card_of, case_folder, digest_of, open
 from phnn.studies.benchmark.page import page
 from phnn.studies.benchmark.score import Score, scored
 from phnn.studies.benchmark.tally import by_group, summary
+from phnn.studies.benchmark.time_limit import limited
 from phnn.studies.benchmark.tools import Tool, tool
 from phnn.studies.results import write_results
 
@@ -34,8 +35,9 @@ ANSWERS, SCORES = ("answers", _TOOL), ("scores.csv", "groups.csv", "leaderboard.
 
 
 def answer_all(
-    folder: Path, name: str, place: Place, where: str, say: Say, first: int | None = None, training: Path | None = None
-) -> None:
+    folder: Path, name: str, place: Place, where: str, say: Say, first: int | None = None, training: Path | None = None,
+    limit: float | None = None,
+) -> None:  # fmt: skip
     """Let a tool answer all cases of a benchmark; what was answered before is kept.
 
     Args:
@@ -44,23 +46,25 @@ def answer_all(
         where: see `phnn.ensemble.executor`; say: called with a line of progress.
         first: so many cases alone; all if left out.
         training: see `phnn.studies.benchmark.tools.tool`.
+        limit: processor seconds of one case, after which the tool has no answer to it; None for as many as it takes.
 
     Raises:
-        InputRefused: no benchmark, or no such tool.
+        InputRefused: no benchmark, no such tool, or an executor that cannot keep a limit.
     """
     card = card_of(folder)
-    (place / _TOOL).write_json({"tool": name, "seed": _SEED, "sha256": card["sha256"]})
+    (place / _TOOL).write_json({"tool": name, "seed": _SEED, "sha256": card["sha256"], "limit": limit})
     todo = [c for c in card["cases"][:first] if not (place / "answers" / c / FILE).path.exists()]
-    work = partial(_answered, folder, partial(tool, name, training), place)
+    work = partial(_answered, folder, partial(tool, name, training), place, limit)
     for count, (index, failed) in enumerate(executor(where).each(work, todo), start=1):
         say(f"{name}: {count} of {len(todo)}, {todo[index]}" + (f": no answer, {failed}" if failed else ""))
 
 
-def _answered(folder: Path, found_tool: Callable[[], Tool], place: Place, case: str) -> str:
+def _answered(folder: Path, found_tool: Callable[[], Tool], place: Place, limit: float | None, case: str) -> str:
     """Answer one case; returns why the tool has no answer, empty where it has one."""
     known, began = case_folder(folder, case), time.process_time()
     try:
-        found = found_tool()(known, _SEED)
+        with limited(limit):
+            found = found_tool()(known, _SEED)
     except SolverFailed as error:
         # Anything else is a fault of the tool's code, which ends the run.
         found = Answer({}, failed=str(error))

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +21,7 @@ from phnn.recordings.recording import unrecorded
 from phnn.studies.benchmark import run
 from phnn.studies.benchmark.answer import Answer
 from phnn.studies.benchmark.settings import GROUPS
+from phnn.studies.benchmark.time_limit import limited
 from phnn.studies.benchmark.tools import TOOLS, TRAINED, tool
 from phnn.studies.benchmark.tools.harmonics import TABLE, _band
 
@@ -155,9 +159,47 @@ def test_a_tool_that_cannot_solve_a_case_says_so(
     assert not score.right
 
 
+def test_a_tool_has_no_answer_after_the_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def never_ends(folder: Path, seed: int) -> Answer:
+        while True:
+            with suppress(Exception):
+                np.linalg.svd(np.ones((50, 50)))
+
+    nothing = ["none=1", *(f"{group}=0" for group in GROUPS if group != "none")]
+    assert main(["bench", "write", "--executor", "serial", "--out", str(tmp_path / "c"), *nothing]) == 0
+    monkeypatch.setattr(run, "tool", lambda name, training: never_ends)
+    options = ["--cases", str(tmp_path / "c"), "--tool", "base", "--executor", "serial", "--out", str(tmp_path / "a")]
+    assert main(["bench", "answer", *options, "--limit", "0.2"]) == 0
+    assert "no answer, stopped after 0.2 processor seconds" in capsys.readouterr().out
+    (score,) = run.scores_of(tmp_path / "c", tmp_path / "a")
+    assert score.failed
+    assert json.loads((tmp_path / "a" / "tool.json").read_text())["limit"] == 0.2
+
+
+def test_a_limit_ends_with_what_it_limits() -> None:
+    with limited(0.05):
+        pass
+    end = time.process_time() + 0.2
+    while time.process_time() < end:
+        pass
+
+
+def test_a_thread_cannot_keep_a_limit() -> None:
+    def inside() -> None:
+        with limited(1.0):
+            pass
+
+    with ThreadPoolExecutor(1) as pool, pytest.raises(InputRefused, match="--executor processes"):
+        pool.submit(inside).result()
+
+
 @pytest.mark.parametrize(
     ("argv", "words"),
     [
+        (["score", "--cases", "c", "--answers", "a", "--limit", "3"], "--limit 3: answer alone takes it"),
+        (["answer", "--cases", "c", "--tool", "base", "--limit", "0"], "--limit 0: answer alone takes it"),
         (["write", "--tool", "phnn"], "phnn bench write does not take --tool"),
         (["answer", "--tool", "phnn"], "phnn bench answer needs --cases"),
         (["answer", "--cases", "c"], "phnn bench answer needs --tool"),
