@@ -229,9 +229,7 @@ def _add_bench(command: argparse.ArgumentParser) -> None:
     add("--training", type=Path, metavar="DIR", help=text)
     add("--answers", type=Path, metavar="DIR", action="append", help="score: answers of a tool; may be repeated")
     add("--first", type=int, metavar="N", help="answer, score: the first N cases alone; their order is drawn")
-    add(
-        "--limit", type=_number, metavar="S", help="answer: processor seconds of a case, then it has no answer"
-    )
+    add("--limit", type=_number, metavar="S", help="answer: processor seconds of a case, then it has no answer")
     add(
         "--executor",
         default="processes",

@@ -141,15 +141,20 @@ def middle(rows: Sequence[Row], use: str) -> float:
 
 
 def truths_page(rows: Sequence[Row], settings: Settings, spent: str) -> str:
-    """Residual over noise by truth, use and model: the median over seeds."""
+    """Residual over noise by truth, use and model, and processor seconds: medians over the seeds."""
     models = list(dict.fromkeys(r.model for r in rows))
     body = []
     for truth in dict.fromkeys(r.truth for r in rows):
         for use, words in USES.items():
             own = [[r for r in rows if (r.truth, r.model) == (truth, m)] for m in models]
             body.append([truth, words, *(cell(middle(o, use)) for o in own)])
+        body.append([truth, "processor seconds", *(_seconds(rows, truth, m) for m in models)])
     heads = ["truth", "recordings", *(HEADS[m] for m in models)]
     return "\n".join(["# Models on three truths", "", _words(rows, settings, spent), "", *markdown_table(heads, body)])
+
+
+def _seconds(rows: Sequence[Row], truth: str, model: str) -> str:
+    return ratio(float(np.median([r.seconds for r in rows if (r.truth, r.model) == (truth, model)])))
 
 
 def cell(score: float) -> str:
@@ -190,5 +195,6 @@ def _words(rows: Sequence[Row], settings: Settings, spent: str) -> str:
     seeds = ", ".join(str(s) for s in dict.fromkeys(r.seed for r in rows))
     return (
         f"Residual over noise, median over the seeds {seeds}. Budget of each rival: {settings.budget:g} processor "
-        f"seconds; {spent}. PHS, Bouc–Wen and the linear model are fitted until they converge."
+        f"seconds; {spent}. PHS, Bouc–Wen and the linear model are fitted until they converge; learned hysterons, the "
+        "fully neural PHS and the neural ODE are trained by stages of their own."
     )

@@ -83,6 +83,7 @@ def test_scores_held_out_are_medians_over_seeds() -> None:
     lost = truths_page([row("narx", 4, 2.0, float("inf"))], settings("models=[phs]"), "")
     assert "| phs | held out, outside | diverged |" in lost
     lines = truths_page(rows, settings("models=[phs]"), "").splitlines()
+    assert "| phs | processor seconds | 1.00 |" in lines
     assert "| phs | held out, inside | 3.00 |" in lines and "| phs | held out, outside | 4.00 |" in lines
 
 
