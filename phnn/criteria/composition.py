@@ -92,6 +92,12 @@ class Composition:
         "a contact stop that the catalogue was without, a cubic spring took 0.29, 0.47, 0.88 and 0.949. " + STUDIED,
     )
 
+    exchange: float = criterion(
+        6.0,
+        "residual variances",
+        "A neighbour takes the place of an element of a composed model if it lowers Schwarz's criterion by more.",
+        "Calculation: twice the logarithm of a Bayes factor of 20, strong evidence by Kass & Raftery (1995, JASA).",
+    )
     asked_elements: int = criterion(
         3,
         "elements",

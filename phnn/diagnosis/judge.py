@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from phnn.criteria import SELECTION, Criteria
 from phnn.diagnosis.compose import Material, compose
+from phnn.diagnosis.exchange import exchanged
 from phnn.diagnosis.finding import Finding, effects_of, own_parameters
 from phnn.diagnosis.learn import learn
 from phnn.diagnosis.linearised_fit import LinearisedFit
@@ -14,7 +16,7 @@ from phnn.diagnosis.locate import Location, group_of
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.place import located, of_the_kind
 from phnn.diagnosis.rules import Applied, Record
-from phnn.diagnosis.rules.composition import ClaimCase, has_name
+from phnn.diagnosis.rules.composition import COPIES, ClaimCase, CopiesCase, has_name
 from phnn.diagnosis.rules.search import BASE, BaseCase
 from phnn.diagnosis.rules.verdict import VERDICT, VerdictCase
 from phnn.diagnosis.scored import Scored, excess
@@ -193,6 +195,7 @@ def _composed(
     model = selected.model
     if fitted is not model.linearised.fit:
         fitted = exact(fitted, own_parameters(findings), asked.search.criteria.selection)
+        findings, fitted = exchanged(base.fit, findings, fitted, asked.search, record)
         model = asked.search.scored(fitted)
         if word == "unknown":
             findings = tuple(replace(f, first=None) for f in findings)
@@ -202,9 +205,21 @@ def _composed(
             share = share_of(asked.found.linearised.fit, fitted, asked.found.naming)
             word, _ = _word(asked, Selected(claimed, model, share), record, findings)
             named = claimed if word != "unknown" else ()
-    names = effects_of(named)
+    names = effects_of(_of_their_own(named, record))
+    word = "equivalent" if word == "named" and len(names) < len(named) else word
     kept = tuple(replace(f, provisional=f.effect not in names) for f in findings)
     return word, model, kept
+
+
+def _of_their_own(named: Sequence[Finding], record: Record) -> list[Finding]:
+    """Elements that are not part of a neighbour's other form."""
+    kept = []
+    for finding in named:
+        beside = Counter(f.effect.title for f in named if f.effect.is_neighbour_of(finding.effect))
+        case = CopiesCase(max(beside.values(), default=0))
+        if not beside or record.decide(COPIES, case, finding.effect.name) is None:
+            kept.append(finding)
+    return kept
 
 
 def _has_another_form(named: Finding, findings: Sequence[Finding]) -> bool:

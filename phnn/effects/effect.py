@@ -210,6 +210,10 @@ class Effect:
         """Whether a learned element is the same physics as another effect at the same place."""
         return self.several_of == other.canonical and self.place == other.place
 
+    def is_neighbour_of(self, other: Effect) -> bool:
+        """Whether ordinary recordings cannot always tell the two apart, as one of them declares."""
+        return self.title in other.neighbours or other.title in self.neighbours
+
     @property
     def special_names(self) -> tuple[str, ...]:
         """Names of its special cases."""

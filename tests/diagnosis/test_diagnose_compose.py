@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 from unittest import mock
 
+import campaigns
 import pytest
 
 from phnn.criteria import CRITERIA
@@ -16,7 +17,7 @@ from phnn.diagnosis import judge as judging
 from phnn.diagnosis import nearest_law
 from phnn.diagnosis.compose import Material, _chosen, _Grown, _still_needed
 from phnn.diagnosis.finding import Finding, without_element
-from phnn.diagnosis.judge import _Asked, _claimed, _composed
+from phnn.diagnosis.judge import _Asked, _claimed, _composed, _of_their_own
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.composition import LeavesCase
@@ -24,6 +25,7 @@ from phnn.diagnosis.search import Search
 from phnn.diagnosis.trial import Trial
 from phnn.effects import Effect, effect
 from phnn.effects.learned import learned_elements
+from phnn.effects.places.attached import attached
 from phnn.errors import PhnnError
 from phnn.identification import order
 from phnn.identification.gain import Gain
@@ -160,11 +162,22 @@ class TestANameInAComposedModel:
         with (
             mock.patch.object(judging, "compose", lambda *a: ((before, added), whole)),
             mock.patch.object(judging, "exact", lambda fitted, *_: fitted),
+            mock.patch.object(judging, "exchanged", lambda base, findings, fitted, *_: (findings, fitted)),
             mock.patch.object(Search, "scored", lambda *a: model),
         ):
             word, _, findings = _composed(asked, searched, (), "named", Record())
         assert word == "unknown"
         assert all(f.provisional for f in findings)
+
+    def test_is_not_that_of_a_part_of_a_neighbours_other_form(self) -> None:
+        creep, second, *_ = (a_finding(e) for e in attached(effect("creep"), campaigns.base().setup))
+        hysteron, drag = (a_finding(effect(n)) for n in ("extra_hysteron", "quadratic_drag"))
+        for findings, stay in (
+            ((creep, second, hysteron, drag), [creep, second, drag]),
+            ((creep, hysteron), [creep, hysteron]),
+            ((creep, second, drag), [creep, second, drag]),
+        ):
+            assert _of_their_own(findings, Record()) == stay
 
     def test_stands_beside_what_was_added_where_the_search_took_nearly_all_before(self) -> None:
         before, added = a_finding(NAMED["A"], a_gain(7.0, 1.0)), a_finding(LEARNED["L"], a_gain(4.0, 1.0))

@@ -11,7 +11,7 @@ import pytest
 
 from phnn.criteria import CRITERIA, Confirmation
 from phnn.diagnosis.rules import Applied, Record, composition, held_out, search, verdict
-from phnn.diagnosis.rules.composition import CLAIM, GAIN, LAW, LEAVES
+from phnn.diagnosis.rules.composition import CLAIM, COPIES, EXCHANGE, GAIN, LAW, LEAVES
 from phnn.diagnosis.rules.held_out import ELEMENT, MODEL, NAMELESS, NUMERICS, REMAINDER
 from phnn.diagnosis.rules.search import BASE, FORM, KEEP, REFIT, STEP
 from phnn.diagnosis.rules.verdict import VERDICT
@@ -19,7 +19,8 @@ from phnn.identification.gain import Gain
 
 RULE = CRITERIA.selection
 TABLES = (
-    BASE, REFIT, STEP, FORM, KEEP, LEAVES, GAIN, CLAIM, LAW, VERDICT, ELEMENT, MODEL, NAMELESS, REMAINDER, NUMERICS,
+    BASE, REFIT, STEP, FORM, KEEP, LEAVES, GAIN, EXCHANGE, COPIES, CLAIM, LAW, VERDICT, ELEMENT, MODEL, NAMELESS,
+    REMAINDER, NUMERICS,
 )  # fmt: skip
 
 
@@ -43,6 +44,7 @@ NOTHING_HELPS = replace(MODEL_CASE, proven=0, immaterial=2)
 LEFT = composition.LeavesCase(4.0, 1, lambda: 1e-4, CRITERIA)
 COMPOSED = composition.ClaimCase(False, takes=4.0, leaves=0.1, criteria=CRITERIA)
 NEAR = composition.LawCase(takes=9.6, learned=10.0, criteria=CRITERIA)
+IN_ITS_PLACE = composition.ExchangeCase(own=100.0, other=93.0, least=6.0)
 LARGE, SLIGHT = a_gain(5.0, 1.0), a_gain(1.010, 1.008)
 
 # What decides, of which case.
@@ -80,6 +82,10 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (CLAIM, replace(COMPOSED, leaves=0.3, first=0.85), "too_much_has_no_name", "no name"),
     (CLAIM, replace(COMPOSED, leaves=0.3), "too_much_has_no_name", "no name"),
     (CLAIM, COMPOSED, "little_has_no_name", "name"),
+    (EXCHANGE, IN_ITS_PLACE, "neighbour_fits_better", "exchange"),
+    (EXCHANGE, replace(IN_ITS_PLACE, other=95.0), "element_stays", "keep"),
+    (EXCHANGE, replace(IN_ITS_PLACE, other=None), "element_stays", "keep"),
+    (COPIES, composition.CopiesCase(2), "neighbour_acts_several_times", "no name"),
     (LAW, NEAR, "law_takes_nearly_all", "another form"),
     (LAW, replace(NEAR, takes=2.0, term=True), "element_is_a_sum_of_it", "another form"),
     (ELEMENT, element(None, SLIGHT), "nothing_held_out_and_small", "immaterial"),
@@ -136,6 +142,7 @@ def test_no_rule_is_left_out() -> None:
         (STEP, STEP_CASE),
         (FORM, STEP_CASE),
         (LEAVES, LEFT),
+        (COPIES, composition.CopiesCase(1)),
         (LAW, replace(NEAR, takes=9.4)),
         (LAW, replace(NEAR, learned=-1.0)),
         (LAW, replace(NEAR, learned=-1.0, term=True)),

@@ -19,6 +19,8 @@ The tables stand in `phnn.diagnosis.rules.search`, ``.composition``, ``.verdict`
 | ``composition.KEPT`` | of an element of a composed model, by the same recordings | ``keep``, ``leave out`` |
 | ``composition.WHOLE`` | of the composed model and that of the search | ``model of the search`` |
 | ``composition.LAW`` | of a law in the place of a learned element | ``another form`` |
+| ``composition.EXCHANGE`` | of an element of a composed model and its neighbours | ``exchange``, ``keep`` |
+| ``composition.COPIES`` | of an element with a name beside its neighbours | ``no name`` |
 | ``composition.CLAIM`` | of an element of a composed model | ``name``, ``no name`` |
 | ``held_out.ELEMENT`` | of every element | see `phnn.diagnosis.tested.Outcome` |
 | ``held_out.MODEL`` | of all elements together | ``none``, ``unknown``, ``equivalent``, ``kept`` |

@@ -10,7 +10,7 @@ from phnn.criteria import Criteria
 from phnn.diagnosis.rules import Applied, Record
 from phnn.identification.gain import Gain
 
-NAME, NO_NAME = "name", "no name"
+NAME, NO_NAME, EXCHANGED = "name", "no name", "exchange"
 
 
 @dataclass(frozen=True)
@@ -189,11 +189,65 @@ def composed_model_fits_no_better(case: WholeCase) -> Applied:
     return Applied(worse, "model of the search", {"composed": case.composed, "searched": case.searched})
 
 
+@dataclass(frozen=True)
+class ExchangeCase:
+    """An element of a model and the best of its neighbours in its place, all others there.
+
+    Attributes:
+        own, other: Schwarz's criterion of both models; other is None where no neighbour can take the place.
+        least: a smaller difference decides nothing.
+    """
+
+    own: float
+    other: float | None
+    least: float
+
+    @property
+    def numbers(self) -> dict[str, float | None]:
+        """What is compared."""
+        return {"own": self.own, "other": self.other, "least": self.least}
+
+
+@dataclass(frozen=True)
+class CopiesCase:
+    """An element beside others.
+
+    Attributes:
+        copies: the largest number of copies in which one of its neighbours acts beside it.
+    """
+
+    copies: int
+
+
+def neighbour_acts_several_times(case: CopiesCase) -> Applied:
+    """A neighbour that needs several copies has another form, of which the element may be a part."""
+    return Applied(case.copies > 1, NO_NAME, {"copies": case.copies})
+
+
+def neighbour_fits_better(case: ExchangeCase) -> Applied:
+    """With a neighbour in the place of the element the model has a clearly lower criterion of Schwarz."""
+    better = case.other is not None and case.other < case.own - case.least
+    return Applied(better, EXCHANGED, case.numbers)
+
+
+def element_stays(case: ExchangeCase) -> Applied:
+    """No neighbour is clearly better in the place of the element."""
+    return Applied(True, "keep", case.numbers)
+
+
 GAIN = (element_predicts_better, element_does_not_predict_better)
 KEPT = (element_is_still_needed, element_does_not_predict_better)
 WHOLE = (composed_model_fits_no_better,)
 CLAIM = (learned_element_has_no_name, took_nearly_all_before, too_much_has_no_name, little_has_no_name)
+EXCHANGE = (neighbour_fits_better, element_stays)
+COPIES = (neighbour_acts_several_times,)
 LAW = (law_takes_nearly_all, element_is_a_sum_of_it)
+
+
+def is_exchanged(case: ExchangeCase, element: str, record: Record) -> bool:
+    """Whether a neighbour takes the place of an element, by the rules of ``EXCHANGE``."""
+    decided = record.decide(EXCHANGE, case, element)
+    return decided is not None and decided.outcome == EXCHANGED
 
 
 def has_name(case: ClaimCase, element: str, record: Record) -> bool:

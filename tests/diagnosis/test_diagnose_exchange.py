@@ -1,0 +1,104 @@
+"""Elements of a model against their neighbours in their places."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from unittest import mock
+
+import campaigns
+import pytest
+
+from phnn.criteria import CRITERIA
+from phnn.diagnosis import retest
+from phnn.diagnosis.exchange import exchanged
+from phnn.diagnosis.finding import Finding
+from phnn.diagnosis.name import Candidate
+from phnn.diagnosis.rules import Record
+from phnn.diagnosis.search import Search
+from phnn.diagnosis.trial import Trial
+from phnn.effects import catalogue, effect
+from phnn.identification.fit import Fit
+from phnn.identification.plan import Plan
+from phnn.identification.staged import fit_identified
+
+VALUES = {
+    "quadratic_drag": {"c_2": 10.0},
+    "creep": {"k_s": 4e3, "tau_s": 5e-3},
+    "extra_hysteron": {"C_x": 3e-7, "rho_x": 0.3, "d_x": 5.0},
+}
+
+
+@cache
+def lacking(*names: str) -> Fit:
+    """The base model fitted to recordings of one that has these effects too."""
+    base = campaigns.base()
+    true = base.setup
+    for name in names:
+        true = effect(name).add_to(true, VALUES[name])
+    made = tuple(campaigns.recorded(true, r.name, r.t, r.u, r.noise, k) for k, r in enumerate(base.plan.recordings))
+    return fit_identified(base.setup, Plan(made, campaigns.STEPS, 1), {"m": "held at the stated value"})
+
+
+def found(base: Fit, *names: str) -> tuple[tuple[Finding, ...], Fit]:
+    """Effects in a model, and its fit."""
+    candidates = [Candidate(effect(n), VALUES[n], (), 10.0, 1e-3) for n in names]
+    blank = [Finding(Trial(c, None), (), (), mock.sentinel.naming) for c in candidates]
+    values = base.setup.values() | {n: v for name in names for n, v in VALUES[name].items()}
+    whole = retest.fit_with(base, blank, values)
+    assert whole is not None
+    trials = [Trial(c, whole) for c in candidates]
+    return tuple(Finding(t, (t,), (t,), mock.sentinel.naming) for t in trials), whole
+
+
+def asked(true: str, claimed: str) -> tuple[tuple[Finding, ...], Fit, Fit, Record]:
+    """What becomes of a model with one effect where another is true, beside a drag: elements, fits before and after."""
+    base, record = lacking("quadratic_drag", true), Record()
+    findings, whole = found(base, "quadratic_drag", claimed)
+    search = Search([catalogue()[n] for n in VALUES])
+    after, fitted = exchanged(base, findings, whole, search, record)
+    return after, whole, fitted, record
+
+
+@pytest.mark.parametrize(("true", "claimed"), [("creep", "extra_hysteron"), ("extra_hysteron", "creep")])
+def test_the_true_neighbour_takes_the_place(true: str, claimed: str) -> None:
+    after, before, fitted, record = asked(true, claimed)
+    assert [f.effect.name for f in after] == ["quadratic_drag", true]
+    assert after[1].alike[0].candidate.effect.name == true
+    assert fitted.chi2 == pytest.approx(1.0, abs=0.05)
+    assert fitted.cost < before.cost + CRITERIA.selection.tie
+    assert set(VALUES[true]) <= set(fitted.setup.parameters)
+    assert not set(VALUES[claimed]) & set(fitted.setup.parameters)
+    # The model without it comes with it, of the same recordings and steps.
+    alone = after[1].others_alone
+    assert alone is not None and alone.plan.substeps == fitted.plan.substeps
+    assert [(a.rule, a.element) for a in record.asked if a.applies] == [("neighbour_fits_better", claimed)]
+
+
+@pytest.mark.parametrize("true", ["creep", "extra_hysteron"])
+def test_a_true_effect_keeps_its_place_and_name(true: str) -> None:
+    after, before, fitted, record = asked(true, true)
+    assert fitted is before
+    assert [f.effect.name for f in after] == ["quadratic_drag", true]
+    assert [t.candidate.effect.name for t in after[1].alike] == [true]
+    assert [(a.rule, a.element) for a in record.asked if a.applies] == [("element_stays", true)]
+
+
+def test_one_element_and_learned_ones_are_not_asked() -> None:
+    base = lacking("quadratic_drag", "creep")
+    findings, whole = found(base, "creep")
+    record = Record()
+    search = Search(list(catalogue().values()))
+    assert exchanged(base, findings, whole, search, record) == (findings, whole)
+    two = (*findings, replace(findings[0], learned=True))
+    learned = tuple(replace(f, learned=True) for f in two)
+    assert exchanged(base, learned, whole, search, record) == (learned, whole)
+    assert record.asked == []
+
+
+def test_neighbours_are_mutual() -> None:
+    creep, hysteron, drag = (effect(n) for n in ("creep", "extra_hysteron", "quadratic_drag"))
+    assert creep.is_neighbour_of(hysteron) and hysteron.is_neighbour_of(creep)
+    assert not creep.is_neighbour_of(drag) and not creep.is_neighbour_of(creep)
+    slew = effect("slew_limit")
+    assert slew.is_neighbour_of(drag) and drag.is_neighbour_of(slew)
