@@ -95,7 +95,8 @@ class Composition:
     exchange: float = criterion(
         6.0,
         "residual variances",
-        "A neighbour takes the place of an element of a composed model if it lowers Schwarz's criterion by more.",
+        "A neighbour takes the place of an element of a composed model if it lowers Schwarz's criterion by more; a "
+        "special case of the element has only to lower it.",
         "Calculation: twice the logarithm of a Bayes factor of 20, strong evidence by Kass & Raftery (1995, JASA).",
     )
     asked_elements: int = criterion(

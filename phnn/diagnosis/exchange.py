@@ -71,7 +71,9 @@ def _best(
     trials = refit(alone, [*own, *found], search.executor, criteria=criteria)
     mine = Trial(finding.trial.candidate, fitted)
     others = sorted((t for t in trials if t.candidate.effect is not effect), key=criterion)
-    least = tie(fitted, criteria.composition.exchange)
+    # A special case claims less, and needs no evidence of its own.
+    special = bool(others) and others[0].candidate.effect.name in effect.special_names
+    least = 0.0 if special else tie(fitted, criteria.composition.exchange)
     case = ExchangeCase(criterion(mine), criterion(others[0]) if others else None, least)
     if is_exchanged(case, effect.name, record):
         best, *rest = (*others, mine)

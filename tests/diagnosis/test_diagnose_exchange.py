@@ -36,8 +36,11 @@ def lacking(*names: str) -> Fit:
     true = base.setup
     for name in names:
         true = effect(name).add_to(true, VALUES[name])
-    made = tuple(campaigns.recorded(true, r.name, r.t, r.u, r.noise, k) for k, r in enumerate(base.plan.recordings))
-    return fit_identified(base.setup, Plan(made, campaigns.STEPS, 1), {"m": "held at the stated value"})
+    sines = [r for r in base.plan.recordings if r.name.startswith("sine")]
+    made = tuple(campaigns.recorded(true, r.name, r.t, r.u, r.noise, k) for k, r in enumerate(sines))
+    return fit_identified(
+        base.setup, Plan(made, {r.name: campaigns.STEPS[r.name] for r in made}, 1), {"m": "held at the stated value"}
+    )
 
 
 def found(base: Fit, *names: str) -> tuple[tuple[Finding, ...], Fit]:
