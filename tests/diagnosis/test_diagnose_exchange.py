@@ -36,11 +36,8 @@ def lacking(*names: str) -> Fit:
     true = base.setup
     for name in names:
         true = effect(name).add_to(true, VALUES[name])
-    sines = [r for r in base.plan.recordings if r.name.startswith("sine")]
-    made = tuple(campaigns.recorded(true, r.name, r.t, r.u, r.noise, k) for k, r in enumerate(sines))
-    return fit_identified(
-        base.setup, Plan(made, {r.name: campaigns.STEPS[r.name] for r in made}, 1), {"m": "held at the stated value"}
-    )
+    made = tuple(campaigns.recorded(true, r.name, r.t, r.u, r.noise, k) for k, r in enumerate(base.plan.recordings))
+    return fit_identified(base.setup, Plan(made, campaigns.STEPS, 1), {"m": "held at the stated value"})
 
 
 def found(base: Fit, *names: str) -> tuple[tuple[Finding, ...], Fit]:
@@ -63,7 +60,10 @@ def asked(true: str, claimed: str) -> tuple[tuple[Finding, ...], Fit, Fit, Recor
     return after, whole, fitted, record
 
 
-@pytest.mark.parametrize(("true", "claimed"), [("creep", "extra_hysteron"), ("extra_hysteron", "creep")])
+@pytest.mark.parametrize(
+    ("true", "claimed"),
+    [("creep", "extra_hysteron"), pytest.param("extra_hysteron", "creep", marks=pytest.mark.slow)],
+)
 def test_the_true_neighbour_takes_the_place(true: str, claimed: str) -> None:
     after, before, fitted, record = asked(true, claimed)
     assert [f.effect.name for f in after] == ["quadratic_drag", true]
@@ -78,7 +78,7 @@ def test_the_true_neighbour_takes_the_place(true: str, claimed: str) -> None:
     assert [(a.rule, a.element) for a in record.asked if a.applies] == [("neighbour_fits_better", claimed)]
 
 
-@pytest.mark.parametrize("true", ["creep", "extra_hysteron"])
+@pytest.mark.parametrize("true", ["creep", pytest.param("extra_hysteron", marks=pytest.mark.slow)])
 def test_a_true_effect_keeps_its_place_and_name(true: str) -> None:
     after, before, fitted, record = asked(true, true)
     assert fitted is before
