@@ -23,18 +23,19 @@ from phnn.identification.fit import Fit
 
 
 def exchanged(
-    base: Fit, findings: tuple[Finding, ...], fitted: Fit, search: Search, record: Record
+    base: Fit, findings: tuple[Finding, ...], fitted: Fit, search: Search, record: Record, places: Sequence[int]
 ) -> tuple[tuple[Finding, ...], Fit]:
-    """The elements of a model, each held against its neighbours in its place, and the fit of all of them.
+    """The elements of a model, some held against their neighbours in their places, and the fit of all of them.
 
     Args:
         base: the fit without any element.
         findings: the elements in the order in which they were added; learned ones have no neighbours.
         fitted: the fit with all of them.
+        places: of the elements that are asked.
     """
     # Sums of squares are compared that differ by little: none may come from other sub-steps.
     base = replace(base, plan=fitted.plan)
-    for place in range(len(findings)):
+    for place in places:
         finding = findings[place]
         rivals, others = _neighbours(finding, findings, search.effects), without_element(findings, finding)
         if finding.learned or not rivals or not others:

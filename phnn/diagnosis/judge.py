@@ -195,13 +195,15 @@ def _composed(
     model = selected.model
     if fitted is not model.linearised.fit:
         fitted = exact(fitted, own_parameters(findings), asked.search.criteria.selection)
-        findings, fitted = exchanged(base.fit, findings, fitted, asked.search, record)
         model = asked.search.scored(fitted)
         if word == "unknown":
             findings = tuple(replace(f, first=None) for f in findings)
         word, named = "unknown", ()
         # Whatever had a name before has to claim it anew beside what was added.
-        if claimed := _claimed(findings, model, asked.search.criteria, record):
+        if places := _claimed(findings, model, asked.search.criteria, record):
+            findings, fitted = exchanged(base.fit, findings, fitted, asked.search, record, places)
+            model = model if fitted is model.linearised.fit else asked.search.scored(fitted)
+            claimed = tuple(findings[place] for place in places)
             share = share_of(asked.found.linearised.fit, fitted, asked.found.naming)
             word, _ = _word(asked, Selected(claimed, model, share), record, findings)
             named = claimed if word != "unknown" else ()
@@ -227,8 +229,8 @@ def _has_another_form(named: Finding, findings: Sequence[Finding]) -> bool:
     return any(f.nameless and of_the_kind(named.effect, f.effect) for f in findings)
 
 
-def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, record: Record) -> tuple[Finding, ...]:
-    """Elements of a composed model beside which what has no name is small, the weakest asked first.
+def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, record: Record) -> list[int]:
+    """Places of the elements of a composed model beside which what has no name is small, the weakest asked first.
 
     What an element takes that has no name has none either, unless it is more of the same. A remainder beyond any doubt
     about the noise counts even where it may be chance.
@@ -247,7 +249,7 @@ def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, rec
             claimed.append(finding)
         else:
             unclaimed.append((effect, taken))
-    return tuple(f for f in findings if f in claimed)
+    return [place for place, f in enumerate(findings) if f in claimed]
 
 
 def _also(location: Location, name: str) -> Location:

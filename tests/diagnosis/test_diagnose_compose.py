@@ -133,7 +133,7 @@ def a_model(chi2: float, significant: bool) -> Any:
 
 class TestANameInAComposedModel:
     def names(self, model: Any, *findings: Finding) -> list[str]:
-        return [f.effect.name for f in _claimed(findings, model, CRITERIA, Record())]
+        return [findings[place].effect.name for place in _claimed(findings, model, CRITERIA, Record())]
 
     def test_stands_beside_a_small_remainder(self) -> None:
         assert self.names(a_model(1.0, False), a_finding(NAMED["A"], a_gain(7.0, 1.0))) == ["creep"]

@@ -56,7 +56,7 @@ def asked(true: str, claimed: str) -> tuple[tuple[Finding, ...], Fit, Fit, Recor
     base, record = lacking("quadratic_drag", true), Record()
     findings, whole = found(base, "quadratic_drag", claimed)
     search = Search([catalogue()[n] for n in VALUES])
-    after, fitted = exchanged(base, findings, whole, search, record)
+    after, fitted = exchanged(base, findings, whole, search, record, (0, 1))
     return after, whole, fitted, record
 
 
@@ -92,10 +92,10 @@ def test_one_element_and_learned_ones_are_not_asked() -> None:
     findings, whole = found(base, "creep")
     record = Record()
     search = Search(list(catalogue().values()))
-    assert exchanged(base, findings, whole, search, record) == (findings, whole)
+    assert exchanged(base, findings, whole, search, record, (0,)) == (findings, whole)
     two = (*findings, replace(findings[0], learned=True))
     learned = tuple(replace(f, learned=True) for f in two)
-    assert exchanged(base, learned, whole, search, record) == (learned, whole)
+    assert exchanged(base, learned, whole, search, record, (0, 1)) == (learned, whole)
     assert record.asked == []
 
 
