@@ -76,10 +76,11 @@ def _best(
     special = bool(others) and others[0].candidate.effect.name in effect.special_names
     least = 0.0 if special else tie(fitted, criteria.composition.exchange)
     case = ExchangeCase(criterion(mine), criterion(others[0]) if others else None, least)
-    if is_exchanged(case, effect.name, record):
-        best, *rest = (*others, mine)
-    else:
-        best, rest = mine, others
+    best, *rest = (*others, mine) if is_exchanged(case, effect.name, record) else (mine, *others)
     assert best.fit is not None
-    members = tuple(class_of([best, *sorted(rest, key=criterion)], rule=criteria.selection))
-    return replace(finding, trial=best, members=members), best.fit
+    rest.sort(key=criterion)
+    members = class_of([best, *rest], rule=criteria.selection)
+    if best is mine and {t.candidate.effect for t in members} == {t.candidate.effect for t in finding.members}:
+        return finding, fitted
+    # What was tried on other recordings, or beside fewer elements, is no measure for these refits.
+    return replace(finding, trial=best, members=tuple(members), trials=(best, *rest)), best.fit

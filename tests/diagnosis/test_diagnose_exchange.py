@@ -72,6 +72,7 @@ def test_the_true_neighbour_takes_the_place(true: str, claimed: str) -> None:
     assert fitted.cost < before.cost + CRITERIA.selection.tie
     assert set(VALUES[true]) <= set(fitted.setup.parameters)
     assert not set(VALUES[claimed]) & set(fitted.setup.parameters)
+    assert len({t.fit.residual.size for t in after[1].trials if t.fit is not None}) == 1
     # The model without it comes with it, of the same recordings and steps.
     alone = after[1].others_alone
     assert alone is not None and alone.plan.substeps == fitted.plan.substeps
@@ -84,6 +85,7 @@ def test_a_true_effect_keeps_its_place_and_name(true: str) -> None:
     assert fitted is before
     assert [f.effect.name for f in after] == ["quadratic_drag", true]
     assert [t.candidate.effect.name for t in after[1].alike] == [true]
+    assert len(after[1].trials) == 1 and after[1].others_alone is not None
     assert [(a.rule, a.element) for a in record.asked if a.applies] == [("element_stays", true)]
 
 
