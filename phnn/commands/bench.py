@@ -22,6 +22,7 @@ from phnn.studies.benchmark.tools import tool
 _TAKES = {"write": (), "train": (), "answer": ("cases", "tool"), "score": ("cases", "answers")}
 _SETTINGS = {"write": Settings.__dataclass_fields__, "train": TrainSettings.__dataclass_fields__}
 _FIRST = ("answer", "score")
+_LONGEST = 1e7  # seconds
 
 
 def bench(step: str, out: Path, config: Config, options: Mapping[str, Any], overwrite: bool = False) -> None:
@@ -46,8 +47,10 @@ def bench(step: str, out: Path, config: Config, options: Mapping[str, Any], over
     if first is not None and (step not in _FIRST or first < 1):
         raise InputRefused(f"--first {first}: {' and '.join(_FIRST)} take a number of cases, 1 or more")
     limit = options["limit"]
-    if limit is not None and (step != "answer" or not limit > 0.0):
-        raise InputRefused(f"--limit {limit:g}: answer alone takes it, processor seconds above 0")
+    if limit is not None and (step != "answer" or not 0.0 < limit <= _LONGEST):
+        raise InputRefused(
+            f"--limit {limit:g}: answer alone takes it, processor seconds above 0 and up to {_LONGEST:g}"
+        )
     if options["training"] is not None and step != "answer":
         raise InputRefused(f"phnn bench {step} does not take --training")
     _refuse_settings(step, options["typed"])
@@ -74,6 +77,9 @@ def _answer(options: Mapping[str, Any], out: Path, overwrite: bool) -> None:
     cases, chosen, training = options["cases"], options["tool"], options["training"]
     tool(chosen, training)  # refuses an unknown one now
     origin = {"tool": chosen, "benchmark": card_of(cases)["sha256"]}
+    # A case that had no answer within a shorter limit may have one within this.
+    if options["limit"] is not None:
+        origin["limit"] = f"{options['limit']:g}"
     if training is not None:
         origin["training"] = digest(training)
     inputs = [cases, *([training] if training is not None else [])]

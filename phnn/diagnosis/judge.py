@@ -201,16 +201,29 @@ def _composed(
         word, named = "unknown", ()
         # Whatever had a name before has to claim it anew beside what was added.
         if places := _claimed(findings, model, asked.search.criteria, record):
-            findings, fitted = exchanged(base.fit, findings, fitted, asked.search, record, places)
-            model = model if fitted is model.linearised.fit else asked.search.scored(fitted)
+            findings, model, places = _exchanged(asked, findings, model, places, record)
             claimed = tuple(findings[place] for place in places)
-            share = share_of(asked.found.linearised.fit, fitted, asked.found.naming)
+            share = share_of(base.fit, model.linearised.fit, asked.found.naming)
             word, _ = _word(asked, Selected(claimed, model, share), record, findings)
             named = claimed if word != "unknown" else ()
     names = effects_of(_of_their_own(named, record))
     word = "equivalent" if word == "named" and len(names) < len(named) else word
     kept = tuple(replace(f, provisional=f.effect not in names) for f in findings)
     return word, model, kept
+
+
+def _exchanged(
+    asked: _Asked, findings: tuple[Finding, ...], model: Scored, places: list[int], record: Record
+) -> tuple[tuple[Finding, ...], Scored, list[int]]:
+    """Elements, model and places of names after the names were held against their neighbours."""
+    search, before = asked.search, model.linearised.fit
+    findings, fitted = exchanged(asked.found.linearised.fit, findings, model, search, record, places)
+    if fitted is before:
+        return findings, model, places
+    # The new element asks for other sub-steps, and its name is claimed beside the same others as the old one's was.
+    model = search.scored(exact(fitted, own_parameters(findings), search.criteria.selection))
+    claimed = _claimed(findings, model, search.criteria, record)
+    return findings, model, [place for place in places if place in claimed]
 
 
 def _of_their_own(named: Sequence[Finding], record: Record) -> list[Finding]:

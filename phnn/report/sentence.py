@@ -8,6 +8,9 @@ from collections.abc import Sequence
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Immaterial, Judgement
+from phnn.diagnosis.rules.composition import neighbour_acts_several_times
+from phnn.diagnosis.rules.held_out import numerical_error_may_confound
+from phnn.diagnosis.rules.verdict import another_form_is_named
 from phnn.diagnosis.select import share_of
 from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.diagnosis.words import fitted_in_words
@@ -18,6 +21,9 @@ from phnn.units import quantity
 
 # Share of the excess that is worth a word about what is not the answer.
 _NEAR = 0.5
+# Rules by which a name stands for another form of the effect, and one by which it is not proven.
+_FORMS = {another_form_is_named.__name__, neighbour_acts_several_times.__name__}
+_NUMERICAL = numerical_error_may_confound.__name__
 # Recordings that are listed by name.
 _NAMED = 3
 
@@ -46,11 +52,15 @@ def sentence(diagnosis: Diagnosis) -> str:
         return f"{unknown_statement(j)} {_nearest(j)}{change}"
     claimed = j.claimed
     names = " and ".join(_with_members(f) for f in claimed)
-    others = any(len(f.alike) > 1 for f in claimed)
+    others, applied = any(len(f.alike) > 1 for f in claimed), {r.rule for r in j.rules if r.applies}
     if j.verdict == "named":
         start = f"The model leaves out {names}."
     elif others:
         start = f"The model leaves out {names}; these recordings cannot exclude the effects in brackets."
+    elif _FORMS & applied:
+        start = f"The model leaves out {names}, in another form than the catalogue has."
+    elif _NUMERICAL in applied:
+        start = f"The model leaves out {names}, unless the numerical error of the simulation looks like it."
     else:
         why = (
             "do not exist, so that nothing confirms it"

@@ -162,12 +162,32 @@ class TestANameInAComposedModel:
         with (
             mock.patch.object(judging, "compose", lambda *a: ((before, added), whole)),
             mock.patch.object(judging, "exact", lambda fitted, *_: fitted),
-            mock.patch.object(judging, "exchanged", lambda base, findings, fitted, *_: (findings, fitted)),
             mock.patch.object(Search, "scored", lambda *a: model),
         ):
             word, _, findings = _composed(asked, searched, (), "named", Record())
         assert word == "unknown"
         assert all(f.provisional for f in findings)
+
+    def test_that_is_exchanged_is_claimed_anew_in_the_new_model(self) -> None:
+        before, added = a_finding(NAMED["A"], a_gain(10.0, 2.0)), a_finding(NAMED["B"], a_gain(7.0, 1.0))
+        other, fits = a_finding(NAMED["C"], a_gain(7.0, 1.0)), [SimpleNamespace(chi2=1.0), SimpleNamespace(chi2=1.0)]
+        models = [SimpleNamespace(significant=False, linearised=SimpleNamespace(fit=f)) for f in fits]
+        asked = _Asked(mock.Mock(), mock.Mock(), Search((), new_in_held_out=True))
+        with (
+            mock.patch.object(judging, "compose", lambda *a: ((before, added), fits[0])),
+            mock.patch.object(judging, "exact", lambda fitted, *_: fitted),
+            mock.patch.object(judging, "exchanged", lambda *a: ((before, other), fits[1])),
+            mock.patch.object(judging, "share_of", lambda *a: 0.99),
+            mock.patch.object(judging, "_word", lambda *a: ("named", "")),
+            mock.patch.object(Search, "scored", lambda search, fitted: models[fits.index(fitted)]),
+        ):
+            word, model, findings = _composed(asked, mock.Mock(findings=()), (), "unknown", Record())
+            assert (word, model.linearised.fit) == ("named", fits[1])
+            assert [(f.effect.name, f.provisional) for f in findings] == [("creep", False), ("sensor_lag", False)]
+            # What the new model leaves counts against all names.
+            models[1].significant, fits[1].chi2 = True, 9.0
+            word, _, findings = _composed(asked, mock.Mock(findings=()), (), "unknown", Record())
+            assert all(f.provisional for f in findings)
 
     def test_is_not_that_of_a_part_of_a_neighbours_other_form(self) -> None:
         creep, second, *_ = (a_finding(e) for e in attached(effect("creep"), campaigns.base().setup))

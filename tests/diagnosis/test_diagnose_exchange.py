@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 from unittest import mock
 
 import campaigns
+import numpy as np
 import pytest
 
 from phnn.criteria import CRITERIA
 from phnn.diagnosis import retest
-from phnn.diagnosis.exchange import exchanged
+from phnn.diagnosis.exchange import _best, _needed_by, exchanged
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.search import Search
-from phnn.diagnosis.trial import Trial
+from phnn.diagnosis.trial import Trial, criterion
 from phnn.effects import catalogue, effect
+from phnn.effects.places.attached import attached
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
 from phnn.identification.staged import fit_identified
@@ -51,12 +54,17 @@ def found(base: Fit, *names: str) -> tuple[tuple[Finding, ...], Fit]:
     return tuple(Finding(t, (t,), (t,), mock.sentinel.naming) for t in trials), whole
 
 
+def left(whole: Fit, significant: bool = False) -> Any:
+    """A fit, and whether it leaves something."""
+    return mock.Mock(linearised=mock.Mock(fit=whole), significant=significant)
+
+
 def asked(true: str, claimed: str) -> tuple[tuple[Finding, ...], Fit, Fit, Record]:
     """What becomes of a model with one effect where another is true, beside a drag: elements, fits before and after."""
     base, record = lacking("quadratic_drag", true), Record()
     findings, whole = found(base, "quadratic_drag", claimed)
     search = Search([catalogue()[n] for n in VALUES])
-    after, fitted = exchanged(base, findings, whole, search, record, (0, 1))
+    after, fitted = exchanged(base, findings, left(whole), search, record, (0, 1))
     return after, whole, fitted, record
 
 
@@ -94,10 +102,10 @@ def test_one_element_and_learned_ones_are_not_asked() -> None:
     findings, whole = found(base, "creep")
     record = Record()
     search = Search(list(catalogue().values()))
-    assert exchanged(base, findings, whole, search, record, (0,)) == (findings, whole)
+    assert exchanged(base, findings, left(whole), search, record, (0,)) == (findings, whole)
     two = (*findings, replace(findings[0], learned=True))
     learned = tuple(replace(f, learned=True) for f in two)
-    assert exchanged(base, learned, whole, search, record, (0, 1)) == (learned, whole)
+    assert exchanged(base, learned, left(whole), search, record, (0, 1)) == (learned, whole)
     assert record.asked == []
 
 
@@ -107,3 +115,54 @@ def test_neighbours_are_mutual() -> None:
     assert not creep.is_neighbour_of(drag) and not creep.is_neighbour_of(creep)
     slew = effect("slew_limit")
     assert slew.is_neighbour_of(drag) and drag.is_neighbour_of(slew)
+
+
+def at(whole: Fit, name: str, chosen: float) -> Trial:
+    """A fit as if it had this value of Schwarz's criterion."""
+    trial = Trial(Candidate(effect(name), VALUES[name], (), 10.0, 1e-3), whole)
+    cost = whole.cost + chosen - criterion(trial)
+    return replace(trial, fit=replace(whole, residual=whole.residual * np.sqrt(cost / whole.cost)))
+
+
+@pytest.mark.parametrize(
+    ("claimed", "other", "lower", "significant", "goes"),
+    [
+        ("extra_hysteron", "creep", 3.0, False, True),  # a special case has only to be lower
+        ("extra_hysteron", "creep", -1.0, False, False),
+        ("creep", "extra_hysteron", 3.0, False, False),
+        ("creep", "extra_hysteron", 8.0, False, True),
+        ("creep", "extra_hysteron", 100.0, True, False),  # less than a fifth of what is left
+    ],
+)
+def test_how_much_better_a_neighbour_has_to_be(
+    claimed: str, other: str, lower: float, significant: bool, goes: bool
+) -> None:
+    base = lacking("quadratic_drag", "creep")
+    wholes = {n: found(base, "quadratic_drag", n)[1] for n in (claimed, other)}
+    here = 1.2 * base.residual.size if significant else base.residual.size
+    mine = at(wholes[claimed], claimed, here)
+    assert mine.fit is not None
+    again = _best(
+        Finding(mine, (mine,), (mine,), mock.sentinel.naming, first=0.95), [at(wholes[other], other, here - lower)],
+        mine.fit, significant, CRITERIA, Record(),
+    )  # fmt: skip
+    assert again.effect.name == (other if goes else claimed)
+    assert again.first == (None if goes else 0.95)
+
+
+def test_a_member_that_was_not_refitted_stays_in_the_class() -> None:
+    base = lacking("quadratic_drag", "creep")
+    findings, whole = found(base, "quadratic_drag", "creep")
+    earlier = Trial(Candidate(effect("charge_leakage"), {}, (), 1.0, 1.0), None)
+    finding = replace(findings[1], members=(*findings[1].members, earlier))
+    rival = at(whole, "quadratic_drag", criterion(findings[1].trial) + 5.0)
+    again = _best(finding, [rival], whole, False, CRITERIA, Record())
+    assert again.effect is finding.effect
+    assert {t.candidate.effect.name for t in again.members} >= {"creep", "charge_leakage"}
+
+
+def test_a_first_copy_stays_below_a_second() -> None:
+    first, second, *_ = attached(effect("creep"), campaigns.base().setup)
+    one, two = (Finding(Trial(Candidate(e, {}, (), 1.0, 1.0), None), (), (), mock.Mock()) for e in (first, second))
+    assert _needed_by(one, [two])
+    assert not _needed_by(two, [one])

@@ -194,8 +194,9 @@ class ExchangeCase:
     """An element of a model and the best of its neighbours in its place, all others there.
 
     Attributes:
-        own, other: Schwarz's criterion of both models; other is None where no neighbour can take the place.
-        least: a smaller difference decides nothing.
+        own, other: Schwarz's criterion of both models; other is None where no neighbour came near enough to be refitted
+            to the end.
+        least: a neighbour has to lower the criterion by more; 0 for a special case of the element.
     """
 
     own: float

@@ -61,10 +61,10 @@ def answer_all(
 
 def _answered(folder: Path, found_tool: Callable[[], Tool], place: Place, limit: float | None, case: str) -> str:
     """Answer one case; returns why the tool has no answer, empty where it has one."""
-    known, began = case_folder(folder, case), time.process_time()
+    known, answers, began = case_folder(folder, case), found_tool(), time.process_time()
     try:
         with limited(limit):
-            found = found_tool()(known, _SEED)
+            found = answers(known, _SEED)
     except SolverFailed as error:
         # Anything else is a fault of the tool's code, which ends the run.
         found = Answer({}, failed=str(error))

@@ -176,6 +176,8 @@ def test_a_tool_has_no_answer_after_the_limit(
     (score,) = run.scores_of(tmp_path / "c", tmp_path / "a")
     assert score.failed
     assert json.loads((tmp_path / "a" / "tool.json").read_text())["limit"] == 0.2
+    # With more time the case may have an answer: the same folder does not take both.
+    assert main(["bench", "answer", *options, "--limit", "5"]) == 2
 
 
 def test_a_limit_ends_with_what_it_limits() -> None:
@@ -200,6 +202,7 @@ def test_a_thread_cannot_keep_a_limit() -> None:
     [
         (["score", "--cases", "c", "--answers", "a", "--limit", "3"], "--limit 3: answer alone takes it"),
         (["answer", "--cases", "c", "--tool", "base", "--limit", "0"], "--limit 0: answer alone takes it"),
+        (["answer", "--cases", "c", "--tool", "base", "--limit", "1e30"], "--limit 1e+30: answer alone takes it"),
         (["write", "--tool", "phnn"], "phnn bench write does not take --tool"),
         (["answer", "--tool", "phnn"], "phnn bench answer needs --cases"),
         (["answer", "--cases", "c"], "phnn bench answer needs --tool"),
