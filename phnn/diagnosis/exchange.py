@@ -115,7 +115,7 @@ def _best(
     special = bool(others) and others[0].candidate.effect.name in effect.special_names
     least = 0.0 if special else tie(fitted, criteria.composition.exchange)
     if significant and not special:
-        least = max(least, rule.tie_of_remainder * max(fitted.cost - fitted.residual.size, 0.0))
+        least = max(least, rule.tie_of_remainder * fitted.beyond_noise)
     case = ExchangeCase(criterion(mine), criterion(others[0]) if others else None, least)
     best, *rest = (*others, mine) if is_exchanged(case, effect.name, record) else (mine, *others)
     rest.sort(key=criterion)

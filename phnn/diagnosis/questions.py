@@ -114,13 +114,12 @@ class _Reach:
     def __init__(self, judgement: Judgement, finding: Finding, others: Sequence[Finding], criteria: Criteria) -> None:
         rule, final = criteria.selection, judgement.final
         self._final, self._own = final, finding.trial.fit
-        left = max(final.cost - final.residual.size, 0.0)
         self._more = tie(final, rule.tie)
         matters = judgement.remainder_location is not None and judgement.remainder_immaterial is None
         if final.chi2 > rule.small_residual**2 or matters:
             alone = _alone(judgement, finding, others)
             takes = alone.cost - final.cost if alone is not None else 0.0
-            self._more = max(self._more, rule.tie_of_remainder * left, (1.0 - rule.explains_well) * takes)
+            self._more = max(self._more, rule.tie_of_remainder * final.beyond_noise, (1.0 - rule.explains_well) * takes)
 
     def reaches(self, fitted: Fit) -> bool:
         """Whether a refit to all identification recordings comes near the model."""

@@ -71,9 +71,8 @@ def class_of(trials: Sequence[Trial], unexplained: bool = False, rule: Selection
     best = trials[0]
     if best.fit is None:
         return list(trials[:1])
-    left = max(best.cost - best.fit.residual.size, 0.0)
     undecided = unexplained or best.fit.chi2 > rule.small_residual**2
-    reach = max(tie(best.fit, rule.tie), rule.tie_of_remainder * left if undecided else 0.0)
+    reach = max(tie(best.fit, rule.tie), rule.tie_of_remainder * best.fit.beyond_noise if undecided else 0.0)
     name, most = best.candidate.effect.name, best.fair_cost + reach
     return [t for t in trials if t.fair_cost <= most and name not in t.candidate.effect.special_names]
 

@@ -48,8 +48,8 @@ def identify_base(
 
 
 def _bound(fitted: Fit, options: Options, share: float) -> float:
-    beyond = max(fitted.cost - fitted.residual.size, 0.0) ** 0.5
-    return max(options.error_bound_sigma, share * beyond)
+    """Largest numerical error [standard deviations]."""
+    return max(options.error_bound_sigma, share * fitted.beyond_noise**0.5)
 
 
 def _begun(prepared: Prepared, campaign: Campaign, options: Options, progress: Progress) -> Fit:

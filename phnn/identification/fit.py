@@ -68,6 +68,11 @@ class Fit:
         """Weighted sum of squares."""
         return float(self.residual @ self.residual)
 
+    @property
+    def beyond_noise(self) -> float:
+        """Weighted sum of squares above that of the noise, one for each sample; 0 where it is less."""
+        return max(self.cost - self.residual.size, 0.0)
+
     @cached_property
     def by_anchors(self) -> Array:
         """(K, A) derivatives of ``z`` by the held anchors; one more sweep of sensitivities, where somebody asks."""

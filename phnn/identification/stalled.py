@@ -34,7 +34,7 @@ def resumed(fitted: Fit) -> Fit:
     """
     for _ in range(_TIMES):
         step, promise = _step(fitted)
-        excess, least = max(fitted.cost - fitted.residual.size, 0.0), _LEAST * max(1.0, fitted.chi2)
+        excess, least = fitted.beyond_noise, _LEAST * max(1.0, fitted.chi2)
         if promise < max(_SHARE * excess, least):
             break
         tried = [f for length in _LENGTHS if (f := _from(fitted, length * step)) is not None]

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from typing import Any
 from unittest import mock
 
 import campaigns
 import numpy as np
 import pytest
+from effects_together import VALUES, lacking, together
 
 from phnn.criteria import CRITERIA
-from phnn.diagnosis import retest
 from phnn.diagnosis.exchange import _best, _needed_by, exchanged
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.name import Candidate
@@ -22,36 +21,8 @@ from phnn.diagnosis.trial import Trial, criterion
 from phnn.effects import catalogue, effect
 from phnn.effects.places.attached import attached
 from phnn.identification.fit import Fit
-from phnn.identification.plan import Plan
-from phnn.identification.staged import fit_identified
 
-VALUES = {
-    "quadratic_drag": {"c_2": 10.0},
-    "creep": {"k_s": 4e3, "tau_s": 5e-3},
-    "extra_hysteron": {"C_x": 3e-7, "rho_x": 0.3, "d_x": 5.0},
-}
-
-
-@cache
-def lacking(*names: str) -> Fit:
-    """The base model fitted to recordings of one that has these effects too."""
-    base = campaigns.base()
-    true = base.setup
-    for name in names:
-        true = effect(name).add_to(true, VALUES[name])
-    made = tuple(campaigns.recorded(true, r.name, r.t, r.u, r.noise, k) for k, r in enumerate(base.plan.recordings))
-    return fit_identified(base.setup, Plan(made, campaigns.STEPS, 1), {"m": "held at the stated value"})
-
-
-def found(base: Fit, *names: str) -> tuple[tuple[Finding, ...], Fit]:
-    """Effects in a model, and its fit."""
-    candidates = [Candidate(effect(n), VALUES[n], (), 10.0, 1e-3) for n in names]
-    blank = [Finding(Trial(c, None), (), (), mock.sentinel.naming) for c in candidates]
-    values = base.setup.values() | {n: v for name in names for n, v in VALUES[name].items()}
-    whole = retest.fit_with(base, blank, values)
-    assert whole is not None
-    trials = [Trial(c, whole) for c in candidates]
-    return tuple(Finding(t, (t,), (t,), mock.sentinel.naming) for t in trials), whole
+SEARCHED = ("quadratic_drag", "creep", "extra_hysteron")
 
 
 def left(whole: Fit, significant: bool = False) -> Any:
@@ -62,8 +33,8 @@ def left(whole: Fit, significant: bool = False) -> Any:
 def asked(true: str, claimed: str) -> tuple[tuple[Finding, ...], Fit, Fit, Record]:
     """What becomes of a model with one effect where another is true, beside a drag: elements, fits before and after."""
     base, record = lacking("quadratic_drag", true), Record()
-    findings, whole = found(base, "quadratic_drag", claimed)
-    search = Search([catalogue()[n] for n in VALUES])
+    findings, whole = together(base, "quadratic_drag", claimed)
+    search = Search([catalogue()[n] for n in SEARCHED])
     after, fitted = exchanged(base, findings, left(whole), search, record, (0, 1))
     return after, whole, fitted, record
 
@@ -99,7 +70,7 @@ def test_a_true_effect_keeps_its_place_and_name(true: str) -> None:
 
 def test_one_element_and_learned_ones_are_not_asked() -> None:
     base = lacking("quadratic_drag", "creep")
-    findings, whole = found(base, "creep")
+    findings, whole = together(base, "creep")
     record = Record()
     search = Search(list(catalogue().values()))
     assert exchanged(base, findings, left(whole), search, record, (0,)) == (findings, whole)
@@ -138,7 +109,7 @@ def test_how_much_better_a_neighbour_has_to_be(
     claimed: str, other: str, lower: float, significant: bool, goes: bool
 ) -> None:
     base = lacking("quadratic_drag", "creep")
-    wholes = {n: found(base, "quadratic_drag", n)[1] for n in (claimed, other)}
+    wholes = {n: together(base, "quadratic_drag", n)[1] for n in (claimed, other)}
     here = 1.2 * base.residual.size if significant else base.residual.size
     mine = at(wholes[claimed], claimed, here)
     assert mine.fit is not None
@@ -152,7 +123,7 @@ def test_how_much_better_a_neighbour_has_to_be(
 
 def test_a_member_that_was_not_refitted_stays_in_the_class() -> None:
     base = lacking("quadratic_drag", "creep")
-    findings, whole = found(base, "quadratic_drag", "creep")
+    findings, whole = together(base, "quadratic_drag", "creep")
     earlier = Trial(Candidate(effect("charge_leakage"), {}, (), 1.0, 1.0), None)
     finding = replace(findings[1], members=(*findings[1].members, earlier))
     rival = at(whole, "quadratic_drag", criterion(findings[1].trial) + 5.0)

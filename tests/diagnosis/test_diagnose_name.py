@@ -137,7 +137,10 @@ def trial(name: str, cost: float, chi2: float = 1.0, own: Own = NOTHING) -> Tria
     candidate = Candidate(catalogue()[name], {}, (), 10.0, 1e-5)
     t = np.arange(500) * 1e-3
     white = SimpleNamespace(recordings=(recording(t, np.sin(2.0 * np.pi * 40.0 * t)),))
-    fitted = SimpleNamespace(cost=cost, chi2=chi2, plan=white, residual=np.zeros(500), setup=SimpleNamespace(own=own))
+    fitted = SimpleNamespace(
+        cost=cost, chi2=chi2, plan=white, residual=np.zeros(500), setup=SimpleNamespace(own=own),
+        beyond_noise=max(cost - 500.0, 0.0),
+    )  # fmt: skip
     return Trial(candidate, fitted)  # type: ignore[arg-type]
 
 

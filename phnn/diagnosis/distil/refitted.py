@@ -43,7 +43,7 @@ def refitted_formula(
     trials = [t for t in refit(alone, naming.candidates, executor, criteria=criteria) if t.fit is not None]
     if not trials:
         return None
-    rule, left = criteria.selection, max(final.cost - final.residual.size, 0.0)
+    rule, left = criteria.selection, final.beyond_noise
     # A remainder that is no noise may favour either, as in `phnn.diagnosis.trial.class_of`.
     doubtful = rule.tie_of_remainder * left if final.chi2 > rule.small_residual**2 else 0.0
     reach = max(tie(final, rule.tie), doubtful)
