@@ -23,6 +23,12 @@ class Confirmation:
         "Smallest fall of the held-out error that is material.",
         "Argument: three digits in a report show no smaller fall: 1.01 → 1.01.",
     )
+    named_gain: float = criterion(
+        0.25,
+        "noise rms",
+        "Smallest contribution of an element to held-out recordings that can have a name.",
+        "Calculation: 3 % of the residual, two standard errors of a noise floor from 2,500 samples.",
+    )
     real_gain: float = criterion(
         0.5,
         "noise rms",

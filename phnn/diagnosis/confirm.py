@@ -1,7 +1,7 @@
 """The recordings that were held out have the last word on every element that was found.
 
 An element is what the model has and the model without it, refitted, has not. Its name stands only if the error on
-held-out recordings falls, by more than chance would make it fall and by more than is worth telling. Each element needs
+held-out recordings falls, by more than chance would make it fall and by so much that it is noticed. Each element needs
 its own gain: of a chain of elements none is carried by the others. As each passes on its own, no element is named
 wrongly more often than the level says, and no correction for their number is due. An element that makes the held-out
 error larger is taken out, and the others are asked again; an element not proven at first is then proven only below
@@ -12,7 +12,7 @@ the level over the number of all questions.
 | falls materially, p < level | proven: its name stands |
 | loses nine tenths of its excess, too few blocks for a p-value | open: at most ``equivalent`` |
 | does not, too few blocks to refute it | provisional beside others that stand; alone it is refuted |
-| changes by less than is material | immaterial: told with its size, not named, not in the model |
+| changes by less than anyone would notice, and did where it was found | immaterial: told with its size, not named |
 | anything else | refuted: what it explained is real, and has no name |
 
 With few blocks the held-out recordings prove nothing and refute nothing: one coherent drift is a single observation,

@@ -36,11 +36,12 @@ def _numbers(found: Gain, **others: float | None) -> dict[str, float | None]:
 
 
 def nothing_held_out_and_small(case: ElementCase) -> Applied | None:
-    """Nothing is held out, and the identification error falls by less than matters."""
+    """Nothing is held out, and the identification error falls by less than anyone would notice."""
     if case.held_out is not None:
         return None
-    small = not case.rule.falls(*_sizes(case.identified))
-    return Applied(small, "immaterial", _numbers(case.identified, material=case.rule.material))
+    found, rule = case.identified, case.rule
+    small = not rule.falls(*_sizes(found)) or found.share_of_noise < rule.named_gain
+    return Applied(small, "immaterial", _numbers(found, material=rule.material, named_gain=rule.named_gain))
 
 
 def nothing_held_out_and_far(case: ElementCase) -> Applied | None:
@@ -66,13 +67,16 @@ def untested_and_far(case: ElementCase) -> Applied | None:
 
 
 def changes_too_little(case: ElementCase) -> Applied | None:
-    """The held-out error neither falls nor rises by what matters, nor was it large where the element was found."""
+    """The held-out error rises by nothing that matters and falls by nothing that anyone would notice, nor does the
+    error where the element was found: a name would stand for a difference that no curve shows."""
     found, rule = case.held_out, case.rule
     if found is None:
         return None
-    changes = rule.falls(*_sizes(found)) or rule.rises(*_sizes(found))
+    noticed = rule.falls(*_sizes(found)) and found.share_of_noise >= rule.named_gain
+    changes = noticed or rule.rises(*_sizes(found))
     identified = case.identified.share_of_noise
-    numbers = _numbers(found, material=rule.material, identified_share=identified, real_gain=rule.real_gain)
+    numbers = _numbers(found, material=rule.material, named_gain=rule.named_gain, identified_share=identified)
+    numbers["real_gain"] = rule.real_gain
     return Applied(not changes and identified < rule.real_gain, "immaterial", numbers)
 
 
