@@ -186,9 +186,10 @@ def _small_remainder(judgement: Judgement, criteria: Criteria, record: Record) -
 
 
 def _dropped(judgement: Judgement, fallen: Tested, score_again: Callable[[Fit], Scored]) -> Judgement:
-    """The judgement without one of several elements; what the rest leaves is scored again."""
-    here = score_again(fallen.alone)
-    rest = without_element(judgement.findings, fallen.finding)
+    """The judgement without one of several elements and its other forms; what the rest leaves is scored again."""
+    here, rest = score_again(fallen.alone), judgement.findings
+    for gone in (fallen.finding, *fallen.forms):
+        rest = without_element(rest, gone)
     return replace(
         judgement,
         findings=tuple(replace(f, others_alone=None) for f in rest),

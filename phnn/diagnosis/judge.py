@@ -14,7 +14,7 @@ from phnn.diagnosis.learn import learn
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location, group_of
 from phnn.diagnosis.name import Naming
-from phnn.diagnosis.place import located, of_the_kind
+from phnn.diagnosis.place import further_forms, located
 from phnn.diagnosis.rules import Applied, Record
 from phnn.diagnosis.rules.composition import COPIES, ClaimCase, CopiesCase, has_name
 from phnn.diagnosis.rules.search import BASE, BaseCase
@@ -173,7 +173,7 @@ def _word(asked: _Asked, selected: Selected, record: Record, beside: Sequence[Fi
         learned=excess(alone) if alone is not None else None,
         new_in_held_out=asked.search.new_in_held_out,
         rule=rule,
-        another_form=any(f.laws or _has_another_form(f, beside) for f in selected.findings),
+        another_form=any(bool(f.laws or further_forms(f, beside)) for f in selected.findings),
     )
     decided = record.decide(VERDICT, case)
     assert decided is not None
@@ -235,11 +235,6 @@ def _of_their_own(named: Sequence[Finding], record: Record) -> list[Finding]:
         if not beside or record.decide(COPIES, case, finding.effect.name) is None:
             kept.append(finding)
     return kept
-
-
-def _has_another_form(named: Finding, findings: Sequence[Finding]) -> bool:
-    """Whether a learned element beside an effect is more of it, so that both together are another form of it."""
-    return any(f.nameless and of_the_kind(named.effect, f.effect) for f in findings)
 
 
 def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, record: Record) -> list[int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from phnn.criteria import LOCATING, SELECTION, Locating, Selection
+from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.trial import Trial, class_of, simplest_first
 from phnn.effects import Effect
@@ -51,6 +52,11 @@ def of_the_kind(effect: Effect, learned: Effect) -> bool:
     """Whether an effect of the catalogue and a learned element may be two forms of one thing, at one place."""
     related = effect.kind == learned.kind or effect.name in learned.neighbours
     return related and (effect.location, effect.place) == (learned.location, learned.place)
+
+
+def further_forms(named: Finding, findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Learned elements beside an effect that are more of it, so that all together are another form of the effect."""
+    return tuple(f for f in findings if f.nameless and of_the_kind(named.effect, f.effect))
 
 
 def may_lie(effect: Effect, location: Location, rule: Locating = LOCATING) -> bool:

@@ -1,17 +1,21 @@
 """The gain of every element of a model on held-out recordings, and the resulting status of this element.
 
-An element is what the model has and the model without it, refitted, has not. `phnn.diagnosis.confirm` decides what
+An element is what the model has and the model without it, refitted, has not. An effect that claims a name, took nearly
+all and has learned elements of its kind beside it is another form of itself: all of them together are held against the
+model without any, for the learned ones alone can take what the effect stands for. `phnn.diagnosis.confirm` decides what
 follows for the model.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
 from phnn.criteria import Confirmation, Criteria
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Judgement
+from phnn.diagnosis.place import further_forms
 from phnn.diagnosis.retest import without
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.held_out import ELEMENT, ElementCase
@@ -42,6 +46,7 @@ class Tested:
     Attributes:
         alone: the model without it; the model itself where that cannot be fitted.
         held_out: None where nothing was held out.
+        forms: learned elements that are more of it, which ``alone`` lacks as well.
     """
 
     finding: Finding
@@ -49,6 +54,7 @@ class Tested:
     alone: Fit
     held_out: Gain | None
     identified: Gain
+    forms: tuple[Finding, ...] = ()
 
     @property
     def shown(self) -> Gain:
@@ -70,8 +76,9 @@ def tested_elements(
     base, final, rule = judgement.linearised.fit, judgement.final, criteria.confirmation
     after, tested = score_on_all(final, campaign), []
     for finding in judgement.findings:
-        others = tuple(f for f in judgement.findings if f is not finding)
-        alone = finding.others_alone
+        forms = _forms(finding, judgement.findings, criteria)
+        others = tuple(f for f in judgement.findings if f is not finding and f not in forms)
+        alone = finding.others_alone if not forms else None
         if alone is None:
             alone = without(base, others, finding, final, criteria) if others else base
         if alone is None:
@@ -86,8 +93,19 @@ def tested_elements(
         drifts = final.setup.own.drift_terms > alone.setup.own.drift_terms
         case = ElementCase(held_out, identified, rule, drifts)
         outcome = outcome_of(case, record, finding.effect.name)
-        tested.append(Tested(finding, outcome, alone, held_out, identified))
+        tested.append(Tested(finding, outcome, alone, held_out, identified, forms))
     return after, tested
+
+
+def _forms(finding: Finding, findings: Sequence[Finding], criteria: Criteria) -> tuple[Finding, ...]:
+    """Learned elements with which an effect is another form of itself: it took nearly all before they were added.
+
+    Of several effects of the search it is not known which of them took it.
+    """
+    took = [f for f in findings if f.first is not None]
+    if finding.provisional or took != [finding] or (finding.first or 0.0) < criteria.composition.first_takes:
+        return ()
+    return further_forms(finding, findings)
 
 
 def _untold(finding: Finding, final: Fit, after: Evaluation, campaign: Campaign, rule: Confirmation) -> Tested:

@@ -339,6 +339,26 @@ def test_a_name_that_took_nearly_all_stands_beside_learned_elements_of_its_kind(
     assert [f.effect.name for f in found.claimed] == names
 
 
+@pytest.mark.parametrize(("first", "names"), [(0.95, ["cubic_stiffness"]), (0.85, [])])
+def test_another_form_is_proven_by_what_the_effect_and_its_learned_element_take_together(
+    first: float, names: list[str]
+) -> None:
+    """Beside a learned spring the cubic one alone gains nothing: the learned one can take it all."""
+    world = World()
+    base, final, spring_alone = world.fit(3.0, 3.0), world.fit(0.0, 0.0), world.fit(0.2, 0.0)
+    trial = Trial(Candidate(learned_elements()["learned_spring"], {}, (), 10.0, 1e-3), final)
+    beside = Finding(trial, (trial,), (trial,), mock.Mock(), learned=True, provisional=True)
+    claims = replace(finding("cubic_stiffness", final), first=first)
+    judgement = replace(nameless(base, final, ()), verdict="equivalent", findings=(claims, beside))
+    found, *_ = world.confirm(judgement, {"cubic_stiffness": spring_alone, "learned_spring": world.fit(0.6, 0.6)})
+    assert [f.effect.name for f in found.claimed] == names
+    assert found.verdict == ("equivalent" if names else "unknown")
+    assert [f.effect.name for f in found.findings] == [*names, "learned_spring"]
+    if names:
+        shown = found.findings[0].held_out
+        assert shown is not None and shown.before > 3.0
+
+
 def test_of_two_names_of_the_search_neither_stands_for_what_both_took() -> None:
     world = World()
     base, final = world.fit(5.0, 5.0), world.fit(0.0, 0.0)
