@@ -26,7 +26,8 @@ class Confirmation:
     named_gain: float = criterion(
         0.25,
         "noise rms",
-        "Smallest contribution of an element to held-out recordings that can have a name.",
+        "An element that explains less of the held-out recordings has no name, unless it explains `real_gain` of the "
+        "identification recordings.",
         "Calculation: 3 % of the residual, two standard errors of a noise floor from 2,500 samples.",
     )
     real_gain: float = criterion(

@@ -1,7 +1,7 @@
 """The recordings that were held out have the last word on every element that was found.
 
 An element is what the model has and the model without it, refitted, has not. Its name stands only if the error on
-held-out recordings falls, by more than chance would make it fall and by so much that it is noticed. Each element needs
+held-out recordings falls, by more than chance would make it fall and by so much that it can be seen. Each element needs
 its own gain: of a chain of elements none is carried by the others. As each passes on its own, no element is named
 wrongly more often than the level says, and no correction for their number is due. An element that makes the held-out
 error larger is taken out, and the others are asked again; an element not proven at first is then proven only below
@@ -9,10 +9,10 @@ the level over the number of all questions.
 
 | on held-out recordings | the element is |
 |---|---|
-| falls materially, p < level | proven: its name stands |
+| falls by `named_gain`, p < level | proven: its name stands |
 | loses nine tenths of its excess, too few blocks for a p-value | open: at most ``equivalent`` |
 | does not, too few blocks to refute it | provisional beside others that stand; alone it is refuted |
-| changes by less than anyone would notice, and did where it was found | immaterial: told with its size, not named |
+| falls by less, and by less than `real_gain` where it was found | immaterial: told with its size, not named |
 | anything else | refuted: what it explained is real, and has no name |
 
 With few blocks the held-out recordings prove nothing and refute nothing: one coherent drift is a single observation,
@@ -33,14 +33,14 @@ from phnn.diagnosis.finding import Finding, without_element
 from phnn.diagnosis.judge import Immaterial, Judgement, immaterial, unexplained
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.name import Naming
-from phnn.diagnosis.place import of_the_kind
+from phnn.diagnosis.place import further_forms, may_be_part_of
 from phnn.diagnosis.rules import Record
-from phnn.diagnosis.rules.composition import ClaimCase, has_name
+from phnn.diagnosis.rules.composition import COPIES, ClaimCase, has_name
 from phnn.diagnosis.rules.held_out import MODEL, NAMELESS, REMAINDER, ModelCase, NamelessCase
+from phnn.diagnosis.rules.verdict import VERDICT, another_form_is_named
 from phnn.diagnosis.scored import Scored
 from phnn.diagnosis.select import share_of
-from phnn.diagnosis.tested import SURE, Outcome, Tested, score_on_all, tested_elements
-from phnn.effects import Effect
+from phnn.diagnosis.tested import SURE, Outcome, Tested, learned_forms, score_on_all, tested_elements
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
 from phnn.recordings.recording import Campaign
@@ -75,8 +75,10 @@ def confirmed(
         tested = [_no_surer(t, level) if t.finding.effect in doubted else t for t in tested]
     tested = _without_doubtful_names(tested, criteria, record)
     claimed = [t for t in tested if not t.finding.provisional]
-    left = before.over_noise("confirmation")
-    decided = record.decide(MODEL, _model_case(judgement, claimed, left, criteria)) if claimed else None
+    # What is too small for a name takes none from the others.
+    claimed = [t for t in claimed if t.outcome is not Outcome.IMMATERIAL] or claimed
+    left, lost = before.over_noise("confirmation"), campaign.held_out_is_new and _form_is_gone(judgement, claimed)
+    decided = record.decide(MODEL, _model_case(judgement, claimed, left, lost, criteria)) if claimed else None
     if decided is not None and decided.outcome == "none":
         first, shown = judgement.findings[0].effect.name, tested[0].shown
         small = Immaterial(first, abs(shown.rms), abs(shown.share_of_noise))
@@ -116,31 +118,33 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
     nearly all before has its name beside learned elements of its own kind, for both together are another form of it.
     """
 
-    # Of several effects of the search it is not known which of them took nearly all.
-    alone = sum(t.finding.first is not None for t in tested) == 1
-
     def takes(t: Tested) -> float:
         return max(t.shown.takes, 0.0)
 
     def asked(t: Tested) -> Tested:
         effect = t.finding.effect
-        beside = [o for o in tested if o.finding.nameless and _may_be_part_of(o.finding.effect, effect)]
+        beside = [o for o in tested if o.finding.nameless and may_be_part_of(o.finding.effect, effect)]
         if t.finding.provisional or not beside:
             return t
-        forms = alone and takes(t) > 0.0 and all(of_the_kind(effect, o.finding.effect) for o in beside)
-        first = t.finding.first if forms else None
+        forms = learned_forms(t.finding, [o.finding for o in tested], criteria)
+        first = t.finding.first if forms and takes(t) > 0.0 else None
         case = ClaimCase(t.finding.nameless, takes(t), sum(map(takes, beside)), criteria, first)
         return t if has_name(case, effect.name, record) else replace(t, finding=replace(t.finding, provisional=True))
 
     return [asked(t) for t in tested]
 
 
-def _may_be_part_of(learned: Effect, effect: Effect) -> bool:
-    """Whether a learned element may take what an effect stands for: at its place, and not more of the same."""
-    return learned.location == effect.location and not learned.is_more_of(effect)
+def _form_is_gone(judgement: Judgement, claimed: Sequence[Tested]) -> bool:
+    """Whether another form alone kept a verdict from ``named``, and the learned elements that made it are gone."""
+    words = [r.rule for r in judgement.rules if r.applies and r.rule in {rule.__name__ for rule in VERDICT}]
+    copies = any(r.applies and r.rule in {rule.__name__ for rule in COPIES} for r in judgement.rules)
+    here = any(bool(t.finding.laws or further_forms(t.finding, judgement.findings)) for t in claimed)
+    return words[-1:] == [another_form_is_named.__name__] and not copies and not here
 
 
-def _model_case(judgement: Judgement, tested: Sequence[Tested], held_out: float, criteria: Criteria) -> ModelCase:
+def _model_case(
+    judgement: Judgement, tested: Sequence[Tested], held_out: float, form_is_gone: bool, criteria: Criteria
+) -> ModelCase:
     counts = Counter(t.outcome for t in tested)
     share = share_of(judgement.linearised.fit, judgement.final, judgement.naming)
     return ModelCase(
@@ -153,6 +157,7 @@ def _model_case(judgement: Judgement, tested: Sequence[Tested], held_out: float,
         base=_nameless_case(judgement.linearised, judgement.naming, criteria),
         held_out=held_out,
         criteria=criteria,
+        form_is_gone=form_is_gone,
     )
 
 
@@ -186,10 +191,9 @@ def _small_remainder(judgement: Judgement, criteria: Criteria, record: Record) -
 
 
 def _dropped(judgement: Judgement, fallen: Tested, score_again: Callable[[Fit], Scored]) -> Judgement:
-    """The judgement without one of several elements and its other forms; what the rest leaves is scored again."""
-    here, rest = score_again(fallen.alone), judgement.findings
-    for gone in (fallen.finding, *fallen.forms):
-        rest = without_element(rest, gone)
+    """The judgement without one of several elements; what the rest leaves is scored again."""
+    here = score_again(fallen.alone)
+    rest = without_element(judgement.findings, fallen.finding)
     return replace(
         judgement,
         findings=tuple(replace(f, others_alone=None) for f in rest),

@@ -54,6 +54,11 @@ def of_the_kind(effect: Effect, learned: Effect) -> bool:
     return related and (effect.location, effect.place) == (learned.location, learned.place)
 
 
+def may_be_part_of(learned: Effect, effect: Effect) -> bool:
+    """Whether a learned element may take what an effect stands for: at its place, and not more of the same."""
+    return learned.location == effect.location and not learned.is_more_of(effect)
+
+
 def further_forms(named: Finding, findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """Learned elements beside an effect that are more of it, so that all together are another form of the effect."""
     return tuple(f for f in findings if f.nameless and of_the_kind(named.effect, f.effect))

@@ -1,21 +1,21 @@
 """The gain of every element of a model on held-out recordings, and the resulting status of this element.
 
-An element is what the model has and the model without it, refitted, has not. An effect that claims a name, took nearly
-all and has learned elements of its kind beside it is another form of itself: all of them together are held against the
-model without any, for the learned ones alone can take what the effect stands for. `phnn.diagnosis.confirm` decides what
+An element is what the model has and the model without it, refitted, has not. Beside learned elements of its kind an
+effect that took nearly all of the excess before they were added gains little, for they can take what it stands for. Its
+name is asked of the model that lacks them: with the effect against without. `phnn.diagnosis.confirm` decides what
 follows for the model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
-from phnn.criteria import Confirmation, Criteria
+from phnn.criteria import Criteria
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Judgement
-from phnn.diagnosis.place import further_forms
+from phnn.diagnosis.place import further_forms, may_be_part_of
 from phnn.diagnosis.retest import without
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.held_out import ELEMENT, ElementCase
@@ -45,8 +45,8 @@ class Tested:
 
     Attributes:
         alone: the model without it; the model itself where that cannot be fitted.
-        held_out: None where nothing was held out.
-        forms: learned elements that are more of it, which ``alone`` lacks as well.
+        held_out: None where nothing was held out. Of an effect in another form, both gains are those of the effect
+            without its learned elements.
     """
 
     finding: Finding
@@ -54,12 +54,58 @@ class Tested:
     alone: Fit
     held_out: Gain | None
     identified: Gain
-    forms: tuple[Finding, ...] = ()
 
     @property
     def shown(self) -> Gain:
         """The gain on held-out recordings, on those identified where there are none."""
         return self.held_out or self.identified
+
+
+_Shown = tuple[Fit, Evaluation]
+
+
+@dataclass(frozen=True)
+class _Models:
+    """The final model of a judgement, the models with some of its elements, and what they predict; each is fitted once.
+
+    Attributes:
+        before: scores of the base model.
+    """
+
+    judgement: Judgement
+    before: Evaluation
+    campaign: Campaign
+    criteria: Criteria
+    fitted: dict[tuple[int, ...], _Shown | None] = field(default_factory=dict)
+
+    def without(self, *gone: Finding) -> _Shown | None:
+        """The model without some elements; None where it cannot be fitted."""
+        known = tuple(sorted(id(f) for f in gone))
+        if known not in self.fitted:
+            self.fitted[known] = self._fitted(*gone)
+        return self.fitted[known]
+
+    def _fitted(self, *gone: Finding) -> _Shown | None:
+        j, base = self.judgement, self.judgement.linearised.fit
+        if not gone:
+            return j.final, score_on_all(j.final, self.campaign)
+        others = tuple(f for f in j.findings if all(f is not g for g in gone))
+        if not others:
+            return base, self.before
+        fitted = gone[0].others_alone if len(gone) == 1 else None
+        if fitted is None:
+            fitted = without(base, others, gone[0], j.final, self.criteria)
+        return None if fitted is None else (fitted, score_on_all(fitted, self.campaign))
+
+    def case(self, fewer: _Shown, more: _Shown) -> ElementCase:
+        """What one model gains over another."""
+        rule, own = self.criteria.confirmation, (fewer[0].setup.own, more[0].setup.own)
+        held_out, identified = (
+            gain(fewer[1], more[1], self.campaign.recordings, use, rule.held_out_blocks, own)
+            for use in ("confirmation", "identification")
+        )
+        assert identified is not None
+        return ElementCase(held_out, identified, rule, own[1].drift_terms > own[0].drift_terms)
 
 
 def outcome_of(case: ElementCase, record: Record | None = None, element: str = "") -> Outcome:
@@ -73,47 +119,47 @@ def tested_elements(
     judgement: Judgement, before: Evaluation, campaign: Campaign, criteria: Criteria, record: Record
 ) -> tuple[Evaluation, list[Tested]]:
     """The final model's scores on all recordings, and each of its elements held against the model without it."""
-    base, final, rule = judgement.linearised.fit, judgement.final, criteria.confirmation
-    after, tested = score_on_all(final, campaign), []
-    for finding in judgement.findings:
-        forms = _forms(finding, judgement.findings, criteria)
-        others = tuple(f for f in judgement.findings if f is not finding and f not in forms)
-        alone = finding.others_alone if not forms else None
-        if alone is None:
-            alone = without(base, others, finding, final, criteria) if others else base
-        if alone is None:
-            tested.append(_untold(finding, final, after, campaign, rule))
-            continue
-        shown = before if alone is base else score_on_all(alone, campaign)
-        held_out, identified = (
-            gain(shown, after, campaign.recordings, use, rule.held_out_blocks, (alone.setup.own, final.setup.own))
-            for use in ("confirmation", "identification")
-        )
-        assert identified is not None
-        drifts = final.setup.own.drift_terms > alone.setup.own.drift_terms
-        case = ElementCase(held_out, identified, rule, drifts)
-        outcome = outcome_of(case, record, finding.effect.name)
-        tested.append(Tested(finding, outcome, alone, held_out, identified, forms))
-    return after, tested
+    models = _Models(judgement, before, campaign, criteria)
+    whole = models.without()
+    assert whole is not None
+    return whole[1], [_tested(f, models, whole, record) for f in judgement.findings]
 
 
-def _forms(finding: Finding, findings: Sequence[Finding], criteria: Criteria) -> tuple[Finding, ...]:
-    """Learned elements with which an effect is another form of itself: it took nearly all before they were added.
+def _tested(finding: Finding, models: _Models, whole: _Shown, record: Record) -> Tested:
+    alone = models.without(finding)
+    if alone is None:
+        # It stays, and nothing is known of what it gains.
+        case = models.case(whole, whole)
+        return Tested(finding, Outcome.PROVISIONAL, whole[0], case.held_out, case.identified)
+    case = models.case(alone, whole)
+    forms = learned_forms(finding, models.judgement.findings, models.criteria)
+    if forms and not _rises(case):
+        neither, effect = models.without(finding, *forms), models.without(*forms)
+        if neither is not None and effect is not None:
+            case = models.case(neither, effect)
+    outcome = outcome_of(case, record, finding.effect.name)
+    return Tested(finding, outcome, alone[0], case.held_out, case.identified)
 
-    Of several effects of the search it is not known which of them took it.
+
+def _rises(case: ElementCase) -> bool:
+    """Whether held-out recordings are predicted materially worse with an element."""
+    found = case.held_out
+    return found is not None and case.rule.rises(found.before, found.after, found.share_of_noise)
+
+
+def learned_forms(finding: Finding, findings: Sequence[Finding], criteria: Criteria) -> tuple[Finding, ...]:
+    """Learned elements with which an effect is in another form: it took nearly all of the excess before they came.
+
+    There are none where a learned element of another kind at its place may be what both stand for, nor where the search
+    had several effects, for it is not known which of them took nearly all.
     """
-    took = [f for f in findings if f.first is not None]
-    if finding.provisional or took != [finding] or (finding.first or 0.0) < criteria.composition.first_takes:
+    if finding.provisional or (finding.first or 0.0) < criteria.composition.first_takes:
         return ()
-    return further_forms(finding, findings)
-
-
-def _untold(finding: Finding, final: Fit, after: Evaluation, campaign: Campaign, rule: Confirmation) -> Tested:
-    """An element without which the others cannot be fitted: it stays, and nothing is known of what it gains."""
-    own, uses = (final.setup.own, final.setup.own), ("confirmation", "identification")
-    held_out, identified = (gain(after, after, campaign.recordings, u, rule.held_out_blocks, own) for u in uses)
-    assert identified is not None
-    return Tested(finding, Outcome.PROVISIONAL, final, held_out, identified)
+    if any(f.first is not None and f is not finding for f in findings):
+        return ()
+    forms = further_forms(finding, findings)
+    beside = [f for f in findings if f.nameless and may_be_part_of(f.effect, finding.effect)]
+    return forms if all(any(f is g for g in forms) for f in beside) else ()
 
 
 def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:

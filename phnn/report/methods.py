@@ -116,7 +116,7 @@ def _decided(diagnosis: Diagnosis) -> list[str]:
         f"of the excess with p < {short(grown.composed_far_level)}).",
         "An element keeps its name only where the error of held-out recordings falls with it "
         f"(p < {short(kept.held_out_level)}, paired over blocks of time) by at least "
-        f"{short(kept.material)} of the noise and {percent(100 * kept.material_share, 0)} % of the error.",
+        f"{short(kept.named_gain)} of the noise and {percent(100 * kept.material_share, 0)} % of the error.",
     ]
     if changed:
         found.append(

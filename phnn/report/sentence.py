@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Immaterial, Judgement
+from phnn.diagnosis.place import further_forms
 from phnn.diagnosis.rules.composition import neighbour_acts_several_times
 from phnn.diagnosis.rules.held_out import numerical_error_may_confound
-from phnn.diagnosis.rules.verdict import another_form_is_named
 from phnn.diagnosis.select import share_of
 from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.diagnosis.words import fitted_in_words
@@ -21,8 +21,8 @@ from phnn.units import quantity
 
 # Share of the excess that is worth a word about what is not the answer.
 _NEAR = 0.5
-# Rules by which a name stands for another form of the effect, and one by which it is not proven.
-_FORMS = {another_form_is_named.__name__, neighbour_acts_several_times.__name__}
+# Rules by which a name stands for several copies of the effect, and by which it is not proven.
+_COPIES = neighbour_acts_several_times.__name__
 _NUMERICAL = numerical_error_may_confound.__name__
 # Recordings that are listed by name.
 _NAMED = 3
@@ -57,7 +57,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         start = f"The model leaves out {names}."
     elif others:
         start = f"The model leaves out {names}; these recordings cannot exclude the effects in brackets."
-    elif _FORMS & applied:
+    elif _COPIES in applied or any(f.laws or further_forms(f, j.findings) for f in claimed):
         start = f"The model leaves out {names}, in another form than the catalogue has."
     elif _NUMERICAL in applied:
         start = f"The model leaves out {names}, unless the numerical error of the simulation looks like it."

@@ -16,6 +16,7 @@ from phnn.diagnosis.confirm import _no_surer, confirmed
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Judgement
 from phnn.diagnosis.name import Candidate
+from phnn.diagnosis.rules import Applied
 from phnn.diagnosis.rules.held_out import ElementCase
 from phnn.diagnosis.tested import Outcome, outcome_of
 from phnn.diagnosis.trial import Trial
@@ -339,24 +340,59 @@ def test_a_name_that_took_nearly_all_stands_beside_learned_elements_of_its_kind(
     assert [f.effect.name for f in found.claimed] == names
 
 
-@pytest.mark.parametrize(("first", "names"), [(0.95, ["cubic_stiffness"]), (0.85, [])])
-def test_another_form_is_proven_by_what_the_effect_and_its_learned_element_take_together(
-    first: float, names: list[str]
-) -> None:
-    """Beside a learned spring the cubic one alone gains nothing: the learned one can take it all."""
+Levels = tuple[float, float]
+
+
+def cubic_in_another_form(
+    both: Levels, spring: Levels, cubic: Levels, first: float = 0.95, rules: tuple[Applied, ...] = ()
+) -> Judgement:
+    """The verdict where a cubic and a learned spring leave so much, both and each alone, of what was 3 × noise."""
     world = World()
-    base, final, spring_alone = world.fit(3.0, 3.0), world.fit(0.0, 0.0), world.fit(0.2, 0.0)
+    base, final = world.fit(3.0, 3.0), world.fit(*both)
     trial = Trial(Candidate(learned_elements()["learned_spring"], {}, (), 10.0, 1e-3), final)
     beside = Finding(trial, (trial,), (trial,), mock.Mock(), learned=True, provisional=True)
     claims = replace(finding("cubic_stiffness", final), first=first)
-    judgement = replace(nameless(base, final, ()), verdict="equivalent", findings=(claims, beside))
-    found, *_ = world.confirm(judgement, {"cubic_stiffness": spring_alone, "learned_spring": world.fit(0.6, 0.6)})
+    judgement = replace(nameless(base, final, ()), verdict="equivalent", findings=(claims, beside), rules=rules)
+    found, *_ = world.confirm(judgement, {"cubic_stiffness": world.fit(*spring), "learned_spring": world.fit(*cubic)})
+    return found
+
+
+@pytest.mark.parametrize(("first", "names"), [(0.95, ["cubic_stiffness"]), (0.85, [])])
+def test_the_name_of_another_form_is_asked_without_the_learned_elements(first: float, names: list[str]) -> None:
+    """Beside a learned spring the cubic one gains nothing: the learned one can take it all."""
+    found = cubic_in_another_form(both=(0.0, 0.0), spring=(0.2, 0.0), cubic=(0.6, 0.6), first=first)
     assert [f.effect.name for f in found.claimed] == names
     assert found.verdict == ("equivalent" if names else "unknown")
     assert [f.effect.name for f in found.findings] == [*names, "learned_spring"]
     if names:
         shown = found.findings[0].held_out
-        assert shown is not None and shown.before > 3.0
+        assert shown is not None and shown.before > 3.0 and shown.after == pytest.approx(np.hypot(1.0, 0.6), rel=0.02)
+
+
+@pytest.mark.parametrize("both", [1.5, 3.2])
+def test_an_effect_that_harms_leaves_and_its_learned_element_stays(both: float) -> None:
+    found = cubic_in_another_form(both=(0.0, both), spring=(0.2, 0.2), cubic=(0.6, 4.0))
+    assert found.verdict == "unknown" and named(found) == ["learned_spring"]
+
+
+def test_a_name_in_another_form_needs_a_gain_of_the_effect_itself() -> None:
+    found = cubic_in_another_form(both=(0.0, 0.2), spring=(0.2, 0.2), cubic=(0.6, 3.0))
+    assert found.claimed == () and "learned_spring" in named(found)
+
+
+def test_an_effect_whose_learned_element_leaves_is_in_no_other_form() -> None:
+    rules = (Applied(True, "equivalent", {}, "another_form_is_named"),)
+    with mock.patch.object(CAMPAIGN, "held_out_is_new", True):
+        found = cubic_in_another_form(both=(0.0, 1.0), spring=(0.2, 2.9), cubic=(0.1, 0.2), rules=rules)
+    assert named(found) == ["cubic_stiffness"] and found.verdict == "named"
+
+
+def test_what_is_too_small_for_a_name_takes_none_from_others() -> None:
+    world = World()
+    base, final = world.fit(3.0, 3.0), world.fit(0.0, 0.0)
+    found, *_ = world.judge(base, final, (world.fit(2.9, 2.9), world.fit(0.2, 0.2)))
+    assert found.verdict == "named" and [f.effect.name for f in found.claimed] == ["creep"]
+    assert found.final is final and named(found) == ["creep", "amplifier_lowpass"]
 
 
 def test_of_two_names_of_the_search_neither_stands_for_what_both_took() -> None:

@@ -36,7 +36,7 @@ def _numbers(found: Gain, **others: float | None) -> dict[str, float | None]:
 
 
 def nothing_held_out_and_small(case: ElementCase) -> Applied | None:
-    """Nothing is held out, and the identification error falls by less than anyone would notice."""
+    """Nothing is held out, and the identification error falls by less than a name needs."""
     if case.held_out is not None:
         return None
     found, rule = case.identified, case.rule
@@ -67,8 +67,8 @@ def untested_and_far(case: ElementCase) -> Applied | None:
 
 
 def changes_too_little(case: ElementCase) -> Applied | None:
-    """The held-out error rises by nothing that matters and falls by nothing that anyone would notice, nor does the
-    error where the element was found: a name would stand for a difference that no curve shows."""
+    """The held-out error does not rise materially and falls by less than a name needs, and where the element was found
+    the gain was small as well."""
     found, rule = case.held_out, case.rule
     if found is None:
         return None
@@ -139,6 +139,7 @@ class ModelCase:
         proven, open_, immaterial: how many have this outcome; size: how many there are.
         share: of the whole excess that the model explains; remains: whether it leaves something significant.
         base: what the base model leaves; held_out: its residual over noise on held-out recordings, NaN without any.
+        form_is_gone: another form alone kept the verdict from ``named``, and what made it another form is gone.
     """
 
     proven: int
@@ -150,6 +151,7 @@ class ModelCase:
     base: NamelessCase
     held_out: float
     criteria: Criteria
+    form_is_gone: bool = False
 
 
 def all_are_immaterial(case: ModelCase) -> Applied:
@@ -176,6 +178,11 @@ def confirmed_explain_too_little(case: ModelCase) -> Applied:
 def not_all_are_proven(case: ModelCase) -> Applied:
     """Held-out recordings leave open whether an element is real."""
     return Applied(case.proven < case.size, "equivalent", {"elements": case.size, "proven": case.proven})
+
+
+def catalogue_form_is_left(case: ModelCase) -> Applied:
+    """Held-out recordings have taken out the learned elements that made the effect another form of itself."""
+    return Applied(case.form_is_gone, "named", {"elements": case.size, "proven": case.proven})
 
 
 def all_are_proven(case: ModelCase) -> Applied:
@@ -241,8 +248,8 @@ ELEMENT = (
     nothing_held_out_and_small,
     nothing_held_out_and_far,
     nothing_held_out,
-    untested_and_far,
     changes_too_little,
+    untested_and_far,
     drift_is_within_the_noise,
     untested,
     error_falls,
@@ -253,6 +260,7 @@ MODEL = (
     none_is_confirmed,
     confirmed_explain_too_little,
     not_all_are_proven,
+    catalogue_form_is_left,
     all_are_proven,
 )
 NAMELESS = (mismatch_is_immaterial,)

@@ -72,7 +72,7 @@ def several_explain_equally_well(case: VerdictCase) -> Applied:
 
 
 def another_form_is_named(case: VerdictCase) -> Applied:
-    """Held-out recordings are asked for the learned element, and not for the effect that it has its name from."""
+    """A learned element is part of what has the name, or all of it: the law is not that of the catalogue."""
     return Applied(case.another_form, "equivalent", {})
 
 
