@@ -82,9 +82,7 @@ def _refitted(
     found = [c for c in scored if c.effect is not effect]
     search.progress(f"refit {len(found)} neighbours of {effect.name} in its place")
     trials = refit(alone, [*own, *found], search.executor, criteria=search.criteria)
-    # What was given up still has coarse sub-steps.
-    steps = alone.plan.substeps
-    return [(t.candidate, t.fit) for t in trials if t.fit is not None and t.fit.plan.substeps == steps]
+    return [(t.candidate, t.fit) for t in trials if t.fit is not None and t.converged]
 
 
 def _in_place(base: Fit, findings: Sequence[Finding], place: int, refitted: tuple[Candidate, Fit]) -> Trial:

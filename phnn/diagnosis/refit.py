@@ -68,8 +68,10 @@ def refit(
     large = base.chi2 > race.large_residual**2
     comparable = not large or _leaves_less(race.incomparable_left, trials[0], base)
     last = rivals[: race.enter_last if comparable else 1]
+    ended = {t.candidate.effect for t in last}
     trials = _again(partial(finished, limits=criteria.refits), base, trials, last, executor)
-    return list(first_by_name(trials, lambda t: t.candidate.effect).values())
+    best = first_by_name(trials, lambda t: t.candidate.effect).values()
+    return [replace(t, converged=t.fit is not None and t.candidate.effect in ended) for t in best]
 
 
 def _again(

@@ -18,10 +18,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A candidate with its refit; ``fit`` is None where no start could be simulated."""
+    """A candidate with its refit.
+
+    Attributes:
+        fit: None where no start could be simulated.
+        converged: it was carried to the end, with the sub-steps of the model that it was added to.
+    """
 
     candidate: Candidate
     fit: Fit | None
+    converged: bool = False
 
     @property
     def cost(self) -> float:
