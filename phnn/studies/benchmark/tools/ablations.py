@@ -21,7 +21,10 @@ from phnn.studies.benchmark.tools.common import base_of, fitted_with, prediction
 from phnn.studies.benchmark.tools.diagnosis import diagnosed
 
 # Held-out recordings take out nothing but what makes their error clearly larger.
-_NO_VETO = {"material": 1e-9, "material_share": 1e-9, "untested_fall": 1e-9, "held_out_level": 0.999}
+_NO_VETO = {
+    **dict.fromkeys(("material", "material_share", "named_gain", "untested_fall"), 1e-9),
+    "held_out_level": 0.999,
+}
 # Every candidate of the catalogue is refitted until it converges.
 _NO_RACE = {
     **dict.fromkeys(("enter_large", "enter_second", "enter_last"), 1000),
