@@ -1,7 +1,8 @@
 """The whole benchmark in one command: ``python scripts/bench.py --out DIR [--tools phnn base] [--first N] [seed=2]``.
 
 Makes the cases, lets each tool answer them, scores all answers and prints the page, ``DIR/scores/leaderboard.md``. Run
-again, it goes on where it stopped; another tool is added by naming it too.
+again, it goes on where it stopped; another tool is added by naming it too. ``--table NAME`` keeps the scores of some
+tools, or of fewer cases, in ``DIR/NAME`` beside those of all.
 """
 
 from __future__ import annotations
@@ -32,10 +33,11 @@ def run(chosen: argparse.Namespace) -> None:
         bench("answer", out / tool, config, {**asked, "tool": tool, "training": training, "limit": chosen.limit})
         print(f"{tool}: {time.monotonic() - began:.0f} s", flush=True)
     answers = [out / tool for tool in tools]
-    bench("score", out / "scores", config, {**asked, "answers": answers}, overwrite=True)
+    scores = out / ("scores" if chosen.table == "bench" else chosen.table)
+    bench("score", scores, config, {**asked, "answers": answers}, overwrite=True)
     if chosen.page:
-        table = (out / "scores" / "leaderboard.md").read_text(encoding="utf-8")
-        fill(chosen.page, "bench", table.replace("## ", "### "))
+        table = (scores / "leaderboard.md").read_text(encoding="utf-8")
+        fill(chosen.page, chosen.table, table.replace("## ", "### "))
 
 
 def main() -> None:
@@ -53,6 +55,12 @@ def main() -> None:
     add("--first", type=int, metavar="N", help="the first N cases alone")
     add("--limit", type=float, metavar="S", help="processor seconds of a tool for a case, after which it has no answer")
     add("--page", type=Path, metavar="FILE", help="also fill the table of this page of markdown, as docs/evidence.md")
+    add(
+        "--table",
+        default="bench",
+        metavar="NAME",
+        help="which table of it, and the folder of its scores; default: bench",
+    )
     add("--training", type=Path, metavar="DIR", help="what phnn bench train has written, for the tools that learn")
     add("--executor", default="processes", metavar="WHERE", help="see phnn diagnose; default: %(default)s")
     add("settings", nargs="*", metavar="KEY=VALUE", help="of configs/bench.yaml")

@@ -1,4 +1,4 @@
-"""The benchmark, the loops and the long runs as commands that fill a page."""
+"""The benchmark and the studies of rivals as commands that fill a page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def run(script: str, *arguments: str) -> str:
 @pytest.mark.slow
 def test_one_command_makes_answers_scores_and_fills_a_page(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    page.write_text("<!-- begin bench -->\n<!-- end bench -->\n")
+    page.write_text("".join(f"<!-- begin {name} -->\n<!-- end {name} -->\n" for name in ("bench", "fewer")))
     sizes = [f"{group}={int(group in ('none', 'same'))}" for group in GROUPS]
     asked = ["--tools", "harmonics", "base", "--page", str(page), "--executor", "serial", "seed=5"]
     said = run("bench.py", "--out", str(tmp_path / "out"), *asked, *sizes)
@@ -31,6 +31,11 @@ def test_one_command_makes_answers_scores_and_fills_a_page(tmp_path: Path) -> No
     assert "\n### Wrong answers of harmonics\n" in text
     assert "| cases | 2.00 | 2.00 |" in text
     assert (tmp_path / "out" / "scores" / "scores.csv").exists()
+    # A second table of fewer cases leaves the first as it is, and answers nothing twice.
+    run("bench.py", "--out", str(tmp_path / "out"), *asked, *sizes, "--first", "1", "--table", "fewer")
+    assert page.read_text().startswith(text.partition("<!-- begin fewer")[0])
+    assert "| cases | 1.00 | 1.00 |" in page.read_text().partition("<!-- begin fewer")[2]
+    assert (tmp_path / "out" / "fewer" / "scores.csv").exists()
 
 
 @pytest.mark.slow
@@ -49,6 +54,17 @@ def test_no_passive_model_diverges_with_a_compliant_load(tmp_path: Path) -> None
         "compare.budget=4",
     )
     assert "| PHS | 3 | 0 | 0 | 0 |" in page.read_text()
+
+
+@pytest.mark.slow
+def test_one_recording_is_enough_for_a_network_that_is_the_truth(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- begin scarcity -->\n<!-- end scarcity -->\n")
+    small = ["seeds=[1]", "compare.models=[phs,linear]", "compare.starts=2", "compare.inputs=2"]
+    run("rivals.py", "study=scarcity", f"out={tmp_path / 'out'}", f"page={page}", *small)
+    rows = [[cell.strip() for cell in line.split("|")] for line in page.read_text().splitlines()]
+    needed = {row[1]: row[-2] for row in rows if len(row) > 3}
+    assert needed["PHS"] == "1" and needed["linear"] == "> 7"
 
 
 @pytest.mark.slow
