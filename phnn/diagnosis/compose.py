@@ -128,12 +128,25 @@ def compose(
         here, again = _still_needed(material, held, base, further, len(further.findings) - 1, record), []
     if not here.findings or _same(here.findings, kept):
         return kept, final
-    whole = fit_with(material.base, here.findings, here.fit.setup.values())
+    whole = _on_all(material.base, here, final)
     if record.decide(WHOLE, WholeCase(None if whole is None else whole.cost, final.cost)) is not None or whole is None:
         return kept, final
     found = with_nearest_laws(held, base, here.findings, here.fit, material.search, record)
     # A fit of the search without an element may have elements that this model lacks.
     return tuple(replace(f, others_alone=None) for f in found), whole
+
+
+def _on_all(base: Fit, here: _Grown, final: Fit) -> Fit | None:
+    """The composed model fitted to all identification recordings, from the parameters and initial states that it has.
+
+    If it ends above the model of the search it has met a local optimum, and is fitted from the base model's states.
+    """
+    values = here.fit.setup.values()
+    found = fit_with(base, here.findings, values, origin=here.fit)
+    if found is not None and found.cost < final.cost:
+        return found
+    again = fit_with(base, here.findings, values)
+    return min((f for f in (found, again) if f is not None), key=lambda f: f.cost, default=None)
 
 
 def _with_share(held: LeftOut, base: Fit, here: _Grown) -> tuple[Finding, ...]:

@@ -314,7 +314,7 @@ def test_a_composed_model_forgets_what_the_search_fitted_without_an_element() ->
     grown = _Grown((stale,), world.fit("A"), "A", 1.0, MATERIAL_ON_BASE)  # type: ignore[arg-type]
     patched: dict[str, Any] = {
         "leave_out": lambda *a: world, "_on": lambda *a: world.fit(""), "_grown": lambda *a: grown,
-        "_still_needed": lambda *a: grown, "fit_with": lambda *a: world.fit("A"),
+        "_still_needed": lambda *a: grown, "fit_with": lambda *a, **k: world.fit("A"),
     }  # fmt: skip
     with (
         mock.patch.multiple(composing, **patched),
@@ -323,6 +323,28 @@ def test_a_composed_model_forgets_what_the_search_fitted_without_an_element() ->
         findings, _ = composing.compose(MATERIAL_ON_BASE, searched, (), Record())
     assert [f.effect.name for f in findings] == ["creep"]
     assert all(f.others_alone is None for f in findings)
+
+
+@pytest.mark.parametrize(
+    ("grown", "base", "ends", "asked"), [(1.0, 2.0, 1.0, 1), (6.0, 2.0, 2.0, 2), (None, 6.0, 6.0, 2)]
+)
+def test_a_composed_model_is_fitted_to_all_recordings_from_where_it_was_grown(
+    grown: float | None, base: float, ends: float, asked: int
+) -> None:
+    """From the base model's states only where that ends above the model of the search."""
+    world = World({"A": 1.0})
+    here, costs = world.grown("A"), {True: grown, False: base}
+    known: list[bool] = []
+
+    def fit_with(_: object, __: object, ___: object, origin: Any = None) -> Any:
+        known.append(origin is here.fit)
+        cost = costs[known[-1]]
+        return None if cost is None else SimpleNamespace(cost=cost)
+
+    with mock.patch.object(composing, "fit_with", fit_with):
+        found = composing._on_all(mock.Mock(), here, SimpleNamespace(cost=5.0))  # type: ignore[arg-type]
+    assert found is not None and found.cost == ends
+    assert known == [True, False][:asked]
 
 
 MATERIAL_ON_BASE = Material(mock.Mock(), Search([]))
