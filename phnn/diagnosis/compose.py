@@ -14,11 +14,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from phnn.criteria import Criteria
+from phnn.diagnosis.candidates import begun_again, further_candidates, is_named
 from phnn.diagnosis.finding import Finding, effects_of, without_element
-from phnn.diagnosis.locate import Location
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.nearest_law import with_nearest_laws
-from phnn.diagnosis.place import of_its_kinds
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.retest import fit_with
 from phnn.diagnosis.rules import Record
@@ -27,7 +26,6 @@ from phnn.diagnosis.scored import Scored
 from phnn.diagnosis.search import Search
 from phnn.diagnosis.select import Selected
 from phnn.diagnosis.trial import Trial, class_of
-from phnn.effects import Effect
 from phnn.errors import PhnnError
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
@@ -118,7 +116,7 @@ def compose(
     if start is searched:
         here = replace(here, findings=_with_share(held, base, here))
     here = _still_needed(material, held, base, here, len(here.findings), record)
-    again = [] if here.findings else _ended(tried, material)
+    again = [] if here.findings else begun_again(tried, material.base, criteria)
     for _ in range(_ROUNDS * criteria.composition.most_elements):
         if record.decide(LEAVES, here.leaves) is not None:
             break
@@ -172,21 +170,12 @@ def _grown(material: Material, held: LeftOut, findings: tuple[Finding, ...], fit
     return _Grown(findings, fitted, scores, held.over_noise(scores), material)
 
 
-def _ended(tried: Sequence[Trial], material: Material) -> list[Candidate]:
-    """The best refits of an earlier search as candidates that begin where those ended."""
-    known = [(t.candidate, t.fit.setup.values()) for t in tried if t.fit is not None and t.cost < material.base.cost]
-    return [
-        replace(c, values={n: v[n] for n in c.effect.parameters}, others=())
-        for c, v in known[: material.criteria.composition.composed_refits]
-    ]
-
-
 def _further(
     material: Material, held: LeftOut, here: _Grown, again: Sequence[Candidate], record: Record
 ) -> _Grown | None:
     """The model with the one more element that the left-out recordings choose; None where they ask for none."""
     criteria = material.criteria
-    candidates = _candidates(material, here, again)
+    candidates = further_candidates(material.search, here.model, again)
     many = len(candidates)
     material.search.progress(
         f"{here.left:.3g} × noise on recordings that choose; refit {many} candidates for a further element"
@@ -201,12 +190,12 @@ def _further(
     alike = class_of(ordered, here.model.significant, criteria.selection)
     finding = Finding(
         best,
-        (best, *(t for t in alike if t is not best and _named(material, t.candidate))),
+        (best, *(t for t in alike if t is not best and is_named(material.search, t.candidate))),
         tuple(ordered),
         here.model.naming,
         level=criteria.selection.level,
         gained=gained,
-        learned=not _named(material, best.candidate),
+        learned=not is_named(material.search, best.candidate),
     )
     return _grown(material, held, (*here.findings, finding), fitted)
 
@@ -221,7 +210,7 @@ def _ordered(material: Material, held: LeftOut, here: _Grown, shown: Sequence[_S
         between = held.gain((s[1], s[2]), (best[1], best[2]))
         worse = rule.falls(between.before, between.after, between.share_of_noise)
         candidate = s[0].candidate
-        simple = () if worse else (not _named(material, candidate), len(candidate.effect.all_strengths))
+        simple = () if worse else (not is_named(material.search, candidate), len(candidate.effect.all_strengths))
         learned, size = simple or (True, 0)
         return s[1].setup.own != here.fit.setup.own, worse, learned, size, held.over_noise(s[2])
 
@@ -244,45 +233,6 @@ def _chosen(
         if decided is not None and decided.outcome == "add":
             return trial, fitted, gained
     return None
-
-
-def _named(material: Material, candidate: Candidate) -> bool:
-    """Whether a candidate belongs to the catalogue."""
-    return any(candidate.effect is e for e in material.search.effects)
-
-
-def _candidates(material: Material, here: _Grown, again: Sequence[Candidate]) -> list[Candidate]:
-    """What may be added: effects begun again from earlier refits, those of the best scores, learned elements at the
-    places that explain most; best score first.
-
-    A score has one direction, and a learned element many: it is refitted however small its score is.
-    """
-    rule = material.criteria.composition
-    ranked = [c for c in here.model.naming.candidates if c.effect.can_be_added_to(here.fit.setup)]
-    begun = [_at(c, ranked) for c in again]
-    left = [c for c in ranked if all(c.effect is not b.effect for b in begun)]
-    named = [c for c in left if _named(material, c)]
-    where = here.model.remaining
-    learned = [c for c in left if not _named(material, c)]
-    learned.sort(key=lambda c: -_explains(where, c.effect))
-    chosen = [*begun, *named[: max(rule.composed_refits - len(begun), 1)]]
-    learned = learned[: rule.learned_refits]
-    most = max((c.score for c in (*chosen, *learned)), default=0.0)
-    chosen += [replace(c, score=most) for c in learned]
-    return sorted(chosen, key=lambda c: -c.score)
-
-
-def _at(begun: Candidate, ranked: Sequence[Candidate]) -> Candidate:
-    """A candidate with its present score and the values at which it is begun again."""
-    found = next((c for c in ranked if c.effect is begun.effect), None)
-    return begun if found is None else replace(found, values=begun.values, others=(found.values,))
-
-
-def _explains(where: Location | None, effect: Effect) -> float:
-    """What functions at a learned element's place, of its kind where there are such, explain of what is left."""
-    if where is None:
-        return 0.0
-    return max(of_its_kinds(where, effect), default=where.ranks.get(effect.location, 0.0))
 
 
 def _still_needed(material: Material, held: LeftOut, base: Fit, grown: _Grown, asked: int, record: Record) -> _Grown:

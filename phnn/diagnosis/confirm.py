@@ -33,9 +33,9 @@ from phnn.diagnosis.finding import Finding, without_element
 from phnn.diagnosis.judge import Immaterial, Judgement, immaterial, unexplained
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.name import Naming
-from phnn.diagnosis.place import further_forms, may_be_part_of
+from phnn.diagnosis.place import in_another_form, may_be_part_of
 from phnn.diagnosis.rules import Record
-from phnn.diagnosis.rules.composition import COPIES, ClaimCase, has_name
+from phnn.diagnosis.rules.composition import ClaimCase, has_name, neighbour_acts_several_times
 from phnn.diagnosis.rules.held_out import MODEL, NAMELESS, REMAINDER, ModelCase, NamelessCase
 from phnn.diagnosis.rules.verdict import VERDICT, another_form_is_named
 from phnn.diagnosis.scored import Scored
@@ -136,10 +136,11 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
 
 def _form_is_gone(judgement: Judgement, claimed: Sequence[Tested]) -> bool:
     """Whether another form alone kept a verdict from ``named``, and the learned elements that made it are gone."""
-    words = [r.rule for r in judgement.rules if r.applies and r.rule in {rule.__name__ for rule in VERDICT}]
-    copies = any(r.applies and r.rule in {rule.__name__ for rule in COPIES} for r in judgement.rules)
-    here = any(bool(t.finding.laws or further_forms(t.finding, judgement.findings)) for t in claimed)
-    return words[-1:] == [another_form_is_named.__name__] and not copies and not here
+    applied, words = [r.rule for r in judgement.rules if r.applies], {rule.__name__ for rule in VERDICT}
+    last = [rule for rule in applied if rule in words][-1:]
+    if last != [another_form_is_named.__name__] or neighbour_acts_several_times.__name__ in applied:
+        return False
+    return not any(in_another_form(t.finding, judgement.findings) for t in claimed)
 
 
 def _model_case(

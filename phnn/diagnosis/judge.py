@@ -14,7 +14,7 @@ from phnn.diagnosis.learn import learn
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location, group_of
 from phnn.diagnosis.name import Naming
-from phnn.diagnosis.place import further_forms, located
+from phnn.diagnosis.place import in_another_form, located
 from phnn.diagnosis.rules import Applied, Record
 from phnn.diagnosis.rules.composition import COPIES, ClaimCase, CopiesCase, has_name
 from phnn.diagnosis.rules.search import BASE, BaseCase
@@ -173,7 +173,7 @@ def _word(asked: _Asked, selected: Selected, record: Record, beside: Sequence[Fi
         learned=excess(alone) if alone is not None else None,
         new_in_held_out=asked.search.new_in_held_out,
         rule=rule,
-        another_form=any(bool(f.laws or further_forms(f, beside)) for f in selected.findings),
+        another_form=any(in_another_form(f, beside) for f in selected.findings),
     )
     decided = record.decide(VERDICT, case)
     assert decided is not None

@@ -64,6 +64,11 @@ def further_forms(named: Finding, findings: Sequence[Finding]) -> tuple[Finding,
     return tuple(f for f in findings if f.nameless and of_the_kind(named.effect, f.effect))
 
 
+def in_another_form(named: Finding, findings: Sequence[Finding]) -> bool:
+    """Whether a name stands for another form of the effect: a learned element is all of it, or more of it."""
+    return bool(named.laws or further_forms(named, findings))
+
+
 def may_lie(effect: Effect, location: Location, rule: Locating = LOCATING) -> bool:
     """Whether an effect lies where some of what is left is explained, as far as that can be told.
 

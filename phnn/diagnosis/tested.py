@@ -133,18 +133,12 @@ def _tested(finding: Finding, models: _Models, whole: _Shown, record: Record) ->
         return Tested(finding, Outcome.PROVISIONAL, whole[0], case.held_out, case.identified)
     case = models.case(alone, whole)
     forms = learned_forms(finding, models.judgement.findings, models.criteria)
-    if forms and not _rises(case):
+    if forms and not case.rises:
         neither, effect = models.without(finding, *forms), models.without(*forms)
         if neither is not None and effect is not None:
             case = models.case(neither, effect)
     outcome = outcome_of(case, record, finding.effect.name)
     return Tested(finding, outcome, alone[0], case.held_out, case.identified)
-
-
-def _rises(case: ElementCase) -> bool:
-    """Whether held-out recordings are predicted materially worse with an element."""
-    found = case.held_out
-    return found is not None and case.rule.rises(found.before, found.after, found.share_of_noise)
 
 
 def learned_forms(finding: Finding, findings: Sequence[Finding], criteria: Criteria) -> tuple[Finding, ...]:

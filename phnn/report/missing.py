@@ -10,7 +10,7 @@ from phnn.diagnosis.distil import Distilled
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Judgement
 from phnn.diagnosis.picture import is_effort
-from phnn.diagnosis.place import further_forms
+from phnn.diagnosis.place import in_another_form
 from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.effects.places import place_of
 from phnn.identification.fit import Fit
@@ -75,7 +75,7 @@ def _status(diagnosis: Diagnosis, finding: Finding) -> str:
     """Status of a claimed element: the verdict, or ``named`` if this element alone is proven."""
     held, level = finding.held_out, diagnosis.criteria.confirmation.held_out_level
     proven = held is not None and held.falls is not None and held.falls < level
-    form = finding.laws or further_forms(finding, diagnosis.judgement.findings)
+    form = in_another_form(finding, diagnosis.judgement.findings)
     alone = len(finding.alike) == 1 and not form and diagnosis.campaign.held_out_is_new
     return "named" if alone and proven else diagnosis.judgement.verdict
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Immaterial, Judgement
-from phnn.diagnosis.place import further_forms
+from phnn.diagnosis.place import in_another_form
 from phnn.diagnosis.rules.composition import neighbour_acts_several_times
 from phnn.diagnosis.rules.held_out import numerical_error_may_confound
 from phnn.diagnosis.select import share_of
@@ -57,7 +57,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         start = f"The model leaves out {names}."
     elif others:
         start = f"The model leaves out {names}; these recordings cannot exclude the effects in brackets."
-    elif _COPIES in applied or any(f.laws or further_forms(f, j.findings) for f in claimed):
+    elif _COPIES in applied or any(in_another_form(f, j.findings) for f in claimed):
         start = f"The model leaves out {names}, in another form than the catalogue has."
     elif _NUMERICAL in applied:
         start = f"The model leaves out {names}, unless the numerical error of the simulation looks like it."

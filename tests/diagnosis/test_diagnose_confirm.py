@@ -131,6 +131,11 @@ def finding(name: str, fitted: Fit) -> Finding:
     return Finding(trial, (trial,), (trial,), mock.Mock())
 
 
+def learned_finding(name: str, fitted: Fit) -> Finding:
+    trial = Trial(Candidate(learned_elements()[name], {}, (), 10.0, 1e-3), fitted)
+    return Finding(trial, (trial,), (trial,), mock.Mock(), learned=True, provisional=True)
+
+
 def named(judgement: Judgement) -> list[str]:
     return [f.effect.name for f in judgement.findings]
 
@@ -305,9 +310,7 @@ def test_a_mismatch_without_a_name_is_told_only_where_it_matters(level: float, s
 def test_a_name_falls_beside_a_learned_element_at_its_place_that_takes_as_much(takes: float, names: list[str]) -> None:
     world = World()
     base, final = world.fit(5.0, 5.0), world.fit(0.0, 0.0)
-    learned = learned_elements()["learned_damper"]
-    trial = Trial(Candidate(learned, {}, (), 10.0, 1e-3), final)
-    beside = Finding(trial, (trial,), (trial,), mock.Mock(), learned=True, provisional=True)
+    beside = learned_finding("learned_damper", final)
     judgement = nameless(base, final, ())
     judgement = replace(judgement, verdict="named", findings=(finding("quadratic_drag", final), beside))
     alone = {"quadratic_drag": world.fit(4.0, 4.0), "learned_damper": world.fit(takes, takes)}
@@ -331,8 +334,7 @@ def test_a_name_that_took_nearly_all_stands_beside_learned_elements_of_its_kind(
 ) -> None:
     world = World()
     base, final = world.fit(5.0, 5.0), world.fit(0.0, 0.0)
-    trial = Trial(Candidate(learned_elements()[learned], {}, (), 10.0, 1e-3), final)
-    beside = Finding(trial, (trial,), (trial,), mock.Mock(), learned=True, provisional=True)
+    beside = learned_finding(learned, final)
     judgement = nameless(base, final, ())
     claims = replace(finding("cubic_stiffness", final), first=first)
     judgement = replace(judgement, verdict="named", findings=(claims, beside))
@@ -349,8 +351,7 @@ def cubic_in_another_form(
     """The verdict where a cubic and a learned spring leave so much, both and each alone, of what was 3 × noise."""
     world = World()
     base, final = world.fit(3.0, 3.0), world.fit(*both)
-    trial = Trial(Candidate(learned_elements()["learned_spring"], {}, (), 10.0, 1e-3), final)
-    beside = Finding(trial, (trial,), (trial,), mock.Mock(), learned=True, provisional=True)
+    beside = learned_finding("learned_spring", final)
     claims = replace(finding("cubic_stiffness", final), first=first)
     judgement = replace(nameless(base, final, ()), verdict="equivalent", findings=(claims, beside), rules=rules)
     found, *_ = world.confirm(judgement, {"cubic_stiffness": world.fit(*spring), "learned_spring": world.fit(*cubic)})
@@ -398,8 +399,7 @@ def test_what_is_too_small_for_a_name_takes_none_from_others() -> None:
 def test_of_two_names_of_the_search_neither_stands_for_what_both_took() -> None:
     world = World()
     base, final = world.fit(5.0, 5.0), world.fit(0.0, 0.0)
-    trial = Trial(Candidate(learned_elements()["learned_damper"], {}, (), 10.0, 1e-3), final)
-    beside = Finding(trial, (trial,), (trial,), mock.Mock(), learned=True, provisional=True)
+    beside = learned_finding("learned_damper", final)
     both = [replace(finding(n, final), first=0.92) for n in ("cubic_stiffness", "quadratic_drag")]
     judgement = replace(nameless(base, final, ()), verdict="named", findings=(*both, beside))
     alone = {"cubic_stiffness": world.fit(4.0, 4.0), "quadratic_drag": world.fit(1.0, 1.0)}

@@ -26,6 +26,11 @@ class ElementCase:
     rule: Confirmation
     drifts: bool = False
 
+    @property
+    def rises(self) -> bool:
+        """Whether held-out recordings are predicted materially worse with the element."""
+        return self.held_out is not None and self.rule.rises(*_sizes(self.held_out))
+
 
 def _sizes(found: Gain) -> tuple[float, float, float]:
     return found.before, found.after, found.share_of_noise
@@ -73,7 +78,7 @@ def changes_too_little(case: ElementCase) -> Applied | None:
     if found is None:
         return None
     noticed = rule.falls(*_sizes(found)) and found.share_of_noise >= rule.named_gain
-    changes = noticed or rule.rises(*_sizes(found))
+    changes = noticed or case.rises
     identified = case.identified.share_of_noise
     numbers = _numbers(found, material=rule.material, named_gain=rule.named_gain, identified_share=identified)
     numbers["real_gain"] = rule.real_gain
