@@ -12,6 +12,7 @@ from scipy.special import ndtri_exp
 from scipy.stats import t as student
 
 from phnn.criteria import Noise
+from phnn.diagnosis.force_noise import force_noise
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.identification.residual_noise import NoiseSpectrum, noise_spectra
 from phnn.recordings.recording import Recording
@@ -59,6 +60,32 @@ class Colour:
         each = [s.covariance(columns[rows]) for s, rows in zip(self.spectra, self.linearised.slices, strict=True)]
         return np.asarray(np.sum(each, axis=0))
 
+    def forced(self, columns: Array) -> Array:
+        """(C,) variances along columns (N, C) of white noise and of a white force, as `phnn.diagnosis.force_noise` has
+        them from the residual."""
+
+        def one(recording: Recording, rows: slice) -> Array:
+            spectrum = force_noise(self.linearised.residual[rows], recording.dt, self.linearised.response)
+            return np.asarray(spectrum.by_band(columns[rows])[0])
+
+        return np.sum(self.linearised.plan.each(one, self.linearised.slices), axis=0)
+
+    def freedom(self, columns: Array) -> Array:
+        """(C,) degrees of freedom of the variances that `left` has on its diagonal.
+
+            ν = 2 (Σ_b V_b)² / Σ_b 2 V_b²/ν_b,    V_b the part of band b of a spectrum, ν_b its degrees of freedom
+
+        (Satterthwaite 1946). A slow change of the output is judged by the few lowest ordinates of a spectrum.
+        """
+        parts: dict[int, tuple[NoiseSpectrum, Array]] = {}
+        for spectrum, rows in zip(self.spectra, self.linearised.slices, strict=True):
+            found = spectrum.by_band(columns[rows])
+            before = parts.get(id(spectrum))
+            parts[id(spectrum)] = (spectrum, found if before is None else before[1] + found)
+        total = np.sum([v.sum(axis=0) for _, v in parts.values()], axis=0)
+        doubt = np.sum([(1.0 / s.freedom) @ v**2 for s, v in parts.values()], axis=0)
+        return np.asarray(total**2 / np.maximum(doubt, 1e-300))
+
     @cached_property
     def clipped(self) -> Array:
         """(N,) residual whose outliers are cut off at four robust standard deviations of their recording."""
@@ -93,15 +120,21 @@ class Colour:
         Args:
             covariance: `left` of the columns; stated: their `stated` variances, where they are known already.
         """
-        spread = np.sqrt(np.maximum(np.diag(covariance), self.stated(columns) if stated is None else stated))
+        stated = self.stated(columns) if stated is None else stated
+        known = np.diag(covariance) <= stated
+        spread = np.sqrt(np.maximum(np.diag(covariance), stated))
         stationary = columns.T @ self.clipped / np.maximum(spread, 1e-300)
+        size = np.where(known, np.abs(stationary), _as_normal(np.abs(stationary), self.freedom(columns)))
         t, freedom = (np.abs(x) for x in self.by_blocks(columns))
-        # The normal deviate of the same tail probability as that of Student's t.
-        blocked = -ndtri_exp(student.logsf(t, np.maximum(freedom, 1.0)))
-        size = np.abs(stationary)
+        blocked = _as_normal(t, freedom)
         rule = self.linearised.noise
         believed = np.where(freedom >= rule.block_freedom, np.clip(blocked, size / rule.uneven, size), size)
         return np.asarray(np.sign(stationary) * believed)
+
+
+def _as_normal(t: Array, freedom: Array) -> Array:
+    """The normal deviates of the same tail probability as Student's ``t`` (C,), not negative, of as many degrees."""
+    return np.asarray(-ndtri_exp(student.logsf(t, np.maximum(freedom, 1.0))))
 
 
 def _blocks(rows: slice, rule: Noise) -> list[slice]:

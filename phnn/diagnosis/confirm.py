@@ -4,8 +4,8 @@ An element is what the model has and the model without it, refitted, has not. It
 held-out recordings falls, by more than chance would make it fall and by so much that it can be seen. Each element needs
 its own gain: of a chain of elements none is carried by the others. As each passes on its own, no element is named
 wrongly more often than the level says, and no correction for their number is due. An element that makes the held-out
-error larger is taken out, and the others are asked again; an element not proven at first is then proven only below
-the level over the number of all questions.
+error larger is taken out, unless too few blocks show a small rise only; the others are asked again, and an element not
+proven at first is then proven only below the level over the number of all questions.
 
 | on held-out recordings | the element is |
 |---|---|
@@ -102,12 +102,14 @@ def _no_surer(tested: Tested, level: float) -> Tested:
 def _helps(tested: Tested, rule: Confirmation) -> bool:
     """Whether an element stays in the model: held-out recordings can veto it, and what they leave open stays.
 
-    Whether it has a name is another question.
+    Too few blocks for a test are a single observation. If it shows a small rise, less than the fall of the error where
+    the element was identified, it leaves the element open. Whether an element has a name is another question.
     """
-    shown = tested.shown
+    shown, identified = tested.shown, tested.identified
     if tested.outcome in SURE:
         return True
-    open_ = tested.outcome is Outcome.PROVISIONAL and shown.after <= shown.before
+    most = min(1.0 + rule.untested_rise, identified.before / identified.after)
+    open_ = tested.outcome is Outcome.PROVISIONAL and shown.after <= max(most, 1.0) * shown.before
     return open_ or rule.falls(shown.before, shown.after, shown.share_of_noise)
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.criteria import NOISE, Noise
+from phnn.diagnosis.force_noise import Response
 from phnn.diagnosis.spectra import Spectra, spectra_of
 from phnn.effects import Effect, Scales
 from phnn.effects.places import values_by_role
@@ -19,6 +20,7 @@ from phnn.identification.fit import Fit, carried
 from phnn.identification.nuisances import without_nuisances
 from phnn.identification.plan import Plan
 from phnn.identification.subset import representative_subset
+from phnn.network.small_signal import output_gain
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.simulate import Trajectory, simulate
 
@@ -117,7 +119,12 @@ class LinearisedFit:
     @property
     def spectra(self) -> Spectra:
         """Of the residual; not kept, for the frequencies may be many."""
-        return spectra_of([self.residual[rows] for rows in self.slices], self.plan.recordings)
+        return spectra_of([self.residual[rows] for rows in self.slices], self.plan.recordings, self.response)
+
+    @property
+    def response(self) -> Response:
+        """Of the network about rest."""
+        return partial(output_gain, self.fit.setup.network)
 
     @cached_property
     def slices(self) -> list[slice]:

@@ -107,7 +107,7 @@ def own_score(linearised: LinearisedFit, own: Own, colour: Colour) -> tuple[floa
     saved = float(np.sum((q.T @ linearised.residual) ** 2) / stated)
     # A line raises the spectrum that it is compared with; a slow drift does not, it is slower than that spectrum.
     most = np.inf if own.drift_terms else most_excess(recordings, linearised.noise)
-    excess = float(np.clip(left / stated, 1.0, most**2))
+    excess = max(float(np.clip(left / stated, 1.0, most**2)), float(np.mean(colour.forced(q))) / stated)
     return _deviate(saved, q.shape[1], 1.0), _deviate(saved / excess, q.shape[1], 1.0)
 
 

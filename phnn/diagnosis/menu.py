@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnosis.linearised_fit import LinearisedFit
+from phnn.network.small_signal import linearised_at_rest
 from phnn.recordings.recording import Part, Recording, Start, Units
 from phnn.sensing import is_displacement
 from phnn.setup import Setup
@@ -105,18 +106,9 @@ def resonance(setup: Setup) -> float | None:
     if network.senses:
         # What is held by an imposed motion does not ring.
         return None
-    # Imported here: torch takes longer to import than all that a command needs else.
-    import torch
-
-    from phnn.network.system import PortHamiltonianSystem
-
-    system = PortHamiltonianSystem(network)
-    at_rest = torch.zeros(len(network.state_names), dtype=torch.float64)
-    silent = torch.zeros(len(network.ports), dtype=torch.float64)
-    jacobian = torch.autograd.functional.jacobian(lambda x: system.vector_field(x, silent), at_rest)
-    values = torch.linalg.eigvals(jacobian)
-    found = values.imag[values.imag > 1e-6 * values.abs().max()]
-    return float(found.min()) / (2.0 * math.pi) if found.numel() else None
+    values = np.linalg.eigvals(linearised_at_rest(network)[0])
+    found = values.imag[values.imag > 1e-6 * np.abs(values).max()]
+    return float(found.min()) / (2.0 * math.pi) if found.size else None
 
 
 def _rate(linearised: LinearisedFit, duration: float, faster: float = 1.0) -> float:

@@ -1,4 +1,9 @@
-"""Spectra of the residuals of all recordings at common frequencies, where lines stand out of the noise."""
+"""Spectra of the residuals of all recordings at common frequencies, where lines stand out of the noise.
+
+The noise around a line is read off the neighbouring frequencies. A short recording resolves so few of them that a force
+which nobody records looks like a line where it makes the plant resonate: the shape that `phnn.diagnosis.force_noise`
+finds is divided out before neighbours are averaged.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from phnn.diagnosis.force_noise import Response, force_noise
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.signals.first_order import density_of
 
@@ -91,12 +97,16 @@ class Spectra:
         return tuple(float(self.f[i]) for i in sorted(found))
 
 
-def spectra_of(residuals: Sequence[Array], recordings: Sequence[Recording]) -> Spectra:
-    """Spectra of one residual, weighted by the noise, a recording."""
+def spectra_of(residuals: Sequence[Array], recordings: Sequence[Recording], response: Response) -> Spectra:
+    """Spectra of one residual, weighted by the noise, a recording.
+
+    Args:
+        response: of the plant to a force.
+    """
     pairs = list(zip(residuals, recordings, strict=True))
     longest = max(r.size * recording.dt for r, recording in pairs)
     f = np.arange(_PERIODS / longest, max(_HIGHEST / recording.dt for _, recording in pairs), FINER / longest)
-    return Spectra(f, tuple(_spectrum(r, recording, f) for r, recording in pairs))
+    return Spectra(f, tuple(_spectrum(r, recording, f, response) for r, recording in pairs))
 
 
 def strongest(power: Array, freedom: Array) -> int:
@@ -107,14 +117,15 @@ def strongest(power: Array, freedom: Array) -> int:
     return int(np.argmax(np.where(freedom > 0.5, deviate, -np.inf)))
 
 
-def _spectrum(residual: Array, recording: Recording, f: Array) -> Spectrum:
+def _spectrum(residual: Array, recording: Recording, f: Array, response: Response) -> Spectrum:
     n, dt = residual.size, recording.dt
     own = np.asarray(np.fft.rfftfreq(_PADDING * n, dt), dtype=np.float64)
     power = 2.0 / n * np.abs(np.fft.rfft(residual, _PADDING * n)) ** 2
     rows = slice(*(int(i) for i in np.searchsorted(f, [_PERIODS / (n * dt) * (1.0 - 1e-12), _HIGHEST / dt])))
     seen = f[rows]
     stated = density_of(recording.noise_correlation, dt * seen)
-    shown, level = (np.interp(seen, own, x) / stated for x in (power, _level(power)))
+    shape = force_noise(residual, dt, response).at(dt * own)
+    shown, level = (np.interp(seen, own, x) / stated for x in (power, shape * _level(power / shape)))
     return Spectrum(rows, shown, level, _beside(recording, n * dt, seen))
 
 

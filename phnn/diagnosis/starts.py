@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phnn.criteria import REFITS, Refits
 from phnn.diagnosis.linearised_fit import LinearisedFit, direction
@@ -17,6 +18,8 @@ from phnn.effects import Effect
 from phnn.errors import PhnnError
 from phnn.recall import recalled
 from phnn.setup import Setup
+
+Array = NDArray[np.float64]
 
 # Multiples of the grid's strengths, which are small ones.
 _STRENGTHS = tuple(10.0 ** (0.5 * k) for k in range(1, 10))
@@ -50,26 +53,53 @@ def _strong(
 ) -> tuple[float, dict[str, float]] | None:
     """What is left beside an effect of a shape at the strength that suits the residual, and its values there.
 
+    Two neighbouring strengths are searched, whose changes are smaller and larger than asked. A change that is far too
+    small tells how many strengths to leave out, as it grows in proportion; a wrong guess is halved.
+
     None where it changes nothing that is not explained, or cannot be simulated.
     """
-    size, best, values = float(np.sum(linearised.residual**2)), None, dict(point)
-    for strength in _STRENGTHS:
-        weaker, values = values, effect.scaled(point, sign * strength)
-        if values == weaker:
-            break
-        try:
-            change = linearised.project(direction(linearised, effect, values))
-        except PhnnError:
-            break
-        share = float(np.sum(change**2)) / size
-        if not share <= limits.large_start_most:
-            break
-        if share == 0.0:
-            continue
-        off = abs(np.log(share / limits.large_start_share))
-        if best is None or off < best[0]:
-            best = off, float(np.sum((linearised.residual - change) ** 2)), values
+    size, wanted = float(np.sum(linearised.residual**2)), limits.large_start_share
+    stronger = _stronger(effect, point, sign)
+    best, below, above, at = None, -1, len(stronger), 0
+    while below < at < above:
+        change = _unexplained(linearised, effect, stronger[at])
+        share = np.inf if change is None else float(np.sum(change**2)) / size
+        if change is not None and 0.0 < share <= limits.large_start_most:
+            off = abs(np.log(share / wanted))
+            if best is None or off < best[0]:
+                best = off, float(np.sum((linearised.residual - change) ** 2)), stronger[at]
+        if share < wanted:
+            below, at = at, min(at + _left_out(share, wanted), above - 1)
+        else:
+            above, at = at, (below + at) // 2
     return None if best is None else best[1:]
+
+
+def _stronger(effect: Effect, point: Mapping[str, float], sign: float) -> list[dict[str, float]]:
+    """Values of the effect at a point of its grid, ever stronger, as far as they can be."""
+    found = [dict(point)]
+    for strength in _STRENGTHS:
+        values = effect.scaled(point, sign * strength)
+        if values == found[-1]:
+            break
+        found.append(values)
+    return found[1:]
+
+
+def _left_out(share: float, wanted: float) -> int:
+    """How many strengths further the wanted share is not reached yet, if the change grows in proportion; one at least.
+
+    Shares are squares: half a decade of strength is a decade of them.
+    """
+    return max(1, int(np.log10(wanted / share))) if share > 0.0 else 1
+
+
+def _unexplained(linearised: LinearisedFit, effect: Effect, values: Mapping[str, float]) -> Array | None:
+    """(N,) the change by an effect that the base parameters cannot make; None where it cannot be simulated."""
+    try:
+        return linearised.project(direction(linearised, effect, values))
+    except PhnnError:
+        return None
 
 
 def clamped(effect: Effect, setup: Setup, values: Mapping[str, float]) -> Setup:

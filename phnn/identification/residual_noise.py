@@ -7,13 +7,14 @@ sampling rate share a spectrum; one that has no period and no such neighbours gi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.signal import periodogram
+from scipy.sparse import csr_array
 
 from phnn.criteria import NOISE, Noise
 from phnn.recordings.recording import Recording
@@ -37,10 +38,14 @@ class NoiseSpectrum:
     Attributes:
         cycles: (B,) frequencies in cycles a sample, ascending from 0 to ½.
         density: (B,) over that of white noise of unit variance.
+        band: (B,) number of the band whose ordinates gave the density.
+        freedom: (K,) degrees of freedom of each band.
     """
 
     cycles: Array
     density: Array
+    band: NDArray[np.int64]
+    freedom: Array
 
     def at(self, cycles: Array) -> Array:
         """The density at frequencies in cycles a sample."""
@@ -49,13 +54,29 @@ class NoiseSpectrum:
     def covariance(self, columns: Array) -> Array:
         """(C, C) covariance of ``columnsᵀ noise`` for columns (N, C): ``Σ_f S(f) D*(f) D(f) / N``, zero-padded so that
         the end of the columns does not meet their beginning."""
+        root = self._shaped(columns)[0]
+        return np.asarray(root.real.T @ root.real + root.imag.T @ root.imag)
+
+    def by_band(self, columns: Array) -> Array:
+        """(K, C) variances in `covariance` by the band whose density gives them."""
+        root, cycles = self._shaped(columns)
+        after = np.clip(np.searchsorted(self.cycles, cycles), 1, self.cycles.size - 1)
+        first, last = self.cycles[after - 1], self.cycles[after]
+        share = np.clip((cycles - first) / (last - first), 0.0, 1.0)
+        at = np.arange(cycles.size)
+        entries = (np.concatenate([1.0 - share, share]), (self.band[np.r_[after - 1, after]], np.r_[at, at]))
+        bands = csr_array(entries, shape=(self.freedom.size, cycles.size))
+        return np.asarray(bands @ (root.real**2 + root.imag**2))
+
+    def _shaped(self, columns: Array) -> tuple[NDArray[np.complex128], Array]:
+        """(F, C) transforms of columns (N, C), in units of the noise, and their frequencies (F,)."""
         size = _fast(columns.shape[0] + _CORRELATED)
         waves = np.fft.rfft(columns, size, axis=0)
-        weight = self.at(np.arange(waves.shape[0]) / size) / size
+        cycles = np.arange(waves.shape[0]) / size
+        weight = self.at(cycles) / size
         # All frequencies but the first (and the last of an even number) stand for two.
         weight[1 : (size + 1) // 2] *= 2.0
-        root = np.sqrt(weight)[:, None] * waves
-        return np.asarray(root.real.T @ root.real + root.imag.T @ root.imag)
+        return np.sqrt(weight)[:, None] * waves, cycles
 
 
 def noise_spectra(
@@ -67,7 +88,7 @@ def noise_spectra(
         residuals: (N_r,) weighted, of the identification samples of each recording.
         rule: when a spectrum is believed.
     """
-    return _spectra(residuals, recordings, rule, lambda _, alike: list(alike.values()))
+    return _spectra(residuals, recordings, rule, lambda _, alike: tuple(alike))
 
 
 def noise_of_others(
@@ -81,8 +102,8 @@ def noise_of_others(
         rule: when a spectrum is believed.
     """
 
-    def others(i: int, alike: Mapping[int, Array]) -> list[Array]:
-        return [d for j, d in alike.items() if j != i][:_BESIDE] or list(alike.values())
+    def others(i: int, alike: Sequence[int]) -> tuple[int, ...]:
+        return tuple([j for j in alike if j != i][:_BESIDE] or alike)
 
     return _spectra(residuals, recordings, rule, others)
 
@@ -91,25 +112,31 @@ def _spectra(
     residuals: Sequence[Array],
     recordings: Sequence[Recording],
     rule: Noise,
-    chosen: Callable[[int, Mapping[int, Array]], list[Array]],
+    chosen: Callable[[int, Sequence[int]], tuple[int, ...]],
 ) -> list[NoiseSpectrum]:
-    """The spectrum of every recording from some of the differences at its sampling rate, its own where there are none.
+    """The spectrum of every recording from some of the differences at its sampling rate, its own where there are none;
+    one and the same where they come from the same differences.
 
     Args:
-        chosen: takes the number of a recording and the differences at its rate by the number of theirs.
+        chosen: takes the number of a recording and those of the recordings at its rate that have a difference.
     """
     differences = [
         difference(r, recording, rule.difference_samples) for r, recording in zip(residuals, recordings, strict=True)
     ]
-    found = []
+    found: list[NoiseSpectrum] = []
+    averaged: dict[tuple[int, ...], NoiseSpectrum] = {}
     for i, (residual, recording) in enumerate(zip(residuals, recordings, strict=True)):
-        alike = {
-            j: d for j, (d, other) in enumerate(zip(differences, recordings, strict=True))
+        alike = [
+            j for j, (d, other) in enumerate(zip(differences, recordings, strict=True))
             if d is not None and abs(other.dt / recording.dt - 1.0) < 1e-6
-        }  # fmt: skip
+        ]  # fmt: skip
         shown = chosen(i, alike)
-        most = most_excess([recording], rule)
-        found.append(_averaged(shown, rule) if shown else _running_median(residual, rule.least_density, most))
+        if not shown:
+            found.append(_running_median(residual, rule.least_density, most_excess([recording], rule)))
+            continue
+        if shown not in averaged:
+            averaged[shown] = _averaged([d for j in shown if (d := differences[j]) is not None], rule)
+        found.append(averaged[shown])
     return found
 
 
@@ -154,6 +181,9 @@ def _averaged(sequences: Sequence[Array], rule: Noise) -> NoiseSpectrum:
     return NoiseSpectrum(
         np.concatenate([[0.0], below, at, [0.5]]),
         np.concatenate([density[:1] * 300.0**-slope, density[0] * (below / at[0]) ** slope, density, density[-1:]]),
+        np.concatenate([np.zeros(1 + below.size, dtype=int), np.arange(at.size), [at.size - 1]]),
+        # An ordinate is the sum of two squares.
+        np.asarray(2.0 * sizes, dtype=np.float64),
     )
 
 
@@ -175,7 +205,11 @@ def _running_median(residual: Array, least: float, most: float) -> NoiseSpectrum
     """
     cycles, power = periodogram(residual, detrend="constant")
     level = median_filter(0.5 * power[1:], min(_NEIGHBOURS, power.size - 1), mode="nearest") / _MEDIAN
-    return NoiseSpectrum(cycles, np.clip(np.concatenate([level[:1], level]), least, most**2))
+    density = np.clip(np.concatenate([level[:1], level]), least, most**2)
+    band = np.arange(cycles.size) // _NEIGHBOURS
+    # The median of exponential variables has 1/ln²2 times the variance of their mean.
+    freedom = np.full(int(band[-1]) + 1, 2.0 * _MEDIAN**2 * _NEIGHBOURS)
+    return NoiseSpectrum(cycles, np.asarray(density), band, freedom)
 
 
 def _fast(size: int) -> int:

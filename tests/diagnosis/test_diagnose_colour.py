@@ -127,10 +127,28 @@ def test_a_true_effect_does_not_hide_in_its_own_spread() -> None:
     rng = np.random.default_rng(6)
     linearised = periodic(campaigns.linearised())
     n = linearised.fit.residual.size
-    direction = np.sin(0.2 * np.arange(n))[:, None]
-    colour = Colour(with_residual(linearised, 0.3 * direction[:, 0] + rng.standard_normal(n)))
-    white = 0.3 * np.linalg.norm(direction)
-    assert colour.deviates(direction, colour.left(direction))[0] > 0.5 * white
+    # A wide direction, whose noise is known from all ordinates, and one that a few of them have to tell: Student's
+    # t far out is a smaller normal deviate.
+    for direction, least in ((rng.standard_normal((n, 1)), 0.4), (np.sin(0.2 * np.arange(n))[:, None], 0.3)):
+        colour = Colour(with_residual(linearised, 0.3 * direction[:, 0] + rng.standard_normal(n)))
+        white = 0.3 * np.linalg.norm(direction)
+        assert colour.deviates(direction, colour.left(direction))[0] > least * white
+
+
+def test_a_slow_direction_in_noise_of_few_low_ordinates_is_judged_by_as_few_degrees_of_freedom() -> None:
+    """The share of draws beyond the 1 % quantile, in noise of a slow first-order process: normal deviates have it."""
+    linearised = periodic(campaigns.linearised())
+    sizes = [s.stop - s.start for s in linearised.slices]
+    slow = np.concatenate([np.cos(2.0 * np.pi * np.arange(k) / k) for k in sizes])[:, None]
+    rng, beyond, draws = np.random.default_rng(7), 0, 400
+    for _ in range(draws):
+        noise = np.concatenate([lfilter([1.0], [1.0, -0.98], rng.standard_normal(k + 500))[500:] for k in sizes])
+        colour = Colour(with_residual(linearised, noise))
+        left = colour.left(slow)
+        assert 2.0 < colour.freedom(slow)[0] < 100.0
+        beyond += abs(colour.deviates(slow, left)[0]) > 2.576
+    # Two standard errors of a share of 1 % in 400 draws above it.
+    assert beyond <= 8
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,12 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.criteria import Refits
+from phnn.criteria import REFITS, Refits
 from phnn.diagnosis import steps
 from phnn.diagnosis.linearised_fit import direction, prepare
 from phnn.diagnosis.name import Candidate, score
 from phnn.diagnosis.refit import refit
-from phnn.diagnosis.starts import has_large_starts, large_starts
+from phnn.diagnosis.starts import _strong, _stronger, has_large_starts, large_starts
 from phnn.diagnosis.trial import Trial, class_of
 from phnn.effects import catalogue, effect
 from phnn.identification.fit import Fit
@@ -110,6 +110,25 @@ def test_large_step_starts_change_about_as_much_as_there_is_to_explain(name: str
     assert len({tuple(v.values()) for v in starts}) == len(starts)
     shares = [float(np.sum(linearised.project(direction(linearised, chosen, v)) ** 2)) / total for v in starts]
     assert all(0.0 < s <= 3.0 for s in shares)
+
+
+@pytest.mark.parametrize("name", ["cubic_stiffness", "quadratic_drag", "contact_stop", "self_heating"])
+def test_strengths_that_are_left_out_would_not_have_been_chosen(name: str) -> None:
+    # Of effects whose change grows with their strength.
+    linearised, chosen = prepare(strong()), effect(name)
+    total = float(np.sum(linearised.residual**2))
+    for sign in (1.0,) if chosen.one_sided else (1.0, -1.0):
+        for point in chosen.grid(linearised.scales):
+            found = _strong(linearised, chosen, point, sign, REFITS)
+            tried = []
+            for values in _stronger(chosen, point, sign):
+                share = float(np.sum(linearised.project(direction(linearised, chosen, values)) ** 2)) / total
+                if not share <= REFITS.large_start_most:
+                    break
+                if share > 0.0:
+                    tried.append((abs(np.log(share / REFITS.large_start_share)), values))
+            expected = min(tried, key=lambda t: t[0])[1] if tried else None
+            assert (found and found[1]) == expected
 
 
 def test_both_signs_of_a_strength_are_tried() -> None:

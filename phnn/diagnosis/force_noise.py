@@ -1,0 +1,55 @@
+"""Noise of a sensor and of a white force that nobody records, by the response of the model that they meet.
+
+    S(f) = s (1 + κ |G(f)|²)
+
+Two numbers and the model's own response ``G`` about rest describe the spectrum, so that a line hardly raises the noise
+that it is compared with, and a short recording does not show its resonance as one. ``s`` and ``κ`` are those of
+greatest likelihood (Whittle 1953).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.signal import periodogram
+
+from phnn.identification.residual_noise import NoiseSpectrum
+
+Array = NDArray[np.float64]
+# (F,) amplitude of the output over that of a force, in any unit, at frequencies (F,) [Hz].
+Response = Callable[[Array], Array]
+
+# Largest density of the force's part over that of the sensor's: none, and values of κ for a largest |G| of one.
+_FORCES = np.concatenate([[0.0], 10.0 ** np.arange(-1.0, 6.1, 0.25)])
+# Ordinates whose running median shows the noise beside a line, and multiples of it at which a line is cut off.
+_NEIGHBOURS, _CUT = 31, 8.0
+
+
+def force_noise(residual: Array, dt: float, response: Response) -> NoiseSpectrum:
+    """The spectrum ``S`` of a residual.
+
+    Args:
+        residual: (N,) weighted by the stated deviation of the noise; dt: sampling interval [s].
+        response: of the plant.
+    """
+    cycles, power = periodogram(residual, detrend="constant")
+    # At rest for ever an integrating plant has no gain.
+    cycles, power = cycles[1:], 0.5 * power[1:]
+    passed = response(cycles / dt) ** 2
+    most = passed.max()
+    passed = passed / most if 0.0 < most < np.inf else np.zeros_like(passed)
+    around = median_filter(power, min(_NEIGHBOURS, power.size), mode="nearest")
+    power = np.minimum(power, _CUT * around)
+    shapes = 1.0 + _FORCES[:, None] * passed
+    level = np.mean(power / shapes, axis=1)
+    best = int(np.argmin(np.mean(np.log(shapes), axis=1) + np.log(np.maximum(level, 1e-300))))
+    density = level[best] * shapes[best]
+    return NoiseSpectrum(
+        np.concatenate([[0.0], cycles]),
+        np.concatenate([density[:1], density]),
+        np.zeros(cycles.size + 1, dtype=int),
+        np.array([2.0 * cycles.size]),
+    )
