@@ -14,6 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
+from scipy.optimize import minimize_scalar
 from scipy.signal import periodogram
 
 from phnn.identification.residual_noise import NoiseSpectrum
@@ -22,8 +23,8 @@ Array = NDArray[np.float64]
 # (F,) amplitude of the output over that of a force, in any unit, at frequencies (F,) [Hz].
 Response = Callable[[Array], Array]
 
-# Largest density of the force's part over that of the sensor's: none, and values of κ for a largest |G| of one.
-_FORCES = np.concatenate([[0.0], 10.0 ** np.arange(-1.0, 6.1, 0.25)])
+# Bounds of log₁₀ κ, for a largest |G| of one: below, the force's part is lost in the sensor's.
+_LEAST, _MOST = -2.0, 7.0
 # Ordinates whose running median shows the noise beside a line, and multiples of it at which a line is cut off.
 _NEIGHBOURS, _CUT = 31, 8.0
 
@@ -43,10 +44,14 @@ def force_noise(residual: Array, dt: float, response: Response) -> NoiseSpectrum
     passed = passed / most if 0.0 < most < np.inf else np.zeros_like(passed)
     around = median_filter(power, min(_NEIGHBOURS, power.size), mode="nearest")
     power = np.minimum(power, _CUT * around)
-    shapes = 1.0 + _FORCES[:, None] * passed
-    level = np.mean(power / shapes, axis=1)
-    best = int(np.argmin(np.mean(np.log(shapes), axis=1) + np.log(np.maximum(level, 1e-300))))
-    density = level[best] * shapes[best]
+
+    def cost(exponent: float) -> float:
+        shape = 1.0 + 10.0**exponent * passed
+        return float(np.mean(np.log(shape)) + np.log(max(np.mean(power / shape), 1e-300)))
+
+    best = minimize_scalar(cost, bounds=(_LEAST, _MOST), method="bounded").x
+    shape = 1.0 + 10.0**best * passed
+    density = np.mean(power / shape) * shape
     return NoiseSpectrum(
         np.concatenate([[0.0], cycles]),
         np.concatenate([density[:1], density]),
