@@ -51,7 +51,8 @@ def force_noise(residual: Array, dt: float, response: Response) -> NoiseSpectrum
 
     best = minimize_scalar(cost, bounds=(_LEAST, _MOST), method="bounded").x
     shape = 1.0 + 10.0**best * passed
-    density = np.mean(power / shape) * shape
+    # An exact model leaves nothing, by which others divide.
+    density = max(float(np.mean(power / shape)), 1e-300) * shape
     return NoiseSpectrum(
         np.concatenate([[0.0], cycles]),
         np.concatenate([density[:1], density]),

@@ -27,10 +27,12 @@ def linearised_at_rest(network: Network) -> tuple[Array, Array]:
 
 def output_gain(network: Network, f: Array) -> Array:
     """(F,) amplitude of the output over that of the first input at frequencies ``f`` [Hz], ``|C (jω − A)⁻¹ B|``; zero
-    where the input imposes a motion."""
+    where the input imposes a motion, and where a law has no finite slope at rest."""
     if network.senses:
         return np.zeros(f.size)
     a, b = linearised_at_rest(network)
+    if not (np.isfinite(a).all() and np.isfinite(b).all()):
+        return np.zeros(f.size)
     # Modal coordinates: one division a frequency and state. Rounding splits equal eigenvalues.
     values, vectors = np.linalg.eig(a)
     ahead = vectors[network.state_names.index(network.output)]

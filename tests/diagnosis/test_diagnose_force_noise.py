@@ -14,6 +14,7 @@ from scipy.signal import lfilter
 from phnn.diagnosis.force_noise import force_noise
 from phnn.diagnosis.spectra import spectra_of
 from phnn.models.actuator import hrc
+from phnn.network import small_signal
 from phnn.network.small_signal import linearised_at_rest, output_gain
 from phnn.recordings.recording import Start
 
@@ -63,6 +64,16 @@ def test_the_spectrum_has_the_power_of_both_parts(seed: int, share: float) -> No
     assert np.mean(found.at(f)) == pytest.approx(np.mean(noise**2), rel=0.12)
     # Far above the resonance only the sensor's noise is left.
     assert found.at(np.array([0.45]))[0] == pytest.approx(1.0 - share, rel=0.15)
+
+
+def test_a_model_that_is_exact_and_one_without_a_slope_at_rest_have_a_spectrum(monkeypatch: pytest.MonkeyPatch) -> None:
+    t = DT * np.arange(200)
+    made = recording(t, np.zeros(t.size), Start("rest"))
+    (found,) = spectra_of([np.zeros(t.size)], [made], partial(output_gain, hrc(2))).each
+    assert np.isfinite(found.level).all() and not found.power.any()
+    steep = np.full((4, 4), np.inf), np.zeros((4, 1))
+    monkeypatch.setattr(small_signal, "linearised_at_rest", lambda _: steep)
+    assert not output_gain(hrc(2), np.ones(3)).any()
 
 
 def test_a_line_hardly_raises_the_noise_that_it_is_compared_with() -> None:
