@@ -48,8 +48,8 @@ class Confirmation:
         "share of the error",
         "If no test is possible, an element that raises the held-out error by less stays in the model, provided that "
         "it lowers the identification error by a larger factor.",
-        "Calculation: what a true element adds to one coherent residual makes it larger as often as smaller, if it is "
-        "small beside it: up to a third larger where it is a quarter.",
+        "Calculation: a true element whose response is a fifth of one coherent residual changes its error by factors "
+        "of 0.83 to 1.25, and up as often as down.",
     )
     held_out_level: float = criterion(
         0.01,

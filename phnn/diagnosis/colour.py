@@ -9,18 +9,21 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri_exp
+from scipy.stats import chi2
 from scipy.stats import t as student
 
 from phnn.criteria import Noise
 from phnn.diagnosis.force_noise import force_noise
 from phnn.diagnosis.linearised_fit import LinearisedFit
-from phnn.identification.residual_noise import NoiseSpectrum, noise_spectra
+from phnn.identification.residual_noise import NoiseSpectrum, most_excess, noise_spectra
 from phnn.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 
 # Standard deviation of a normal variable over its median absolute deviation.
 _ROBUST = 1.4826
+# Probability below which an estimate contradicts the variance that is stated.
+_CONTRADICTED = 0.05
 
 
 @dataclass(frozen=True)
@@ -62,10 +65,11 @@ class Colour:
 
     def forced(self, columns: Array) -> Array:
         """(C,) variances along columns (N, C) of white noise and of a white force, as `phnn.diagnosis.force_noise` has
-        them from the residual."""
+        them from the residual; the white noise is bounded as in `most_excess`."""
 
         def one(recording: Recording, rows: slice) -> Array:
-            spectrum = force_noise(self.linearised.residual[rows], recording.dt, self.linearised.response)
+            residual, most = self.linearised.residual[rows], most_excess([recording], self.linearised.noise)
+            spectrum = force_noise(residual, recording.dt, self.linearised.response(recording), most**2)
             return np.asarray(spectrum.by_band(columns[rows])[0])
 
         return np.sum(self.linearised.plan.each(one, self.linearised.slices), axis=0)
@@ -75,7 +79,8 @@ class Colour:
 
             ν = 2 (Σ_b V_b)² / Σ_b 2 V_b²/ν_b,    V_b the part of band b of a spectrum, ν_b its degrees of freedom
 
-        (Satterthwaite 1946). A slow change of the output is judged by the few lowest ordinates of a spectrum.
+        (Satterthwaite 1946). A slow change of the output is judged by the few lowest ordinates of a spectrum. The error
+        of the slope by which a spectrum goes on below them is not counted.
         """
         parts: dict[int, tuple[NoiseSpectrum, Array]] = {}
         for spectrum, rows in zip(self.spectra, self.linearised.slices, strict=True):
@@ -121,10 +126,14 @@ class Colour:
             covariance: `left` of the columns; stated: their `stated` variances, where they are known already.
         """
         stated = self.stated(columns) if stated is None else stated
-        known = np.diag(covariance) <= stated
-        spread = np.sqrt(np.maximum(np.diag(covariance), stated))
+        left = np.diag(covariance)
+        spread = np.sqrt(np.maximum(left, stated))
         stationary = columns.T @ self.clipped / np.maximum(spread, 1e-300)
-        size = np.where(known, np.abs(stationary), _as_normal(np.abs(stationary), self.freedom(columns)))
+        size, more = np.abs(stationary), left > stated
+        known_by = self.freedom(columns[:, more])
+        # What is stated is believed until an estimate of so few degrees of freedom contradicts it.
+        by_chance = chi2.sf(known_by * left[more] / np.maximum(stated[more], 1e-300), known_by) > _CONTRADICTED
+        size[more] = np.where(by_chance, size[more], _as_normal(size[more], known_by))
         t, freedom = (np.abs(x) for x in self.by_blocks(columns))
         blocked = _as_normal(t, freedom)
         rule = self.linearised.noise
@@ -134,7 +143,11 @@ class Colour:
 
 def _as_normal(t: Array, freedom: Array) -> Array:
     """The normal deviates of the same tail probability as Student's ``t`` (C,), not negative, of as many degrees."""
-    return np.asarray(-ndtri_exp(student.logsf(t, np.maximum(freedom, 1.0))))
+    freedom = np.maximum(freedom, 1.0)
+    tail = student.logsf(t, freedom)
+    # Far out the tail underflows; its leading term does not.
+    far = np.sqrt(freedom * np.log1p(t**2 / freedom))
+    return np.where(np.isfinite(tail), -ndtri_exp(np.where(np.isfinite(tail), tail, -1.0)), far)
 
 
 def _blocks(rows: slice, rule: Noise) -> list[slice]:

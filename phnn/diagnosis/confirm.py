@@ -4,8 +4,8 @@ An element is what the model has and the model without it, refitted, has not. It
 held-out recordings falls, by more than chance would make it fall and by so much that it can be seen. Each element needs
 its own gain: of a chain of elements none is carried by the others. As each passes on its own, no element is named
 wrongly more often than the level says, and no correction for their number is due. An element that makes the held-out
-error larger is taken out, unless too few blocks show a small rise only; the others are asked again, and an element not
-proven at first is then proven only below the level over the number of all questions.
+error larger is taken out, unless a single observation shows a small rise only; the others are asked again, and an
+element not proven at first is then proven only below the level over the number of all questions.
 
 | on held-out recordings | the element is |
 |---|---|
@@ -108,8 +108,9 @@ def _helps(tested: Tested, rule: Confirmation) -> bool:
     shown, identified = tested.shown, tested.identified
     if tested.outcome in SURE:
         return True
-    most = min(1.0 + rule.untested_rise, identified.before / identified.after)
-    open_ = tested.outcome is Outcome.PROVISIONAL and shown.after <= max(most, 1.0) * shown.before
+    little = shown.after <= (1.0 + rule.untested_rise) * shown.before
+    outweighed = little and shown.after * identified.after <= shown.before * identified.before
+    open_ = tested.outcome is Outcome.PROVISIONAL and (shown.after <= shown.before or outweighed)
     return open_ or rule.falls(shown.before, shown.after, shown.share_of_noise)
 
 

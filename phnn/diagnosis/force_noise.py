@@ -29,20 +29,21 @@ _LEAST, _MOST = -2.0, 7.0
 _NEIGHBOURS, _CUT = 31, 8.0
 
 
-def force_noise(residual: Array, dt: float, response: Response) -> NoiseSpectrum:
+def force_noise(residual: Array, dt: float, response: Response, most: float = np.inf) -> NoiseSpectrum:
     """The spectrum ``S`` of a residual.
 
     Args:
         residual: (N,) weighted by the stated deviation of the noise; dt: sampling interval [s].
         response: of the plant.
+        most: bound of the white part ``s``: a larger one is rather what the model misses.
     """
     cycles, power = periodogram(residual, detrend="constant")
     # At rest for ever an integrating plant has no gain.
     cycles, power = cycles[1:], 0.5 * power[1:]
     passed = response(cycles / dt) ** 2
-    most = passed.max()
-    passed = passed / most if 0.0 < most < np.inf else np.zeros_like(passed)
-    around = median_filter(power, min(_NEIGHBOURS, power.size), mode="nearest")
+    largest = passed.max()
+    passed = passed / largest if 0.0 < largest < np.inf else np.zeros_like(passed)
+    around = median_filter(power, min(_NEIGHBOURS, power.size), mode="mirror")
     power = np.minimum(power, _CUT * around)
 
     def cost(exponent: float) -> float:
@@ -52,7 +53,8 @@ def force_noise(residual: Array, dt: float, response: Response) -> NoiseSpectrum
     best = minimize_scalar(cost, bounds=(_LEAST, _MOST), method="bounded").x
     shape = 1.0 + 10.0**best * passed
     # An exact model leaves nothing, by which others divide.
-    density = max(float(np.mean(power / shape)), 1e-300) * shape
+    level = max(float(np.mean(power / shape)), 1e-300)
+    density = min(level, most) + level * (shape - 1.0)
     return NoiseSpectrum(
         np.concatenate([[0.0], cycles]),
         np.concatenate([density[:1], density]),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from phnn.identification.plan import Plan
 from phnn.identification.subset import representative_subset
 from phnn.network.small_signal import output_gain
 from phnn.recordings.recording import Recording, dominant_frequency
-from phnn.simulate import Trajectory, simulate
+from phnn.simulate import Trajectory, measured_network, simulate
 
 Array = NDArray[np.float64]
 
@@ -119,12 +119,18 @@ class LinearisedFit:
     @property
     def spectra(self) -> Spectra:
         """Of the residual; not kept, for the frequencies may be many."""
-        return spectra_of([self.residual[rows] for rows in self.slices], self.plan.recordings, self.response)
+        by_force = [self.response(r) for r in self.plan.recordings]
+        return spectra_of([self.residual[rows] for rows in self.slices], self.plan.recordings, by_force)
 
-    @property
-    def response(self) -> Response:
-        """Of the network about rest."""
-        return partial(output_gain, self.fit.setup.network)
+    def response(self, recording: Recording) -> Response:
+        """Of what a recording measures to a force on the network about rest, by its stated sensor."""
+        network, sensor = measured_network(self.fit.setup.network, recording), recording.sensor
+
+        def found(f: Array) -> Array:
+            rate = 2.0 * np.pi * f
+            return output_gain(network, f) * (rate if sensor.derivative else 1.0) / np.hypot(1.0, rate * sensor.lag)
+
+        return found
 
     @cached_property
     def slices(self) -> list[slice]:

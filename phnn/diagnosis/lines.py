@@ -105,9 +105,11 @@ def own_score(linearised: LinearisedFit, own: Own, colour: Colour) -> tuple[floa
     q = linearised.project(alone) @ (vectors[:, free] / np.sqrt(left_over[free]))
     stated, left = float(np.mean(colour.stated(q))), float(np.mean(np.diag(colour.left(q))))
     saved = float(np.sum((q.T @ linearised.residual) ** 2) / stated)
-    # A line raises the spectrum that it is compared with; a slow drift does not, it is slower than that spectrum.
-    most = np.inf if own.drift_terms else most_excess(recordings, linearised.noise)
-    excess = max(float(np.clip(left / stated, 1.0, most**2)), float(np.mean(colour.forced(q))) / stated)
+    excess = max(left / stated, 1.0)
+    if not own.drift_terms:
+        # A line raises the spectrum that it is compared with; a slow drift does not, it is slower than that spectrum.
+        excess = min(excess, most_excess(recordings, linearised.noise) ** 2)
+        excess = max(excess, float(np.mean(colour.forced(q))) / stated)
     return _deviate(saved, q.shape[1], 1.0), _deviate(saved / excess, q.shape[1], 1.0)
 
 

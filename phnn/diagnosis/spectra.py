@@ -97,16 +97,16 @@ class Spectra:
         return tuple(float(self.f[i]) for i in sorted(found))
 
 
-def spectra_of(residuals: Sequence[Array], recordings: Sequence[Recording], response: Response) -> Spectra:
+def spectra_of(residuals: Sequence[Array], recordings: Sequence[Recording], responses: Sequence[Response]) -> Spectra:
     """Spectra of one residual, weighted by the noise, a recording.
 
     Args:
-        response: of the plant to a force.
+        responses: of the plant to a force, by recording.
     """
     pairs = list(zip(residuals, recordings, strict=True))
     longest = max(r.size * recording.dt for r, recording in pairs)
     f = np.arange(_PERIODS / longest, max(_HIGHEST / recording.dt for _, recording in pairs), FINER / longest)
-    return Spectra(f, tuple(_spectrum(r, recording, f, response) for r, recording in pairs))
+    return Spectra(f, tuple(_spectrum(*pair, f, response) for pair, response in zip(pairs, responses, strict=True)))
 
 
 def strongest(power: Array, freedom: Array) -> int:

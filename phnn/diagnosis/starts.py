@@ -60,7 +60,7 @@ def _strong(
     """
     size, wanted = float(np.sum(linearised.residual**2)), limits.large_start_share
     stronger = _stronger(effect, point, sign)
-    best, below, above, at = None, -1, len(stronger), 0
+    best, below, above, at, before = None, -1, len(stronger), 0, 0.0
     while below < at < above:
         change = _unexplained(linearised, effect, stronger[at])
         share = np.inf if change is None else float(np.sum(change**2)) / size
@@ -68,8 +68,9 @@ def _strong(
             off = abs(np.log(share / wanted))
             if best is None or off < best[0]:
                 best = off, float(np.sum((linearised.residual - change) ** 2)), stronger[at]
-        if share < wanted:
-            below, at = at, min(at + _left_out(share, wanted), above - 1)
+        # What changes less than a weaker effect does cannot be simulated, or is saturated.
+        if before <= share < wanted:
+            below, at, before = at, min(at + _left_out(share, wanted), above - 1), share
         else:
             above, at = at, (below + at) // 2
     return None if best is None else best[1:]
@@ -91,7 +92,7 @@ def _left_out(share: float, wanted: float) -> int:
 
     Shares are squares: half a decade of strength is a decade of them.
     """
-    return max(1, int(np.log10(wanted / share))) if share > 0.0 else 1
+    return max(1, int(np.log10(wanted) - np.log10(share))) if share > 0.0 else 1
 
 
 def _unexplained(linearised: LinearisedFit, effect: Effect, values: Mapping[str, float]) -> Array | None:

@@ -63,6 +63,8 @@ class NoiseSpectrum:
         after = np.clip(np.searchsorted(self.cycles, cycles), 1, self.cycles.size - 1)
         first, last = self.cycles[after - 1], self.cycles[after]
         share = np.clip((cycles - first) / (last - first), 0.0, 1.0)
+        # Of an interpolated density, each band gives its part.
+        share *= self.density[after] / self.at(cycles)
         at = np.arange(cycles.size)
         entries = (np.concatenate([1.0 - share, share]), (self.band[np.r_[after - 1, after]], np.r_[at, at]))
         bands = csr_array(entries, shape=(self.freedom.size, cycles.size))
@@ -170,7 +172,9 @@ def _averaged(sequences: Sequence[Array], rule: Noise) -> NoiseSpectrum:
     cycles, power = cycles[order], 0.5 * power[order]
     edges = [0]
     while edges[-1] < cycles.size:
-        edges.append(edges[-1] + int(np.clip(edges[-1] // 3, _LOWEST, _HIGHEST)))
+        last = min(edges[-1] + int(np.clip(edges[-1] // 3, _LOWEST, _HIGHEST)), cycles.size) - 1
+        # Recordings of equal length have ordinates at the same frequencies: these stay together.
+        edges.append(int(np.searchsorted(cycles, cycles[last] * (1.0 + 1e-9), side="right")))
     # What remains at the highest frequencies joins the last whole band.
     edges = [*edges[:-2], cycles.size] if len(edges) > 2 else [0, cycles.size]
     sizes = np.diff(edges)

@@ -26,8 +26,8 @@ _ITERATIONS = 40
 # Largest change within a period relative to the range of each state: the target; the limit for rounding errors; the
 # limit where a hysteron that just begins to slide makes every Newton step small.
 _STEADY, _NEARLY, _TOLERABLE = 1e-12, 1e-9, 1e-5
-# So many iterations without progress end the search where the last limit is kept.
-_PATIENCE = 2
+# So many iterations that leave more than this share of the smallest change end the search where the last limit is kept.
+_PATIENCE, _SLOW = 2, 0.9
 # Singular values of the scaled ``I − M`` below this count as zero. A range below this share of a state is rounding.
 _NEUTRAL = 1e-9
 # The share of a change that a Newton step may leave, and the shares of the step that are tried. If none of them
@@ -65,9 +65,9 @@ def steady_cycle(program: Program, theta: Array, x: Array, u: Array, h: Array) -
         size = float(np.abs(change / reach).max())
         if size <= _STEADY or _NEARLY >= size >= _PROGRESS * before:
             return x
-        waited = 0 if size < _PROGRESS * best[0] else waited + 1
+        waited = 0 if size < _SLOW * best[0] else waited + 1
         best = min(best, (size, x), key=lambda b: b[0])
-        if waited == _PATIENCE and best[0] <= _TOLERABLE:
+        if waited >= _PATIENCE and best[0] <= _TOLERABLE:
             return best[1]
         step = _steady_change(_swept(program, theta, states, efforts, u, h), change[:, None], reach)[:, 0]
         integrated, before = x + change, size

@@ -9,11 +9,13 @@ from phnn.network.elements import Network
 
 Array = NDArray[np.float64]
 
+_TOGETHER = 4096
+
 
 def linearised_at_rest(network: Network) -> tuple[Array, Array]:
     """``A`` (n, n) and ``B`` (n, P) of the vector field at ``x = 0`` and ``u = 0``, SI; of an input that enters by its
     square, ``B`` is zero."""
-    # Imported here: torch takes longer to import than all that a command needs else.
+    # Imported here: torch takes longer to import than everything else that a command needs.
     import torch
 
     from phnn.network.system import PortHamiltonianSystem
@@ -26,16 +28,20 @@ def linearised_at_rest(network: Network) -> tuple[Array, Array]:
 
 
 def output_gain(network: Network, f: Array) -> Array:
-    """(F,) amplitude of the output over that of the first input at frequencies ``f`` [Hz], ``|C (jω − A)⁻¹ B|``; zero
-    where the input imposes a motion, and where a law has no finite slope at rest."""
+    """(F,) amplitude of the output over that of a force at frequencies ``f`` [Hz], ``|C (jω − A)⁻¹ B|``.
+
+    The force enters at the first port that takes newtons, or at the first port where there is none. The amplitude is
+    zero where the input imposes a motion, and where a law has no finite slope at rest.
+    """
     if network.senses:
         return np.zeros(f.size)
     a, b = linearised_at_rest(network)
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
         return np.zeros(f.size)
-    # Modal coordinates: one division a frequency and state. Rounding splits equal eigenvalues.
-    values, vectors = np.linalg.eig(a)
-    ahead = vectors[network.state_names.index(network.output)]
-    behind = np.linalg.lstsq(vectors, b[:, 0].astype(complex), rcond=None)[0]
-    s = 2j * np.pi * f[:, None]
-    return np.asarray(np.abs(np.sum(ahead * behind / (s - values), axis=1)))
+    entry = b[:, next((i for i, p in enumerate(network.ports) if p.unit == "N"), 0)]
+    output = network.state_names.index(network.output)
+    s, one = 2j * np.pi * f, np.eye(a.shape[0])
+    # A few thousand matrices at a time, so that long recordings need little memory.
+    parts = (s[i : i + _TOGETHER, None, None] * one - a for i in range(0, f.size, _TOGETHER))
+    found = [np.linalg.solve(p, np.broadcast_to(entry[:, None], (len(p), entry.size, 1)))[:, output, 0] for p in parts]
+    return np.abs(np.concatenate(found)) if found else np.zeros(0)

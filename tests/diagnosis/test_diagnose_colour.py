@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 import phnn
 from phnn.criteria import NOISE
 from phnn.demo import draw_case, make_case
-from phnn.diagnosis.colour import Colour
+from phnn.diagnosis.colour import Colour, _as_normal
 from phnn.diagnosis.diagnosis import available
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.scored import scored
@@ -135,20 +135,44 @@ def test_a_true_effect_does_not_hide_in_its_own_spread() -> None:
         assert colour.deviates(direction, colour.left(direction))[0] > least * white
 
 
-def test_a_slow_direction_in_noise_of_few_low_ordinates_is_judged_by_as_few_degrees_of_freedom() -> None:
-    """The share of draws beyond the 1 % quantile, in noise of a slow first-order process: normal deviates have it."""
+def test_degrees_of_freedom_are_those_by_which_variances_scatter() -> None:
+    """``ν = 2 E[v]²/Var[v]`` of the variances over draws, for directions in few and in many ordinates."""
     linearised = periodic(campaigns.linearised())
     sizes = [s.stop - s.start for s in linearised.slices]
-    slow = np.concatenate([np.cos(2.0 * np.pi * np.arange(k) / k) for k in sizes])[:, None]
-    rng, beyond, draws = np.random.default_rng(7), 0, 400
+    rng = np.random.default_rng(7)
+
+    def waves(cycles: float) -> np.ndarray:
+        return np.concatenate([np.cos(2.0 * np.pi * cycles * np.arange(k) / k) for k in sizes])
+
+    columns = np.stack([waves(12.0), waves(100.0), waves(50.0) + waves(200.0), rng.standard_normal(sum(sizes))], axis=1)
+    variances, stated = [], []
+    for _ in range(300):
+        colour = Colour(with_residual(linearised, rng.standard_normal(sum(sizes))))
+        variances.append(np.diag(colour.left(columns)))
+        stated.append(colour.freedom(columns))
+    scattered = 2.0 * np.mean(variances, axis=0) ** 2 / np.var(variances, axis=0)
+    ratio = np.median(stated, axis=0) / scattered
+    assert (ratio > 0.5).all() and (ratio < 2.0).all()
+    assert scattered[0] < scattered[-1] / 10.0
+
+
+def test_what_few_ordinates_judge_is_seldom_significant_by_chance() -> None:
+    linearised = periodic(campaigns.linearised())
+    sizes = [s.stop - s.start for s in linearised.slices]
+    # In the first recording alone, so that four ordinates of its spectrum judge it.
+    recordings = linearised.plan.recordings
+    alone = (recordings[0], *(replace(r, period=None) for r in recordings[1:]))
+    linearised = replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.plan, recordings=alone)))
+    column = np.zeros((sum(sizes), 1))
+    column[: sizes[0], 0] = np.cos(2.0 * np.pi * 5.0 * np.arange(sizes[0]) / sizes[0])
+    rng, normal, judged, draws = np.random.default_rng(8), 0, 0, 600
     for _ in range(draws):
-        noise = np.concatenate([lfilter([1.0], [1.0, -0.98], rng.standard_normal(k + 500))[500:] for k in sizes])
-        colour = Colour(with_residual(linearised, noise))
-        left = colour.left(slow)
-        assert 2.0 < colour.freedom(slow)[0] < 100.0
-        beyond += abs(colour.deviates(slow, left)[0]) > 2.576
-    # Two standard errors of a share of 1 % in 400 draws above it.
-    assert beyond <= 8
+        colour = Colour(with_residual(linearised, np.sqrt(3.0) * rng.standard_normal(sum(sizes))))
+        left = colour.left(column)
+        normal += abs((column[:, 0] @ colour.clipped) / np.sqrt(left[0, 0])) > 2.576
+        judged += abs(colour.deviates(column, left)[0]) > 2.576
+    # A hundredth of all draws, give or take two and a half standard errors.
+    assert judged <= 12 < normal
 
 
 @pytest.mark.parametrize(
@@ -182,3 +206,12 @@ def scored_p_value(campaign: Campaign) -> float:
     """Of the largest score of the catalogue on the base model."""
     base = phnn.identify(None, campaign, phnn.Options(starts=1, workers=1)).fit
     return scored(base, available(campaign, base.setup), 0).naming.p_value
+
+
+def test_deviates_far_out_stay_finite() -> None:
+    t, freedom = np.array([30.0, 60.0, 200.0, 5e3]), np.array([5e3, 5e3, 400.0, 1e4])
+    found = _as_normal(t, freedom)
+    assert (
+        np.isfinite(found).all() and (np.diff(_as_normal(np.linspace(20.0, 100.0, 400), np.full(400, 3e3))) > 0.0).all()
+    )
+    np.testing.assert_allclose(_as_normal(np.array([3.0]), np.array([1e9])), 3.0, rtol=1e-4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,12 +12,18 @@ from hypothesis import strategies as st
 from junctions import recording
 from scipy.signal import lfilter
 
+from phnn.diagnosis.colour import Colour
 from phnn.diagnosis.force_noise import force_noise
+from phnn.diagnosis.lines import own_score
 from phnn.diagnosis.spectra import spectra_of
 from phnn.models.actuator import hrc
 from phnn.network import small_signal
+from phnn.network.elements import Coupling, Network, Port, Storage
 from phnn.network.small_signal import linearised_at_rest, output_gain
+from phnn.parameters import Parameter, as_table, constant
 from phnn.recordings.recording import Start
+from phnn.setup import DRIFT_TERMS, Own
+from tests import campaigns
 
 DT = 1e-4
 
@@ -33,15 +40,30 @@ def test_the_response_about_rest_is_that_of_mass_spring_and_damper() -> None:
     p = {n: v.value for n, v in network.parameters.items()}
     f = np.geomspace(1.0, 5e3, 50)
     s = 2j * np.pi * f
-    expected = np.abs(p["alpha"] / (p["m"] * s**2 + p["b"] * s + p["k"]))
+    expected = np.abs(1.0 / (p["m"] * s**2 + p["b"] * s + p["k"]))
     np.testing.assert_allclose(output_gain(network, f), expected, rtol=1e-9)
 
 
 def test_hysterons_stick_about_rest() -> None:
-    a, b = linearised_at_rest(hrc(2))
+    network = hrc(2)
+    a, b = linearised_at_rest(network)
     assert a.shape == (4, 4) and b.shape == (4, 2)
-    eigenvalues = np.linalg.eigvals(a)
-    assert eigenvalues.real.max() < 1e-6 * np.abs(eigenvalues).max()
+    charges = [network.state_names.index(n) for n in ("Q_1", "Q_2")]
+    # They follow the motion, and nothing relaxes.
+    assert not a[np.ix_(charges, charges)].any()
+    assert np.abs(a[charges]).max(axis=1).min() > 0.0
+
+
+def test_a_mass_alone_has_a_response() -> None:
+    # Its matrix has a double eigenvalue of zero and one eigenvector.
+    one = as_table((Parameter("m", 2.0, unit="kg"),))
+    network = Network(
+        storages=(Storage("q", "spring", ("none",), "m"), Storage("p", "capacitor", ("m",), "kg m/s")),
+        couplings=(Coupling("p", "q"),), resistors=(), ports=(Port("force", {"p": 1.0}, unit="N"),),
+        parameters=one | as_table((constant("none", 0.0, "N/m"),)),
+    )  # fmt: skip
+    f = np.array([0.5, 3.0])
+    np.testing.assert_allclose(output_gain(network, f), 1.0 / (2.0 * (2.0 * np.pi * f) ** 2), rtol=1e-9)
 
 
 def drawn(
@@ -69,7 +91,7 @@ def test_the_spectrum_has_the_power_of_both_parts(seed: int, share: float) -> No
 def test_a_model_that_is_exact_and_one_without_a_slope_at_rest_have_a_spectrum(monkeypatch: pytest.MonkeyPatch) -> None:
     t = DT * np.arange(200)
     made = recording(t, np.zeros(t.size), Start("rest"))
-    (found,) = spectra_of([np.zeros(t.size)], [made], partial(output_gain, hrc(2))).each
+    (found,) = spectra_of([np.zeros(t.size)], [made], [partial(output_gain, hrc(2))]).each
     assert np.isfinite(found.level).all() and not found.power.any()
     steep = np.full((4, 4), np.inf), np.zeros((4, 1))
     monkeypatch.setattr(small_signal, "linearised_at_rest", lambda _: steep)
@@ -102,7 +124,20 @@ def test_a_resonance_in_a_short_recording_is_no_line() -> None:
             ("nothing", noise, np.zeros_like),
             ("white", white, np.zeros_like),
         ):
-            (found,) = spectra_of([residual], [made], response).each
+            (found,) = spectra_of([residual], [made], [response]).each
             ratios[name].append(float(np.max(found.power / found.level)))
     plant, nothing, white = (float(np.median(ratios[n])) for n in ("plant", "nothing", "white"))
     assert plant < 1.2 * white < nothing
+
+
+def test_a_drift_is_not_taken_for_the_noise_of_a_force() -> None:
+    """A ramp that the difference of the halves of a recording does not have for noise stands out of it."""
+    linearised = campaigns.linearised()
+    rng, own = np.random.default_rng(3), Own(drift_terms=DRIFT_TERMS)
+    noise = rng.standard_normal(linearised.fit.residual.size)
+    ramp = np.concatenate([np.linspace(-1.0, 1.0, s.stop - s.start) for s in linearised.slices])
+    scores = []
+    for size in (0.0, 1.0, 5.0):
+        drawn_ = replace(linearised, fit=replace(linearised.fit, residual=noise + size * ramp))
+        scores.append(own_score(drawn_, own, Colour(drawn_))[1])
+    assert scores[0] < 3.0 < scores[1] < scores[2]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from phnn.criteria import REFITS, Refits
-from phnn.diagnosis import steps
+from phnn.diagnosis import starts, steps
 from phnn.diagnosis.linearised_fit import direction, prepare
 from phnn.diagnosis.name import Candidate, score
 from phnn.diagnosis.refit import refit
@@ -129,6 +129,24 @@ def test_strengths_that_are_left_out_would_not_have_been_chosen(name: str) -> No
                     tried.append((abs(np.log(share / REFITS.large_start_share)), values))
             expected = min(tried, key=lambda t: t[0])[1] if tried else None
             assert (found and found[1]) == expected
+
+
+@pytest.mark.parametrize("last", [1, 2, 3, 8])
+def test_strengths_that_cannot_be_simulated_are_not_passed_by(last: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    linearised, chosen = prepare(strong()), effect("cubic_stiffness")
+    point = chosen.grid(linearised.scales)[0]
+    stronger = _stronger(chosen, point, 1.0)
+    total = float(np.sum(linearised.residual**2))
+
+    def share(_: object, __: object, values: dict[str, float]) -> np.ndarray:
+        at = stronger.index(values)
+        size = 5e-5 * 10.0**at if at <= last else 0.0
+        return np.full(linearised.residual.size, np.sqrt(size * total / linearised.residual.size))
+
+    monkeypatch.setattr(starts, "direction", share)
+    monkeypatch.setattr(type(linearised), "project", lambda _, x: x)
+    found = _strong(linearised, chosen, point, 1.0, REFITS)
+    assert found is not None and found[1] == stronger[min(last, 4)]
 
 
 def test_both_signs_of_a_strength_are_tried() -> None:
