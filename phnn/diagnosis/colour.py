@@ -63,16 +63,24 @@ class Colour:
         each = [s.covariance(columns[rows]) for s, rows in zip(self.spectra, self.linearised.slices, strict=True)]
         return np.asarray(np.sum(each, axis=0))
 
-    def forced(self, columns: Array) -> Array:
-        """(C,) variances along columns (N, C) of white noise and of a white force, as `phnn.diagnosis.force_noise` has
-        them from the residual; the white noise is bounded as in `most_excess`."""
+    @cached_property
+    def force_spectra(self) -> list[NoiseSpectrum]:
+        """Of white noise and of a white force in the residual, by recording; see `phnn.diagnosis.force_noise`.
 
-        def one(recording: Recording, rows: slice) -> Array:
+        The white noise is bounded as in `most_excess`.
+        """
+
+        def one(recording: Recording, rows: slice) -> NoiseSpectrum:
             residual, most = self.linearised.residual[rows], most_excess([recording], self.linearised.noise)
-            spectrum = force_noise(residual, recording.dt, self.linearised.response(recording), most**2)
-            return np.asarray(spectrum.by_band(columns[rows])[0])
+            return force_noise(residual, recording.dt, self.linearised.response(recording), most**2)
 
-        return np.sum(self.linearised.plan.each(one, self.linearised.slices), axis=0)
+        return self.linearised.plan.each(one, self.linearised.slices)
+
+    def forced(self, columns: Array) -> Array:
+        """(C,) variances along columns (N, C) of noise with `force_spectra`."""
+        # Such a spectrum is one band.
+        pairs = zip(self.force_spectra, self.linearised.slices, strict=True)
+        return np.asarray(np.sum([s.by_band(columns[rows])[0] for s, rows in pairs], axis=0))
 
     def freedom(self, columns: Array) -> Array:
         """(C,) degrees of freedom of the variances that `left` has on its diagonal.

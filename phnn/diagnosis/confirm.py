@@ -125,6 +125,7 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
         return max(t.shown.takes, 0.0)
 
     def asked(t: Tested) -> Tested:
+        """The element, without its name where that falls."""
         effect = t.finding.effect
         beside = [o for o in tested if o.finding.nameless and may_be_part_of(o.finding.effect, effect)]
         if t.finding.provisional or not beside:

@@ -26,7 +26,7 @@ _ITERATIONS = 40
 # Largest change within a period relative to the range of each state: the target; the limit for rounding errors; the
 # limit where a hysteron that just begins to slide makes every Newton step small.
 _STEADY, _NEARLY, _TOLERABLE = 1e-12, 1e-9, 1e-5
-# So many iterations that leave more than this share of the smallest change end the search where the last limit is kept.
+# A search within the last limit ends after so many iterations that leave more than this share of the smallest change.
 _PATIENCE, _SLOW = 2, 0.9
 # Singular values of the scaled ``I − M`` below this count as zero. A range below this share of a state is rounding.
 _NEUTRAL = 1e-9

@@ -9,6 +9,7 @@ from phnn.network.elements import Network
 
 Array = NDArray[np.float64]
 
+# Matrices that are solved together, so that long recordings need little memory.
 _TOGETHER = 4096
 
 
@@ -30,8 +31,8 @@ def linearised_at_rest(network: Network) -> tuple[Array, Array]:
 def output_gain(network: Network, f: Array) -> Array:
     """(F,) amplitude of the output over that of a force at frequencies ``f`` [Hz], ``|C (jω − A)⁻¹ B|``.
 
-    The force enters at the first port that takes newtons, or at the first port where there is none. The amplitude is
-    zero where the input imposes a motion, and where a law has no finite slope at rest.
+    The force enters at the first port in newtons, otherwise at the first port. The amplitude is zero where the input
+    imposes a motion, and where a law has no finite slope at rest.
     """
     if network.senses:
         return np.zeros(f.size)
@@ -41,7 +42,6 @@ def output_gain(network: Network, f: Array) -> Array:
     entry = b[:, next((i for i, p in enumerate(network.ports) if p.unit == "N"), 0)]
     output = network.state_names.index(network.output)
     s, one = 2j * np.pi * f, np.eye(a.shape[0])
-    # A few thousand matrices at a time, so that long recordings need little memory.
     parts = (s[i : i + _TOGETHER, None, None] * one - a for i in range(0, f.size, _TOGETHER))
     found = [np.linalg.solve(p, np.broadcast_to(entry[:, None], (len(p), entry.size, 1)))[:, output, 0] for p in parts]
     return np.abs(np.concatenate(found)) if found else np.zeros(0)

@@ -66,10 +66,8 @@ def test_a_mass_alone_has_a_response() -> None:
     np.testing.assert_allclose(output_gain(network, f), 1.0 / (2.0 * (2.0 * np.pi * f) ** 2), rtol=1e-9)
 
 
-def drawn(
-    share: float, size: int, rng: np.random.Generator, frequency: float = 300.0, damping: float = 0.1
-) -> np.ndarray:
-    """White noise and a white force through a resonance, of unit variance together."""
+def drawn(share: float, size: int, rng: np.random.Generator, damping: float = 0.1) -> np.ndarray:
+    """White noise and a white force through a resonance at 300 Hz, of unit variance together."""
     pole = np.exp(2.0 * np.pi * 300.0 * DT * (-damping + 1j * np.sqrt(1.0 - damping**2)))
     ringing = lfilter([1.0], np.poly([pole, pole.conj()]).real, rng.standard_normal(size + 2000))[2000:]
     return np.sqrt(share) * ringing / ringing.std() + np.sqrt(1.0 - share) * rng.standard_normal(size)
@@ -138,6 +136,6 @@ def test_a_drift_is_not_taken_for_the_noise_of_a_force() -> None:
     ramp = np.concatenate([np.linspace(-1.0, 1.0, s.stop - s.start) for s in linearised.slices])
     scores = []
     for size in (0.0, 1.0, 5.0):
-        drawn_ = replace(linearised, fit=replace(linearised.fit, residual=noise + size * ramp))
-        scores.append(own_score(drawn_, own, Colour(drawn_))[1])
+        drifting = replace(linearised, fit=replace(linearised.fit, residual=noise + size * ramp))
+        scores.append(own_score(drifting, own, Colour(drifting))[1])
     assert scores[0] < 3.0 < scores[1] < scores[2]
