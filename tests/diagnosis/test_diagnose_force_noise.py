@@ -7,8 +7,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from junctions import recording
 from scipy.signal import lfilter
 
@@ -73,17 +71,20 @@ def drawn(share: float, size: int, rng: np.random.Generator, damping: float = 0.
     return np.sqrt(share) * ringing / ringing.std() + np.sqrt(1.0 - share) * rng.standard_normal(size)
 
 
-@settings(max_examples=20, deadline=None)
-@given(st.integers(0, 10**6), st.floats(0.0, 0.9))
-def test_the_spectrum_has_the_power_of_both_parts(seed: int, share: float) -> None:
-    rng = np.random.default_rng(seed)
-    network = hrc(0).with_values(linear(300.0, 0.1))
-    noise = drawn(share, 8000, rng)
-    found = force_noise(noise, DT, partial(output_gain, network))
-    f = np.linspace(1e-3, 0.5, 2000)
-    assert np.mean(found.at(f)) == pytest.approx(np.mean(noise**2), rel=0.12)
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.9])
+def test_the_spectrum_has_the_power_of_both_parts(share: float) -> None:
+    """Over forty draws: a single one scatters by a twenty-fifth about its own power."""
+    network, f = hrc(0).with_values(linear(300.0, 0.1)), np.linspace(1e-3, 0.5, 2000)
+    whole, above = [], []
+    for seed in range(40):
+        noise = drawn(share, 8000, np.random.default_rng(seed))
+        found = force_noise(noise, DT, partial(output_gain, network))
+        whole.append(np.mean(found.at(f)) / np.mean(noise**2))
+        above.append(found.at(np.array([0.45]))[0] / (1.0 - share))
+    assert np.mean(whole) == pytest.approx(1.0, abs=0.03)
     # Far above the resonance only the sensor's noise is left.
-    assert found.at(np.array([0.45]))[0] == pytest.approx(1.0 - share, rel=0.15)
+    assert np.mean(above) == pytest.approx(1.0, abs=0.03)
+    assert max(np.std(whole), np.std(above)) < 0.07
 
 
 def test_a_model_that_is_exact_and_one_without_a_slope_at_rest_have_a_spectrum(monkeypatch: pytest.MonkeyPatch) -> None:
