@@ -36,7 +36,7 @@ from phnn.diagnosis.name import Naming
 from phnn.diagnosis.place import in_another_form, may_be_part_of
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.composition import ClaimCase, has_name, neighbour_acts_several_times
-from phnn.diagnosis.rules.held_out import MODEL, NAMELESS, REMAINDER, ModelCase, NamelessCase
+from phnn.diagnosis.rules.held_out import LEFT, MODEL, NAMELESS, REMAINDER, LeftCase, ModelCase, NamelessCase
 from phnn.diagnosis.rules.verdict import VERDICT, another_form_is_named
 from phnn.diagnosis.scored import Scored
 from phnn.diagnosis.select import share_of
@@ -115,10 +115,12 @@ def _helps(tested: Tested, rule: Confirmation) -> bool:
 
 
 def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record: Record) -> list[Tested]:
-    """The elements, none of them with a name beside a learned element at its own place that takes much as well.
+    """The elements, none of them with a name that takes less than the model leaves, or beside a learned element at its
+    own place that takes much as well.
 
-    Both together may be one thing that has no name, unless the learned one is more of the same: an effect that took
-    nearly all before has its name beside learned elements of its own kind, for both together are another form of it.
+    Either may be part of something that has no name. A learned element may also be more of the same: an effect that
+    took nearly all before has its name beside learned elements of its own kind, for both together are another form of
+    it.
     """
 
     def takes(t: Tested) -> float:
@@ -127,8 +129,13 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
     def asked(t: Tested) -> Tested:
         """The element, without its name where that falls."""
         effect = t.finding.effect
+        if t.finding.provisional:
+            return t
+        left = LeftCase(t.shown.takes, t.shown.after, criteria)
+        if t.outcome in SURE and record.decide(LEFT, left, effect.name) is not None:
+            return replace(t, finding=replace(t.finding, provisional=True))
         beside = [o for o in tested if o.finding.nameless and may_be_part_of(o.finding.effect, effect)]
-        if t.finding.provisional or not beside:
+        if not beside:
             return t
         forms = learned_forms(t.finding, [o.finding for o in tested], criteria)
         first = t.finding.first if forms and takes(t) > 0.0 else None

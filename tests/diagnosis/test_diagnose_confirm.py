@@ -262,6 +262,17 @@ def test_an_element_without_a_name_that_helps_stays_in_the_model() -> None:
     assert found.findings[0].held_out is not None and found.findings[0].held_out.after < 2.0
 
 
+@pytest.mark.parametrize(("left", "claimed"), [(1.0, ["creep"]), (0.3, ["creep", "amplifier_lowpass"])])
+def test_an_element_that_takes_less_than_the_model_leaves_keeps_no_name(left: float, claimed: list[str]) -> None:
+    """The lowpass takes 0.44 of the noise power, and is proven; the model leaves 1.0, or 0.09."""
+    world = World()
+    base, final = world.fit(5.0, 5.0), world.fit(0.0, left)
+    others = world.fit(4.0, 4.0), world.fit(1.0, float(np.sqrt(left**2 + 0.44)))
+    found, *_ = world.judge(base, final, others)
+    assert named(found) == ["creep", "amplifier_lowpass"] and found.final is final
+    assert [f.effect.name for f in found.claimed] == claimed
+
+
 def test_of_several_elements_without_a_name_those_that_help_stay() -> None:
     world = World()
     base, final, alone = world.fit(5.0, 5.0), world.fit(1.0, 2.0), world.fit(1.1, 1.9)

@@ -20,7 +20,7 @@ from phnn.identification.gain import Gain
 RULE = CRITERIA.selection
 TABLES = (
     BASE, REFIT, STEP, FORM, KEEP, LEAVES, GAIN, EXCHANGE, COPIES, CLAIM, LAW, VERDICT, ELEMENT, MODEL, NAMELESS,
-    REMAINDER, NUMERICS,
+    REMAINDER, held_out.LEFT, NUMERICS,
 )  # fmt: skip
 
 
@@ -116,6 +116,7 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (NAMELESS, replace(SMALL, share=0.2, chi2=1.1), "mismatch_is_immaterial", "none"),
     (NAMELESS, replace(SMALL, gains=0.2), "mismatch_is_immaterial", "none"),
     (REMAINDER, SMALL, "remainder_is_immaterial", "immaterial"),
+    (held_out.LEFT, held_out.LeftCase(0.22, 1.64, CRITERIA), "more_is_left", "no name"),
     (NUMERICS, held_out.NumericsCase(0.5, 8.0, CRITERIA), "numerical_error_may_confound", "equivalent"),
 ]
 
@@ -157,6 +158,8 @@ def test_no_rule_is_left_out() -> None:
         (NAMELESS, replace(SMALL, gains=0.6)),
         (REMAINDER, replace(SMALL, share=0.2)),
         (REMAINDER, replace(SMALL, chi2=1.2)),
+        (held_out.LEFT, held_out.LeftCase(0.09, 1.02, CRITERIA)),
+        (held_out.LEFT, held_out.LeftCase(100.0, 8.0, CRITERIA)),
         (NUMERICS, held_out.NumericsCase(0.2, 2.0, CRITERIA)),
         (NUMERICS, held_out.NumericsCase(0.5, 20.0, CRITERIA)),
     ],

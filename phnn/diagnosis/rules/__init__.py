@@ -23,6 +23,7 @@ The tables stand in `phnn.diagnosis.rules.search`, ``.composition``, ``.verdict`
 | ``composition.COPIES`` | of an element with a name beside its neighbours | ``no name`` |
 | ``composition.CLAIM`` | of an element of a composed model | ``name``, ``no name`` |
 | ``held_out.ELEMENT`` | of every element | see `phnn.diagnosis.tested.Outcome` |
+| ``held_out.LEFT`` | of an element that claims a name | ``no name`` |
 | ``held_out.MODEL`` | of all elements together | ``none``, ``unknown``, ``equivalent``, ``named``, ``kept`` |
 | ``held_out.NAMELESS`` | of a base model to which nothing is added | ``none`` |
 | ``held_out.REMAINDER`` | of what the final model leaves | ``immaterial`` |

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from phnn.criteria import Confirmation, Criteria, Selection
 from phnn.diagnosis.rules import Applied
+from phnn.diagnosis.rules.composition import NO_NAME
 from phnn.identification.gain import Gain
 
 
@@ -229,6 +230,27 @@ def _small_numbers(case: NamelessCase) -> dict[str, float | None]:
 
 
 @dataclass(frozen=True)
+class LeftCase:
+    """An element that claims a name.
+
+    Attributes:
+        takes: mean square [noise²] that it takes from recordings that were held out; after: residual over noise that
+            the model leaves there.
+    """
+
+    takes: float
+    after: float
+    criteria: Criteria
+
+
+def more_is_left(case: LeftCase) -> Applied:
+    """The model leaves more of the held-out recordings unexplained than the element takes of them: the element may be
+    a part of what nobody has explained."""
+    leaves = max(case.after**2 / case.criteria.selection.noise_doubt**2 - 1.0, 0.0)
+    return Applied(case.takes < leaves, NO_NAME, {"takes": case.takes, "leaves": leaves})
+
+
+@dataclass(frozen=True)
 class NumericsCase:
     """A named verdict: the largest score [noise standard deviations] of the numerical error alone, and the least of the
     largest scores by which its elements were found."""
@@ -270,4 +292,5 @@ MODEL = (
 )
 NAMELESS = (mismatch_is_immaterial,)
 REMAINDER = (remainder_is_immaterial,)
+LEFT = (more_is_left,)
 NUMERICS = (numerical_error_may_confound,)
