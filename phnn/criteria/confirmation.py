@@ -51,6 +51,12 @@ class Confirmation:
         "Calculation: a true element whose response is a fifth of one coherent residual changes its error by factors "
         "of 0.83 to 1.25, and up as often as down.",
     )
+    left_over: float = criterion(
+        1.0,
+        "share of what it takes",
+        "An element has no name if the whole model leaves a larger excess over the noise.",
+        "Argument: what is left has no explanation, and an element that takes less may be a part of it.",
+    )
     held_out_level: float = criterion(
         0.01,
         "probability",

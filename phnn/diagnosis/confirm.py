@@ -9,7 +9,7 @@ element not proven at first is then proven only below the level over the number 
 
 | on held-out recordings | the element is |
 |---|---|
-| falls by `named_gain`, p < level | proven: its name stands |
+| falls by `named_gain`, p < level | proven: its name stands, unless the model leaves more than it takes |
 | loses nine tenths of its excess, too few blocks for a p-value | open: at most ``equivalent`` |
 | does not, too few blocks to refute it | provisional beside others that stand; alone it is refuted |
 | falls by less, and by less than `real_gain` where it was found | immaterial: told with its size, not named |
@@ -131,7 +131,7 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
         effect = t.finding.effect
         if t.finding.provisional:
             return t
-        left = LeftCase(t.shown.takes, t.shown.after, criteria)
+        left = LeftCase(t.shown.takes, t.left, criteria)
         if t.outcome in SURE and record.decide(LEFT, left, effect.name) is not None:
             return replace(t, finding=replace(t.finding, provisional=True))
         beside = [o for o in tested if o.finding.nameless and may_be_part_of(o.finding.effect, effect)]

@@ -47,6 +47,7 @@ class Tested:
         alone: the model without it; the model itself where that cannot be fitted.
         held_out: None where nothing was held out. Of an effect in another form, both gains are those of the effect
             without its learned elements.
+        left: residual over noise that the model with all elements leaves, where `shown` is measured.
     """
 
     finding: Finding
@@ -54,6 +55,7 @@ class Tested:
     alone: Fit
     held_out: Gain | None
     identified: Gain
+    left: float
 
     @property
     def shown(self) -> Gain:
@@ -130,15 +132,16 @@ def _tested(finding: Finding, models: _Models, whole: _Shown, record: Record) ->
     if alone is None:
         # It stays, and nothing is known of what it gains.
         case = models.case(whole, whole)
-        return Tested(finding, Outcome.PROVISIONAL, whole[0], case.held_out, case.identified)
+        return Tested(finding, Outcome.PROVISIONAL, whole[0], case.held_out, case.identified, case.shown.after)
     case = models.case(alone, whole)
+    left = case.shown.after
     forms = learned_forms(finding, models.judgement.findings, models.criteria)
     if forms and not case.rises:
         neither, effect = models.without(finding, *forms), models.without(*forms)
         if neither is not None and effect is not None:
             case = models.case(neither, effect)
     outcome = outcome_of(case, record, finding.effect.name)
-    return Tested(finding, outcome, alone[0], case.held_out, case.identified)
+    return Tested(finding, outcome, alone[0], case.held_out, case.identified, left)
 
 
 def learned_forms(finding: Finding, findings: Sequence[Finding], criteria: Criteria) -> tuple[Finding, ...]:

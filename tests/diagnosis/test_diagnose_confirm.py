@@ -198,7 +198,7 @@ def test_an_element_without_which_the_others_cannot_be_fitted_is_not_proven() ->
 def test_a_second_look_proves_what_the_first_did_not_only_below_a_level_that_all_looks_share(
     p_value: float, proven: bool
 ) -> None:
-    tested = testing.Tested(mock.Mock(), Outcome.PROVEN, mock.Mock(), a_gain(3.0, 1.0, p_value), a_gain(3.0, 1.0))
+    tested = testing.Tested(mock.Mock(), Outcome.PROVEN, mock.Mock(), a_gain(3.0, 1.0, p_value), a_gain(3.0, 1.0), 1.0)
     assert (_no_surer(tested, 0.01 / 20).outcome is Outcome.PROVEN) == proven
     fallen = replace(tested, outcome=Outcome.REFUTED)
     assert _no_surer(fallen, 0.01 / 20).outcome is Outcome.REFUTED
@@ -270,7 +270,7 @@ def test_an_element_that_takes_less_than_the_model_leaves_keeps_no_name(left: fl
     others = world.fit(4.0, 4.0), world.fit(1.0, float(np.sqrt(left**2 + 0.44)))
     found, *_ = world.judge(base, final, others)
     assert named(found) == ["creep", "amplifier_lowpass"] and found.final is final
-    assert [f.effect.name for f in found.claimed] == claimed
+    assert found.verdict == "named" and [f.effect.name for f in found.claimed] == claimed
 
 
 def test_of_several_elements_without_a_name_those_that_help_stay() -> None:
@@ -379,6 +379,12 @@ def test_the_name_of_another_form_is_asked_without_the_learned_elements(first: f
     if names:
         shown = found.findings[0].held_out
         assert shown is not None and shown.before > 3.0 and shown.after == pytest.approx(np.hypot(1.0, 0.6), rel=0.02)
+
+
+def test_what_learned_elements_of_its_kind_explain_is_not_left() -> None:
+    """Alone the cubic spring takes 3.7 and leaves 5.3 of the noise power; both together leave nothing."""
+    found = cubic_in_another_form(both=(0.0, 0.0), spring=(0.2, 0.0), cubic=(0.6, 2.3))
+    assert [f.effect.name for f in found.claimed] == ["cubic_stiffness"]
 
 
 @pytest.mark.parametrize("both", [1.5, 3.2])

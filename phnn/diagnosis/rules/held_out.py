@@ -28,6 +28,11 @@ class ElementCase:
     drifts: bool = False
 
     @property
+    def shown(self) -> Gain:
+        """The gain on held-out recordings, on those identified where there are none."""
+        return self.held_out or self.identified
+
+    @property
     def rises(self) -> bool:
         """Whether held-out recordings are predicted materially worse with the element."""
         return self.held_out is not None and self.rule.rises(*_sizes(self.held_out))
@@ -231,23 +236,23 @@ def _small_numbers(case: NamelessCase) -> dict[str, float | None]:
 
 @dataclass(frozen=True)
 class LeftCase:
-    """An element that claims a name.
+    """An element that would have a name.
 
     Attributes:
-        takes: mean square [noise²] that it takes from recordings that were held out; after: residual over noise that
-            the model leaves there.
+        takes: mean square [noise²] that it takes from held-out recordings, from those identified where there are none.
+        left: residual over noise that the whole model leaves there.
     """
 
     takes: float
-    after: float
+    left: float
     criteria: Criteria
 
 
 def more_is_left(case: LeftCase) -> Applied:
-    """The model leaves more of the held-out recordings unexplained than the element takes of them: the element may be
-    a part of what nobody has explained."""
-    leaves = max(case.after**2 / case.criteria.selection.noise_doubt**2 - 1.0, 0.0)
-    return Applied(case.takes < leaves, NO_NAME, {"takes": case.takes, "leaves": leaves})
+    """The model leaves more beyond the noise than the element takes: the element may be a part of what is left."""
+    rest = max(case.left**2 / case.criteria.selection.noise_doubt**2 - 1.0, 0.0)
+    most = case.criteria.confirmation.left_over
+    return Applied(rest > most * case.takes, NO_NAME, {"takes": case.takes, "leaves": rest, "left_over": most})
 
 
 @dataclass(frozen=True)
