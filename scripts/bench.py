@@ -1,4 +1,4 @@
-"""The whole benchmark in one command: ``python scripts/bench.py --out DIR [--tools phnn base] [--first N] [seed=2]``.
+"""The whole benchmark in one command: ``python scripts/bench.py [seed=2] --out DIR [--first N] [--tools phnn base]``.
 
 Makes the cases, lets each tool answer them, scores all answers and prints the page, ``DIR/scores/leaderboard.md``. Run
 again, it goes on where it stopped; another tool is added by naming it too. ``--table NAME`` keeps the scores of some
@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from phnn.commands.bench import bench
 from phnn.commands.terminal import refusals
 from phnn.configuration import compose
-from phnn.studies.benchmark.tools import TOOLS, TRAINED
-from phnn.studies.results import fill
+from phnn.studies.benchmark.tools import TOOLS, TRAINED, tool
+from phnn.studies.results import fill, filled
 
 
 def run(chosen: argparse.Namespace) -> None:
@@ -25,14 +26,19 @@ def run(chosen: argparse.Namespace) -> None:
     given: dict[str, Any] = dict.fromkeys(("cases", "tool", "answers", "first", "limit", "training"))
     given |= {"executor": chosen.executor, "typed": chosen.settings}
     tools = chosen.tools or [name for name in TOOLS if chosen.training or name not in TRAINED]
+    trained = {name: chosen.training if name in TRAINED else None for name in tools}
+    # Bad input is refused before hours of work.
+    for name, training in trained.items():
+        tool(name, training)
+    if chosen.page:
+        filled(chosen.page, chosen.table, "")
     bench("write", out / "benchmark", config, given)
     asked = {**given, "typed": [], "cases": out / "benchmark", "first": chosen.first}
-    for tool in tools:
+    for name, training in trained.items():
         began = time.monotonic()
-        training = chosen.training if tool in TRAINED else None
-        bench("answer", out / tool, config, {**asked, "tool": tool, "training": training, "limit": chosen.limit})
-        print(f"{tool}: {time.monotonic() - began:.0f} s", flush=True)
-    answers = [out / tool for tool in tools]
+        bench("answer", out / name, config, {**asked, "tool": name, "training": training, "limit": chosen.limit})
+        print(f"{name}: {time.monotonic() - began:.0f} s", flush=True)
+    answers = [out / name for name in trained]
     scores = out / ("scores" if chosen.table == "bench" else chosen.table)
     bench("score", scores, config, {**asked, "answers": answers}, overwrite=True)
     if chosen.page:
@@ -40,17 +46,16 @@ def run(chosen: argparse.Namespace) -> None:
         fill(chosen.page, chosen.table, table.replace("## ", "### "))
 
 
-def main() -> None:
-    """Run, and refuse bad input in one line."""
+def arguments(words: Sequence[str] | None = None) -> argparse.Namespace:
+    """The command line, or words in its place."""
     parser = argparse.ArgumentParser(description="Make, answer and score a benchmark.")
     add = parser.add_argument
     add("--out", type=Path, default=Path("out/bench"), help="default: %(default)s")
     add(
         "--tools",
         nargs="+",
-        default=list(TOOLS),
         metavar="NAME",
-        help="default: all; the first is compared with others",
+        help="default: all that need no training, or that have one; the first is compared with others",
     )
     add("--first", type=int, metavar="N", help="the first N cases alone")
     add("--limit", type=float, metavar="S", help="processor seconds of a tool for a case, after which it has no answer")
@@ -64,8 +69,13 @@ def main() -> None:
     add("--training", type=Path, metavar="DIR", help="what phnn bench train has written, for the tools that learn")
     add("--executor", default="processes", metavar="WHERE", help="see phnn diagnose; default: %(default)s")
     add("settings", nargs="*", metavar="KEY=VALUE", help="of configs/bench.yaml")
+    return parser.parse_args(words)
+
+
+def main() -> None:
+    """Run, and refuse bad input in one line."""
     with refusals("bench"):
-        run(parser.parse_args())
+        run(arguments())
 
 
 if __name__ == "__main__":

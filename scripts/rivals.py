@@ -25,10 +25,13 @@ os.environ.update(ONE_THREAD)
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
     from phnn.commands.terminal import refusals
-    from phnn.studies.results import fill
+    from phnn.studies.results import fill, filled
     from phnn.studies.rival_models.studies import run
 
     with refusals("rivals"):
+        if config.page is not None:
+            # A page without a place for the table is refused before the work.
+            filled(Path(config.page), config.study, "")
         page = run(OmegaConf.to_container(config, resolve=True), lambda line: print(line, file=sys.stderr, flush=True))
         if config.page is not None:
             fill(Path(config.page), config.study, page.read_text(encoding="utf-8").split("\n", 1)[1])

@@ -40,6 +40,11 @@ def fill(page: Path, name: str, text: str) -> None:
     Raises:
         InputRefused: the page is absent, or has no such lines.
     """
+    write_atomic(page, filled(page, name, text).encode())
+
+
+def filled(page: Path, name: str, text: str) -> str:
+    """The page with a table in its place. Raises InputRefused as `fill` does."""
     begin, end = f"<!-- begin {name} -->\n", f"<!-- end {name} -->"
     try:
         before = page.read_text(encoding="utf-8")
@@ -49,7 +54,7 @@ def fill(page: Path, name: str, text: str) -> None:
     _, closed, tail = rest.partition(end)
     if not found or not closed:
         raise InputRefused(f"{page}: has no lines {begin.strip()} and {end}: write them where the table belongs")
-    write_atomic(page, f"{head}{begin}\n{text.strip()}\n\n{end}{tail}".encode())
+    return f"{head}{begin}\n{text.strip()}\n\n{end}{tail}"
 
 
 def figure_lines(drawings: Sequence[Drawing]) -> list[str]:

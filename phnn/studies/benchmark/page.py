@@ -9,7 +9,7 @@ import numpy as np
 from phnn.report.formatting import DASH, markdown_table, number
 from phnn.studies.benchmark.score import Score
 from phnn.studies.benchmark.settings import GROUPS
-from phnn.studies.benchmark.tally import Difference, difference, listed, summary
+from phnn.studies.benchmark.tally import COUNTS, Difference, difference, listed, summary
 from phnn.studies.proof.tally import Rate
 
 Found = Mapping[str, Sequence[Score]]
@@ -33,8 +33,13 @@ def page(found: Found) -> str:
 def leaderboard(figures: Mapping[str, Mapping[str, float]]) -> list[str]:
     """The lines of a table: a row for each figure, a column for each tool."""
     labels = next(iter(figures.values())).keys()
-    body = [[label, *(_shown(of[label]) for of in figures.values())] for label in labels]
+    show = {label: _count if label in COUNTS else _shown for label in labels}
+    body = [[label, *(show[label](of[label]) for of in figures.values())] for label in labels]
     return markdown_table(["", *figures], body)
+
+
+def _count(value: float) -> str:
+    return f"{value:.0f}"
 
 
 def _shown(value: float) -> str:
@@ -76,7 +81,7 @@ def _groups(found: Found) -> list[str]:
 
 
 def _against(found: Found) -> list[str]:
-    """Names right in the same cases: how many more the first tool has, and the cases that only the other has."""
+    """How many more names the first tool has right in the same cases, with the exact 95 % interval."""
     (tool, first), *others = found.items()
     body = []
     for name, scores in others:
@@ -86,9 +91,9 @@ def _against(found: Found) -> list[str]:
     head = [
         "against",
         "names right, points more",
-        f"only {tool} right",
-        "only the other right",
-        "cases of the other",
+        f"names right with {tool} alone",
+        "names right with the other alone",
+        "all cases right with the other alone",
     ]
     return markdown_table(head, body)
 

@@ -80,13 +80,14 @@ def scored(entry: Entry, sealed: Sealed, exam: Mapping[str, pd.DataFrame], answe
     stated, places = answer.probabilities, tuple(dict.fromkeys(sealed.location))
     best = max(stated, key=lambda name: stated[name])
     names = {**dict.fromkeys((*catalogue(), NONE, UNLISTED), 0.0), **stated}
+    answered, among = not answer.failed, answer.places if not answer.failed else ()
     # A background may be named or not.
     brier = sum((p - (name in truth)) ** 2 for name, p in names.items() if name not in beside)
     return Score(
         entry.name, entry.group, entry.strength, entry.plan, tuple(sorted(truth)), places,
-        tuple(sorted(answer.claims)), not answer.failed and answer.claims - beside == truth,
-        _without(answer, beside).first(len(truth)) == truth, bool(set(answer.places[:1]) & set(places)),
-        bool(set(answer.places[:3]) & set(places)), stated[best], best in truth | beside, brier,
+        tuple(sorted(answer.claims)), answered and answer.claims - beside == truth,
+        answered and _without(answer, beside).first(len(truth)) == truth, bool(set(among[:1]) & set(places)),
+        bool(set(among[:3]) & set(places)), stated[best], answered and best in truth | beside, brier,
         prediction_error(exam, answer.predictions, sealed), answer.seconds, bool(answer.failed),
     )  # fmt: skip
 

@@ -9,10 +9,14 @@ import numpy as np
 import pandas as pd
 
 from phnn.studies.benchmark.cases import PLANS, STRENGTHS
+from phnn.studies.benchmark.paired import paired_interval
 from phnn.studies.benchmark.score import Score
 from phnn.studies.benchmark.settings import GROUPS
 from phnn.studies.proof.tally import Rate
 
+# Figures that are whole numbers.
+CASES, FAILED = "cases", "without an answer"
+COUNTS = (CASES, FAILED)
 # Equal bins of probability for the calibration error.
 _BINS = 10
 
@@ -27,11 +31,12 @@ def balanced_accuracy(scores: Sequence[Score]) -> float:
 
 def calibration_error(scores: Sequence[Score]) -> float:
     """Expected calibration error of the highest probability that each answer states: mean distance of probability and
-    frequency in ten bins, weighted by their numbers (Naeini, Cooper & Hauskrecht 2015). NaN without cases.
+    frequency in ten bins, weighted by their numbers (Naeini, Cooper & Hauskrecht 2015). NaN without answers.
 
-    It asks only whether probabilities are honest: whoever states the same shares in every case is calibrated. The
-    Brier score asks also whether they tell cases apart.
+    It asks only whether probabilities are honest: a tool that states in every case how often it is right on average is
+    calibrated. The Brier score asks also whether they tell cases apart. Cases without an answer do not count.
     """
+    scores = [s for s in scores if not s.failed]
     if not scores:
         return float("nan")
     stated = np.array([s.confidence for s in scores])
@@ -65,16 +70,8 @@ class Difference:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Exact 95 % interval, given in how many cases the two differ.
-
-        In these cases the first tool alone is right with some probability, of which the interval of Clopper & Pearson
-        (1934) is known; McNemar's test (1947, Psychometrika 12) is its companion.
-        """
-        apart = self.gained + self.lost
-        if not apart:
-            return 0.0, 0.0
-        low, high = Rate("", self.gained, apart, "").interval
-        return apart * (2.0 * low - 1.0) / self.cases, apart * (2.0 * high - 1.0) / self.cases
+        """Exact 95 % interval, see `phnn.studies.benchmark.paired`."""
+        return paired_interval(self.cases, self.gained, self.lost)
 
 
 def difference(first: Sequence[Score], second: Sequence[Score]) -> Difference:
@@ -95,18 +92,18 @@ def summary(scores: Sequence[Score]) -> dict[str, float]:
     named = listed(scores)
     modelled = [s for s in scores if s.group in ("outside", "background")]
     return {
-        "cases": float(len(scores)),
-        "without an answer": float(sum(s.failed for s in scores)),
+        CASES: float(len(scores)),
+        FAILED: float(sum(s.failed for s in scores)),
         "balanced accuracy of claims": balanced_accuracy(scores),
         "names claimed rightly (same, other, pair)": _mean(s.right for s in named),
         "names first in probability (same, other, pair)": _mean(s.first for s in named),
-        "place right": _mean(s.placed for s in concealing),
-        "place among three": _mean(s.placed_within for s in concealing),
+        "location right": _mean(s.placed for s in concealing),
+        "location among three": _mean(s.placed_within for s in concealing),
         "false alarms": _mean(s.false_alarm for s in scores if s.group == "none"),
         "calibration error": calibration_error(scores),
         "Brier score": _mean(s.brier for s in scores),
         "prediction error / noise, median": _median(s.error for s in scores),
-        "the same, outside and background": _median(s.error for s in modelled),
+        "prediction error / noise in `outside` and `background`, median": _median(s.error for s in modelled),
         "processor seconds a case, median": _median(s.seconds for s in scores),
     }
 

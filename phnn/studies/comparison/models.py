@@ -102,25 +102,41 @@ class Bench:
         return replace(identification_plan(self.campaign, self.settings.options.workers), substeps=dict(substeps))
 
 
+@dataclass(frozen=True)
+class _Clock:
+    """Seconds since it was made, as they pass and of the processor."""
+
+    elapsed: float = field(default_factory=time.monotonic)
+    processor: float = field(default_factory=time.process_time)
+
+    @property
+    def facts(self) -> dict[str, float]:
+        """Both, as facts of a result."""
+        return {
+            "seconds": round(time.monotonic() - self.elapsed, 1),
+            "processor_seconds": round(time.process_time() - self.processor, 2),
+        }
+
+
 def _phs(bench: Bench) -> Result:
-    began = time.monotonic()
+    clock = _Clock()
     actuator = {"model": "piezo_actuator", "hysterons": bench.campaign.setup.get("hysterons", 2)}
     fitted, _ = identify_base(replace(bench.campaign, setup=actuator), bench.settings.options, bench.progress)
-    return _identified(bench, "phs", fitted, time.monotonic() - began)
+    return _identified(bench, "phs", fitted, clock.facts)
 
 
 def _bouc_wen(bench: Bench) -> Result:
-    plan, began = bench.plan(), time.monotonic()
+    plan, clock = bench.plan(), _Clock()
     fitted = identify_bouc_wen(plan, bench.campaign, bench.settings.options, bench.progress)
-    return _identified(bench, "bouc_wen", fitted, time.monotonic() - began)
+    return _identified(bench, "bouc_wen", fitted, clock.facts)
 
 
 def _linear(bench: Bench) -> Result:
-    plan, began = bench.plan(), time.monotonic()
+    plan, clock = bench.plan(), _Clock()
     bench.progress("identify linear")
     known = {n: a for n, a in bench.campaign.known.items() if n in _MECHANICAL}
     fitted = identify_actuator(plan, known, 0, 1, bench.settings.options.seed)
-    return _identified(bench, "linear", fitted, time.monotonic() - began)
+    return _identified(bench, "linear", fitted, clock.facts)
 
 
 _FITTED: Mapping[str, Callable[[Bench], Result]] = {"phs": _phs, "bouc_wen": _bouc_wen, "linear": _linear}
@@ -135,10 +151,10 @@ def _fitter(model: str) -> Callable[[Bench], Result]:
 
 def _rival(bench: Bench, model: str) -> Result:
     """Fit a rival within its budget, score and judge it."""
-    began, chosen, settings = time.monotonic(), rival(model), bench.settings
+    clock, chosen, settings = _Clock(), rival(model), bench.settings
     bench.progress(f"fit {model}, {settings.budget:g} s of the processor")
     fitted = chosen.fit(bench.campaign.recordings, settings.budget, settings.options.seed)
-    seconds = time.monotonic() - began
+    times = clock.facts
     outputs = fitted.outputs(bench.campaign.recordings)
     parts = [
         score_part(r, y, p.first, p.last, p.name, p.use)
@@ -150,7 +166,7 @@ def _rival(bench: Bench, model: str) -> Result:
     facts = {
         "kind": f"{chosen.words} ({chosen.source})",
         "parameters": fitted.parameters,
-        "seconds": round(seconds, 1),
+        **times,
         "gradient": chosen.how,
         "seed": settings.options.seed,
         "budget": settings.budget,
@@ -160,7 +176,7 @@ def _rival(bench: Bench, model: str) -> Result:
     return Result(model, found, facts, {})
 
 
-def _identified(bench: Bench, model: str, fitted: Fit, seconds: float) -> Result:
+def _identified(bench: Bench, model: str, fitted: Fit, times: Mapping[str, float]) -> Result:
     """Score and judge a parametric model."""
     scores = score_on_all(fitted, bench.campaign)
     save_fit(fitted, bench.home(model))
@@ -168,8 +184,9 @@ def _identified(bench: Bench, model: str, fitted: Fit, seconds: float) -> Result
     if not fitted.setup.amplifier:
         network = fitted.setup.network
         plant = NetworkPlant(network, typical_states(network, fitted.plan.recordings))
-    facts = _facts(bench, model, len(fitted.variables.names), seconds) | {
-        "passivity": _passivity(bench, model, of_setup(fitted.setup), plant, _HEAD)
+    facts = _facts(bench, model, len(fitted.variables.names)) | {
+        **times,
+        "passivity": _passivity(bench, model, of_setup(fitted.setup), plant, _HEAD),
     }
     return Result(model, scores, facts, dict(fitted.plan.substeps))
 
@@ -188,7 +205,8 @@ def _trained(bench: Bench, model: str) -> Result:
     found = train(training, substeps, base, bench.progress)
     if isinstance(found.plant, NetworkPlant):
         save(Setup(found.plant.network, name=model), bench.home(model), substeps)
-    facts = _facts(bench, model, found.parameters, found.seconds) | {
+    facts = _facts(bench, model, found.parameters) | {
+        "seconds": round(found.seconds, 1),
         "loss_by_stage": found.losses,
         "stopped_by": list(found.validation),
         "passivity": _passivity(bench, model, _response(found), found.plant, _NO_ENERGY),
@@ -204,11 +222,10 @@ def _response(found: Trained) -> Response:
     return of_setup(Setup(found.plant.network))
 
 
-def _facts(bench: Bench, model: str, parameters: int, seconds: float) -> dict[str, Any]:
+def _facts(bench: Bench, model: str, parameters: int) -> dict[str, Any]:
     return {
         "kind": KINDS[model],
         "parameters": parameters,
-        "seconds": round(seconds, 1),
         "gradient": GRADIENTS[model],
         "seed": bench.settings.options.seed,
     }

@@ -196,5 +196,6 @@ def _words(rows: Sequence[Row], settings: Settings, spent: str) -> str:
     return (
         f"Residual over noise, median over the seeds {seeds}. Budget of each rival: {settings.budget:g} processor "
         f"seconds; {spent}. PHS, Bouc–Wen and the linear model are fitted until they converge; learned hysterons, the "
-        "fully neural PHS and the neural ODE are trained by stages of their own."
+        "fully neural PHS and the neural ODE are trained by stages of their own, and their time is not that of the "
+        "processor but what passed."
     )

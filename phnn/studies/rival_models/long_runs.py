@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.errors import InputRefused, PhnnError
-from phnn.studies.rival_models.loops import FAR, GROWS, MOVES
+from phnn.errors import InputRefused
+from phnn.studies.rival_models.loops import FAILS, FAR, GROWS, MOVES
 from phnn.studies.rival_models.rival import Stepper
 
 Array = NDArray[np.float64]
@@ -226,6 +226,6 @@ def long_run(stepper: Stepper, drive: Drive, gain: float, samples: int) -> LongR
             kept.take(first, y[: lost[0]] if lost.size else y)
             if lost.size:
                 return LongRun(first + int(lost[0]), True, kept.drift, kept.late, math.nan, False, spent)
-    except (PhnnError, ArithmeticError):
+    except FAILS:
         return LongRun(first, True, kept.drift, kept.late, math.nan, False, spent)
     return LongRun(samples, False, kept.drift, kept.late, kept.motion, kept.gained, spent)

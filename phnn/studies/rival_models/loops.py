@@ -38,6 +38,8 @@ FAR = 10.0
 # Growth of the motion at rest, from the third quarter of a run to the fourth, that no decay has; and the least share of
 # the largest output that counts as motion.
 GROWS, MOVES = 1.05, 1e-3
+# What a model that has diverged may raise.
+FAILS = (PhnnError, ArithmeticError, ValueError)
 
 
 class ExportedStepper(Stepper):
@@ -128,14 +130,19 @@ def closed(stepper: Stepper, runs: Sequence[Run], gain: float) -> Loops:
     for run in runs:
         far = FAR * gain * max(float(np.abs(run.v).max()), abs(run.before))
         y, solved = _path(stepper, run, far)
-        rest = y[y.size // 2 :] - y[-1]
-        third, fourth = (float(np.sqrt(np.mean(part**2))) for part in np.array_split(rest, 2))
         if not solved or y.size < run.v.size:
             diverged += 1
             unsolved += not solved
-        elif fourth > GROWS * third and fourth > MOVES * float(np.abs(y).max()):
+        elif _grows(y):
             gained += 1
     return Loops(len(runs), diverged, gained, unsolved)
+
+
+def _grows(y: Array) -> bool:
+    """Whether the motion of a whole run grows from the third quarter to the fourth, and is large enough to count."""
+    rest = y[y.size // 2 :] - y[-1]
+    third, fourth = (float(np.sqrt(np.mean(part**2))) for part in np.array_split(rest, 2))
+    return fourth > GROWS * third and fourth > MOVES * float(np.abs(y).max())
 
 
 def _path(stepper: Stepper, run: Run, far: float) -> tuple[Array, bool]:
@@ -145,7 +152,7 @@ def _path(stepper: Stepper, run: Run, far: float) -> tuple[Array, bool]:
     for n, v in enumerate(run.v):
         try:
             found = _solved(partial(stepper.step, state), float(v), run.pull, u)
-        except (PhnnError, ArithmeticError, ValueError):
+        except FAILS:
             return y[:n], False
         if found is None:
             return y[:n], False

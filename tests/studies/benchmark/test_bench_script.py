@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import runpy
 import subprocess
 import sys
 from pathlib import Path
+from unittest import mock
 
 import pytest
 
 from phnn.studies.benchmark.settings import GROUPS
+from phnn.studies.benchmark.tools import TOOLS, TRAINED
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -17,6 +20,30 @@ def run(script: str, *arguments: str) -> str:
     done = subprocess.run([sys.executable, f"scripts/{script}", *arguments], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--tools", "base", "seed=2"], "nothing is called 'seed=2'"),
+        (["--tools", "fingerprints"], "needs --training"),
+        (["--tools", "base", "--page", "README.md"], "has no lines <!-- begin bench -->"),
+    ],
+)
+def test_bad_input_is_refused_before_cases_are_made(arguments: list[str], words: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "scripts/bench.py", "--out", str(tmp_path / "out"), *arguments],
+        cwd=ROOT, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 2 and words in done.stderr and not (tmp_path / "out").exists()
+
+
+def test_all_tools_that_need_no_training_answer_by_default(tmp_path: Path) -> None:
+    asked: list[str] = []
+    script = runpy.run_path(str(ROOT / "scripts" / "bench.py"))
+    with mock.patch.dict(script["run"].__globals__, bench=lambda step, out, *_, **__: asked.append(out.name)):
+        script["run"](script["arguments"](["--out", str(tmp_path)]))
+    assert asked == ["benchmark", *(name for name in TOOLS if name not in TRAINED), "scores"]
 
 
 @pytest.mark.slow
@@ -29,12 +56,12 @@ def test_one_command_makes_answers_scores_and_fills_a_page(tmp_path: Path) -> No
     assert "seed 5" in said
     text = page.read_text()
     assert "\n### Wrong answers of harmonics\n" in text
-    assert "| cases | 2.00 | 2.00 |" in text
+    assert "| cases | 2 | 2 |" in text
     assert (tmp_path / "out" / "scores" / "scores.csv").exists()
     # A second table of fewer cases leaves the first as it is, and answers nothing twice.
     run("bench.py", "--out", str(tmp_path / "out"), *asked, *sizes, "--first", "1", "--table", "fewer")
     assert page.read_text().startswith(text.partition("<!-- begin fewer")[0])
-    assert "| cases | 1.00 | 1.00 |" in page.read_text().partition("<!-- begin fewer")[2]
+    assert "| cases | 1 | 1 |" in page.read_text().partition("<!-- begin fewer")[2]
     assert (tmp_path / "out" / "fewer" / "scores.csv").exists()
 
 

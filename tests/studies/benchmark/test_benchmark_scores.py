@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import multinomial
 
 from phnn.demo import Sealed
 from phnn.errors import InputRefused
@@ -17,6 +20,7 @@ from phnn.output import claim
 from phnn.studies.benchmark.answer import FILE, Answer, read_answer, write_answer
 from phnn.studies.benchmark.cases import Entry
 from phnn.studies.benchmark.page import page
+from phnn.studies.benchmark.paired import paired_interval
 from phnn.studies.benchmark.score import Score, scored
 from phnn.studies.benchmark.tally import balanced_accuracy, by_group, calibration_error, difference, summary
 from phnn.studies.benchmark.tools.diagnosis import as_answer
@@ -145,11 +149,52 @@ def test_two_tools_are_compared_case_by_case() -> None:
     found = difference(first, second)
     assert (found.cases, found.gained, found.lost) == (10, 7, 1)
     assert found.share == pytest.approx(0.6)
-    # 7 of 8: Clopper and Pearson give 0.47349 to 0.99684.
-    assert found.interval == pytest.approx((0.8 * (2 * 0.47349 - 1), 0.8 * (2 * 0.99684 - 1)), abs=1e-4)
-    assert difference(first, first).interval == (0.0, 0.0)
+    assert found.interval == paired_interval(10, 7, 1)
     with pytest.raises(ValueError, match="different cases"):
         difference(first, [replace(s, case="another") for s in second])
+
+
+def test_the_interval_of_a_difference_has_its_closed_form_where_one_tool_is_always_wrong() -> None:
+    """One case: the chance that the first alone is right is 2.5 % where it is so with probability 0.025."""
+    low, high = paired_interval(1, 1, 0)
+    assert (low, high) == (pytest.approx(-0.95, abs=1e-3), 1.0)
+    assert paired_interval(0, 0, 0) == (-1.0, 1.0)
+    with pytest.raises(ValueError, match="cannot differ"):
+        paired_interval(3, 2, 2)
+
+
+def test_the_interval_of_a_difference_mirrors_when_tools_change_places() -> None:
+    low, high = paired_interval(30, 9, 2)
+    assert paired_interval(30, 2, 9) == (-high, -low)
+    assert low < 7 / 30 < high
+    # Equal answers of few cases prove little: 12 give plus or minus 30 points.
+    assert paired_interval(12, 0, 0) == pytest.approx((-0.302, 0.302), abs=0.002)
+
+
+@given(st.integers(4, 9), st.integers(0, 2**32 - 1))
+@settings(max_examples=10, deadline=None)
+def test_the_interval_of_a_difference_covers_as_often_as_it_says(cases: int, seed: int) -> None:
+    """Every outcome is counted with its multinomial probability: nothing is sampled."""
+    rng = np.random.default_rng(seed)
+    first, second, rest = rng.dirichlet(rng.choice([0.3, 1.0, 3.0]) * np.ones(3))
+    covered = 0.0
+    for b in range(cases + 1):
+        for c in range(cases + 1 - b):
+            low, high = paired_interval(cases, b, c)
+            if low - 1e-3 <= first - second <= high + 1e-3:
+                covered += multinomial.pmf([b, c, cases - b - c], cases, [first, second, rest])
+    assert covered >= 0.949
+
+
+def test_a_tool_without_an_answer_is_right_in_nothing() -> None:
+    failed = Answer({"creep": 0.9}, places=("mechanical",), failed="no time")
+    found = score(TRUE, failed)
+    assert not (found.right or found.first or found.placed or found.placed_within or found.confirmed)
+    assert not score(NONE, Answer({}, failed="no time"), "none").confirmed
+    # It is not calibrated either, and does not count.
+    right = score(TRUE, Answer({"creep": 0.9}))
+    assert calibration_error([right, found]) == pytest.approx(0.1)
+    assert summary([right, found])["without an answer"] == 1.0
 
 
 def test_the_page_tells_wrong_answers_first() -> None:

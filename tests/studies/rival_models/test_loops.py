@@ -51,6 +51,26 @@ def test_a_model_that_gives_energy_is_found_out() -> None:
     assert slow.diverged + slow.gained == 5
 
 
+class Lost(Oscillator):
+    """Leaves the finite numbers, or fails, at the first sample."""
+
+    def __init__(self, fails: bool) -> None:
+        super().__init__(2.0)
+        self._fails = fails
+
+    def step(self, state: State, u: float) -> tuple[State, float]:
+        if self._fails:
+            raise ValueError("array must not contain infs or NaNs")
+        return state, 1e3
+
+
+@pytest.mark.parametrize(("fails", "unsolved"), [(True, 2), (False, 0)])
+def test_a_model_that_diverges_at_the_first_sample_is_counted(fails: bool, unsolved: int) -> None:
+    runs = [Run(r.v, r.before, 0.0) for r in drawn_runs(2, (0.1, DT), 75.0, 150.0, K / ALPHA, 3)]
+    found = closed(Lost(fails), runs, ALPHA / K)
+    assert (found.diverged, found.unsolved, found.gained) == (2, unsolved, 0)
+
+
 def test_runs_end_without_drive_and_follow_the_seed() -> None:
     first, again, other = (drawn_runs(2, (0.1, DT), 75.0, 150.0, K / ALPHA, s) for s in (1, 1, 2))
     assert all(np.array_equal(a.v, b.v) for a, b in zip(first, again, strict=True))

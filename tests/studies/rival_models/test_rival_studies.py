@@ -106,12 +106,17 @@ def test_the_ratio_is_best_of_phnn_over_best_rival() -> None:
         ({"study": "beauty"}, "beauty"), ({"study": "real"}, "folder"), ({"seeds": []}, "seeds"),
         ({"study": "real", "folder": "nowhere"}, "nowhere"),
         ({"study": "real", "folder": "x", "only": ["moon"]}, "moon"),
+        ({"study": "real", "folder": "x", "only": "moon"}, "moon"),
+        ({"study": "real", "folder": "x", "diagnoses": "no"}, "neither true nor false"),
+        ({"noise_um": "x"}, "noise_um=x"), ({"noise_um": -1}, "noise_um=-1"), ({"seeds": [-1]}, "seeds=-1"),
+        ({"seeds": "x"}, "seeds=x"), ({"study": "loops", "runs": "x"}, "runs=x"), ({"samples": 0.5}, "samples=0.5"),
     ],
 )  # fmt: skip
 def test_studies_refuse_what_they_cannot_use(change: dict[str, object], needle: str, tmp_path: Path) -> None:
     config = {
         "study": "truths", "out": str(tmp_path / "out"), "truths": ["phs"], "seeds": [0], "noise_um": 0.05,
-        "folder": None, "only": [], "diagnoses": False, "compare": compose("compare", QUICK),
+        "folder": None, "only": [], "diagnoses": False,
+        "runs": 2, "samples": 20000, "drives": 1, "compare": compose("compare", QUICK),
     }  # fmt: skip
     with pytest.raises(InputRefused, match=needle):
         run({**config, **change})
