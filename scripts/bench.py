@@ -26,19 +26,19 @@ def run(chosen: argparse.Namespace) -> None:
     given: dict[str, Any] = dict.fromkeys(("cases", "tool", "answers", "first", "limit", "training"))
     given |= {"executor": chosen.executor, "typed": chosen.settings}
     tools = chosen.tools or [name for name in TOOLS if chosen.training or name not in TRAINED]
-    trained = {name: chosen.training if name in TRAINED else None for name in tools}
+    trainings = {name: chosen.training if name in TRAINED else None for name in tools}
     # Bad input is refused before hours of work.
-    for name, training in trained.items():
+    for name, training in trainings.items():
         tool(name, training)
     if chosen.page:
         filled(chosen.page, chosen.table, "")
     bench("write", out / "benchmark", config, given)
     asked = {**given, "typed": [], "cases": out / "benchmark", "first": chosen.first}
-    for name, training in trained.items():
+    for name, training in trainings.items():
         began = time.monotonic()
         bench("answer", out / name, config, {**asked, "tool": name, "training": training, "limit": chosen.limit})
         print(f"{name}: {time.monotonic() - began:.0f} s", flush=True)
-    answers = [out / name for name in trained]
+    answers = [out / name for name in trainings]
     scores = out / ("scores" if chosen.table == "bench" else chosen.table)
     bench("score", scores, config, {**asked, "answers": answers}, overwrite=True)
     if chosen.page:

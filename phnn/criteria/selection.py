@@ -128,5 +128,9 @@ class Selection:
         "background at its own place. " + STUDIED,
     )
 
+    def beyond_doubt(self, chi2: float) -> float:
+        """What a mean square [noise²] exceeds the noise power by beyond any doubt about its level, 0 at least."""
+        return max(chi2 / self.noise_doubt**2 - 1.0, 0.0)
+
 
 SELECTION = Selection()

@@ -93,7 +93,7 @@ def confirmed(
 
 def _no_surer(tested: Tested, level: float) -> Tested:
     """Return the level of a later test: elements not proven at first share one level over all tests."""
-    held = tested.held_out
+    held = tested.case.held_out
     if tested.outcome is Outcome.PROVEN and held is not None and held.falls is not None and held.falls < level:
         return tested
     return replace(tested, outcome=Outcome.PROVISIONAL) if tested.outcome in SURE else tested
@@ -105,7 +105,7 @@ def _helps(tested: Tested, rule: Confirmation) -> bool:
     Too few blocks for a test are a single observation. If it shows a small rise, less than the fall of the error where
     the element was identified, it leaves the element open. Whether an element has a name is another question.
     """
-    shown, identified = tested.shown, tested.identified
+    shown, identified = tested.shown, tested.case.identified
     if tested.outcome in SURE:
         return True
     little = shown.after <= (1.0 + rule.untested_rise) * shown.before
@@ -126,21 +126,22 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
     def takes(t: Tested) -> float:
         return max(t.shown.takes, 0.0)
 
-    def asked(t: Tested) -> Tested:
-        """The element, without its name where that falls."""
-        effect = t.finding.effect
-        if t.finding.provisional:
-            return t
-        left = LeftCase(t.shown.takes, t.left, criteria)
+    def stands(t: Tested) -> bool:
+        """Whether an element keeps its name."""
+        effect, left = t.finding.effect, LeftCase(takes(t), t.left, criteria)
         if t.outcome in SURE and record.decide(LEFT, left, effect.name) is not None:
-            return replace(t, finding=replace(t.finding, provisional=True))
+            return False
         beside = [o for o in tested if o.finding.nameless and may_be_part_of(o.finding.effect, effect)]
         if not beside:
-            return t
+            return True
         forms = learned_forms(t.finding, [o.finding for o in tested], criteria)
         first = t.finding.first if forms and takes(t) > 0.0 else None
         case = ClaimCase(t.finding.nameless, takes(t), sum(map(takes, beside)), criteria, first)
-        return t if has_name(case, effect.name, record) else replace(t, finding=replace(t.finding, provisional=True))
+        return has_name(case, effect.name, record)
+
+    def asked(t: Tested) -> Tested:
+        kept = t.finding.provisional or stands(t)
+        return t if kept else replace(t, finding=replace(t.finding, provisional=True))
 
     return [asked(t) for t in tested]
 
@@ -187,7 +188,7 @@ def _shown(tested: Sequence[Tested], nameless: bool = False) -> tuple[Finding, .
     return tuple(
         replace(
             t.finding,
-            held_out=t.held_out,
+            held_out=t.case.held_out,
             provisional=nameless or t.finding.provisional or t.outcome not in SURE,
         )
         for t in tested

@@ -243,9 +243,9 @@ def _claimed(findings: Sequence[Finding], model: Scored, criteria: Criteria, rec
     What an element takes that has no name has none either, unless it is more of the same. A remainder beyond any doubt
     about the noise counts even where it may be chance.
     """
-    doubt, chi2 = criteria.selection.noise_doubt, model.linearised.fit.chi2
+    chi2 = model.linearised.fit.chi2
     counts = model.significant or chi2 > criteria.composition.composed_beyond**2
-    nameless = max(chi2 / doubt**2 - 1.0, 0.0) if counts else 0.0
+    nameless = criteria.selection.beyond_doubt(chi2) if counts else 0.0
     weakest_first = sorted(findings, key=lambda f: (not f.nameless, f.takes))
     claimed: list[Finding] = []
     unclaimed: list[tuple[Effect, float]] = []

@@ -45,22 +45,20 @@ class Tested:
 
     Attributes:
         alone: the model without it; the model itself where that cannot be fitted.
-        held_out: None where nothing was held out. Of an effect in another form, both gains are those of the effect
-            without its learned elements.
+        case: its gains; of an effect in another form those of the effect without its learned elements.
         left: residual over noise that the model with all elements leaves, where `shown` is measured.
     """
 
     finding: Finding
     outcome: Outcome
     alone: Fit
-    held_out: Gain | None
-    identified: Gain
+    case: ElementCase
     left: float
 
     @property
     def shown(self) -> Gain:
         """The gain on held-out recordings, on those identified where there are none."""
-        return self.held_out or self.identified
+        return self.case.shown
 
 
 _Shown = tuple[Fit, Evaluation]
@@ -132,7 +130,7 @@ def _tested(finding: Finding, models: _Models, whole: _Shown, record: Record) ->
     if alone is None:
         # It stays, and nothing is known of what it gains.
         case = models.case(whole, whole)
-        return Tested(finding, Outcome.PROVISIONAL, whole[0], case.held_out, case.identified, case.shown.after)
+        return Tested(finding, Outcome.PROVISIONAL, whole[0], case, case.shown.after)
     case = models.case(alone, whole)
     left = case.shown.after
     forms = learned_forms(finding, models.judgement.findings, models.criteria)
@@ -141,7 +139,7 @@ def _tested(finding: Finding, models: _Models, whole: _Shown, record: Record) ->
         if neither is not None and effect is not None:
             case = models.case(neither, effect)
     outcome = outcome_of(case, record, finding.effect.name)
-    return Tested(finding, outcome, alone[0], case.held_out, case.identified, left)
+    return Tested(finding, outcome, alone[0], case, left)
 
 
 def learned_forms(finding: Finding, findings: Sequence[Finding], criteria: Criteria) -> tuple[Finding, ...]:

@@ -198,7 +198,8 @@ def test_an_element_without_which_the_others_cannot_be_fitted_is_not_proven() ->
 def test_a_second_look_proves_what_the_first_did_not_only_below_a_level_that_all_looks_share(
     p_value: float, proven: bool
 ) -> None:
-    tested = testing.Tested(mock.Mock(), Outcome.PROVEN, mock.Mock(), a_gain(3.0, 1.0, p_value), a_gain(3.0, 1.0), 1.0)
+    case = ElementCase(a_gain(3.0, 1.0, p_value), a_gain(3.0, 1.0), CRITERIA.confirmation)
+    tested = testing.Tested(mock.Mock(), Outcome.PROVEN, mock.Mock(), case, 1.0)
     assert (_no_surer(tested, 0.01 / 20).outcome is Outcome.PROVEN) == proven
     fallen = replace(tested, outcome=Outcome.REFUTED)
     assert _no_surer(fallen, 0.01 / 20).outcome is Outcome.REFUTED

@@ -220,8 +220,8 @@ def _small_mismatch(case: NamelessCase) -> bool:
 
 
 def _small(case: NamelessCase) -> bool:
-    doubt, material = case.criteria.selection.noise_doubt, case.criteria.confirmation.material
-    return not max(case.share**2, case.chi2 / doubt**2 - 1.0) >= material**2
+    beyond, material = case.criteria.selection.beyond_doubt(case.chi2), case.criteria.confirmation.material
+    return not max(case.share**2, beyond) >= material**2
 
 
 def _small_numbers(case: NamelessCase) -> dict[str, float | None]:
@@ -250,7 +250,7 @@ class LeftCase:
 
 def more_is_left(case: LeftCase) -> Applied:
     """The model leaves more beyond the noise than the element takes: the element may be a part of what is left."""
-    rest = max(case.left**2 / case.criteria.selection.noise_doubt**2 - 1.0, 0.0)
+    rest = case.criteria.selection.beyond_doubt(case.left**2)
     most = case.criteria.confirmation.left_over
     return Applied(rest > most * case.takes, NO_NAME, {"takes": case.takes, "leaves": rest, "left_over": most})
 

@@ -9,7 +9,7 @@ import numpy as np
 from phnn.report.formatting import DASH, markdown_table, number
 from phnn.studies.benchmark.score import Score
 from phnn.studies.benchmark.settings import GROUPS
-from phnn.studies.benchmark.tally import COUNTS, Difference, difference, listed, summary
+from phnn.studies.benchmark.tally import Difference, difference, listed, summary
 from phnn.studies.proof.tally import Rate
 
 Found = Mapping[str, Sequence[Score]]
@@ -33,16 +33,14 @@ def page(found: Found) -> str:
 def leaderboard(figures: Mapping[str, Mapping[str, float]]) -> list[str]:
     """The lines of a table: a row for each figure, a column for each tool."""
     labels = next(iter(figures.values())).keys()
-    show = {label: _count if label in COUNTS else _shown for label in labels}
-    body = [[label, *(show[label](of[label]) for of in figures.values())] for label in labels]
+    body = [[label, *(_shown(of[label]) for of in figures.values())] for label in labels]
     return markdown_table(["", *figures], body)
 
 
-def _count(value: float) -> str:
-    return f"{value:.0f}"
-
-
 def _shown(value: float) -> str:
+    """A figure in a table; counts are whole numbers."""
+    if isinstance(value, int):
+        return str(value)
     return "∞" if value == np.inf else number(value) if np.isfinite(value) else DASH
 
 

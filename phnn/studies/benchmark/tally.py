@@ -14,9 +14,6 @@ from phnn.studies.benchmark.score import Score
 from phnn.studies.benchmark.settings import GROUPS
 from phnn.studies.proof.tally import Rate
 
-# Figures that are whole numbers.
-CASES, FAILED = "cases", "without an answer"
-COUNTS = (CASES, FAILED)
 # Equal bins of probability for the calibration error.
 _BINS = 10
 
@@ -92,8 +89,8 @@ def summary(scores: Sequence[Score]) -> dict[str, float]:
     named = listed(scores)
     modelled = [s for s in scores if s.group in ("outside", "background")]
     return {
-        CASES: float(len(scores)),
-        FAILED: float(sum(s.failed for s in scores)),
+        "cases": len(scores),
+        "without an answer": sum(s.failed for s in scores),
         "balanced accuracy of claims": balanced_accuracy(scores),
         "names claimed rightly (same, other, pair)": _mean(s.right for s in named),
         "names first in probability (same, other, pair)": _mean(s.first for s in named),
