@@ -54,7 +54,8 @@ class Confirmation:
     left_over: float = criterion(
         1.0,
         "share of what it takes",
-        "An element has no name if the whole model leaves a larger excess over the noise.",
+        "An element that takes less than another one has no name if the whole model leaves a larger excess over the "
+        "noise.",
         "Argument: what is left has no explanation, and an element that takes less may be a part of it.",
     )
     held_out_level: float = criterion(

@@ -9,8 +9,9 @@ element not proven at first is then proven only below the level over the number 
 
 | on held-out recordings | the element is |
 |---|---|
-| falls by `named_gain`, p < level | proven: its name stands, unless the model leaves more than it takes |
+| falls by `named_gain`, p < level | proven: its name stands, unless the model leaves more, and another takes more |
 | loses nine tenths of its excess, too few blocks for a p-value | open: at most ``equivalent`` |
+| falls, too few blocks now, but proven before another element was taken out | open |
 | does not, too few blocks to refute it | provisional beside others that stand; alone it is refuted |
 | falls by less, and by less than `real_gain` where it was found | immaterial: told with its size, not named |
 | anything else | refuted: what it explained is real, and has no name |
@@ -36,7 +37,8 @@ from phnn.diagnosis.name import Naming
 from phnn.diagnosis.place import in_another_form, may_be_part_of
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.composition import ClaimCase, has_name, neighbour_acts_several_times
-from phnn.diagnosis.rules.held_out import LEFT, MODEL, NAMELESS, REMAINDER, LeftCase, ModelCase, NamelessCase
+from phnn.diagnosis.rules.element import LEFT, LeftCase
+from phnn.diagnosis.rules.held_out import MODEL, NAMELESS, REMAINDER, ModelCase, NamelessCase
 from phnn.diagnosis.rules.verdict import VERDICT, another_form_is_named
 from phnn.diagnosis.scored import Scored
 from phnn.diagnosis.select import share_of
@@ -66,10 +68,11 @@ def confirmed(
         return judgement, before, before
     after, tested = tested_elements(judgement, before, campaign, criteria, record)
     doubted = {t.finding.effect for t in tested if t.outcome not in SURE}
+    proven = {t.finding.effect for t in tested if t.outcome is Outcome.PROVEN}
     tests = len(tested)
     while len(tested) > 1 and (harmful := [t for t in tested if not _helps(t, criteria.confirmation)]):
         judgement = _dropped(judgement, min(harmful, key=lambda t: t.shown.share_of_noise), score_again)
-        after, tested = tested_elements(judgement, before, campaign, criteria, record)
+        after, tested = tested_elements(judgement, before, campaign, criteria, record, proven)
         tests += len(tested)
         level = criteria.confirmation.held_out_level / tests
         tested = [_no_surer(t, level) if t.finding.effect in doubted else t for t in tested]
@@ -115,8 +118,8 @@ def _helps(tested: Tested, rule: Confirmation) -> bool:
 
 
 def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record: Record) -> list[Tested]:
-    """The elements, none of them with a name that takes less than the model leaves, or beside a learned element at its
-    own place that takes much as well.
+    """The elements, none of them with a name that takes less than another element and less than the model leaves, or
+    beside a learned element at its own place that takes much as well.
 
     Either may be part of something that has no name. A learned element may also be more of the same: an effect that
     took nearly all before has its name beside learned elements of its own kind, for both together are another form of
@@ -128,7 +131,8 @@ def _without_doubtful_names(tested: Sequence[Tested], criteria: Criteria, record
 
     def stands(t: Tested) -> bool:
         """Whether an element keeps its name."""
-        effect, left = t.finding.effect, LeftCase(takes(t), t.left, criteria)
+        effect, others = t.finding.effect, max((takes(o) for o in tested if o is not t), default=0.0)
+        left = LeftCase(takes(t), others, t.left, criteria)
         if t.outcome in SURE and record.decide(LEFT, left, effect.name) is not None:
             return False
         beside = [o for o in tested if o.finding.nameless and may_be_part_of(o.finding.effect, effect)]

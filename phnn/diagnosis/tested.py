@@ -8,7 +8,7 @@ follows for the model.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -18,7 +18,8 @@ from phnn.diagnosis.judge import Judgement
 from phnn.diagnosis.place import further_forms, may_be_part_of
 from phnn.diagnosis.retest import without
 from phnn.diagnosis.rules import Record
-from phnn.diagnosis.rules.held_out import ELEMENT, ElementCase
+from phnn.diagnosis.rules.element import ELEMENT, ElementCase
+from phnn.effects import Effect
 from phnn.identification.evaluate import Evaluation, evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.gain import Gain, gain
@@ -70,12 +71,14 @@ class _Models:
 
     Attributes:
         before: scores of the base model.
+        proven: effects that were proven beside elements that the model has lost since.
     """
 
     judgement: Judgement
     before: Evaluation
     campaign: Campaign
     criteria: Criteria
+    proven: frozenset[Effect] = frozenset()
     fitted: dict[tuple[int, ...], _Shown | None] = field(default_factory=dict)
 
     def without(self, *gone: Finding) -> _Shown | None:
@@ -97,29 +100,40 @@ class _Models:
             fitted = without(base, others, gone[0], j.final, self.criteria)
         return None if fitted is None else (fitted, score_on_all(fitted, self.campaign))
 
-    def case(self, fewer: _Shown, more: _Shown) -> ElementCase:
-        """What one model gains over another."""
+    def case(self, effect: Effect, fewer: _Shown, more: _Shown) -> ElementCase:
+        """What one model gains over another, which lacks the effect."""
         rule, own = self.criteria.confirmation, (fewer[0].setup.own, more[0].setup.own)
         held_out, identified = (
             gain(fewer[1], more[1], self.campaign.recordings, use, rule.held_out_blocks, own)
             for use in ("confirmation", "identification")
         )
         assert identified is not None
-        return ElementCase(held_out, identified, rule, own[1].drift_terms > own[0].drift_terms)
+        drifts = own[1].drift_terms > own[0].drift_terms
+        return ElementCase(held_out, identified, rule, drifts, effect in self.proven)
 
 
 def outcome_of(case: ElementCase, record: Record | None = None, element: str = "") -> Outcome:
-    """What follows from the gains of one element, by the rules of `phnn.diagnosis.rules.held_out.ELEMENT`."""
+    """What follows from the gains of one element, by the rules of `phnn.diagnosis.rules.element.ELEMENT`."""
     decided = (record or Record()).decide(ELEMENT, case, element)
     assert decided is not None
     return Outcome(decided.outcome)
 
 
 def tested_elements(
-    judgement: Judgement, before: Evaluation, campaign: Campaign, criteria: Criteria, record: Record
+    judgement: Judgement,
+    before: Evaluation,
+    campaign: Campaign,
+    criteria: Criteria,
+    record: Record,
+    proven: Collection[Effect] = (),
 ) -> tuple[Evaluation, list[Tested]]:
-    """The final model's scores on all recordings, and each of its elements held against the model without it."""
-    models = _Models(judgement, before, campaign, criteria)
+    """The final model's scores on all recordings, and each of its elements held against the model without it.
+
+    Args:
+        before: scores of the base model.
+        proven: effects that were proven beside elements that the model has lost since.
+    """
+    models = _Models(judgement, before, campaign, criteria, frozenset(proven))
     whole = models.without()
     assert whole is not None
     return whole[1], [_tested(f, models, whole, record) for f in judgement.findings]
@@ -129,15 +143,15 @@ def _tested(finding: Finding, models: _Models, whole: _Shown, record: Record) ->
     alone = models.without(finding)
     if alone is None:
         # It stays, and nothing is known of what it gains.
-        case = models.case(whole, whole)
+        case = models.case(finding.effect, whole, whole)
         return Tested(finding, Outcome.PROVISIONAL, whole[0], case, case.shown.after)
-    case = models.case(alone, whole)
+    case = models.case(finding.effect, alone, whole)
     left = case.shown.after
     forms = learned_forms(finding, models.judgement.findings, models.criteria)
     if forms and not case.rises:
         neither, effect = models.without(finding, *forms), models.without(*forms)
         if neither is not None and effect is not None:
-            case = models.case(neither, effect)
+            case = models.case(finding.effect, neither, effect)
     outcome = outcome_of(case, record, finding.effect.name)
     return Tested(finding, outcome, alone[0], case, left)
 

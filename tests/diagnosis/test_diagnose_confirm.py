@@ -17,7 +17,7 @@ from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Judgement
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.rules import Applied
-from phnn.diagnosis.rules.held_out import ElementCase
+from phnn.diagnosis.rules.element import ElementCase
 from phnn.diagnosis.tested import Outcome, outcome_of
 from phnn.diagnosis.trial import Trial
 from phnn.effects import effect

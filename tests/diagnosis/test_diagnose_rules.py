@@ -12,7 +12,8 @@ import pytest
 from phnn.criteria import CRITERIA, Confirmation
 from phnn.diagnosis.rules import Applied, Record, composition, held_out, search, verdict
 from phnn.diagnosis.rules.composition import CLAIM, COPIES, EXCHANGE, GAIN, LAW, LEAVES
-from phnn.diagnosis.rules.held_out import ELEMENT, MODEL, NAMELESS, NUMERICS, REMAINDER
+from phnn.diagnosis.rules.element import ELEMENT, LEFT, ElementCase, LeftCase
+from phnn.diagnosis.rules.held_out import MODEL, NAMELESS, NUMERICS, REMAINDER
 from phnn.diagnosis.rules.search import BASE, FORM, KEEP, REFIT, STEP
 from phnn.diagnosis.rules.verdict import VERDICT
 from phnn.identification.gain import Gain
@@ -20,7 +21,7 @@ from phnn.identification.gain import Gain
 RULE = CRITERIA.selection
 TABLES = (
     BASE, REFIT, STEP, FORM, KEEP, LEAVES, GAIN, EXCHANGE, COPIES, CLAIM, LAW, VERDICT, ELEMENT, MODEL, NAMELESS,
-    REMAINDER, held_out.LEFT, NUMERICS,
+    REMAINDER, LEFT, NUMERICS,
 )  # fmt: skip
 
 
@@ -30,8 +31,8 @@ def a_gain(before: float, after: float, p: float | None = 1e-6) -> Gain:
     return Gain(before, after, 4e-8 * size, size, 100 if p is not None else 3, p, None if p is None else 1.0 - p)
 
 
-def element(held: Gain | None, identified: Gain) -> held_out.ElementCase:
-    return held_out.ElementCase(held, identified, CRITERIA.confirmation)
+def element(held: Gain | None, identified: Gain) -> ElementCase:
+    return ElementCase(held, identified, CRITERIA.confirmation)
 
 
 STEP_CASE = search.StepCase(share=0.95, chi2=9.0, significant=True, p_value=1e-4, criteria=CRITERIA)
@@ -41,11 +42,12 @@ SMALL = held_out.NamelessCase(0.05, 1.0, CRITERIA)
 MODEL_CASE = held_out.ModelCase(2, 0, 0, 2, share=0.99, remains=False, base=SMALL, held_out=9.0, criteria=CRITERIA)
 LARGE_BASE = replace(SMALL, share=3.0, chi2=9.0)
 NOTHING_HELPS = replace(MODEL_CASE, proven=0, immaterial=2)
-LEFT = composition.LeavesCase(4.0, 1, lambda: 1e-4, CRITERIA)
+REMAINS = composition.LeavesCase(4.0, 1, lambda: 1e-4, CRITERIA)
 COMPOSED = composition.ClaimCase(False, takes=4.0, leaves=0.1, criteria=CRITERIA)
 NEAR = composition.LawCase(takes=9.6, learned=10.0, criteria=CRITERIA)
 IN_ITS_PLACE = composition.ExchangeCase(own=100.0, other=93.0, least=6.0)
 LARGE, SLIGHT = a_gain(5.0, 1.0), a_gain(1.010, 1.008)
+PROVEN_BEFORE = replace(element(a_gain(3.7, 1.6, None), LARGE), proven_before=True)
 
 # What decides, of which case.
 REACHED: list[tuple[Any, Any, str, str]] = [
@@ -72,9 +74,9 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (VERDICT, replace(KEPT, another_form=True), "another_form_is_named", "equivalent"),
     (VERDICT, replace(KEPT, new_in_held_out=False), "held_out_bring_nothing_new", "equivalent"),
     (VERDICT, KEPT, "one_explanation", "named"),
-    (LEAVES, replace(LEFT, chi2=1.01), "model_is_at_the_noise", "stop"),
-    (LEAVES, replace(LEFT, chi2=3.0, p_value=lambda: 0.2), "model_leaves_no_more_than_chance", "stop"),
-    (LEAVES, replace(LEFT, elements=5), "model_has_enough_elements", "stop"),
+    (LEAVES, replace(REMAINS, chi2=1.01), "model_is_at_the_noise", "stop"),
+    (LEAVES, replace(REMAINS, chi2=3.0, p_value=lambda: 0.2), "model_leaves_no_more_than_chance", "stop"),
+    (LEAVES, replace(REMAINS, elements=5), "model_has_enough_elements", "stop"),
     (GAIN, composition.GainCase(LARGE, CRITERIA), "element_predicts_better", "add"),
     (GAIN, composition.GainCase(SLIGHT, CRITERIA), "element_does_not_predict_better", "leave out"),
     (CLAIM, replace(COMPOSED, nameless=True, first=0.95), "learned_element_has_no_name", "no name"),
@@ -100,7 +102,9 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (ELEMENT, element(a_gain(1.03, 1.01), LARGE), "error_falls", "proven"),
     (ELEMENT, replace(element(a_gain(1.1, 1.01), LARGE), drifts=True), "drift_is_within_the_noise", "immaterial"),
     (ELEMENT, replace(element(a_gain(3.0, 1.2), LARGE), drifts=True), "error_falls", "proven"),
-    (ELEMENT, element(a_gain(3.0, 3.1, None), LARGE), "untested", "provisional"),
+    (ELEMENT, PROVEN_BEFORE, "untested_and_proven_before", "open"),
+    (ELEMENT, replace(PROVEN_BEFORE, proven_before=False), "untested", "provisional"),
+    (ELEMENT, replace(PROVEN_BEFORE, held_out=a_gain(3.0, 3.1, None)), "untested", "provisional"),
     (ELEMENT, element(a_gain(6.6, 2.1), LARGE), "error_falls", "proven"),
     (ELEMENT, element(a_gain(3.0, 3.1, 0.9), LARGE), "error_does_not_fall", "refuted"),
     (MODEL, NOTHING_HELPS, "all_are_immaterial", "none"),
@@ -116,7 +120,7 @@ REACHED: list[tuple[Any, Any, str, str]] = [
     (NAMELESS, replace(SMALL, share=0.2, chi2=1.1), "mismatch_is_immaterial", "none"),
     (NAMELESS, replace(SMALL, gains=0.2), "mismatch_is_immaterial", "none"),
     (REMAINDER, SMALL, "remainder_is_immaterial", "immaterial"),
-    (held_out.LEFT, held_out.LeftCase(0.22, 1.64, CRITERIA), "more_is_left", "no name"),
+    (LEFT, LeftCase(0.22, 1.40, 1.64, CRITERIA), "more_is_left", "no name"),
     (NUMERICS, held_out.NumericsCase(0.5, 8.0, CRITERIA), "numerical_error_may_confound", "equivalent"),
 ]
 
@@ -148,7 +152,7 @@ def test_no_rule_is_left_out() -> None:
         (REFIT, STEP_CASE),
         (STEP, STEP_CASE),
         (FORM, STEP_CASE),
-        (LEAVES, LEFT),
+        (LEAVES, REMAINS),
         (COPIES, composition.CopiesCase(1)),
         (LAW, replace(NEAR, takes=9.4)),
         (LAW, replace(NEAR, learned=-1.0)),
@@ -158,8 +162,9 @@ def test_no_rule_is_left_out() -> None:
         (NAMELESS, replace(SMALL, gains=0.6)),
         (REMAINDER, replace(SMALL, share=0.2)),
         (REMAINDER, replace(SMALL, chi2=1.2)),
-        (held_out.LEFT, held_out.LeftCase(0.09, 1.02, CRITERIA)),
-        (held_out.LEFT, held_out.LeftCase(100.0, 8.0, CRITERIA)),
+        (LEFT, LeftCase(0.09, 1.40, 1.02, CRITERIA)),
+        (LEFT, LeftCase(1.40, 0.22, 1.64, CRITERIA)),
+        (LEFT, LeftCase(100.0, 200.0, 8.0, CRITERIA)),
         (NUMERICS, held_out.NumericsCase(0.2, 2.0, CRITERIA)),
         (NUMERICS, held_out.NumericsCase(0.5, 20.0, CRITERIA)),
     ],
@@ -205,4 +210,4 @@ def test_a_large_remainder_is_composed_further_even_where_it_may_be_chance() -> 
     def never() -> float:
         raise AssertionError("scores take long and are not asked for")
 
-    assert Record().decide(LEAVES, replace(LEFT, chi2=5.0, p_value=never)) is None
+    assert Record().decide(LEAVES, replace(REMAINS, chi2=5.0, p_value=never)) is None

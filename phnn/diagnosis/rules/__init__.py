@@ -4,7 +4,7 @@ A rule is a function of a case, a value that holds all it needs to know. It retu
 the case, and otherwise whether it applies, the numbers that it compared, and the outcome. In a table, the first rule
 that applies decides. All rules that were asked are recorded in order, those too that did not apply.
 
-The tables stand in `phnn.diagnosis.rules.search`, ``.composition``, ``.verdict`` and ``.held_out``.
+The tables stand in `phnn.diagnosis.rules.search`, ``.composition``, ``.verdict``, ``.element`` and ``.held_out``.
 
 | table | asked | outcomes |
 |---|---|---|
@@ -22,8 +22,8 @@ The tables stand in `phnn.diagnosis.rules.search`, ``.composition``, ``.verdict`
 | ``composition.EXCHANGE`` | of an element of a composed model and its neighbours | ``exchange``, ``keep`` |
 | ``composition.COPIES`` | of an element with a name beside its neighbours | ``no name`` |
 | ``composition.CLAIM`` | of an element of a composed model | ``name``, ``no name`` |
-| ``held_out.ELEMENT`` | of every element | see `phnn.diagnosis.tested.Outcome` |
-| ``held_out.LEFT`` | of an element that claims a name | ``no name`` |
+| ``element.ELEMENT`` | of every element | see `phnn.diagnosis.tested.Outcome` |
+| ``element.LEFT`` | of an element that claims a name | ``no name`` |
 | ``held_out.MODEL`` | of all elements together | ``none``, ``unknown``, ``equivalent``, ``named``, ``kept`` |
 | ``held_out.NAMELESS`` | of a base model to which nothing is added | ``none`` |
 | ``held_out.REMAINDER`` | of what the final model leaves | ``immaterial`` |

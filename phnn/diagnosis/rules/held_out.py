@@ -1,128 +1,12 @@
-"""Rules of the held-out recordings: what they say of each element, and of the verdict."""
+"""Rules of the held-out recordings: what they say of the model and of the verdict."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from phnn.criteria import Confirmation, Criteria, Selection
+from phnn.criteria import Criteria, Selection
 from phnn.diagnosis.rules import Applied
-from phnn.diagnosis.rules.composition import NO_NAME
-from phnn.identification.gain import Gain
-
-
-@dataclass(frozen=True)
-class ElementCase:
-    """What one element gains.
-
-    Attributes:
-        held_out: on held-out recordings; None where there are none.
-        identified: on those identified.
-        rule: the criteria.
-        drifts: every recording has drift coefficients of its own, so that the element predicts no recording.
-    """
-
-    held_out: Gain | None
-    identified: Gain
-    rule: Confirmation
-    drifts: bool = False
-
-    @property
-    def shown(self) -> Gain:
-        """The gain on held-out recordings, on those identified where there are none."""
-        return self.held_out or self.identified
-
-    @property
-    def rises(self) -> bool:
-        """Whether held-out recordings are predicted materially worse with the element."""
-        return self.held_out is not None and self.rule.rises(*_sizes(self.held_out))
-
-
-def _sizes(found: Gain) -> tuple[float, float, float]:
-    return found.before, found.after, found.share_of_noise
-
-
-def _numbers(found: Gain, **others: float | None) -> dict[str, float | None]:
-    return {"before": found.before, "after": found.after, "share_of_noise": found.share_of_noise, **others}
-
-
-def nothing_held_out_and_small(case: ElementCase) -> Applied | None:
-    """Nothing is held out, and the identification error falls by less than a name needs."""
-    if case.held_out is not None:
-        return None
-    found, rule = case.identified, case.rule
-    small = not rule.falls(*_sizes(found)) or found.share_of_noise < rule.named_gain
-    return Applied(small, "immaterial", _numbers(found, material=rule.material, named_gain=rule.named_gain))
-
-
-def nothing_held_out_and_far(case: ElementCase) -> Applied | None:
-    """Nothing is held out, and the element takes nearly all of the identification excess."""
-    if case.held_out is not None:
-        return None
-    far = case.rule.falls_far(*_sizes(case.identified))
-    return Applied(far, "open", _numbers(case.identified, untested_fall=case.rule.untested_fall))
-
-
-def nothing_held_out(case: ElementCase) -> Applied | None:
-    """Nothing is held out, and the element takes some of the identification excess only."""
-    return None if case.held_out is not None else Applied(True, "refuted", _numbers(case.identified))
-
-
-def untested_and_far(case: ElementCase) -> Applied | None:
-    """Too few blocks for a test, and the element takes nearly all of the held-out excess."""
-    found = case.held_out
-    if found is None or found.falls is not None:
-        return None
-    far = case.rule.falls_far(*_sizes(found))
-    return Applied(far, "open", _numbers(found, blocks=found.blocks, untested_fall=case.rule.untested_fall))
-
-
-def changes_too_little(case: ElementCase) -> Applied | None:
-    """The held-out error does not rise materially and falls by less than a name needs, and where the element was found
-    the gain was small as well."""
-    found, rule = case.held_out, case.rule
-    if found is None:
-        return None
-    noticed = rule.falls(*_sizes(found)) and found.share_of_noise >= rule.named_gain
-    changes = noticed or case.rises
-    identified = case.identified.share_of_noise
-    numbers = _numbers(found, material=rule.material, named_gain=rule.named_gain, identified_share=identified)
-    numbers["real_gain"] = rule.real_gain
-    return Applied(not changes and identified < rule.real_gain, "immaterial", numbers)
-
-
-def drift_is_within_the_noise(case: ElementCase) -> Applied | None:
-    """A drift that differs in every recording is smaller than a real gain: the low end of the noise spectrum can
-    look the same."""
-    found = case.held_out
-    if found is None or not case.drifts:
-        return None
-    small = found.share_of_noise < case.rule.real_gain
-    return Applied(small, "immaterial", _numbers(found, real_gain=case.rule.real_gain))
-
-
-def untested(case: ElementCase) -> Applied | None:
-    """Too few blocks to confirm or refute the element."""
-    found = case.held_out
-    if found is None:
-        return None
-    numbers = _numbers(found, blocks=found.blocks, held_out_blocks=case.rule.held_out_blocks)
-    return Applied(found.falls is None, "provisional", numbers)
-
-
-def error_falls(case: ElementCase) -> Applied | None:
-    """The held-out error falls by more than matters and more than chance."""
-    found, rule = case.held_out, case.rule
-    if found is None or found.falls is None:
-        return None
-    falls = rule.falls(*_sizes(found)) and found.falls < rule.held_out_level
-    return Applied(falls, "proven", _numbers(found, p_value=found.falls, held_out_level=rule.held_out_level))
-
-
-def error_does_not_fall(case: ElementCase) -> Applied | None:
-    """The held-out recordings do not confirm a gain that is real where the element was found."""
-    found = case.held_out
-    return None if found is None else Applied(True, "refuted", _numbers(found, p_value=found.falls))
 
 
 @dataclass(frozen=True)
@@ -235,27 +119,6 @@ def _small_numbers(case: NamelessCase) -> dict[str, float | None]:
 
 
 @dataclass(frozen=True)
-class LeftCase:
-    """An element that would have a name.
-
-    Attributes:
-        takes: mean square [noise²] that it takes from held-out recordings, from those identified where there are none.
-        left: residual over noise that the whole model leaves there.
-    """
-
-    takes: float
-    left: float
-    criteria: Criteria
-
-
-def more_is_left(case: LeftCase) -> Applied:
-    """The model leaves more beyond the noise than the element takes: the element may be a part of what is left."""
-    rest = case.criteria.selection.beyond_doubt(case.left**2)
-    most = case.criteria.confirmation.left_over
-    return Applied(rest > most * case.takes, NO_NAME, {"takes": case.takes, "leaves": rest, "left_over": most})
-
-
-@dataclass(frozen=True)
 class NumericsCase:
     """A named verdict: the largest score [noise standard deviations] of the numerical error alone, and the least of the
     largest scores by which its elements were found."""
@@ -276,17 +139,6 @@ def numerical_error_may_confound(case: NumericsCase) -> Applied:
     return Applied(case.score > most, "equivalent", {"numerical_score": case.score, "most": most})
 
 
-ELEMENT = (
-    nothing_held_out_and_small,
-    nothing_held_out_and_far,
-    nothing_held_out,
-    changes_too_little,
-    untested_and_far,
-    drift_is_within_the_noise,
-    untested,
-    error_falls,
-    error_does_not_fall,
-)
 MODEL = (
     all_are_immaterial,
     none_is_confirmed,
@@ -297,5 +149,4 @@ MODEL = (
 )
 NAMELESS = (mismatch_is_immaterial,)
 REMAINDER = (remainder_is_immaterial,)
-LEFT = (more_is_left,)
 NUMERICS = (numerical_error_may_confound,)
