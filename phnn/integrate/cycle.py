@@ -89,7 +89,10 @@ def steady_cycle(program: Program, theta: Array, x: Array, u: Array, h: Array) -
 
 def _reach(states: Array) -> Array:
     """(N,) range of each state within a period; one for a state that does not move."""
-    reach = np.maximum(np.ptp(states, axis=0), _NEUTRAL * np.abs(states).max(axis=0))
+    # State by state in memory: across rows of a few numbers the reduction takes sixteen times as long.
+    by_state = np.ascontiguousarray(states.T)
+    least, most = by_state.min(axis=1), by_state.max(axis=1)
+    reach = np.maximum(most - least, _NEUTRAL * np.maximum(most, -least))
     return np.where(reach > 0.0, reach, 1.0)
 
 
