@@ -19,7 +19,7 @@ from scipy.stats import f as f_distribution
 
 from phnn.diagnosis.colour import Colour
 from phnn.diagnosis.linearised_fit import LinearisedFit, direction
-from phnn.diagnosis.spectra import FINER, LEVEL_CELLS, strongest
+from phnn.diagnosis.spectra import FINER, LEVEL_CELLS, Spectra, strongest
 from phnn.effects import Effect
 from phnn.identification.nuisances import drift_columns, line_columns, own_columns, without_nuisances
 from phnn.identification.residual_noise import most_excess
@@ -52,13 +52,19 @@ class LineCandidate:
     judged: float
 
 
-def line_candidates(linearised: LinearisedFit, effects: Sequence[Effect], colour: Colour) -> list[LineCandidate]:
-    """Score the effects that appear as nuisances of the recordings."""
+def line_candidates(
+    linearised: LinearisedFit, effects: Sequence[Effect], colour: Colour, spectra: Spectra
+) -> list[LineCandidate]:
+    """Score the effects that appear as nuisances of the recordings.
+
+    Args:
+        spectra: of the residual.
+    """
     found = []
     for effect in effects:
         points = effect.grid(linearised.scales)
         if effect.searched is not None:
-            found.append(_searched(linearised, effect, effect.searched, points))
+            found.append(_searched(linearised, effect, points, spectra))
         elif effect.add_to(linearised.fit.setup, points[0]).own != linearised.fit.setup.own:
             found.append(_known(linearised, effect, points, colour))
     return found
@@ -74,10 +80,11 @@ def _known(
 
 
 def _searched(
-    linearised: LinearisedFit, effect: Effect, name: str, points: Sequence[dict[str, float]]
+    linearised: LinearisedFit, effect: Effect, points: Sequence[dict[str, float]], spectra: Spectra
 ) -> LineCandidate:
     """The strongest line there is; the other parameters, in which the effect is linear, by least squares."""
-    frequency, deviate, judged = strongest_line(linearised)
+    name, (frequency, deviate, judged) = effect.searched, strongest_line(spectra)
+    assert name is not None
     placed = [point | {name: frequency} for point in points]
     columns = linearised.project(np.column_stack([direction(linearised, effect, v) for v in placed]))
     weights = np.linalg.lstsq(columns, linearised.residual, rcond=_RANK)[0]
@@ -145,7 +152,7 @@ def drift_share(linearised: LinearisedFit) -> float:
     return max(saved, 0.0)
 
 
-def strongest_line(linearised: LinearisedFit) -> tuple[float, float, float]:
+def strongest_line(spectra: Spectra) -> tuple[float, float, float]:
     """The frequency [Hz] at which the recordings' residuals hold most power together, and its normal deviates.
 
     The periodograms of all recordings, each over the spectrum of its stated noise, are added up; so are the levels
@@ -153,20 +160,45 @@ def strongest_line(linearised: LinearisedFit) -> tuple[float, float, float]:
     spectrum that is smooth over a dozen of the cells that a recording resolves, a resonance of the plant for instance.
     The tail probability of the largest value is multiplied by the number of frequencies.
     """
-    spectra = linearised.spectra
-    power, level = spectra.added(lambda s: s.power), spectra.added(lambda s: s.level)
-    freedom, tries = spectra.freedom, np.log(spectra.f.size * FINER)
-    seen = np.flatnonzero(freedom > 0.5)
-    ratio = power[seen] / np.maximum(level[seen], 1e-300)
-    tails = f_distribution.logsf(ratio, freedom[seen], LEVEL_CELLS * freedom[seen]) + tries
+    power, level, freedom = spectra.added(lambda s: s.power), spectra.added(lambda s: s.level), spectra.freedom
+    tries = spectra.f.size * FINER
+    tails = _out_of_surroundings(power, level, freedom) + np.log(tries)
     best = strongest(power, freedom)
-    if tails.size and tails.min() < _LINE:
+    if tails.min(initial=0.0) < _LINE:
         # What stands out of its surroundings is the line, not what is strong because a resonance is.
-        best = int(seen[np.argmin(tails)])
-    stated = _deviate(float(power[best]), int(freedom[best]), spectra.f.size * FINER)
-    tail = float(tails.min(initial=0.0))
-    judged = float(np.clip(-ndtri_exp(min(tail, -1e-12)), 0.0, stated))
-    return float(spectra.f[best]), stated, judged
+        best = int(np.argmin(tails))
+    stated = _deviate(float(power[best]), int(freedom[best]), tries)
+    return float(spectra.f[best]), stated, min(_normal(float(tails.min(initial=0.0))), stated)
+
+
+def line_of_one(spectra: Spectra) -> tuple[float, float]:
+    """The normal deviates, as in `strongest_line`, of the line that stands out most in any one recording, beside
+    harmonics of what drives it.
+
+    A line has another frequency in every recording where what is missing varies by itself and acts on the motion, as
+    its product with the drive. In the sum of all spectra each recording hides the lines of the others.
+    """
+    found, tries = (0.0, 0.0), spectra.f.size * FINER * len(spectra.each)
+    for spectrum in spectra.each:
+        power, freedom = spectrum.undriven
+        tails = _out_of_surroundings(power, spectrum.level, freedom) + np.log(tries)
+        if tails.min(initial=0.0) < _LINE:
+            best = int(np.argmin(tails))
+            stated = _deviate(float(power[best]), int(freedom[best]), tries)
+            found = max(found, (stated, min(_normal(float(tails[best])), stated)), key=lambda deviates: deviates[1])
+    return found
+
+
+def _out_of_surroundings(power: Array, level: Array, freedom: Array) -> Array:
+    """(F,) logarithms of the tail probabilities of powers over the levels around them; zero without freedom."""
+    known = np.maximum(freedom, 1.0)
+    tails = f_distribution.logsf(power / np.maximum(level, 1e-300), known, LEVEL_CELLS * known)
+    return np.where(freedom > 0.5, tails, 0.0)
+
+
+def _normal(tail: float) -> float:
+    """The normal deviate, at least 0, of a logarithm of a tail probability."""
+    return max(float(-ndtri_exp(min(tail, -1e-12))), 0.0)
 
 
 def _deviate(saved: float, freedom: int, tries: float) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from phnn.diagnosis.colour import Colour
 from phnn.diagnosis.linearised_fit import LinearisedFit, direction
-from phnn.diagnosis.lines import line_candidates
+from phnn.diagnosis.lines import line_candidates, line_of_one
 from phnn.diagnosis.locate import Responses
 from phnn.effects import Effect
 
@@ -92,8 +92,8 @@ def score(
         error: (N,) weighted numerical error of the simulations.
     """
     able = [e for e in effects if e.can_be_added_to(linearised.fit.setup)]
-    colour = Colour(linearised)
-    lines = line_candidates(linearised, able, colour)
+    colour, spectra = Colour(linearised), linearised.spectra
+    lines, any_line = line_candidates(linearised, able, colour, spectra), line_of_one(spectra)
     points = [(e, v) for e in able if all(e is not c.effect for c in lines) for v in e.grid(linearised.scales)]
     directions = [direction(linearised, e, v) for e, v in points]
     d = linearised.project(np.column_stack([*directions, *([generic.tests] if generic is not None else [])]))
@@ -108,7 +108,7 @@ def score(
     colour_left = colour.left(d)
     covariance = colour_left * np.outer(scale, scale)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    null = _null_of_supremum(covariance / np.outer(spread, spread), sided, len(lines), seed)
+    null = _null_of_supremum(covariance / np.outer(spread, spread), sided, len(lines) + 1, seed)
     deviates = np.where(alive, colour.deviates(d, colour_left, power), 0.0)
     # Never more than the stated noise grants.
     judged = np.minimum(np.where(sided, np.maximum(deviates, 0.0), np.abs(deviates)), value)
@@ -118,12 +118,12 @@ def score(
     saved = np.where(alive, squares * (2.0 * strengths - 1.0), -np.inf)
     candidates = _best_of_each(points, value, judged, strengths, saved, null)
     candidates += [Candidate(c.effect, c.values, (), c.deviate, tail(null, c.judged)) for c in lines]
-    statistic = float(max([value.max(initial=0.0), *(c.deviate for c in lines)]))
+    statistic = float(max([value.max(initial=0.0), any_line[0], *(c.deviate for c in lines)]))
     fake = 0.0 if error is None else float(np.abs(scale * (d.T @ linearised.project(error))).max(initial=0.0))
     return Naming(
         candidates=tuple(sorted(candidates, key=lambda c: -c.score)),
         statistic=statistic,
-        p_value=tail(null, float(max([judged.max(initial=0.0), *(c.judged for c in lines)]))),
+        p_value=tail(null, float(max([judged.max(initial=0.0), any_line[1], *(c.judged for c in lines)]))),
         generic=float(value[len(points) :].max(initial=0.0)),
         numerical=fake,
     )
@@ -152,7 +152,7 @@ def _best_of_each(
 
 def _null_of_supremum(correlation: Array, sided: Array, lines: int, seed: int) -> Array:
     """(draws,) sorted suprema of Gaussian scores with the given correlation, and of as many one-sided ones on their own
-    as there are effects with lines."""
+    as there are scores of lines."""
     values, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     # Those that count on either side come last.
