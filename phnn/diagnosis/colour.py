@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -90,14 +91,20 @@ class Colour:
         (Satterthwaite 1946). A slow change of the output is judged by the few lowest ordinates of a spectrum. The error
         of the slope by which a spectrum goes on below them is not counted.
         """
+        return _satterthwaite(self._by_spectrum(columns))
+
+    def freedom_of_sum(self, columns: Array) -> float:
+        """The same of the sum of these variances."""
+        return float(_satterthwaite([(s, v.sum(axis=1, keepdims=True)) for s, v in self._by_spectrum(columns)])[0])
+
+    def _by_spectrum(self, columns: Array) -> list[tuple[NoiseSpectrum, Array]]:
+        """Each spectrum once, with the variances (K, C) of `left` by its bands."""
         parts: dict[int, tuple[NoiseSpectrum, Array]] = {}
         for spectrum, rows in zip(self.spectra, self.linearised.slices, strict=True):
             found = spectrum.by_band(columns[rows])
             before = parts.get(id(spectrum))
             parts[id(spectrum)] = (spectrum, found if before is None else before[1] + found)
-        total = np.sum([v.sum(axis=0) for _, v in parts.values()], axis=0)
-        doubt = np.sum([(1.0 / s.freedom) @ v**2 for s, v in parts.values()], axis=0)
-        return np.asarray(total**2 / np.maximum(doubt, 1e-300))
+        return list(parts.values())
 
     @cached_property
     def clipped(self) -> Array:
@@ -139,14 +146,29 @@ class Colour:
         stationary = columns.T @ self.clipped / np.maximum(spread, 1e-300)
         size, more = np.abs(stationary), left > stated
         known_by = self.freedom(columns[:, more])
-        # What is stated is believed until an estimate of so few degrees of freedom contradicts it.
-        by_chance = chi2.sf(known_by * left[more] / np.maximum(stated[more], 1e-300), known_by) > _CONTRADICTED
-        size[more] = np.where(by_chance, size[more], _as_normal(size[more], known_by))
+        contradicted = contradicts(left[more] / np.maximum(stated[more], 1e-300), known_by)
+        size[more] = np.where(contradicted, _as_normal(size[more], known_by), size[more])
         t, freedom = (np.abs(x) for x in self.by_blocks(columns))
         blocked = _as_normal(t, freedom)
         rule = self.linearised.noise
         believed = np.where(freedom >= rule.block_freedom, np.clip(blocked, size / rule.uneven, size), size)
         return np.asarray(np.sign(stationary) * believed)
+
+
+def contradicts(ratio: Array | float, freedom: Array | float) -> NDArray[np.bool_]:
+    """Whether estimates of a variance, of some degrees of freedom, contradict the variance that is stated.
+
+    Args:
+        ratio: of the estimates to what is stated.
+    """
+    return np.asarray(chi2.sf(freedom * ratio, freedom) <= _CONTRADICTED)
+
+
+def _satterthwaite(parts: Sequence[tuple[NoiseSpectrum, Array]]) -> Array:
+    """(C,) degrees of freedom of sums of variances (K, C) by the bands of their spectra."""
+    total = np.sum([v.sum(axis=0) for _, v in parts], axis=0)
+    doubt = np.sum([(1.0 / s.freedom) @ v**2 for s, v in parts], axis=0)
+    return np.asarray(total**2 / np.maximum(doubt, 1e-300))
 
 
 def _as_normal(t: Array, freedom: Array) -> Array:

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
-from scipy.special import ndtri_exp
+from scipy.special import ndtr, ndtri_exp
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from phnn.diagnosis.colour import Colour
+from phnn.diagnosis.colour import Colour, contradicts
 from phnn.diagnosis.linearised_fit import LinearisedFit, direction
 from phnn.diagnosis.spectra import FINER, LEVEL_CELLS, Spectra, strongest
 from phnn.effects import Effect
@@ -52,29 +52,57 @@ class LineCandidate:
     judged: float
 
 
-def line_candidates(
+@dataclass(frozen=True)
+class LineScores:
+    """All scores of lines and slow drifts.
+
+    Attributes:
+        candidates: effects of the catalogue.
+        one: normal deviates of the strongest line in one recording, see `line_of_one`.
+    """
+
+    candidates: tuple[LineCandidate, ...]
+    one: tuple[float, float]
+
+    @property
+    def statistic(self) -> float:
+        """The largest deviate, out of the noise as stated."""
+        return max(self.one[0], *(c.deviate for c in self.candidates), 0.0)
+
+    @property
+    def judged(self) -> float:
+        """The largest deviate, out of the noise as the residual has it."""
+        return max(self.one[1], *(c.judged for c in self.candidates), 0.0)
+
+    def tail(self, deviate: float) -> float:
+        """Probability that any of as many scores is at or above a deviate."""
+        return -float(np.expm1((len(self.candidates) + 1) * np.log1p(-ndtr(-deviate))))
+
+
+def line_scores(linearised: LinearisedFit, effects: Sequence[Effect], colour: Colour) -> LineScores:
+    """Score the effects that appear as nuisances of the recordings, and lines that no effect explains."""
+    spectra = linearised.spectra
+    return LineScores(tuple(_candidates(linearised, effects, colour, spectra)), line_of_one(spectra))
+
+
+def _candidates(
     linearised: LinearisedFit, effects: Sequence[Effect], colour: Colour, spectra: Spectra
 ) -> list[LineCandidate]:
-    """Score the effects that appear as nuisances of the recordings.
-
-    Args:
-        spectra: of the residual.
-    """
     found = []
     for effect in effects:
         points = effect.grid(linearised.scales)
         if effect.searched is not None:
             found.append(_searched(linearised, effect, points, spectra))
         elif effect.add_to(linearised.fit.setup, points[0]).own != linearised.fit.setup.own:
-            found.append(_known(linearised, effect, points, colour))
+            found.append(_known(linearised, effect, points, colour, spectra))
     return found
 
 
 def _known(
-    linearised: LinearisedFit, effect: Effect, points: Sequence[dict[str, float]], colour: Colour
+    linearised: LinearisedFit, effect: Effect, points: Sequence[dict[str, float]], colour: Colour, spectra: Spectra
 ) -> LineCandidate:
     """The best of a few given points."""
-    found = [own_score(linearised, effect.add_to(linearised.fit.setup, v).own, colour) for v in points]
+    found = [own_score(linearised, effect.add_to(linearised.fit.setup, v).own, colour, spectra) for v in points]
     best = max(range(len(points)), key=lambda i: found[i])
     return LineCandidate(effect, dict(points[best]), *found[best])
 
@@ -92,9 +120,12 @@ def _searched(
     return LineCandidate(effect, values | {name: frequency}, deviate, judged)
 
 
-def own_score(linearised: LinearisedFit, own: Own, colour: Colour) -> tuple[float, float]:
+def own_score(linearised: LinearisedFit, own: Own, colour: Colour, spectra: Spectra) -> tuple[float, float]:
     """Normal deviates of the residual's power along the recordings' nuisances, out of the noise as stated and as the
-    residual has it; zero where no recording can show them."""
+    residual has it; zero where no recording can show them.
+
+    Lines are held against a force that nobody records too, and against what lies beside them.
+    """
     setup, recordings = linearised.fit.setup, linearised.plan.recordings
     columns = [
         without_nuisances(own_columns(r, own), r.mask("identification"), r, setup.own, hidden)
@@ -112,12 +143,17 @@ def own_score(linearised: LinearisedFit, own: Own, colour: Colour) -> tuple[floa
     q = linearised.project(alone) @ (vectors[:, free] / np.sqrt(left_over[free]))
     stated, left = float(np.mean(colour.stated(q))), float(np.mean(np.diag(colour.left(q))))
     saved = float(np.sum((q.T @ linearised.residual) ** 2) / stated)
-    excess = max(left / stated, 1.0)
+    excess, deviate = max(left / stated, 1.0), _deviate(saved, q.shape[1], 1.0)
     if not own.drift_terms:
         # A line raises the spectrum that it is compared with; a slow drift does not, it is slower than that spectrum.
         excess = min(excess, most_excess(recordings, linearised.noise) ** 2)
-        excess = max(excess, float(np.mean(colour.forced(q))) / stated)
-    return _deviate(saved, q.shape[1], 1.0), _deviate(saved / excess, q.shape[1], 1.0)
+        excess = max(excess, float(np.mean(colour.forced(q))) / stated, spectra.level_at(own.lines))
+    judged = _deviate(saved / excess, q.shape[1], 1.0)
+    if own.drift_terms and contradicts(excess, freedom := colour.freedom_of_sum(q)):
+        # It is compared with the few lowest ordinates.
+        tail = float(f_distribution.logsf(saved / excess / q.shape[1], q.shape[1], freedom))
+        judged = min(judged, _normal(tail))
+    return deviate, judged
 
 
 def line_share(linearised: LinearisedFit) -> float:

@@ -4,6 +4,9 @@ For a candidate at one grid point the direction ``d`` is the change of the outpu
 parameters, zeros and initial states projected out. The score is ``dᵀr/√(dᵀRd)``, ``R`` the stated correlation of noise;
 shape parameters are not identified at strength zero, hence the supremum over their grid (Davies 1987). Its null is
 drawn from Gaussian scores with the correlation of the directions, no simulation needed.
+
+Lines, which are sought at thousands of frequencies, have a null of their own. They and the directions each have half of
+the level: p-values are doubled (Bonferroni), and thousands of directions do not hide a line.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from numpy.typing import NDArray
 
 from phnn.diagnosis.colour import Colour
 from phnn.diagnosis.linearised_fit import LinearisedFit, direction
-from phnn.diagnosis.lines import line_candidates, line_of_one
+from phnn.diagnosis.lines import line_scores
 from phnn.diagnosis.locate import Responses
 from phnn.effects import Effect
 
@@ -25,6 +28,8 @@ Array = NDArray[np.float64]
 
 _DRAWS = 100_000
 _CHUNK = 10_000
+# Directions and lines: each has its share of the level.
+_FAMILIES = 2.0
 
 _Ranked = TypeVar("_Ranked")
 
@@ -92,9 +97,10 @@ def score(
         error: (N,) weighted numerical error of the simulations.
     """
     able = [e for e in effects if e.can_be_added_to(linearised.fit.setup)]
-    colour, spectra = Colour(linearised), linearised.spectra
-    lines, any_line = line_candidates(linearised, able, colour, spectra), line_of_one(spectra)
-    points = [(e, v) for e in able if all(e is not c.effect for c in lines) for v in e.grid(linearised.scales)]
+    colour = Colour(linearised)
+    lines = line_scores(linearised, able, colour)
+    others = [e for e in able if all(e is not c.effect for c in lines.candidates)]
+    points = [(e, v) for e in others for v in e.grid(linearised.scales)]
     directions = [direction(linearised, e, v) for e, v in points]
     d = linearised.project(np.column_stack([*directions, *([generic.tests] if generic is not None else [])]))
     power = colour.stated(d)
@@ -108,7 +114,7 @@ def score(
     colour_left = colour.left(d)
     covariance = colour_left * np.outer(scale, scale)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    null = _null_of_supremum(covariance / np.outer(spread, spread), sided, len(lines) + 1, seed)
+    null = _null_of_supremum(covariance / np.outer(spread, spread), sided, seed)
     deviates = np.where(alive, colour.deviates(d, colour_left, power), 0.0)
     # Never more than the stated noise grants.
     judged = np.minimum(np.where(sided, np.maximum(deviates, 0.0), np.abs(deviates)), value)
@@ -117,13 +123,14 @@ def score(
     # What changes nothing saves nothing either, but there is no way from there.
     saved = np.where(alive, squares * (2.0 * strengths - 1.0), -np.inf)
     candidates = _best_of_each(points, value, judged, strengths, saved, null)
-    candidates += [Candidate(c.effect, c.values, (), c.deviate, tail(null, c.judged)) for c in lines]
-    statistic = float(max([value.max(initial=0.0), any_line[0], *(c.deviate for c in lines)]))
+    candidates += [
+        Candidate(c.effect, c.values, (), c.deviate, _shared(lines.tail(c.judged))) for c in lines.candidates
+    ]
     fake = 0.0 if error is None else float(np.abs(scale * (d.T @ linearised.project(error))).max(initial=0.0))
     return Naming(
         candidates=tuple(sorted(candidates, key=lambda c: -c.score)),
-        statistic=statistic,
-        p_value=tail(null, float(max([judged.max(initial=0.0), any_line[1], *(c.judged for c in lines)]))),
+        statistic=max(float(value.max(initial=0.0)), lines.statistic),
+        p_value=_shared(min(tail(null, float(judged.max(initial=0.0))), lines.tail(lines.judged))),
         generic=float(value[len(points) :].max(initial=0.0)),
         numerical=fake,
     )
@@ -145,14 +152,18 @@ def _best_of_each(
         order = sorted(mine, key=lambda i: -rank[i])
         starts = [effect.scaled(points[i][1], float(strengths[i])) for i in order]
         best = float(max(value[i] for i in mine))
-        p_value = tail(null, float(max(judged[i] for i in mine)))
+        p_value = _shared(tail(null, float(max(judged[i] for i in mine))))
         found.append(Candidate(effect, starts[0], tuple(starts[1:3]), best, p_value))
     return found
 
 
-def _null_of_supremum(correlation: Array, sided: Array, lines: int, seed: int) -> Array:
-    """(draws,) sorted suprema of Gaussian scores with the given correlation, and of as many one-sided ones on their own
-    as there are scores of lines."""
+def _shared(p_value: float) -> float:
+    """The p-value of a score of directions, or of lines, where both together have one level; at most 1."""
+    return min(_FAMILIES * p_value, 1.0)
+
+
+def _null_of_supremum(correlation: Array, sided: Array, seed: int) -> Array:
+    """(draws,) sorted suprema of Gaussian scores with the given correlation."""
     values, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     # Those that count on either side come last.
@@ -162,8 +173,7 @@ def _null_of_supremum(correlation: Array, sided: Array, lines: int, seed: int) -
     found = []
     for _ in range(_DRAWS // _CHUNK):
         z = root @ rng.standard_normal((root.shape[1], _CHUNK))
-        own = rng.standard_normal((lines, _CHUNK)).max(axis=0, initial=0.0)
-        found.append(np.maximum(np.maximum(own, z.max(axis=0, initial=0.0)), -z[both:].min(axis=0, initial=0.0)))
+        found.append(np.maximum(z.max(axis=0, initial=0.0), -z[both:].min(axis=0, initial=0.0)))
     return np.sort(np.concatenate(found))
 
 

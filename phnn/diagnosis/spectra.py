@@ -90,6 +90,12 @@ class Spectra:
             freedom[own.rows] -= own.undriven[1]
         return power, freedom
 
+    def level_at(self, lines: Sequence[float]) -> float:
+        """Mean level around some frequencies [Hz] over that of the stated noise; 0 where no recording can show them."""
+        at = np.searchsorted(self.f, lines)
+        seen = [s.level[i - s.rows.start] for s in self.each for i in at if s.rows.start <= i < s.rows.stop]
+        return float(np.mean(seen)) / _FREEDOM if seen else 0.0
+
     @property
     def peaks(self) -> tuple[float, ...]:
         """Frequencies [Hz] that hold most power together, of all and off the harmonics of what drives a recording."""

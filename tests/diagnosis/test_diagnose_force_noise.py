@@ -138,5 +138,5 @@ def test_a_drift_is_not_taken_for_the_noise_of_a_force() -> None:
     scores = []
     for size in (0.0, 1.0, 5.0):
         drifting = replace(linearised, fit=replace(linearised.fit, residual=noise + size * ramp))
-        scores.append(own_score(drifting, own, Colour(drifting))[1])
+        scores.append(own_score(drifting, own, Colour(drifting), drifting.spectra)[1])
     assert scores[0] < 3.0 < scores[1] < scores[2]

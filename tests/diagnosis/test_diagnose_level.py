@@ -35,7 +35,7 @@ def rest(added: frozenset[int]) -> tuple[list[int], np.ndarray, np.ndarray]:
     others = [i for i in range(len(EFFECTS)) if i not in added]
     left = DIRECTIONS[:, others] - basis @ (basis.T @ DIRECTIONS[:, others])
     left /= np.linalg.norm(left, axis=0)
-    return others, left, _null_of_supremum(left.T @ left, np.zeros(len(others), dtype=bool), 0, 0)
+    return others, left, _null_of_supremum(left.T @ left, np.zeros(len(others), dtype=bool), 0)
 
 
 class LinearWorld:
