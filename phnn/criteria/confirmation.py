@@ -39,7 +39,8 @@ class Confirmation:
     untested_fall: float = criterion(
         0.9,
         "share of the excess",
-        "If no test is possible, the held-out excess must fall by this much for a name.",
+        "If no test is possible, the held-out excess must fall by this much for a name, unless the element was proven "
+        "before another one was taken out.",
         "Measured: where a step came a tenth to a half of a sample late, a slew limit in its place took 44, 81 and "
         "93 % of one held-out sine; the effects of the demonstrations take 97 % or more.",
     )
@@ -54,9 +55,10 @@ class Confirmation:
     left_over: float = criterion(
         1.0,
         "share of what it takes",
-        "An element that takes less than another one has no name if the whole model leaves a larger excess over the "
-        "noise.",
-        "Argument: what is left has no explanation, and an element that takes less may be a part of it.",
+        "An element that takes less than another one has no name if the whole model leaves more excess over the noise "
+        "than this element takes.",
+        "Argument: what is left has no explanation, and a lesser element may be a part of it; of the largest one "
+        "`explains` decides.",
     )
     held_out_level: float = criterion(
         0.01,

@@ -159,7 +159,7 @@ def contradicts(ratio: Array | float, freedom: Array | float) -> NDArray[np.bool
     """Whether estimates of a variance, of some degrees of freedom, contradict the variance that is stated.
 
     Args:
-        ratio: of the estimates to what is stated.
+        ratio: estimated variance over stated variance.
     """
     return np.asarray(chi2.sf(freedom * ratio, freedom) <= _CONTRADICTED)
 

@@ -12,21 +12,21 @@ element not proven at first is then proven only below the level over the number 
 | falls by `named_gain`, p < level | proven: its name stands, unless the model leaves more, and another takes more |
 | loses nine tenths of its excess, too few blocks for a p-value | open: at most ``equivalent`` |
 | falls, too few blocks now, but proven before another element was taken out | open |
-| does not, too few blocks to refute it | provisional beside others that stand; alone it is refuted |
+| anything else, too few blocks to refute it | provisional beside others that stand; alone it is refuted |
 | falls by less, and by less than `real_gain` where it was found | immaterial: told with its size, not named |
 | anything else | refuted: what it explained is real, and has no name |
 
 With few blocks the held-out recordings prove nothing and refute nothing: one coherent drift is a single observation,
 however many samples it has. A large fall then supports a class, for the identification recordings have tested the
-element already; anything less withdraws the name. Where nothing is held out, the identification recordings decide in
-the same way, and nothing is proven.
+element already; so does any fall of an element that was proven before. Anything less withdraws the name. Where nothing
+is held out, the identification recordings decide in the same way, and nothing is proven.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 from phnn.criteria import Confirmation, Criteria
@@ -43,6 +43,7 @@ from phnn.diagnosis.rules.verdict import VERDICT, another_form_is_named
 from phnn.diagnosis.scored import Scored
 from phnn.diagnosis.select import share_of
 from phnn.diagnosis.tested import SURE, Outcome, Tested, learned_forms, score_on_all, tested_elements
+from phnn.effects import Effect
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
 from phnn.recordings.recording import Campaign
@@ -74,6 +75,7 @@ def confirmed(
         judgement = _dropped(judgement, min(harmful, key=lambda t: t.shown.share_of_noise), score_again)
         after, tested = tested_elements(judgement, before, campaign, criteria, record, proven)
         tests += len(tested)
+        proven = {t.finding.effect for t in tested if _still_proven(t, proven)}
         level = criteria.confirmation.held_out_level / tests
         tested = [_no_surer(t, level) if t.finding.effect in doubted else t for t in tested]
     tested = _without_doubtful_names(tested, criteria, record)
@@ -100,6 +102,12 @@ def _no_surer(tested: Tested, level: float) -> Tested:
     if tested.outcome is Outcome.PROVEN and held is not None and held.falls is not None and held.falls < level:
         return tested
     return replace(tested, outcome=Outcome.PROVISIONAL) if tested.outcome in SURE else tested
+
+
+def _still_proven(tested: Tested, before: Collection[Effect]) -> bool:
+    """Whether an element is proven, or was before and cannot be tested any more."""
+    untestable = tested.case.held_out is not None and tested.case.held_out.falls is None
+    return tested.outcome is Outcome.PROVEN or (untestable and tested.finding.effect in before)
 
 
 def _helps(tested: Tested, rule: Confirmation) -> bool:

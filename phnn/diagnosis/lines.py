@@ -19,7 +19,7 @@ from scipy.stats import f as f_distribution
 
 from phnn.diagnosis.colour import Colour, contradicts
 from phnn.diagnosis.linearised_fit import LinearisedFit, direction
-from phnn.diagnosis.spectra import FINER, LEVEL_CELLS, Spectra, strongest
+from phnn.diagnosis.spectra import FINER, FREEDOM, LEVEL_CELLS, Spectra, strongest
 from phnn.effects import Effect
 from phnn.identification.nuisances import drift_columns, line_columns, own_columns, without_nuisances
 from phnn.identification.residual_noise import most_excess
@@ -58,44 +58,42 @@ class LineScores:
 
     Attributes:
         candidates: effects of the catalogue.
-        one: normal deviates of the strongest line in one recording, see `line_of_one`.
+        single: normal deviates of the strongest line in a single recording, see `line_of_one`.
+        tries: how many different scores there are.
     """
 
     candidates: tuple[LineCandidate, ...]
-    one: tuple[float, float]
+    single: tuple[float, float]
+    tries: int
 
     @property
     def statistic(self) -> float:
         """The largest deviate, out of the noise as stated."""
-        return max(self.one[0], *(c.deviate for c in self.candidates), 0.0)
+        return max(self.single[0], *(c.deviate for c in self.candidates), 0.0)
 
     @property
     def judged(self) -> float:
         """The largest deviate, out of the noise as the residual has it."""
-        return max(self.one[1], *(c.judged for c in self.candidates), 0.0)
+        return max(self.single[1], *(c.judged for c in self.candidates), 0.0)
 
     def tail(self, deviate: float) -> float:
-        """Probability that any of as many scores is at or above a deviate."""
-        return -float(np.expm1((len(self.candidates) + 1) * np.log1p(-ndtr(-deviate))))
+        """Probability that any of as many scores is above a deviate where nothing is missing; 1 for no deviate, as
+        deviates below zero are not kept."""
+        return -float(np.expm1(self.tries * np.log1p(-ndtr(-deviate)))) if deviate > 0.0 else 1.0
 
 
 def line_scores(linearised: LinearisedFit, effects: Sequence[Effect], colour: Colour) -> LineScores:
     """Score the effects that appear as nuisances of the recordings, and lines that no effect explains."""
-    spectra = linearised.spectra
-    return LineScores(tuple(_candidates(linearised, effects, colour, spectra)), line_of_one(spectra))
-
-
-def _candidates(
-    linearised: LinearisedFit, effects: Sequence[Effect], colour: Colour, spectra: Spectra
-) -> list[LineCandidate]:
-    found = []
+    spectra, setup = linearised.spectra, linearised.fit.setup
+    strongest_, found, tries = strongest_line(spectra), [], 2
     for effect in effects:
         points = effect.grid(linearised.scales)
         if effect.searched is not None:
-            found.append(_searched(linearised, effect, points, spectra))
-        elif effect.add_to(linearised.fit.setup, points[0]).own != linearised.fit.setup.own:
+            found.append(_searched(linearised, effect, effect.searched, points, strongest_))
+        elif effect.add_to(setup, points[0]).own != setup.own:
             found.append(_known(linearised, effect, points, colour, spectra))
-    return found
+            tries += len(points)
+    return LineScores(tuple(found), line_of_one(spectra), tries)
 
 
 def _known(
@@ -103,16 +101,19 @@ def _known(
 ) -> LineCandidate:
     """The best of a few given points."""
     found = [own_score(linearised, effect.add_to(linearised.fit.setup, v).own, colour, spectra) for v in points]
-    best = max(range(len(points)), key=lambda i: found[i])
+    best = max(range(len(points)), key=lambda i: found[i][::-1])
     return LineCandidate(effect, dict(points[best]), *found[best])
 
 
 def _searched(
-    linearised: LinearisedFit, effect: Effect, points: Sequence[dict[str, float]], spectra: Spectra
+    linearised: LinearisedFit,
+    effect: Effect,
+    name: str,
+    points: Sequence[dict[str, float]],
+    line: tuple[float, float, float],
 ) -> LineCandidate:
     """The strongest line there is; the other parameters, in which the effect is linear, by least squares."""
-    name, (frequency, deviate, judged) = effect.searched, strongest_line(spectra)
-    assert name is not None
+    frequency, deviate, judged = line
     placed = [point | {name: frequency} for point in points]
     columns = linearised.project(np.column_stack([direction(linearised, effect, v) for v in placed]))
     weights = np.linalg.lstsq(columns, linearised.residual, rcond=_RANK)[0]
@@ -141,18 +142,25 @@ def own_score(linearised: LinearisedFit, own: Own, colour: Colour, spectra: Spec
     if not free.any():
         return 0.0, 0.0
     q = linearised.project(alone) @ (vectors[:, free] / np.sqrt(left_over[free]))
-    stated, left = float(np.mean(colour.stated(q))), float(np.mean(np.diag(colour.left(q))))
+    stated, left = float(np.mean(colour.stated(q))), colour.left(q)
     saved = float(np.sum((q.T @ linearised.residual) ** 2) / stated)
-    excess, deviate = max(left / stated, 1.0), _deviate(saved, q.shape[1], 1.0)
-    if not own.drift_terms:
-        # A line raises the spectrum that it is compared with; a slow drift does not, it is slower than that spectrum.
-        excess = min(excess, most_excess(recordings, linearised.noise) ** 2)
-        excess = max(excess, float(np.mean(colour.forced(q))) / stated, spectra.level_at(own.lines))
+    excess, deviate = max(float(np.mean(np.diag(left))) / stated, 1.0), _deviate(saved, q.shape[1], 1.0)
+    if own.drift_terms > setup.own.drift_terms:
+        judged = _deviate(saved / excess, q.shape[1], 1.0)
+        if contradicts(excess, freedom := colour.freedom_of_sum(q)):
+            # It is compared with the few lowest ordinates, and the variances along it differ (Satterthwaite 1946).
+            along = float(np.trace(left) ** 2 / np.sum(left**2))
+            tail = float(f_distribution.logsf(saved / excess / q.shape[1], along, freedom))
+            judged = min(judged, _normal(tail))
+        return deviate, judged
+    # A line raises the spectrum that it is compared with; a slow drift does not, it is slower than that spectrum.
+    excess = min(excess, most_excess(recordings, linearised.noise) ** 2)
+    excess = max(excess, float(np.mean(colour.forced(q))) / stated)
+    power, level = spectra.beside([f for f in own.lines if f not in setup.own.lines])
     judged = _deviate(saved / excess, q.shape[1], 1.0)
-    if own.drift_terms and contradicts(excess, freedom := colour.freedom_of_sum(q)):
-        # It is compared with the few lowest ordinates.
-        tail = float(f_distribution.logsf(saved / excess / q.shape[1], q.shape[1], freedom))
-        judged = min(judged, _normal(tail))
+    if power.size:
+        ratio, count = float(np.mean(power / np.maximum(level, 1e-300))), FREEDOM * power.size
+        judged = min(judged, _normal(float(f_distribution.logsf(ratio, count, LEVEL_CELLS * count))))
     return deviate, judged
 
 
@@ -211,8 +219,8 @@ def line_of_one(spectra: Spectra) -> tuple[float, float]:
     """The normal deviates, as in `strongest_line`, of the line that stands out most in any one recording, beside
     harmonics of what drives it.
 
-    A line has another frequency in every recording where what is missing varies by itself and acts on the motion, as
-    its product with the drive. In the sum of all spectra each recording hides the lines of the others.
+    If what is missing varies by itself and multiplies the motion, the product has another frequency in every recording.
+    In the sum of all spectra each recording hides the lines of the others.
     """
     found, tries = (0.0, 0.0), spectra.f.size * FINER * len(spectra.each)
     for spectrum in spectra.each:

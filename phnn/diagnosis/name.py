@@ -5,8 +5,8 @@ parameters, zeros and initial states projected out. The score is ``dᵀr/√(d�
 shape parameters are not identified at strength zero, hence the supremum over their grid (Davies 1987). Its null is
 drawn from Gaussian scores with the correlation of the directions, no simulation needed.
 
-Lines, which are sought at thousands of frequencies, have a null of their own. They and the directions each have half of
-the level: p-values are doubled (Bonferroni), and thousands of directions do not hide a line.
+Lines, which are sought at thousands of frequencies, have a null of their own. Lines get half of the significance level,
+directions the other half; each p-value is therefore doubled (Bonferroni), and many directions do not hide a line.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ class Candidate:
         values: parameter values at which the data ask for it, strength estimated from the score.
         others: further starting values, from other grid points.
         score: supremum over the grid, in units of the stated noise.
-        p_value: of the supremum in units of the noise as the residuals have it, under the null of that over everything.
+        p_value: of the supremum in units of the noise as the residuals have it, under the null of the supremum over all
+            directions, or over all lines.
     """
 
     effect: Effect
@@ -55,10 +56,12 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Naming:
-    """All candidates, best first; the overall supremum with its p-value; the largest score by numerical error.
+    """All candidates, best first; the overall supremum, and the smaller p-value of directions and lines; the largest
+    score by numerical error.
 
     Attributes:
-        generic: largest score of a generic local function (also under the null of the supremum).
+        generic: largest score of what is no effect: of a generic local function (also under the null of the supremum),
+            or of a line in a single recording.
         numerical: largest score that the numerical error alone has along a direction.
     """
 
@@ -131,7 +134,7 @@ def score(
         candidates=tuple(sorted(candidates, key=lambda c: -c.score)),
         statistic=max(float(value.max(initial=0.0)), lines.statistic),
         p_value=_shared(min(tail(null, float(judged.max(initial=0.0))), lines.tail(lines.judged))),
-        generic=float(value[len(points) :].max(initial=0.0)),
+        generic=max(float(value[len(points) :].max(initial=0.0)), lines.single[0]),
         numerical=fake,
     )
 

@@ -30,7 +30,7 @@ FINER = 0.25
 _AROUND, _FILLED = 12, 3
 LEVEL_CELLS = _AROUND - _FILLED
 # Of the power at one frequency: a sine and a cosine.
-_FREEDOM = 2.0
+FREEDOM = 2.0
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Spectrum:
     @property
     def undriven(self) -> tuple[Array, Array]:
         """(B,) power and degrees of freedom, zero where it is driven."""
-        return self.power * self.beside, np.where(self.beside, _FREEDOM, 0.0)
+        return self.power * self.beside, np.where(self.beside, FREEDOM, 0.0)
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Spectra:
     @cached_property
     def freedom(self) -> Array:
         """(F,) degrees of freedom of all recordings together."""
-        return self.added(lambda s: np.full(s.power.shape, _FREEDOM))
+        return self.added(lambda s: np.full(s.power.shape, FREEDOM))
 
     @cached_property
     def undriven(self) -> tuple[Array, Array]:
@@ -90,11 +90,19 @@ class Spectra:
             freedom[own.rows] -= own.undriven[1]
         return power, freedom
 
-    def level_at(self, lines: Sequence[float]) -> float:
-        """Mean level around some frequencies [Hz] over that of the stated noise; 0 where no recording can show them."""
-        at = np.searchsorted(self.f, lines)
-        seen = [s.level[i - s.rows.start] for s in self.each for i in at if s.rows.start <= i < s.rows.stop]
-        return float(np.mean(seen)) / _FREEDOM if seen else 0.0
+    def beside(self, lines: Sequence[float]) -> tuple[Array, Array]:
+        """(L,) power at some frequencies [Hz] and the level around it, of every recording that can show the line beside
+        harmonics of what drives it."""
+        shown = [f for f in lines if self.f.size and self.f[0] <= f <= self.f[-1]]
+        at = np.searchsorted(self.f, shown)
+        found = [
+            (s.power[i - s.rows.start], s.level[i - s.rows.start])
+            for s in self.each
+            for i in at
+            if s.rows.start <= i < s.rows.stop and s.beside[i - s.rows.start]
+        ]
+        power, level = np.array(found).reshape(-1, 2).T
+        return power, level
 
     @property
     def peaks(self) -> tuple[float, ...]:

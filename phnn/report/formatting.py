@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 DASH = "–"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-# One over the number of draws from a null, and a little more for rounding.
-_FLOOR = 1.0001e-5
+# Twice one over the number of draws from a null, and a little more for rounding.
+_FLOOR = 2.0001e-5
 _LENGTHS = ((1e-9, "nm"), (1e-6, "µm"), (1e-3, "mm"), (1.0, "m"))
 
 
@@ -100,7 +100,7 @@ def interval(ends: tuple[float, float] | None) -> str:
 
 
 def p_value(value: float | None) -> str:
-    """``p = 0.041``, ``p = 2 × 10⁻⁵``, and ``p < 10⁻⁵`` from where no draw was as extreme.
+    """``p = 0.041``, ``p = 3 × 10⁻⁵``, and ``p < 2 × 10⁻⁵`` from where no draw was as extreme.
 
     Computed tails go further, but nobody knows the noise so well that they are to be believed there.
     """
@@ -108,7 +108,7 @@ def p_value(value: float | None) -> str:
     if value is None:
         return "p not computed"
     if at_floor(value):
-        return f"p < {power_of_ten(-5)}"
+        return f"p < 2 × {power_of_ten(-5)}"
     if value >= 0.001:
         return f"p = {value:.2g}"
     mantissa, _, exponent = f"{value:.0e}".partition("e")

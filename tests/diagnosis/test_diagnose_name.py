@@ -38,7 +38,7 @@ def scored(effect: str) -> naming.Naming:
 
 
 @pytest.mark.slow
-def test_p_values_of_noise_are_uniform(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_p_values_of_noise_are_no_smaller_than_uniform_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     linearised, generic = campaigns.linearised(), campaigns.generic()
     kept: dict[tuple[str, tuple[float, ...]], np.ndarray] = {}
     make = naming.direction
@@ -61,7 +61,11 @@ def test_p_values_of_noise_are_uniform(monkeypatch: pytest.MonkeyPatch) -> None:
             noise[rows] -= noise[rows].mean()
         drawn = replace(linearised, fit=replace(linearised.fit, residual=noise))
         found.append(score(drawn, chosen, generic, 0).p_value)
-    assert kstest(found, "uniform").pvalue > 1e-3
+    # Half of the level is that of lines, which white noise has seldom: the smallest p-values are too large by two.
+    assert kstest(found, "uniform", alternative="greater").pvalue > 1e-3
+    halves = [p for p in found if p < 1.0]
+    assert kstest(halves, "uniform").pvalue > 1e-3
+    assert 0.2 < len(halves) / len(found) < 0.8
     assert min(found) > 1e-3
 
 

@@ -101,7 +101,7 @@ def test_verdict_decides_what_is_said(report: tuple[str, Path, Page]) -> None:
         "none": "so there is nothing to locate",
     }
     assert said[verdict] in page.text
-    assert ("p = 0.44" if verdict == "none" else "p < 10⁻⁵") in page.text
+    assert ("p = 0.44" if verdict == "none" else "p < 2 × 10⁻⁵") in page.text
     assert ("final model" in page.text) == (verdict != "none")
     assert ("Record next" in page.text) == (verdict in ("equivalent", "unknown"))
 

@@ -73,13 +73,13 @@ def test_number_keeps_three_digits(value: float) -> None:
     [
         (0.4, "p = 0.4"),
         (0.0412, "p = 0.041"),
-        (1e-5, "p < 10⁻⁵"),
-        (1.0 / 100_001.0, "p < 10⁻⁵"),
-        (1e-9, "p < 10⁻⁵"),
-        (2e-5, "p = 2 × 10⁻⁵"),
+        (1e-5, "p < 2 × 10⁻⁵"),
+        (2.0 / 100_001.0, "p < 2 × 10⁻⁵"),
+        (1e-9, "p < 2 × 10⁻⁵"),
+        (2.1e-5, "p = 2 × 10⁻⁵"),
         (3.2e-4, "p = 3 × 10⁻⁴"),
         (9.7e-5, "p = 10⁻⁴"),
-        (0.0, "p < 10⁻⁵"),
+        (0.0, "p < 2 × 10⁻⁵"),
         (None, "p not computed"),
     ],
 )
@@ -98,7 +98,7 @@ def test_units_listing_and_change() -> None:
     assert f.change(0.0, 1.0) == "–"
     assert f.change(1.0, 1.0) == "0 %"
     assert f.chance(math.nan) == "–"
-    assert f.chance(2e-5) == "2 × 10⁻⁵"
+    assert f.chance(2.1e-5) == "2 × 10⁻⁵"
     assert f.ratio(0.989) == "0.99"
     assert f.ratio(9.999) == "10.0"
 
@@ -176,7 +176,7 @@ def test_the_gain_on_held_out_recordings_is_told() -> None:
 
 
 def test_a_floor_of_the_draws_is_no_probability() -> None:
-    for p, told in ((1.0 / 100_001.0, "with a probability below 10⁻⁵."), (3e-3, "with probability 0.003.")):
+    for p, told in ((2.0 / 100_001.0, "with a probability below 2 × 10⁻⁵."), (3e-3, "with probability 0.003.")):
         content = read_document({"verdict": "named", "test": {"p_value": p, "statistic": 9.0}})
         assert verdicts.test_sentence(content).endswith(told)
 
