@@ -69,13 +69,13 @@ def confirmed(
         return judgement, before, before
     after, tested = tested_elements(judgement, before, campaign, criteria, record)
     doubted = {t.finding.effect for t in tested if t.outcome not in SURE}
-    proven = {t.finding.effect for t in tested if t.outcome is Outcome.PROVEN}
+    proven = _proven(tested)
     tests = len(tested)
     while len(tested) > 1 and (harmful := [t for t in tested if not _helps(t, criteria.confirmation)]):
         judgement = _dropped(judgement, min(harmful, key=lambda t: t.shown.share_of_noise), score_again)
         after, tested = tested_elements(judgement, before, campaign, criteria, record, proven)
         tests += len(tested)
-        proven = {t.finding.effect for t in tested if _still_proven(t, proven)}
+        proven = _proven(tested, proven)
         level = criteria.confirmation.held_out_level / tests
         tested = [_no_surer(t, level) if t.finding.effect in doubted else t for t in tested]
     tested = _without_doubtful_names(tested, criteria, record)
@@ -104,10 +104,15 @@ def _no_surer(tested: Tested, level: float) -> Tested:
     return replace(tested, outcome=Outcome.PROVISIONAL) if tested.outcome in SURE else tested
 
 
-def _still_proven(tested: Tested, before: Collection[Effect]) -> bool:
-    """Whether an element is proven, or was before and cannot be tested any more."""
-    untestable = tested.case.held_out is not None and tested.case.held_out.falls is None
-    return tested.outcome is Outcome.PROVEN or (untestable and tested.finding.effect in before)
+def _proven(tested: Sequence[Tested], before: Collection[Effect] = ()) -> set[Effect]:
+    """Effects that are proven, and those that were before and cannot be tested any more."""
+
+    def stands(t: Tested) -> bool:
+        """Whether an element is among them."""
+        untestable = t.case.held_out is not None and t.case.held_out.falls is None
+        return t.outcome is Outcome.PROVEN or (untestable and t.finding.effect in before)
+
+    return {t.finding.effect for t in tested if stands(t)}
 
 
 def _helps(tested: Tested, rule: Confirmation) -> bool:

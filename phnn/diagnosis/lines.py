@@ -85,11 +85,12 @@ class LineScores:
 def line_scores(linearised: LinearisedFit, effects: Sequence[Effect], colour: Colour) -> LineScores:
     """Score the effects that appear as nuisances of the recordings, and lines that no effect explains."""
     spectra, setup = linearised.spectra, linearised.fit.setup
-    strongest_, found, tries = strongest_line(spectra), [], 2
+    # The strongest line of all recordings together, and that of a single one.
+    line, found, tries = strongest_line(spectra), [], 2
     for effect in effects:
         points = effect.grid(linearised.scales)
         if effect.searched is not None:
-            found.append(_searched(linearised, effect, effect.searched, points, strongest_))
+            found.append(_searched(linearised, effect, effect.searched, points, line))
         elif effect.add_to(setup, points[0]).own != setup.own:
             found.append(_known(linearised, effect, points, colour, spectra))
             tries += len(points)
@@ -156,11 +157,10 @@ def own_score(linearised: LinearisedFit, own: Own, colour: Colour, spectra: Spec
     # A line raises the spectrum that it is compared with; a slow drift does not, it is slower than that spectrum.
     excess = min(excess, most_excess(recordings, linearised.noise) ** 2)
     excess = max(excess, float(np.mean(colour.forced(q))) / stated)
-    power, level = spectra.beside([f for f in own.lines if f not in setup.own.lines])
     judged = _deviate(saved / excess, q.shape[1], 1.0)
+    power, level = spectra.around([f for f in own.lines if f not in setup.own.lines])
     if power.size:
-        ratio, count = float(np.mean(power / np.maximum(level, 1e-300))), FREEDOM * power.size
-        judged = min(judged, _normal(float(f_distribution.logsf(ratio, count, LEVEL_CELLS * count))))
+        judged = min(judged, _normal(float(_over_level(np.mean(_ratio(power, level)), FREEDOM * power.size))))
     return deviate, judged
 
 
@@ -236,8 +236,17 @@ def line_of_one(spectra: Spectra) -> tuple[float, float]:
 def _out_of_surroundings(power: Array, level: Array, freedom: Array) -> Array:
     """(F,) logarithms of the tail probabilities of powers over the levels around them; zero without freedom."""
     known = np.maximum(freedom, 1.0)
-    tails = f_distribution.logsf(power / np.maximum(level, 1e-300), known, LEVEL_CELLS * known)
-    return np.where(freedom > 0.5, tails, 0.0)
+    return np.where(freedom > 0.5, _over_level(_ratio(power, level), known), 0.0)
+
+
+def _ratio(power: Array, level: Array) -> Array:
+    """Powers over the levels around them."""
+    return np.asarray(power / np.maximum(level, 1e-300))
+
+
+def _over_level(ratio: Array | np.floating, freedom: Array | float) -> Array:
+    """Logarithms of the tail probabilities of ratios of powers, of some degrees of freedom, to their levels."""
+    return np.asarray(f_distribution.logsf(ratio, freedom, LEVEL_CELLS * freedom))
 
 
 def _normal(tail: float) -> float:

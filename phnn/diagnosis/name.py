@@ -102,10 +102,7 @@ def score(
     able = [e for e in effects if e.can_be_added_to(linearised.fit.setup)]
     colour = Colour(linearised)
     lines = line_scores(linearised, able, colour)
-    others = [e for e in able if all(e is not c.effect for c in lines.candidates)]
-    points = [(e, v) for e in others for v in e.grid(linearised.scales)]
-    directions = [direction(linearised, e, v) for e, v in points]
-    d = linearised.project(np.column_stack([*directions, *([generic.tests] if generic is not None else [])]))
+    points, d = _directions(linearised, [e for e in able if all(e is not c.effect for c in lines.candidates)], generic)
     power = colour.stated(d)
     alive = power > 1e-16 * max(float(power.max(initial=0.0)), 1e-300)
     scale = np.where(alive, 1.0 / np.sqrt(np.maximum(power, 1e-300)), 0.0)
@@ -137,6 +134,15 @@ def score(
         generic=max(float(value[len(points) :].max(initial=0.0)), lines.single[0]),
         numerical=fake,
     )
+
+
+def _directions(
+    linearised: LinearisedFit, effects: Sequence[Effect], generic: Responses | None
+) -> tuple[list[tuple[Effect, dict[str, float]]], Array]:
+    """The points of all grids, and their directions (N, C), those of local functions last."""
+    points = [(e, v) for e in effects for v in e.grid(linearised.scales)]
+    directions = [direction(linearised, e, v) for e, v in points]
+    return points, linearised.project(np.column_stack([*directions, *([generic.tests] if generic is not None else [])]))
 
 
 def _best_of_each(

@@ -90,7 +90,7 @@ class Spectra:
             freedom[own.rows] -= own.undriven[1]
         return power, freedom
 
-    def beside(self, lines: Sequence[float]) -> tuple[Array, Array]:
+    def around(self, lines: Sequence[float]) -> tuple[Array, Array]:
         """(L,) power at some frequencies [Hz] and the level around it, of every recording that can show the line beside
         harmonics of what drives it."""
         shown = [f for f in lines if self.f.size and self.f[0] <= f <= self.f[-1]]

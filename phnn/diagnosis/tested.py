@@ -9,7 +9,7 @@ follows for the model.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from phnn.criteria import Criteria
@@ -71,14 +71,12 @@ class _Models:
 
     Attributes:
         before: scores of the base model.
-        proven: effects that were proven beside elements that the model has lost since.
     """
 
     judgement: Judgement
     before: Evaluation
     campaign: Campaign
     criteria: Criteria
-    proven: frozenset[Effect] = frozenset()
     fitted: dict[tuple[int, ...], _Shown | None] = field(default_factory=dict)
 
     def without(self, *gone: Finding) -> _Shown | None:
@@ -100,16 +98,15 @@ class _Models:
             fitted = without(base, others, gone[0], j.final, self.criteria)
         return None if fitted is None else (fitted, score_on_all(fitted, self.campaign))
 
-    def case(self, effect: Effect, fewer: _Shown, more: _Shown) -> ElementCase:
-        """What one model gains over another, which lacks the effect."""
+    def case(self, fewer: _Shown, more: _Shown) -> ElementCase:
+        """What one model gains over another."""
         rule, own = self.criteria.confirmation, (fewer[0].setup.own, more[0].setup.own)
         held_out, identified = (
             gain(fewer[1], more[1], self.campaign.recordings, use, rule.held_out_blocks, own)
             for use in ("confirmation", "identification")
         )
         assert identified is not None
-        drifts = own[1].drift_terms > own[0].drift_terms
-        return ElementCase(held_out, identified, rule, drifts, effect in self.proven)
+        return ElementCase(held_out, identified, rule, own[1].drift_terms > own[0].drift_terms)
 
 
 def outcome_of(case: ElementCase, record: Record | None = None, element: str = "") -> Outcome:
@@ -133,25 +130,26 @@ def tested_elements(
         before: scores of the base model.
         proven: effects that were proven beside elements that the model has lost since.
     """
-    models = _Models(judgement, before, campaign, criteria, frozenset(proven))
+    models = _Models(judgement, before, campaign, criteria)
     whole = models.without()
     assert whole is not None
-    return whole[1], [_tested(f, models, whole, record) for f in judgement.findings]
+    return whole[1], [_tested(f, models, whole, record, f.effect in proven) for f in judgement.findings]
 
 
-def _tested(finding: Finding, models: _Models, whole: _Shown, record: Record) -> Tested:
+def _tested(finding: Finding, models: _Models, whole: _Shown, record: Record, proven_before: bool) -> Tested:
     alone = models.without(finding)
     if alone is None:
         # It stays, and nothing is known of what it gains.
-        case = models.case(finding.effect, whole, whole)
+        case = models.case(whole, whole)
         return Tested(finding, Outcome.PROVISIONAL, whole[0], case, case.shown.after)
-    case = models.case(finding.effect, alone, whole)
+    case = models.case(alone, whole)
     left = case.shown.after
     forms = learned_forms(finding, models.judgement.findings, models.criteria)
     if forms and not case.rises:
         neither, effect = models.without(finding, *forms), models.without(*forms)
         if neither is not None and effect is not None:
-            case = models.case(finding.effect, neither, effect)
+            case = models.case(neither, effect)
+    case = replace(case, proven_before=proven_before)
     outcome = outcome_of(case, record, finding.effect.name)
     return Tested(finding, outcome, alone[0], case, left)
 

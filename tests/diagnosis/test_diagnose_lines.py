@@ -79,11 +79,11 @@ def test_what_lies_beside_a_line_is_that_of_recordings_that_can_show_it() -> Non
     ]
     residuals = [rng.standard_normal(long.size) + 2.0 * np.sin(2.0 * np.pi * 30.0 * long), rng.standard_normal(100)]
     spectra = spectra_of(residuals, made, [np.zeros_like] * 2)
-    counts = {f: spectra.beside([f])[0].size for f in (0.1, 30.0, 50.0, 310.0, 600.0)}
+    counts = {f: spectra.around([f])[0].size for f in (0.1, 30.0, 50.0, 310.0, 600.0)}
     assert counts == {0.1: 0, 30.0: 2, 50.0: 0, 310.0: 1, 600.0: 0}
-    power, level = spectra.beside([30.0])
+    power, level = spectra.around([30.0])
     assert power[0] > 100.0 * level[0] and power[1] < 20.0 * level[1]
-    assert [x.size for x in spectra.beside([])] == [0, 0]
+    assert [x.size for x in spectra.around([])] == [0, 0]
 
 
 def coloured(seed: int, exponent: float, scale: float) -> LinearisedFit:
