@@ -20,10 +20,10 @@ from phnn.recordings import Campaign, campaign_of
 from phnn.report.result import write
 
 if TYPE_CHECKING:
+    from phnn.comparison.document import Table
     from phnn.modal.store import StoredModes
     from phnn.network.elements import Network
     from phnn.setup import Setup
-    from phnn.studies.comparison.document import Table
 
 __all__ = ["Diagnosis", "compare", "diagnose", "export", "identify", "load", "predict"]
 
@@ -141,9 +141,9 @@ def compare(
         InputRefused: a setting is unknown or out of range, recordings cannot be used, or results of other settings lie
             in ``out``.
     """
+    from phnn.comparison.run import compare as run_comparison
+    from phnn.comparison.settings import Settings
     from phnn.configuration import compose
-    from phnn.studies.comparison.run import compare as run_comparison
-    from phnn.studies.comparison.settings import Settings
 
     chosen = Settings.from_config(compose("compare", settings))
     return run_comparison(campaign_of(campaign), Path(out), chosen, progress, overwrite)

@@ -8,16 +8,19 @@ tools, or of fewer cases, in ``DIR/NAME`` beside those of all.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
+
 from phnn.commands.bench import bench
 from phnn.commands.terminal import refusals
 from phnn.configuration import compose
-from phnn.studies.benchmark.tools import TOOLS, TRAINED, tool
-from phnn.studies.results import fill, filled
+from studies.benchmark.tools import TOOLS, TRAINED, tool
+from studies.results import fill, filled
 
 
 def run(chosen: argparse.Namespace) -> None:

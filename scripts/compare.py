@@ -5,17 +5,20 @@ Without a folder it makes recordings that also go beyond the identified range of
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
+
 from phnn.commands.compare import compare
 from phnn.commands.terminal import console, refusals, status
+from phnn.comparison.run import compare_on_made, show
+from phnn.comparison.settings import Settings
 from phnn.configuration import checked
-from phnn.studies.comparison.run import compare_on_made, show
-from phnn.studies.comparison.settings import Settings
-from phnn.studies.recordings import Conditions
+from studies.recordings import Conditions
 
 
 def run(config: DictConfig) -> None:

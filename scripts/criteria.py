@@ -16,8 +16,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
+
 from phnn.criteria import Criteria
-from phnn.demo import Sealed, draw_case, make_case
 from phnn.diagnosis.diagnosis import available, diagnose
 from phnn.effects import Effect, effect
 from phnn.errors import PhnnError
@@ -27,11 +28,12 @@ from phnn.output import Place
 from phnn.recall import recalling
 from phnn.recordings import Campaign, read
 from phnn.report.result import document
-from phnn.studies.proof.cases import LEVELS, Task
-from phnn.studies.proof.grades import WRONG
-from phnn.studies.proof.outcome import graded
-from phnn.studies.proof.run import containing
-from phnn.studies.proof.settings import FULL, STRATA
+from studies.generator import Sealed, draw_case, make_case
+from studies.proof.cases import LEVELS, Task
+from studies.proof.grades import WRONG
+from studies.proof.outcome import graded
+from studies.proof.run import containing
+from studies.proof.settings import FULL, STRATA
 
 FACTORS = (0.5, 2.0)
 DEFAULT = "default"

@@ -5,16 +5,19 @@ Refits the port-Hamiltonian and the Bouc–Wen model, prints Table 3 beside the 
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import hydra
 from omegaconf import DictConfig
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
+
 from phnn.commands.terminal import console, refusals, status
 from phnn.configuration import checked
 from phnn.identification.options import Options
-from phnn.studies.paper.run import run_folder, run_paper, show
-from phnn.studies.recordings import Conditions
+from studies.paper.run import run_folder, run_paper, show
+from studies.recordings import Conditions
 
 
 def run(config: DictConfig) -> None:

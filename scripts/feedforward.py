@@ -7,10 +7,13 @@ from it, and prints the table of docs/feedforward.md; the figure and the table a
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
+
 from phnn.commands.terminal import refusals, status
-from phnn.studies.feedforward.run import run_feedforward
+from studies.feedforward.run import run_feedforward
 
 
 def main() -> None:

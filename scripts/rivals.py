@@ -17,6 +17,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from phnn.threads import ONE_THREAD
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
+
 # Budgets are those of one processor. Before numpy and torch are loaded.
 os.environ.update(ONE_THREAD)
 
@@ -25,8 +27,8 @@ os.environ.update(ONE_THREAD)
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
     from phnn.commands.terminal import refusals
-    from phnn.studies.results import fill, filled
-    from phnn.studies.rival_models.studies import run
+    from studies.results import fill, filled
+    from studies.rival_models.studies import run
 
     with refusals("rivals"):
         if config.page is not None:

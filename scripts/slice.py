@@ -13,13 +13,15 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
+
 from phnn.commands.diagnose import diagnose
 from phnn.commands.terminal import refusals
 from phnn.configuration import checked, config_folder
-from phnn.studies.proof.grades import WRONG
-from phnn.studies.proof.outcome import Outcome
-from phnn.studies.proof.run import claimed, prove
-from phnn.studies.proof.settings import NULLS, Settings
+from studies.proof.grades import WRONG
+from studies.proof.outcome import Outcome
+from studies.proof.run import claimed, prove
+from studies.proof.settings import NULLS, Settings
 
 
 def said(outcome: Outcome) -> str:

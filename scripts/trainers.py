@@ -15,6 +15,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from phnn.threads import ONE_THREAD
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
+
 # Times are those of one processor. Before numpy and torch are loaded.
 os.environ.update(ONE_THREAD)
 
@@ -24,7 +26,7 @@ def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
     from phnn.commands.terminal import refusals
     from phnn.output import claim
-    from phnn.studies.trainers.page import RESULTS, run
+    from studies.trainers.page import RESULTS, run
 
     settings = OmegaConf.to_container(config, resolve=True)
     with refusals("trainers"), claim(Path(config.out), "trainers", (), RESULTS) as place:

@@ -11,10 +11,6 @@ from unittest import mock
 
 import numpy as np
 
-from phnn.demo import Sealed, generate
-from phnn.demo import campaign as generator
-from phnn.demo.excitation import Excitation
-from phnn.demo.strength import Ruler, ruler
 from phnn.diagnosis import diagnosis as path
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
@@ -31,6 +27,10 @@ from phnn.recordings import Campaign, read
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
 from phnn.simulate import simulate
+from studies.generator import Sealed, generate
+from studies.generator import campaign as generator
+from studies.generator.excitation import Excitation
+from studies.generator.strength import Ruler, ruler
 
 SEED = 5
 # What keeps the numerical error of these recordings below the noise.

@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 
-from phnn.demo.actuator import NEUTRAL, TABLE, simulate_all
-from phnn.demo.concealed import Concealed, described
-from phnn.demo.excitation import Excitation
-from phnn.demo.strength import concealing
+from studies.generator.actuator import NEUTRAL, TABLE, simulate_all
+from studies.generator.concealed import Concealed, described
+from studies.generator.excitation import Excitation
+from studies.generator.strength import concealing
 
 
 @cache

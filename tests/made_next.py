@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from phnn.demo import Case, Sealed
-from phnn.demo.actuator import NEUTRAL, simulate
-from phnn.demo.excitation import Excitation, Piece
-from phnn.demo.folder import MANIFEST, reported, write_manifest, write_recording
 from phnn.diagnosis.menu import Experiment
 from phnn.recordings import Campaign
+from studies.generator import Case, Sealed
+from studies.generator.actuator import NEUTRAL, simulate
+from studies.generator.excitation import Excitation, Piece
+from studies.generator.folder import MANIFEST, reported, write_manifest, write_recording
 
 
 def excitation(proposed: Experiment, name: str = "next") -> Excitation:

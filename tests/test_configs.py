@@ -19,6 +19,7 @@ from hydra.core.plugins import Plugins
 from hydra.types import HydraContext, RunMode
 from junctions import march
 
+from phnn.comparison import settings as comparison
 from phnn.configuration import compose, compose_groups, config_folder
 from phnn.errors import InputRefused
 from phnn.identification.options import Options
@@ -34,13 +35,12 @@ from phnn.network import PortHamiltonianSystem
 from phnn.recordings.manifest import load_manifest
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
-from phnn.studies.benchmark.settings import Settings as BenchSettings
-from phnn.studies.comparison import settings as comparison
-from phnn.studies.proof.cases import tasks
-from phnn.studies.proof.settings import STRATA
-from phnn.studies.proof.settings import Settings as ProofSettings
-from phnn.studies.recordings import Conditions
-from phnn.studies.trainers.run import Case, Way
+from studies.benchmark.settings import Settings as BenchSettings
+from studies.proof.cases import tasks
+from studies.proof.settings import STRATA
+from studies.proof.settings import Settings as ProofSettings
+from studies.recordings import Conditions
+from studies.trainers.run import Case, Way
 
 HOME = config_folder()
 FILES = sorted(path.relative_to(HOME).as_posix() for path in HOME.rglob("*.y*ml"))

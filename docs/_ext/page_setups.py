@@ -1,7 +1,7 @@
 """What the code of a page finds when it is run: simulated recordings, stored models and names, by page.
 
-A reader has recordings of his own in ``recordings/``; here they come from the generator of `phnn.demo`, which conceals
-a quadratic drag in a simulated actuator.
+A reader has recordings of his own in ``recordings/``; here `studies.generator` makes them and conceals a quadratic drag in
+a simulated actuator.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SEED, EFFECT = 7, "quadratic_drag"
 
 def recordings(folder: Path) -> Names:
     """Four recordings of an actuator with an effect that the base model lacks, in ``recordings/``."""
-    from phnn.demo import generate
+    from studies.generator import generate
 
     generate(SEED, folder / "recordings", EFFECT, "short")
     return {}

@@ -10,13 +10,13 @@ from typing import Any
 from phnn.commands.terminal import Config
 from phnn.errors import InputRefused
 from phnn.output import Origin, claim
-from phnn.studies.benchmark.fingerprints.settings import TrainSettings
-from phnn.studies.benchmark.fingerprints.training import TABLE, TRAINING, VALIDATION, digest, train
-from phnn.studies.benchmark.fingerprints.validation import validated
-from phnn.studies.benchmark.folders import RESULTS, card_of, write_benchmark
-from phnn.studies.benchmark.run import ANSWERS, SCORES, answer_all, scores_of, write_scores
-from phnn.studies.benchmark.settings import Settings
-from phnn.studies.benchmark.tools import tool
+from studies.benchmark.fingerprints.settings import TrainSettings
+from studies.benchmark.fingerprints.training import TABLE, TRAINING, VALIDATION, digest, train
+from studies.benchmark.fingerprints.validation import validated
+from studies.benchmark.folders import RESULTS, card_of, write_benchmark
+from studies.benchmark.run import ANSWERS, SCORES, answer_all, scores_of, write_scores
+from studies.benchmark.settings import Settings
+from studies.benchmark.tools import tool
 
 # By step: the options that it needs, and the settings that it takes. An answer may take a training.
 _TAKES = {"write": (), "train": (), "answer": ("cases", "tool"), "score": ("cases", "answers")}
@@ -30,7 +30,7 @@ def bench(step: str, out: Path, config: Config, options: Mapping[str, Any], over
 
     Args:
         step: ``write`` makes and seals cases in ``out``; ``train`` makes what the tools of
-            `phnn.studies.benchmark.tools.TRAINED` learn from; ``answer`` lets a tool answer cases; ``score`` opens
+            `studies.benchmark.tools.TRAINED` learn from; ``answer`` lets a tool answer cases; ``score`` opens
             their seals and scores answers.
         config: settings of ``write`` and of ``train``.
         options: ``cases``: what ``write`` has written; ``tool``: its name; ``training``: what ``train`` has written;

@@ -5,16 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 from phnn.commands.terminal import Config, console, status
+from phnn.comparison.run import compare as run_comparison
+from phnn.comparison.run import show
+from phnn.comparison.settings import Settings
 from phnn.recordings import read
-from phnn.studies.comparison.run import compare as run_comparison
-from phnn.studies.comparison.run import show
-from phnn.studies.comparison.settings import Settings
 
 
 def compare(
     folder: Path, out: Path, manifest: Path | None, config: Config, outside: bool = False, overwrite: bool = False
 ) -> None:
-    """Fit several kinds of model to a folder; see `phnn.studies.comparison.run.compare` for what it writes."""
+    """Fit several kinds of model to a folder; see `phnn.comparison.run.compare` for what it writes."""
     settings = Settings.from_config(config)
     with status() as progress:
         campaign = read(folder, manifest, allow_outside=outside)

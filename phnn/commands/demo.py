@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from phnn.commands.diagnose import diagnose_into
-from phnn.demo import EFFECTS, generate, open_seal, write_seal
 from phnn.errors import PhnnError
 from phnn.identification.options import Options
 from phnn.output import claim, write_atomic
 from phnn.recordings import read
 from phnn.report.provenance import command_line, provenance
 from phnn.warm import begin_for_diagnosis
+from studies.generator import EFFECTS, generate, open_seal, write_seal
 
 # Members of a class beyond which it names nothing.
 _CLASS = 3

@@ -9,11 +9,11 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from phnn.studies.proof.nulls import Count, counts
-from phnn.studies.proof.page import numbers, write_proof
-from phnn.studies.proof.run import claimed
-from phnn.studies.proof.run import prove as run_proof
-from phnn.studies.proof.settings import Settings
+from studies.proof.nulls import Count, counts
+from studies.proof.page import numbers, write_proof
+from studies.proof.run import claimed
+from studies.proof.run import prove as run_proof
+from studies.proof.settings import Settings
 
 
 def prove(out: Path, config: Mapping[str, Any], overwrite: bool = False) -> None:

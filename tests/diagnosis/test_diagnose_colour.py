@@ -9,7 +9,6 @@ from scipy.signal import lfilter
 
 import phnn
 from phnn.criteria import NOISE
-from phnn.demo import draw_case, make_case
 from phnn.diagnosis.colour import Colour, _as_normal
 from phnn.diagnosis.diagnosis import available
 from phnn.diagnosis.linearised_fit import LinearisedFit
@@ -17,6 +16,7 @@ from phnn.diagnosis.scored import scored
 from phnn.identification.residual_noise import most_excess, noise_spectra
 from phnn.recordings.recording import Campaign, unrecorded
 from phnn.signals.noise import AS_WHITE
+from studies.generator import draw_case, make_case
 from tests import campaigns
 
 

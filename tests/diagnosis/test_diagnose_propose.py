@@ -12,9 +12,6 @@ import made_next
 import numpy as np
 import pytest
 
-from phnn.demo import Sealed, draw_case, make_case
-from phnn.demo.actuator import TABLE
-from phnn.demo.excitation import sine
 from phnn.diagnosis import diagnose
 from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.menu import Experiment, Stretch, menu, resonance
@@ -30,6 +27,9 @@ from phnn.models.actuator import hrc
 from phnn.recordings import read
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
+from studies.generator import Sealed, draw_case, make_case
+from studies.generator.actuator import TABLE
+from studies.generator.excitation import sine
 
 NOISE = 5e-8
 HELD = {"m": "held at the stated mass"}

@@ -10,8 +10,6 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.demo.actuator import simulate as true_output
-from phnn.demo.excitation import sine
 from phnn.errors import InputRefused
 from phnn.identification.base import identify_base, identify_bouc_wen
 from phnn.identification.evaluate import evaluate
@@ -26,6 +24,8 @@ from phnn.models.actuator import hrc
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Campaign, Part, Recording, Start
 from phnn.setup import Setup
+from studies.generator.actuator import simulate as true_output
+from studies.generator.excitation import sine
 
 
 def groups(values: Mapping[str, float]) -> dict[str, float]:

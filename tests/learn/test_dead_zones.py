@@ -10,13 +10,13 @@ import pytest
 import torch
 
 from phnn.configuration import compose_groups
-from phnn.demo.actuator import TABLE
 from phnn.learn import Settings, train
 from phnn.learn.characteristic import inverse, thresholds
 from phnn.models.store import load
 from phnn.recordings import read
 from phnn.simulate import simulate
-from phnn.studies.recordings import Conditions, write_recordings
+from studies.generator.actuator import TABLE
+from studies.recordings import Conditions, write_recordings
 
 
 @pytest.mark.slow

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from phnn.check import check
-from phnn.demo import draw_case, make_case
-from phnn.demo.actuator import simulate_all
 from phnn.diagnosis.tested import score_on_all
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
@@ -21,6 +19,8 @@ from phnn.recordings import Campaign, read
 from phnn.report.noise import statements
 from phnn.setup import Setup
 from phnn.signals.noise_statement import NoiseStatement
+from studies.generator import draw_case, make_case
+from studies.generator.actuator import simulate_all
 
 Made = Callable[[str | None], tuple[Campaign, dict[str, NoiseStatement]]]
 SEEN = ("sine_010Hz_75V", "sine_100Hz_75V", "sine_010Hz_50V", "step_75V")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from phnn.errors import InputRefused
-from phnn.studies.results import fill
+from studies.results import fill
 
 
 def test_a_table_takes_the_place_of_the_one_before(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ from unittest import mock
 
 import pytest
 
-from phnn.studies.benchmark.settings import GROUPS
-from phnn.studies.benchmark.tools import TOOLS, TRAINED
+from studies.benchmark.settings import GROUPS
+from studies.benchmark.tools import TOOLS, TRAINED
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -13,15 +13,15 @@ import pandas as pd
 import pytest
 
 from phnn.cli import main
-from phnn.demo import draw_case, make_case
-from phnn.demo.listed import LISTED
-from phnn.demo.plans import EXAM
-from phnn.demo.strength import concealing
 from phnn.errors import InputRefused
 from phnn.recordings import read
-from phnn.studies.benchmark.cases import NOISES, PLANS, STRENGTHS, Entry, entries
-from phnn.studies.benchmark.folders import OUTPUT, card_of, digest_of, opened
-from phnn.studies.benchmark.settings import GROUPS, Settings
+from studies.benchmark.cases import NOISES, PLANS, STRENGTHS, Entry, entries
+from studies.benchmark.folders import OUTPUT, card_of, digest_of, opened
+from studies.benchmark.settings import GROUPS, Settings
+from studies.generator import draw_case, make_case
+from studies.generator.listed import LISTED
+from studies.generator.plans import EXAM
+from studies.generator.strength import concealing
 
 SMALL = {"none": 9, "same": 9, "other": 4, "outside": 4, "pair": 4, "background": 4}
 NOTHING = ["none=2", *(f"{group}=0" for group in GROUPS if group != "none")]

@@ -7,8 +7,8 @@ import pytest
 
 from phnn.effects import catalogue
 from phnn.errors import InputRefused
-from phnn.studies.benchmark.tools.group_lasso import orthonormal, path
-from phnn.studies.benchmark.tools.lfr import NAMES, Evidence, read_off
+from studies.benchmark.tools.group_lasso import orthonormal, path
+from studies.benchmark.tools.lfr import NAMES, Evidence, read_off
 
 RNG = np.random.default_rng
 

@@ -13,9 +13,9 @@ from scipy.stats import f, kstest, linregress
 from phnn.effects import catalogue
 from phnn.errors import InputRefused
 from phnn.recordings.recording import unrecorded
-from phnn.studies.benchmark.tools.exhaustive import Candidate, products, winners
-from phnn.studies.benchmark.tools.nested import autoregression, f_test, filtered
-from phnn.studies.benchmark.tools.regimes import clean, discoveries
+from studies.benchmark.tools.exhaustive import Candidate, products, winners
+from studies.benchmark.tools.nested import autoregression, f_test, filtered
+from studies.benchmark.tools.regimes import clean, discoveries
 
 RNG = np.random.default_rng
 

@@ -14,16 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multinomial
 
-from phnn.demo import Sealed
 from phnn.errors import InputRefused
 from phnn.output import claim
-from phnn.studies.benchmark.answer import FILE, Answer, read_answer, write_answer
-from phnn.studies.benchmark.cases import Entry
-from phnn.studies.benchmark.page import page
-from phnn.studies.benchmark.paired import paired_interval
-from phnn.studies.benchmark.score import Score, scored
-from phnn.studies.benchmark.tally import balanced_accuracy, by_group, calibration_error, difference, summary
-from phnn.studies.benchmark.tools.diagnosis import as_answer
+from studies.benchmark.answer import FILE, Answer, read_answer, write_answer
+from studies.benchmark.cases import Entry
+from studies.benchmark.page import page
+from studies.benchmark.paired import paired_interval
+from studies.benchmark.score import Score, scored
+from studies.benchmark.tally import balanced_accuracy, by_group, calibration_error, difference, summary
+from studies.benchmark.tools.diagnosis import as_answer
+from studies.generator import Sealed
 
 TRUE = Sealed(
     effect="creep", parameters={}, base={}, strength_over_noise=3.0, noise=1e-7, quantisation=1e-12, seed=1,

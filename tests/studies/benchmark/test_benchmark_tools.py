@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 
 from phnn.cli import main
-from phnn.demo import draw_case, generate, make_case
-from phnn.demo.listed import LISTED
 from phnn.effects import catalogue
 from phnn.errors import InputRefused, SolverFailed
 from phnn.recordings.recording import unrecorded
-from phnn.studies.benchmark import run
-from phnn.studies.benchmark.answer import Answer
-from phnn.studies.benchmark.settings import GROUPS
-from phnn.studies.benchmark.time_limit import limited
-from phnn.studies.benchmark.tools import TOOLS, TRAINED, tool
-from phnn.studies.benchmark.tools.harmonics import TABLE, _band
+from studies.benchmark import run
+from studies.benchmark.answer import Answer
+from studies.benchmark.settings import GROUPS
+from studies.benchmark.time_limit import limited
+from studies.benchmark.tools import TOOLS, TRAINED, tool
+from studies.benchmark.tools.harmonics import TABLE, _band
+from studies.generator import draw_case, generate, make_case
+from studies.generator.listed import LISTED
 
 T = np.arange(4000) / 4000.0
 SINE = unrecorded("sine", T, 75.0 * np.sin(2.0 * np.pi * 10.0 * T))

@@ -14,24 +14,24 @@ import pandas as pd
 import pytest
 
 from phnn.cli import main
-from phnn.demo import generate
-from phnn.demo.listed import LISTED
-from phnn.demo.strata import choices
 from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.fit import Fit
 from phnn.models.actuator import hrc
 from phnn.output import claim
-from phnn.studies.benchmark.cases import entries
-from phnn.studies.benchmark.fingerprints import classifier, cycles, jumps, training
-from phnn.studies.benchmark.fingerprints.actuators import Actuator, simulated, template
-from phnn.studies.benchmark.fingerprints.cases import drawn
-from phnn.studies.benchmark.fingerprints.classifier import LABELS, labels, platt, scaled, trained
-from phnn.studies.benchmark.fingerprints.features import features, names
-from phnn.studies.benchmark.fingerprints.fitting import fitted
-from phnn.studies.benchmark.fingerprints.training import KEYS, TABLE, TRAINING, read_table, rows_of, variants
-from phnn.studies.benchmark.fingerprints.validation import validated
-from phnn.studies.benchmark.settings import GROUPS, Settings
-from phnn.studies.benchmark.tools import fingerprints, tool
+from studies.benchmark.cases import entries
+from studies.benchmark.fingerprints import classifier, cycles, jumps, training
+from studies.benchmark.fingerprints.actuators import Actuator, simulated, template
+from studies.benchmark.fingerprints.cases import drawn
+from studies.benchmark.fingerprints.classifier import LABELS, labels, platt, scaled, trained
+from studies.benchmark.fingerprints.features import features, names
+from studies.benchmark.fingerprints.fitting import fitted
+from studies.benchmark.fingerprints.training import KEYS, TABLE, TRAINING, read_table, rows_of, variants
+from studies.benchmark.fingerprints.validation import validated
+from studies.benchmark.settings import GROUPS, Settings
+from studies.benchmark.tools import fingerprints, tool
+from studies.generator import generate
+from studies.generator.listed import LISTED
+from studies.generator.strata import choices
 
 SIGMA = 5e-8
 

@@ -10,24 +10,24 @@ import pytest
 from scipy.signal import lsim
 from scipy.stats import multivariate_normal
 
-from phnn.demo import generate
-from phnn.demo.listed import LISTED
 from phnn.effects import catalogue
 from phnn.errors import InputRefused, SolverFailed
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
 from phnn.simulate import simulate
-from phnn.studies import rivals
-from phnn.studies.benchmark.residual_force import signals
-from phnn.studies.benchmark.residual_force.evidence import whitening_filter
-from phnn.studies.benchmark.residual_force.latent import Features, best_of
-from phnn.studies.benchmark.residual_force.matching import named, shares
-from phnn.studies.benchmark.residual_force.plant import Plant, plant_of
-from phnn.studies.benchmark.residual_force.prediction import Forced, predicted, with_force
-from phnn.studies.benchmark.residual_force.states import responses, states_of
-from phnn.studies.benchmark.residual_force.terms import Sizes, effects_of, table_of
-from phnn.studies.benchmark.tools import tool
+from studies import rivals
+from studies.benchmark.residual_force import signals
+from studies.benchmark.residual_force.evidence import whitening_filter
+from studies.benchmark.residual_force.latent import Features, best_of
+from studies.benchmark.residual_force.matching import named, shares
+from studies.benchmark.residual_force.plant import Plant, plant_of
+from studies.benchmark.residual_force.prediction import Forced, predicted, with_force
+from studies.benchmark.residual_force.states import responses, states_of
+from studies.benchmark.residual_force.terms import Sizes, effects_of, table_of
+from studies.benchmark.tools import tool
+from studies.generator import generate
+from studies.generator.listed import LISTED
 
 DT = 1e-4
 T = DT * np.arange(4000)

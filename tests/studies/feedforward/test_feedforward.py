@@ -16,8 +16,8 @@ from phnn.identification.options import Options
 from phnn.model import Model
 from phnn.models.actuator import hrc
 from phnn.setup import Setup
-from phnn.studies.feedforward.run import RESULTS, run_feedforward
-from phnn.studies.feedforward.tracking import Models, drawn_plants, row, table
+from studies.feedforward.run import RESULTS, run_feedforward
+from studies.feedforward.tracking import Models, drawn_plants, row, table
 
 # What is claimed: the error of the full inverse over what noise and parameter errors allow, and how many times smaller
 # it is than without compensation.

@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from junctions import recording
 
-from phnn.demo.actuator import TABLE
-from phnn.demo.actuator import simulate as independent
-from phnn.demo.excitation import PEAK, sine
 from phnn.models.actuator import from_paper
 from phnn.models.bouc_wen import bouc_wen
 from phnn.setup import Setup
 from phnn.simulate import simulate
-from phnn.studies.paper.published import TABLE_3, highest_fit, implied_amplitude, line_of
+from studies.generator.actuator import TABLE
+from studies.generator.actuator import simulate as independent
+from studies.generator.excitation import PEAK, sine
+from studies.paper.published import TABLE_3, highest_fit, implied_amplitude, line_of
 
 HERTZ = {name: float(name.split()[0]) for name in TABLE_3 if name.endswith("Hz")}
 DIGIT = 0.005  # half a digit of the printed fit

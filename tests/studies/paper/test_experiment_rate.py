@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from phnn.demo.actuator import TABLE
-from phnn.demo.actuator import simulate as independent
-from phnn.demo.excitation import sine
 from phnn.models.actuator import from_paper, hrc
 from phnn.setup import Setup
-from phnn.studies.paper.rate import loop, ramps
+from studies.generator.actuator import TABLE
+from studies.generator.actuator import simulate as independent
+from studies.generator.excitation import sine
+from studies.paper.rate import loop, ramps
 
 PAPER = Setup(from_paper())
 

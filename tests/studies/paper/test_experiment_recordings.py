@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from phnn.demo.actuator import TABLE, simulate_all
 from phnn.errors import InputRefused
 from phnn.identification.options import Options
 from phnn.recordings import read
-from phnn.studies.paper.table import compare
-from phnn.studies.recordings import Conditions, paper_plan, write_recordings
+from studies.generator.actuator import TABLE, simulate_all
+from studies.paper.table import compare
+from studies.recordings import Conditions, paper_plan, write_recordings
 
 
 def test_the_campaign_is_the_papers(tmp_path: Path) -> None:

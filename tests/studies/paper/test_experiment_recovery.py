@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from phnn.demo.actuator import TABLE
 from phnn.diagnosis.tested import score_on_all
 from phnn.identification.base import identify_base
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
 from phnn.recordings import read
-from phnn.studies.recordings import Conditions, write_recordings
+from studies.generator.actuator import TABLE
+from studies.recordings import Conditions, write_recordings
 
 NOISE = 0.05e-6
 # Values that voltage and displacement identify, whatever the common factor.

@@ -14,7 +14,7 @@ import pytest
 
 from phnn.configuration import config_folder
 from phnn.identification.options import Options
-from phnn.studies.recordings import Conditions
+from studies.recordings import Conditions
 
 ROOT = Path(__file__).resolve().parents[3]
 FILES = sorted(p.stem for p in (config_folder() / "experiment").glob("*.yaml"))

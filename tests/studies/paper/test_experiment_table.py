@@ -15,10 +15,10 @@ from phnn.identification.fit import Fit, fit
 from phnn.models.bouc_wen import bouc_wen
 from phnn.output import finite
 from phnn.report.figures import Drawing
-from phnn.studies.paper.document import cells, document, heads, markdown, table_csv
-from phnn.studies.paper.figures import draw_all, panels, responses
-from phnn.studies.paper.published import TABLE_3
-from phnn.studies.paper.table import Comparison, Scored
+from studies.paper.document import cells, document, heads, markdown, table_csv
+from studies.paper.figures import draw_all, panels, responses
+from studies.paper.published import TABLE_3
+from studies.paper.table import Comparison, Scored
 
 
 def scored(fitted: Fit) -> Scored:

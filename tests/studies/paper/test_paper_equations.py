@@ -10,12 +10,12 @@ import torch
 from junctions import recording
 from scipy.integrate import solve_ivp
 
-from phnn.demo.excitation import PEAK, sine
 from phnn.laws import RESISTOR_LAWS
 from phnn.models.actuator import TABLE_1, from_paper
 from phnn.models.bouc_wen import TABLE_2, bouc_wen
 from phnn.network import PortHamiltonianSystem
 from phnn.simulate import simulate
+from studies.generator.excitation import PEAK, sine
 
 torch.set_num_threads(1)
 

@@ -15,12 +15,12 @@ import pytest
 from junctions import recording
 from numpy.typing import NDArray
 
-from phnn.demo.excitation import PEAK, Excitation, chirp, sine, step
 from phnn.models.actuator import TABLE_1, from_paper
 from phnn.models.bouc_wen import TABLE_2, bouc_wen
 from phnn.setup import Setup
 from phnn.simulate import simulate
-from phnn.studies.paper.published import TABLE_3
+from studies.generator.excitation import PEAK, Excitation, chirp, sine, step
+from studies.paper.published import TABLE_3
 
 Array = NDArray[np.float64]
 HERTZ = (1, 10, 25, 50, 75, 100, 150)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from phnn.studies.paper.published import TABLE_3, highest_fit, implied_amplitude
+from studies.paper.published import TABLE_3, highest_fit, implied_amplitude
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from phnn.configuration import compose
-from phnn.demo import Sealed
-from phnn.demo.actuator import TABLE
 from phnn.errors import InputRefused
-from phnn.studies.proof.cases import Task, tasks
-from phnn.studies.proof.coverage import base_errors, effect_errors, noise_errors
-from phnn.studies.proof.grades import EXACT, WRONG
-from phnn.studies.proof.outcome import graded
-from phnn.studies.proof.settings import Settings
-from phnn.studies.proof.tally import coverage
+from studies.generator import Sealed
+from studies.generator.actuator import TABLE
+from studies.proof.cases import Task, tasks
+from studies.proof.coverage import base_errors, effect_errors, noise_errors
+from studies.proof.grades import EXACT, WRONG
+from studies.proof.outcome import graded
+from studies.proof.settings import Settings
+from studies.proof.tally import coverage
 
 TASK = Task("full", "same", 0, 1, "demo")
 SEALED = Sealed(

@@ -8,15 +8,15 @@ from dataclasses import replace
 import pytest
 
 from phnn.configuration import compose
-from phnn.demo import Sealed
-from phnn.demo.actuator import TABLE
 from phnn.errors import InputRefused
-from phnn.studies.proof.cases import Task, tasks
-from phnn.studies.proof.grades import EXACT, IN_CLASS, WRONG, Said, expected, grade, true_places
-from phnn.studies.proof.nulls import counts
-from phnn.studies.proof.outcome import graded, group_error
-from phnn.studies.proof.settings import Settings
-from phnn.studies.proof.tally import rates
+from studies.generator import Sealed
+from studies.generator.actuator import TABLE
+from studies.proof.cases import Task, tasks
+from studies.proof.grades import EXACT, IN_CLASS, WRONG, Said, expected, grade, true_places
+from studies.proof.nulls import counts
+from studies.proof.outcome import graded, group_error
+from studies.proof.settings import Settings
+from studies.proof.tally import rates
 
 CREEP = Sealed(
     effect="creep", parameters={}, base=dict(TABLE), strength_over_noise=4.0, noise=5e-8, quantisation=1e-8, seed=1,

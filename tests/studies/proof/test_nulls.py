@@ -11,14 +11,14 @@ import pytest
 from phnn.configuration import compose
 from phnn.errors import InputRefused, PhnnError
 from phnn.output import Place
-from phnn.studies.proof import run
-from phnn.studies.proof.cases import tasks
-from phnn.studies.proof.families import family
-from phnn.studies.proof.nulls import counts
-from phnn.studies.proof.outcome import Outcome
-from phnn.studies.proof.page import write_proof
-from phnn.studies.proof.settings import Settings
-from phnn.studies.proof.tally import rates
+from studies.proof import run
+from studies.proof.cases import tasks
+from studies.proof.families import family
+from studies.proof.nulls import counts
+from studies.proof.outcome import Outcome
+from studies.proof.page import write_proof
+from studies.proof.settings import Settings
+from studies.proof.tally import rates
 
 
 def settings(**changes: Any) -> Settings:

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from phnn.demo import Sealed
-from phnn.demo.actuator import TABLE
-from phnn.studies.proof.cases import Task
-from phnn.studies.proof.grades import CLASS, EXACT, IN_CLASS, WRONG
-from phnn.studies.proof.outcome import graded, group_error
-from phnn.studies.proof.tally import Rate, confusion, detection, half_point, rates, reliability
+from studies.generator import Sealed
+from studies.generator.actuator import TABLE
+from studies.proof.cases import Task
+from studies.proof.grades import CLASS, EXACT, IN_CLASS, WRONG
+from studies.proof.outcome import graded, group_error
+from studies.proof.tally import Rate, confusion, detection, half_point, rates, reliability
 
 FULL_TASK = Task("full", "same", 0, 1, "demo")
 SEALED = Sealed(

@@ -10,16 +10,16 @@ from typing import Any
 import pytest
 
 from phnn.configuration import compose
-from phnn.demo import open_seal
 from phnn.ensemble import Executor
 from phnn.errors import InputRefused, PhnnError
 from phnn.output import Place
-from phnn.studies.proof import run
-from phnn.studies.proof.cases import tasks
-from phnn.studies.proof.grades import EXACT
-from phnn.studies.proof.outcome import Outcome
-from phnn.studies.proof.page import write_proof
-from phnn.studies.proof.settings import STRATA, Settings
+from studies.generator import open_seal
+from studies.proof import run
+from studies.proof.cases import tasks
+from studies.proof.grades import EXACT
+from studies.proof.outcome import Outcome
+from studies.proof.page import write_proof
+from studies.proof.settings import STRATA, Settings
 
 
 def settings(**changes: Any) -> Settings:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from phnn.studies.public.figures import figures
+from studies.public.figures import figures
 
 PARTS = ("trajectory[identification]", "trajectory[confirmation]")
 

@@ -13,7 +13,7 @@ from phnn.models.network_file import load_network
 from phnn.recordings import Campaign, Recording, read
 from phnn.setup import Setup
 from phnn.simulate import simulate
-from phnn.studies.public.silverbox import UNSCORED, initial_state, official_errors
+from studies.public.silverbox import UNSCORED, initial_state, official_errors
 
 STEPS, ZERO = 4, 0.02
 MANIFEST = """

@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from phnn.comparison.settings import Settings
 from phnn.configuration import compose
 from phnn.errors import InputRefused, SolverFailed
-from phnn.studies.comparison.settings import Settings
-from phnn.studies.rival_models import long_runs
-from phnn.studies.rival_models.long import Row, Runs, page, table
-from phnn.studies.rival_models.long_runs import Drive, Kept, LongRun, drawn_drive, long_run
-from phnn.studies.rival_models.rival import State, Stepper
+from studies.rival_models import long_runs
+from studies.rival_models.long import Row, Runs, page, table
+from studies.rival_models.long_runs import Drive, Kept, LongRun, drawn_drive, long_run
+from studies.rival_models.rival import State, Stepper
 
 DT, GAIN, SAMPLES, PERIOD = 1e-3, 1e-6, 2500, 100
 SILENT = Drive(np.zeros(3), np.zeros(3), 50.0)

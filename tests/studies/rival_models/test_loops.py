@@ -9,9 +9,9 @@ from scipy.linalg import expm
 from phnn.model import Model
 from phnn.models.actuator import hrc
 from phnn.setup import Setup
-from phnn.studies.rival_models.loops import ExportedStepper, Run, closed, drawn_runs
-from phnn.studies.rival_models.loops import _path as path_of
-from phnn.studies.rival_models.rival import State, Stepper
+from studies.rival_models.loops import ExportedStepper, Run, closed, drawn_runs
+from studies.rival_models.loops import _path as path_of
+from studies.rival_models.rival import State, Stepper
 
 DT, M, K, ALPHA = 1e-4, 1e-3, 5e4, 5.0
 

@@ -7,8 +7,8 @@ import pytest
 from rival_example import DT, second_order, sweep
 from scipy.integrate import solve_ivp
 
-from phnn.studies.rival_models.dynamics import Dynamics, filtered
-from phnn.studies.rival_models.operators import Dahl, Operator, Plays, Preisach, played
+from studies.rival_models.dynamics import Dynamics, filtered
+from studies.rival_models.operators import Dahl, Operator, Plays, Preisach, played
 
 # Up to 1, down to −1, up to 1: branches of a triangle.
 TRIANGLE = np.concatenate(

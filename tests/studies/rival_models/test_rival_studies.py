@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 from rival_example import recording, second_order, sweep
 
+from phnn.comparison.settings import RIVALS, Settings
 from phnn.configuration import compose
-from phnn.demo.excitation import sine
 from phnn.errors import InputRefused
 from phnn.output import Place
 from phnn.recordings import Part, Start, read
-from phnn.studies.comparison.settings import RIVALS, Settings
-from phnn.studies.rival_models.contest import COUNTS, Row, held_out, scarcity_page, truths, truths_page
-from phnn.studies.rival_models.names import rival
-from phnn.studies.rival_models.real import FOLDERS, Scored, one_to_one, page, real
-from phnn.studies.rival_models.studies import run
-from phnn.studies.rival_models.truths import TRUTHS, write_truth
+from studies.generator.excitation import sine
+from studies.rival_models.contest import COUNTS, Row, held_out, scarcity_page, truths, truths_page
+from studies.rival_models.names import rival
+from studies.rival_models.real import FOLDERS, Scored, one_to_one, page, real
+from studies.rival_models.studies import run
+from studies.rival_models.truths import TRUTHS, write_truth
 
 PLAN = ({"sine_050Hz_75V": "identification", "sine_020Hz_40V": "confirmation"}, (sine(50.0), sine(20.0, 40.0)))
 QUICK = ("starts=1", "workers=1", "inputs=5", "budget=1.5")

@@ -12,10 +12,10 @@ from rival_example import DT, linear_recordings, recording, second_order, sweep
 
 from phnn.errors import InputRefused
 from phnn.recordings.recording import Recording
-from phnn.studies import rivals
-from phnn.studies.rival_models.names import NAMES, rival
-from phnn.studies.rival_models.operators import Dahl, Plays, Preisach, Static
-from phnn.studies.rival_models.samples import split
+from studies import rivals
+from studies.rival_models.names import NAMES, rival
+from studies.rival_models.operators import Dahl, Plays, Preisach, Static
+from studies.rival_models.samples import split
 
 FEW = 3  # evaluations or updates of each candidate
 

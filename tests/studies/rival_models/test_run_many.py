@@ -11,11 +11,11 @@ from rival_example import DT, linear_recordings, sweep
 from phnn.model import Model
 from phnn.models.actuator import hrc
 from phnn.setup import Setup
-from phnn.studies.rival_models import compiled_stepper as module
-from phnn.studies.rival_models.compiled_stepper import CompiledStepper, compiled_stepper
-from phnn.studies.rival_models.loops import ExportedStepper
-from phnn.studies.rival_models.names import NAMES, rival
-from phnn.studies.rival_models.rival import Stepper
+from studies.rival_models import compiled_stepper as module
+from studies.rival_models.compiled_stepper import CompiledStepper, compiled_stepper
+from studies.rival_models.loops import ExportedStepper
+from studies.rival_models.names import NAMES, rival
+from studies.rival_models.rival import Stepper
 
 FEW = 3  # evaluations or updates of each candidate
 
@@ -43,7 +43,7 @@ def test_long_inputs_are_taken_in_blocks(monkeypatch: pytest.MonkeyPatch) -> Non
     fitted = rival("preisach").fit(linear_recordings(), math.inf, 0, most=FEW)
     stepper, u = fitted.stepper(DT), sweep(1.5, 3.0, 9.0, 300)
     whole = stepper.run(stepper.rest(0.0), u)[1]
-    monkeypatch.setattr("phnn.studies.rival_models.separable._BLOCK", 70)
+    monkeypatch.setattr("studies.rival_models.separable._BLOCK", 70)
     assert stepper.run(stepper.rest(0.0), u)[1] == pytest.approx(whole, rel=1e-9, abs=1e-15)
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from phnn.studies.trainers.page import curves, figure, table
-from phnn.studies.trainers.run import Case, Outcome, Way
+from studies.trainers.page import curves, figure, table
+from studies.trainers.run import Case, Outcome, Way
 
 SCRIPT = Path(__file__).resolve().parents[3] / "scripts" / "trainers.py"
 
