@@ -1,7 +1,7 @@
 """What the code of a page finds when it is run: simulated recordings, stored models and names, by page.
 
-A reader has recordings of his own in ``recordings/``; here `studies.generator` makes them and conceals a quadratic drag in
-a simulated actuator.
+A reader has recordings of his own in ``recordings/``; here `studies.generator` makes them and conceals a quadratic
+drag in a simulated actuator.
 """
 
 from __future__ import annotations
