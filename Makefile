@@ -65,6 +65,8 @@ demo: $(DEV)
 # The kernels are compiled before, or every worker would compile them; and bytecode is kept whatever the surroundings
 # say, or every worker and every process that a test starts would compile all modules.
 test: $(DEV)
+	@find phnn -name '*.py' | xargs cat | wc -l | xargs printf 'phnn: %s lines'
+	@printf ' in %s files and %s folders\n' $$(find phnn -name '*.py' | wc -l) $$(find phnn -name '*.py' -printf '%h\n' | sort -u | wc -l)
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
