@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 # Everything that a refactoring may move is imported here and nowhere else in this folder.
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -250,3 +250,122 @@ def laws_blocks_and_effects() -> set[str]:
              "memory": MEMORY_LAWS, "amplifier": AMPLIFIERS, "sensor": SENSORS, "source": SOURCES,
              "effect": catalogue(), "learned": learned_elements(), "formula": formulas()}  # fmt: skip
     return {f"{kind} {name}" for kind, table in named.items() for name in table}
+
+
+# --- Campaigns with a concealed effect, and their stored fits ---------------------------------------------------------
+
+# Noise of the displacement [m], the seed of its draws, and the most evaluations of a fit that is stored.
+_NOISE, _SEED, _EVALUATIONS = 5e-8, 20, 60
+
+
+@dataclass(frozen=True)
+class Concealed:
+    """A base model and what its recordings conceal.
+
+    Attributes:
+        base: the model that is fitted, with the true values.
+        effect: name of what is added to it, empty for nothing; values: of the effect's parameters [SI].
+        drives: time [s] and input of the recordings by name; the name of one that is held out begins with ``held``.
+        unit: of the input.
+        held: parameters that are not estimated.
+        noise: of the output [m].
+    """
+
+    base: Setup
+    effect: str
+    values: Mapping[str, float]
+    drives: Mapping[str, tuple[Array, Array]]
+    unit: str = "V"
+    held: tuple[str, ...] = ()
+    noise: float = _NOISE
+
+
+def _multisine(dt: float, samples: int, amplitude: float, frequencies: Sequence[float]) -> tuple[Array, Array]:
+    """Return time [s] and an input of several lines that begins at zero."""
+    t = np.arange(samples) * dt
+    lines = [np.sin(2.0 * np.pi * f * t + k**2) for k, f in enumerate(frequencies)]
+    wave = np.sum(lines, axis=0) * np.minimum(t / (0.1 * t[-1]), 1.0)
+    return t, amplitude * wave / np.abs(wave).max()
+
+
+def _actuator_drives() -> dict[str, tuple[Array, Array]]:
+    return {
+        "slow": _multisine(5e-4, 400, 75.0, (10.0,)),
+        "fast": _multisine(5e-5, 400, 60.0, (100.0, 230.0)),
+        "small": _multisine(1e-4, 400, 30.0, (40.0, 130.0)),
+        "held": _multisine(1e-4, 400, 70.0, (25.0, 180.0)),
+    }
+
+
+@cache
+def concealed() -> dict[str, Concealed]:
+    """Return the campaigns by name."""
+    mass = network("mass_spring_damper").with_values({"m": 0.2, "k": 800.0, "b": 1.5})
+    waves = {
+        "low": _multisine(4e-3, 400, 1.0, (2.0, 7.3)),
+        "resonant": _multisine(4e-3, 400, 0.6, (9.0, 11.0)),
+        "small": _multisine(4e-3, 400, 0.3, (3.0, 9.7)),
+        "held": _multisine(4e-3, 400, 0.8, (5.0, 10.3)),
+    }
+    spring = {"kappa_3": 0.015, "q_0": 1e-4}
+    return {
+        "stiffening actuator": Concealed(
+            actuator(), "cubic_stiffness", spring, _actuator_drives(), held=("m", "rho_1")
+        ),
+        "limited amplifier": Concealed(
+            actuator(1), "amplifier_saturation", {"V_max": 72.0}, _actuator_drives(), held=("m", "rho_1")
+        ),
+        "rubbing mass": Concealed(mass, "coulomb_friction", {"F_c": 0.02, "v_s": 2e-3}, waves, "N", noise=2e-6),
+        "complete actuator": Concealed(actuator(1), "", {}, _actuator_drives(), held=("m", "rho_1")),
+    }
+
+
+def recordings_of(case: Concealed) -> dict[str, dict[str, Array]]:
+    """Return the columns of every recording: the true output with white noise and a zero of its own."""
+    random = np.random.default_rng(_SEED)
+    true = effect(case.effect).add_to(case.base, case.values) if case.effect else case.base
+    found = {}
+    for name, (t, u) in case.drives.items():
+        y = simulate(true, recording(t, u, case.unit), 4).y
+        zero = 3e-6 * random.standard_normal()
+        found[name] = {"time_s": t, "u": u, "y": y + zero + case.noise * random.standard_normal(t.size)}
+    return found
+
+
+def manifest_of(case: Concealed, file: str = "{}", setup: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return what a manifest says of a campaign.
+
+    Args:
+        file: form of the names of files.
+        setup: which model is fitted; a linear actuator where it is left out, for `campaign_of` needs none.
+    """
+    uses = {name: "confirmation" if name.startswith("held") else "identification" for name in case.drives}
+    return {
+        "setup": setup or {"model": "linear"},
+        "known": {name: case.base.parameters[name].value for name in case.held},
+        "columns": {"input": {"column": "u", "unit": case.unit}, "output": {"column": "y", "unit": "m"}},
+        "recordings": [{"file": file.format(name), "name": name, "use": use} for name, use in uses.items()],
+    }
+
+
+@cache
+def campaign_of(name: str) -> Campaign:
+    """Return a campaign as it is read."""
+    return phnn.read(recordings_of(concealed()[name]), manifest_of(concealed()[name]))
+
+
+def fitted(name: str, values: Mapping[str, float] | None = None) -> Fit:
+    """Return the base model of a campaign at stored values; fitted from the true ones where there are none."""
+    case, campaign = concealed()[name], campaign_of(name)
+    chosen = tuple(r for r in campaign.recordings if r.mask("identification").any())
+    plan = Plan(chosen, {r.name: 2 for r in chosen}, 1)
+    names = [n for n in case.base.free if n not in case.held]
+    # One evaluation: residual and derivatives where the fit begins.
+    most = _EVALUATIONS if values is None else 1
+    return fit(case.base.with_values(values or {}), plan, names, max_evaluations=most)
+
+
+def scores_of(base: Fit) -> Scored:
+    """Return the scores of the whole catalogue, and the location, of a fitted base model."""
+    possible = [a for e in catalogue().values() for a in attached(e, base.setup) if a.applies(base.setup)]
+    return scored(base, in_all_forms(possible), 0)
