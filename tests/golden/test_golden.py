@@ -1,0 +1,177 @@
+"""Every answer of the package is the golden one; see `golden_answers.py` for what is held and how it is renewed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from golden_answers import ANSWERS, Answers, digest, fingerprint, rounded, stated_digests
+from golden_files import FILES, in_memory
+from golden_subjects import concealed, fitted, laws_blocks_and_effects, scores_of, simulations
+
+import phnn
+
+ROOT = Path(__file__).resolve().parents[2]
+SHARED = ROOT.parent / "shared"
+# Relative tolerances: what is read, estimated noise, what is simulated, what is scored.
+READ, NOISE, SIMULATED, SCORED = 1e-12, 1e-8, 1e-10, 1e-6
+# Shared folders whose noise takes seconds to estimate.
+_LONG = ("recordings/mr-damper", "recordings/silverbox")
+
+# --- Reading ----------------------------------------------------------------------------------------------------------
+
+
+def what_was_read(campaign: phnn.recordings.Campaign) -> dict[str, Any]:
+    """Return everything that later steps take from a campaign, without its notes."""
+    recordings = {}
+    for r in campaign.recordings:
+        arrays = {"t": r.t, "u": r.u, "y": r.y} | {f"channel {n}": x for n, x in r.channels.items()}
+        arrays |= {f"port {n}": x for n, x in r.further.items()}
+        recordings[r.name] = {
+            "samples": int(r.t.size),
+            "start": [r.start.state, rounded(r.start.input_before)],
+            "input": [r.interpolation, rounded(r.rise), r.gain],
+            "jumps": fingerprint(r.instants if r.instants is not None else [], 4),
+            "units": [r.units.input, r.units.output],
+            "parts": [[p.name, p.first, p.last, p.use] for p in r.parts],
+            "period": None if r.period is None else rounded(r.period),
+            "sensor": [repr(r.sensor.saturates), r.sensor.rectified, rounded(r.sensor.lag), r.sensor.derivative],
+            "output": [r.measures, r.offset],
+            "arrays": {name: fingerprint(x) for name, x in arrays.items()},
+        }
+    setup = {key: Path(value).name if key == "network" else value for key, value in campaign.setup.items()}
+    return {
+        "recordings": recordings,
+        "order": list(recordings),
+        "setup": {key: str(value) for key, value in setup.items()},
+        "known": {n: [rounded(a.value), rounded(a.std)] for n, a in campaign.known.items()},
+        "voltage": campaign.voltage,
+        "held out": sorted(campaign.held_out),
+    }
+
+
+def noise_of(campaign: phnn.recordings.Campaign) -> dict[str, Any]:
+    """Return the standard deviation of the output's noise, and whether there is any, by recording."""
+    return {r.name: [rounded(float(r.noise)), r.noise_found] for r in campaign.recordings}
+
+
+def hold_reading(golden: Answers, case: str, source: Any, manifest: Any, home: Path | None) -> None:
+    """Hold what is read from a source, and its noise, or the text of the refusal.
+
+    Args:
+        home: a path that may stand in the text.
+    """
+    try:
+        campaign = phnn.read(source, manifest)
+    except phnn.InputRefused as refusal:
+        said = str(refusal) if home is None else str(refusal).replace(str(home), "FOLDER")
+        golden.hold("read", case, {"refused": said}, READ)
+        return
+    golden.hold("read", case, what_was_read(campaign), READ)
+    golden.hold("read", f"{case}, noise", noise_of(campaign), NOISE)
+
+
+def shared_folders() -> list[str]:
+    """Return the folders below `SHARED` that hold files, by their names there; none where it is missing."""
+    roots = [SHARED / "cases", SHARED / "recordings"]
+    return sorted({p.parent.relative_to(SHARED).as_posix() for root in roots for p in root.rglob("*") if p.is_file()})
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_read_a_small_file(golden: Answers, tmp_path: Path, name: str) -> None:
+    home = tmp_path / "recordings"
+    home.mkdir()
+    FILES[name](home)
+    hold_reading(golden, name, home, None, home)
+
+
+@pytest.mark.parametrize("name", list(in_memory()))
+def test_read_an_object(golden: Answers, name: str) -> None:
+    source, manifest = in_memory()[name]
+    hold_reading(golden, f"memory: {name}", source, manifest, None)
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in _LONG)) for n in shared_folders()])
+def test_read_a_shared_folder(golden: Answers, name: str) -> None:
+    manifest = ROOT / "configs" / f"{name}" / "recordings.yaml"
+    hold_reading(golden, f"shared: {name}", SHARED / name, manifest if manifest.is_file() else None, SHARED)
+
+
+def test_read_shared_folders_are_present() -> None:
+    if not shared_folders():
+        pytest.skip(f"{SHARED} is not there: its folders are not read")
+
+
+def test_read_answers_are_all_asked_for(golden: Answers) -> None:
+    cases = {*FILES, *(f"memory: {n}" for n in in_memory()), *(f"shared: {n}" for n in shared_folders())}
+    stored = golden.layer("read")
+    if not shared_folders():
+        cases |= {case.removesuffix(", noise") for case in stored if case.startswith("shared: ")}
+    golden.keep_only("read", cases | {f"{case}, noise" for case in cases})
+
+
+# --- Simulating -------------------------------------------------------------------------------------------------------
+
+SIMULATIONS = simulations()
+
+
+@pytest.mark.parametrize("name", SIMULATIONS)
+def test_simulate(golden: Answers, name: str) -> None:
+    found = SIMULATIONS[name]()
+    answer = {key: fingerprint(x, 8 if key == "output" else 4) for key, x in found.items()}
+    golden.hold("simulate", name, answer, SIMULATED)
+
+
+def test_simulate_every_law_block_and_effect(golden: Answers) -> None:
+    assert laws_blocks_and_effects() <= set(SIMULATIONS)
+    golden.keep_only("simulate", set(SIMULATIONS))
+
+
+# --- Scoring ----------------------------------------------------------------------------------------------------------
+
+# Values of a candidate are held from this score on: one that changes nothing has an arbitrary strength.
+_SCORE_WITH_VALUES = 3.0
+# A p-value counts among 100,000 draws: of this share of them it does not tell.
+_DRAWS = 5e-5
+
+
+@pytest.mark.parametrize("name", concealed())
+def test_scores_of_a_stored_fit(golden: Answers, name: str) -> None:
+    if golden.why and name not in golden.layer("fits"):
+        golden.hold("fits", name, fitted(name).setup.values(), SCORED)
+    base = fitted(name, golden.layer("fits")[name])
+    scores = scores_of(base)
+    candidates = [(f"{i:02d} {c.effect.name}", c) for i, c in enumerate(scores.naming.candidates)]
+    where = scores.remaining
+    answer = {
+        "chi2": base.chi2,
+        "scores": {key: c.score for key, c in candidates if c.score > 0.0},
+        "values": {key: c.values for key, c in candidates if c.score > _SCORE_WITH_VALUES},
+        "largest": [scores.naming.statistic, scores.naming.generic],
+        "location": None
+        if where is None
+        else {
+            "name": where.name, "kind": where.detail, "tied": list(where.tied), "scores": where.scores,
+            "kinds": where.details, "ranks": where.ranks,
+        },
+    }  # fmt: skip
+    golden.hold("scores", name, answer, SCORED)
+    p_values = [scores.naming.p_value, *(c.p_value for _, c in candidates)]
+    golden.hold("scores", f"{name}, p-values", fingerprint(p_values, len(p_values)), _DRAWS)
+
+
+def test_scores_are_all_asked_for(golden: Answers) -> None:
+    golden.keep_only("fits", set(concealed()))
+    golden.keep_only("scores", {case for name in concealed() for case in (name, f"{name}, p-values")})
+
+
+# --- The answers themselves -------------------------------------------------------------------------------------------
+
+
+def test_answers_are_those_that_changes_md_states(golden: Answers) -> None:
+    if golden.why:
+        pytest.skip("answers are being renewed")
+    stored = {path.stem: digest(path.stem) for path in ANSWERS.glob("*.json")}
+    assert stored == stated_digests(), "an answer changed without a sentence: renew it with --renew 'WHY'"
+    assert sum(path.stat().st_size for path in ANSWERS.iterdir()) < 1_500_000
