@@ -66,8 +66,8 @@ def diagnose(
 
         diagnosis = phnn.diagnose(phnn.read("recordings/"))
 
-    A model that cannot be fitted is no candidate, and a part that fails is left out: `Diagnosis.ended` tells what. Ctrl-C
-    ends the search with the best so far.
+    A model that cannot be fitted is no candidate, and a part that fails is left out: `Diagnosis.ended` tells what.
+    Ctrl-C ends the search with the best so far.
 
     Args:
         recorded: recordings with their identification and confirmation parts, their folder, or what `phnn.identify`

@@ -94,8 +94,9 @@ def _recordings(
     def draw(trace: Trace, fit: FitRow | None) -> Figure:
         # One figure serves all; what failed half way is not used again.
         reused, figures[0] = figures[0], None
-        figures[0] = draw_recording(trace, fit, *units, reused=reused)
-        return figures[0]
+        figure = draw_recording(trace, fit, *units, reused=reused)
+        figures[0] = figure
+        return figure
 
     def shown(trace: Trace, fit: FitRow | None) -> str:
         return plots(view_of(trace, *units), fit)

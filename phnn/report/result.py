@@ -125,10 +125,11 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "rules": lambda: [r.document() for r in j.rules],
         "criteria": lambda: diagnosis.criteria.changed(),
     }
-    content = {"schema": SCHEMA, "verdict": j.verdict}
+    content: dict[str, Any] = {"schema": SCHEMA, "verdict": j.verdict}
     content |= {name: needed(f"{name} of diagnosis.json", made, None) for name, made in parts.items()}
     content |= {"seed": diagnosis.options.seed, "seconds": round(diagnosis.seconds, 2)}
-    return finite(content | _told(diagnosis))
+    whole: dict[str, Any] = finite(content | _told(diagnosis))
+    return whole
 
 
 def _noise(diagnosis: Diagnosis) -> dict[str, Any]:
