@@ -213,10 +213,14 @@ def _unless_stopped(part: str, work: Callable[[], T], otherwise: T, ends: bool) 
     return account.run(part, work, otherwise, checked=True, ends=ends)
 
 
-def needed(part: str, work: Callable[[], T], otherwise: T) -> T:
-    """What a part of every answer gives; ``otherwise`` where it fails."""
+def needed(part: str, work: Callable[[], T], otherwise: T, ends: bool = False) -> T:
+    """What a part of every answer gives; ``otherwise`` where it fails.
+
+    Args:
+        ends: its failure ends the search.
+    """
     account = _ACCOUNT.get()
-    return work() if account is None else account.run(part, work, otherwise, checked=False, ends=False)
+    return work() if account is None else account.run(part, work, otherwise, checked=False, ends=ends)
 
 
 @contextmanager
@@ -313,8 +317,8 @@ def _strict() -> bool:
 def _failure(part: str, error: Exception) -> Failure:
     """What is told of an exception; its frames, which hold all recordings, are let go."""
     frames = traceback.extract_tb(error.__traceback__)
-    own = [f for f in frames if Path(f.filename).resolve().is_relative_to(_PACKAGE)] or list(frames)
-    last = own[-1]
+    passed = [f for f in frames if Path(f.filename) != Path(__file__)]
+    last = [*passed, *(f for f in passed if Path(f.filename).resolve().is_relative_to(_PACKAGE))][-1]
     place = Path(last.filename)
     place = place.resolve().relative_to(_PACKAGE.parent) if place.resolve().is_relative_to(_PACKAGE) else place
     return Failure(part, "", type(error).__name__, str(error), f"{place.as_posix()}:{last.lineno} {last.name}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -24,17 +25,19 @@ from phnn.diagnosis import confirm, linearised_fit, propose, retest, scored, sel
 from phnn.diagnosis import diagnosis as path
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.effects import catalogue
-from phnn.errors import InputRefused, SolverFailed
-from phnn.identification import left_out, problem
+from phnn.effects.learned import learned_elements
+from phnn.ensemble import executor
+from phnn.errors import OutputFailed, SolverFailed
 from phnn.identification import evaluate as evaluation
+from phnn.identification import left_out, problem
 from phnn.identification.numerics import NumericalError, numerical_error
 from phnn.identification.options import Options
-from phnn.rescue import Stopped, accounted, attempt, extra, move, needed, results, stop_if_late
 from phnn.report import gallery, page, result
 from phnn.report.result import write
+from phnn.rescue import accounted, attempt, extra, kept, move, needed, results, stop_if_late
 
-# Functions of numbers and pictures that a diagnosis calls after its base fit, in the modules that call them. A simulation
-# that does not solve a step is for an optimiser and for scores an answer like others; so it is no failure there.
+# Functions of numbers and pictures that a diagnosis calls after its base fit, in the modules that call them. For an
+# optimiser and for scores, a simulation that does not solve a step is an answer like others: it is no failure there.
 SIMULATIONS = [(problem, "simulate"), (linearised_fit, "simulate"), (evaluation, "simulate"), (steps, "started")]
 PLACES: list[tuple[ModuleType, str]] = [
     *SIMULATIONS, (steps, "fit"), (steps, "fit_identified"), (retest, "fit_identified"), (scored, "score"),
@@ -76,8 +79,6 @@ def base(effect: str) -> tuple[Any, NumericalError]:
 
 def diagnosed(case: Case, out: Path | None = None, budget: float | None = None) -> Diagnosis:
     """A diagnosis from a base model that is fitted once, written where a folder is given."""
-    from phnn.effects.learned import learned_elements
-
     effects, campaign = [catalogue()[n] for n in case.names], campaigns.campaign(case.effect)
     setup = base(case.effect)[0].setup
     learned = path._possible(campaign, setup, [e for n, e in learned_elements().items() if n in case.learned])
@@ -193,3 +194,173 @@ def test_failures_anywhere_in_a_composition_leave_an_answer(
 @cache
 def _composed_folder(factory: pytest.TempPathFactory) -> Path:
     return factory.mktemp("composed")
+
+
+@contextmanager
+def _on_the_command_line(case: Case) -> Iterator[None]:
+    """What `diagnosed` sets, for a command."""
+    effects = [catalogue()[n] for n in case.names]
+    with (
+        mock.patch.object(path, "identify_base", return_value=base(case.effect)),
+        mock.patch.object(path, "available", return_value=effects),
+        mock.patch.object(path, "learned_elements", return_value={}),
+        mock.patch.object(command, "compile_for_diagnosis"),
+    ):
+        yield
+
+
+def test_a_budget_ends_the_search_with_the_best_so_far(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    with _on_the_command_line(QUICK):
+        arguments = [str(campaigns.concealed("creep")[0]), "--out", str(out)]
+        assert main(["diagnose", *arguments, "--budget", "0.5"]) == 0
+        assert main(["diagnose", *arguments, "--budget", "0"]) == 2
+    streams = capsys.readouterr()
+    content = json.loads((out / "diagnosis.json").read_text())
+    assert content["verdict"] == "unknown"
+    assert (content["ended"]["why"], content["ended"]["budget"]) == ("seconds", 0.5)
+    assert "element 1" in content["ended"]["not_tried"]
+    assert content["warnings"] == []
+    for shown in (" ".join(streams.out.split()), (out / "report.html").read_text()):
+        assert "time of 0.5 s was used up" in shown
+        assert "The search ended before it accepted an element." in shown
+    assert "budget: 0 s: give a positive number of seconds" in streams.err
+    assert (out / "model").is_dir()
+
+
+def test_an_interrupted_search_leaves_its_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def on_call(name: str, call: int) -> None:
+        if (name, call) == ("phnn.diagnosis.scored.score", 2):
+            # Candidates are refitted, and none is accepted yet.
+            raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    with _on_the_command_line(QUICK), counted(on_call):
+        assert main(["diagnose", str(campaigns.concealed("creep")[0]), "--out", str(out)]) == 130
+    content = json.loads((out / "diagnosis.json").read_text())
+    assert content["ended"]["why"] == "interrupted"
+    assert not (out / "INCOMPLETE.txt").exists()
+    # The best refit is the model, and its name is not claimed.
+    assert [(m["effect"], m["status"], m["nearest"]) for m in content["missing"]] == [
+        ("unknown", "provisional", "creep")
+    ]
+    assert content["remainder"]["verdict"] == "unknown"
+    assert content["remainder"]["p_value"] is None
+    ends = [content["fit"][when]["step_75V"]["residual_over_noise"] for when in ("before", "after")]
+    assert ends[0] > 6.0
+    assert ends[1] < 1.2
+    assert "The search was interrupted." in (out / "report.html").read_text()
+    assert "interrupted; what was finished is in" in capsys.readouterr().err
+
+
+def test_a_second_interruption_ends_at_once(tmp_path: Path) -> None:
+    def on_call(name: str, call: int) -> None:
+        if name in ("phnn.diagnosis.scored.score", "phnn.diagnosis.tested.evaluate") and (name, call) != (SCORE, 1):
+            raise KeyboardInterrupt
+
+    with counted(on_call), pytest.raises(KeyboardInterrupt):
+        diagnosed(QUICK)
+
+
+SCORE = "phnn.diagnosis.scored.score"
+
+
+def test_a_failure_of_the_test_itself_is_no_verdict_on_the_base_model(tmp_path: Path) -> None:
+    with mock.patch.object(scored, "prepare", side_effect=FloatingPointError(TOLD)):
+        found = diagnosed(QUICK, tmp_path / "out")
+    content = assert_answered(tmp_path / "out", found)
+    assert content["verdict"] == "unknown"
+    assert content["test"]["p_value"] is None
+    assert "Whether something is missing is not known" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_recording_that_cannot_be_simulated_does_not_take_the_others_with_it(tmp_path: Path) -> None:
+    simulate = evaluation.simulate
+
+    def failing_at_one(setup: Any, recording: Any, *args: Any, **kwargs: Any) -> Any:
+        if recording.name == "sine_010Hz_50V":
+            raise SolverFailed(TOLD)
+        return simulate(setup, recording, *args, **kwargs)
+
+    with mock.patch.object(evaluation, "simulate", failing_at_one):
+        found = diagnosed(QUICK, tmp_path / "out", budget=1e-6)
+    content = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert set(content["fit"]["before"]) == {"sine_010Hz_75V", "sine_100Hz_75V", "step_75V"}
+    assert [w["part"] for w in content["warnings"]] == ["test on held-out recordings", "scores on sine_010Hz_50V"]
+    assert found.verdict == "unknown"
+
+
+def _fails() -> float:
+    raise FloatingPointError(TOLD)
+
+
+def test_failures_are_told_with_their_place() -> None:
+    with accounted() as account:
+        assert needed("scores", _fails, 1.0) == 1.0
+        assert extra("formula", _fails, 2.0) == 2.0
+        assert account.ended().why == "nothing left"
+        assert move("element 1", _fails, 3.0) == 3.0
+    ended = account.ended()
+    assert ended.why == "failure"
+    assert [w.part for w in ended.warnings] == ["scores", "formula", "element 1"]
+    assert {(w.error, w.message) for w in ended.warnings} == {("FloatingPointError", TOLD)}
+    assert all(w.where.endswith("_fails") for w in ended.warnings)
+
+
+@pytest.mark.parametrize("call", [attempt, move, extra, needed])
+def test_failures_show_themselves_on_request(call: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PHNN_DEBUG", "1")
+    with accounted(), pytest.raises(FloatingPointError):
+        call("part", _fails, None)
+
+
+@pytest.mark.parametrize("call", [attempt, move, extra, needed])
+def test_nothing_is_passed_over_where_nobody_accounts_for_it(call: Callable[..., Any]) -> None:
+    with pytest.raises(FloatingPointError):
+        call("part", _fails, None)
+
+
+def test_what_cannot_be_written_is_no_part_that_is_left_out() -> None:
+    def full() -> None:
+        raise OutputFailed("no space left")
+
+    with accounted(), pytest.raises(OutputFailed):
+        needed("report", full, None)
+
+
+def test_no_move_begins_after_the_time_and_what_every_answer_needs_does() -> None:
+    def late() -> str:
+        stop_if_late()
+        return "done"
+
+    with accounted(until=0.0) as account:
+        assert needed("scores", late, "") == "done"
+        assert move("element 1", late, "") == ""
+        assert move("element 2", _fails, 2.0) == 2.0
+        assert needed("scores", late, "") == "done"
+    assert account.ended().not_tried == ("element 1", "element 2")
+    assert account.ended().why == "seconds"
+    assert account.ended().warnings == ()
+
+
+def _late_or_failing(item: str) -> str:
+    if item == "late":
+        stop_if_late()
+    if item == "failing":
+        raise SolverFailed(TOLD)
+    return item.upper()
+
+
+@pytest.mark.parametrize("where", ["serial", "threads:2", pytest.param("processes:2", marks=pytest.mark.slow)])
+def test_refits_elsewhere_fail_and_stop_alone(where: str) -> None:
+    there, items = executor(where), ["a", "failing", "b"]
+    seen: list[str] = []
+    with accounted(until=time.time() - 1.0) as account:
+        assert needed("refits", lambda: results(there.each, _late_or_failing, items, items), []) == ["A", None, "B"]
+        with kept(lambda item, result: seen.append(result)):
+            assert (
+                move("refits", lambda: results(there.each, _late_or_failing, ["a", "late"], ["x", "y"]), None) is None
+            )
+    assert [(f.candidate, f.message) for f in account.failed] == [("failing", TOLD)]
+    assert account.stopped == "seconds"
+    assert seen in (["A"], [])

@@ -175,7 +175,7 @@ def _judged_from(search: Search, base: Fit, error: NumericalError) -> tuple[Fit,
     Returns:
         The base model with these steps, its numerical error, and the judgement.
     """
-    found = needed("test of the base model", partial(search.scored, base, error), None)
+    found = needed("test of the base model", partial(search.scored, base, error), None, ends=True)
     if found is None:
         return base, error, _untested(base)
     for _ in range(_REFINEMENTS):

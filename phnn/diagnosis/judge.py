@@ -128,7 +128,7 @@ def judge(found: Scored, search: Search) -> Judgement:
     """
     linearised, naming, record = found.linearised, found.naming, Record()
     record.decide(BASE, BaseCase(naming.p_value, search.criteria.selection))
-    location = needed("location of the mismatch", lambda: found.remaining, None)
+    location = needed("location of the mismatch", lambda: found.remaining, None, ends=True)
     if location is None:
         word = "unknown" if found.significant else "none"
         return Judgement(word, linearised, naming, None, linearised.fit, linearised, rules=tuple(record.asked))

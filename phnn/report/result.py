@@ -133,8 +133,8 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _noise(diagnosis: Diagnosis) -> dict[str, Any]:
-    noise = noise_statements(diagnosis)
-    return {r.name: noise[r.name].document() | {"found": r.noise_found} for r in diagnosis.campaign.recordings}
+    known = {r.name: r for r in diagnosis.campaign.recordings}
+    return {n: s.document() | {"found": known[n].noise_found} for n, s in noise_statements(diagnosis).items()}
 
 
 def _fit(diagnosis: Diagnosis) -> dict[str, Any]:
