@@ -173,6 +173,8 @@ def _add_own(commands: dict[str, argparse.ArgumentParser]) -> None:
     """Arguments that one command alone takes."""
     commands["template"].add_argument("--out", type=Path, metavar="FILE", help="a new file; printed if left out")
     commands["check"].add_argument("--out", type=Path, metavar="DIR", help="write check.json there, too")
+    text = "end the search after so many seconds, with the best so far"
+    commands["diagnose"].add_argument("--budget", type=_number, metavar="SECONDS", help=text)
     demo = commands["demo"]
     demo.add_argument(
         "--seed", type=_seed, metavar="N", help="which effect, how strong, what noise (drawn if left out)"

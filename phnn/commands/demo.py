@@ -37,6 +37,8 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any], overwrite: bool
         # The seed that was drawn, where none was given: only so the command gives the same again.
         made_of = provenance(campaign, command_line(["demo", "--seed", str(chosen), "--out", str(out)]))
         diagnosis = diagnose_into(campaign, place / "diagnosis", Options.from_config(config), result, made_of)
+    if diagnosis.ended.interruption is not None:
+        raise diagnosis.ended.interruption
     sealed = open_seal(seal_file)
     j = diagnosis.judgement
     claimed = j.claimed

@@ -34,7 +34,7 @@ KEYS = {
     "next_experiment", "versions", "seed", "seconds",
 }  # fmt: skip
 # Beyond what others rely on.
-FURTHER = {"units", "kernel_residual", "rules", "criteria", "noise"}
+FURTHER = {"units", "kernel_residual", "rules", "criteria", "noise", "ended", "warnings"}
 MISSING = {
     "effect", "status", "held_out", "location", "equivalent_to", "p_value", "statement", "equation", "passive",
     "parameters", "share_explained", "place",
