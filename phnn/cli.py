@@ -43,7 +43,7 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
 
 def _say(text: str) -> None:
     # Not before there is something to say: the help must come at once.
-    from phnn.intake.names import message
+    from phnn.results import message
 
     print(f"phnn: {message(text)}", file=sys.stderr)
 

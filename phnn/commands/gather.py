@@ -10,7 +10,7 @@ from rich.table import Table
 
 from phnn.commands.terminal import console
 from phnn.learn.gather import gather as gather_runs
-from phnn.output import Place
+from phnn.results import Place
 
 
 def gather(folder: Path) -> pd.DataFrame:

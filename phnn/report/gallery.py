@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from phnn.output import file_name
 from phnn.report.document import Document
 from phnn.report.evidence import Evidence, Trace
 from phnn.report.figures import (
@@ -27,6 +26,7 @@ from phnn.report.formatting import listing, words
 from phnn.report.plots import plots
 from phnn.report.shares import Shares
 from phnn.report.view import view_of
+from phnn.results import file_name
 
 _MOST_DRAWN = 12  # recordings of each kind that get a figure of their own; the table has them all
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from phnn.output import Place
 from phnn.report.domain_words import in_own_words
 from phnn.report.evidence import Evidence
 from phnn.report.reading import read_document
 from phnn.report.shares import ledger_shares
+from phnn.results import Place
 
 
 def write_report(document: Mapping[str, Any], evidence: Evidence, place: Place) -> None:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from phnn.intake.names import message
 from phnn.recordings.manifest import DEFAULT_SETUP, TOP_KEYS
 from phnn.recordings.table import Table
+from phnn.results import message
 from phnn.template.roles import INPUT, OUTPUT, TIME, Layout, Role, known_unit, unstated
 from phnn.units import quantity
 

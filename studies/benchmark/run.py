@@ -17,7 +17,7 @@ from phnn.errors import InputRefused, SolverFailed
 from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
-from phnn.output import Place
+from phnn.results import Place
 from studies.benchmark.answer import FILE, Answer, read_answer, write_answer
 from studies.benchmark.folders import card_of, case_folder, digest_of, opened
 from studies.benchmark.page import page

@@ -15,7 +15,7 @@ import pytest
 
 from phnn.cli import main
 from phnn.models.store import save
-from phnn.output import claim
+from phnn.results import claim
 
 MARK = "INCOMPLETE.txt"
 SAMPLES = 15_000

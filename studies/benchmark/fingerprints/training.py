@@ -24,9 +24,9 @@ from phnn.ensemble import executor
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification.fit import Fit
 from phnn.intake.files import named_file
-from phnn.output import Place
 from phnn.recordings import Recording
 from phnn.recordings.excitation import excitation_of
+from phnn.results import Place
 from studies.benchmark.fingerprints.actuators import Actuator, simulated
 from studies.benchmark.fingerprints.cases import Drawn, drawn
 from studies.benchmark.fingerprints.features import features, names
