@@ -52,6 +52,7 @@ def answer_all(
         InputRefused: no benchmark, no such tool, or an executor that cannot keep a limit.
     """
     card = card_of(folder)
+    (place / "answers").own_folder()
     (place / _TOOL).write_json({"tool": name, "seed": _SEED, "sha256": card["sha256"], "limit": limit})
     todo = [c for c in card["cases"][:first] if not (place / "answers" / c / FILE).path.exists()]
     work = partial(_answered, folder, partial(tool, name, training), place, limit)

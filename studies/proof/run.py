@@ -70,7 +70,7 @@ def prove(settings: Settings, place: Place, say: Say) -> tuple[list[Outcome], st
         PhnnError: a seal was changed during the diagnosis.
     """
     room, todo = Room(place), tasks(settings)
-    for name in ("recordings", "sealed"):
+    for name in ("recordings", "sealed", "answers"):
         (place / name).own_folder()
     _all(partial(_sealed, room), [t for t in todo if not room.seal(t).exists()], settings, say, "sealed")
     digest = _digest(room, todo)

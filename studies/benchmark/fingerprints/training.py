@@ -55,6 +55,7 @@ def train(seed: int, size: int, place: Place, where: str, say: Say) -> pd.DataFr
         place: claimed for the table.
         where: see `phnn.ensemble.executor`; say: called with a line of progress.
     """
+    (place / _ROWS).own_folder()
     todo = [n for n in range(size) if not (place / _ROWS / f"{n:05d}.json").path.exists()]
     for count, _ in enumerate(executor(where).each(partial(_made, place, seed), todo), start=1):
         say(f"trained {count} of {len(todo)}")
