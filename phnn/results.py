@@ -378,6 +378,7 @@ def claim(
     is_new, place = not root.exists(), Place(root, overwrite=overwrite, by=command)
     mark, was_marked = place / INCOMPLETE, (root / INCOMPLETE).exists()
     with _locked(root):
+        _check_room(root)
         before = _Manifest.read(root)
         if origin.resume:
             _check_origin(out, before, command, origin)
@@ -479,6 +480,7 @@ def _locked(root: Path) -> Iterator[None]:
 
 
 def _check_room(root: Path) -> None:
+    """Refuse a disk that is full before the work begins."""
     free = shutil.disk_usage(root).free
     if free < _LEAST_FREE:
         raise OutputRefused(
