@@ -31,7 +31,6 @@ from urllib.parse import quote
 from filelock import FileLock, Timeout
 
 from phnn.errors import InputRefused, OutputFailed, OutputRefused, PhnnError
-from phnn.intake.limits import LIMITS
 
 NOTES, INCOMPLETE, PROGRESS, INDEX = ".phnn", "INCOMPLETE.txt", "progress.json", "index.html"
 _LIST, _PART = f"{NOTES}/manifest.json", ".phnn.part"
@@ -68,9 +67,9 @@ def printable(text: str, lines: bool = False) -> str:
     return shown if lines else shown.replace("\n", "\\x0a")
 
 
-def message(text: str) -> str:
-    """Return a message of one printable line; of a long one the beginning and the end."""
-    line, most = printable(text), LIMITS.message_characters
+def message(text: str, most: int) -> str:
+    """Return a message of one printable line; of one with more characters the beginning and the end."""
+    line = printable(text)
     return line if len(line) <= most else f"{line[: most // 2]} … {line[-most // 2 :]}"
 
 
@@ -491,7 +490,10 @@ def _check_room(root: Path) -> None:
 
 def _remove_parts(root: Path) -> None:
     """Remove what a run that was killed has left half written."""
-    for part in root.rglob(f".{'[0-9a-f]' * 16}{_PART}"):
+    pattern, manifest = f".{'[0-9a-f]' * 16}{_PART}", _Manifest.read(root)
+    names = [*manifest.files, *manifest.earlier, INDEX, _LIST]
+    whole, parents = {root / n for n in names if n.endswith("/")}, {(root / n).parent for n in names}
+    for part in [p for f in whole for p in f.rglob(pattern)] + [p for f in parents for p in f.glob(pattern)]:
         part.unlink(missing_ok=True)
 
 
@@ -534,6 +536,7 @@ _PAGE = """<!doctype html>
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
 <title>{title}</title>
 <style>
+table {{ border-collapse: collapse; }}
 body {{ margin: 2rem auto; max-width: 60rem; padding: 0 1rem; color: #23282d; font: 16px/1.5 system-ui, sans-serif; }}
 th, td {{ border-bottom: 1px solid #dfe3e6; padding: 0.25rem 1.2rem 0.25rem 0; text-align: left; }}
 </style>
