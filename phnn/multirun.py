@@ -24,7 +24,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from phnn.ensemble.processes import end_with
 from phnn.errors import InputRefused, PhnnError
-from phnn.output import Place
+from phnn.results import Place
 
 # The process of a sweep, for those it starts.
 _PARENT = "PHNN_SWEEP"

@@ -9,7 +9,7 @@ from typing import Any
 
 from phnn.commands.terminal import Config
 from phnn.errors import InputRefused
-from phnn.output import Origin, claim
+from phnn.results import Origin, claim
 from studies.benchmark.fingerprints.settings import TrainSettings
 from studies.benchmark.fingerprints.training import TABLE, TRAINING, VALIDATION, digest, train
 from studies.benchmark.fingerprints.validation import validated

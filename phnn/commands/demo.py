@@ -10,9 +10,9 @@ from typing import Any
 from phnn.commands.diagnose import diagnose_into
 from phnn.errors import PhnnError
 from phnn.identification.options import Options
-from phnn.output import claim, write_atomic
 from phnn.recordings import read
 from phnn.report.provenance import command_line, provenance
+from phnn.results import claim, write_atomic
 from phnn.warm import begin_for_diagnosis
 from studies.generator import EFFECTS, generate, open_seal, write_seal
 

@@ -13,13 +13,13 @@ from phnn.diagnosis.diagnosis import diagnose as run_diagnosis
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
-from phnn.output import Place, claim, watched
 from phnn.recordings import Campaign, read
 from phnn.report import console_summary
 from phnn.report.evidence import Provenance
 from phnn.report.provenance import command_line, provenance
 from phnn.report.result import RESULTS, write_into
 from phnn.rescue import deadline
+from phnn.results import Place, claim, watched
 from phnn.warm import compile_for_diagnosis
 
 

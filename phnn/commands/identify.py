@@ -19,9 +19,9 @@ from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
 from phnn.network.roles import auxiliary
-from phnn.output import PROGRESS, Place, claim, finite, watched
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import interval
+from phnn.results import PROGRESS, Place, claim, finite, watched
 from phnn.warm import compile_for_diagnosis
 
 

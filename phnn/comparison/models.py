@@ -25,9 +25,9 @@ from phnn.learn.passivity import violations
 from phnn.learn.plant import LatentPlant, NetworkPlant, Plant
 from phnn.learn.starts import typical_states
 from phnn.models.store import save
-from phnn.output import Place
 from phnn.recordings.digest import digest
 from phnn.recordings.recording import Campaign
+from phnn.results import Place
 from phnn.setup import Setup
 from studies.rival_models.names import NAMES as RIVALS
 from studies.rival_models.names import rival

@@ -13,7 +13,7 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.identification.evaluate import Evaluation, PartScore
-from phnn.output import Place, finite, same
+from phnn.results import Place, finite, same
 
 SCHEMA = "phnn.compared/1"
 FILE, OUTPUTS = "result.json", "outputs.npz"

@@ -18,8 +18,8 @@ from phnn.comparison.settings import Settings
 from phnn.identification.base import Progress, quiet
 from phnn.identification.prepare import single
 from phnn.identification.zero import own_zeros
-from phnn.output import Origin, Place, claim
 from phnn.recordings import Campaign, read
+from phnn.results import Origin, Place, claim
 from studies.recordings import Conditions, comparison_plan, write_recordings
 from studies.results import write_results
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from phnn.configuration import check, positive, whole
 from phnn.errors import InputRefused
 from phnn.identification.options import Options
-from phnn.intake.settings import check, positive, whole
 from studies.rival_models.names import NAMES as RIVALS
 
 # Networks whose time step the identified model tells.

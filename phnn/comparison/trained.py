@@ -25,9 +25,9 @@ from phnn.learn.trainer import Trainer
 from phnn.learn.windows import thinned
 from phnn.models.fully_neural import FullyNeural
 from phnn.models.neural_ode import NeuralODE
-from phnn.output import Place
 from phnn.recordings.digest import digest
 from phnn.recordings.recording import Campaign, Recording
+from phnn.results import Place
 
 START = "linear"
 

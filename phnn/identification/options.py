@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from phnn.intake.settings import check, positive, whole
+from phnn.configuration import check, positive, whole
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from functools import partial
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from phnn.output import file_name
 from phnn.report.document import Document, FitRow
 from phnn.report.evidence import Evidence, Trace
 from phnn.report.figures import (
@@ -29,6 +28,7 @@ from phnn.report.plots import plots
 from phnn.report.shares import Shares
 from phnn.report.view import view_of
 from phnn.rescue import needed
+from phnn.results import file_name
 
 _MOST_DRAWN = 12  # recordings of each kind that get a figure of their own; the table has them all
 

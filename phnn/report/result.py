@@ -29,7 +29,6 @@ from phnn.diagnosis.symptoms import symptoms
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.network.roles import auxiliary
-from phnn.output import PROGRESS, Place, claim, finite
 from phnn.report.anchored import forces_known
 from phnn.report.evidence import Curve, Evidence, LedgerRow, ParameterRow, Provenance, RuleRow, Trace
 from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
@@ -43,6 +42,7 @@ from phnn.report.symptoms import symptom_sentences
 from phnn.report.tried import tried_rows
 from phnn.report.write import write_report
 from phnn.rescue import Failure, accounted, documents, needed
+from phnn.results import PROGRESS, Place, claim, finite
 from phnn.units import FORCE_UNITS
 
 SCHEMA = "phnn.diagnosis/1"

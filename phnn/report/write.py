@@ -8,7 +8,6 @@ from dataclasses import replace
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from phnn.output import Place
 from phnn.report.document import Document
 from phnn.report.domain_words import in_own_words
 from phnn.report.evidence import Evidence
@@ -19,6 +18,7 @@ from phnn.rescue import documents, needed, warnings
 
 if TYPE_CHECKING:
     from phnn.report.figures import Drawing
+from phnn.results import Place
 
 
 def write_report(document: Mapping[str, Any], evidence: Evidence, place: Place) -> None:

@@ -29,7 +29,7 @@ from phnn.errors import InputRefused
 from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
-from phnn.output import Place, write_atomic
+from phnn.results import Place, write_atomic
 from studies.benchmark.cases import Entry, entries
 from studies.benchmark.settings import Settings
 from studies.generator import Sealed, make_case, open_seal, write_seal

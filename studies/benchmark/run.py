@@ -17,7 +17,7 @@ from phnn.errors import InputRefused, SolverFailed
 from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
-from phnn.output import Place
+from phnn.results import Place
 from studies.benchmark.answer import FILE, Answer, read_answer, write_answer
 from studies.benchmark.folders import card_of, case_folder, digest_of, opened
 from studies.benchmark.page import page
@@ -52,6 +52,7 @@ def answer_all(
         InputRefused: no benchmark, no such tool, or an executor that cannot keep a limit.
     """
     card = card_of(folder)
+    (place / "answers").own_folder()
     (place / _TOOL).write_json({"tool": name, "seed": _SEED, "sha256": card["sha256"], "limit": limit})
     todo = [c for c in card["cases"][:first] if not (place / "answers" / c / FILE).path.exists()]
     work = partial(_answered, folder, partial(tool, name, training), place, limit)

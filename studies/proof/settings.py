@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from phnn.configuration import check, whole
 from phnn.errors import InputRefused
-from phnn.intake.settings import check, whole
 from studies.generator.conditions import PLAIN, Conditions
 from studies.generator.families import asked
 from studies.proof.families import family

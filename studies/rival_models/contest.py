@@ -16,9 +16,9 @@ from phnn.comparison.run import compare
 from phnn.comparison.settings import Settings
 from phnn.comparison.uses import CONFIRMATION, IDENTIFICATION, OUTSIDE
 from phnn.identification.base import Progress, quiet
-from phnn.output import Place
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import markdown_table, ratio
+from phnn.results import Place
 from studies.generator.excitation import Excitation, sine
 from studies.recordings import comparison_plan
 from studies.rival_models.truths import write_truth

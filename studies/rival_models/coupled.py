@@ -14,9 +14,9 @@ from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import Progress, quiet
 from phnn.identification.identified import identify
 from phnn.model import Model
-from phnn.output import Place
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import markdown_table
+from phnn.results import Place
 from studies.generator.excitation import PEAK
 from studies.recordings import comparison_plan
 from studies.rival_models.loops import ExportedStepper, Loops, closed, drawn_runs

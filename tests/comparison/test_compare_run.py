@@ -95,7 +95,7 @@ def test_all_models_are_compared(campaign: Campaign, tmp_path: Path) -> None:
 
 def test_what_is_written(out: Path) -> None:
     assert {p.name for p in out.iterdir()} == {
-        ".phnn", "compare.json", "models.json", "compare.csv", "compare.md", "figures", *QUICK,
+        ".phnn", "compare.json", "models.json", "compare.csv", "compare.md", "index.html", "figures", *QUICK,
     }  # fmt: skip
     for model in ("phs", "bouc_wen", "linear"):
         setup, substeps = load(out / model)

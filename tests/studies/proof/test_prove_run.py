@@ -12,7 +12,7 @@ import pytest
 from phnn.configuration import compose
 from phnn.ensemble import Executor
 from phnn.errors import InputRefused, PhnnError
-from phnn.output import Place
+from phnn.results import Place
 from studies.generator import open_seal
 from studies.proof import run
 from studies.proof.cases import tasks

@@ -14,8 +14,8 @@ from rival_example import recording, second_order, sweep
 from phnn.comparison.settings import RIVALS, Settings
 from phnn.configuration import compose
 from phnn.errors import InputRefused
-from phnn.output import Place
 from phnn.recordings import Part, Start, read
+from phnn.results import Place
 from studies.generator.excitation import sine
 from studies.rival_models.contest import COUNTS, Row, held_out, scarcity_page, truths, truths_page
 from studies.rival_models.names import rival
