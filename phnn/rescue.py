@@ -178,6 +178,16 @@ def stop_if_late() -> None:
         raise Stopped
 
 
+def late(part: str) -> bool:
+    """Whether the time is up, so that a part is not begun and all moves after it neither."""
+    account = _ACCOUNT.get()
+    if account is None or time.time() <= account.until:
+        return False
+    account.stopped = account.stopped or SECONDS
+    account.not_tried.append(part)
+    return True
+
+
 def attempt(part: str, work: Callable[[], T], otherwise: T) -> T:
     """What one model gives; ``otherwise`` where it cannot be simulated, or its fit raises."""
     account = _ACCOUNT.get()

@@ -75,8 +75,8 @@ def diagnose(
         options: how hard to try; those of the identification where it has been done, defaults otherwise.
         progress: called with a line of text at every stage, for example ``print``.
         effects: the catalogue to use; all effects that can exist otherwise.
-        budget: seconds after which the search ends with the best so far; the base model and its test are finished in
-            any case.
+        budget: seconds after which the search ends with the best so far; one fit of the base model and its test are
+            finished in any case.
 
     Raises:
         InputRefused: a criterion is not known, the executor does not answer, an effect to do without is not in the

@@ -276,7 +276,7 @@ def diagnose(
 
     Nothing that was finished is lost: a model that cannot be fitted is no candidate, a part that fails is left out, and
     when the time is up or the user interrupts, the best model so far is the answer. `Diagnosis.ended` tells all that.
-    The base model and its test are finished in any case.
+    One fit of the base model and its test are finished in any case.
 
     Args:
         recorded: recordings with their identification and confirmation parts, or a base model identified from them.
@@ -297,17 +297,17 @@ def diagnose(
     chosen = options or (recorded.options if isinstance(recorded, Identified) else Options())
     criteria = CRITERIA.with_values(chosen.criteria)
     refits, left_out = executor(chosen.executor), [effect(name) for name in chosen.without]
-    campaign, base, error = _base(recorded, chosen, criteria, progress)
-    catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, left_out)
-    progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
-    tell = on_base or (lambda fitted: None)
-    tell(base)
-    nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else learned
-    search = Search(
-        catalogue_, nameless, chosen.seed, max(1, chosen.max_effects), criteria, refits,
-        input_measured(campaign, base.setup), campaign.held_out_is_new, progress,
-    )  # fmt: skip
     with accounted(until) as account:
+        campaign, base, error = _base(recorded, chosen, criteria, progress)
+        catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, left_out)
+        progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
+        tell = on_base or (lambda fitted: None)
+        tell(base)
+        nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else learned
+        search = Search(
+            catalogue_, nameless, chosen.seed, max(1, chosen.max_effects), criteria, refits,
+            input_measured(campaign, base.setup), campaign.held_out_is_new, progress,
+        )  # fmt: skip
         base, error, judgement = _judged(search, chosen, base, error, tell)
         if account.ended().early:
             judgement = _best_so_far(judgement, search.visited)
