@@ -182,7 +182,7 @@ def test_scores_are_all_asked_for(golden: Answers) -> None:
 
 # --- Whole diagnoses --------------------------------------------------------------------------------------------------
 
-# Made campaigns with the model that is fitted, and shared folders, whose search ends within some two minutes.
+# Made campaigns with the model that is fitted, and shared folders, whose search ends within about a minute.
 MADE: dict[str, dict[str, Any]] = {
     "complete actuator": {"model": "piezo_actuator", "hysterons": 1},
     "limited amplifier": {"model": "piezo_actuator", "hysterons": 1},
@@ -196,7 +196,7 @@ REAL = (
     "cases/06-controldesk-struct/same-numbers",
     "cases/23-voice-coil-without-inductance",
 )
-# Of the many numbers of a search only those that end it are held: an earlier one may change by a rounding.
+# Settings with which the searches of made campaigns are short.
 _MADE_WITH = ("starts=2", "max_effects=2")
 _WHEN = ("before", "after")
 
