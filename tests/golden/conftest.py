@@ -17,6 +17,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.fixture(scope="session")
 def golden(request: pytest.FixtureRequest) -> Iterator[Answers]:
     """The stored answers; written at the end of the session where they are renewed."""
-    answers = Answers(request.config.getoption("--renew", default=None) or "")
+    why = request.config.getoption("--renew", default=None) or ""
+    if why and hasattr(request.config, "workerinput"):
+        pytest.exit("--renew: answers are written by one process: leave out -n", returncode=4)
+    answers = Answers(why)
     yield answers
     answers.write()

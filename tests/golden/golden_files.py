@@ -617,20 +617,33 @@ def _(home: Path) -> None:
 # --- Objects in memory ------------------------------------------------------------------------------------------------
 
 
-def in_memory() -> Mapping[str, tuple[Any, Any]]:
-    """Return objects that `phnn.read` takes in place of a folder, each with a manifest or None."""
+def _table() -> dict[str, Array]:
+    return dict(zip(_HEADER, signals(70), strict=True))
+
+
+def _frame() -> Any:
     import pandas
 
-    t, u, y = signals(70)
-    table = dict(zip(_HEADER, (t, u, y), strict=True))
-    plain = {"sample_rate_hz": 4000, "columns": {"voltage": {"column": "u"}, "displacement": {"column": "y"}}}
-    return {
-        "a mapping of columns": (table, None),
-        "a data frame": (pandas.DataFrame(table), None),
-        "named data frames": ({"b": pandas.DataFrame(table), "a": table}, {"setup": {"model": "linear"}}),
-        "a list of mappings": ([table, {n: 1.1 * x if n != "time_s" else x for n, x in table.items()}], None),
-        "columns without units": ({"u": u, "y": y}, plain),
-        "columns without a rate": ({"u": u, "y": y}, None),
-        "lengths that differ": ({**table, "voltage_V": u[:-1]}, None),
-        "a number": (3.0, None),
-    }
+    return pandas.DataFrame(_table())
+
+
+def _unnamed() -> dict[str, Array]:
+    _, u, y = signals(70)
+    return {"u": u, "y": y}
+
+
+_PLACES = {"voltage": {"column": "u"}, "displacement": {"column": "y"}}
+# Objects that `phnn.read` takes in place of a folder, each with a manifest or None.
+IN_MEMORY: Mapping[str, Callable[[], tuple[Any, Any]]] = {
+    "a mapping of columns": lambda: (_table(), None),
+    "a data frame": lambda: (_frame(), None),
+    "named data frames": lambda: ({"b": _frame(), "a": _table()}, {"setup": {"model": "linear"}}),
+    "a list of mappings": lambda: (
+        [_table(), {n: x * (1.0 if n == "time_s" else 1.1) for n, x in _table().items()}],
+        None,
+    ),
+    "columns without units": lambda: (_unnamed(), {"sample_rate_hz": 4000, "columns": _PLACES}),
+    "columns without a rate": lambda: (_unnamed(), None),
+    "lengths that differ": lambda: ({**_table(), "voltage_V": signals(70)[1][:-1]}, None),
+    "a number": lambda: (3.0, None),
+}

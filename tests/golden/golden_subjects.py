@@ -264,7 +264,8 @@ class Concealed:
 
     Attributes:
         base: the model that is fitted, with the true values.
-        effect: name of what is added to it, empty for nothing; values: of the effect's parameters [SI].
+        effect: name of the effect or formula that is added to it, empty for nothing.
+        values: of the effect's parameters [SI].
         drives: time [s] and input of the recordings by name; the name of one that is held out begins with ``held``.
         unit: of the input.
         held: parameters that are not estimated.
@@ -316,6 +317,10 @@ def concealed() -> dict[str, Concealed]:
             actuator(1), "amplifier_saturation", {"V_max": 72.0}, _actuator_drives(), held=("m", "rho_1")
         ),
         "rubbing mass": Concealed(mass, "coulomb_friction", {"F_c": 0.02, "v_s": 2e-3}, waves, "N", noise=2e-6),
+        # No effect of the catalogue, so that a diagnosis has to learn it.
+        "kinked amplifier": Concealed(
+            actuator(1), "amplifier_knee", {"a_K": 0.15, "U_K": 35.0}, _actuator_drives(), held=("m", "rho_1")
+        ),
         "complete actuator": Concealed(actuator(1), "", {}, _actuator_drives(), held=("m", "rho_1")),
     }
 
@@ -323,7 +328,8 @@ def concealed() -> dict[str, Concealed]:
 def recordings_of(case: Concealed) -> dict[str, dict[str, Array]]:
     """Return the columns of every recording: the true output with white noise and a zero of its own."""
     random = np.random.default_rng(_SEED)
-    true = effect(case.effect).add_to(case.base, case.values) if case.effect else case.base
+    effects = {**catalogue(), **formulas()}
+    true = effects[case.effect].add_to(case.base, case.values) if case.effect else case.base
     found = {}
     for name, (t, u) in case.drives.items():
         y = simulate(true, recording(t, u, case.unit), 4).y
@@ -343,7 +349,10 @@ def manifest_of(case: Concealed, file: str = "{}", setup: Mapping[str, Any] | No
     return {
         "setup": setup or {"model": "linear"},
         "known": {name: case.base.parameters[name].value for name in case.held},
-        "columns": {"input": {"column": "u", "unit": case.unit}, "output": {"column": "y", "unit": "m"}},
+        "columns": {
+            "voltage" if case.unit == "V" else "input": {"column": "u", "unit": case.unit},
+            "displacement" if case.unit == "V" else "output": {"column": "y", "unit": "m"},
+        },
         "recordings": [{"file": file.format(name), "name": name, "use": use} for name, use in uses.items()],
     }
 

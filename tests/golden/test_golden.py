@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from golden_answers import ANSWERS, Answers, digest, fingerprint, rounded, stated_digests
-from golden_files import FILES, in_memory
-from golden_subjects import concealed, fitted, laws_blocks_and_effects, scores_of, simulations
+from golden_answers import ANSWERS, Answers, differences, digest, fingerprint, rounded, stated_digests
+from golden_files import FILES, IN_MEMORY
+from golden_subjects import (
+    NETWORKS,
+    concealed,
+    fitted,
+    laws_blocks_and_effects,
+    manifest_of,
+    recordings_of,
+    scores_of,
+    simulations,
+)
 
 import phnn
 
@@ -86,25 +101,24 @@ def test_read_a_small_file(golden: Answers, tmp_path: Path, name: str) -> None:
     hold_reading(golden, name, home, None, home)
 
 
-@pytest.mark.parametrize("name", list(in_memory()))
+@pytest.mark.parametrize("name", IN_MEMORY)
 def test_read_an_object(golden: Answers, name: str) -> None:
-    source, manifest = in_memory()[name]
+    source, manifest = IN_MEMORY[name]()
     hold_reading(golden, f"memory: {name}", source, manifest, None)
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in _LONG)) for n in shared_folders()])
+_FOLDERS = [pytest.param(n, marks=[pytest.mark.slow] * (n in _LONG)) for n in shared_folders()]
+_MISSING = pytest.param("", marks=pytest.mark.skip(f"{SHARED} is not there: its folders are not read"))
+
+
+@pytest.mark.parametrize("name", _FOLDERS or [_MISSING])
 def test_read_a_shared_folder(golden: Answers, name: str) -> None:
     manifest = ROOT / "configs" / f"{name}" / "recordings.yaml"
     hold_reading(golden, f"shared: {name}", SHARED / name, manifest if manifest.is_file() else None, SHARED)
 
 
-def test_read_shared_folders_are_present() -> None:
-    if not shared_folders():
-        pytest.skip(f"{SHARED} is not there: its folders are not read")
-
-
 def test_read_answers_are_all_asked_for(golden: Answers) -> None:
-    cases = {*FILES, *(f"memory: {n}" for n in in_memory()), *(f"shared: {n}" for n in shared_folders())}
+    cases = {*FILES, *(f"memory: {n}" for n in IN_MEMORY), *(f"shared: {n}" for n in shared_folders())}
     stored = golden.layer("read")
     if not shared_folders():
         cases |= {case.removesuffix(", noise") for case in stored if case.startswith("shared: ")}
@@ -166,7 +180,101 @@ def test_scores_are_all_asked_for(golden: Answers) -> None:
     golden.keep_only("scores", {case for name in concealed() for case in (name, f"{name}, p-values")})
 
 
+# --- Whole diagnoses --------------------------------------------------------------------------------------------------
+
+# Made campaigns with the model that is fitted, and shared folders, whose search ends within about a minute.
+MADE: dict[str, dict[str, Any]] = {
+    "complete actuator": {"model": "piezo_actuator", "hysterons": 1},
+    "limited amplifier": {"model": "piezo_actuator", "hysterons": 1},
+    "stiffening actuator": {"model": "piezo_actuator", "hysterons": 2},
+    "kinked amplifier": {"model": "piezo_actuator", "hysterons": 1},
+    "rubbing mass": {"network": "mass_spring_damper.yaml"},
+}
+REAL = (
+    "recordings/tanks",
+    "cases/02-rests-then-steps",
+    "cases/06-controldesk-struct/same-numbers",
+    "cases/23-voice-coil-without-inductance",
+)
+# Settings with which the searches of made campaigns are short.
+_MADE_WITH = ("starts=2", "max_effects=2")
+_WHEN = ("before", "after")
+
+
+def write_campaign(name: str, folder: Path) -> None:
+    """Write a made campaign as a folder of csv files with a manifest and, where it needs one, a network."""
+    case = concealed()[name]
+    folder.mkdir()
+    for recording, columns in recordings_of(case).items():
+        rows = zip(*(x.tolist() for x in columns.values()), strict=True)
+        lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]
+        (folder / f"{recording}.csv").write_text("\n".join(lines) + "\n", "utf-8")
+    if "network" in MADE[name]:
+        shutil.copy(NETWORKS / MADE[name]["network"], folder)
+    content = manifest_of(case, "{}.csv", MADE[name])
+    # All json is yaml.
+    (folder / "recordings.yaml").write_text(json.dumps(content), "utf-8")
+
+
+def outcome(folder: Path, out: Path, settings: Sequence[str], manifest: Path | None = None) -> dict[str, Any]:
+    """Return exit status, verdict, names, locations and residuals over noise of ``phnn diagnose``."""
+    said = ["--manifest", str(manifest)] if manifest is not None else []
+    command = [sys.executable, "-m", "phnn.cli", "diagnose", str(folder), "--out", str(out), *said, *settings]
+    status = subprocess.run(command, cwd=ROOT, capture_output=True, check=False).returncode
+    if status:
+        return {"exit status": status}
+    document = json.loads((out / "diagnosis.json").read_text("utf-8"))
+    where = document["location"] or {}
+    keys = ("effect", "status", "location", "place", "equivalent_to")
+    fits = {when: {n: row["residual_over_noise"] for n, row in document["fit"][when].items()} for when in _WHEN}
+    return {
+        "exit status": status,
+        "verdict": document["verdict"],
+        "missing": [{k: m[k] for k in keys} | {"parameters": sorted(m["parameters"])} for m in document["missing"]],
+        "candidate": document["test"]["candidate"],
+        "statistic": document["test"]["statistic"],
+        "location": [where.get("name"), where.get("detail"), where.get("tied")],
+        "remainder": {k: document["remainder"][k] for k in ("verdict", "location", "residual_over_noise")},
+        "residual over noise": fits,
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MADE)
+def test_diagnose_a_made_campaign(golden: Answers, tmp_path: Path, name: str) -> None:
+    write_campaign(name, tmp_path / "recordings")
+    found = outcome(tmp_path / "recordings", tmp_path / "out", _MADE_WITH)
+    golden.hold("diagnoses", name, found, SCORED)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", REAL)
+def test_diagnose_a_shared_folder(golden: Answers, tmp_path: Path, name: str) -> None:
+    if not (SHARED / name).is_dir():
+        pytest.skip(f"{SHARED / name} is not there")
+    manifest = ROOT / "configs" / name / "recordings.yaml"
+    found = outcome(SHARED / name, tmp_path / "out", (), manifest if manifest.is_file() else None)
+    golden.hold("diagnoses", f"shared: {name}", found, SCORED)
+
+
+def test_diagnose_answers_are_all_asked_for(golden: Answers) -> None:
+    golden.keep_only("diagnoses", {*MADE, *(f"shared: {name}" for name in REAL)})
+
+
 # --- The answers themselves -------------------------------------------------------------------------------------------
+
+
+def test_answers_differ_where_a_number_a_name_or_a_text_does() -> None:
+    x = np.sin(np.arange(100.0))
+    stored = {"a": {"x": fingerprint(x), "says": "as it is", "n": 3, "left": None}}
+    for same in (x, x * (1.0 + 1e-13), x + 1e-13):
+        assert not differences(stored, {"a": {**stored["a"], "x": fingerprint(same)}}, 1e-12)
+    for other in (x * (1.0 + 1e-11), x[:-1], np.where(x == x.max(), np.nan, x), np.roll(x, 1)):
+        assert differences(stored, {"a": {**stored["a"], "x": fingerprint(other)}}, 1e-12)
+    for key, value in (("says", "as it was"), ("n", 4), ("n", 3.0), ("left", 0.0), ("new", 1)):
+        assert differences(stored, {"a": {**stored["a"], key: value}}, 1e-12)
+    assert differences(stored, {"a": {"x": stored["a"]["x"]}}, 1e-12)
+    assert differences({"s": 1.0}, {"s": 1.0 + 2e-6}, 1e-6) and not differences({"s": 1.0}, {"s": 1.0 + 5e-7}, 1e-6)
 
 
 def test_answers_are_those_that_changes_md_states(golden: Answers) -> None:
