@@ -86,11 +86,13 @@ class Account:
 
     Attributes:
         until: time of day [s since the epoch] at which moves are given up.
+        answers: an interruption ends the search with an answer; otherwise it ends everything.
         stopped: why no further move is begun; empty while they are.
     """
 
-    def __init__(self, until: float = float("inf"), checked: bool = False) -> None:
+    def __init__(self, until: float = float("inf"), checked: bool = False, answers: bool = False) -> None:
         self.until = until
+        self.answers = answers
         self.stopped = ""
         self.interruption: KeyboardInterrupt | None = None
         self.failed: list[Failure] = []
@@ -120,7 +122,7 @@ class Account:
             self.stopped = self.stopped or SECONDS
             self.not_tried.append(part)
         except KeyboardInterrupt as interruption:
-            if self.interruption is not None:
+            if self.interruption is not None or not self.answers:
                 raise
             self.interruption = interruption.with_traceback(None)
             self.stopped = self.stopped or INTERRUPTED
@@ -141,14 +143,15 @@ _ACCOUNT: ContextVar[Account | None] = ContextVar("account", default=None)
 
 
 @contextmanager
-def accounted(until: float = float("inf"), checked: bool = False) -> Iterator[Account]:
+def accounted(until: float = float("inf"), checked: bool = False, answers: bool = False) -> Iterator[Account]:
     """Keep an account of all parts until the end of the block.
 
     Args:
         until: time of day [s since the epoch] at which moves are given up.
         checked: the block itself is part of a move.
+        answers: an interruption ends the search with an answer; otherwise it ends everything.
     """
-    account = Account(until, checked)
+    account = Account(until, checked, answers)
     token = _ACCOUNT.set(account)
     try:
         yield account

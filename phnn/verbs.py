@@ -84,7 +84,7 @@ def diagnose(
             yet then.
     """
     known = recorded if isinstance(recorded, Identified) else campaign_of(recorded)
-    return Diagnosis(**vars(run_diagnosis(known, options, progress, effects, budget=budget)))
+    return Diagnosis(**vars(run_diagnosis(known, options, progress, effects, budget=budget, answers=True)))
 
 
 def load(folder: str | Path) -> Model | StoredModes:

@@ -83,7 +83,9 @@ def diagnosed(case: Case, out: Path | None = None, budget: float | None = None) 
     setup = base(case.effect)[0].setup
     learned = path._possible(campaign, setup, [e for n, e in learned_elements().items() if n in case.learned])
     with mock.patch.object(path, "identify_base", return_value=base(case.effect)):
-        found = path.diagnose(campaign, Options(workers=1), effects=effects, learned=learned, budget=budget)
+        found = path.diagnose(
+            campaign, Options(workers=1), effects=effects, learned=learned, budget=budget, answers=True
+        )
     if out is not None:
         write(found, out)
     return found

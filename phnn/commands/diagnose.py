@@ -64,7 +64,7 @@ def diagnose_into(
 
     with status() as tell, watched(place, "diagnose", tell) as progress:
         compile_for_diagnosis(progress)
-        diagnosis = run_diagnosis(campaign, options, progress, on_base=on_base, budget=budget)
+        diagnosis = run_diagnosis(campaign, options, progress, on_base=on_base, budget=budget, answers=True)
         progress("write the report")
         document, shown = write_into(diagnosis, place, made_of)
     Console().print(console_summary(document, shown))

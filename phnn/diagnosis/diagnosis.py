@@ -271,11 +271,12 @@ def diagnose(
     on_base: Callable[[Fit], None] | None = None,
     learned: Sequence[Effect] | None = None,
     budget: float | None = None,
+    answers: bool = False,
 ) -> Diagnosis:
     """Fit the base model, locate what it misses, name it, refit, judge and confirm.
 
     Nothing that was finished is lost: a model that cannot be fitted is no candidate, a part that fails is left out, and
-    when the time is up or the user interrupts, the best model so far is the answer. `Diagnosis.ended` tells all that.
+    when the time is up, the best model so far is the answer. `Diagnosis.ended` tells all that.
     One fit of the base model and its test are finished in any case.
 
     Args:
@@ -287,6 +288,8 @@ def diagnose(
             so that it can be kept whatever comes.
         learned: elements without a name that may be added; all that can exist otherwise.
         budget: seconds after which the search ends with the best so far; no bound if left out.
+        answers: an interruption ends the search in the same way, and `Ended.interruption` holds it; it is raised
+            otherwise, as by a study of many diagnoses.
 
     Raises:
         InputRefused: a criterion is not known, the executor is not understood or does not answer, an effect to do
@@ -297,7 +300,7 @@ def diagnose(
     chosen = options or (recorded.options if isinstance(recorded, Identified) else Options())
     criteria = CRITERIA.with_values(chosen.criteria)
     refits, left_out = executor(chosen.executor), [effect(name) for name in chosen.without]
-    with accounted(until) as account:
+    with accounted(until, answers=answers) as account:
         campaign, base, error = _base(recorded, chosen, criteria, progress)
         catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, left_out)
         progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")

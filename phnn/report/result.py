@@ -75,8 +75,11 @@ def write_into(
 
     Args:
         made_of: how the run was started and what it read; hashed now if left out.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted; all but the part at work is written.
     """
-    with accounted() as account:
+    with accounted(answers=True) as account:
         save_fit(diagnosis.base, place / "base")
         save_fit(diagnosis.judgement.final, place / "model")
         content = document(diagnosis)
@@ -89,6 +92,8 @@ def write_into(
         if account.warnings:
             content |= _told(diagnosis, account.warnings)
             (place / "diagnosis.json").write_json(content)
+    if account.interruption is not None:
+        raise account.interruption
     return content, shown
 
 

@@ -31,6 +31,8 @@ def tried_rows(diagnosis: Diagnosis) -> list[CandidateRow]:
             return "significant, but immaterial"
         if name not in refits and name in failed:
             return failed[name]
+        if name not in refits and diagnosis.ended.early and not j.tried and c.p_value < level:
+            return "not refitted to the end: the search ended early"
         if name not in refits:
             return "not significant" if c.p_value >= level else "others score higher: not refitted"
         # With its strength at zero it is the base model, so that it cannot fit worse.
