@@ -572,4 +572,4 @@ def _index_files(place: Place) -> None:
     files = _Manifest.read(place.root).existing(place.root)
     order = sorted(files, key=lambda n: (n.count("/"), not n.endswith(".html"), n))
     rows = {n: (n, f"phnn {files[n]}") for n in order if n not in (INDEX, INCOMPLETE, PROGRESS)}
-    write_index(place, f"{place.root.name}: results of phnn {place.by}", ("file", "written by"), rows)
+    write_index(place, f"Results of phnn {place.by}", ("file", "written by"), rows)

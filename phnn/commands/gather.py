@@ -23,7 +23,7 @@ def gather(folder: Path) -> pd.DataFrame:
     (place / "runs.csv").write(found.to_csv(index=False).encode())
     cells = [[_text(value) for value in row] for row in found.astype(object).to_numpy().tolist()]
     links = {f"{run}/{INDEX}" if (folder / run / INDEX).is_file() else f"{run}/": (run, *row) for run, *row in cells}
-    write_index(place, f"{place.root.name}: runs of phnn train", list(found.columns), links)
+    write_index(place, "Runs of phnn train", list(found.columns), links)
     columns = [c for c in found.columns if c not in ("run", "reason")]
     table = Table(*columns, title=f"runs in {folder}")
     for row in found[columns].astype(object).to_numpy().tolist():
