@@ -22,9 +22,9 @@ from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from phnn.ensemble.processes import end_with
 from phnn.errors import InputRefused, PhnnError
 from phnn.output import Place
+from phnn.parallel import end_with
 
 # The process of a sweep, for those it starts.
 _PARENT = "PHNN_SWEEP"

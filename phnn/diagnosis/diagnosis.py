@@ -22,7 +22,6 @@ from phnn.diagnosis.search import Search
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
-from phnn.ensemble import Executor, executor
 from phnn.errors import PhnnError
 from phnn.identification.base import Progress, identify_base, quiet
 from phnn.identification.evaluate import Evaluation
@@ -34,6 +33,7 @@ from phnn.identification.prepare import single
 from phnn.identification.refinement import refined, with_bounded_error
 from phnn.integrate.residual import check
 from phnn.model import Model
+from phnn.parallel import Executor, executor
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
 

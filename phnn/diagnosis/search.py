@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from phnn.criteria import CRITERIA, Criteria
 from phnn.diagnosis.scored import Scored, scored
 from phnn.effects import Effect, Scales
-from phnn.ensemble import SERIAL, Executor
 from phnn.identification.base import Progress, quiet
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import NumericalError
+from phnn.parallel import SERIAL, Executor
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from phnn.effects import catalogue
-from phnn.ensemble import executor
 from phnn.errors import OutputFailed, OutputRefused, PhnnError
 from phnn.output import Origin, Place, claim, write_atomic
+from phnn.parallel import executor
 from studies.generator import Sealed, make_case, open_seal, write_seal
 from studies.proof.cases import Task, tasks
 from studies.proof.fast import score_folder
