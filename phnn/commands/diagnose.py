@@ -12,13 +12,13 @@ from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.diagnosis import diagnose as run_diagnosis
 from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
+from phnn.integrate.cache import compile_ahead
 from phnn.output import Place, claim, watched
 from phnn.recordings import Campaign, read
 from phnn.report import console_summary
 from phnn.report.evidence import Provenance
 from phnn.report.provenance import command_line, provenance
 from phnn.report.result import RESULTS, evidence, write_into
-from phnn.warm import compile_for_diagnosis
 
 
 def diagnose(
@@ -43,7 +43,8 @@ def diagnose_into(
 ) -> Diagnosis:
     """Diagnose, write what `diagnose` writes, and print it; ``out`` is the place as the user calls it."""
     with status() as tell, watched(place, "diagnose", tell) as progress:
-        compile_for_diagnosis(progress)
+        if compile_ahead():
+            progress("compile the simulation, once on this machine")
         diagnosis = run_diagnosis(campaign, options, progress, on_base=lambda fitted: save_fit(fitted, place / "base"))
         progress("write the report")
         shown = evidence(diagnosis, made_of)
