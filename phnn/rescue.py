@@ -268,7 +268,7 @@ def results(
     """``work(item)`` of every item, done by an executor; None where an item failed.
 
     Args:
-        each: of the executor, see `phnn.ensemble.local.Executor.each`.
+        each: of the executor, see `phnn.parallel.Executor.each`.
         work: on one item.
         items: candidates; names: of their effects.
 

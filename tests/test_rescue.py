@@ -26,12 +26,12 @@ from phnn.diagnosis import diagnosis as path
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.effects import catalogue
 from phnn.effects.learned import learned_elements
-from phnn.ensemble import executor
 from phnn.errors import OutputFailed, SolverFailed
 from phnn.identification import evaluate as evaluation
 from phnn.identification import left_out, problem
 from phnn.identification.numerics import NumericalError, numerical_error
 from phnn.identification.options import Options
+from phnn.parallel import executor
 from phnn.report import gallery, page, result
 from phnn.report.result import write
 from phnn.rescue import accounted, attempt, extra, kept, move, needed, results, stop_if_late
@@ -206,7 +206,7 @@ def _on_the_command_line(case: Case) -> Iterator[None]:
         mock.patch.object(path, "identify_base", return_value=base(case.effect)),
         mock.patch.object(path, "available", return_value=effects),
         mock.patch.object(path, "learned_elements", return_value={}),
-        mock.patch.object(command, "compile_for_diagnosis"),
+        mock.patch.object(command, "compile_ahead", return_value=False),
     ):
         yield
 

@@ -110,6 +110,7 @@ def reference(folder: Path) -> Names:
 
 _SETUPS: dict[str, Callable[[Path], Names]] = {
     "README": recordings,
+    "cluster": recordings,
     "diagnose": recordings,
     "what-phnn-can-say": recordings,
     "coming-from-matlab": recordings,

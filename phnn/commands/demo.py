@@ -10,10 +10,10 @@ from typing import Any
 from phnn.commands.diagnose import diagnose_into
 from phnn.errors import PhnnError
 from phnn.identification.options import Options
+from phnn.integrate.cache import compile_ahead
 from phnn.recordings import read
 from phnn.report.provenance import command_line, provenance
 from phnn.results import claim, write_atomic
-from phnn.warm import begin_for_diagnosis
 from studies.generator import EFFECTS, generate, open_seal, write_seal
 
 # Members of a class beyond which it names nothing.
@@ -27,7 +27,7 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any], overwrite: bool
         PhnnError: the sealed effect was neither named nor in a stated class of at most three.
     """
     chosen = secrets.randbelow(10_000) if seed is None else seed
-    begin_for_diagnosis()
+    compile_ahead()
     print(f"seed {chosen} (repeat with SEED={chosen}); one of {', '.join(EFFECTS)} is concealed", flush=True)
     with claim(out, "demo", (), ("recordings", "seal", "diagnosis"), overwrite=overwrite) as place:
         folder, seal_file = (place / "recordings").own_folder(), (place / "seal").own_folder() / "sealed.json"

@@ -13,6 +13,7 @@ from phnn.diagnosis.diagnosis import diagnose as run_diagnosis
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
+from phnn.integrate.cache import compile_ahead
 from phnn.recordings import Campaign, read
 from phnn.report import console_summary
 from phnn.report.evidence import Provenance
@@ -20,7 +21,6 @@ from phnn.report.provenance import command_line, provenance
 from phnn.report.result import RESULTS, write_into
 from phnn.rescue import deadline
 from phnn.results import Place, claim, watched
-from phnn.warm import compile_for_diagnosis
 
 
 def diagnose(
@@ -63,7 +63,8 @@ def diagnose_into(
         save_fit(fitted, place / "base")
 
     with status() as tell, watched(place, "diagnose", tell) as progress:
-        compile_for_diagnosis(progress)
+        if compile_ahead():
+            progress("compile the simulation, once on this machine")
         diagnosis = run_diagnosis(campaign, options, progress, on_base=on_base, budget=budget, answers=True)
         progress("write the report")
         document, shown = write_into(diagnosis, place, made_of)

@@ -27,7 +27,6 @@ from phnn.diagnosis.trial import tie
 from phnn.effects import Effect, Scales, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
-from phnn.ensemble import Executor, executor
 from phnn.identification.base import Progress, identify_base, quiet
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit, fit
@@ -38,6 +37,7 @@ from phnn.identification.prepare import single
 from phnn.identification.refinement import refined, with_bounded_error
 from phnn.integrate.residual import check
 from phnn.model import Model
+from phnn.parallel import Executor, executor
 from phnn.recordings.recording import Campaign
 from phnn.rescue import Ended, accounted, attempt, deadline, extra, move, needed
 from phnn.setup import Setup

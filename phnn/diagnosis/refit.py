@@ -23,10 +23,10 @@ from phnn.diagnosis.steps import (
 )
 from phnn.diagnosis.trial import Trial, criterion
 from phnn.effects import Effect
-from phnn.ensemble import SERIAL, Executor
 from phnn.identification.fit import Fit, fit
 from phnn.identification.staged import stated_only
 from phnn.identification.subset import representative_subset
+from phnn.parallel import SERIAL, Executor
 from phnn.rescue import results
 
 # Candidates of the first round that are refitted before the next ones are compared with the best of them.

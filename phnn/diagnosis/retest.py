@@ -12,9 +12,9 @@ from phnn.diagnosis.place import in_place
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.steps import tolerance_of
 from phnn.diagnosis.trial import Trial, class_of, fair_cost, tie
-from phnn.ensemble import Executor
 from phnn.identification.fit import Fit, distinct_optima
 from phnn.identification.staged import EVALUATIONS, fit_identified, stated_only
+from phnn.parallel import Executor
 from phnn.rescue import attempt
 from phnn.setup import Setup
 from phnn.units import FORCE_UNITS

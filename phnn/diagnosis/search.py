@@ -9,10 +9,10 @@ from phnn.criteria import CRITERIA, Criteria
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.scored import Scored, scored
 from phnn.effects import Effect, Scales
-from phnn.ensemble import SERIAL, Executor
 from phnn.identification.base import Progress, quiet
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import NumericalError
+from phnn.parallel import SERIAL, Executor
 
 # Models that a search has come upon and that are kept for its end, the best ones.
 _VISITED = 5

@@ -23,7 +23,7 @@ class Options:
         without: effects of the catalogue that a diagnosis must not use.
         criteria: values of `phnn.criteria.Criteria` that replace the defaults, by name.
         workers: threads of a fit.
-        executor: where the refits of a diagnosis are done, for choices see `phnn.ensemble.executor.executor`; anywhere
+        executor: where the refits of a diagnosis are done, for choices see `phnn.parallel.executor`; anywhere
             but in ``serial`` each refit has one thread.
 
     Raises:

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from phnn.effects import catalogue
-from phnn.ensemble import executor
 from phnn.errors import OutputFailed, OutputRefused, PhnnError
+from phnn.parallel import executor
 from phnn.results import Origin, Place, claim, write_atomic
 from studies.generator import Sealed, make_case, open_seal, write_seal
 from studies.proof.cases import Task, tasks

@@ -20,10 +20,10 @@ from typing import Any
 
 import pandas as pd
 
-from phnn.ensemble import executor
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification.fit import Fit
 from phnn.intake.files import named_file
+from phnn.parallel import executor
 from phnn.recordings import Recording
 from phnn.recordings.excitation import excitation_of
 from phnn.results import Place
@@ -53,7 +53,7 @@ def train(seed: int, size: int, place: Place, where: str, say: Say) -> pd.DataFr
     Args:
         seed: every case follows from it and its number; size: number of cases.
         place: claimed for the table.
-        where: see `phnn.ensemble.executor`; say: called with a line of progress.
+        where: see `phnn.parallel.executor`; say: called with a line of progress.
     """
     (place / _ROWS).own_folder()
     todo = [n for n in range(size) if not (place / _ROWS / f"{n:05d}.json").path.exists()]

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from phnn.configuration import compose
-from phnn.ensemble import Executor
 from phnn.errors import InputRefused, PhnnError
+from phnn.parallel import Executor
 from phnn.results import Place
 from studies.generator import open_seal
 from studies.proof import run

@@ -22,7 +22,6 @@ from phnn.diagnosis.refit import refit
 from phnn.diagnosis.starts import has_large_starts, large_starts
 from phnn.diagnosis.trial import Trial
 from phnn.effects import Scales, catalogue, effect
-from phnn.ensemble import SERIAL, Executor, executor
 from phnn.errors import InputRefused
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import numerical_error
@@ -30,6 +29,7 @@ from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
+from phnn.parallel import SERIAL, Executor, executor
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
 from phnn.simulate import simulate
