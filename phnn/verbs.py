@@ -20,7 +20,7 @@ from phnn.recordings import Campaign, campaign_of
 from phnn.report.result import write
 
 if TYPE_CHECKING:
-    from phnn.comparison.document import Table
+    from phnn.comparison.models import Result
     from phnn.modal.store import StoredModes
     from phnn.network.elements import Network
     from phnn.setup import Setup
@@ -132,14 +132,15 @@ def compare(
     settings: Sequence[str] = (),
     progress: Progress = quiet,
     overwrite: bool = False,
-) -> Table:
-    """Fit several kinds of model to a campaign and score them on all recordings.
+) -> dict[str, Result]:
+    """Fit several kinds of model to a campaign, score them on all recordings, and return them by name.
 
-        table = phnn.compare(phnn.read("recordings/"), "compared/", ["models=[phs,linear]"])
+        results = phnn.compare(phnn.read("recordings/"), "compared/", ["models=[phs,linear]"])
+        results["linear"].evaluation.over_noise("confirmation")  # held-out residual over noise
 
     Args:
         campaign: recordings with their uses, or their folder.
-        out: where `compare.md`, its tables, figures and models go.
+        out: where `compare.md`, its table, figure and models go.
         settings: ``key=value`` in the grammar of hydra, as for ``phnn compare``; see ``configs/compare.yaml``.
         progress: called with a line of text at every stage.
         overwrite: replace results that were changed since.
@@ -148,8 +149,8 @@ def compare(
         InputRefused: a setting is unknown or out of range, recordings cannot be used, or results of other settings lie
             in ``out``.
     """
+    from phnn.comparison.models import Settings
     from phnn.comparison.run import compare as run_comparison
-    from phnn.comparison.settings import Settings
     from phnn.configuration import compose
 
     chosen = Settings.from_config(compose("compare", settings))

@@ -19,7 +19,7 @@ from hydra.core.plugins import Plugins
 from hydra.types import HydraContext, RunMode
 from junctions import march
 
-from phnn.comparison import settings as comparison
+from phnn.comparison import models as comparison
 from phnn.configuration import compose, compose_groups, config_folder
 from phnn.errors import InputRefused
 from phnn.identification.options import Options

@@ -90,11 +90,29 @@ def test_no_room_imports_itself_through_others() -> None:
     assert _cycle(rooms) == []
 
 
-def test_the_generator_of_sealed_cases_shares_no_code_with_the_models() -> None:
-    allowed = {"studies.generator", "phnn.errors"}
-    inside = [name for name in MODULES if _room(name) == "studies.generator"]
-    used = {_room(m) for name in inside for m in _imported(name, within_functions=True)} - {FACADE}
-    assert used <= allowed, used - allowed
+def _imported_names(path: Path) -> set[str]:
+    """Dotted names of all modules, and of what is taken from them, that a file imports."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module is not None:
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+    return names
+
+
+def test_the_generators_share_no_code_with_the_models() -> None:
+    generator = sorted((PACKAGE.parent / "studies" / "generator").rglob("*.py"))
+    assert len(generator) > 1
+    for path in (PACKAGE / "demo.py", *generator):
+        allowed = ("phnn.errors.", *(("studies.generator.",) if path in generator else ()))
+        own = {n for n in _imported_names(path) if n.split(".")[0] in ("phnn", "studies")}
+        assert {n for n in own if not n.startswith(allowed)} == set(), path
+
+
+def test_the_package_imports_nothing_of_the_studies() -> None:
+    found = {name: n for name, path in MODULES.items() for n in _imported_names(path) if n.split(".")[0] == "studies"}
+    assert found == {}
 
 
 def test_a_cycle_is_found() -> None:

@@ -18,13 +18,15 @@ import pandas as pd
 from docstrings import examples
 
 Names = dict[str, object]
-TESTS = Path(__file__).resolve().parents[2] / "tests"
+ROOT = Path(__file__).resolve().parents[2]
+TESTS = ROOT / "tests"
 # Seed and effect of the simulated recordings.
 SEED, EFFECT = 7, "quadratic_drag"
 
 
 def recordings(folder: Path) -> Names:
     """Four recordings of an actuator with an effect that the base model lacks, in ``recordings/``."""
+    sys.path.insert(0, str(ROOT))  # studies/ is not installed
     from studies.generator import generate
 
     generate(SEED, folder / "recordings", EFFECT, "short")
@@ -111,6 +113,7 @@ def reference(folder: Path) -> Names:
 _SETUPS: dict[str, Callable[[Path], Names]] = {
     "README": recordings,
     "cluster": recordings,
+    "comparison": recordings,
     "diagnose": recordings,
     "what-phnn-can-say": recordings,
     "coming-from-matlab": recordings,

@@ -22,7 +22,7 @@ import numpy as np
 
 import phnn
 from phnn.check import check
-from studies.generator import generate
+from phnn.demo import generate
 
 folder = Path(tempfile.mkdtemp())
 sealed = generate(7, folder / "recordings", "quadratic_drag", "short")

@@ -21,8 +21,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 import phnn
+from phnn.demo import generate
 from phnn.learn.gather import gather
-from studies.generator import generate
 
 folder = Path(tempfile.mkdtemp())
 _ = generate(5, folder / "recordings", "none", "short")

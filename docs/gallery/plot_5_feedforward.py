@@ -20,7 +20,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import phnn
-from studies.generator import generate
+from phnn.demo import generate
 
 folder = Path(tempfile.mkdtemp())
 sealed = generate(5, folder / "recordings", "none", "short")

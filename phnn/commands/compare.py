@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from phnn.commands.terminal import Config, console, status
+from phnn.comparison.models import Settings
 from phnn.comparison.run import compare as run_comparison
 from phnn.comparison.run import show
-from phnn.comparison.settings import Settings
 from phnn.recordings import read
 
 
@@ -18,6 +18,6 @@ def compare(
     settings = Settings.from_config(config)
     with status() as progress:
         campaign = read(folder, manifest, allow_outside=outside)
-        table = run_comparison(campaign, out, settings, progress, overwrite)
-    show(table, console())
+        results = run_comparison(campaign, out, settings, progress, overwrite)
+    show(results, console())
     print(f"results: {out / 'compare.md'}   seed: {settings.options.seed}")

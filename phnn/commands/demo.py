@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from phnn.commands.diagnose import diagnose_into
+from phnn.demo import EFFECTS, make, open_seal, seal
 from phnn.errors import PhnnError
 from phnn.identification.options import Options
 from phnn.integrate.cache import compile_ahead
 from phnn.recordings import read
 from phnn.report.provenance import command_line, provenance
-from phnn.results import claim, write_atomic
-from studies.generator import EFFECTS, generate, open_seal, write_seal
+from phnn.results import claim
 
 # Members of a class beyond which it names nothing.
 _CLASS = 3
@@ -30,16 +30,20 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any], overwrite: bool
     compile_ahead()
     print(f"seed {chosen} (repeat with SEED={chosen}); one of {', '.join(EFFECTS)} is concealed", flush=True)
     with claim(out, "demo", (), ("recordings", "seal", "diagnosis"), overwrite=overwrite) as place:
-        folder, seal_file = (place / "recordings").own_folder(), (place / "seal").own_folder() / "sealed.json"
-        digest = write_seal(generate(chosen, folder, write=write_atomic), seal_file, write_atomic)
-        print(f"sealed the answer in {seal_file}, SHA-256 {digest}", flush=True)
-        campaign, result = read(folder), out / "diagnosis"
+        made = make(chosen)
+        for name, content in made.files.items():
+            (place / "recordings" / name).write(content)
+        answer, digest = seal(made.sealed)
+        sealed_file = place / "seal" / "sealed.json"
+        sealed_file.write(answer)
+        print(f"sealed the answer in {out / 'seal' / 'sealed.json'}, SHA-256 {digest}", flush=True)
+        campaign, result = read(place.path / "recordings"), out / "diagnosis"
         # The seed that was drawn, where none was given: only so the command gives the same again.
         made_of = provenance(campaign, command_line(["demo", "--seed", str(chosen), "--out", str(out)]))
         diagnosis = diagnose_into(campaign, place / "diagnosis", Options.from_config(config), result, made_of)
     if diagnosis.ended.interruption is not None:
         raise diagnosis.ended.interruption
-    sealed = open_seal(seal_file)
+    sealed = open_seal(sealed_file.path, digest)
     j = diagnosis.judgement
     claimed = j.claimed
     named = [f.named_as.name for f in claimed]

@@ -1,64 +1,195 @@
-"""The models of a comparison: each fitted to the identification recordings and scored on all."""
+"""The models of a comparison: their settings, how each is fitted, and results that need no second fit.
+
+Every model is fitted to the identification samples and gives its output on all recordings. A model of your own joins by
+`register_rival`.
+"""
 
 from __future__ import annotations
 
+import io
+import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from phnn.comparison.result import Result, keep, kept
-from phnn.comparison.settings import NETWORKS, Settings
-from phnn.comparison.supply import Response, Supply, of_plant, of_setup, supply
-from phnn.comparison.trained import Trained, Training, train
+from phnn.comparison.training import Recipe, Training, train
+from phnn.configuration import check, positive
 from phnn.diagnosis.tested import score_on_all
+from phnn.errors import InputRefused
 from phnn.identification.base import Progress, identify_base, identify_bouc_wen
-from phnn.identification.evaluate import Evaluation, score_part
+from phnn.identification.evaluate import Evaluation, PartScore, score_part
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
+from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import identify_actuator
-from phnn.learn.passivity import violations
-from phnn.learn.plant import LatentPlant, NetworkPlant, Plant
-from phnn.learn.starts import typical_states
+from phnn.learn.plant import NetworkPlant
 from phnn.models.store import save
 from phnn.recordings.digest import digest
-from phnn.recordings.recording import Campaign
-from phnn.results import Place
+from phnn.recordings.recording import Campaign, Recording
+from phnn.results import Place, file_name, finite, same
 from phnn.setup import Setup
-from studies.rival_models.names import NAMES as RIVALS
-from studies.rival_models.names import rival
 
-STATES = 10_000
+Array = NDArray[np.float64]
+# Of a campaign, a seed and processor seconds: outputs by recording, and facts.
+RivalFit = Callable[[Campaign, int, float], tuple[Mapping[str, Array], Mapping[str, Any]]]
+
+_SCHEMA = "phnn.compared/2"
+_FILE, _OUTPUTS = "result.json", "outputs.npz"
 # Parameters that a linear model has as well.
 _MECHANICAL = ("m", "k", "b", "alpha")
-KINDS = {
-    "phs": "port-Hamiltonian network, hysterons with dead zones",
-    "phs_neural": "port-Hamiltonian network, hysterons with learned resistors, started from phs",
-    "phs_adjoint": "port-Hamiltonian network, hysterons with dead zones",
-    "phs_neural_adjoint": "port-Hamiltonian network, hysterons with learned resistors",
-    "neural_phs": "port-Hamiltonian system whose structure, dissipation and energy are learned",
-    "bouc_wen": "Bouc–Wen block in front of a mass, spring and damper",
-    "linear": "mass, spring and damper",
-    "neural_ode": "black-box neural ordinary differential equation",
-}
 _LEAST_SQUARES = "least squares with exact forward sensitivities of the compiled power-preserving step"
 _ADJOINT = "L-BFGS, torchdiffeq's odeint_adjoint with the compiled power-preserving step as its method"
-GRADIENTS = {
-    "phs": _LEAST_SQUARES,
-    "bouc_wen": _LEAST_SQUARES,
-    "linear": _LEAST_SQUARES,
-    "phs_neural": "damped Gauss–Newton with exact forward sensitivities of the compiled power-preserving step",
-    "phs_adjoint": _ADJOINT,
-    "phs_neural_adjoint": _ADJOINT,
-    "neural_phs": "implicit function theorem through the power-preserving step, one backward sweep",
-    "neural_ode": "through the steps of the explicit method (torchdiffeq)",
-}
-_NO_ENERGY = "it has no energy to compare with the supply"
-_HEAD = "the hysteresis is a block before the network and has no energy"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Attributes:
+    title: of the model's column; words: what it is; how: by what it is fitted.
+    """
+
+    title: str
+    words: str
+    how: str = _LEAST_SQUARES
+
+
+# In the order in which they are fitted and shown: phs_neural begins from phs.
+MODELS = {
+    "phs": Kind("PHS", "port-Hamiltonian network, hysterons with dead zones"),
+    "phs_neural": Kind(
+        "PHS, learned hysterons", "port-Hamiltonian network, hysterons with learned resistors, started from phs",
+        "damped Gauss–Newton with exact forward sensitivities of the compiled power-preserving step",
+    ),
+    "phs_adjoint": Kind("PHS, by adjoint", "port-Hamiltonian network, hysterons with dead zones", _ADJOINT),
+    "phs_neural_adjoint": Kind(
+        "PHS, learned hysterons, by adjoint", "port-Hamiltonian network, hysterons with learned resistors", _ADJOINT
+    ),
+    "neural_phs": Kind(
+        "fully neural PHS", "port-Hamiltonian system whose structure, dissipation and energy are learned",
+        "implicit function theorem through the power-preserving step, one backward sweep",
+    ),
+    "bouc_wen": Kind("Bouc–Wen", "Bouc–Wen block in front of a mass, spring and damper"),
+    "linear": Kind("linear", "mass, spring and damper"),
+    "neural_ode": Kind(
+        "neural ODE", "black-box neural ordinary differential equation",
+        "through the steps of the explicit method (torchdiffeq)",
+    ),
+}  # fmt: skip
+# Networks whose time step the identified model tells, and models that begin without an identified one.
+NETWORKS, BLACK_BOXES = ("phs_neural", "phs_adjoint", "phs_neural_adjoint"), ("neural_phs", "neural_ode")
+TRAINED = (*NETWORKS, *BLACK_BOXES)
+_RIVALS: dict[str, tuple[RivalFit, str]] = {}
+
+
+def register_rival(name: str, fit: RivalFit, title: str = "") -> None:
+    """Add a model of your own to the comparisons of this process; ``models=[phs,NAME]`` then names it.
+
+        def follow(campaign, seed, budget):
+            gain = max(np.ptp(r.y) for r in campaign.recordings) / max(np.ptp(r.u) for r in campaign.recordings)
+            return {r.name: gain * r.u for r in campaign.recordings}, {"parameters": 1}
+
+        register_rival("proportional", follow)
+
+    Args:
+        name: of the model and of its folder; a rival of the same name is replaced.
+        fit: fits to the identification samples (``r.mask("identification")``) of a campaign. It gets the campaign, the
+            seed and the processor seconds of ``budget``, which it may use. It returns the output (N,) by recording's
+            name for all recordings, in SI, and facts that json can hold; ``parameters``, ``kind`` and ``gradient`` are
+            shown. The zero of each recording is added to the output as for every other model.
+        title: of its column; the name if empty.
+
+    Raises:
+        InputRefused: the name belongs to a model of phnn or cannot be that of a folder.
+    """
+    if name in (*MODELS, "all") or file_name(name) != name:
+        raise InputRefused(f"rival {name!r}: this name is taken or no file name: choose another")
+    _RIVALS[name] = fit, title or name
+
+
+def known() -> tuple[str, ...]:
+    """Return the names of all models, registered rivals last."""
+    return (*MODELS, *_RIVALS)
+
+
+def title(model: str) -> str:
+    """Return the title of a model's column."""
+    return MODELS[model].title if model in MODELS else _RIVALS[model][1]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """One comparison; the keys of ``configs/compare.yaml``.
+
+    Attributes:
+        options: of the identification of parametric models.
+        models: which to fit, in the order of `known`.
+        resume: read finished models of an earlier run back, and go on where a training was stopped.
+        recipes: of the neural models, by name.
+        budget: processor seconds of each rival.
+    """
+
+    options: Options
+    models: tuple[str, ...]
+    resume: bool
+    recipes: Mapping[str, Recipe]
+    budget: float = positive(60.0)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    @classmethod
+    def from_config(cls, config: Mapping[str, Any]) -> Settings:
+        """Return the settings of a composed configuration.
+
+        Raises:
+            InputRefused: an unknown model, or none.
+        """
+        asked = config["models"]
+        names = [asked] if isinstance(asked, str) else list(asked)
+        there = ", ".join(known())
+        for name in names:
+            if name not in (*known(), "all"):
+                raise InputRefused(f"models: nothing is called {name!r}: choose from {there}, or all")
+        chosen = tuple(m for m in known() if m in names or "all" in names)
+        if not chosen:
+            raise InputRefused(f"models: none is named: choose from {there}, or all")
+        recipes = {name: Recipe(**config[name]) for name in TRAINED}
+        return cls(Options.from_config(config), chosen, bool(config["resume"]), recipes, config["budget"])
+
+    def of(self, model: str) -> dict[str, Any]:
+        """Return all that the result of one model depends on besides the recordings, as plain numbers and texts."""
+        # Threads share the work and leave the result as it is.
+        own: dict[str, Any] = {"seed": self.options.seed}
+        if model in TRAINED:
+            own |= {"recipe": vars(self.recipes[model])}
+        if model not in MODELS:
+            own |= {"budget": self.budget}
+        elif model not in BLACK_BOXES:
+            own |= {n: getattr(self.options, n) for n in ("starts", "error_bound_sigma")}
+        return own
+
+
+@dataclass(frozen=True)
+class Result:
+    """One model on all recordings.
+
+    Attributes:
+        name: of the model.
+        evaluation: its outputs and scores.
+        facts: what else there is to say of it: kind, number of parameters, seconds, how it was fitted, seed.
+        substeps: steps a sample interval by recording, of a model that others begin from.
+    """
+
+    name: str
+    evaluation: Evaluation
+    facts: Mapping[str, Any]
+    substeps: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -77,29 +208,75 @@ class Bench:
     done: dict[str, Result] = field(default_factory=dict)
 
     def home(self, model: str) -> Place:
-        """The folder of a model."""
+        """Return the folder of a model."""
         return self.place / model
 
     def result(self, model: str) -> Result:
-        """A model's result: the one that lies in its folder, or that of fitting it now.
+        """Return a model's result: the one that lies in its folder, or that of fitting it now.
 
         Raises:
             InputRefused: the one that lies there was made otherwise.
         """
         if model in self.done:
             return self.done[model]
-        made_with, recordings = self.settings.of(model), digest(self.campaign)
-        found = kept(model, self.home(model).path, made_with, recordings) if self.settings.resume else None
+        made_with = {**self.settings.of(model), "recordings": digest(self.campaign), "schema": _SCHEMA}
+        found = _kept(self.home(model).path, made_with) if self.settings.resume else None
         if found is None:
-            found = _fitter(model)(self)
-            keep(found, self.home(model), made_with, recordings)
+            found = _FITTERS.get(model, _rival)(self, model)
+            _keep(found, self.home(model), made_with)
         self.done[model] = found
         return found
 
     def plan(self) -> Plan:
-        """The identification recordings with the sub-steps that the base model was found to need."""
+        """Return the identification recordings with the sub-steps that the base model was found to need."""
         substeps = self.result("phs").substeps
         return replace(identification_plan(self.campaign, self.settings.options.workers), substeps=dict(substeps))
+
+    def facts(self, model: str, parameters: int, times: Mapping[str, float]) -> dict[str, Any]:
+        """Return what there is to say of a model of phnn."""
+        kind, seed = MODELS[model], self.settings.options.seed
+        return {"kind": kind.words, "parameters": parameters, "gradient": kind.how, "seed": seed, **times}
+
+
+def _keep(result: Result, place: Place, made_with: Mapping[str, Any]) -> None:
+    """Write a result into the folder of its model; the outputs first, so that a result is whole once it is there."""
+    buffer = io.BytesIO()
+    np.savez(buffer, *result.evaluation.outputs.values())
+    (place / _OUTPUTS).write(buffer.getvalue())
+    content = {
+        "model": result.name, "made_with": made_with, "outputs": list(result.evaluation.outputs),
+        "parts": [asdict(p) for p in result.evaluation.parts], "facts": result.facts, "substeps": result.substeps,
+    }  # fmt: skip
+    (place / _FILE).write_json(content)
+
+
+def _kept(folder: Path, made_with: Mapping[str, Any]) -> Result | None:
+    """Return the result that `_keep` wrote, None where there is none.
+
+    Raises:
+        InputRefused: it was made with other settings or of other recordings, or is damaged.
+    """
+    path = folder / _FILE
+    if not path.exists():
+        return None
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        with np.load(folder / _OUTPUTS) as stored:
+            outputs = {name: stored[f"arr_{k}"] for k, name in enumerate(content["outputs"])}
+        # An infinite score is null in json.
+        rows: list[dict[str, Any]] = [{n: np.inf if v is None else v for n, v in p.items()} for p in content["parts"]]
+        found = Result(
+            content["model"],
+            Evaluation(outputs, tuple(PartScore(**row) for row in rows)),
+            content["facts"],
+            content["substeps"],
+        )
+        before = dict(content["made_with"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputRefused(f"{path}: cannot be read ({type(error).__name__}): delete {folder}") from error
+    now = json.loads(json.dumps(finite(made_with)))
+    same(path, before, now, "take another --out, or resume=false to fit it anew")
+    return found
 
 
 @dataclass(frozen=True)
@@ -118,125 +295,96 @@ class _Clock:
         }
 
 
-def _phs(bench: Bench) -> Result:
+def _phs(bench: Bench, model: str) -> Result:
     clock = _Clock()
     actuator = {"model": "piezo_actuator", "hysterons": bench.campaign.setup.get("hysterons", 2)}
     fitted, _ = identify_base(replace(bench.campaign, setup=actuator), bench.settings.options, bench.progress)
-    return _identified(bench, "phs", fitted, clock.facts)
+    return _identified(bench, model, fitted, clock)
 
 
-def _bouc_wen(bench: Bench) -> Result:
+def _bouc_wen(bench: Bench, model: str) -> Result:
     plan, clock = bench.plan(), _Clock()
     fitted = identify_bouc_wen(plan, bench.campaign, bench.settings.options, bench.progress)
-    return _identified(bench, "bouc_wen", fitted, clock.facts)
+    return _identified(bench, model, fitted, clock)
 
 
-def _linear(bench: Bench) -> Result:
+def _linear(bench: Bench, model: str) -> Result:
     plan, clock = bench.plan(), _Clock()
     bench.progress("identify linear")
     known = {n: a for n, a in bench.campaign.known.items() if n in _MECHANICAL}
     fitted = identify_actuator(plan, known, 0, 1, bench.settings.options.seed)
-    return _identified(bench, "linear", fitted, clock.facts)
+    return _identified(bench, model, fitted, clock)
 
 
-_FITTED: Mapping[str, Callable[[Bench], Result]] = {"phs": _phs, "bouc_wen": _bouc_wen, "linear": _linear}
-
-
-def _fitter(model: str) -> Callable[[Bench], Result]:
-    """How a model is fitted."""
-    if model in RIVALS:
-        return lambda bench: _rival(bench, model)
-    return _FITTED.get(model, lambda bench: _trained(bench, model))
-
-
-def _rival(bench: Bench, model: str) -> Result:
-    """Fit a rival within its budget, score and judge it."""
-    clock, chosen, settings = _Clock(), rival(model), bench.settings
-    bench.progress(f"fit {model}, {settings.budget:g} s of the processor")
-    fitted = chosen.fit(bench.campaign.recordings, settings.budget, settings.options.seed)
+def _identified(bench: Bench, model: str, fitted: Fit, clock: _Clock) -> Result:
+    """Score and save a parametric model."""
     times = clock.facts
-    outputs = fitted.outputs(bench.campaign.recordings)
-    parts = [
-        score_part(r, y, p.first, p.last, p.name, p.use)
-        for r, y in zip(bench.campaign.recordings, outputs, strict=True)
-        for p in r.parts
-        if p.use != "nuisance"
-    ]
-    found = Evaluation({r.name: y for r, y in zip(bench.campaign.recordings, outputs, strict=True)}, tuple(parts))
-    facts = {
-        "kind": f"{chosen.words} ({chosen.source})",
-        "parameters": fitted.parameters,
-        **times,
-        "gradient": chosen.how,
-        "seed": settings.options.seed,
-        "budget": settings.budget,
-        **fitted.facts,
-        "passivity": _passivity(bench, model, fitted.outputs, None, _NO_ENERGY),
-    }
-    return Result(model, found, facts, {})
-
-
-def _identified(bench: Bench, model: str, fitted: Fit, times: Mapping[str, float]) -> Result:
-    """Score and judge a parametric model."""
     scores = score_on_all(fitted, bench.campaign)
     save_fit(fitted, bench.home(model))
-    plant = None
-    if not fitted.setup.amplifier:
-        network = fitted.setup.network
-        plant = NetworkPlant(network, typical_states(network, fitted.plan.recordings))
-    facts = _facts(bench, model, len(fitted.variables.names)) | {
-        **times,
-        "passivity": _passivity(bench, model, of_setup(fitted.setup), plant, _HEAD),
-    }
+    facts = bench.facts(model, len(fitted.variables.names), times)
     return Result(model, scores, facts, dict(fitted.plan.substeps))
 
 
 def _trained(bench: Bench, model: str) -> Result:
-    """Train, score and judge a neural model."""
+    """Train, score and save a neural model."""
     recipe, options = bench.settings.recipes[model], bench.settings.options
     substeps, base = 1, None
     if model in NETWORKS:
-        plan = bench.plan()
+        substeps = bench.plan().finest
         base = bench.home("phs").path if model == "phs_neural" else None
-        substeps = plan.finest
         hysterons = int(bench.campaign.setup.get("hysterons", 2))
         recipe = replace(recipe, model={**recipe.model, "hysterons": hysterons})
     training = Training(model, recipe, bench.campaign, bench.home(model), options.seed, bench.settings.resume)
     found = train(training, substeps, base, bench.progress)
     if isinstance(found.plant, NetworkPlant):
         save(Setup(found.plant.network, name=model), bench.home(model), substeps)
-    facts = _facts(bench, model, found.parameters) | {
-        "seconds": round(found.seconds, 1),
-        "loss_by_stage": found.losses,
-        "stopped_by": list(found.validation),
-        "passivity": _passivity(bench, model, _response(found), found.plant, _NO_ENERGY),
-    }
-    return Result(model, found.evaluation, facts, {})
+    facts = bench.facts(model, found.parameters, {"seconds": round(found.seconds, 1)})
+    return Result(
+        model, found.evaluation, facts | {"loss_by_stage": found.losses, "stopped_by": list(found.validation)}
+    )
 
 
-def _response(found: Trained) -> Response:
-    """How a trained model answers to inputs of any sampling."""
-    if isinstance(found.plant, LatentPlant):
-        return of_plant(found.plant, found.solver)
-    assert isinstance(found.plant, NetworkPlant)
-    return of_setup(Setup(found.plant.network))
+def _rival(bench: Bench, model: str) -> Result:
+    """Fit and score a registered rival."""
+    clock, (fit, _), settings = _Clock(), _RIVALS[model], bench.settings
+    bench.progress(f"fit {model}, {settings.budget:g} s of the processor")
+    given, own = fit(bench.campaign, settings.options.seed, settings.budget)
+    facts = {
+        "kind": "rival", "parameters": "", "gradient": "", "seed": settings.options.seed, "budget": settings.budget,
+        **clock.facts, **own,
+    }  # fmt: skip
+    outputs = {r.name: _with_zero(r, _checked(model, r, given)) for r in bench.campaign.recordings}
+    parts = tuple(
+        score_part(r, outputs[r.name], p.first, p.last, p.name, p.use)
+        for r in bench.campaign.recordings
+        for p in r.parts
+        if p.use != "nuisance"
+    )
+    return Result(model, Evaluation(outputs, parts), facts)
 
 
-def _facts(bench: Bench, model: str, parameters: int) -> dict[str, Any]:
-    return {
-        "kind": KINDS[model],
-        "parameters": parameters,
-        "gradient": GRADIENTS[model],
-        "seed": bench.settings.options.seed,
-    }
+def _checked(model: str, recording: Recording, given: Mapping[str, Array]) -> Array:
+    """Return a rival's output on one recording.
+
+    Raises:
+        InputRefused: it is absent or has another length.
+    """
+    if recording.name not in given:
+        raise InputRefused(f"rival {model}: has no output for recording {recording.name}: give all recordings")
+    y = np.asarray(given[recording.name], dtype=np.float64)
+    if y.shape != recording.t.shape:
+        raise InputRefused(f"rival {model}: {recording.name} has shape {y.shape}: give {recording.t.shape[0]} samples")
+    return y
 
 
-def _passivity(bench: Bench, model: str, response: Response, plant: Plant | None, why: str) -> dict[str, Any]:
-    """Both checks: the power balance at random states where a model has an energy, the supply under random inputs."""
-    bench.progress(f"check the passivity of {model}")
-    recordings = [r for r in bench.campaign.recordings if r.mask("identification").any()]
-    seed, voltage = bench.settings.options.seed, max(float(np.abs(r.u).max()) for r in recordings)
-    counted = None if plant is None else violations(plant, voltage, STATES, seed)
-    balance: dict[str, Any] = {"states": STATES, "violations": counted}
-    found: Supply = supply(response, recordings, bench.settings.inputs, seed)
-    return {"power_balance": balance if counted is not None else balance | {"reason": why}, "supply": asdict(found)}
+def _with_zero(recording: Recording, y: Array) -> Array:
+    """Return an output with the recording's own zero: from its identification part, else from its nuisance part, else
+    from all samples."""
+    masks = (recording.mask("identification"), recording.mask("nuisance"), np.ones(y.size, dtype=bool))
+    mask = next(m for m in masks if m.any())
+    return y + np.mean((recording.y - y)[mask]) if np.isfinite(y).all() else y
+
+
+_FITTERS: dict[str, Callable[[Bench, str], Result]] = {
+    "phs": _phs, "bouc_wen": _bouc_wen, "linear": _linear, **dict.fromkeys(TRAINED, _trained)
+}  # fmt: skip

@@ -1,39 +1,44 @@
-"""One comparison from recordings to tables and figures."""
+"""One comparison from recordings to a table and a figure."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+import csv
+import io
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from matplotlib import rc_context
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Printed
 
-from phnn.comparison.document import Table, cells, heads, markdown, scores, table_csv, table_of
-from phnn.comparison.figures import draw_all
-from phnn.comparison.models import Bench
-from phnn.comparison.settings import Settings
+from phnn.comparison.models import Bench, Result, Settings, title
 from phnn.identification.base import Progress, quiet
+from phnn.identification.evaluate import PartScore
 from phnn.identification.prepare import single
 from phnn.identification.zero import own_zeros
-from phnn.recordings import Campaign, read
-from phnn.results import Origin, Place, claim
-from studies.recordings import Conditions, comparison_plan, write_recordings
-from studies.results import write_results
+from phnn.recordings import Campaign
+from phnn.report.figures.style import CATEGORIES, RC, literal, log_axis, new_figure, png, quiet_grid
+from phnn.report.formatting import markdown_table, number, percent, ratio
+from phnn.results import Origin, claim
 
-_SIGNALS = "sines from rest, three periods of 2500 samples"
-RESULTS = ("compare.json", "models.json", "compare.csv", "compare.md", "figures", "recordings")
+Results = Mapping[str, Result]
+
+RESULTS = ("compare.json", "models.json", "compare.csv", "compare.md", "compare.png")
+USES = {"identification": "identified", "confirmation": "held out"}
+_MARKS = "DoXsv^P<>phd8"
 
 
 def compare(
     campaign: Campaign, out: Path, settings: Settings, progress: Progress = quiet, overwrite: bool = False
-) -> Table:
-    """Fit all models that are asked for to the identification recordings and score them on all.
+) -> dict[str, Result]:
+    """Fit all models that are asked for to the identification recordings; return them, scored on all, by name.
 
-    Writes ``compare.json`` and ``models.json`` after every model, ``compare.csv``, ``compare.md`` and ``figures/`` at
-    the end, and each model into a folder of its own. Models that were finished before are read back.
+    Writes ``compare.json`` and ``models.json`` after every model, ``compare.csv``, ``compare.md`` and ``compare.png``
+    at the end, and each model into a folder of its own. Models that were finished before are read back.
 
     Args:
         campaign: recordings with their uses.
@@ -45,59 +50,108 @@ def compare(
     Raises:
         InputRefused: recordings that cannot be used, or results of other settings lie in ``out``.
     """
-    with _claimed(out, campaign.inputs, settings, overwrite) as place:
-        return _compare(campaign, place, settings, progress)
-
-
-def _claimed(
-    out: Path, inputs: Sequence[Path], settings: Settings, overwrite: bool = False
-) -> AbstractContextManager[Place]:
-    """Models know themselves what they were made of, so that one can be added to those that were fitted before."""
+    # Models know themselves what they were made of, so that one can be added to those that were fitted before.
     origin = Origin(resume=settings.resume, anew="resume=false")
-    return claim(out, "compare", inputs, (*RESULTS, *settings.models), origin, overwrite)
+    with claim(out, "compare", campaign.inputs, (*RESULTS, *settings.models), origin, overwrite) as place:
+        single(campaign.recordings, "a comparison follows one input to one output")
+        # Not every model that is compared has a parameter for a shared zero.
+        bench = Bench(replace(campaign, recordings=own_zeros(campaign.recordings)), settings, place, progress)
+        results: dict[str, Result] = {}
+        for model in settings.models:
+            results[model] = bench.result(model)
+            (place / "compare.json").write_json(scores(results))
+            (place / "models.json").write_json({m: r.facts for m, r in results.items()})
+        progress("draw")
+        (place / "compare.png").write(draw(results))
+        (place / "compare.csv").write(table_csv(results).encode())
+        (place / "compare.md").write(page(results, campaign.folder).encode())
+    return results
 
 
-def _compare(campaign: Campaign, place: Place, settings: Settings, progress: Progress, origin: str = "") -> Table:
-    """The comparison in a claimed folder; the origin of the recordings is for the page of markdown."""
-    single(campaign.recordings, "a comparison follows one input to one output")
-    # Not every model that is compared has a parameter for a shared zero.
-    campaign = replace(campaign, recordings=own_zeros(campaign.recordings))
-    bench = Bench(campaign, settings, place, progress)
-    results = []
-    for model in settings.models:
-        results.append(bench.result(model))
-        table = table_of(campaign, results)
-        (place / "compare.json").write_json(scores(table))
-        (place / "models.json").write_json(table.facts)
-    progress("draw")
-    drawings = draw_all(table, campaign, results)
-    words = origin or "Fitted to the identification recordings of the folder named above."
-    page = markdown(table, f"All models on {campaign.folder}", words, drawings) + "\n"
-    write_results(place, {"compare.csv": table_csv(table), "compare.md": page}, drawings=drawings)
-    return table
+def scores(results: Results) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return ``compare.json`` as a mapping, lengths in m."""
+    return {
+        model: {p.name: {**_numbers(p), "held_out": p.use != "identification"} for p in result.evaluation.parts}
+        for model, result in results.items()
+    }
 
 
-def compare_on_made(out: Path, conditions: Conditions, settings: Settings, progress: Progress = quiet) -> Table:
-    """Make recordings in ``out/recordings`` that also go beyond the identified range, and compare on them.
-
-    Raises:
-        InputRefused: settings, or a folder that holds files of others.
-        SolverFailed: the second effect cannot be made as strong as asked.
-    """
-    with _claimed(out, (), settings) as place:
-        progress("make recordings")
-        folder = (place / "recordings").own_folder()
-        made = write_recordings(folder, conditions, comparison_plan())
-        return _compare(read(folder), place, settings, progress, made.words(_SIGNALS))
+def _numbers(part: PartScore) -> dict[str, float]:
+    return {"fit_percent": part.fit_percent, "rmse": part.rmse, "residual_over_noise": part.residual_over_noise}
 
 
-def show(table: Table, console: Console) -> None:
+def _rows(results: Results) -> Iterator[tuple[str, str, dict[str, PartScore]]]:
+    """Yield name, use and the scores of all models of every recording or part, identified ones first."""
+    entries = {model: {p.name: p for p in result.evaluation.parts} for model, result in results.items()}
+    first = next(iter(entries.values()))
+    for use in USES:
+        yield from ((n, use, {m: parts[n] for m, parts in entries.items()}) for n, p in first.items() if p.use == use)
+
+
+def table_csv(results: Results) -> str:
+    """Return one line for each recording and model, SI."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["recording", "use", "model", "fit_percent", "rmse_m", "residual_over_noise"])
+    for name, use, parts in _rows(results):
+        writer.writerows([name, use, model, *_numbers(p).values()] for model, p in parts.items())
+    return out.getvalue()
+
+
+def _table(results: Results) -> tuple[list[str], list[list[str]]]:
+    """Return heads and cells of the table of fits: fit percentage, and the residual over noise in brackets."""
+    cells = [
+        [n, USES[use], *(f"{percent(p.fit_percent, 2)}  ({ratio(p.residual_over_noise)})" for p in parts.values())]
+        for n, use, parts in _rows(results)
+    ]
+    return ["recording", "use", *map(title, results)], cells
+
+
+def page(results: Results, folder: str) -> str:
+    """Return the comparison as markdown."""
+    over = [
+        [words, *(ratio(r.evaluation.over_noise(use)) for r in results.values())]
+        for use, words in USES.items()
+        if np.isfinite(next(iter(results.values())).evaluation.over_noise(use))
+    ]
+    models = [
+        [title(m), *(str(r.facts[n]) for n in ("kind", "parameters")), number(r.facts["seconds"]), r.facts["gradient"]]
+        for m, r in results.items()
+    ]
+    lines = [f"# All models on {folder}", "", "Fitted to the identification recordings, scored on all.", ""]
+    lines += ["## Fit in percent, and residual over noise in brackets", "", *markdown_table(*_table(results)), ""]
+    lines += markdown_table(["residual over noise, root mean square", *map(title, results)], over)
+    lines += ["", "![Residual over noise, by recording and model](compare.png)", "", "## Models", ""]
+    return "\n".join([*lines, *markdown_table(["model", "kind", "parameters", "seconds", "fitted by"], models), ""])
+
+
+def draw(results: Results) -> bytes:
+    """Return a picture with one dot a model and recording on a logarithmic axis of the residual over noise."""
+    rows = list(_rows(results))
+    with rc_context(RC):
+        figure = new_figure(9.2, 1.5 + 0.31 * len(rows))
+        axes = figure.subplots()
+        for k, model in enumerate(results):
+            known = [(parts[model].residual_over_noise, at) for at, (_, _, parts) in enumerate(rows)]
+            known = [(x, at) for x, at in known if 0.0 < x < np.inf]
+            axes.scatter(
+                [x for x, _ in known], [at for _, at in known], s=34, color=CATEGORIES[k % len(CATEGORIES)],
+                marker=_MARKS[k % len(_MARKS)], label=literal(title(model)), zorder=3, alpha=0.9,
+            )  # fmt: skip
+        log_axis(axes)
+        axes.axvline(1.0, color="#4d555c", linewidth=1.0, dashes=(3, 2), zorder=0, label="noise floor")
+        axes.set_yticks(range(len(rows)), [f"{literal(n, 34)}  ({USES[use]})" for n, use, _ in rows])
+        axes.set_ylim(len(rows) - 0.4, -0.6)
+        quiet_grid(axes)
+        axes.set_xlabel("residual over noise (logarithmic)")
+        figure.legend(loc="outside upper right", ncols=4)
+        return png(figure)
+
+
+def show(results: Results, console: Console) -> None:
     """Print fit and residual over noise, recordings grouped by use."""
-    printed = Printed(*heads(table), title="fit % (residual over noise)")
-    last = ""
-    for name in table.grouped:
-        if last and table.uses[name] != last:
-            printed.add_section()
-        last = table.uses[name]
-        printed.add_row(*(escape(cell) for cell in cells(table, name)))
+    heads, cells = _table(results)
+    printed = Printed(*heads, title="fit % (residual over noise)")
+    for row, after in zip(cells, [*cells[1:], cells[-1]], strict=True):
+        printed.add_row(*(escape(cell) for cell in row), end_section=row[1] != after[1])
     console.print(printed)

@@ -11,19 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
-from phnn.comparison.document import HEADS, Table
+from phnn.comparison.models import Result, Settings
 from phnn.comparison.run import compare
-from phnn.comparison.settings import Settings
-from phnn.comparison.uses import CONFIRMATION, IDENTIFICATION, OUTSIDE
 from phnn.identification.base import Progress, quiet
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import markdown_table, ratio
 from phnn.results import Place
+from studies.comparison.rivals import HEADS
+from studies.comparison.uses import CONFIRMATION, OUTSIDE, USES, over_noise, uses
 from studies.generator.excitation import Excitation, sine
 from studies.recordings import comparison_plan
 from studies.rival_models.truths import write_truth
 
-USES = {IDENTIFICATION: "identified", CONFIRMATION: "held out, inside", OUTSIDE: "held out, outside"}
 COUNTS, ENOUGH = (1, 2, 4, 7), 1.2
 _COLUMNS = ("truth", "seed", "recordings", "model", *USES, "parameters", "processor_seconds", "budget", "size")
 # In this order recordings are added: the first few span amplitude and frequency as well as they can.
@@ -110,15 +109,16 @@ def _compared(
     truth, seed = case
     settings = replace(settings, options=replace(settings.options, seed=seed))
     told: Progress = lambda line: progress(f"{truth}, seed {seed}: {line}")  # noqa: E731
-    table = compare(campaign, Path(home.path) / "models", settings, told)
+    results = compare(campaign, Path(home.path) / "models", settings, told)
     count = sum(r.mask("identification").any() for r in campaign.recordings)
-    return [_row(table, model, (truth, seed, int(count)), settings.budget) for model in table.entries]
+    kinds = uses(campaign.recordings)
+    return [_row(result, kinds, (truth, seed, int(count)), settings.budget) for result in results.values()]
 
 
-def _row(table: Table, model: str, case: tuple[str, int, int], budget: float) -> Row:
-    facts = table.facts[model]
+def _row(result: Result, kinds: Mapping[str, str], case: tuple[str, int, int], budget: float) -> Row:
+    facts, model = result.facts, result.name
     return Row(
-        *case, model, {use: table.over_noise(model, use) for use in USES}, int(facts["parameters"]),
+        *case, model, {use: over_noise(result.evaluation, kinds, use) for use in USES}, int(facts["parameters"]),
         float(facts.get("processor_seconds", facts["seconds"])), budget, str(facts.get("size", "")),
     )  # fmt: skip
 

@@ -8,8 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields, replace
 
-from phnn.comparison.document import HEADS
-from phnn.comparison.settings import Settings
+from phnn.comparison.models import Settings
 from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import Progress, quiet
 from phnn.identification.identified import identify
@@ -17,6 +16,7 @@ from phnn.model import Model
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import markdown_table
 from phnn.results import Place
+from studies.comparison.rivals import HEADS
 from studies.generator.excitation import PEAK
 from studies.recordings import comparison_plan
 from studies.rival_models.loops import ExportedStepper, Loops, closed, drawn_runs

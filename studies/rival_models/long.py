@@ -10,13 +10,13 @@ from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 
-from phnn.comparison.document import HEADS
-from phnn.comparison.settings import Settings
+from phnn.comparison.models import Settings
 from phnn.errors import InputRefused, OutputFailed, SolverFailed
 from phnn.identification.base import Progress, quiet
 from phnn.recordings import Campaign
 from phnn.report.formatting import DASH, markdown_table
 from phnn.results import Place
+from studies.comparison.rivals import HEADS
 from studies.generator.excitation import PEAK
 from studies.rival_models.compiled_stepper import compiled_stepper
 from studies.rival_models.coupled import DT, each_model, fitted_stepper, how_fitted

@@ -16,8 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from phnn.comparison.document import HEADS
-from phnn.comparison.settings import RIVALS, Settings
+from phnn.comparison.models import Settings
 from phnn.configuration import config_folder
 from phnn.diagnosis.diagnosis import diagnose
 from phnn.diagnosis.tested import score_on_all
@@ -29,8 +28,9 @@ from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table, ratio
 from phnn.report.result import document
 from phnn.results import Place
+from studies.comparison.rivals import HEADS
 from studies.rival_models.contest import cell
-from studies.rival_models.names import rival
+from studies.rival_models.names import NAMES, rival
 
 FOLDERS = ("piezo-stack", "steering-mirror", "silverbox", "emps", "tanks", "mr-damper", "shaking-table")
 BASE, DIAGNOSED = "base", "diagnosed"  # the model that the manifest names, and that of phnn diagnose
@@ -105,7 +105,7 @@ def _scored(
     campaign: Campaign, name: str, settings: Settings, home: Place | None, progress: Progress
 ) -> Iterator[Scored]:
     """All models on one folder; a model that cannot be fitted states the reason in the place of its score."""
-    chosen = [BASE, *([DIAGNOSED] if home is not None else []), *(m for m in settings.models if m in RIVALS)]
+    chosen = [BASE, *([DIAGNOSED] if home is not None else []), *(m for m in settings.models if m in NAMES)]
     budget = settings.budget
     for model in chosen:
         progress(f"{name}: fit {model}")

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from phnn.comparison.settings import Settings
+from phnn.comparison.models import Settings
 from phnn.configuration import check, checked, number, positive, whole
 from phnn.errors import InputRefused
 from phnn.identification.base import Progress, quiet
 from phnn.results import Place
+from studies.comparison.rivals import register_rivals
 from studies.rival_models.contest import scarcity, truths
 from studies.rival_models.coupled import loops
 from studies.rival_models.long import Runs, long
@@ -79,6 +80,7 @@ def run(config: Mapping[str, Any], progress: Progress = quiet) -> Path:
     Raises:
         InputRefused: an unknown study, or settings that it cannot use.
     """
+    register_rivals()
     c, settings = Chosen.from_config(config), Settings.from_config(checked("compare", config["compare"]))
     place = Place(Path(config["out"] or f"out/rivals/{c.study}").resolve())
     if c.study == "real":

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from phnn.comparison.uses import CONFIRMATION, OUTSIDE, uses
 from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import Progress
 from phnn.learn.methods import method_of
@@ -27,6 +26,7 @@ from phnn.learn.starts import plant_for
 from phnn.learn.windows import thinned
 from phnn.recordings import Campaign, read
 from phnn.results import Place, write_atomic
+from studies.comparison.uses import CONFIRMATION, OUTSIDE, uses
 from studies.generator.actuator import TABLE, simulate_all
 from studies.generator.base import with_hysterons
 from studies.generator.excitation import sine

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from phnn.comparison.linear_start import begin_linear
-from phnn.comparison.trained import _stride, _thinned
+from phnn.comparison.training import _stride, _thinned, begin_linear
 from phnn.learn.plant import LatentPlant
 from phnn.learn.score import evaluate
 from phnn.learn.solvers import Solver, Torchdiffeq, averaged

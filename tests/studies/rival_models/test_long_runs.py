@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from phnn.comparison.settings import Settings
+from phnn.comparison.models import Settings
 from phnn.configuration import compose
 from phnn.errors import InputRefused, SolverFailed
 from studies.rival_models import long_runs

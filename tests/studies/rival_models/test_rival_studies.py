@@ -11,20 +11,28 @@ import numpy as np
 import pytest
 from rival_example import recording, second_order, sweep
 
-from phnn.comparison.settings import RIVALS, Settings
+from phnn.comparison import models
+from phnn.comparison.models import Settings
 from phnn.configuration import compose
 from phnn.errors import InputRefused
 from phnn.recordings import Part, Start, read
 from phnn.results import Place
+from studies.comparison.rivals import register_rivals
 from studies.generator.excitation import sine
 from studies.rival_models.contest import COUNTS, Row, held_out, scarcity_page, truths, truths_page
-from studies.rival_models.names import rival
+from studies.rival_models.names import NAMES, rival
 from studies.rival_models.real import FOLDERS, Scored, one_to_one, page, real
 from studies.rival_models.studies import run
 from studies.rival_models.truths import TRUTHS, write_truth
 
 PLAN = ({"sine_050Hz_75V": "identification", "sine_020Hz_40V": "confirmation"}, (sine(50.0), sine(20.0, 40.0)))
-QUICK = ("starts=1", "workers=1", "inputs=5", "budget=1.5")
+QUICK = ("starts=1", "workers=1", "budget=1.5")
+
+
+@pytest.fixture(autouse=True)
+def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(models, "_RIVALS", {})
+    register_rivals()
 
 
 def settings(*overrides: str) -> Settings:
@@ -123,8 +131,8 @@ def test_studies_refuse_what_they_cannot_use(change: dict[str, object], needle: 
 
 
 def test_names_of_rivals_are_models_of_a_comparison() -> None:
-    assert settings("models=all").models[-len(RIVALS) :] == RIVALS
-    assert settings("models=[gru]").of("gru") == {"seed": 0, "inputs": 5, "budget": 1.5}
+    assert settings("models=all").models[-len(NAMES) :] == NAMES
+    assert settings("models=[gru]").of("gru") == {"seed": 0, "budget": 1.5}
     with pytest.raises(InputRefused, match="budget"):
         settings("budget=0")
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from phnn.comparison.cycles import area_weights, cycle_errors
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.signals.harmonics import harmonic_weights
+from studies.comparison.cycles import area_weights, cycle_errors
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,6 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from phnn.comparison.supply import extracted, of_plant, of_setup, random_inputs, supply
 from phnn.errors import SolverFailed
 from phnn.learn.plant import LatentPlant
 from phnn.learn.solvers import Torchdiffeq, averaged
@@ -21,6 +20,7 @@ from phnn.models.fully_neural import FullyNeural
 from phnn.models.neural_ode import NeuralODE
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
+from studies.comparison.supply import extracted, of_plant, of_setup, random_inputs, supply
 
 Array = NDArray[np.float64]
 COUNT = 60

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from phnn.identification.evaluate import Evaluation
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.recording import Recording
 
 IDENTIFICATION, CONFIRMATION, OUTSIDE = "identification", "confirmation", "outside"
+USES = {IDENTIFICATION: "identified", CONFIRMATION: "held out, inside", OUTSIDE: "held out, outside"}
 # What lies nearer than this to the edge of the range is still within it.
 _SAME = 0.05
 
@@ -66,6 +68,12 @@ def uses(recordings: Sequence[Recording]) -> dict[str, str]:
             if part.use != "nuisance":
                 found[part.name] = part.use if part.use == IDENTIFICATION or inside else OUTSIDE
     return found
+
+
+def over_noise(evaluation: Evaluation, kinds: Mapping[str, str], use: str) -> float:
+    """Root mean square of the residual over noise over the parts of one use, as `uses` gives it; NaN for none."""
+    found = [p.residual_over_noise for p in evaluation.parts if kinds[p.name] == use]
+    return float(np.sqrt(np.mean(np.square(found)))) if found else float("nan")
 
 
 def _oscillates(excitation: Excitation) -> bool:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from phnn.comparison.uses import uses
 from phnn.recordings.recording import Part, Recording, Start
+from studies.comparison.uses import uses
 from studies.recordings import comparison_plan
 
 

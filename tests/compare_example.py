@@ -9,7 +9,7 @@ import campaigns
 import numpy as np
 import pandas as pd
 
-from phnn.comparison.settings import Settings
+from phnn.comparison.models import Settings
 from phnn.configuration import compose
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Recording
@@ -29,7 +29,7 @@ recordings:
 DRIVES = ((50.0, 75.0), (100.0, 75.0), (70.0, 75.0), (70.0, 30.0))
 # A handful of steps of training each.
 QUICK = (
-    "starts=1", "workers=1", "inputs=20", "budget=1.0", "models=all", "phs_neural.model.width=3",
+    "starts=1", "workers=1", "budget=1.0", "models=all", "phs_neural.model.width=3",
     "phs_neural.stages.whole.gauss_newton=2", "phs_neural_adjoint.model.width=3",
     "phs_neural_adjoint.stages.whole.lbfgs=2",
     *(f"{m}.model.width=3" for m in ("neural_phs", "neural_ode")),
