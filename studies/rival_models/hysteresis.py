@@ -251,8 +251,13 @@ def discretised(theta: Array, rate: float, dt: float, held: bool) -> tuple[Array
     for log_tau, lead in theta[3:].reshape(-1, 2):
         tau = np.exp(log_tau) / rate
         a, b = np.polymul(a, [tau, 1.0]), np.polymul(b, [lead * tau, 1.0])
-    top, bottom, _ = cont2discrete((b, a), 1.0, method="zoh" if held else "foh")
-    numerator, denominator = np.asarray(np.ravel(top)), np.asarray(bottom)
+    n = a.size - 1
+    row = np.concatenate([np.zeros(n - b.size), b])[None, :] / a[0]
+    companion = (np.vstack([-a[1:] / a[0], np.eye(n)[:-1]]), np.eye(n)[:, :1], row, np.zeros((1, 1)))
+    step, driven, shown, direct, _ = cont2discrete(companion, 1.0, method="zoh" if held else "foh")
+    impulse = [direct, *(shown @ np.linalg.matrix_power(step, k) @ driven for k in range(n))]
+    denominator = np.asarray(np.poly(step).real, dtype=np.float64)
+    numerator: Array = np.convolve(denominator, np.ravel(impulse))[: n + 1]
     # Rounding would leave a static gain that differs from one where poles lie close to one.
     return numerator * (denominator.sum() / numerator.sum()), denominator
 
@@ -403,7 +408,11 @@ class _Projection:
 
 
 def fit_structure(
-    structure: Structure, recordings: Sequence[Recording], masks: Sequence[Mask], starts: Sequence[Array], budget: Budget
+    structure: Structure,
+    recordings: Sequence[Recording],
+    masks: Sequence[Mask],
+    starts: Sequence[Array],
+    budget: Budget,
 ) -> Separable | None:
     """Return the best parameters from several starts; None where no time was left for one evaluation that is finite."""
     projection = _Projection(structure, recordings, masks, budget)

@@ -173,7 +173,7 @@ def _grams(linearised: LinearisedFit, columns: Array) -> tuple[list[Array], Arra
 def _coefficients(grams: Sequence[Array], blocks: Iterable[int], support: Support) -> Array:
     total = sum((grams[k] for k in blocks), start=np.zeros_like(grams[0]))
     chosen = list(support)
-    return np.linalg.solve(total[np.ix_(chosen, chosen)] + 1e-9 * np.eye(len(chosen)), total[chosen, -1])
+    return np.asarray(np.linalg.solve(total[np.ix_(chosen, chosen)] + 1e-9 * np.eye(len(chosen)), total[chosen, -1]))
 
 
 def _gain(grams: Sequence[Array], taken: Iterable[int], tested: Iterable[int], support: Support) -> float:

@@ -39,7 +39,6 @@ from studies.benchmark.bench import (
     opened,
 )
 from studies.benchmark.score import scores_of
-from studies.benchmark.tools import TOOLS
 from studies.generator import draw_case, make_case
 from studies.generator.listed import LISTED
 from studies.generator.plans import EXAM
@@ -201,7 +200,7 @@ def test_another_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bench.json").write_text(json.dumps({"schema": "phnn.predict/1"}))
     with pytest.raises(InputRefused, match=r"is no phnn\.bench/1 file"):
         card_of(tmp_path)
-    with pytest.raises(InputRefused, match="give the folder that scripts/bench.py write has written"):
+    with pytest.raises(InputRefused, match=r"give the folder that scripts/bench\.py write has written"):
         card_of(tmp_path / "nowhere")
 
 
