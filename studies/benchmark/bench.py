@@ -336,7 +336,8 @@ def read_answer(folder: Path) -> Answer:
     try:
         return Answer(
             names, content.get("none", 0.0), content.get("unlisted", 0.0), tuple(places), _predictions(folder),
-            float(seconds) if isinstance(seconds, int | float) and seconds is not True else math.nan, str(content.get("failed", "")),
+            float(seconds) if isinstance(seconds, int | float) and not isinstance(seconds, bool) else math.nan,
+            str(content.get("failed", "")),
         )  # fmt: skip
     except InputRefused as error:
         raise InputRefused(f"{path}: {error}") from error
