@@ -110,7 +110,7 @@ def test_what_chooses_the_size_is_a_recording_or_the_end_of_each() -> None:
 def test_hammerstein_recovers_its_own_truth() -> None:
     made = [recording(r.name, r.u, second_order(r.u + 0.2 * r.u**2 - 0.1 * r.u**3)) for r in linear_recordings()]
     held = recording("held", u := sweep(1.7, 3.0, 15.0), second_order(u + 0.2 * u**2 - 0.1 * u**3), "confirmation")
-    fitted = rival("hammerstein").fit(made, 5.0, 0)
+    fitted = rival("hammerstein").fit(made, 3.0, 0)
     assert error(fitted.outputs([*made, held]), [*made, held]) < 1.1
 
 
@@ -134,7 +134,7 @@ def test_hysteresis_recovers_its_own_truth(name: str) -> None:
     made_of = [made(r.name, r.u) for r in linear_recordings()]
     # The largest input is the scale: the first sweep reaches 2 within a per mille.
     held = made("held", sweep(1.7, 3.0, 15.0), "confirmation")
-    fitted = rival(name).fit(made_of, 10.0, 0)
+    fitted = rival(name).fit(made_of, 3.0 if name == "dahl" else 10.0, 0)
     assert error(fitted.outputs([*made_of, held]), [*made_of, held]) < 1.5
     assert error(rival("hammerstein").fit(made_of, 2.0, 0).outputs(made_of), made_of) > 10.0
 
@@ -158,11 +158,11 @@ def test_narx_recovers_a_difference_equation() -> None:
     assert error(fitted.outputs([*made, held]), [*made, held]) < 1.2
 
 
-@pytest.mark.parametrize("name", ["gru", "lstm", "subnet"])
+@pytest.mark.parametrize("name", ["gru", "subnet", pytest.param("lstm", marks=pytest.mark.slow)])
 def test_networks_learn_a_linear_system(name: str) -> None:
     recordings = linear_recordings()
     untrained = rival(name).fit(recordings, math.inf, 0, most=1)
-    trained = rival(name).fit(recordings, math.inf, 0, most=60)
+    trained = rival(name).fit(recordings, math.inf, 0, most=25)
     before, after = (error(f.outputs(recordings), recordings) for f in (untrained, trained))
     assert after < 0.5 * before
     other = rival(name).fit(recordings, math.inf, 7, most=1)
@@ -299,7 +299,7 @@ def test_an_unknown_start_is_estimated(name: str) -> None:
         whole = recording(key, u, second_order(u))
         cut = replace(whole.only(slice(100, 600)), t=whole.t[:500], start=Start("unknown"))
         made.append(replace(cut, parts=(replace(whole.parts[0], last=500),)))
-    budget = {"gru": 12.0, "subnet": 12.0}.get(name, 5.0)
+    budget = {"gru": 12.0, "subnet": 12.0}.get(name, 3.0)
     outputs = rival(name).fit(made, budget, 0).outputs(made)
     least = {"hammerstein": 1.1, "narx": 3.0, "gru": 40.0, "subnet": 40.0}[name]
     for r, y in zip(made, outputs, strict=True):

@@ -18,6 +18,7 @@ from phnn.setup import Setup
 from studies.rival_models import runs as module
 from studies.rival_models.rival import State, Stepper
 from studies.rival_models.runs import (
+    DRIFTED,
     CompiledStepper,
     Drive,
     Loop,
@@ -147,7 +148,7 @@ class Lag(Stepper):
 def test_a_stable_model_repeats_itself_and_comes_to_rest() -> None:
     for number in range(3):
         found = long_run(Lag(0.8), drawn_drive(75.0, 1, number), GAIN, SAMPLES)
-        assert (found.samples, found.diverged, found.gained, found.drifted) == (SAMPLES, False, False, False)
+        assert (found.samples, found.diverged, found.gained) == (SAMPLES, False, False)
         assert found.drift < 1e-9
         assert found.motion < 1e-9
         assert found.seconds >= 0.0
@@ -163,7 +164,7 @@ def test_drift_is_the_difference_of_two_periods() -> None:
     assert found.drift == pytest.approx(np.sqrt(np.mean((late - early) ** 2) / np.mean(early**2)))
     middle = u * (1.0 + slope * (11 * PERIOD + n))
     assert found.late == pytest.approx(np.sqrt(np.mean((late - middle) ** 2) / np.mean(middle**2)))
-    assert found.drifted
+    assert found.drift > DRIFTED
 
 
 def test_motion_that_grows_without_drive_is_gained() -> None:
