@@ -13,7 +13,7 @@ from phnn.configuration import config_folder
 from phnn.errors import meant
 
 # Commands with settings, and the file under configs/ that holds them.
-SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "modes", "prove", "bench")} | {"demo": "diagnose"}
+SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "modes", "prove")} | {"demo": "diagnose"}
 # The command whose settings are composed from groups of files.
 TRAIN = "train"
 
@@ -31,7 +31,6 @@ _COMMANDS = {
     TRAIN: "train a neural or parametric model: phnn train folder=DIR out=DIR ...",
     "demo": "conceal an effect in simulated recordings, seal it, diagnose it",
     "prove": "conceal many effects, seal them, diagnose them all, and count",
-    "bench": "make sealed cases for any tool, let a tool answer them, score answers",
 }
 # Kinds of plots, as functions of phnn.plot.
 _PLOTS = ("compare", "residuals", "loops", "bode", "location", "energy")
@@ -39,7 +38,7 @@ _PLOTS = ("compare", "residuals", "loops", "bode", "location", "energy")
 _FOLDER = ("check", "template", "identify", "diagnose", "predict", "compare", "modes")
 _MODEL = ("predict", "invert", "export", "plot")
 _MANIFEST = ("check", "identify", "diagnose", "predict", "compare", "modes", "plot")
-_OUT = ("identify", "diagnose", "predict", "invert", "export", "plot", "compare", "modes", "prove", "bench")
+_OUT = ("identify", "diagnose", "predict", "invert", "export", "plot", "compare", "modes", "prove")
 _OUTSIDE = (*_FOLDER, "invert", "export", "plot")
 _OVERWRITE = (*_OUT, "check", "demo")
 
@@ -182,7 +181,6 @@ def _add_own(commands: dict[str, argparse.ArgumentParser]) -> None:
     _add_export(commands["export"])
     _add_invert(commands["invert"])
     _add_plot(commands["plot"])
-    _add_bench(commands["bench"])
 
 
 def _number(text: str) -> float:
@@ -216,24 +214,6 @@ def _add_invert(command: argparse.ArgumentParser) -> None:
     add("--limits", type=_number, nargs=2, metavar=("LOW", "HIGH"), help="lowest and highest voltage, V")
     text = "the voltage between its samples; zero_order for a converter"
     add("--hold", choices=("cubic", "zero_order"), help=text)
-
-
-def _add_bench(command: argparse.ArgumentParser) -> None:
-    add = command.add_argument
-    add("step", choices=("write", "train", "answer", "score"), metavar="STEP", help="write, train, answer or score")
-    add("--cases", type=Path, metavar="DIR", help="answer, score: the folder that write has written")
-    add("--tool", metavar="NAME", help="answer: the name of a tool; docs/bench.md lists them")
-    text = "answer: the folder that train has written, for fingerprints and nearest"
-    add("--training", type=Path, metavar="DIR", help=text)
-    add("--answers", type=Path, metavar="DIR", action="append", help="score: answers of a tool; may be repeated")
-    add("--first", type=int, metavar="N", help="answer, score: the first N cases alone; their order is drawn")
-    add("--limit", type=_number, metavar="S", help="answer: processor seconds of a case, then it has no answer")
-    add(
-        "--executor",
-        default="processes",
-        metavar="WHERE",
-        help="write, train, answer: see phnn diagnose; default: %(default)s",
-    )
 
 
 def _add_plot(command: argparse.ArgumentParser) -> None:

@@ -28,7 +28,7 @@ def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
     from phnn.commands.terminal import refusals
     from studies.results import fill, filled
-    from studies.rival_models.studies import run
+    from studies.rival_models.contest import run
 
     with refusals("rivals"):
         if config.page is not None:

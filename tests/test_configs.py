@@ -35,7 +35,6 @@ from phnn.network import PortHamiltonianSystem
 from phnn.recordings.manifest import load_manifest
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
-from studies.benchmark.settings import Settings as BenchSettings
 from studies.proof.cases import tasks
 from studies.proof.settings import STRATA
 from studies.proof.settings import Settings as ProofSettings
@@ -80,9 +79,6 @@ def command(name: str) -> None:
     if name == "prove":
         proof = ProofSettings.from_config(given)
         assert len(tasks(proof)) == sum(given[n] for n in (*STRATA, "fast_none", "fast_weak", "few"))
-        return
-    if name == "bench":
-        assert BenchSettings.from_config(given) == BenchSettings()
         return
     if name == "modes":
         assert asdict(ModalSettings.from_config(given)) == given

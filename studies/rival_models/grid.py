@@ -2,8 +2,8 @@
 
 Recordings of slow and of fast signals have different sampling intervals; a model in discrete time has one. Inputs are
 interpolated as the recording says, outputs by cubic splines, after those that are sampled much finer than the grid are
-smoothed over a grid interval (Savitzky–Golay, cubic). Values are over the scales of `samples`; the zero of a recording
-from rest is taken from its first samples.
+smoothed over a grid interval (Savitzky–Golay, cubic). Values are over their `Scales`; the zero of a recording from
+rest is taken from its first samples.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
 from phnn.recordings.recording import Recording
-from studies.rival_models.rival import Fitted
-from studies.rival_models.samples import Mask, Scales, highest
+from studies.rival_models.rival import Fitted, Mask, Scales, highest, scales_of, split
 
 Array = NDArray[np.float64]
 
@@ -32,8 +31,8 @@ class Gridded:
 
     Attributes:
         u: (N,) input; y: (N,) output less its zero, NaN where none was recorded.
-        before: scaled input before the first sample.
-        rest: it begins at rest; run_in: samples in front of it that belong to the run-in of a periodic one.
+        before: scaled input before the first sample; rest: it begins at rest.
+        run_in: samples in front of it that belong to the run-in of a periodic one.
         noise: standard deviation of the output's noise, scaled, times the root of grid samples over recorded ones: a
             recording weighs as much as with the samples it was recorded with.
         known: grid samples before the first scored one that is held out; only their outputs may begin a simulation.
@@ -49,88 +48,53 @@ class Gridded:
 
 
 def interval(recordings: Sequence[Recording], per_period: float) -> float:
-    """Grid interval [s]: so many samples a period of the highest frequency, and none finer than all recordings are."""
+    """Return the grid interval [s] of so many samples a period of the highest frequency.
+
+    It is not finer than all recordings are.
+    """
     return max(1.0 / (per_period * highest(recordings)), min(r.dt for r in recordings))
 
 
 def gridded(recording: Recording, dt: float, scales: Scales, zero: float) -> Gridded:
-    """A recording on the grid; a periodic one is preceded by a cycle.
+    """Put a recording on the grid; a periodic one is preceded by a cycle.
 
     Args:
         zero: of recordings that do not start from rest, SI.
     """
     rest = recording.start.state == "rest"
     u, y, cycle = recording.u, recording.y, recording.cycle
-    if rest:
-        zero = first_zero(recording)
+    zero = _first_zero(recording) if rest else zero
     if cycle:
         u, y = np.concatenate([u[-cycle:], u]), np.concatenate([y[-cycle:], y])
     t = np.arange(u.size, dtype=np.float64) * recording.dt
-    grid = grid_times(t, dt)
+    grid = np.arange(int(np.ceil(t[-1] / dt - 1e-9)) + 1, dtype=np.float64) * dt
+    inside, fine = np.minimum(grid, t[-1]), int(dt / recording.dt)
+    if abs(dt - recording.dt) < 1e-9 * dt or recording.interpolation == "linear":
+        on_grid = np.interp(grid, t, u)
+    elif recording.interpolation == "zero_order":
+        on_grid = u[np.clip(np.searchsorted(t, grid + 1e-9 * t[1], side="right") - 1, 0, u.size - 1)]
+    else:
+        on_grid = CubicSpline(t, u)(inside)
+    if np.isfinite(y).all():
+        y = CubicSpline(t, savgol_filter(y, 2 * (fine // 2) + 1, 3) if fine >= _FINE else y)(inside)
+    else:
+        y = np.full(grid.size, np.nan)
+    scored = min((p.first for p in recording.parts if p.use == "confirmation"), default=recording.t.size)
     return Gridded(
-        _input(recording, t, u, grid) / scales.u,
-        (_output(recording, t, y, grid, dt) - zero) / scales.y,
-        float(recording.start.input_before if rest else u[0]) / scales.u,
-        rest, int(np.searchsorted(grid, cycle * recording.dt)),
-        recording.noise / scales.y * float(np.sqrt(grid.size / t.size)),
-        int(_unscored(recording) * recording.dt / dt),
+        np.asarray(on_grid) / scales.u, (y - zero) / scales.y,
+        float(recording.start.input_before if rest else u[0]) / scales.u, rest,
+        int(np.searchsorted(grid, cycle * recording.dt)),
+        recording.noise / scales.y * float(np.sqrt(grid.size / t.size)), int(scored * recording.dt / dt),
     )  # fmt: skip
 
 
-def _unscored(recording: Recording) -> int:
-    """Samples before the first that is held out and scored."""
-    return min((p.first for p in recording.parts if p.use == "confirmation"), default=recording.t.size)
-
-
-def grid_times(t: Array, dt: float) -> Array:
-    """(N,) times of the grid that reach the last sample."""
-    return np.arange(int(np.ceil((t[-1] - t[0]) / dt - 1e-9)) + 1, dtype=np.float64) * dt
-
-
-def _input(recording: Recording, t: Array, u: Array, grid: Array) -> Array:
-    if abs(grid.size - t.size) <= 1 and abs(grid[1] - t[1]) < 1e-9 * t[1]:
-        return np.interp(grid, t, u)
-    if recording.interpolation == "zero_order":
-        return np.asarray(u[np.clip(np.searchsorted(t, grid + 1e-9 * t[1], side="right") - 1, 0, u.size - 1)])
-    if recording.interpolation == "linear":
-        return np.interp(grid, t, u)
-    return np.asarray(CubicSpline(t, u)(np.minimum(grid, t[-1])))
-
-
-def _output(recording: Recording, t: Array, y: Array, grid: Array, dt: float) -> Array:
-    if not np.isfinite(y).all():
-        return np.full(grid.size, np.nan)
-    fine = int(dt / recording.dt)
-    if fine >= _FINE:
-        y = savgol_filter(y, 2 * (fine // 2) + 1, 3)
-    return np.asarray(CubicSpline(t, y)(np.minimum(grid, t[-1])))
-
-
-def first_zero(recording: Recording) -> float:
-    """Output at rest [SI]: a polynomial without a linear term through the first samples, as nothing moves at once."""
-    count = max(8, round(_FIRST * recording.y.size))
-    if not np.isfinite(recording.y[:count]).all():
+def _first_zero(recording: Recording) -> float:
+    """Return the output at rest [SI]: a polynomial without a linear term, as nothing moves at once."""
+    first = recording.y[: max(8, round(_FIRST * recording.y.size))]
+    if not np.isfinite(first).all():
         return 0.0
-    x = np.arange(min(count, recording.y.size)) / count
-    columns = np.column_stack([np.ones(x.size), x**2, x**3])
-    return float(np.linalg.lstsq(columns, recording.y[: x.size], rcond=None)[0][0])
-
-
-def on_grid(recording: Recording, mask: Mask, dt: float, run_in: int, samples: int) -> Mask:
-    """(N,) the grid samples that lie in a mask of the recording; none in the run-in."""
-    places = np.minimum(np.round((np.arange(samples) - run_in) * dt / recording.dt).astype(int), mask.size - 1)
-    return (places >= 0) & mask[np.maximum(places, 0)]
-
-
-def back(recording: Recording, y: Array, dt: float, run_in: int, scales: Scales) -> Array:
-    """(N,) scaled outputs of the grid at the recording's own samples, SI."""
-    if not np.isfinite(y).all():
-        return np.full(recording.t.size, np.inf)
-    grid = (np.arange(y.size) - run_in) * dt
-    t = np.arange(recording.t.size) * recording.dt
-    if abs(dt - recording.dt) < 1e-9 * dt:
-        return y[run_in : run_in + t.size] * scales.y
-    return np.asarray(CubicSpline(grid, y)(np.clip(t, grid[0], grid[-1]))) * scales.y
+    x = np.arange(first.size) / first.size
+    return float(np.linalg.lstsq(np.column_stack([np.ones(x.size), x**2, x**3]), first, rcond=None)[0][0])
 
 
 @dataclass(frozen=True)
@@ -150,10 +114,53 @@ class OnGrid(Fitted):
     def dt(self) -> float | None:
         return self.grid
 
-    def gridded(self, recording: Recording) -> Gridded:
-        """The recording on the model's grid."""
-        return gridded(recording, self.grid, self.scales, self.zero)
+    def simulate(self, recording: Recording) -> Array:
+        g = gridded(recording, self.grid, self.scales, self.zero)
+        y = self.run_grid(g)
+        if not np.isfinite(y).all():
+            return np.full(recording.t.size, np.inf)
+        t = np.arange(recording.t.size) * recording.dt
+        if abs(self.grid - recording.dt) < 1e-9 * self.grid:
+            return y[g.run_in : g.run_in + t.size] * self.scales.y
+        times = (np.arange(y.size) - g.run_in) * self.grid
+        return np.asarray(CubicSpline(times, y)(np.clip(t, times[0], times[-1]))) * self.scales.y
 
-    def back(self, recording: Recording, y: Array, g: Gridded) -> Array:
-        """(N,) scaled outputs on the grid as outputs at the recording's samples [SI]."""
-        return back(recording, y, self.grid, g.run_in, self.scales)
+    def run_grid(self, g: Gridded) -> Array:
+        """Return the (N,) scaled outputs of free simulation on the grid; not finite where it diverged."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Data:
+    """Recordings on one grid with the masks of `Split` there.
+
+    Attributes:
+        dt: grid interval, s; zero: mean output, SI.
+        checked: recorded samples that are set aside.
+    """
+
+    dt: float
+    scales: Scales
+    zero: float
+    gridded: tuple[Gridded, ...]
+    fit: tuple[Mask, ...]
+    check: tuple[Mask, ...]
+    checked: int
+
+
+def data_on(recordings: Sequence[Recording], per_period: float) -> Data:
+    """Put the identification recordings on the grid of so many samples a period."""
+    dt, parts, scales = interval(recordings, per_period), split(recordings), scales_of(recordings)
+    zero = float(np.mean(np.concatenate([r.y[r.mask("identification")] for r in recordings])))
+    grids = tuple(gridded(r, dt, scales, zero) for r in recordings)
+
+    def on_grid(r: Recording, mask: Mask, g: Gridded) -> Mask:
+        # None in the run-in.
+        samples = np.minimum(np.round((np.arange(g.u.size) - g.run_in) * dt / r.dt).astype(int), mask.size - 1)
+        return (samples >= 0) & mask[np.maximum(samples, 0)]
+
+    fit, check = (
+        tuple(on_grid(r, m, g) for r, m, g in zip(recordings, side, grids, strict=True))
+        for side in (parts.fit, parts.check)
+    )
+    return Data(dt, scales, zero, grids, fit, check, sum(int(m.sum()) for m in parts.check))

@@ -10,28 +10,27 @@ from phnn.errors import InputRefused
 if TYPE_CHECKING:
     from studies.rival_models.rival import Rival
 
-_ROOM = "studies.rival_models"
 _CLASSES = {
-    "prandtl_ishlinskii": ("hysteresis", "PrandtlIshlinskii"),
-    "preisach": ("hysteresis", "PreisachPlane"),
-    "dahl": ("hysteresis", "DahlDuhem"),
-    "hammerstein": ("hysteresis", "Hammerstein"),
-    "narx": ("narx", "Narx"),
-    "gru": ("recurrent", "Gru"),
-    "lstm": ("recurrent", "Lstm"),
-    "subnet": ("subnet", "Subnet"),
+    "prandtl_ishlinskii": "hysteresis.PrandtlIshlinskii",
+    "preisach": "hysteresis.Preisach",
+    "dahl": "hysteresis.Dahl",
+    "hammerstein": "hysteresis.Hammerstein",
+    "narx": "narx.Narx",
+    "gru": "networks.Gru",
+    "lstm": "networks.Lstm",
+    "subnet": "networks.Subnet",
 }
 NAMES = tuple(_CLASSES)
 
 
 def rival(name: str) -> Rival:
-    """The rival of a name.
+    """Return the rival of a name.
 
     Raises:
         InputRefused: nothing has this name, or a package that it needs is not installed.
     """
     if name not in _CLASSES:
         raise InputRefused(f"models: nothing is called {name!r}: choose from {', '.join(NAMES)}")
-    module, kind = _CLASSES[name]
-    found: Rival = getattr(importlib.import_module(f"{_ROOM}.{module}"), kind)()
-    return found
+    module, _, kind = _CLASSES[name].partition(".")
+    chosen: Rival = getattr(importlib.import_module(f"studies.rival_models.{module}"), kind)()
+    return chosen

@@ -1,14 +1,13 @@
 """Polynomial NARX with terms chosen by forward regression, then refined by the error of free simulation.
 
-The equation is that of `narx_model`. Orthogonal matching pursuit on the one-step error orders the terms; how many are
-kept, the grid and the degree are chosen by free simulation of the samples set aside; the weights then follow from the
-error of free simulation (Levenberg–Marquardt). The best candidate grows by the term whose sensitivity in free
-simulation explains most of the remaining error, orthogonal to those of its terms, for as long as the samples set aside
-are predicted better.
+    y_k = y_{k−1} + Σ_j w_j Π_i v_i^{p_ij},   v = (y, u, Δu, |Δu|) or with (Δy, Δ²u) as well, Δ over a grid interval
 
-References: Billings 2013 (forward regression); Martins, Aguirre 2016 (NARX terms for hysteresis); Piroddi, Spinelli
-2003 (simulation error). ``sysidentpy`` needs an older numpy than the one pinned, so that the regression is
-scikit-learn's.
+Differences in place of lags span the same polynomials and are better conditioned on a fine grid. ``|Δu|`` lets a
+polynomial have a hysteresis that does not depend on rate, as in a Duhem model (Martins, Aguirre 2016). Orthogonal
+matching pursuit on the one-step error orders the terms (forward regression by orthogonal least squares, Billings 2013);
+how many are kept, the grid and the degree are chosen by free simulation of the samples set aside; the weights then
+follow from the error of free simulation (Piroddi, Spinelli 2003). The regression is scikit-learn's: sysidentpy 0.3
+to 0.9 ask for an older numpy than the one that phnn is tested with.
 """
 
 from __future__ import annotations
@@ -16,37 +15,122 @@ from __future__ import annotations
 import contextlib
 import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from phnn.errors import SolverFailed
 from phnn.recordings.recording import Recording
-from studies.rival_models.budget import Budget, Spent
-from studies.rival_models.grid import Gridded, interval
-from studies.rival_models.narx_model import (
-    VARIABLES,
-    Array,
-    Data,
-    NarxFitted,
-    Powers,
-    Terms,
-    data_on,
-    free,
-    variables,
-)
-from studies.rival_models.rival import Fitted, Rival
-from studies.rival_models.samples import Mask, Scales, scales_of
+from studies.rival_models.grid import Data, Gridded, OnGrid, data_on, interval
+from studies.rival_models.rival import Budget, Fitted, Mask, Rival, Spent, State, Stepper
 from studies.rivals import needed
 
+Array = NDArray[np.float64]
+Powers = NDArray[np.int64]
+
 PER_PERIOD, DEGREES, TERMS = (12.0, 24.0, 48.0), (1, 2, 3), (3, 5, 8, 12, 18)
-_HOPELESS = 1e6  # residual over noise, only reached by a simulation that diverged
-_UNSTABLE = 1e17  # sum of squares of a simulation that diverged
-_EVALUATIONS, _FEW = 60, 25
-_SEARCH, _GROWTH = 0.5, 0.9  # shares of the budget after which the search and the growth end
-_MOST_TERMS, _PATIENCE, _PROBE = 40, 10, 1e-5  # of the growth; the probe is a weight's step for its sensitivity
+_SHORT, _LONG = 4, 6  # variables without and with Δy and Δ²u
+_REST = 20_000  # samples within which an equilibrium is reached
+_DIVERGED = 50.0  # scaled output that no stable model reaches
+_HOPELESS, _UNSTABLE = 1e6, 1e9  # residual over noise of a candidate that is left out, and of one that diverged
+_EVALUATIONS, _SEARCH = 60, 0.6  # of a refinement; share of the budget after which the search ends
 _ROWS = 20_000  # of the one-step regression; more are thinned evenly
+
+
+@njit(cache=True)
+def _simulate(u: Array, start: Array, y: Array, powers: Powers, weights: Array, most: float) -> bool:
+    """Simulate freely into ``y``; ``start`` holds the input before, the one before that, and two outputs alike.
+
+    Returns False where an output left ``±most``.
+    """
+    v = np.zeros(6)
+    last, older, now, previous = start
+    for n in range(u.size):
+        du = u[n] - last
+        v[0], v[1], v[2], v[3], v[4], v[5] = now, u[n], du, abs(du), now - previous, du - (last - older)
+        change = 0.0
+        for j in range(weights.size):
+            term = weights[j]
+            for i in range(powers.shape[1]):
+                for _ in range(powers[j, i]):
+                    term *= v[i]
+            change += term
+        previous, older, last = now, last, u[n]
+        now = now + change
+        if not abs(now) < most:
+            return False
+        y[n] = now
+    return True
+
+
+def free(powers: Powers, weights: Array, g: Gridded) -> Array:
+    """Return (N,) scaled outputs of free simulation; not finite where it diverged.
+
+    From rest the output before the first sample is zero; else the first two measured outputs begin it.
+    """
+    y, first = np.zeros(g.u.size), 0
+    start = np.array([g.before, g.before, 0.0, 0.0])
+    if not g.rest and g.known >= 2 and np.isfinite(g.y[:2]).all():
+        y[:2], first = g.y[:2], 2
+        start = np.array([g.u[1], g.u[0], g.y[1], g.y[0]])
+    good = _simulate(g.u[first:], start, y[first:], powers, weights, _DIVERGED)
+    return y if good else np.full(y.size, np.inf)
+
+
+@dataclass(frozen=True)
+class NarxFitted(OnGrid):
+    """Terms with powers (T, V) and weights (T,) on a grid."""
+
+    powers: Powers = None  # type: ignore[assignment]
+    weights: Array = None  # type: ignore[assignment]
+
+    def run_grid(self, g: Gridded) -> Array:
+        return free(self.powers, self.weights, g)
+
+    def stepper(self, dt: float) -> Stepper:
+        self._same_interval(dt)
+        return _Stepper(self)
+
+
+class _Stepper(Stepper):
+    """The state is an array: the last input, the one before, and two outputs alike, scaled."""
+
+    def __init__(self, fitted: NarxFitted) -> None:
+        self.dt, self._fitted = fitted.grid, fitted
+
+    def rest(self, u: float) -> State:
+        """Return the equilibrium that free simulation reaches from zero under a constant input."""
+        x = u / self._fitted.scales.u
+        return self.run(np.array([x, x, 0.0, 0.0]), np.full(_REST, u))[0] if x else np.zeros(4)
+
+    def step(self, state: State, u: float) -> tuple[State, float]:
+        state, y = self.run(state, np.array([u]))
+        return state, float(y[0])
+
+    def run(self, state: State, u: Array) -> tuple[State, Array]:
+        f, x, y = self._fitted, u / self._fitted.scales.u, np.full(u.size, np.nan)
+        _simulate(x, state, y, f.powers, f.weights, np.inf)
+        inputs, outputs = np.append(state[[1, 0]], x), np.append(state[[3, 2]], y)
+        return np.array([inputs[-1], inputs[-2], outputs[-1], outputs[-2]]), y * f.scales.y
+
+
+def error(data: Data, powers: Powers, weights: Array, masks: Sequence[Mask]) -> Array:
+    """Return the (M,) residual of free simulation over noise, each recording's mean taken out."""
+    rows = []
+    for g, mask in zip(data.gridded, masks, strict=True):
+        if mask.any():
+            e = (g.y - free(powers, weights, g))[mask] / g.noise
+            rows.append(e - e.mean() if np.isfinite(e).all() else np.full(e.size, _UNSTABLE))
+    return np.concatenate(rows)
+
+
+def score(data: Data, powers: Powers, weights: Array) -> float:
+    """Return the residual over noise on the samples set aside, as many as were recorded."""
+    return float(np.sqrt(np.sum(error(data, powers, weights, data.check) ** 2) / data.checked))
 
 
 class Narx(Rival):
@@ -58,139 +142,81 @@ class Narx(Rival):
 
     def warm(self) -> None:
         needed("sklearn.linear_model")
-        g = Gridded(np.zeros(3), np.zeros(3), 0.0, True, 0, 1.0)
-        free(Terms(np.ones((1, 4), dtype=np.int64), False), np.zeros(1), g)
+        free(np.ones((1, _SHORT), dtype=np.int64), np.zeros(1), Gridded(np.zeros(3), np.zeros(3), 0.0, True, 0, 1.0))
 
     def _fit(self, recordings: Sequence[Recording], budget: Budget, seed: int) -> Fitted:
-        scales = scales_of(recordings)
-        zero = float(np.mean(np.concatenate([r.y[r.mask("identification")] for r in recordings])))
-        tried = list(_search(recordings, scales, zero, budget))
+        tried = list(_search(recordings, budget))
         if not tried:
             raise SolverFailed("narx: no polynomial was stable in free simulation: allow more time or other recordings")
-        score, data, terms, weights = min(tried, key=lambda t: t[0])
-        score, terms, weights = _grown(data, terms, weights, score, budget)
-        both = tuple(f | c for f, c in zip(data.fit, data.check, strict=True))
-        weights = _refined(data, terms, weights, both, budget, budget.most)
+        least, data, powers, weights = min(tried, key=lambda t: t[0])
+        both = [f | c for f, c in zip(data.fit, data.check, strict=True)]
+        weights = _refined(data, powers, weights, both, budget)
         facts = {
-            "size": f"{len(weights)} terms of degree {int(terms.powers.sum(axis=1).max())}, grid {data.dt:.3g} s",
-            "sizes_tried": len(tried), "check_over_noise": score, "processor_seconds": budget.used,
+            "size": f"{len(weights)} terms of degree {int(powers.sum(axis=1).max())}, grid {data.dt:.3g} s",
+            "sizes_tried": len(tried), "check_over_noise": least, "processor_seconds": budget.used,
         }  # fmt: skip
-        return NarxFitted(weights.size, facts, data.dt, scales, zero, terms, weights)
+        return NarxFitted(weights.size, facts, data.dt, data.scales, data.zero, powers, weights)
 
 
-def _search(
-    recordings: Sequence[Recording], scales: Scales, zero: float, budget: Budget
-) -> Iterator[tuple[float, Data, Terms, Array]]:
-    """Error on the samples set aside, with data, terms and weights of every candidate that is stable."""
+def _search(recordings: Sequence[Recording], budget: Budget) -> Iterator[tuple[float, Data, Powers, Array]]:
+    """Yield the error on the samples set aside, with data, powers and weights, of every candidate that is stable."""
     grids = sorted({interval(recordings, p): p for p in PER_PERIOD}.items(), reverse=True)
-    plan = [(p, degree, long) for degree in DEGREES for long in (False, True) for _, p in grids]
-    for k, (per_period, degree, long) in enumerate(plan):
-        spare = budget.left - (1.0 - _SEARCH) * budget.seconds if np.isfinite(budget.seconds) else np.inf
-        if spare <= 0.0:
+    plan = [(p, degree, count) for degree in DEGREES for count in (_SHORT, _LONG) for _, p in grids]
+    for k, (per_period, degree, count) in enumerate(plan):
+        own = budget.share(_SEARCH, len(plan) - k)
+        if own.seconds <= 0.0:
             return
-        own = Budget(spare / (len(plan) - k), budget.most)
-        data = data_on(recordings, scales, zero, per_period)
-        candidates = []
-        for terms, weights in _pursued(data, degree, long):
-            candidates.append((data.score(terms, weights), terms, weights))
+        data = data_on(recordings, per_period)
+        candidates = [(score(data, *found), *found) for found in pursued(data, degree, count)]
         # The best of the one-step errors may not be the best after refinement: two are refined.
-        for score, terms, weights in sorted(candidates, key=lambda c: c[0])[:2]:
-            if score >= _HOPELESS:
-                continue
-            refined = _refined(data, terms, weights, data.fit, own, budget.most)
-            yield data.score(terms, refined), data, terms, refined
+        for least, powers, weights in sorted(candidates, key=lambda c: c[0])[:2]:
+            if least < _HOPELESS:
+                refined = _refined(data, powers, weights, data.fit, own)
+                yield score(data, powers, refined), data, powers, refined
 
 
-def _pursued(data: Data, degree: int, long: bool) -> Iterator[tuple[Terms, Array]]:
-    """Terms and weights for growing numbers of terms, by orthogonal matching pursuit on the one-step error."""
+def pursued(data: Data, degree: int, count: int) -> Iterator[tuple[Powers, Array]]:
+    """Yield powers and weights for growing numbers of terms, by orthogonal matching pursuit on the one-step error."""
     preprocessing, linear = needed("sklearn.preprocessing"), needed("sklearn.linear_model")
-    pairs = [variables(g, long) for g in data.gridded]
-    v = np.concatenate([p[0][m] for p, m in zip(pairs, data.fit, strict=True)])
-    target = np.concatenate([p[1][m] for p, m in zip(pairs, data.fit, strict=True)])
-    weight = np.concatenate([np.full(m.sum(), 1.0 / g.noise) for g, m in zip(data.gridded, data.fit, strict=True)])
-    stride = max(1, v.shape[0] // _ROWS)
-    v, target, weight = v[::stride], (target * weight)[::stride], weight[::stride]
+    rows = []
+    for g, mask in zip(data.gridded, data.fit, strict=True):
+        last_u = np.concatenate([[g.before], g.u[:-1]])
+        last_y = np.concatenate([[0.0 if g.rest else g.y[0]], g.y[:-1]])
+        du = g.u - last_u
+        each = [last_y, g.u, du, np.abs(du), np.diff(last_y, prepend=last_y[0]), np.diff(du, prepend=0.0)]
+        rows.append(np.column_stack([*each[:count], g.y - last_y, np.full(g.u.size, 1.0 / g.noise)])[mask])
+    joined = np.concatenate(rows)
+    joined = joined[:: max(1, joined.shape[0] // _ROWS)]
+    v, target, weight = joined[:, :count], joined[:, -2] * joined[:, -1], joined[:, -1]
     powers = preprocessing.PolynomialFeatures(degree).fit(v[:1]).powers_.astype(np.int64)
     columns = np.stack([weight * np.prod(v**p, axis=1) for p in powers], axis=1)
     sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    counts = sorted({min(n, powers.shape[0], columns.shape[0]) for n in TERMS})
+    counts = sorted({min(n, *columns.shape) for n in TERMS})
     with warnings.catch_warnings():
         # Terms that depend on others end the path early: nothing is lost.
         warnings.simplefilter("ignore", RuntimeWarning)
         path = linear.orthogonal_mp(columns / sizes, target, n_nonzero_coefs=counts[-1], return_path=True)
     path = path if path.ndim == 2 else path[:, None]
-    for count in counts:
-        weights = path[:, min(count, path.shape[1]) - 1]
+    for number in counts:
+        weights = path[:, min(number, path.shape[1]) - 1]
         chosen = np.flatnonzero(weights)
         if chosen.size:
-            yield Terms(np.ascontiguousarray(powers[chosen]), long), weights[chosen] / sizes[chosen]
+            yield np.ascontiguousarray(powers[chosen]), weights[chosen] / sizes[chosen]
 
 
-def _grown(data: Data, terms: Terms, weights: Array, score: float, budget: Budget) -> tuple[float, Terms, Array]:
-    """The terms with further ones, and the error on the samples set aside."""
-    degree = max(DEGREES)
-    features = needed("sklearn.preprocessing").PolynomialFeatures(degree)
-    powers = features.fit(np.zeros((1, VARIABLES[True]))).powers_.astype(np.int64)
-    best, worse = (score, terms, weights), 0
-    widened = np.zeros((weights.size, VARIABLES[True]), dtype=np.int64)
-    widened[:, : terms.powers.shape[1]] = terms.powers
-    terms = Terms(widened, True)
-    while worse < _PATIENCE and weights.size < _MOST_TERMS:
-        spare = budget.left - (1.0 - _GROWTH) * budget.seconds if np.isfinite(budget.seconds) else np.inf
-        if spare <= 0.0:
-            break
-        chosen = _next_term(data, terms, weights, powers, budget)
-        if chosen is None:
-            break
-        terms = Terms(np.vstack([terms.powers, chosen[0]]), True)
-        weights = _refined(data, terms, np.append(weights, chosen[1]), data.fit, Budget(spare, budget.most), _FEW)
-        now = data.score(terms, weights)
-        worse = 0 if now < best[0] else worse + 1
-        best = (now, terms, weights) if now < best[0] else best
-    return best
-
-
-def _next_term(data: Data, terms: Terms, weights: Array, powers: Powers, budget: Budget) -> tuple[Powers, float] | None:
-    """Powers of the term whose sensitivity explains most of the error of free simulation, and its first weight."""
-    error = data.error(terms, weights, data.fit)
-    own = {tuple(p) for p in terms.powers}
-    steps = np.diag(_PROBE * np.maximum(np.abs(weights), 1e-6 * np.abs(weights).max()))
-    held = np.stack([(data.error(terms, weights + h, data.fit) - error) / h.sum() for h in steps], axis=1)
-    q = np.linalg.qr(held / np.linalg.norm(held, axis=0))[0]
-    left, best = error - q @ (q.T @ error), (0.0, None, 0.0)
-    for power in powers:
-        if budget.left <= 0.0:
-            return None
-        if tuple(power) in own:
-            continue
-        larger, probe = Terms(np.vstack([terms.powers, power]), True), np.append(weights, _PROBE)
-        d = (data.error(larger, probe, data.fit) - error) / _PROBE
-        size = np.linalg.norm(d)
-        d = d - q @ (q.T @ d)
-        # What is left of a sensitivity that others span is rounding.
-        if np.linalg.norm(d) > 1e-6 * size and np.isfinite(size):
-            gain = float(left @ d) ** 2 / float(d @ d)
-            if gain > best[0]:
-                best = gain, power, -float(left @ d) / float(d @ d)
-    return None if best[1] is None else (best[1], best[2])
-
-
-def _refined(data: Data, terms: Terms, weights: Array, masks: Sequence[Mask], budget: Budget, most: int) -> Array:
-    """Weights that make the error of free simulation smallest, as far as the time goes."""
+def _refined(data: Data, powers: Powers, weights: Array, masks: Sequence[Mask], budget: Budget) -> Array:
+    """Return weights that make the error of free simulation smallest, as far as the time goes."""
     scale = np.maximum(np.abs(weights), 1e-6 * np.abs(weights).max())
-    start, most = weights.copy(), min(most, budget.most)
-    while float(np.sum(data.error(terms, start, masks) ** 2)) >= _UNSTABLE and np.abs(start[-1]) > 0.0:
-        start[-1] *= 0.25 if np.abs(start[-1]) > 1e-12 * scale[-1] else 0.0
-    best: list[Any] = [float(np.sum(data.error(terms, start, masks) ** 2)), start]
+    best: list[Any] = [np.inf, weights]
 
     def residual(x: Array) -> Array:
         budget.check()
-        error = data.error(terms, x * scale, masks)
-        cost = float(error @ error)
+        rows = error(data, powers, x * scale, masks)
+        cost = float(rows @ rows)
         if cost < best[0]:
             best[:] = cost, x * scale
-        return error
+        return rows
 
     with contextlib.suppress(Spent):
-        least_squares(residual, start / scale, method="trf", max_nfev=min(most, _EVALUATIONS), diff_step=1e-6)
+        least_squares(residual, weights / scale, max_nfev=min(budget.most, _EVALUATIONS), diff_step=1e-6)
     return np.asarray(best[1])

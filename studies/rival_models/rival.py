@@ -1,7 +1,12 @@
-"""The interface of a rival: fitted to recordings, it answers whole recordings and single samples."""
+"""The interface of a rival, the processor time it may take, and the samples that choose its size.
+
+A rival is fitted to recordings; it then answers whole recordings and single samples.
+"""
 
 from __future__ import annotations
 
+import math
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,13 +17,59 @@ from numpy.typing import NDArray
 
 from phnn.errors import InputRefused
 from phnn.identification.prepare import single
-from phnn.recordings.recording import Recording
-from studies.rival_models.budget import Budget
+from phnn.recordings.excitation import excitation_of
+from phnn.recordings.recording import Recording, dominant_frequency
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 State = Any
 
 _SHOWN = 1e-4  # least singular value, over the largest, of a zero and initial state that samples tell
+# From so many recordings on a whole one chooses the size: with fewer, this share at the end of each does.
+_WHOLE, _END = 3, 0.3
+
+
+class Spent(Exception):
+    """The budget is spent: the best model so far counts."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Processor seconds of this process, all threads together, from the moment it is made.
+
+    Attributes:
+        seconds: how many; infinity for no limit.
+        most: evaluations or updates of each candidate at most. A fit that ends by this number, and not by its time,
+            gives the same model on every run.
+    """
+
+    seconds: float
+    most: int = 10**9
+    began: float = field(default_factory=time.process_time)
+
+    @property
+    def used(self) -> float:
+        """Processor seconds since the beginning."""
+        return time.process_time() - self.began
+
+    @property
+    def left(self) -> float:
+        """Processor seconds that are left, 0 at least."""
+        return max(0.0, self.seconds - self.used)
+
+    def part(self, share: float) -> Budget:
+        """Return a budget that begins now with a share of what is left."""
+        return Budget(share * self.left if math.isfinite(self.seconds) else self.seconds, self.most)
+
+    def share(self, spent: float, turns: int) -> Budget:
+        """Return a budget for one of so many turns that end when the share ``spent`` of the whole is gone."""
+        spare = self.left - (1.0 - spent) * self.seconds if math.isfinite(self.seconds) else self.seconds
+        return Budget(max(0.0, spare) / turns, self.most)
+
+    def check(self) -> None:
+        """Stop a fit at the deadline. Raises Spent where nothing is left."""
+        if self.left <= 0.0:
+            raise Spent
 
 
 class Stepper(ABC):
@@ -32,21 +83,16 @@ class Stepper(ABC):
 
     @abstractmethod
     def rest(self, u: float) -> State:
-        """The state after a long rest at the input ``u`` [SI]."""
+        """Return the state after a long rest at the input ``u`` [SI]."""
 
     @abstractmethod
     def step(self, state: State, u: float) -> tuple[State, float]:
-        """The next state, and the output [SI] at the sample whose input is ``u`` [SI]; the zero is the model's own."""
+        """Return the next state, and the output [SI] at the sample whose input is ``u`` [SI]."""
 
     def run(self, state: State, u: Array) -> tuple[State, Array]:
-        """Step through many samples; a model with a faster way than `step` overrides this.
+        """Step through (N,) inputs [SI]; return the state behind the last one, and (N,) outputs [SI].
 
-        Args:
-            state: in front of the first sample; it stays as it is.
-            u: (N,) inputs [SI], one at least.
-
-        Returns:
-            The state behind the last sample, and (N,) outputs [SI]: those of `step`, as long as they are finite.
+        The state in front of the first sample stays as it is. A model with a faster way than `step` overrides this.
         """
         y = np.empty(u.size)
         for n, x in enumerate(u):
@@ -73,22 +119,18 @@ class Fitted(ABC):
 
     @abstractmethod
     def simulate(self, recording: Recording) -> Array:
-        """``(N,)`` output [SI] from the recording's start, its zero left out; measured outputs only begin it."""
+        """Return the (N,) output [SI] from the recording's start, its zero left out; measured outputs only begin it."""
 
     @abstractmethod
     def stepper(self, dt: float) -> Stepper:
-        """The model sample by sample.
-
-        Raises:
-            InputRefused: the model lives at another sampling interval than ``dt``.
-        """
+        """Return the model sample by sample. Raises InputRefused where it lives at another interval than ``dt`` [s]."""
 
     def free(self, recording: Recording) -> Array:
-        """``(N, K)`` responses to unknown initial states; K is 0 where the start tells them."""
+        """Return (N, K) responses to unknown initial states; K is 0 where the start tells them."""
         return np.zeros((recording.t.size, 0))
 
     def outputs(self, recordings: Sequence[Recording]) -> list[Array]:
-        """``(N,)`` outputs [SI]; zero and unknown initial state come from the identification or nuisance samples."""
+        """Return (N,) outputs [SI]; zero and unknown initial state come from identification or nuisance samples."""
         return [anchored(r, self.simulate(r), self.free(r)) for r in recordings]
 
     def _same_interval(self, dt: float) -> None:
@@ -98,23 +140,21 @@ class Fitted(ABC):
 
 
 def anchored(recording: Recording, y: Array, free: Array) -> Array:
-    """``(N,)`` response with the recording's own zero and initial state, by least squares.
+    """Return the (N,) response with the recording's own zero and initial state, by least squares.
 
     The samples are those of `phnn.identification.evaluate`: for identification, else those before the scored ones, else
     all. An output that nobody recorded leaves the response as it is.
     """
-    if not np.isfinite(recording.y).all():
+    if not np.isfinite(recording.y).all() or not np.isfinite(y).all():
         return y
     masks = (recording.mask("identification"), recording.mask("nuisance"), np.ones(y.size, dtype=bool))
     mask = next(m for m in masks if m.any())
     columns = np.column_stack([np.ones(y.size), free])
-    if not np.isfinite(y).all():
-        return y
     # Over their largest value in the whole recording: a response that the samples hardly show, and that is large
     # elsewhere, is left out.
     columns = columns / np.maximum(np.abs(columns).max(axis=0), 1e-300)
-    found = np.linalg.lstsq(columns[mask], (recording.y - y)[mask], rcond=_SHOWN)[0]
-    return np.asarray(y + columns @ found)
+    weights = np.linalg.lstsq(columns[mask], (recording.y - y)[mask], rcond=_SHOWN)[0]
+    return np.asarray(y + columns @ weights)
 
 
 class Rival(ABC):
@@ -155,3 +195,69 @@ class Rival(ABC):
 
     @abstractmethod
     def _fit(self, recordings: Sequence[Recording], budget: Budget, seed: int) -> Fitted: ...
+
+
+@dataclass(frozen=True)
+class Split:
+    """Masks (N,) by recording: ``fit`` for the parameters, ``check`` for the size, ``both`` for the last fit."""
+
+    fit: tuple[Mask, ...]
+    check: tuple[Mask, ...]
+
+    @property
+    def both(self) -> tuple[Mask, ...]:
+        """All identification samples."""
+        return tuple(f | c for f, c in zip(self.fit, self.check, strict=True))
+
+
+def split(recordings: Sequence[Recording]) -> Split:
+    """Set samples aside: the recording in the middle by frequency where there are three or more, else the last 30 %."""
+    masks = [r.mask("identification") for r in recordings]
+    if len(recordings) >= _WHOLE:
+        order = sorted(range(len(masks)), key=lambda k: (dominant_frequency(recordings[k]), recordings[k].name))
+        # The upper of two in the middle: of 1, 50, 100 and 150 Hz that is 100 Hz, as for the trained models.
+        aside = order[len(order) // 2]
+        check = [m if k == aside else np.zeros_like(m) for k, m in enumerate(masks)]
+    else:
+        check = [np.zeros_like(m) for m in masks]
+        for mask, late in zip(masks, check, strict=True):
+            samples = np.flatnonzero(mask)
+            late[samples[round((1.0 - _END) * samples.size) :]] = True
+    return Split(tuple(m & ~c for m, c in zip(masks, check, strict=True)), tuple(check))
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Typical sizes: input ``u``, output ``y`` (both SI, half ranges) and ``rate``, the highest angular frequency."""
+
+    u: float
+    y: float
+    rate: float
+
+
+def scales_of(recordings: Sequence[Recording]) -> Scales:
+    """Return the typical sizes of the identification samples."""
+    u = max(float(np.abs(r.u).max()) for r in recordings)
+    y = max(0.5 * float(np.ptp(r.y[r.mask("identification")])) for r in recordings)
+    return Scales(u or 1.0, y or 1.0, 2.0 * np.pi * highest(recordings))
+
+
+def highest(recordings: Sequence[Recording]) -> float:
+    """Return the highest frequency [Hz] of any input; that of the strongest line where no band is recognised."""
+    bands = [excitation_of(r.u, r.dt).high_Hz for r in recordings]
+    return max(b if b > 0.0 else dominant_frequency(r) for b, r in zip(bands, recordings, strict=True))
+
+
+def over_noise(fitted: Fitted, recordings: Sequence[Recording], masks: Sequence[Mask]) -> float:
+    """Return the root mean square of the residual over noise on masks, each recording's mean residual taken out.
+
+    A recording that is set aside whole has its zero from itself, as the scored ones have it from their first samples.
+    Infinite where the model diverged.
+    """
+    squares: list[Array] = []
+    for r, mask in zip(recordings, masks, strict=True):
+        if mask.any():
+            error = (r.y - anchored(r, fitted.simulate(r), fitted.free(r)))[mask] / r.noise
+            squares.append((error - error.mean()) ** 2)
+    total = np.concatenate(squares) if squares else np.array([np.inf])
+    return float(np.sqrt(total.mean())) if np.isfinite(total).all() else math.inf

@@ -70,12 +70,12 @@ def write_truth(
 
 
 def base_of(seed: int) -> dict[str, float]:
-    """The parameters of Table 1 as `write_truth` moves them for a seed, SI."""
+    """Return the parameters of Table 1 as `write_truth` moves them for a seed, SI."""
     return draw_base(np.random.default_rng(np.random.SeedSequence(seed).spawn(2)[0]))
 
 
 def _drawn(rng: np.random.Generator) -> dict[str, Array]:
-    """Weights, thresholds over the largest voltage, envelope ``(a, b, c)``, and λ [s]."""
+    """Draw weights, thresholds over the largest voltage, envelope ``(a, b, c)``, and λ [s]."""
     reach = np.sort(rng.uniform(0.08, 0.7, _COUNT))
     shares = 0.45 * rng.dirichlet(np.full(_COUNT, 4.0))
     envelope = np.array([rng.uniform(-0.1, 0.1), rng.uniform(-0.08, 0.02), rng.uniform(0.0, 0.03)])
@@ -86,7 +86,7 @@ def _drawn(rng: np.random.Generator) -> dict[str, Array]:
 
 
 def _plays(law: Mapping[str, Array], base: Mapping[str, float], excitation: Excitation) -> Array:
-    """(samples,) displacement [m] from rest."""
+    """Return the (samples,) displacement [m] from rest."""
     omega = math.sqrt(base["k"] / base["m"])
     damping = base["b"] / (2.0 * math.sqrt(base["k"] * base["m"]))
     parts = max(1, math.ceil(excitation.dt * omega * _FINE / (2.0 * math.pi)))
@@ -102,7 +102,7 @@ def _plays(law: Mapping[str, Array], base: Mapping[str, float], excitation: Exci
 def _path(
     u: Array, dt: float, reach: Array, weights: Array, envelope: Array, rated: float, omega: float, damping: float
 ) -> Array:
-    """Output of the plays through ``q̈ + 2ζω q̇ + ω² q = ω² f`` by the trapezoidal rule."""
+    """Return the output of the plays through ``q̈ + 2ζω q̇ + ω² q = ω² f`` by the trapezoidal rule."""
     w, out = np.zeros(reach.size), np.zeros(u.size)
     q, v, last = 0.0, 0.0, 0.0
     for n in range(u.size):

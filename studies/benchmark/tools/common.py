@@ -2,79 +2,48 @@
 
 from __future__ import annotations
 
-import math
+import itertools
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.diagnosis.linearised_fit import LinearisedFit, direction, prepare
 from phnn.diagnosis.starts import clamped
-from phnn.effects import Effect, Scales, catalogue
-from phnn.errors import PhnnError
-from phnn.identification.fit import Fit, fit
+from phnn.effects import Effect, catalogue
+from phnn.identification.fit import Fit, fit, fit_problem, variables_from
 from phnn.identification.identified import Identified, identify
 from phnn.identification.options import Options
+from phnn.identification.plan import Plan
+from phnn.identification.problem import Problem
 from phnn.model import Model
 from phnn.predictor import of_network
-from phnn.recordings import Campaign, Part, read
+from phnn.recordings import Part, read
+from phnn.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 
-# Starting points of the base model's fit.
-_STARTS = 4
-# Points of an effect's grid that are tried; simulations of a try and of a refit.
-_POINTS, _TRY, _REFIT = 3, 6, 30
-# Places that are stated at most.
-_PLACES = 3
+_STARTS = 4  # of the base model's fit
+_REFIT = 30  # simulations at most
+PLACES = 3  # that are stated at most
 
 
-def base_of(folder: Path, seed: int, everything: bool = False) -> Identified:
-    """The base model of a case, identified from the samples for identification.
-
-    Args:
-        everything: use all samples of all recordings; else some are held out, as ``phnn diagnose`` does it.
-    """
-    campaign = read(folder)
-    return identify(None, whole(campaign) if everything else campaign, Options(seed=seed, starts=_STARTS, workers=1))
+def base_of(folder: Path, seed: int) -> Identified:
+    """Identify the base model of a case from the samples for identification; some are held out, as phnn does it."""
+    return identify(None, read(folder), Options(seed=seed, starts=_STARTS, workers=1))
 
 
-def whole(campaign: Campaign) -> Campaign:
-    """The same recordings with every sample for identification, for tools that hold nothing back."""
-    recordings = tuple(replace(r, parts=(Part(r.name, 0, r.t.size, "identification"),)) for r in campaign.recordings)
-    return replace(campaign, recordings=recordings, held_out=frozenset(), held_out_is_new=False)
-
-
-def predictions(model: Model, folder: Path) -> Mapping[str, Array]:
-    """(N,) outputs [m] of a model in the examination of a case, by recording."""
-    exam = read(folder / "exam", need_output=False)
+def predictions(fitted: Fit, folder: Path) -> dict[str, Array]:
+    """Return (N,) outputs [m] of a fitted model in the examination of a case, by recording."""
+    model, exam = Model(fitted.setup, fitted.plan.finest), read(folder / "exam", need_output=False)
     return {p.recording.name: p.y for p in of_network(model.setup, model.substeps, exam)}
 
 
-def bic(fitted: Fit) -> float:
-    """Schwarz's criterion; residuals are in units of the noise."""
-    return fitted.cost + fitted.z.size * math.log(fitted.residual.size)
-
-
-def tried(current: Fit, effect: Effect, scales: Scales) -> Fit | None:
-    """A few iterations with an effect from the points of its grid, the best of them; None where none can be simulated.
-
-    Args:
-        current: the fit to whose model the effect is added; scales: its typical sizes.
-    """
-    ends = []
-    for point in effect.grid(scales)[:_POINTS]:
-        try:
-            ends.append(fitted_with(current, effect, point, _TRY))
-        except PhnnError:
-            continue
-    return min(ends, key=bic, default=None)
-
-
 def fitted_with(current: Fit, effect: Effect, point: Mapping[str, float], most: int = _REFIT) -> Fit:
-    """A model with an effect from one starting point, fitted together with what was free before.
+    """Fit a model with one more effect from one starting point, together with what was free before.
 
     Args:
         current: the fit to whose model the effect is added.
@@ -89,17 +58,66 @@ def fitted_with(current: Fit, effect: Effect, point: Mapping[str, float], most: 
     return fit(begun, current.plan, [*current.variables.names, *own], current.held, most, origin=current)
 
 
-def refitted(current: Fit, found: Fit) -> Fit:
-    """The end of a try, fitted to the end; the try itself where that cannot be simulated."""
-    try:
-        return fit(found.setup, current.plan, found.variables.names, current.held, _REFIT, origin=found)
-    except PhnnError:
-        return found
-
-
 def places_of(names: Mapping[str, float]) -> tuple[str, ...]:
-    """Locations by the sum of the probabilities of their effects, the most probable first; three at most."""
+    """Return locations by the sum of the probabilities of their effects, the most probable first; three at most."""
     known, sums = catalogue(), Counter[str]()
     for name, probability in names.items():
         sums[known[name].location] += probability  # type: ignore[assignment]
-    return tuple(place for place, _ in sums.most_common(_PLACES))
+    return tuple(place for place, _ in sums.most_common(PLACES))
+
+
+def with_parts(recording: Recording, edges: Sequence[int], uses: Sequence[str]) -> Recording:
+    """Return a recording whose stretches between ``edges`` take turns in what they are for."""
+    parts = tuple(
+        Part(recording.name, int(a), int(b), uses[i % len(uses)]) for i, (a, b) in enumerate(itertools.pairwise(edges))
+    )
+    return replace(recording, parts=parts)
+
+
+def in_turns(plan: Plan, stretches: int, uses: Sequence[str]) -> Plan:
+    """Return the plan with so many equal stretches of every recording that take turns in what they are for."""
+    cut = (with_parts(r, np.linspace(0, r.t.size, stretches + 1).astype(int).tolist(), uses) for r in plan.recordings)
+    return replace(plan, recordings=tuple(cut))
+
+
+def whole(plan: Plan) -> Plan:
+    """Return the plan with every sample for identification, for methods that split the samples themselves."""
+    return in_turns(plan, 1, ["identification"])
+
+
+def evaluated(fitted: Fit, plan: Plan) -> LinearisedFit:
+    """Evaluate a fitted model on other samples: residual, Jacobian and trajectories, with no step of a fit."""
+    variables = variables_from(fitted.setup, plan, fitted.variables.names, fitted)
+    return prepare(fit_problem(Problem(fitted.setup, plan, variables), fitted.held, 1))
+
+
+def left(fitted: Fit, use: str) -> float:
+    """Return the sum of squares over the noise that a model leaves in the samples of a use in its own plan."""
+    residual = Problem(fitted.setup, fitted.plan, fitted.variables, use=use).residual(fitted.z)
+    return float(residual @ residual)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at a point of its grid, where its coefficient is one; ``column``: its number in the library."""
+
+    effect: Effect
+    point: Mapping[str, float]
+    column: int
+
+    def scaled(self, coefficient: float) -> Mapping[str, float]:
+        """Return the effect's parameters at a coefficient."""
+        return self.effect.scaled(self.point, coefficient)
+
+
+def library(linearised: LinearisedFit, effects: Sequence[Effect]) -> tuple[list[Candidate], Array]:
+    """Return every effect at every point of its grid, and (N, M) its responses; none that change nothing."""
+    candidates: list[Candidate] = []
+    columns: list[Array] = []
+    for effect in effects:
+        for point in effect.grid(linearised.scales):
+            column = direction(linearised, effect, point)
+            if np.isfinite(column).all() and column.any():
+                candidates.append(Candidate(effect, point, len(candidates)))
+                columns.append(column)
+    return candidates, np.column_stack(columns) if columns else np.zeros((linearised.fit.residual.size, 0))

@@ -4,27 +4,38 @@ from __future__ import annotations
 
 import csv
 import os
-from dataclasses import replace
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
-from rival_example import recording, second_order, sweep
 
-from phnn.comparison import models
 from phnn.comparison.models import Settings
 from phnn.configuration import compose
 from phnn.errors import InputRefused
-from phnn.recordings import Part, Start, read
+from phnn.recordings import read
 from phnn.results import Place
 from studies.comparison.rivals import register_rivals
 from studies.generator.excitation import sine
-from studies.rival_models.contest import COUNTS, Row, held_out, scarcity_page, truths, truths_page
-from studies.rival_models.names import NAMES, rival
-from studies.rival_models.real import FOLDERS, Scored, one_to_one, page, real
-from studies.rival_models.studies import run
+from studies.rival_models.contest import (
+    COUNTS,
+    FOLDERS,
+    contest,
+    held_out,
+    one_to_one,
+    real,
+    real_page,
+    run,
+    scarcity_page,
+    truths_page,
+)
+from studies.rival_models.names import NAMES
 from studies.rival_models.truths import TRUTHS, write_truth
 
+ROOT = Path(__file__).resolve().parents[3]
 PLAN = ({"sine_050Hz_75V": "identification", "sine_020Hz_40V": "confirmation"}, (sine(50.0), sine(20.0, 40.0)))
 QUICK = ("starts=1", "workers=1", "budget=1.5")
 
@@ -61,47 +72,49 @@ def test_an_unknown_truth_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_study_of_truths_writes_its_table(tmp_path: Path) -> None:
-    rows = truths(Place(tmp_path), settings("models=[hammerstein,dahl]"), ["prandtl_ishlinskii"], [4], 0.05)
-    assert [r.model for r in rows] == ["dahl", "hammerstein"]
+    chosen = settings("models=[hammerstein,dahl]")
+    rows = contest("truths", Place(tmp_path), chosen, ["prandtl_ishlinskii"], [4], 0.05)
+    assert list(rows["model"]) == ["dahl", "hammerstein"]
     with (tmp_path / "truths.csv").open() as file:
         written = list(csv.DictReader(file))
     assert {(r["truth"], r["seed"], r["budget"]) for r in written} == {("prandtl_ishlinskii", "4", "1.5")}
-    assert float(written[0]["confirmation"]) == pytest.approx(rows[0].scores["confirmation"])
+    assert float(written[0]["confirmation"]) == pytest.approx(rows["confirmation"][0])
     text = (tmp_path / "truths.md").read_text()
     assert "seeds 4" in text and "1.5 processor seconds" in text and "Hammerstein" in text
 
 
-def row(model: str, count: int, inside: float, outside: float, seed: int = 0) -> Row:
-    scores = {"identification": 1.0, "confirmation": inside, "outside": outside}
-    return Row("phs", seed, count, model, scores, 3, 1.0, 60.0, "")
+def row(model: str, count: int, inside: float, outside: float, seed: int = 0) -> dict[str, Any]:
+    scores = {"identification": 1.0, "confirmation": inside, "outside": outside, "processor_seconds": 1.0}
+    return {"truth": "phs", "seed": seed, "recordings": count, "model": model} | scores
 
 
 def test_recordings_needed_are_the_fewest_from_which_on_all_stay_near_the_noise() -> None:
     rows = [row("phs", c, v, v) for c, v in zip(COUNTS, (9.0, 1.1, 1.0, 1.0), strict=True)]
     rows += [row("narx", c, v, v) for c, v in zip(COUNTS, (1.1, 3.0, 1.1, 2.0), strict=True)]
-    lines = scarcity_page(rows, settings("models=[phs]"), "").splitlines()
+    lines = scarcity_page(pd.DataFrame(rows), settings("models=[phs]"), "").splitlines()
     assert next(x for x in lines if x.startswith("| PHS")).endswith("| 2 |")
     assert next(x for x in lines if x.startswith("| NARX")).endswith("| > 7 |")
 
 
 def test_scores_held_out_are_medians_over_seeds() -> None:
     rows = [row("phs", 4, 3.0, 4.0, seed) for seed in (0, 1)] + [row("phs", 4, float("nan"), 100.0, 2)]
-    assert held_out(rows) == pytest.approx(np.sqrt(12.5))
-    assert held_out([row("phs", 1, float("nan"), float("nan"))]) == float("inf")
-    lost = truths_page([row("narx", 4, 2.0, float("inf"))], settings("models=[phs]"), "")
+    assert held_out(pd.DataFrame(rows)) == pytest.approx(np.sqrt(12.5))
+    assert held_out(pd.DataFrame([row("phs", 1, float("nan"), float("nan"))])) == float("inf")
+    lost = truths_page(pd.DataFrame([row("narx", 4, 2.0, float("inf"))]), settings("models=[phs]"), "")
     assert "| phs | held out, outside | diverged |" in lost
-    lines = truths_page(rows, settings("models=[phs]"), "").splitlines()
+    lines = truths_page(pd.DataFrame(rows), settings("models=[phs]"), "").splitlines()
     assert "| phs | processor seconds | 1.00 |" in lines
     assert "| phs | held out, inside | 3.00 |" in lines and "| phs | held out, outside | 4.00 |" in lines
 
 
 def test_the_ratio_is_best_of_phnn_over_best_rival() -> None:
+    nan = float("nan")
+    columns = ["recordings", "model", "held_out", "identified", "processor_seconds", "budget", "why_not"]
     rows = [
-        Scored("tanks", "base", 6.0, 5.0, 1.0), Scored("tanks", "diagnosed", 2.0, 2.0, 1.0),
-        Scored("tanks", "narx", 4.0, 4.0, 1.0, 2.0),
-        Scored("tanks", "gru", float("nan"), float("nan"), 1.0, 2.0, "no time"),
+        ("tanks", "base", 6.0, 5.0, 1.0, nan, ""), ("tanks", "diagnosed", 2.0, 2.0, 1.0, nan, ""),
+        ("tanks", "narx", 4.0, 4.0, 1.0, 2.0, ""), ("tanks", "gru", nan, nan, 1.0, 2.0, "no time"),
     ]  # fmt: skip
-    text = page(rows, settings("models=[phs]"))
+    text = real_page(pd.DataFrame(rows, columns=columns), settings("models=[phs]"))
     line = next(x for x in text.splitlines() if x.startswith("| tanks"))
     assert line.endswith("| NARX | 0.50 |")
     assert "tanks, gru: no time" in text
@@ -137,36 +150,6 @@ def test_names_of_rivals_are_models_of_a_comparison() -> None:
         settings("budget=0")
 
 
-@pytest.mark.parametrize("name", ["hammerstein", "narx", "gru", "subnet"])
-def test_an_unknown_start_is_estimated(name: str) -> None:
-    """The recording begins in motion: what came before is cut off."""
-    made = []
-    for key, drive in {"slow": (2.0, 2.0, 6.0), "fast": (2.0, 8.0, 20.0), "weak": (0.9, 4.0, 12.0)}.items():
-        u = sweep(*drive)
-        whole = recording(key, u, second_order(u))
-        cut = replace(whole.only(slice(100, 600)), t=whole.t[:500], start=Start("unknown"))
-        made.append(replace(cut, parts=(replace(whole.parts[0], last=500),)))
-    budget = {"gru": 12.0, "subnet": 12.0}.get(name, 5.0)
-    outputs = rival(name).fit(made, budget, 0).outputs(made)
-    least = {"hammerstein": 1.1, "narx": 3.0, "gru": 40.0, "subnet": 40.0}[name]
-    for r, y in zip(made, outputs, strict=True):
-        assert np.sqrt(np.mean(((r.y - y)[30:] / r.noise) ** 2)) < least
-
-
-@pytest.mark.parametrize("name", ["narx", "gru", "subnet"])
-def test_held_out_samples_do_not_begin_a_simulation(name: str) -> None:
-    """A recording that begins unknown, held out after its first 20 samples: what is measured later changes nothing."""
-    u = sweep(2.0, 2.0, 20.0)
-    made = [recording("r", u, second_order(u))]
-    fitted = rival(name).fit(made, 2.0, 0, most=3)
-    parts = (Part("head", 0, 20, "nuisance"), Part("held", 20, 600, "confirmation"))
-    held = replace(made[0], start=Start("unknown"), parts=parts)
-    other = replace(held, y=np.where(np.arange(600) < 20, held.y, 0.0))
-    first, second = fitted.outputs([held, other])
-    # Output splines near the last known sample may move the first grid value a little.
-    assert np.abs(first - second).max() < 0.05
-
-
 def test_public_recordings_are_read_with_one_input_and_one_output() -> None:
     home = Path(os.environ.get("PHNN_RECORDINGS", Path(__file__).parents[4] / "shared" / "recordings"))
     there = [n for n in FOLDERS if (home / n).is_dir()]
@@ -185,6 +168,42 @@ def test_rivals_and_the_base_model_on_the_tanks(tmp_path: Path) -> None:
     if not (home / "tanks").is_dir():
         pytest.skip(f"{home / 'tanks'}: is not there")
     rows = real(Place(tmp_path), settings("models=[hammerstein,narx]"), home, ["tanks"], False)
-    assert [r.model for r in rows] == ["base", "hammerstein", "narx"]
-    assert all(np.isfinite(r.held_out) for r in rows)
+    assert list(rows["model"]) == ["base", "hammerstein", "narx"]
+    assert np.isfinite(rows["held_out"]).all()
     assert (tmp_path / "real.md").read_text().count("| tanks") == 1
+
+
+def script(*arguments: str) -> None:
+    done = subprocess.run([sys.executable, "scripts/rivals.py", *arguments], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_no_passive_model_diverges_with_a_compliant_load(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- begin loops -->\n<!-- end loops -->\n")
+    models = "compare.models=[phs,hammerstein]"
+    script("study=loops", f"out={tmp_path / 'out'}", f"page={page}", "seeds=[1]", "runs=3", models, "compare.budget=4")
+    assert "| PHS | 3 | 0 | 0 | 0 |" in page.read_text()
+
+
+@pytest.mark.slow
+def test_one_recording_is_enough_for_a_network_that_is_the_truth(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- begin scarcity -->\n<!-- end scarcity -->\n")
+    small = ["seeds=[1]", "compare.models=[phs,linear]", "compare.starts=2", "compare.inputs=2"]
+    script("study=scarcity", f"out={tmp_path / 'out'}", f"page={page}", *small)
+    rows = [[cell.strip() for cell in line.split("|")] for line in page.read_text().splitlines()]
+    needed = {row[1]: row[-2] for row in rows if len(row) > 3}
+    assert needed["PHS"] == "1" and needed["linear"] == "> 7"
+
+
+@pytest.mark.slow
+def test_a_passive_model_repeats_itself_over_a_long_run(tmp_path: Path) -> None:
+    page, out = tmp_path / "page.md", tmp_path / "out"
+    page.write_text("<!-- begin long -->\n<!-- end long -->\n")
+    small = ["seeds=[1]", "samples=200000", "drives=2", "compare.models=[phs,hammerstein]", "compare.budget=4"]
+    script("study=long", f"out={out}", f"page={page}", *small)
+    assert "| PHS | 0.1 | 2 | 0 | – | 0 |" in page.read_text()
+    assert "| Hammerstein | 0.1 | 2 | 0 | – |" in page.read_text()
+    assert len((out / "long.csv").read_text().splitlines()) == 5

@@ -16,12 +16,18 @@ from scipy.stats import multinomial
 
 from phnn.errors import InputRefused
 from phnn.results import claim
-from studies.benchmark.answer import FILE, Answer, read_answer, write_answer
-from studies.benchmark.cases import Entry
-from studies.benchmark.page import page
-from studies.benchmark.paired import paired_interval
-from studies.benchmark.score import Score, scored
-from studies.benchmark.tally import balanced_accuracy, by_group, calibration_error, difference, summary
+from studies.benchmark.bench import ANSWER, Answer, Entry, read_answer, write_answer
+from studies.benchmark.score import (
+    Score,
+    balanced_accuracy,
+    by_group,
+    calibration_error,
+    compared,
+    page,
+    paired_interval,
+    scored,
+    summary,
+)
 from studies.benchmark.tools.diagnosis import as_answer
 from studies.generator import Sealed
 
@@ -146,12 +152,12 @@ def test_confidence_is_the_highest_probability() -> None:
 def test_two_tools_are_compared_case_by_case() -> None:
     right, silent = score(TRUE, Answer({"creep": 0.9})), score(TRUE, Answer({}))
     first, second = [right] * 9 + [silent], [right] * 2 + [silent] * 7 + [right]
-    found = difference(first, second)
-    assert (found.cases, found.gained, found.lost) == (10, 7, 1)
-    assert found.share == pytest.approx(0.6)
-    assert found.interval == paired_interval(10, 7, 1)
+    assert compared(first, second) == (10, 7, 1)
+    low, high = paired_interval(10, 7, 1)
+    row = f"| other | +60 ({100 * low:+.0f} to {100 * high:+.0f}) | 7 | 1 |"
+    assert row in page({"mine": first, "other": second})
     with pytest.raises(ValueError, match="different cases"):
-        difference(first, [replace(s, case="another") for s in second])
+        compared(first, [replace(s, case="another") for s in second])
 
 
 def test_the_interval_of_a_difference_has_its_closed_form_where_one_tool_is_always_wrong() -> None:
@@ -248,7 +254,7 @@ def test_an_answer_comes_back(tmp_path: Path) -> None:
     ],
 )
 def test_what_no_answer_can_say_is_refused(content: dict[str, Any], words: str, tmp_path: Path) -> None:
-    (tmp_path / FILE).write_text(json.dumps({"schema": "phnn.answer/1", **content}))
+    (tmp_path / ANSWER).write_text(json.dumps({"schema": "phnn.answer/1", **content}))
     with pytest.raises(InputRefused, match=words.replace("?", r"\?")):
         read_answer(tmp_path)
 

@@ -1,0 +1,364 @@
+"""Cases of a benchmark: what is drawn, what a tool sees, what is sealed, and the script that makes and scores them."""
+
+from __future__ import annotations
+
+import json
+import runpy
+import shutil
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import asdict, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from phnn.errors import InputRefused, SolverFailed
+from phnn.recordings import read
+from studies.benchmark import bench
+from studies.benchmark.bench import (
+    GROUPS,
+    NOISES,
+    OUTPUT,
+    PLANS,
+    STRENGTHS,
+    Answer,
+    Entry,
+    Settings,
+    card_of,
+    digest_of,
+    entries,
+    limited,
+    opened,
+)
+from studies.benchmark.score import scores_of
+from studies.generator import draw_case, make_case
+from studies.generator.listed import LISTED
+from studies.generator.plans import EXAM
+from studies.generator.strength import concealing
+
+SMALL = {"none": 9, "same": 9, "other": 4, "outside": 4, "pair": 4, "background": 4}
+ROOT = Path(__file__).resolve().parents[3]
+# The script as a function that returns its exit status.
+_MAIN: Callable[[list[str]], None] = runpy.run_path(str(ROOT / "scripts" / "bench.py"))["main"]
+NOTHING = ["none=2", *(f"{group}=0" for group in GROUPS if group != "none")]
+
+
+def main(*words: object) -> int:
+    try:
+        _MAIN([str(word) for word in words])
+    except SystemExit as ended:
+        return int(ended.code or 0)
+    return 0
+
+
+def written(out: Path, none: int = 1, seed: int = 1) -> Path:
+    """A benchmark of cases with nothing concealed."""
+    nothing = [f"none={none}", *NOTHING[1:]]
+    assert main("write", "--executor", "serial", "--out", out, f"seed={seed}", *nothing) == 0
+    return out
+
+
+def test_names_and_order_do_not_tell_the_group() -> None:
+    found = entries(Settings(seed=3, **SMALL))
+    assert [e.name for e in found] == [f"case_{i:03d}" for i in range(len(found))]
+    assert Counter(e.group for e in found) == SMALL
+    groups = [e.group for e in found]
+    # As many neighbours are alike as chance gives, not nearly all.
+    assert sum(a == b for a, b in pairwise(groups)) < len(groups) // 2
+
+
+def test_strengths_plans_and_noises_take_turns() -> None:
+    found = entries(Settings(**SMALL))
+    same = [e for e in found if e.group == "same"]
+    assert {(e.strength, e.plan) for e in same} == {(s, p) for s in STRENGTHS for p in PLANS}
+    assert {e.noise for e in found if e.group == "none"} == set(NOISES)
+    # With another seed an effect is met in another strength or plan.
+    orders = [[(e.strength, e.plan) for e in sorted(of, key=lambda e: e.seed)] for of in (same, others("same", 2))]
+    assert orders[0] != orders[1]
+
+
+def others(group: str, seed: int) -> list[Entry]:
+    return [e for e in entries(Settings(seed=seed, **SMALL)) if e.group == group]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_pairs_share_no_effect_more_often_than_chance(seed: int) -> None:
+    (pairs,) = ([e.case().effects for e in entries(Settings(seed=seed, pair=9)) if e.group == "pair"],)
+    counts = Counter(name for pair in pairs for name in pair)
+    assert max(counts.values()) <= 4
+    assert len(set(pairs)) == 9
+
+
+def test_each_effect_has_its_turn() -> None:
+    found = [e.case().effects for e in entries(Settings(seed=5, same=len(LISTED))) if e.group == "same"]
+    assert len(set(found)) == len(LISTED)
+
+
+def test_strength_is_what_can_be_seen(tmp_path: Path) -> None:
+    """The examination takes no part: another one leaves the strength of the concealed effect as it is."""
+    case = draw_case(11, "same", "one_exam", (3.0, 6.0))
+    alone = make_case(replace(case, plan="one"), tmp_path / "alone")
+    beside = make_case(case, tmp_path / "beside")
+    assert beside.effects == alone.effects
+    assert beside.strength_over_noise == pytest.approx(alone.strength_over_noise, rel=1e-9)
+    assert beside.parameters == pytest.approx(alone.parameters)
+
+
+@pytest.mark.parametrize("effect", ["sensor_drift", "mains_pickup"])
+def test_what_acts_on_each_recording_acts_in_the_examination_too(effect: str, tmp_path: Path) -> None:
+    seeds = (s for s in range(1000) if draw_case(s, "same", "one_exam").effects == (effect,))
+    case = draw_case(next(seeds), "same", "one_exam", (6.0, 6.0))
+    sealed = make_case(case, tmp_path / "case")
+    exam = [e for e in case.recordings if e.name.startswith(EXAM)]
+    tables = (pd.read_csv(tmp_path / "case" / f"{excitation.name}.csv") for excitation in exam)
+    left = [
+        1e-6 * table[OUTPUT].to_numpy() - y for table, y in zip(tables, concealing(case.base, exam, []), strict=True)
+    ]
+    # A drift shows in the longest of them.
+    assert max(np.std(rest) for rest in left) > 2.0 * sealed.noise
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_a_case_is_what_its_group_says(group: str) -> None:
+    (entry,) = entries(Settings(**{g: int(g == group) for g in GROUPS}))
+    case = entry.case()
+    assert len(case.effects) == {"none": 0, "pair": 2}.get(group, 1)
+    assert case.conditions.background is (group == "background")
+    assert case.withheld == ()
+    assert case.form == ("unlisted" if group == "outside" else case.form)
+
+
+def test_another_seed_gives_other_cases() -> None:
+    first, second = ({e.seed for e in entries(Settings(seed=s))} for s in (1, 2))
+    assert not first & second
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("bench") / "b"
+    return written(out, 2)
+
+
+def test_a_tool_sees_inputs_of_the_examination_alone(folder: Path) -> None:
+    for name in card_of(folder)["cases"]:
+        home = folder / "cases" / name
+        known, exam = read(home), read(home / "exam", need_output=False)
+        assert all(np.isfinite(r.y).all() for r in known.recordings)
+        assert all(np.isnan(r.y).all() for r in exam.recordings)
+        assert not {r.name for r in known.recordings} & {r.name for r in exam.recordings}
+        assert known.known == exam.known
+        _, sealed, tables = opened(folder, name)
+        assert sealed.effects == ()
+        assert set(tables) == {r.name for r in exam.recordings}
+        for r in exam.recordings:
+            np.testing.assert_allclose(tables[r.name]["voltage_V"], r.u)
+            assert "displacement_um" in tables[r.name]
+
+
+def test_what_was_made_is_not_made_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = {p: p.stat().st_mtime_ns for p in (folder / "sealed").rglob("*")}
+    written(folder, 2)
+    assert before == {p: p.stat().st_mtime_ns for p in (folder / "sealed").rglob("*")}
+    assert card_of(folder)["sha256"] in capsys.readouterr().out
+
+
+def test_the_hash_covers_seals_and_outputs(folder: Path) -> None:
+    names = card_of(folder)["cases"]
+    digest = digest_of(folder, names)
+    assert digest == card_of(folder)["sha256"]
+    for kind in ("sealed", "cases"):
+        path = next((folder / kind / names[-1]).glob("*.csv"))
+        content = path.read_bytes()
+        table = pd.read_csv(path)
+        table.loc[3, "displacement_um"] += 0.001
+        path.write_text(table.to_csv(index=False))
+        assert digest_of(folder, names) != digest
+        path.write_bytes(content)
+
+
+def test_other_settings_are_other_cases(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main("write", "--executor", "serial", "--out", folder, "none=3", *NOTHING[1:]) == 2
+    assert len(card_of(folder)["cases"]) == 2
+    capsys.readouterr()
+
+
+def test_what_a_tool_sees_tells_no_seed(folder: Path) -> None:
+    seed = json.loads((folder / "sealed" / "settings.json").read_text())["seed"]
+    assert seed == 1
+    assert "settings" not in card_of(folder)
+
+
+def test_another_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "bench.json").write_text(json.dumps({"schema": "phnn.predict/1"}))
+    with pytest.raises(InputRefused, match=r"is no phnn\.bench/1 file"):
+        card_of(tmp_path)
+    with pytest.raises(InputRefused, match=r"give the folder that scripts/bench\.py write has written"):
+        card_of(tmp_path / "nowhere")
+
+
+def answered(cases: Path, out: Path, *more: object) -> int:
+    return main("answer", "--cases", cases, "--tool", "base", "--executor", "serial", "--out", out, *more)
+
+
+def test_the_script_answers_and_scores(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cases, answers = written(tmp_path / "cases"), tmp_path / "base"
+    assert answered(cases, answers) == 0
+    assert "base: 1 of 1" in capsys.readouterr().out
+    assert answered(cases, answers) == 0
+    assert "1 of 1" not in capsys.readouterr().out
+    score = ("score", "--cases", cases, "--answers", answers, "--out", tmp_path / "s")
+    assert main(*score) == 0
+    page = capsys.readouterr().out
+    assert "| balanced accuracy of claims | 1.00 |" in page
+    assert page.split("results: ")[0] == (tmp_path / "s" / "leaderboard.md").read_text()
+    answer = next((answers / "answers").rglob("answer.json"))
+    content = json.loads(answer.read_text())
+    assert content["none"] == 1.0
+    assert content["seconds"] > 0.0
+    # A seal that was changed is noticed.
+    seal = next((cases / "sealed").rglob("seal.json"))
+    seal.write_text(seal.read_text().replace('"effect": "none"', '"effect": "creep"'))
+    assert main(*score) == 2
+    assert "a case or a seal is not as bench.json" in capsys.readouterr().err
+
+
+def test_the_first_cases_alone_are_answered_and_scored(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cases, answers = written(tmp_path / "cases", 2), tmp_path / "base"
+    assert answered(cases, answers, "--first", 1) == 0
+    assert "base: 1 of 1, case_000" in capsys.readouterr().out
+    score = ("score", "--cases", cases, "--answers", answers, "--out", tmp_path / "s")
+    assert main(*score, "--first", 1) == 0
+    assert "| cases | 1 |" in capsys.readouterr().out
+    assert main(*score) == 2
+    assert "case_001" in capsys.readouterr().err
+
+
+def test_answers_to_another_benchmark_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folders = [written(tmp_path / f"cases_{seed}", seed=seed) for seed in (0, 1)]
+    out = tmp_path / "answers"
+    assert answered(folders[0], out) == 0
+    assert answered(folders[1], out) == 2
+    score = ("score", "--cases", folders[1], "--answers", out, "--out", tmp_path / "s")
+    assert main(*score) == 2
+    assert "answers are to another benchmark" in capsys.readouterr().err
+    shutil.rmtree(folders[1] / "sealed")
+    assert main(*score) == 2
+    assert "cannot be scored without all that was written" in capsys.readouterr().err
+
+
+def test_a_tool_that_cannot_solve_a_case_says_so(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(case: Path, seed: int) -> Answer:
+        raise SolverFailed("the step at 0.1 s has no solution")
+
+    monkeypatch.setattr(bench, "tool", lambda name: fails)
+    assert answered(folder, tmp_path / "a", "--first", 1) == 0
+    assert "no answer, the step at 0.1 s" in capsys.readouterr().out
+    (score,) = scores_of(folder, tmp_path / "a", 1)
+    assert score.failed
+    assert not score.right
+
+
+def test_a_tool_has_no_answer_after_the_limit(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def never_ends(case: Path, seed: int) -> Answer:
+        while True:
+            with suppress(Exception):
+                np.linalg.svd(np.ones((50, 50)))
+
+    monkeypatch.setattr(bench, "tool", lambda name: never_ends)
+    assert answered(folder, tmp_path / "a", "--first", 1, "--limit", 0.2) == 0
+    assert "no answer, stopped after 0.2 processor seconds" in capsys.readouterr().out
+    (score,) = scores_of(folder, tmp_path / "a", 1)
+    assert score.failed
+    assert json.loads((tmp_path / "a" / "tool.json").read_text())["limit"] == 0.2
+    # With more time the case may have an answer: the same folder does not take both.
+    assert answered(folder, tmp_path / "a", "--first", 1, "--limit", 5) == 2
+
+
+def test_a_limit_ends_with_what_it_limits() -> None:
+    with limited(0.05):
+        pass
+    end = time.process_time() + 0.2
+    while time.process_time() < end:
+        pass
+
+
+def test_a_thread_cannot_keep_a_limit() -> None:
+    def inside() -> None:
+        with limited(1.0):
+            pass
+
+    with ThreadPoolExecutor(1) as pool, pytest.raises(InputRefused, match="--executor processes"):
+        pool.submit(inside).result()
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (["score", "--cases", "c", "--answers", "a", "--limit", "3"], "unrecognized arguments: --limit 3"),
+        (["answer", "--cases", "c", "--tool", "base", "--limit", "0"], "--limit 0: give processor seconds above 0"),
+        (["answer", "--cases", "c", "--tool", "base", "--limit", "1e30"], "--limit 1e+30: give processor seconds"),
+        (["write", "--tool", "phnn"], "unrecognized arguments: --tool"),
+        (["answer", "--tool", "phnn"], "required: --cases"),
+        (["answer", "--cases", "c"], "required: --tool"),
+        (["score", "--cases", "c", "--answers", "x/a", "--answers", "y/a"], "called alike, a, a"),
+        (["answer", "--cases", "c", "--tool", "base", "seed=3"], "unrecognized arguments: seed=3"),
+        (["score", "--cases", "c", "--answers", "a", "--first", "0"], "--first 0: give a number of cases"),
+        (["answer", "--cases", "c", "--tool", "bse"], "did you mean base?"),
+        (["write", "nane=3"], "unknown setting 'nane=3' (did you mean none?)"),
+        (["write", "none=-3"], "setting none=-3: give a whole number"),
+        (["write", "none=0", *(f"{g}=0" for g in GROUPS if g != "none")], "no cases"),
+        (["all", "--tools", "base", "--first", "0"], "--first 0: give a number of cases"),
+        (["all", "--tools", "bse"], "did you mean base?"),
+        (["all", "--tools", "base", "--page", str(ROOT / "README.md")], "has no lines <!-- begin bench -->"),
+    ],
+)
+def test_wrong_usage_is_refused_before_anything_is_made(
+    argv: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(*argv, "--out", tmp_path / "o") == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()
+
+
+def test_settings_have_the_documented_defaults() -> None:
+    assert asdict(Settings()) == {
+        "seed": 1, "none": 9, "same": 27, "other": 9, "outside": 9, "pair": 9, "background": 9,
+    }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_one_command_makes_answers_scores_and_fills_a_page(tmp_path: Path) -> None:
+    page, out = tmp_path / "page.md", tmp_path / "out"
+    page.write_text("".join(f"<!-- begin {name} -->\n<!-- end {name} -->\n" for name in ("bench", "fewer")))
+    sizes = [f"{group}={int(group in ('none', 'same'))}" for group in GROUPS]
+    asked = ["seed=5", *sizes, "--out", str(out), "--page", str(page), "--executor", "serial"]
+    asked += ["--tools", "phnn_scores_only", "base"]
+
+    def run(*more: str) -> str:
+        words = [sys.executable, "scripts/bench.py", "all", *asked, *more]
+        done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert "seed 5" in run()
+    text = page.read_text()
+    assert "\n### Wrong answers of phnn_scores_only\n" in text
+    assert "| cases | 2 | 2 |" in text
+    assert (out / "scores" / "scores.csv").exists()
+    # A second table of fewer cases leaves the first as it is, and answers nothing twice.
+    run("--first", "1", "--table", "fewer")
+    assert page.read_text().startswith(text.partition("<!-- begin fewer")[0])
+    assert "| cases | 1 | 1 |" in page.read_text().partition("<!-- begin fewer")[2]
+    assert (out / "fewer" / "scores.csv").exists()
