@@ -15,11 +15,12 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.output import write_atomic
 from phnn.report.formatting import number
-from studies.generator.actuator import TABLE, Array, simulate_all
-from studies.generator.concealed import EFFECTS, described, draw, drifts
-from studies.generator.excitation import PEAK, Excitation, chirp, sine, step
-from studies.generator.folder import MANIFEST, measured, refuse_strangers, write_manifest, write_recording
-from studies.generator.strength import find_strength, ruler
+from studies.generator.effects import EFFECTS, described, draw
+from studies.generator.make import concealing, find_strength, ruler
+from studies.generator.noise import Noise
+from studies.generator.plans import PEAK, Excitation, chirp, sine, step
+from studies.generator.seal import refuse_strangers, reported, write_folder
+from studies.generator.world import TABLE
 
 IDENTIFICATION_HZ = (1.0, 50.0, 100.0, 150.0)
 VALIDATION_HZ = (10.0, 25.0, 75.0)
@@ -132,27 +133,14 @@ def write_recordings(
     uses, plan = recordings or paper_plan()
     refuse_strangers(folder, plan)
     shape, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(conditions.seed).spawn(2))
-    outputs, made = _outputs(conditions, plan, shape)
-    folder.mkdir(parents=True, exist_ok=True)
-    for excitation, q in zip(plan, outputs, strict=True):
-        y = measured(q, conditions.noise_um * 1e-6, conditions.step_nm * 1e-9, sensor)
-        write_recording(folder / f"{excitation.name}.csv", excitation, y, write_atomic)
-    write_manifest(folder / MANIFEST, TABLE["m"], plan, uses, _WEIGHING, write=write_atomic)
+    parts, made = [], Made(conditions)
+    if conditions.effect != "none":
+        concealed, measure = draw(conditions.effect, shape, TABLE, plan), ruler(TABLE, plan)
+        strength, left = find_strength(
+            lambda z: measure.residual(concealed, z), concealed.guess, concealed.most, conditions.residual_um * 1e-6
+        )
+        parts, made = [(concealed, strength)], Made(conditions, described(concealed, strength), left)
+    noise = Noise(conditions.noise_um * 1e-6, conditions.step_nm * 1e-9)
+    reports = [reported(q, noise, sensor) for q in concealing(TABLE, plan, parts)]
+    write_folder(folder, TABLE["m"], plan, reports, uses, _WEIGHING, write=write_atomic)
     return made
-
-
-def _outputs(
-    conditions: Conditions, plan: tuple[Excitation, ...], shape: np.random.Generator
-) -> tuple[tuple[Array, ...], Made]:
-    """Displacements (samples,) m of the recordings, and what was concealed in them."""
-    if conditions.effect == "none":
-        return simulate_all(TABLE, plan), Made(conditions)
-    concealed = draw(conditions.effect, shape, TABLE, plan)
-    measure = ruler(TABLE, plan)
-    strength, left = find_strength(
-        lambda z: measure.residual(concealed, z), concealed.guess, concealed.most, conditions.residual_um * 1e-6
-    )
-    moved = simulate_all({**TABLE, **concealed.law(strength)}, plan)
-    ramps = drifts(concealed, strength, plan)
-    outputs = tuple(q + d for q, d in zip(moved, ramps, strict=True))
-    return outputs, Made(conditions, described(concealed, strength), left)

@@ -33,8 +33,8 @@ from phnn.output import Place, write_atomic
 from studies.benchmark.cases import Entry, entries
 from studies.benchmark.settings import Settings
 from studies.generator import Sealed, make_case, open_seal, write_seal
-from studies.generator.folder import MANIFEST
 from studies.generator.plans import EXAM
+from studies.generator.seal import MANIFEST
 
 Say = Callable[[str], None]
 SCHEMA = "phnn.bench/1"

@@ -30,9 +30,9 @@ from phnn.models.actuator import hrc
 from phnn.recordings.recording import Campaign, Recording, unrecorded
 from phnn.setup import Setup
 from phnn.simulate import simulate
-from studies.generator.actuator import simulate as simulate_equations
-from studies.generator.excitation import Excitation, Piece
-from studies.generator.parameters import TABLE
+from studies.generator.plans import Excitation, Piece
+from studies.generator.world import TABLE
+from studies.generator.world import simulate as simulate_equations
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from studies.generator import Case, Conditions, draw_case
-from studies.generator.conditions import PLAIN
+from studies.generator.cases import PLAIN
 from studies.proof.families import family, seed_of
 from studies.proof.settings import FAST, FULL, GROUPS, NULLS, Settings
 

@@ -9,8 +9,8 @@ import hashlib
 from dataclasses import dataclass
 
 from phnn.errors import InputRefused
-from studies.generator.families import asked
-from studies.generator.kinked import KINKED
+from studies.generator.noise import asked
+from studies.generator.plans import KINKED
 
 _SEED_BYTES = 6
 

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 from phnn.criteria import CRITERIA
 from studies.generator import Sealed
-from studies.generator.other_base import LOCATION
+from studies.generator.cases import LOCATION
 
 # A class or a set of locations larger than this helps nobody.
 CLASS, TIED = 4, 3

@@ -8,8 +8,8 @@ from typing import Any
 
 from phnn.errors import InputRefused
 from phnn.intake.settings import check, whole
-from studies.generator.conditions import PLAIN, Conditions
-from studies.generator.families import asked
+from studies.generator.cases import PLAIN, Conditions
+from studies.generator.noise import asked
 from studies.proof.families import family
 
 FAST, FULL = "fast", "full"

@@ -19,7 +19,7 @@ from phnn.identification.base import Progress, quiet
 from phnn.output import Place
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import markdown_table, ratio
-from studies.generator.excitation import Excitation, sine
+from studies.generator.plans import Excitation, sine
 from studies.recordings import comparison_plan
 from studies.rival_models.truths import write_truth
 

@@ -17,7 +17,7 @@ from phnn.model import Model
 from phnn.output import Place
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import markdown_table
-from studies.generator.excitation import PEAK
+from studies.generator.plans import PEAK
 from studies.recordings import comparison_plan
 from studies.rival_models.loops import ExportedStepper, Loops, closed, drawn_runs
 from studies.rival_models.names import NAMES, rival

@@ -17,7 +17,7 @@ from phnn.identification.base import Progress, quiet
 from phnn.output import Place
 from phnn.recordings import Campaign
 from phnn.report.formatting import DASH, markdown_table
-from studies.generator.excitation import PEAK
+from studies.generator.plans import PEAK
 from studies.rival_models.compiled_stepper import compiled_stepper
 from studies.rival_models.coupled import DT, each_model, fitted_stepper, how_fitted
 from studies.rival_models.long_runs import DRIFTED, LEAST, PERIOD, LongRun, drawn_drive, long_run

@@ -27,10 +27,11 @@ from phnn.learn.starts import plant_for
 from phnn.learn.windows import thinned
 from phnn.output import Place, write_atomic
 from phnn.recordings import Campaign, read
-from studies.generator.actuator import TABLE, simulate_all
-from studies.generator.base import with_hysterons
-from studies.generator.excitation import sine
-from studies.generator.folder import MANIFEST, measured, refuse_strangers, write_manifest, write_recording
+from studies.generator.cases import with_hysterons
+from studies.generator.noise import Noise
+from studies.generator.plans import sine
+from studies.generator.seal import MANIFEST, refuse_strangers, reported, write_folder
+from studies.generator.world import TABLE, simulate_all
 from studies.recordings import Conditions, comparison_plan, write_recordings
 
 # Hysteron 1 of Table 1, slowed down until an explicit method can follow it: it relaxes at C/ϱ⁻¹ = 0.5 ms.
@@ -170,14 +171,11 @@ def _write_slow(folder: Path, noise_um: float, seed: int) -> None:
     plan = tuple(sine(f) for f in sorted((*_SLOW_HZ, *_SLOW_HELD_HZ)))
     names = {sine(f).name for f in _SLOW_HZ}
     refuse_strangers(folder, plan)
-    folder.mkdir(parents=True, exist_ok=True)
     sensor = np.random.default_rng(seed)
     actuator = with_hysterons(TABLE, 1, np.random.default_rng(seed)) | SLOW
-    for excitation, q in zip(plan, simulate_all(actuator, plan), strict=True):
-        y = measured(q, noise_um * 1e-6, 1e-9, sensor)
-        write_recording(folder / f"{excitation.name}.csv", excitation, y, write_atomic)
+    reports = [reported(q, Noise(noise_um * 1e-6, 1e-9), sensor) for q in simulate_all(actuator, plan)]
     chosen = {e.name: "identification" if e.name in names else "confirmation" for e in plan}
-    write_manifest(folder / MANIFEST, actuator["m"], plan, chosen, _WEIGHING, hysterons=1, write=write_atomic)
+    write_folder(folder, actuator["m"], plan, reports, chosen, _WEIGHING, hysterons=1, write=write_atomic)
 
 
 def _trained(name: str, case: Case, label: str, way: Way, campaign: Campaign, seed: int, progress: Progress) -> Outcome:

@@ -32,14 +32,13 @@ from phnn.setup import Setup
 from phnn.signals.noise import noise_floor
 from studies.benchmark.tools.common import whole
 from studies.generator import Case, generate
-from studies.generator.actuator import simulate_all
-from studies.generator.background import KINDS
-from studies.generator.concealed import Concealed, draw
-from studies.generator.excitation import Excitation
-from studies.generator.folder import reported
-from studies.generator.strata import Choice
-from studies.generator.strength import Ruler, concealing, find_strength
-from studies.generator.unrecorded import disturbed
+from studies.generator.cases import Choice
+from studies.generator.effects import Concealed, draw
+from studies.generator.make import KINDS, Ruler, concealing, find_strength
+from studies.generator.noise import disturbed
+from studies.generator.plans import Excitation
+from studies.generator.seal import reported
+from studies.generator.world import simulate_all
 
 Array = NDArray[np.float64]
 Part = tuple[Concealed, float]
@@ -106,11 +105,9 @@ def simulated(case: Case) -> Actuator:
     allowed = tuple(c for c in case.choices if not set(c.effects) & set(beside))
     choice, parts = _concealed(replace(case, base=base, choices=allowed), gauge) if case.effects else (Choice(), [])
     outputs = concealing(base, plan, parts)
-    final = disturbed(noise, base, plan, outputs, lambda d: concealing(base, plan, parts, d), case.stream)
+    moved = disturbed(noise, base, plan, outputs, lambda d: concealing(base, plan, parts, d), case.stream)
     sensor = case.stream("sensor")
-    recordings = tuple(
-        as_read(replace(r, y=reported(q, noise, sensor))) for r, q in zip(driven, final.outputs, strict=True)
-    )
+    recordings = tuple(as_read(replace(r, y=reported(q, noise, sensor))) for r, q in zip(driven, moved, strict=True))
     level = float(np.sqrt(np.mean(gauge.full.left(outputs) ** 2))) / noise.deviation
     return Actuator(_setup(base), base["m"], recordings, choice.effects, beside, level)
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from phnn.errors import InputRefused
 from studies.benchmark.answer import NONE, UNLISTED
 from studies.benchmark.fingerprints.features import names
-from studies.generator.listed import LISTED
+from studies.generator.effects import LISTED
 from studies.rivals import needed
 
 Array = NDArray[np.float64]

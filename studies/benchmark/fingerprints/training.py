@@ -32,7 +32,7 @@ from studies.benchmark.fingerprints.cases import Drawn, drawn
 from studies.benchmark.fingerprints.features import features, names
 from studies.benchmark.fingerprints.fitting import fitted
 from studies.benchmark.settings import GROUPS
-from studies.generator.listed import LISTED
+from studies.generator.effects import LISTED
 
 Say = Callable[[str], None]
 Row = dict[str, Any]

@@ -19,9 +19,9 @@ from studies.benchmark.cases import NOISES, PLANS, STRENGTHS, Entry, entries
 from studies.benchmark.folders import OUTPUT, card_of, digest_of, opened
 from studies.benchmark.settings import GROUPS, Settings
 from studies.generator import draw_case, make_case
-from studies.generator.listed import LISTED
+from studies.generator.effects import LISTED
+from studies.generator.make import concealing
 from studies.generator.plans import EXAM
-from studies.generator.strength import concealing
 
 SMALL = {"none": 9, "same": 9, "other": 4, "outside": 4, "pair": 4, "background": 4}
 NOTHING = ["none=2", *(f"{group}=0" for group in GROUPS if group != "none")]

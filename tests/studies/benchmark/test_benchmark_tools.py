@@ -23,7 +23,7 @@ from studies.benchmark.time_limit import limited
 from studies.benchmark.tools import TOOLS, TRAINED, tool
 from studies.benchmark.tools.harmonics import TABLE, _band
 from studies.generator import draw_case, generate, make_case
-from studies.generator.listed import LISTED
+from studies.generator.effects import LISTED
 
 T = np.arange(4000) / 4000.0
 SINE = unrecorded("sine", T, 75.0 * np.sin(2.0 * np.pi * 10.0 * T))

@@ -30,8 +30,8 @@ from studies.benchmark.fingerprints.validation import validated
 from studies.benchmark.settings import GROUPS, Settings
 from studies.benchmark.tools import fingerprints, tool
 from studies.generator import generate
-from studies.generator.listed import LISTED
-from studies.generator.strata import choices
+from studies.generator.cases import choices
+from studies.generator.effects import LISTED
 
 SIGMA = 5e-8
 

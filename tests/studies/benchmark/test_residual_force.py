@@ -27,7 +27,7 @@ from studies.benchmark.residual_force.states import responses, states_of
 from studies.benchmark.residual_force.terms import Sizes, effects_of, table_of
 from studies.benchmark.tools import tool
 from studies.generator import generate
-from studies.generator.listed import LISTED
+from studies.generator.effects import LISTED
 
 DT = 1e-4
 T = DT * np.arange(4000)

@@ -12,9 +12,9 @@ from phnn.models.actuator import from_paper
 from phnn.models.bouc_wen import bouc_wen
 from phnn.setup import Setup
 from phnn.simulate import simulate
-from studies.generator.actuator import TABLE
-from studies.generator.actuator import simulate as independent
-from studies.generator.excitation import PEAK, sine
+from studies.generator.plans import PEAK, sine
+from studies.generator.world import TABLE
+from studies.generator.world import simulate as independent
 from studies.paper.published import TABLE_3, highest_fit, implied_amplitude, line_of
 
 HERTZ = {name: float(name.split()[0]) for name in TABLE_3 if name.endswith("Hz")}

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from phnn.models.actuator import from_paper, hrc
 from phnn.setup import Setup
-from studies.generator.actuator import TABLE
-from studies.generator.actuator import simulate as independent
-from studies.generator.excitation import sine
+from studies.generator.plans import sine
+from studies.generator.world import TABLE
+from studies.generator.world import simulate as independent
 from studies.paper.rate import loop, ramps
 
 PAPER = Setup(from_paper())

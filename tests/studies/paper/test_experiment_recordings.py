@@ -12,7 +12,7 @@ import pytest
 from phnn.errors import InputRefused
 from phnn.identification.options import Options
 from phnn.recordings import read
-from studies.generator.actuator import TABLE, simulate_all
+from studies.generator.world import TABLE, simulate_all
 from studies.paper.table import compare
 from studies.recordings import Conditions, paper_plan, write_recordings
 

@@ -12,7 +12,7 @@ from phnn.identification.base import identify_base
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
 from phnn.recordings import read
-from studies.generator.actuator import TABLE
+from studies.generator.world import TABLE
 from studies.recordings import Conditions, write_recordings
 
 NOISE = 0.05e-6

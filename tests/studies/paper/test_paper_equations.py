@@ -15,7 +15,7 @@ from phnn.models.actuator import TABLE_1, from_paper
 from phnn.models.bouc_wen import TABLE_2, bouc_wen
 from phnn.network import PortHamiltonianSystem
 from phnn.simulate import simulate
-from studies.generator.excitation import PEAK, sine
+from studies.generator.plans import PEAK, sine
 
 torch.set_num_threads(1)
 

@@ -19,7 +19,7 @@ from phnn.models.actuator import TABLE_1, from_paper
 from phnn.models.bouc_wen import TABLE_2, bouc_wen
 from phnn.setup import Setup
 from phnn.simulate import simulate
-from studies.generator.excitation import PEAK, Excitation, chirp, sine, step
+from studies.generator.plans import PEAK, Excitation, chirp, sine, step
 from studies.paper.published import TABLE_3
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ import pytest
 from phnn.configuration import compose
 from phnn.errors import InputRefused
 from studies.generator import Sealed
-from studies.generator.actuator import TABLE
+from studies.generator.world import TABLE
 from studies.proof.cases import Task, tasks
 from studies.proof.coverage import base_errors, effect_errors, noise_errors
 from studies.proof.grades import EXACT, WRONG

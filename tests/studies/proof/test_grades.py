@@ -10,7 +10,7 @@ import pytest
 from phnn.configuration import compose
 from phnn.errors import InputRefused
 from studies.generator import Sealed
-from studies.generator.actuator import TABLE
+from studies.generator.world import TABLE
 from studies.proof.cases import Task, tasks
 from studies.proof.grades import EXACT, IN_CLASS, WRONG, Said, expected, grade, true_places
 from studies.proof.nulls import counts

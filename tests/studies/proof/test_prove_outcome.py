@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from studies.generator import Sealed
-from studies.generator.actuator import TABLE
+from studies.generator.world import TABLE
 from studies.proof.cases import Task
 from studies.proof.grades import CLASS, EXACT, IN_CLASS, WRONG
 from studies.proof.outcome import graded, group_error

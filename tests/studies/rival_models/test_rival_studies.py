@@ -16,7 +16,7 @@ from phnn.configuration import compose
 from phnn.errors import InputRefused
 from phnn.output import Place
 from phnn.recordings import Part, Start, read
-from studies.generator.excitation import sine
+from studies.generator.plans import sine
 from studies.rival_models.contest import COUNTS, Row, held_out, scarcity_page, truths, truths_page
 from studies.rival_models.names import rival
 from studies.rival_models.real import FOLDERS, Scored, one_to_one, page, real

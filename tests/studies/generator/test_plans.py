@@ -1,4 +1,4 @@
-"""Voltages with jumps and kinks between samples: where they lie, what is sampled, and how the actuator responds."""
+"""Sets of recordings, and voltages with jumps and kinks between samples: what is sampled, how the actuator responds."""
 
 from __future__ import annotations
 
@@ -14,10 +14,8 @@ from omegaconf import OmegaConf
 from scipy.integrate import solve_ivp
 
 from studies.generator import draw_case, make_case
-from studies.generator.actuator import TABLE, simulate
-from studies.generator.excitation import Excitation
-from studies.generator.kinked import DT, HEIGHT, KINKED
-from studies.generator.plans import plan_of
+from studies.generator.plans import DT, HEIGHT, KINKED, Excitation, plan_of
+from studies.generator.world import TABLE, simulate
 
 SEEDS = st.integers(0, 2**31)
 

@@ -1,16 +1,123 @@
-"""The sealed answer of a demonstration: written before the diagnosis, opened after it."""
+"""What a case leaves: a folder of simulated recordings with their manifest, and the sealed answer.
+
+The answer is written before the diagnosis and opened after it.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
+from omegaconf import OmegaConf
+
 from phnn.errors import InputRefused
-from studies.generator.folder import Writer
+from studies.generator.cases import ANCHOR
+from studies.generator.noise import Noise, Rng
+from studies.generator.plans import Array, Excitation
+
+# What puts the content of a file on a disk. Whoever asks for recordings brings it: the package is not known here.
+Writer = Callable[[Path, bytes], object]
+MANIFEST = "recordings.yaml"
+_ZERO = 5e-6  # m, largest displacement zero of a recording
+
+
+def refuse_strangers(folder: Path, plan: Sequence[Excitation]) -> None:
+    """Refuse a folder with other files than those of the plan: they would end up among the recordings.
+
+    Raises:
+        InputRefused: the folder is a file, or holds files of others.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputRefused(f"{folder}: is a file; name a folder")
+    own = {MANIFEST, *(f"{excitation.name}.csv" for excitation in plan)}
+    strangers = sorted(path.name for path in folder.iterdir() if path.name not in own) if folder.exists() else []
+    if strangers:
+        raise InputRefused(f"{folder}: holds {strangers[0]}, which the demonstration did not write; name a new folder")
+
+
+def reported(q: Array, noise: Noise, rng: Rng) -> Array:
+    """Return what the sensor reports: its zero, its noise, and its least step."""
+    y = q + rng.uniform(-_ZERO, _ZERO) + noise.drawn(q.size, rng)
+    rounded: Array = np.round(y / noise.step) * noise.step
+    return rounded
+
+
+def write_recording(path: Path, excitation: Excitation, y: Array, write: Writer = Path.write_bytes) -> None:
+    """Write one csv with times, voltages and the displacements ``y``, (samples,), m."""
+    t = excitation.t
+    table = {
+        "time_s": t,
+        "voltage_V": excitation.voltage(t),
+        # The least step is a whole number of nanometres: more decimals would only be rounding errors.
+        "displacement_um": np.round(y * 1e6, 3),
+    }
+    write(path, pd.DataFrame(table).to_csv(index=False).encode())
+
+
+def write_manifest(
+    path: Path,
+    mass: float,
+    plan: Sequence[Excitation],
+    uses: Mapping[str, str] | None = None,
+    spread: float = ANCHOR,
+    hysterons: int = 2,
+    write: Writer = Path.write_bytes,
+) -> None:
+    """Write what a person would say of the recordings: their starts, and the weighed mass.
+
+    Args:
+        mass: as weighed, kg.
+        uses: by recording name, "identification" or "confirmation"; nothing is said where it is left out.
+        spread: standard deviation of the weighing over the mass.
+        hysterons: as a person would state them.
+        write: puts it on the disk.
+    """
+    recordings = []
+    for excitation in plan:
+        entry: dict[str, object] = {
+            "file": f"{excitation.name}.csv",
+            "name": excitation.name,
+            "start": {"state": "rest", "input_before": 0.0},
+        }
+        if excitation.held:
+            entry["input"] = "zero_order"
+        if uses is not None:
+            entry["use"] = uses[excitation.name]
+        recordings.append(entry)
+    manifest = {
+        "setup": {"model": "piezo_actuator", "hysterons": hysterons},
+        "known": {"m": {"value": mass, "std": float(f"{spread * mass:.3g}")}},
+        "voltage": "command",
+        "recordings": recordings,
+    }
+    write(path, OmegaConf.to_yaml(OmegaConf.create(manifest)).encode())
+
+
+def write_folder(
+    folder: Path,
+    mass: float,
+    plan: Sequence[Excitation],
+    reports: Sequence[Array],
+    uses: Mapping[str, str] | None = None,
+    spread: float = ANCHOR,
+    hysterons: int = 2,
+    write: Writer = Path.write_bytes,
+) -> None:
+    """Write the recordings and their manifest into a folder, which is made if need be.
+
+    Args:
+        reports: of the sensor, (samples,) each, m; see `write_manifest` for the others.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for excitation, y in zip(plan, reports, strict=True):
+        write_recording(folder / f"{excitation.name}.csv", excitation, y, write)
+    write_manifest(folder / MANIFEST, mass, plan, uses, spread, hysterons, write)
 
 
 @dataclass(frozen=True)
@@ -49,7 +156,7 @@ class Sealed:
             canonical names; background_level: root mean square that it leaves beyond a refit, over the noise.
         hysterons, stated_hysterons: of the actuator, and as the manifest states them, where that was asked for.
         stated_mass: as the manifest states it, kg, where it was drawn with its error.
-        base_family: hysteresis of the actuator where it is not one of hysterons, see `studies.generator.other_base`.
+        base_family: hysteresis of the actuator where it is not one of hysterons, see `studies.generator.cases`.
         noise_unrecorded: share of a random force or of jitter in the noise's power, as it came out.
     """
 
