@@ -13,7 +13,7 @@ from phnn.configuration import config_folder
 from phnn.errors import meant
 
 # Commands with settings, and the file under configs/ that holds them.
-SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "modes", "prove", "bench")} | {"demo": "diagnose"}
+SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "modes", "bench")} | {"demo": "diagnose"}
 # The command whose settings are composed from groups of files.
 TRAIN = "train"
 
@@ -31,7 +31,6 @@ _COMMANDS = {
     TRAIN: "train a neural or parametric model: phnn train folder=DIR out=DIR ...",
     "demo": "conceal an effect in simulated recordings, seal it, diagnose it",
     "serve": "show the runs below a folder in a browser of this machine",
-    "prove": "conceal many effects, seal them, diagnose them all, and count",
     "bench": "make sealed cases for any tool, let a tool answer them, score answers",
 }
 # Kinds of plots, as functions of phnn.plot.
@@ -40,7 +39,7 @@ _PLOTS = ("compare", "residuals", "loops", "bode", "location", "energy")
 _FOLDER = ("check", "template", "identify", "diagnose", "predict", "compare", "modes")
 _MODEL = ("predict", "invert", "export", "plot")
 _MANIFEST = ("check", "identify", "diagnose", "predict", "compare", "modes", "plot")
-_OUT = ("identify", "diagnose", "predict", "invert", "export", "plot", "compare", "modes", "prove", "bench")
+_OUT = ("identify", "diagnose", "predict", "invert", "export", "plot", "compare", "modes", "bench")
 _OUTSIDE = (*_FOLDER, "invert", "export", "plot")
 _OVERWRITE = (*_OUT, "check", "demo")
 

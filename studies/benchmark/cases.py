@@ -10,7 +10,7 @@ import numpy as np
 
 from studies.benchmark.settings import GROUPS, Settings
 from studies.generator import Case, Conditions, draw_case
-from studies.proof.families import seed_of
+from studies.proof.cases import seed_of
 
 # Residual over noise that the effect alone leaves beyond a refit of the base model.
 STRENGTHS = {"weak": (1.5, 3.0), "medium": (3.0, 6.0), "strong": (6.0, 20.0)}

@@ -10,7 +10,7 @@ from phnn.report.formatting import DASH, markdown_table, number
 from studies.benchmark.score import Score
 from studies.benchmark.settings import GROUPS
 from studies.benchmark.tally import Difference, difference, listed, summary
-from studies.proof.tally import Rate
+from studies.proof.page import Rate
 
 Found = Mapping[str, Sequence[Score]]
 

@@ -12,7 +12,7 @@ from studies.benchmark.cases import PLANS, STRENGTHS
 from studies.benchmark.paired import paired_interval
 from studies.benchmark.score import Score
 from studies.benchmark.settings import GROUPS
-from studies.proof.tally import Rate
+from studies.proof.page import Rate
 
 # Equal bins of probability for the calibration error.
 _BINS = 10

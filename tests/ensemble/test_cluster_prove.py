@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -14,13 +15,13 @@ import pytest
 sys.path.append(str(Path(__file__).resolve().parent.parent / "output"))
 from small_runs import differing, results
 
-from phnn.cli import main
-
+SCRIPT = Path(__file__).resolve().parents[2] / "scripts" / "prove.py"
 CASES = ("fast_none=3", "fast_weak=3", "only=[fast_none,fast_weak]", "fast_plan=few")
 
 
 def _prove(out: Path, executor: str) -> dict[str, object]:
-    assert main(["prove", "--out", str(out), *CASES, f"executor={executor}"]) == 0
+    command = [sys.executable, str(SCRIPT), f"out={out}", *CASES, f"executor='{executor}'"]
+    subprocess.run(command, check=True)
     return results(out)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from studies.benchmark.cases import NOISES, PLANS, STRENGTHS
 from studies.generator import Case, Conditions, draw_case
 from studies.generator.cases import choices
-from studies.proof.families import seed_of
+from studies.proof.cases import seed_of
 
 Item = TypeVar("Item")
 

@@ -1,5 +1,7 @@
 """Carry a proof out: make and seal all cases, diagnose them, open the seals, count.
 
+    cases → sealed → diagnosed (score stage, or the whole command) → opened → graded → counted → shown
+
 Everything that is finished lies in a file of its own, so that an interrupted proof goes on where it stopped.
 """
 
@@ -8,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -15,16 +18,28 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from phnn.criteria import CRITERIA
+from phnn.diagnosis.diagnosis import available, diagnose
+from phnn.diagnosis.linearised_fit import prepare
+from phnn.diagnosis.locate import responses
+from phnn.diagnosis.name import score
+from phnn.diagnosis.scored import SIGNIFICANT
 from phnn.effects import catalogue
 from phnn.ensemble import executor
 from phnn.errors import OutputFailed, OutputRefused, PhnnError
-from phnn.output import Origin, Place, claim, write_atomic
-from studies.generator import Sealed, make_case, open_seal, write_seal
-from studies.proof.cases import Task, tasks
-from studies.proof.fast import score_folder
-from studies.proof.full import diagnose_folder
-from studies.proof.outcome import Outcome, graded
-from studies.proof.settings import FAST, Settings
+from phnn.identification.options import Options
+from phnn.identification.prepare import identification_plan
+from phnn.identification.refinement import with_bounded_error
+from phnn.identification.staged import fit_identified, held_by_statement
+from phnn.models.actuator import from_paper
+from phnn.models.store import load
+from phnn.output import Origin, Place, claim, finite, write_atomic
+from phnn.recordings import read
+from phnn.report.result import write_into
+from phnn.setup import Setup
+from studies.generator import make_case, open_seal, write_seal
+from studies.proof.cases import FAST, Settings, Task, tasks
+from studies.proof.grade import Outcome, graded
 
 Say = Callable[[str], None]
 RESULTS = (
@@ -34,33 +49,25 @@ RESULTS = (
 
 @dataclass(frozen=True)
 class Room:
-    """The folders of a proof.
-
-    Attributes:
-        place: everything lies below it.
-    """
+    """The folders of a proof, all below ``place``."""
 
     place: Place
 
     def recordings(self, task: Task) -> Path:
-        """Recordings of a case, until it is diagnosed."""
+        """Return the folder of a case's recordings, which stay until it is diagnosed."""
         return self.place.path / "recordings" / task.name
 
     def seal(self, task: Task) -> Path:
-        """The sealed answer."""
+        """Return the file of the sealed answer."""
         return self.place.path / "sealed" / f"{task.name}.json"
 
     def answer(self, task: Task) -> Place:
-        """What the diagnosis said."""
+        """Return the file with what the diagnosis said."""
         return self.place / "answers" / f"{task.name}.json"
-
-    def report(self, task: Task) -> Place:
-        """The report of a case."""
-        return self.place / "reports" / task.name
 
 
 def prove(settings: Settings, place: Place, say: Say) -> tuple[list[Outcome], str]:
-    """All cases of a proof, graded, in order; and the hash of their seals.
+    """Return all cases of a proof, graded, in order; and the hash of their seals.
 
     Args:
         place: see `claimed`; gets recordings, seals and answers.
@@ -106,8 +113,7 @@ def _sealed(room: Room, task: Task) -> None:
         return
     folder = room.recordings(task)
     shutil.rmtree(folder, ignore_errors=True)
-    sealed: Sealed = make_case(task.case(), folder, write_atomic)
-    write_seal(sealed, room.seal(task), write_atomic)
+    write_seal(make_case(task.case(), folder, write_atomic), room.seal(task), write_atomic)
 
 
 def _answered(room: Room, settings: Settings, task: Task) -> None:
@@ -124,7 +130,7 @@ def _answered(room: Room, settings: Settings, task: Task) -> None:
         else:
             options = {"seed": settings.seed, "starts": settings.starts, "max_effects": settings.max_effects}
             without = containing(open_seal(room.seal(task)).withheld)
-            answer = diagnose_folder(folder, room.report(task), without, options, settings.keep)
+            answer = diagnose_folder(folder, room.place / "reports" / task.name, without, options, settings.keep)
     except (OutputFailed, OutputRefused):
         raise
     except PhnnError as error:
@@ -135,11 +141,71 @@ def _answered(room: Room, settings: Settings, task: Task) -> None:
 
 
 def containing(names: Sequence[str]) -> list[str]:
-    """Effects, and those of which one of them is a special case: they would say the same under another name."""
+    """Return effects, and those of which one of them is a special case: they say the same under another name."""
     return [n for n, e in catalogue().items() if n in names or set(names) & set(e.special_names)]
 
 
 def _digest(room: Room, todo: Sequence[Task]) -> str:
-    """One hash over those of all seals."""
+    """Return one hash over those of all seals."""
     each = [hashlib.sha256(room.seal(t).read_bytes()).hexdigest() for t in todo]
     return hashlib.sha256("".join(each).encode()).hexdigest()
+
+
+def score_folder(folder: Path, seed: int) -> dict[str, Any]:
+    """Fit the base model from the published values and score; return as much of ``diagnosis.json`` as that gives."""
+    began = time.monotonic()
+    campaign = read(folder)
+    options = Options(seed=seed, workers=1)
+    network = from_paper().with_values({n: a.value for n, a in campaign.known.items()})
+    first = fit_identified(
+        Setup(network), identification_plan(campaign, 1), held_by_statement(campaign.known), max_evaluations=30
+    )
+    base, error = with_bounded_error(first, options.error_bound_sigma)
+    linearised = prepare(base, campaign.voltage == "terminals")
+    naming = score(linearised, available(campaign, base.setup), responses(linearised), seed, error.error)
+    best = naming.candidates[0]
+    # Squared scores are sums of squares that a refit would save.
+    level, tie = best.score**2, CRITERIA.selection.tie
+    members = [n for n, c in naming.by_name.items() if level - c.score**2 < tie and c.score > 0.0]
+    missing = []
+    if naming.p_value < SIGNIFICANT:
+        missing = [{"effect": members[0], "location": best.effect.location, "equivalent_to": members[1:]}]
+    return {
+        "verdict": "named" if missing else "none",
+        "test": {"statistic": naming.statistic, "p_value": naming.p_value, "candidate": best.effect.name},
+        "missing": missing,
+        "base_residual_over_noise": base.chi2**0.5,
+        "numerical_error_sigma": error.sigma,
+        "seconds": time.monotonic() - began,
+    }
+
+
+def diagnose_folder(
+    folder: Path, place: Place, without: Sequence[str], settings: dict[str, Any], keep: bool
+) -> dict[str, Any]:
+    """Run the whole diagnosis of a folder; return ``diagnosis.json``, both models' parameters and the estimates.
+
+    Args:
+        without: catalogue entries that the diagnosis must not use.
+        settings: of ``phnn diagnose``.
+        keep: keep report and models.
+    """
+    options = Options.from_config(settings | {"without": list(without), "workers": 1})
+    place.own_folder()
+    diagnosis = diagnose(read(folder), options)
+    write_into(diagnosis, place)
+    content: dict[str, Any] = json.loads((place / "diagnosis.json").path.read_text(encoding="utf-8"))
+    content["models"] = {name: load((place / name).path)[0].values() for name in ("base", "model")}
+    final = diagnosis.judgement.final
+    content["estimates"] = {
+        n: {
+            "value": final.setup.parameters[n].value,
+            "std": finite(std),
+            "interval_95": final.interval(n),
+            "interval_95_anchors_exact": final.interval(n, anchored=False),
+        }
+        for n, std in final.std().items()
+    }
+    if not keep:
+        place.remove()
+    return content
