@@ -75,7 +75,7 @@ class Made:
     residual: float = 0.0
 
     def words(self, signals: str) -> str:
-        """What the recordings are, for a page; ``signals`` says what drives them."""
+        """Say what the recordings are, for a page; ``signals`` says what drives them."""
         c = self.conditions
         text = (
             f"Recordings simulated from Table 1 of the paper by an independent generator: {signals}, white noise of "
@@ -90,28 +90,28 @@ class Made:
         )
 
 
+def _used(plan: tuple[Excitation, ...]) -> tuple[dict[str, str], tuple[Excitation, ...]]:
+    """Return the use by recording name, and the recordings; the paper names four sines for identification."""
+    chosen = {sine(f).name for f in IDENTIFICATION_HZ}
+    return {e.name: "identification" if e.name in chosen else "confirmation" for e in plan}, plan
+
+
 def paper_plan() -> tuple[dict[str, str], tuple[Excitation, ...]]:
-    """Use by recording name, and the recordings: seven sines, a step and a chirp of 1–100 Hz, all of 75 V.
+    """Return use by recording name, and the recordings: seven sines, a step and a chirp of 1–100 Hz, all of 75 V.
 
     The paper names four sines for identification and three for validation. Its step and chirp appear in the results
     alone; they are held out.
     """
-    sines = {f: sine(f) for f in sorted((*IDENTIFICATION_HZ, *VALIDATION_HZ))}
-    plan = (*sines.values(), step(), chirp(75.0))
-    chosen = {sines[f].name for f in IDENTIFICATION_HZ}
-    return {e.name: "identification" if e.name in chosen else "confirmation" for e in plan}, plan
+    return _used((*map(sine, sorted((*IDENTIFICATION_HZ, *VALIDATION_HZ))), step(), chirp(75.0)))
 
 
 def comparison_plan() -> tuple[dict[str, str], tuple[Excitation, ...]]:
-    """Use by recording name, and the recordings: the paper's seven sines of 75 V, and five that go beyond them.
+    """Return use by recording name, and the recordings: the paper's seven sines of 75 V, and five beyond them.
 
     Beyond are twice the highest frequency, half the voltage, and 1.2 times the voltage; all of them are held out.
     """
-    inside = {f: sine(f) for f in sorted((*IDENTIFICATION_HZ, *VALIDATION_HZ))}
     beyond = (sine(300.0), *(sine(f, 0.5 * PEAK) for f in HALF_HZ), sine(25.0, 1.2 * PEAK))
-    chosen = {inside[f].name for f in IDENTIFICATION_HZ}
-    plan = (*inside.values(), *beyond)
-    return {e.name: "identification" if e.name in chosen else "confirmation" for e in plan}, plan
+    return _used((*map(sine, sorted((*IDENTIFICATION_HZ, *VALIDATION_HZ))), *beyond))
 
 
 def write_recordings(

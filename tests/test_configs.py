@@ -39,7 +39,7 @@ from studies.benchmark.settings import Settings as BenchSettings
 from studies.proof.cases import STRATA, tasks
 from studies.proof.cases import Settings as ProofSettings
 from studies.recordings import Conditions
-from studies.trainers.run import Case, Way
+from studies.trainers import Case, Way
 
 HOME = config_folder()
 FILES = sorted(path.relative_to(HOME).as_posix() for path in HOME.rglob("*.y*ml"))

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 import torch
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
 from phnn.comparison.uses import CONFIRMATION, OUTSIDE, uses
 from phnn.errors import InputRefused, SolverFailed
@@ -27,12 +29,15 @@ from phnn.learn.starts import plant_for
 from phnn.learn.windows import thinned
 from phnn.output import Place, write_atomic
 from phnn.recordings import Campaign, read
+from phnn.report.figures.style import CATEGORIES, RC, literal, new_figure, png, quiet_grid
+from phnn.report.formatting import markdown_table
 from studies.generator.cases import with_hysterons
 from studies.generator.noise import Noise
 from studies.generator.plans import sine
 from studies.generator.seal import MANIFEST, refuse_strangers, reported, write_folder
 from studies.generator.world import TABLE, simulate_all
 from studies.recordings import Conditions, comparison_plan, write_recordings
+from studies.results import write_results
 
 # Hysteron 1 of Table 1, slowed down until an explicit method can follow it: it relaxes at C/ϱ⁻¹ = 0.5 ms.
 SLOW = {"C_1": 5.0e-7, "rho_1": 1.0e-3, "d_1": 8.0}
@@ -136,27 +141,23 @@ def compare_trainers(
         InputRefused: recordings of another kind than those that can be made here, or a model that does not exist.
     """
     torch.set_num_threads(1)
-    found: list[Outcome] = []
     campaigns = {
-        kind: _recordings((place / "recordings" / kind).own_folder(), kind, noise_um, seed) for kind in _kinds(cases)
+        kind: _recordings((place / "recordings" / kind).own_folder(), kind, noise_um, seed)
+        for kind in dict.fromkeys(c.recordings for c in cases.values())
     }
+    outcomes = []
     for name, case in cases.items():
         for label in case.ways:
-            told = _prefixed(progress, f"{name}, {label}")
-            found.append(_trained(name, case, label, ways[label], campaigns[case.recordings], seed, told))
-    return found
 
+            def told(line: str, what: str = f"{name}, {label}") -> None:
+                progress(f"{what}: {line}")
 
-def _prefixed(progress: Progress, what: str) -> Progress:
-    return lambda line: progress(f"{what}: {line}")
-
-
-def _kinds(cases: Mapping[str, Case]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(c.recordings for c in cases.values()))
+            outcomes.append(_trained(name, case, label, ways[label], campaigns[case.recordings], seed, told))
+    return outcomes
 
 
 def _recordings(folder: Path, kind: str, noise_um: float, seed: int) -> Campaign:
-    """Recordings made by the demonstration's generator, which shares no code with the models."""
+    """Make recordings by the generator of sealed cases, which shares no code with the models."""
     if not (folder / MANIFEST).exists():
         if kind == "table":
             write_recordings(folder, Conditions(noise_um=noise_um, seed=seed), comparison_plan())
@@ -209,7 +210,7 @@ def _trained(name: str, case: Case, label: str, way: Way, campaign: Campaign, se
 def _epochs(
     objective: _Counting, way: Way, settings: Settings, case: Case, progress: Progress
 ) -> tuple[list[tuple[float, float]], bool]:
-    """The curve of a training, and whether it came to rest."""
+    """Return the curve of a training, and whether it came to rest."""
     method = method_of(way.method, objective, settings, 1.0)
     curve: list[tuple[float, float]] = []
     began, spent, stopped = time.process_time(), 0.0, False
@@ -231,6 +232,74 @@ def _epochs(
     return curve, stopped
 
 
-def plain(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
-    """As dictionaries and lists."""
-    return [asdict(o) for o in outcomes]
+# What is written into the folder of results.
+RESULTS = ("recordings", "trainers.json", "trainers.md", "curves.csv", "curves.png")
+_LEAST_SECONDS = 1e-2
+
+
+def run(place: Place, config: Mapping[str, Any], progress: Progress) -> str:
+    """Compare trainers as configured; write ``trainers.json``, ``trainers.md``, ``curves.csv`` and ``curves.png``.
+
+    Returns:
+        The table, as markdown.
+
+    Raises:
+        InputRefused: a case or a trainer that does not exist, or a key that they do not have.
+    """
+    ways = {name: Way(**given) for name, given in config["ways"].items()}
+    chosen = list(config["only"] or config["cases"])
+    for name in chosen:
+        if name not in config["cases"]:
+            raise InputRefused(f"only: no case {name!r}: choose from {', '.join(config['cases'])}")
+        for way in config["cases"][name]["ways"]:
+            if way not in ways:
+                raise InputRefused(f"{name}: no trainer {way!r}: choose from {', '.join(ways)}")
+    cases = {n: Case(**{**config["cases"][n], "ways": tuple(config["cases"][n]["ways"])}) for n in chosen}
+    outcomes = compare_trainers(place, cases, ways, float(config["noise_um"]), int(config["seed"]), progress)
+    text = table(outcomes, cases, ways)
+    with rc_context(RC):
+        (place / "curves.png").write(png(figure(outcomes, cases, ways)))
+    documents = {"trainers.json": {"seed": config["seed"], "outcomes": [asdict(o) for o in outcomes]}}
+    write_results(place, {"curves.csv": curves(outcomes), "trainers.md": text}, documents)
+    return text
+
+
+def table(outcomes: Sequence[Outcome], cases: Mapping[str, Case], ways: Mapping[str, Way]) -> str:
+    """Return one row a trainer; times as multiples of that of the first trainer of the case."""
+    head = (
+        "model", "trainer", "loss at the end", "held out, inside", "held out, beyond", "solved", "ms each",
+        "time over Gauss–Newton",
+    )  # fmt: skip
+    first = {o.case: o.seconds for o in reversed(outcomes)}
+    rows = []
+    for o in outcomes:
+        ratio = f"{o.seconds / first[o.case]:.1f}" if o.stopped else f"> {o.seconds / first[o.case]:.0f}, stopped"
+        rows.append([
+            cases[o.case].words, ways[o.way].words, f"{o.loss:.4g}",
+            *("–" if v is None else f"{v:.3g}" for v in (o.inside, o.beyond)),
+            str(o.gradients), f"{1e3 * o.seconds / o.gradients:.0f}", ratio,
+        ])  # fmt: skip
+    return "\n".join([*markdown_table(head, rows), ""])
+
+
+def curves(outcomes: Sequence[Outcome]) -> str:
+    """Return all curves as csv."""
+    rows = [f"{o.case},{o.way},{s:.4f},{loss:.9g}\n" for o in outcomes for s, loss in o.curve]
+    return "case,trainer,seconds,loss\n" + "".join(rows)
+
+
+def figure(outcomes: Sequence[Outcome], cases: Mapping[str, Case], ways: Mapping[str, Way]) -> Figure:
+    """Draw loss against seconds, one panel a case."""
+    drawn = new_figure(3.4 * len(cases), 3.2)
+    colours = dict(zip(ways, CATEGORIES, strict=False))
+    for number, (name, case) in enumerate(cases.items(), start=1):
+        axes = drawn.add_subplot(1, len(cases), number)
+        for o in (o for o in outcomes if o.case == name):
+            seconds = [max(s, _LEAST_SECONDS) for s, _ in o.curve]
+            axes.loglog(seconds, [loss for _, loss in o.curve], color=colours[o.way], label=literal(ways[o.way].words))
+        axes.axhline(1.0, color="0.6", linewidth=0.8)
+        axes.set_title(literal(case.words), fontsize="small")
+        axes.set(xlabel="seconds of one processor", ylabel="loss (1: noise)" if number == 1 else "")
+        axes.legend(fontsize="x-small")
+        quiet_grid(axes)
+    return drawn
