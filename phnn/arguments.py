@@ -13,7 +13,7 @@ from phnn.configuration import config_folder
 from phnn.errors import meant
 
 # Commands with settings, and the file under configs/ that holds them.
-SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "modes", "prove")} | {"demo": "diagnose"}
+SETTINGS = {n: n for n in ("identify", "diagnose", "compare", "modes")} | {"demo": "diagnose"}
 # The command whose settings are composed from groups of files.
 TRAIN = "train"
 
@@ -30,7 +30,6 @@ _COMMANDS = {
     "modes": "find the modes of a structure, and what moves them with amplitude",
     TRAIN: "train a neural or parametric model: phnn train folder=DIR out=DIR ...",
     "demo": "conceal an effect in simulated recordings, seal it, diagnose it",
-    "prove": "conceal many effects, seal them, diagnose them all, and count",
 }
 # Kinds of plots, as functions of phnn.plot.
 _PLOTS = ("compare", "residuals", "loops", "bode", "location", "energy")
@@ -38,7 +37,7 @@ _PLOTS = ("compare", "residuals", "loops", "bode", "location", "energy")
 _FOLDER = ("check", "template", "identify", "diagnose", "predict", "compare", "modes")
 _MODEL = ("predict", "invert", "export", "plot")
 _MANIFEST = ("check", "identify", "diagnose", "predict", "compare", "modes", "plot")
-_OUT = ("identify", "diagnose", "predict", "invert", "export", "plot", "compare", "modes", "prove")
+_OUT = ("identify", "diagnose", "predict", "invert", "export", "plot", "compare", "modes")
 _OUTSIDE = (*_FOLDER, "invert", "export", "plot")
 _OVERWRITE = (*_OUT, "check", "demo")
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import sys
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
@@ -26,6 +26,8 @@ from phnn.errors import InputRefused, PhnnError
 from phnn.parallel import end_with
 from phnn.results import Place
 
+# Why a run has failed, in its folder: the first line for the table, a traceback below it where there is one.
+ERROR = "error.txt"
 # The process of a sweep, for those it starts.
 _PARENT = "PHNN_SWEEP"
 _LOCK = ".lock"
@@ -56,8 +58,12 @@ class Sweep(Callback):
 
 
 @contextmanager
-def concluded() -> Iterator[None]:
-    """End with the table of a sweep that was started inside, whatever became of it; status 1 where a run failed."""
+def concluded(tell: Callable[[Path], bool]) -> Iterator[None]:
+    """End a sweep that was started inside with its table, whatever became of it; status 1 where a run failed.
+
+    Args:
+        tell: prints the table of the runs in a folder; tells whether one has failed.
+    """
     try:
         yield
     except KeyboardInterrupt:
@@ -65,20 +71,13 @@ def concluded() -> Iterator[None]:
         sys.exit(130)
     finally:
         folder, Sweep.running = Sweep.running, None
-        failed = folder is not None and _tell(folder)
+        try:
+            failed = folder is not None and tell(folder)
+        except PhnnError as error:
+            print(f"train: {error}", file=sys.stderr)
+            failed = True
     if failed:
         sys.exit(1)
-
-
-def _tell(folder: Path) -> bool:
-    """Print and write the table; whether a run has failed."""
-    from phnn.commands.gather import gather
-
-    try:
-        return bool((gather(folder)["state"] == "failed").any())
-    except PhnnError as error:
-        print(f"train: {error}", file=sys.stderr)
-        return True
 
 
 def is_sweep() -> bool:
@@ -104,7 +103,6 @@ def run(config: DictConfig) -> None:
 def _train(settings: Mapping[str, Any], home: Path) -> None:
     """Train; what goes wrong is written into the run's folder."""
     from phnn.learn import Settings, train
-    from phnn.learn.gather import ERROR
 
     failure = Place(home.resolve()) / ERROR
     failure.remove()

@@ -29,11 +29,9 @@ from phnn.recordings import Campaign, read
 from phnn.report.result import document
 from phnn.results import Place
 from studies.generator import Sealed, draw_case, make_case
-from studies.proof.cases import LEVELS, Task
-from studies.proof.grades import WRONG
-from studies.proof.outcome import graded
-from studies.proof.run import containing
-from studies.proof.settings import FULL, STRATA
+from studies.proof.cases import FULL, LEVELS, STRATA, Task
+from studies.proof.grade import WRONG, graded
+from studies.proof.prove import containing
 
 FACTORS = (0.5, 2.0)
 DEFAULT = "default"

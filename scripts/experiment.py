@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not 
 from phnn.commands.terminal import console, refusals, status
 from phnn.configuration import checked
 from phnn.identification.options import Options
-from studies.paper.run import run_folder, run_paper, show
+from studies.paper import run_folder, run_paper, show
 from studies.recordings import Conditions
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
 
 from phnn.commands.terminal import refusals, status
-from studies.feedforward.run import run_feedforward
+from studies.feedforward import run_feedforward
 
 
 def main() -> None:

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not 
 
 from phnn.configuration import config_folder
 from phnn.results import Place
-from studies.public.figures import figures
+from studies.public import figures
 
 
 def measured(command: list[str]) -> dict[str, float | int]:

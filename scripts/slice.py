@@ -18,10 +18,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not 
 from phnn.commands.diagnose import diagnose
 from phnn.commands.terminal import refusals
 from phnn.configuration import checked, config_folder
-from studies.proof.grades import WRONG
-from studies.proof.outcome import Outcome
-from studies.proof.run import claimed, prove
-from studies.proof.settings import NULLS, Settings
+from studies.proof.cases import NULLS, Settings
+from studies.proof.grade import WRONG, Outcome
+from studies.proof.prove import claimed, prove
 
 
 def said(outcome: Outcome) -> str:

@@ -6,6 +6,8 @@ With ``-m`` and lists of values a sweep: ``python scripts/train.py -m launcher=j
 from __future__ import annotations
 
 import os
+import sys
+from pathlib import Path
 
 import hydra
 from omegaconf import DictConfig, OmegaConf
@@ -31,6 +33,14 @@ def main(config: DictConfig) -> None:
         train({str(k): v for k, v in OmegaConf.to_container(config, resolve=True).items()})
 
 
+def _tell(folder: Path) -> bool:
+    """Print the table of a sweep's runs; tell whether one has failed."""
+    sys.path.insert(0, str(Path(__file__).resolve().parent))
+    from gather import gather
+
+    return gather(folder)
+
+
 if __name__ == "__main__":
-    with multirun.concluded():
+    with multirun.concluded(_tell):
         main()

@@ -26,7 +26,7 @@ def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
     from phnn.commands.terminal import refusals
     from phnn.results import claim
-    from studies.trainers.page import RESULTS, run
+    from studies.trainers import RESULTS, run
 
     settings = OmegaConf.to_container(config, resolve=True)
     with refusals("trainers"), claim(Path(config.out), "trainers", (), RESULTS) as place:

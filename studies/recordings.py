@@ -15,11 +15,12 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.report.formatting import number
 from phnn.results import write_atomic
-from studies.generator.actuator import TABLE, Array, simulate_all
-from studies.generator.concealed import EFFECTS, described, draw, drifts
-from studies.generator.excitation import PEAK, Excitation, chirp, sine, step
-from studies.generator.folder import MANIFEST, measured, refuse_strangers, write_manifest, write_recording
-from studies.generator.strength import find_strength, ruler
+from studies.generator.effects import EFFECTS, described, draw
+from studies.generator.make import concealing, find_strength, ruler
+from studies.generator.noise import Noise
+from studies.generator.plans import PEAK, Excitation, chirp, sine, step
+from studies.generator.seal import refuse_strangers, reported, write_folder
+from studies.generator.world import TABLE
 
 IDENTIFICATION_HZ = (1.0, 50.0, 100.0, 150.0)
 VALIDATION_HZ = (10.0, 25.0, 75.0)
@@ -74,7 +75,7 @@ class Made:
     residual: float = 0.0
 
     def words(self, signals: str) -> str:
-        """What the recordings are, for a page; ``signals`` says what drives them."""
+        """Say what the recordings are, for a page; ``signals`` says what drives them."""
         c = self.conditions
         text = (
             f"Recordings simulated from Table 1 of the paper by an independent generator: {signals}, white noise of "
@@ -89,28 +90,28 @@ class Made:
         )
 
 
+def _used(plan: tuple[Excitation, ...]) -> tuple[dict[str, str], tuple[Excitation, ...]]:
+    """Return the use by recording name, and the recordings; the paper names four sines for identification."""
+    chosen = {sine(f).name for f in IDENTIFICATION_HZ}
+    return {e.name: "identification" if e.name in chosen else "confirmation" for e in plan}, plan
+
+
 def paper_plan() -> tuple[dict[str, str], tuple[Excitation, ...]]:
-    """Use by recording name, and the recordings: seven sines, a step and a chirp of 1–100 Hz, all of 75 V.
+    """Return use by recording name, and the recordings: seven sines, a step and a chirp of 1–100 Hz, all of 75 V.
 
     The paper names four sines for identification and three for validation. Its step and chirp appear in the results
     alone; they are held out.
     """
-    sines = {f: sine(f) for f in sorted((*IDENTIFICATION_HZ, *VALIDATION_HZ))}
-    plan = (*sines.values(), step(), chirp(75.0))
-    chosen = {sines[f].name for f in IDENTIFICATION_HZ}
-    return {e.name: "identification" if e.name in chosen else "confirmation" for e in plan}, plan
+    return _used((*map(sine, sorted((*IDENTIFICATION_HZ, *VALIDATION_HZ))), step(), chirp(75.0)))
 
 
 def comparison_plan() -> tuple[dict[str, str], tuple[Excitation, ...]]:
-    """Use by recording name, and the recordings: the paper's seven sines of 75 V, and five that go beyond them.
+    """Return use by recording name, and the recordings: the paper's seven sines of 75 V, and five beyond them.
 
     Beyond are twice the highest frequency, half the voltage, and 1.2 times the voltage; all of them are held out.
     """
-    inside = {f: sine(f) for f in sorted((*IDENTIFICATION_HZ, *VALIDATION_HZ))}
     beyond = (sine(300.0), *(sine(f, 0.5 * PEAK) for f in HALF_HZ), sine(25.0, 1.2 * PEAK))
-    chosen = {inside[f].name for f in IDENTIFICATION_HZ}
-    plan = (*inside.values(), *beyond)
-    return {e.name: "identification" if e.name in chosen else "confirmation" for e in plan}, plan
+    return _used((*map(sine, sorted((*IDENTIFICATION_HZ, *VALIDATION_HZ))), *beyond))
 
 
 def write_recordings(
@@ -132,27 +133,14 @@ def write_recordings(
     uses, plan = recordings or paper_plan()
     refuse_strangers(folder, plan)
     shape, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(conditions.seed).spawn(2))
-    outputs, made = _outputs(conditions, plan, shape)
-    folder.mkdir(parents=True, exist_ok=True)
-    for excitation, q in zip(plan, outputs, strict=True):
-        y = measured(q, conditions.noise_um * 1e-6, conditions.step_nm * 1e-9, sensor)
-        write_recording(folder / f"{excitation.name}.csv", excitation, y, write_atomic)
-    write_manifest(folder / MANIFEST, TABLE["m"], plan, uses, _WEIGHING, write=write_atomic)
+    parts, made = [], Made(conditions)
+    if conditions.effect != "none":
+        concealed, measure = draw(conditions.effect, shape, TABLE, plan), ruler(TABLE, plan)
+        strength, left = find_strength(
+            lambda z: measure.residual(concealed, z), concealed.guess, concealed.most, conditions.residual_um * 1e-6
+        )
+        parts, made = [(concealed, strength)], Made(conditions, described(concealed, strength), left)
+    noise = Noise(conditions.noise_um * 1e-6, conditions.step_nm * 1e-9)
+    reports = [reported(q, noise, sensor) for q in concealing(TABLE, plan, parts)]
+    write_folder(folder, TABLE["m"], plan, reports, uses, _WEIGHING, write=write_atomic)
     return made
-
-
-def _outputs(
-    conditions: Conditions, plan: tuple[Excitation, ...], shape: np.random.Generator
-) -> tuple[tuple[Array, ...], Made]:
-    """Displacements (samples,) m of the recordings, and what was concealed in them."""
-    if conditions.effect == "none":
-        return simulate_all(TABLE, plan), Made(conditions)
-    concealed = draw(conditions.effect, shape, TABLE, plan)
-    measure = ruler(TABLE, plan)
-    strength, left = find_strength(
-        lambda z: measure.residual(concealed, z), concealed.guess, concealed.most, conditions.residual_um * 1e-6
-    )
-    moved = simulate_all({**TABLE, **concealed.law(strength)}, plan)
-    ramps = drifts(concealed, strength, plan)
-    outputs = tuple(q + d for q, d in zip(moved, ramps, strict=True))
-    return outputs, Made(conditions, described(concealed, strength), left)

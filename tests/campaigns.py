@@ -28,9 +28,9 @@ from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
 from phnn.simulate import simulate
 from studies.generator import Sealed, generate
-from studies.generator import campaign as generator
-from studies.generator.excitation import Excitation
-from studies.generator.strength import Ruler, ruler
+from studies.generator import make as generator
+from studies.generator.make import Ruler, ruler
+from studies.generator.plans import Excitation
 
 SEED = 5
 # What keeps the numerical error of these recordings below the noise.

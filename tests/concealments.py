@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 
-from studies.generator.actuator import NEUTRAL, TABLE, simulate_all
-from studies.generator.concealed import Concealed, described
-from studies.generator.excitation import Excitation
-from studies.generator.strength import concealing
+from studies.generator.effects import Concealed, described
+from studies.generator.make import concealing
+from studies.generator.plans import Excitation
+from studies.generator.world import NEUTRAL, TABLE, simulate_all
 
 
 @cache

@@ -10,9 +10,9 @@ import numpy as np
 from phnn.diagnosis.menu import Experiment
 from phnn.recordings import Campaign
 from studies.generator import Case, Sealed
-from studies.generator.actuator import NEUTRAL, simulate
-from studies.generator.excitation import Excitation, Piece
-from studies.generator.folder import MANIFEST, reported, write_manifest, write_recording
+from studies.generator.plans import Excitation, Piece
+from studies.generator.seal import MANIFEST, reported, write_manifest, write_recording
+from studies.generator.world import NEUTRAL, simulate
 
 
 def excitation(proposed: Experiment, name: str = "next") -> Excitation:

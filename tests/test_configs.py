@@ -35,11 +35,10 @@ from phnn.network import PortHamiltonianSystem
 from phnn.recordings.manifest import load_manifest
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
-from studies.proof.cases import tasks
-from studies.proof.settings import STRATA
-from studies.proof.settings import Settings as ProofSettings
+from studies.proof.cases import STRATA, tasks
+from studies.proof.cases import Settings as ProofSettings
 from studies.recordings import Conditions
-from studies.trainers.run import Case, Way
+from studies.trainers import Case, Way
 
 HOME = config_folder()
 FILES = sorted(path.relative_to(HOME).as_posix() for path in HOME.rglob("*.y*ml"))
@@ -116,7 +115,7 @@ def experiment(name: str) -> None:
     if name in ("prove", "slice"):
         with hydra.initialize_config_dir(str(HOME), version_base=None):
             config = hydra.compose(f"experiment/{name}")
-        assert tasks(ProofSettings.from_config(config.prove))
+        assert tasks(ProofSettings.from_config(config if name == "prove" else config.prove))
         assert name == "prove" or config.study in STUDIES
         return
     if name == "studies":

@@ -84,7 +84,7 @@ def test_commands_run_from_the_wheel_alone(wheel: Path, tmp_path: Path) -> None:
         (["check", str(folder), "--out", str(tmp_path / "out")], "noise floor"),
         (["template", str(folder)], "recordings:"),
         # Its settings come from the files of the package.
-        (["prove", "--help"], "fast_weak: 400"),
+        (["modes", "--help"], "experiments: 2"),
     ):
         command = [sys.executable, "-c", code, *arguments]
         done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)

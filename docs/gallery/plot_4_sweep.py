@@ -19,10 +19,10 @@ import tempfile
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import pandas as pd
 
 import phnn
 from phnn.demo import generate
-from phnn.learn.gather import gather
 
 folder = Path(tempfile.mkdtemp())
 _ = generate(5, folder / "recordings", "none", "short")
@@ -45,10 +45,9 @@ print(done.stdout[-1500:] or done.stderr[-1500:])
 # %%
 # The table
 # ---------
-# ``gather`` reads what each run wrote; ``held_out_over_noise`` is the residual of the held-out recordings over the
-# noise.
+# It lies in the folder of the sweep; ``held_out_over_noise`` is the residual of the held-out recordings over the noise.
 
-table = gather(folder / "sweep")
+table = pd.read_csv(folder / "sweep" / "runs.csv")
 print(table[["model.kind", "model.hysterons", "state", "parameters", "held_out_over_noise"]].to_string(index=False))
 
 figure, axis = plt.subplots(figsize=(7, 3), layout="constrained")

@@ -52,9 +52,9 @@ from phnn.parallel import executor
 from phnn.results import Place, write_atomic
 from studies.benchmark.tools import Tool, tool
 from studies.generator import Case, Conditions, Sealed, draw_case, make_case, open_seal, write_seal
-from studies.generator.folder import MANIFEST
 from studies.generator.plans import EXAM
-from studies.proof.families import seed_of
+from studies.generator.seal import MANIFEST
+from studies.proof.cases import seed_of
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]

@@ -1,19 +1,165 @@
-"""The cases of a proof."""
+"""The cases of a proof: its settings, and what is concealed in which recordings.
+
+A family of nulls is an input kind (``ramp``), a noise (``process:0.1``), or one of each (``ramp+process:0.1``).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
-from studies.generator import Case, Conditions, draw_case
-from studies.generator.conditions import PLAIN
-from studies.proof.families import family, seed_of
-from studies.proof.settings import FAST, FULL, GROUPS, NULLS, Settings
+from phnn.configuration import check, whole
+from phnn.errors import InputRefused
+from studies.generator.cases import PLAIN, Case, Conditions, draw_case
+from studies.generator.noise import asked
+from studies.generator.plans import KINKED
 
 # Residual over noise of what is concealed in the full tier; noncentrality in the fast tier.
 LEVELS = (2.0, 10.0)
 DELTAS = (1.0, 30.0)
-_ROOM = 100_000
+_ROOM = 100_000  # seeds of a group
+
+FAST, FULL = "fast", "full"
+STRATA = ("none", "same", "other", "outside", "pair", "triple")
+GROUPS = ("fast_none", "fast_weak", *STRATA, "few")
+NULLS = "nulls"
+# Of the nulls, see `family`.
+FAMILIES = (
+    "white", "first_order", "process:0.03", "process:0.1", "process:0.5", "pink:0.1", "heavy", "quantised", "jittered",
+    "step", "ramp", "triangle", "stair", "smooth",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The keys of ``configs/prove.yaml``.
+
+    Attributes:
+        seed: every case follows from it and its own number.
+        fast_none, fast_weak: cases of the fast tier, which ends with the score.
+        none, same, other, outside, pair, triple: cases of the full tier by stratum.
+        few: how many of the full tier's cases of the stratum ``same`` have few recordings.
+        nulls: cases of the full tier with nothing concealed, for each of ``null_families``.
+        only: groups of cases to take part; empty for all.
+        null_families: see `family`.
+        noise: family of all cases but the nulls by family, see `studies.generator.noise`; empty for that of the seed.
+        background, hysterons, wrong_order, anchor_error, base: of all cases, see `studies.generator.Conditions`.
+        fast_plan, plan, null_plan: sets of recordings of the two tiers and of the nulls by family.
+        executor: where cases are worked on, see `phnn.parallel.executor.executor`.
+        starts: starting points of a fit; max_effects: how many effects a diagnosis may name.
+        keep: whether recordings and whole reports are kept.
+    """
+
+    seed: int = whole(2026)
+    fast_none: int = whole(400)
+    fast_weak: int = whole(400)
+    none: int = whole(20)
+    same: int = whole(60)
+    other: int = whole(20)
+    outside: int = whole(20)
+    pair: int = whole(12)
+    triple: int = whole(0)
+    few: int = whole(8)
+    nulls: int = whole(0)
+    only: tuple[str, ...] = ()
+    null_families: tuple[str, ...] = FAMILIES
+    noise: str = ""
+    background: bool = PLAIN.background
+    hysterons: int = whole(PLAIN.hysterons)
+    wrong_order: bool = PLAIN.wrong_order
+    anchor_error: bool = PLAIN.anchor_error
+    base: str = PLAIN.base
+    fast_plan: str = "short"
+    plan: str = "demo"
+    null_plan: str = "short"
+    executor: str = "processes:2"
+    starts: int = whole(4, least=1)
+    max_effects: int = whole(3)
+    keep: bool = False
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    @classmethod
+    def from_config(cls, config: Mapping[str, Any]) -> Settings:
+        """Return the settings of a composed configuration.
+
+        Raises:
+            InputRefused: a number is out of range, no case is asked for, or a group or family is unknown.
+        """
+        lists = {n: tuple(str(v) for v in config[n]) for n in ("only", "null_families")}
+        found = cls(**({n: config[n] for n in cls.__dataclass_fields__} | lists))
+        unknown = [n for n in found.only if n not in (*GROUPS, NULLS)]
+        if unknown:
+            raise InputRefused(f"only: no group is called {unknown[0]!r}: take some of {', '.join((*GROUPS, NULLS))}")
+        for name in found.null_families:
+            family(name, found.null_plan)
+        if found.noise:
+            asked(found.noise)
+        counts = {n: found.count(n) for n in (*GROUPS, NULLS)}
+        if not any(counts.values()):
+            raise InputRefused("no cases: give numbers of cases, 0 or more, not all 0")
+        another = found.conditions.base != PLAIN.base
+        if another and counts[NULLS]:
+            raise InputRefused(
+                f"nothing must be missing in nulls: {found.base} is, so set nulls=0 or base={PLAIN.base}"
+            )
+        other = found.conditions.hysterons != PLAIN.hysterons or found.wrong_order or another
+        if other and (counts["fast_none"] or counts["fast_weak"]):
+            raise InputRefused(
+                "the fast tier fits two hysterons, rightly stated: set fast_none=0 fast_weak=0, or use only"
+            )
+        return found
+
+    @property
+    def conditions(self) -> Conditions:
+        """What all cases are asked to have."""
+        return Conditions(self.background, self.hysterons, self.wrong_order, self.anchor_error, self.base)
+
+    def count(self, group: str) -> int:
+        """Return the cases of a group; of the nulls, those in each family."""
+        return int(getattr(self, group)) if not self.only or group in self.only else 0
+
+    @property
+    def changes_cases(self) -> dict[str, Any]:
+        """What decides a case and its answer; how many there are and where they are worked on does not."""
+        found = {n: getattr(self, n) for n in ("seed", "fast_plan", "plan", "starts", "max_effects")}
+        conditions = {n: v for n, v in asdict(self.conditions).items() if v != getattr(PLAIN, n)}
+        noise = {"noise": self.noise} if self.noise else {}
+        return found | conditions | noise | ({"null_plan": self.null_plan} if self.count(NULLS) else {})
+
+
+def family(name: str, plan: str) -> tuple[str, str]:
+    """Return the set of recordings and the noise of a family of nulls, as `draw_case` takes them.
+
+    Args:
+        name: as it is asked for.
+        plan: the set of recordings, without a kind of input.
+
+    Raises:
+        InputRefused: the name has two inputs, two noises, or something that is neither.
+    """
+    parts = name.split("+")
+    inputs = [p for p in parts if p in KINKED]
+    noises = [p for p in parts if p not in KINKED]
+    if len(inputs) > 1 or len(noises) > 1:
+        raise InputRefused(f"null_families: {name!r} has two inputs or two noises: join one of each, as in ramp+pink")
+    for noise in noises:
+        try:
+            asked(noise)
+        except InputRefused as error:
+            raise InputRefused(
+                f"null_families: {name!r} is no family: name an input ({', '.join(KINKED)}), a noise or both ({error})"
+            ) from error
+    return "_".join([plan, *inputs]), "".join(noises)
+
+
+def seed_of(seed: int, name: str, number: int) -> int:
+    """Return the seed of a null: its own for every family, however many families there are."""
+    word = hashlib.sha256(f"{seed} {name} {number}".encode()).digest()
+    return int.from_bytes(word[:6], "big")
 
 
 @dataclass(frozen=True)
@@ -42,7 +188,7 @@ class Task:
         return f"{'_'.join(parts)}_{self.number:04d}"
 
     def case(self) -> Case:
-        """What is concealed; everything follows from the seed."""
+        """Return what is concealed; everything follows from the seed."""
         asked: dict[str, Any] = {"noise": self.noise or None, "conditions": self.conditions}
         if self.group == "fast_weak":
             return draw_case(self.seed, "same", self.plan, deltas=DELTAS, **asked)
@@ -51,34 +197,18 @@ class Task:
 
 
 def tasks(settings: Settings) -> list[Task]:
-    """All cases; those of a group stay the same when its number grows."""
+    """Return all cases; those of a group stay the same when its number grows."""
     plans = {"fast_none": settings.fast_plan, "fast_weak": settings.fast_plan, "few": "few"}
-    found = [
-        Task(
-            FAST if group.startswith(FAST) else FULL,
-            group,
-            number,
-            _seed(settings.seed, group, number),
-            plans.get(group, settings.plan),
-            noise=settings.noise,
-            conditions=settings.conditions,
-        )
-        for group in GROUPS
-        for number in range(settings.count(group))
-    ]
-    return found + _nulls(settings)
-
-
-def _nulls(settings: Settings) -> list[Task]:
-    families = [family(name, settings.null_plan) for name in settings.null_families]
-    return [
-        Task(FULL, NULLS, number, seed_of(settings.seed, f.name, number), f.plan, f.name, f.noise, settings.conditions)
-        for f in families
-        for number in range(settings.count(NULLS))
-    ]
-
-
-def _seed(seed: int, group: str, number: int) -> int:
-    """Consecutive in a group, so that every effect has its turn; which one comes first is drawn."""
-    first = seed_of(seed, group, 0) % (_ROOM // 2)
-    return _ROOM * (seed * len(GROUPS) + GROUPS.index(group)) + first + number
+    noise, conditions = settings.noise, settings.conditions
+    cases = []
+    for index, group in enumerate(GROUPS):
+        # Consecutive seeds, so that every effect has its turn; which one comes first is drawn.
+        first = _ROOM * (settings.seed * len(GROUPS) + index) + seed_of(settings.seed, group, 0) % (_ROOM // 2)
+        tier, plan = FAST if group.startswith(FAST) else FULL, plans.get(group, settings.plan)
+        numbers = range(settings.count(group))
+        cases += [Task(tier, group, n, first + n, plan, noise=noise, conditions=conditions) for n in numbers]
+    for name in settings.null_families:
+        plan, noise = family(name, settings.null_plan)
+        for n in range(settings.count(NULLS)):
+            cases.append(Task(FULL, NULLS, n, seed_of(settings.seed, name, n), plan, name, noise, conditions))
+    return cases

@@ -32,7 +32,7 @@ from phnn.report.result import document
 from phnn.results import Place
 from studies.comparison.rivals import HEADS, register_rivals
 from studies.comparison.uses import CONFIRMATION, OUTSIDE, USES, over_noise, uses
-from studies.generator.excitation import sine
+from studies.generator.plans import sine
 from studies.recordings import comparison_plan
 from studies.rival_models.names import NAMES, rival
 from studies.rival_models.runs import Runs, long, loops

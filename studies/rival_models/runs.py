@@ -40,7 +40,7 @@ from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table
 from phnn.results import Place
 from studies.comparison.rivals import HEADS
-from studies.generator.excitation import PEAK
+from studies.generator.plans import PEAK
 from studies.recordings import comparison_plan
 from studies.rival_models.names import NAMES, rival
 from studies.rival_models.rival import State, Stepper

@@ -1,7 +1,7 @@
 """Actuators of three families, from which recordings are made: none of them favours one model in all tables.
 
     phs                  the paper's network of two hysterons, Table 1 moved by up to 20 % (`studies.generator`)
-    bouc_wen             a Bouc–Wen element in the place of the hysterons (`studies.generator.other_base`)
+    bouc_wen             a Bouc–Wen element in the place of the hysterons (`studies.generator.cases`)
     prandtl_ishlinskii   q = L [c₀ u + Σ c_i w_i(u)], plays with cubic envelopes and thresholds r_i + λ |u̇|, behind a
                          mass, spring and damper L (Al Janaideh, Krejčí 2011)
 
@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from phnn.errors import InputRefused
 from phnn.results import write_atomic
-from studies.generator.actuator import simulate_all
-from studies.generator.base import draw_base
-from studies.generator.excitation import PEAK, Excitation
-from studies.generator.folder import MANIFEST, measured, write_manifest, write_recording
-from studies.generator.other_base import BOUC_WEN, HYSTERONS, with_hysteresis
+from studies.generator.cases import BOUC_WEN, HYSTERONS, draw_base, with_hysteresis
+from studies.generator.noise import Noise
+from studies.generator.plans import PEAK, Excitation
+from studies.generator.seal import reported, write_folder
+from studies.generator.world import simulate_all
 
 Array = NDArray[np.float64]
 
@@ -62,11 +62,9 @@ def write_truth(
     else:
         family = BOUC_WEN if truth == BOUC_WEN else HYSTERONS
         outputs = simulate_all(with_hysteresis(base, family, choices), excitations)
-    folder.mkdir(parents=True, exist_ok=True)
-    for excitation, q in zip(excitations, outputs, strict=True):
-        y = measured(q, noise_um * 1e-6, _STEP_NM * 1e-9, sensor)
-        write_recording(folder / f"{excitation.name}.csv", excitation, y, write_atomic)
-    write_manifest(folder / MANIFEST, base["m"], excitations, uses, _WEIGHING, write=write_atomic)
+    noise = Noise(noise_um * 1e-6, _STEP_NM * 1e-9)
+    reports = [reported(q, noise, sensor) for q in outputs]
+    write_folder(folder, base["m"], excitations, reports, uses, _WEIGHING, write=write_atomic)
 
 
 def base_of(seed: int) -> dict[str, float]:

@@ -28,8 +28,8 @@ from phnn.recordings import read
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
 from studies.generator import Sealed, draw_case, make_case
-from studies.generator.actuator import TABLE
-from studies.generator.excitation import sine
+from studies.generator.plans import sine
+from studies.generator.world import TABLE
 
 NOISE = 5e-8
 HELD = {"m": "held at the stated mass"}

@@ -24,8 +24,8 @@ from phnn.models.actuator import hrc
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Campaign, Part, Recording, Start
 from phnn.setup import Setup
-from studies.generator.actuator import simulate as true_output
-from studies.generator.excitation import sine
+from studies.generator.plans import sine
+from studies.generator.world import simulate as true_output
 
 
 def groups(values: Mapping[str, float]) -> dict[str, float]:

@@ -15,7 +15,7 @@ from phnn.learn.characteristic import inverse, thresholds
 from phnn.models.store import load
 from phnn.recordings import read
 from phnn.simulate import simulate
-from studies.generator.actuator import TABLE
+from studies.generator.world import TABLE
 from studies.recordings import Conditions, write_recordings
 
 

@@ -21,10 +21,11 @@ from test_run import ROOT, settings_of, without_times, written
 
 from phnn.errors import InputRefused
 from phnn.learn import train
-from phnn.learn.gather import ERROR, gather
+from phnn.multirun import ERROR
 from phnn.threads import ONE_THREAD
 
 SCRIPT = ROOT / "scripts" / "train.py"
+gathered = runpy.run_path(str(ROOT / "scripts" / "gather.py"))["gathered"]
 SHORT = ("model=hrc", "model.hysterons=1", "model.start=none", "tensorboard=false", "gauss_newton=2")
 
 
@@ -129,7 +130,7 @@ def test_the_table_tells_what_became_of_every_run(
     (out / "unfit" / ERROR).write_text("RuntimeError('no memory')\nTraceback ...")
     (out / ".submitit" / "1").mkdir(parents=True)
     (out / ".submitit" / "1" / ERROR).write_text("of no run")
-    table = gather(out)
+    table = gathered(out)
     assert list(table["run"]) == ["run_0", "run_1", "unfit"]
     assert list(table["state"]) == ["finished", "interrupted", "failed"]
     assert table["epochs"].iloc[:2].tolist() == [2, 2]
@@ -141,9 +142,9 @@ def test_the_table_tells_what_became_of_every_run(
     assert pd.read_csv(out / "runs.csv")["seed"].tolist()[:2] == [0, 1]
     (out / "run_0" / "metrics.json").write_text("{")
     with pytest.raises(InputRefused, match=r"metrics\.json: cannot be read .* delete it and repeat the run"):
-        gather(out)
+        gathered(out)
     with pytest.raises(InputRefused, match="no run in it"):
-        gather(folder)
+        gathered(folder)
 
 
 TWELVE = ("model=hrc,neural_hrc", "model.hysterons=1,2", "seed=0,1,2", "model.start=none", "adam=3", "gauss_newton=4")

@@ -43,8 +43,8 @@ RUNS: dict[str, tuple[list[str], list[str] | None]] = {
     "compare": (["compare", "gentle", "--out", "OUT", "starts=1", "inputs=20", "models=[phs,bouc_wen,linear]"], None),
     "prove": (
         [
-            "prove", "--out", "OUT", "fast_none=1", "fast_weak=1", "only=[fast_none,fast_weak]", "fast_plan=few",
-            "executor=serial",
+            str(ROOT / "scripts" / "prove.py"), "out=OUT", "fast_none=1", "fast_weak=1", "only=[fast_none,fast_weak]",
+            "fast_plan=few", "executor=serial",
         ],
         None,
     ),
@@ -52,10 +52,19 @@ RUNS: dict[str, tuple[list[str], list[str] | None]] = {
 
 # Loads everything once and forks for each run, so that stops fall into the work and not into imports.
 SERVER = """
-import json, os, signal, sys
-import importlib, pkgutil, phnn.cli, phnn.commands
+import json, os, runpy, signal, sys
+import importlib, pkgutil, phnn.cli, phnn.commands, studies.proof.page, studies.proof.prove
 for command in pkgutil.iter_modules(phnn.commands.__path__):
     importlib.import_module(f"phnn.commands.{command.name}")
+def run(arguments):
+    if not arguments[0].endswith(".py"):
+        return phnn.cli.main(arguments)
+    sys.argv = arguments
+    try:
+        runpy.run_path(arguments[0], run_name="__main__")
+    except SystemExit as end:
+        return end.code or 0
+    return 0
 for line in sys.stdin:
     arguments, told = json.loads(line)
     child = os.fork()
@@ -65,7 +74,7 @@ for line in sys.stdin:
         out = os.open(told, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
         os.dup2(out, 1)
         os.dup2(out, 2)
-        os._exit(phnn.cli.main(arguments))
+        os._exit(run(arguments))
     print(child, flush=True)
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """

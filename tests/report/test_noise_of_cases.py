@@ -20,7 +20,7 @@ from phnn.report.noise import statements
 from phnn.setup import Setup
 from phnn.signals.noise_statement import NoiseStatement
 from studies.generator import draw_case, make_case
-from studies.generator.actuator import simulate_all
+from studies.generator.world import simulate_all
 
 Made = Callable[[str | None], tuple[Campaign, dict[str, NoiseStatement]]]
 SEEN = ("sine_010Hz_75V", "sine_100Hz_75V", "sine_010Hz_50V", "step_75V")

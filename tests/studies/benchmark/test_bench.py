@@ -40,9 +40,9 @@ from studies.benchmark.bench import (
 )
 from studies.benchmark.score import scores_of
 from studies.generator import draw_case, make_case
-from studies.generator.listed import LISTED
+from studies.generator.effects import LISTED
+from studies.generator.make import concealing
 from studies.generator.plans import EXAM
-from studies.generator.strength import concealing
 
 SMALL = {"none": 9, "same": 9, "other": 4, "outside": 4, "pair": 4, "background": 4}
 ROOT = Path(__file__).resolve().parents[3]

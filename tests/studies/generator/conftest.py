@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from studies.generator import plans
-from studies.generator.excitation import Excitation, sine
+from studies.generator.plans import Excitation, sine
 
 
 def _brief(rng: np.random.Generator) -> tuple[Excitation, ...]:

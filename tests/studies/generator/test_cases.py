@@ -1,9 +1,10 @@
-"""Cases of the benchmark: what is drawn, what is written, and the answer."""
+"""Cases of the benchmark: what is drawn and may be asked for, what is written, and the answer."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,30 @@ import pytest
 from omegaconf import OmegaConf
 
 from phnn.errors import InputRefused, SolverFailed
-from studies.generator import STRATA, Case, Sealed, draw_case, make_case, open_seal, write_seal
-from studies.generator.listed import LISTED, LOCATIONS
+from studies.generator import Case, Conditions, Sealed, draw_case, make_case, open_seal, write_seal
+from studies.generator.cases import (
+    BASES,
+    BOUC_WEN,
+    HYSTERONS,
+    ON_HYSTERONS,
+    PRANDTL_ISHLINSKII,
+    STRATA,
+    acts_on,
+    as_stated,
+    choices,
+    in_turn,
+    moving,
+)
+from studies.generator.effects import LISTED
+from studies.generator.make import concealing, ruler, rulers
 from studies.generator.noise import Noise
-from studies.generator.strata import choices
-from studies.generator.strength import concealing, rulers
+from studies.generator.plans import PEAK, sine
+from studies.generator.world import quasi_static_peak, simulate, simulate_all, stuck_stiffness
 
 SENSOR_NONLINEARITY = LISTED.index("sensor_nonlinearity")
+SEEDS = range(40)
+OTHERS = (PRANDTL_ISHLINSKII, BOUC_WEN)
+others = pytest.mark.parametrize("family", OTHERS)
 
 
 @pytest.fixture(scope="module")
@@ -26,16 +44,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, Path, Sealed]:
     case = draw_case(SENSOR_NONLINEARITY, "same", "few")
     folder = tmp_path_factory.mktemp("case") / "recordings"
     return case, folder, make_case(case, folder)
-
-
-@pytest.mark.slow
-def test_same_seed_same_bytes(tmp_path: Path, made: tuple[Case, Path, Sealed]) -> None:
-    case, folder, sealed = made
-    again = draw_case(SENSOR_NONLINEARITY, "same", "few")
-    assert again == case
-    assert make_case(again, tmp_path) == sealed
-    assert {p.name: p.read_bytes() for p in folder.iterdir()} == {p.name: p.read_bytes() for p in tmp_path.iterdir()}
-    assert draw_case(SENSOR_NONLINEARITY + len(LISTED), "same", "few").base != case.base
 
 
 def test_the_answer_says_what_the_case_says_and_survives_the_seal(
@@ -146,7 +154,7 @@ def test_nothing_takes_the_place_of_what_is_withheld() -> None:
 
 
 def test_the_same_effects_are_all_listed_and_none_is_withheld() -> None:
-    assert [c.effects for c in choices("same")] == [(name,) for name in LOCATIONS]
+    assert [c.effects for c in choices("same")] == [(name,) for name in LISTED]
     assert not any(c.withheld for c in choices("same"))
 
 
@@ -169,3 +177,226 @@ def test_a_third_of_the_cases_has_coloured_noise() -> None:
 def test_what_cannot_be_drawn_is_refused(arguments: tuple[object, ...], needle: str) -> None:
     with pytest.raises(InputRefused, match=needle):
         draw_case(*arguments)  # type: ignore[arg-type]
+
+
+def test_what_is_asked_for_changes_no_other_draw() -> None:
+    plain = draw_case(8, "same", "few")
+    for conditions in (Conditions(True), Conditions(wrong_order=True), Conditions(anchor_error=True)):
+        case = draw_case(8, "same", "few", conditions=conditions)
+        other = {"conditions", "stated_hysterons", "stated_mass"}
+        assert {n: v for n, v in asdict(case).items() if n not in other} == {
+            n: v for n, v in asdict(plain).items() if n not in other
+        }
+    more = draw_case(8, "same", "few", conditions=Conditions(hysterons=4))
+    assert {n: v for n, v in plain.base.items() if n[0] != "d"}.items() <= more.base.items()
+    other = draw_case(8, "same", "few", conditions=Conditions(base=BOUC_WEN))
+    for case in (more, other):
+        assert (case.noise, case.targets, case.recordings) == (plain.noise, plain.targets, plain.recordings)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_every_hysteron_of_a_base_slips(count: int) -> None:
+    for seed in SEEDS:
+        base = draw_case(seed, "none", "few", conditions=Conditions(hysterons=count)).base
+        stated = as_stated(base)
+        assert {n for n in stated if n.startswith("C_")} == {f"C_{i + 1}" for i in range(count)}
+        assert len(stated) == 4 + 3 * count
+        elastance = sum(1.0 / stated[f"C_{i + 1}"] for i in range(count))
+        assert stuck_stiffness(base) == pytest.approx(base["k"] + base["alpha"] ** 2 * elastance, rel=1e-6)
+        charge = base["alpha"] * quasi_static_peak(base)
+        assert all(charge / stated[f"C_{i + 1}"] > 0.5 * stated[f"d_{i + 1}"] for i in range(count))
+
+
+def test_one_hysteron_is_the_actuator_without_the_second() -> None:
+    base = draw_case(2, "none", "few", conditions=Conditions(hysterons=1)).base
+    drive = sine(50.0, periods=1, samples=300)
+    # A second hysteron that slips freely at once has no voltage either.
+    free = {**base, "C_2": 5e-7, "rho_2": 10.0, "d_2": 0.0}
+    assert np.max(np.abs(simulate(base, drive) - simulate(free, drive))) < 2e-8
+
+
+def test_numbers_of_hysterons_are_drawn_and_stated_wrongly_on_request() -> None:
+    drawn = [draw_case(s, "none", "few", conditions=Conditions(hysterons=0, wrong_order=True)) for s in range(200)]
+    assert {c.hysterons for c in drawn} == {1, 2, 3, 4}
+    assert {(c.hysterons, c.stated_hysterons) for c in drawn} == {(1, 2), (2, 1), (2, 3), (3, 2), (3, 4), (4, 3)}
+    right = [draw_case(s, "none", "few", conditions=Conditions(hysterons=0)) for s in range(50)]
+    assert all(c.hysterons == c.stated_hysterons for c in right)
+
+
+def test_a_stated_mass_errs_by_its_stated_deviation() -> None:
+    cases = [draw_case(s, "none", "few", conditions=Conditions(anchor_error=True)) for s in range(500)]
+    errors = np.array([c.stated_mass / c.base["m"] - 1.0 for c in cases]) / 0.01
+    assert abs(errors.mean()) < 4.0 / math.sqrt(500.0)
+    assert errors.std() == pytest.approx(1.0, abs=0.13)
+
+
+def test_manifest_and_seal_say_what_was_drawn(tmp_path: Path) -> None:
+    case = draw_case(4, "none", "few", conditions=Conditions(hysterons=3, wrong_order=True, anchor_error=True))
+    sealed = make_case(case, tmp_path / "r")
+    manifest = OmegaConf.load(tmp_path / "r" / "recordings.yaml")
+    assert manifest["setup"]["hysterons"] == sealed.stated_hysterons != sealed.hysterons == 3
+    assert manifest["known"]["m"]["value"] == sealed.stated_mass != sealed.base["m"]
+    assert manifest["known"]["m"]["std"] == pytest.approx(0.01 * sealed.stated_mass, rel=1e-2)
+    assert set(sealed.base) == {"m", "k", "b", "alpha", *(f"{n}_{i}" for n in ("C", "rho", "d") for i in (1, 2, 3))}
+    write_seal(sealed, tmp_path / "seal.json")
+    assert open_seal(tmp_path / "seal.json") == sealed
+    table = pd.read_csv(tmp_path / "r" / f"{case.recordings[0].name}.csv")
+    q = simulate(case.base, case.recordings[0])
+    assert np.std(table["displacement_um"] * 1e-6 - q) < 1.2 * math.hypot(sealed.noise, sealed.quantisation)
+
+
+def test_the_background_is_small_and_acts_in_the_recordings(tmp_path: Path, brief: str) -> None:
+    case = draw_case(3, "none", brief, noise="white", conditions=Conditions(background=True))
+    sealed = make_case(case, tmp_path)
+    assert sealed.background_effects == ("creep", "hysteresis_asymmetry")
+    assert set(sealed.background) == {"k_s", "tau_s", "kappa_d"}
+    assert sealed.base == dict(case.base)
+    # Two parts that overlap: between their difference and their sum.
+    assert 0.1 < sealed.background_level < 1.5
+    outputs = simulate_all({**case.base, **sealed.background}, case.recordings)
+    measure = ruler(case.base, case.recordings)
+    assert np.sqrt(np.mean(measure.left(outputs) ** 2)) / sealed.noise == pytest.approx(
+        sealed.background_level, rel=1e-6
+    )
+    errors = [
+        pd.read_csv(tmp_path / f"{e.name}.csv")["displacement_um"].to_numpy() * 1e-6 - q
+        for e, q in zip(case.recordings, outputs, strict=True)
+    ]
+    assert np.sqrt(np.mean([np.var(e) for e in errors])) == pytest.approx(sealed.noise_total, rel=0.02)
+
+
+def test_what_is_concealed_is_no_background(tmp_path: Path, brief: str) -> None:
+    case = draw_case(0, "same", brief, conditions=Conditions(background=True))
+    assert case.effects == ("creep",)
+    sealed = make_case(replace(case, targets=(3.0,)), tmp_path)
+    assert sealed.effects == ("creep",)
+    assert sealed.background_effects == ("hysteresis_asymmetry",)
+    assert set(sealed.parameters) == {"k_s", "tau_s"}
+    # What the effect leaves is measured beyond the background.
+    assert sealed.strength_over_noise == pytest.approx(3.0, rel=0.1)
+    outputs = simulate_all({**case.base, **sealed.background, **sealed.parameters}, case.recordings)
+    table = pd.read_csv(tmp_path / f"{case.recordings[0].name}.csv")
+    error = table["displacement_um"].to_numpy() * 1e-6 - outputs[0]
+    assert error.std() == pytest.approx(math.hypot(sealed.noise, sealed.quantisation / 12**0.5), rel=0.05)
+
+
+@pytest.mark.parametrize("count", [-1, 5])
+def test_numbers_out_of_range_are_refused(count: int) -> None:
+    with pytest.raises(InputRefused, match=f"hysterons = {count}"):
+        Conditions(hysterons=count)
+
+
+def base(family: str, seed: int = 0) -> dict[str, float]:
+    return dict(draw_case(seed, "none", "few", conditions=Conditions(base=family)).base)
+
+
+def envelopes(w: dict[str, float], q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    bend = w["q_play"] * (np.sqrt(1.0 + (q / w["q_play"]) ** 2) - 1.0)
+    return q + (w["lean_play"] - w["gape_play"]) * bend, q + (w["lean_play"] + w["gape_play"]) * bend
+
+
+def opposing(w: dict[str, float], q: np.ndarray) -> np.ndarray:
+    """Voltage of the generalised Prandtl–Ishlinskii model as the operator of the literature, sample by sample."""
+    low, high = envelopes(w, q)
+    total = np.zeros_like(q)
+    for i in (1, 2, 3, 4):
+        play, r = 0.0, w[f"r_play_{i}"]
+        for k in range(q.size):
+            play = max(low[k] - r, min(high[k] + r, play))
+            total[k] += w[f"c_play_{i}"] * (q[k] - play)
+    return total
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_plays_are_those_of_the_generalised_operator(seed: int) -> None:
+    w, drive = base(PRANDTL_ISHLINSKII, seed), sine(5.0, periods=2, samples=8000)
+    q = simulate(w, drive)
+    v, a = np.gradient(q, drive.dt), np.gradient(np.gradient(q, drive.dt), drive.dt)
+    left = w["alpha"] * (drive.voltage(drive.t) - opposing(w, q)) - w["k"] * q - w["b"] * v - w["m"] * a
+    # The start from rest sets the mass in motion, which the differences resolve only afterwards.
+    assert np.abs(left[400:-2]).max() < 2e-3 * w["alpha"] * PEAK
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_cycle_of_plays_gives_energy(seed: int) -> None:
+    w = base(PRANDTL_ISHLINSKII, seed)
+    # Larger than any displacement of a recording, overshoot included.
+    q = np.linspace(-1.6, 1.6, 1001) * w["q_play"]
+    low, high = envelopes(w, q)
+    assert (np.diff(low) > 0.0).all()
+    assert (np.diff(high) > 0.0).all()
+    for i in (1, 2, 3, 4):
+        # A play moves up at the lower envelope, down at the upper one: against the voltage each time.
+        assert (q - low + w[f"r_play_{i}"] > 0.0).all()
+        assert (q - high - w[f"r_play_{i}"] < 0.0).all()
+    assert base(BOUC_WEN, seed)["beta_bouc"] > 0.5
+
+
+@others
+def test_loops_are_as_large_as_those_of_hysterons(family: str) -> None:
+    drive = sine(10.0, periods=2, samples=2000)
+    u, last = drive.voltage(drive.t), slice(1000, 2000)
+    for seed in range(4):
+        areas = [abs(np.trapezoid(simulate(base(f, seed), drive)[last], u[last])) for f in (HYSTERONS, family)]
+        assert 0.3 < areas[1] / areas[0] < 3.0
+
+
+def test_envelopes_are_asymmetric() -> None:
+    drive = sine(10.0, periods=2, samples=2000)
+    for seed in range(4):
+        q = simulate(base(PRANDTL_ISHLINSKII, seed), drive)[1000:]
+        assert abs(q.max() + q.min()) > 0.01 * np.ptp(q)
+        even = simulate(base(BOUC_WEN, seed), drive)[1000:]
+        assert abs(even.max() + even.min()) < 1e-3 * np.ptp(even)
+
+
+@others
+def test_a_base_has_its_own_parameters_and_no_hysterons(family: str) -> None:
+    w, plain = base(family), base(HYSTERONS)
+    assert {n: w[n] for n in ("m", "k", "b", "alpha")} == {n: plain[n] for n in ("m", "k", "b", "alpha")}
+    stated = as_stated(w)
+    assert not any(n.startswith(("C_", "rho_", "d_")) for n in stated)
+    assert set(moving(w)) == set(stated) - {"q_play"}
+    assert all(v != 0.0 for v in stated.values())
+    # As stiff as the hysterons that it replaces, about.
+    assert 0.5 < stuck_stiffness(w) / stuck_stiffness(plain) < 1.2
+    assert 0.8 < quasi_static_peak(w) / quasi_static_peak(plain) < 2.0
+
+
+@pytest.mark.slow
+@others
+def test_what_acts_on_hysterons_is_not_concealed_where_there_are_none(family: str) -> None:
+    for stratum in STRATA:
+        names = {n for c in choices(stratum) for n in c.effects}
+        turns = [in_turn(stratum, number, family) for number in range(len(choices(stratum)))]
+        assert {n for turn in turns for c in turn for n in c.effects} == names - set(ON_HYSTERONS)
+    assert all(acts_on(name, HYSTERONS) for name in ON_HYSTERONS)
+
+
+@others
+def test_recordings_and_seal_say_what_was_drawn(tmp_path: Path, family: str, brief: str) -> None:
+    case = draw_case(3, "same", brief, conditions=Conditions(base=family, hysterons=3))
+    sealed = make_case(replace(case, targets=(3.0,)), tmp_path / "r")
+    assert (sealed.base_family, sealed.hysterons, sealed.stated_hysterons) == (family, 0, 3)
+    assert sealed.base == as_stated(case.base)
+    assert sealed.effects
+    assert sealed.effects[0] not in ON_HYSTERONS
+    # What the effect changes is measured beyond a refit of this very actuator.
+    assert sealed.strength_over_noise == pytest.approx(3.0, rel=0.1)
+    manifest = (tmp_path / "r" / "recordings.yaml").read_text(encoding="utf-8")
+    assert OmegaConf.create(manifest)["setup"] == {"model": "piezo_actuator", "hysterons": 3}
+    assert family not in manifest
+    write_seal(sealed, tmp_path / "seal.json")
+    assert open_seal(tmp_path / "seal.json") == sealed
+
+
+def test_a_background_beside_another_hysteresis_is_creep_alone(tmp_path: Path, brief: str) -> None:
+    case = draw_case(3, "none", brief, conditions=Conditions(background=True, base=BOUC_WEN))
+    assert make_case(case, tmp_path).background_effects == ("creep",)
+
+
+def test_conditions_that_make_no_sense_are_refused() -> None:
+    with pytest.raises(InputRefused, match=f"take one of {', '.join(BASES)}"):
+        Conditions(base="preisach")
+    with pytest.raises(InputRefused, match="no number of hysterons to state wrongly"):
+        Conditions(base=BOUC_WEN, wrong_order=True)

@@ -13,13 +13,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from phnn.comparison import models
 from phnn.comparison.models import Settings
 from phnn.configuration import compose
 from phnn.errors import InputRefused
 from phnn.recordings import read
 from phnn.results import Place
 from studies.comparison.rivals import register_rivals
-from studies.generator.excitation import sine
+from studies.generator.plans import sine
 from studies.rival_models.contest import (
     COUNTS,
     FOLDERS,

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from studies.trainers.page import curves, figure, table
-from studies.trainers.run import Case, Outcome, Way
+from studies.trainers import Case, Outcome, Way, curves, figure, table
 
 SCRIPT = Path(__file__).resolve().parents[3] / "scripts" / "trainers.py"
 

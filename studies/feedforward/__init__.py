@@ -1,1 +1,0 @@
-"""Tracking: the inverse of an identified model makes other actuators follow a reference."""

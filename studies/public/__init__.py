@@ -1,1 +1,0 @@
-"""Worked studies of public recordings: the named figures that the pages in docs/ state."""

@@ -1,1 +1,0 @@
-"""Trainers side by side, from the same start on the same recordings."""

@@ -1,0 +1,276 @@
+"""The concealed actuator with every effect: closed forms, an independent solver of equations written anew, limits."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import lsim, lti
+
+from studies.generator.plans import Excitation, Piece, sine, step
+from studies.generator.world import NEUTRAL, TABLE, play, simulate
+
+# As far as the hysterons do not slip they are capacitors, and the actuator is linear.
+UNSLIPPED = {**TABLE, "d_1": 1e4, "d_2": 1e4}
+STIFFNESS = TABLE["k"] + TABLE["alpha"] ** 2 * (1 / TABLE["C_1"] + 1 / TABLE["C_2"])
+HALF_WIDTHS = 0.5 * (TABLE["d_1"] + TABLE["d_2"])
+
+
+def test_held_step_without_slip_rests_at_the_static_gain() -> None:
+    # Far inside the dead zones the hysterons are capacitors: q = α V / (k + α² Σ 1/C), see eq. (12).
+    short = step(amplitude=10.0, before=0.02, hold=0.05, after=0.02)
+    q = simulate(TABLE, short)
+    held = np.searchsorted(short.t, 0.069)
+    assert q[held] == pytest.approx(TABLE["alpha"] * 10.0 / STIFFNESS, rel=1e-6)
+    assert np.all(q[short.t < 0.02] == 0.0)
+    assert q[-1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_slipped_hysterons_hold_half_their_widths() -> None:
+    # Eq. (12) with e_i = d_i/2, the voltage raised slowly. (A sudden step would not do: its overshoot takes the
+    # hysterons past the edge and back.)
+    quarter = sine(0.2, periods=1, samples=200)
+    assert quarter.voltage(quarter.t)[50] == pytest.approx(75.0)
+    expected = TABLE["alpha"] * (75.0 - HALF_WIDTHS) / TABLE["k"]
+    assert simulate(TABLE, quarter)[50] == pytest.approx(expected, rel=1e-5)
+
+
+def test_without_hysterons_it_is_a_linear_oscillator() -> None:
+    # With huge capacitances the hysterons vanish; a linear solver must then agree over the whole transient.
+    drive = sine(100.0, periods=2, samples=4000)
+    oscillator = lti([TABLE["alpha"]], [TABLE["m"], TABLE["b"], TABLE["k"]])
+    _, expected, _ = lsim(oscillator, drive.voltage(drive.t), drive.t)
+    q = simulate({**TABLE, "C_1": 1e3, "C_2": 1e3}, drive)
+    assert np.max(np.abs(q - expected)) < 2e-5 * np.max(np.abs(expected))
+
+
+# Parameters of effects, in groups that are switched on together.
+WRITTEN_ANEW = {
+    "creep": {"k_s": 300.0, "tau_s": 0.01},
+    "cells": {"k_l": 40.0, "tau_l": 1e-3, "cells_l": 3.0},
+    "stiffness": {"kappa_2": -0.2, "kappa_3": 0.1, "kappa_5": 0.1, "kappa_p": 0.05, "f_p": 40.0, "phi_p": 1.0},
+    "drag": {"c_2": 20.0, "n_c2": 1.5},
+    "damper": {"kappa_b": 2.0, "kappa_f": 0.3},
+    "friction": {"F_c": 0.05, "v_s": 1e-3, "r_s": 1.5, "v_st": 1e-2, "F_l": 0.02, "z_l": 1e-6},
+    "element": {"k_w": 500.0, "z_w": 2e-5, "n_w": 2.0},
+    "hysteron": {"inv_C_3": 1e5, "rho_3": 0.1, "d_3": 3.0, "rho_4": 0.05, "d_4": 5.0},
+    "widths": {"kappa_d": 0.1, "kappa_v": 1.0},
+    "leakage": {"G": 2e-5},
+    "capacitors": {"kappa_C": 1e-3},
+    "coupling": {"epsilon": 1e-3, "kappa_a": 0.05, "kappa_e": 0.03},
+    "depolarisation": {"delta_z": 0.1, "tau_z": 2e-3, "V_c": 30.0},
+    "warmth": {"kappa_T": -0.02, "C_T": 1e-3, "R_T": 20.0},
+    "amplifier": {"tau_V": 1e-4, "zeta_V": 0.8, "V_max": 72.0, "s_V": 0.2, "delta_V": 0.5},
+    "contact": {"k_c": 1e6, "q_c": 4e-5, "n_c": 1.5, "side": -1.0},
+    "motion": {"A_b": 0.1, "f_b": 70.0, "phi_b": 0.3},
+    "further hysterons": {"inv_C_5": 3e5, "rho_5": 0.05, "d_5": 4.0, "inv_C_6": 2e5, "rho_6": 1e-3, "d_6": 2.0},
+    "Bouc–Wen": {"c_bouc": 5e4, "z_bouc": 4e-5, "n_bouc": 1.5, "beta_bouc": 0.7},
+    "mode": {"m_2": 1e-4, "k_2": 200.0, "b_2": 0.02},
+}
+
+
+def _solved(w: dict[str, float], drive: Excitation) -> np.ndarray:
+    """Displacement by Radau of the equations as a text would state them, all effects in one place."""
+
+    def dead_zone(e: float, rho: float, half: float) -> float:
+        return rho * math.copysign(max(abs(e) - half, 0.0), e)
+
+    def effort(linear: float) -> float:
+        roots = np.roots([w["kappa_C"], 0.0, 1.0, -linear]) if w["kappa_C"] else np.array([linear])
+        return float(np.real(roots[np.argmin(np.abs(np.imag(roots)))]))
+
+    def rates(t: float, x: np.ndarray) -> list[float]:
+        q_1, q_2, q_3, q_5, q_6, q, p, cell, volt, rate, z, warm, apart, v_2, bend, bouc, wen, *cells = x
+        v, s = p / w["m"], q / 1e-4
+        u = 75.0 * math.sin(2 * math.pi * 150.0 * t)
+        u = math.copysign(max(abs(u) - w["delta_V"], 0.0), u)
+        beyond = abs(volt) - (1 - w["s_V"]) * w["V_max"]
+        flat = abs(volt) - beyond**2 / (4 * w["s_V"] * w["V_max"]) if beyond < 2 * w["s_V"] * w["V_max"] else w["V_max"]
+        voltage = math.copysign(flat, volt) if beyond > 0.0 else volt
+        a = w["alpha"] * (1 + w["kappa_a"] * s) * math.exp(w["kappa_e"] * s)
+        a *= (1 - w["delta_z"] * z) * (1 + w["kappa_T"] * warm)
+        further = [q_3 * w["inv_C_3"], q_5 * w["inv_C_5"], q_6 * w["inv_C_6"]]
+        e = [effort(q_1 / w["C_1"]), effort(q_2 / w["C_2"]), *further]
+        wide = 0.5 * (1 + w["kappa_d"] * s) * (1 + w["kappa_v"] * abs(v))
+        slips = [dead_zone(e_i, w[f"rho_{i}"], w[f"d_{i}"] * wide) for i, e_i in zip((1, 2, 3, 5, 6), e, strict=True)]
+        slips[2] += dead_zone(e[2], w["rho_4"], w["d_4"] * wide)
+        shape = 1 + w["kappa_2"] * s + w["kappa_2"] ** 2 * s**2 / 3 + w["kappa_3"] * s**2 + w["kappa_5"] * s**4
+        stiffness = w["k"] * (1 + w["kappa_p"] * math.sin(2 * math.pi * w["f_p"] * t + w["phi_p"]))
+        stribeck = 1 + (w["r_s"] - 1) * math.exp(-((v / w["v_st"]) ** 2))
+        opposing = sum(e) + w["c_bouc"] * bouc
+        force = a * (voltage + 0.5 * w["epsilon"] * voltage**2 - opposing) - stiffness * q * shape
+        force -= w["b"] * (1 + w["kappa_b"] * s**2) * (1 + w["kappa_f"] * (v > 0)) * v
+        force -= w["c_2"] * abs(v) ** w["n_c2"] * v + w["F_c"] * stribeck * math.tanh(v / w["v_s"])
+        force -= w["k_s"] * cell + w["k_l"] * sum(cells) + w["F_l"] * bend / w["z_l"] + w["k_w"] * wen
+        force -= w["side"] * w["k_c"] * max(w["side"] * q - w["q_c"], 0.0) ** w["n_c"]
+        carried = w["k_2"] * apart + w["b_2"] * (v - v_2)
+        force += w["A_b"] * math.sin(2 * math.pi * w["f_b"] * t + w["phi_b"]) - carried
+        charges = [a * v - h - w["G"] * i for h, i in zip(slips, e, strict=True)]
+        follows = (u - volt - 2 * w["zeta_V"] * rate) / w["tau_V"]
+        field = (max(abs(voltage) / w["V_c"] - 1, 0.0) - z) / w["tau_z"]
+        slides = (w["beta_bouc"] * abs(v) * bouc + (1 - w["beta_bouc"]) * v * abs(bouc)) * abs(bouc) ** (
+            w["n_bouc"] - 1
+        )
+        slides /= w["z_bouc"] ** w["n_bouc"]
+        heat = sum(i * h for i, h in zip(e, slips, strict=True)) + w["alpha"] * w["c_bouc"] * bouc * slides
+        heat += w["b"] * v**2 - warm / w["R_T"]
+        yields = abs(wen / w["z_w"]) ** w["n_w"] if v * wen > 0 else 0.0
+        times = [w["tau_l"] * 10.0 ** (2 * j) for j in range(3)]
+        return [
+            *charges, v, force, v - cell / w["tau_s"], rate / w["tau_V"], follows, field, heat / w["C_T"],
+            v - v_2, carried / w["m_2"], v - abs(v) * bend / (w["z_l"] * stribeck), v - slides, v * (1 - yields),
+            *(v - c / tau for c, tau in zip(cells, times, strict=True)),
+        ]  # fmt: skip
+
+    sizes = np.array([*[4e-6] * 5, 1e-4, 1e-5, 1e-4, 75.0, 75.0, 1.0, 1.0, 1e-4, 1e-2, 1e-6, 1e-4, 1e-5, *[1e-4] * 3])
+    path = solve_ivp(rates, (0.0, drive.t[-1]), np.zeros(20), "Radau", drive.t, rtol=1e-8, atol=1e-10 * sizes)
+    return np.asarray(path.y[5])
+
+
+def test_all_effects_at_once_agree_with_equations_written_anew() -> None:
+    drive = sine(150.0, periods=1, samples=100)
+    values = TABLE | {n: v for group in WRITTEN_ANEW.values() for n, v in group.items()}
+    q = simulate(values, drive)
+    assert np.max(np.abs(_solved({**NEUTRAL, **values}, drive) - q)) < 1e-10
+    # Each of them is in it: the output is another one without.
+    for name, group in WRITTEN_ANEW.items():
+        without = simulate({n: v for n, v in values.items() if n not in group}, drive)
+        assert np.max(np.abs(without - q)) > 5e-9, name
+
+
+# Each limit turns an effect into something known: another form of it, a base parameter, or a changed voltage.
+@pytest.mark.parametrize(
+    ("effect", "same"),
+    [
+        # A cell that relaxes slowly against the recording is one more spring, one that relaxes fast one more damper.
+        ({"k_s": 500.0, "tau_s": 1e6}, {"k": TABLE["k"] + 500.0}),
+        ({"k_s": 0.05e6, "tau_s": 1e-6}, {"b": TABLE["b"] + 0.05}),
+        # Eight cells that relax slowly are springs.
+        ({"k_l": 50.0, "tau_l": 1e6}, {"k": TABLE["k"] + 400.0}),
+        ({"k_l": 50.0, "tau_l": 1e6, "cells_l": 3.0}, {"k": TABLE["k"] + 150.0}),
+        # A third hysteron that never slips is a spring α²/C; without its second slope it is that of the catalogue.
+        ({"inv_C_3": 1e5, "rho_3": 1.0, "d_3": 1e3}, {"k": TABLE["k"] + TABLE["alpha"] ** 2 * 1e5}),
+        (
+            {"inv_C_3": 1e5, "rho_3": 0.1, "d_3": 3.0, "rho_4": 1.0, "d_4": 1e3},
+            {"inv_C_3": 1e5, "rho_3": 0.1, "d_3": 3.0},
+        ),
+        # A hysteresis element that never yields is a spring.
+        ({"k_w": 200.0, "z_w": 1.0, "n_w": 2.0}, {"k": TABLE["k"] + 200.0}),
+        # A stop of any power that is not reached does nothing.
+        ({"k_c": 1e6, "q_c": 1.0}, {}),
+        ({"k_c": 1e9, "q_c": 1e-3, "n_c": 1.5}, {}),
+        # Friction far below the velocity v_s is a damper F_c/v_s; one that does not fall is that of the catalogue.
+        ({"F_c": 100.0, "v_s": 1e3}, {"b": TABLE["b"] + 0.1}),
+        ({"F_c": 0.02, "r_s": 2.0, "v_st": 1e6}, {"F_c": 0.04}),
+        # A fast amplifier and one that clips above the peak are ideal; a very short parabola is a hard limit.
+        ({"tau_V": 1e-9}, {}),
+        ({"V_max": 75.0}, {}),
+        ({"V_max": 70.0, "s_V": 1e-4}, {"V_max": 70.0}),
+        ({"V_max": 75e4, "s_V": 1.0}, {}),
+        # Strongly damped, a second-order filter has one slow pole: 2 ζ τ.
+        ({"tau_V": 1e-7, "zeta_V": 500.0}, {"tau_V": 1e-4}),
+        # A weak exponential is a straight line; a stiffness that is high all the time is another stiffness.
+        ({"kappa_e": 1e-3}, {"kappa_a": 1e-3}),
+        ({"kappa_p": 0.1, "f_p": 0.0, "phi_p": 0.5 * np.pi}, {"k": 1.1 * TABLE["k"]}),
+    ],
+)
+def test_limits_of_effects(effect: dict[str, float], same: dict[str, float]) -> None:
+    drive = sine(50.0, periods=1, samples=500)
+    difference = simulate({**TABLE, **effect}, drive) - simulate({**TABLE, **same}, drive)
+    assert np.max(np.abs(difference)) < 2e-9
+
+
+def test_a_saturation_without_an_edge_is_a_hyperbolic_tangent() -> None:
+    hold = step(amplitude=60.0, before=0.01, hold=0.1, after=0.01)
+    at = round(0.1 / hold.dt)
+    rounded = simulate({**UNSLIPPED, "V_max": 80.0, "s_V": 1.0}, hold)[at]
+    assert rounded / simulate(UNSLIPPED, hold)[at] == pytest.approx(80.0 * math.tanh(0.75) / 60.0, rel=1e-6)
+
+
+def test_bristles_shorter_than_the_motion_are_dry_friction() -> None:
+    drive = sine(50.0, periods=2, samples=1000)
+    plain, bristles, dry = (
+        simulate({**TABLE, **v}, drive) for v in ({}, {"F_l": 0.02, "z_l": 1e-8}, {"F_c": 0.02, "v_s": 1e-5})
+    )
+    later = slice(250, None)  # at first the bristles still have to bend
+    assert np.max(np.abs(dry - plain)[later]) > 3e-7
+    assert np.max(np.abs(bristles - dry)[later]) < 6e-8
+
+
+def test_samples_on_a_jump_see_the_later_voltage_and_the_earlier_state() -> None:
+    pieces = (Piece(0.0, 0.01), Piece(0.01, 0.02, level=5.0))
+    drive = Excitation("jump", pieces, 0.001, 20)
+    assert drive.voltage(drive.t)[9:11].tolist() == [0.0, 5.0]
+    assert simulate(TABLE, drive)[10] == 0.0
+
+
+def test_delay_turns_the_phase_and_a_lag_lowers_the_gain_too() -> None:
+    tau, omega = 3e-4, 2.0 * math.pi * 50.0
+    drive = sine(50.0, periods=8, samples=8 * 400)
+    wave = np.exp(-1j * omega * drive.t[-400:])
+    plain, late, lagging = (
+        np.sum(simulate({**UNSLIPPED, **v}, drive)[-400:] * wave) for v in ({}, {"tau_d": tau}, {"tau_y": tau})
+    )
+    assert late / plain == pytest.approx(np.exp(-1j * omega * tau), rel=1e-5)
+    assert lagging / plain == pytest.approx(1.0 / (1.0 + 1j * omega * tau), rel=1e-5)
+
+
+def test_delayed_steps_are_the_step_later() -> None:
+    whole = 4  # samples
+    drive = step(before=0.01, hold=0.03, after=0.02)
+    late = simulate({**TABLE, "tau_d": whole * drive.dt}, drive)
+    np.testing.assert_allclose(late[whole:], simulate(TABLE, drive)[:-whole], atol=1e-11)
+
+
+def test_slew_limit_makes_a_triangle_of_a_steep_sine_and_leaves_a_flat_one() -> None:
+    # Followed quasi-statically, in which the displacement shows the voltage itself.
+    values = {**UNSLIPPED, "m": 1e-9, "b": 1e-3}
+    drive = sine(50.0, amplitude=10.0, periods=12, samples=12_000)
+    steepest = 2.0 * math.pi * 50.0 * 10.0
+    plain = simulate(values, drive)
+    np.testing.assert_allclose(simulate({**values, "S": 1.01 * steepest}, drive), plain, atol=1e-5 * np.ptp(plain))
+    slow = simulate({**values, "S": 0.2 * steepest}, drive)[11_000:]
+    slopes = np.abs(np.diff(slow)) / drive.dt * STIFFNESS / TABLE["alpha"]
+    assert np.median(slopes) == pytest.approx(0.2 * steepest, rel=1e-3)
+    assert np.ptp(slow) * STIFFNESS / TABLE["alpha"] == pytest.approx(0.2 * steepest / 100.0, rel=1e-2)
+
+
+def test_a_coarse_converter_holds_its_nearest_level() -> None:
+    drive = sine(10.0, amplitude=10.0, periods=1, samples=500)
+    assert np.all(simulate({**TABLE, "Delta_u": 20.1}, drive) == 0.0)
+    hold = step(amplitude=7.0, before=0.01, hold=0.1, after=0.01)
+    rounded = step(amplitude=6.0, before=0.01, hold=0.1, after=0.01)
+    held = simulate({**TABLE, "Delta_u": 3.0}, hold)
+    np.testing.assert_allclose(held, simulate(TABLE, rounded), atol=1e-5 * np.max(held))
+
+
+def test_play_keeps_its_width_and_holds_after_reversals() -> None:
+    q = 3.0 * np.sin(np.linspace(0.0, 12.0, 4001))
+    y = play(q, 0.5)
+    assert np.max(np.abs(q - y)) <= 0.5 + 1e-12
+    assert (np.max(y), np.min(y)) == pytest.approx((2.5, -2.5), abs=1e-5)
+    assert np.all(play(q, 3.1) == 0.0)
+    turned = np.flatnonzero(np.diff(np.sign(np.diff(q))))[0]
+    falls = np.argmax(y[turned:] < y[turned] - 1e-12) + turned
+    assert q[turned] - q[falls] == pytest.approx(1.0, abs=0.01)
+
+
+def test_backlash_turns_where_the_displacement_does_not_where_it_is_sampled() -> None:
+    coarse = Excitation("coarse", sine(150.0, periods=3).pieces, 1e-3, 20)
+    half = 2e-6
+    dense = Excitation("dense", coarse.pieces, 2e-6, 10_000)
+    expected = play(simulate(TABLE, dense), half)[::500]
+    np.testing.assert_allclose(simulate({**TABLE, "delta_b": half}, coarse), expected[:20], atol=2e-9)
+
+
+def test_a_sensor_has_a_polynomial_a_growing_gain_and_a_fast_clock() -> None:
+    drive = sine(10.0, periods=2, samples=1000)
+    q = simulate(TABLE, drive)
+    curved, growing, early = (
+        simulate({**TABLE, **v}, drive) for v in ({"a_2": 50.0, "a_3": -4e5}, {"kappa_y": 0.3}, {"kappa_t": 0.01})
+    )
+    np.testing.assert_allclose(curved, q + 50.0 * q**2 - 4e5 * q**3, rtol=1e-12)
+    np.testing.assert_allclose(growing, q * (1.0 + 0.1 * drive.t), rtol=1e-12)
+    np.testing.assert_allclose(early, np.interp(0.99 * drive.t, drive.t, q), atol=1e-4 * np.ptp(q))
