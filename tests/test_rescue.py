@@ -115,7 +115,7 @@ def counted(on_call: Callable[[str, int], None]) -> Iterator[Counter[str]]:
 def clean(case: Case, folder: Path) -> tuple[Diagnosis, Counter[str]]:
     """A run in which nothing fails, and how often each place was called."""
     with counted(lambda name, call: None) as count:
-        found = diagnosed(case, folder / "clean")
+        found = diagnosed(case, folder / f"clean-{case.effect}")
     return found, count
 
 
@@ -167,7 +167,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_clean_run_has_no_warnings_and_nothing_left(folder: Path) -> None:
     found, count = clean(QUICK, folder)
-    content = assert_answered(folder / "clean", found)
+    content = assert_answered(folder / "clean-creep", found)
     assert content["warnings"] == []
     assert content["ended"] == {"why": "nothing left", "budget": None, "not_tried": [], "failed": []}
     assert found.verdict == "named"
@@ -187,15 +187,8 @@ def test_failures_anywhere_leave_an_answer(number: int, folder: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(9))
-def test_failures_anywhere_in_a_composition_leave_an_answer(
-    number: int, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    failing(COMPOSED, number, _composed_folder(tmp_path_factory))
-
-
-@cache
-def _composed_folder(factory: pytest.TempPathFactory) -> Path:
-    return factory.mktemp("composed")
+def test_failures_anywhere_in_a_composition_leave_an_answer(number: int, folder: Path) -> None:
+    failing(COMPOSED, number, folder)
 
 
 @contextmanager

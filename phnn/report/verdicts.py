@@ -23,7 +23,7 @@ def ended_sentence(document: Document) -> str:
     ended, best = document.ended, "The answer is the best that was finished until then."
     left = f" Not tried, or not to the end: {listing(ended.not_tried)}." if ended.not_tried else ""
     if ended.why == "seconds":
-        size = "" if ended.budget is None else f" of {number(ended.budget)} s"
+        size = "" if ended.budget is None else f" of {ended.budget:g} s"
         return f"The search ended early, because its time{size} was used up. {best}{left}"
     if ended.why == "interrupted":
         return f"The search was interrupted. {best}{left}"
