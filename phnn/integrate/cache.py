@@ -27,8 +27,7 @@ import numba
 import numpy as np
 import platformdirs
 from filelock import FileLock
-from numba import types
-from numba._dynfunc import make_function
+from numba import _dynfunc, types
 from numba.core.caching import FunctionCache
 from numba.core.codegen import CPUCodeLibrary
 from numba.core.cpu import CPUContext
@@ -244,7 +243,7 @@ def _translate_callers_only() -> None:
         library._finalize_final_module = partial(_finish, library)
         library._ensure_finalized()
         # What numba makes of a function without a wrapper: an object that stands for it among its callers.
-        return make_function(fndesc.lookup_module(), fndesc.qualname.split(".")[-1], "", 0, env, (library,))
+        return _dynfunc.make_function(fndesc.lookup_module(), fndesc.qualname.split(".")[-1], "", 0, env, (library,))
 
     CPUContext.get_executable = get_executable
 
