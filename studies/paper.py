@@ -1,12 +1,4 @@
-"""The experiments of the paper's Sec. 3: recordings, refits, Table 3 and Figs. 10–15.
-
-A fit percentage and a root mean square error of the same recording give the spread of what was measured,
-
-    std(y) = RMSE / (1 − fit/100),
-
-so that Table 3 tells the amplitude √2 std(y) of every recorded sine although no recording was published. The printed
-digits of the fit leave 0.1 to 0.2 % of it open.
-"""
+"""The experiments of the paper's Sec. 3: recordings, refits, Table 3 and Figs. 10–15."""
 
 from __future__ import annotations
 
@@ -108,19 +100,6 @@ def line_of(recording: Recording) -> str | None:
     excitation = excitation_of(recording.u, recording.dt)
     near = [line for f, line in _HERTZ.items() if abs(excitation.frequency - f) <= _NEAR * f]
     return {"steps": "Step", "chirp": "Chirp", "sine": near[0] if near else None}.get(excitation.kind)
-
-
-def implied_amplitude(fit_percent: float, rmse: float) -> float:
-    """Return ``√2 RMSE / (1 − fit/100)``: the amplitude of a recorded sine, in the unit of ``rmse``."""
-    return float(np.sqrt(2.0) * rmse / (1.0 - fit_percent / 100.0))
-
-
-def highest_fit(measured: float, model: float) -> float:
-    """Return the fit percentage that a model of another amplitude cannot exceed, whatever its phase and shape.
-
-    By the triangle inequality ``‖y − ŷ‖ ≥ |‖y − mean(y)‖ − ‖ŷ − mean(ŷ)‖|``, hence ``fit ≤ 100 (1 − |1 − Â/A|)``.
-    """
-    return 100.0 * (1.0 - abs(1.0 - model / measured))
 
 
 @dataclass(frozen=True)

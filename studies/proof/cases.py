@@ -34,22 +34,10 @@ FAMILIES = (
 
 @dataclass(frozen=True)
 class Settings:
-    """The keys of ``configs/prove.yaml``.
+    """The keys of ``configs/prove.yaml``, which says what each of them means.
 
-    Attributes:
-        seed: every case follows from it and its own number.
-        fast_none, fast_weak: cases of the fast tier, which ends with the score.
-        none, same, other, outside, pair, triple: cases of the full tier by stratum.
-        few: how many of the full tier's cases of the stratum ``same`` have few recordings.
-        nulls: cases of the full tier with nothing concealed, for each of ``null_families``.
-        only: groups of cases to take part; empty for all.
-        null_families: see `family`.
-        noise: family of all cases but the nulls by family, see `studies.generator.noise`; empty for that of the seed.
-        background, hysterons, wrong_order, anchor_error, base: of all cases, see `studies.generator.Conditions`.
-        fast_plan, plan, null_plan: sets of recordings of the two tiers and of the nulls by family.
-        executor: where cases are worked on, see `phnn.parallel.executor.executor`.
-        starts: starting points of a fit; max_effects: how many effects a diagnosis may name.
-        keep: whether recordings and whole reports are kept.
+    Of the nulls there are as many for each of ``null_families``, see `family`; ``noise`` is that of all other cases,
+    see `studies.generator.noise`, and empty for that of the seed; ``executor``: see `phnn.parallel.executor`.
     """
 
     seed: int = whole(2026)

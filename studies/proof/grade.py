@@ -163,31 +163,15 @@ _REFERENCE = 100e-6  # m, displacement that strengths of a seal refer to
 # The parameters of the catalogue that are compared, by effect. What the recordings know in products only, as of
 # self-heating, is not.
 _COMPARED = {
-    "creep": ("k_s", "tau_s"),
-    "extra_hysteron": ("C_x", "rho_x", "d_x"),
-    "cubic_stiffness": ("kappa_3",),
-    "coulomb_friction": ("F_c",),
-    "quadratic_drag": ("c_2",),
-    "hysteresis_asymmetry": ("kappa_d",),
-    "electrostriction": ("epsilon",),
-    "amplifier_lowpass": ("tau_a",),
-    "amplifier_saturation": ("V_max",),
-    "sensor_drift": ("drift_rate",),
-    "contact_stop": ("k_c", "g_c"),
-    "quadratic_stiffness": ("kappa_2",),
-    "charge_leakage": ("G",),
-    "rate_dependent_threshold": ("kappa_v",),
-    "displacement_coupling": ("kappa_a",),
-    "depolarisation": ("delta_z", "tau_z", "V_c"),
-    "second_mode": ("m_2", "k_2", "b_2"),
-    "delay": ("tau_d",),
-    "slew_limit": ("S",),
-    "sensor_lag": ("tau_y",),
-    "sensor_nonlinearity": ("a_2", "a_3"),
-    "output_backlash": ("delta_b",),
-    "mains_pickup": ("f_m",),
-    "base_motion": ("f_b",),
-}
+    "creep": ("k_s", "tau_s"), "extra_hysteron": ("C_x", "rho_x", "d_x"), "cubic_stiffness": ("kappa_3",),
+    "coulomb_friction": ("F_c",), "quadratic_drag": ("c_2",), "hysteresis_asymmetry": ("kappa_d",),
+    "electrostriction": ("epsilon",), "amplifier_lowpass": ("tau_a",), "amplifier_saturation": ("V_max",),
+    "sensor_drift": ("drift_rate",), "contact_stop": ("k_c", "g_c"), "quadratic_stiffness": ("kappa_2",),
+    "charge_leakage": ("G",), "rate_dependent_threshold": ("kappa_v",), "displacement_coupling": ("kappa_a",),
+    "depolarisation": ("delta_z", "tau_z", "V_c"), "second_mode": ("m_2", "k_2", "b_2"), "delay": ("tau_d",),
+    "slew_limit": ("S",), "sensor_lag": ("tau_y",), "sensor_nonlinearity": ("a_2", "a_3"),
+    "output_backlash": ("delta_b",), "mains_pickup": ("f_m",), "base_motion": ("f_b",),
+}  # fmt: skip
 # Their names in a seal, where these are others.
 _IN_SEAL = {"C_x": "C_3", "rho_x": "rho_3", "d_x": "d_3", "tau_a": "tau_V", "drift_rate": "rate", "g_c": "q_c"}
 # The parameter that holds the reference displacement, and its power.

@@ -128,10 +128,9 @@ class Detection:
     """Detection against noncentrality.
 
     Attributes:
-        delta: (B,) centres of the bins; found, named: (B,) shares of verdicts that are not ``none``, and of those with
-            the right name or class; cases: (B,).
-        limit: (B,) probability of detection of the Neyman–Pearson test along the effect's own direction at the same
-            rate of false alarms, ``Φ(δ − z)``.
+        delta, cases: (B,) centres of the bins, and cases in them.
+        found, named: (B,) shares of verdicts that are not ``none``, and of those with the right name or class.
+        limit: (B,) the same of the Neyman–Pearson test along the effect's own direction, ``Φ(δ − z)``.
         half: noncentrality detected in half the cases, of the limit, the verdicts and the names.
     """
 
@@ -220,11 +219,8 @@ class Count:
     Beside a background it may also name that; see `studies.proof.grade`.
 
     Attributes:
-        family: its name; cases: how many.
-        right: right answers; named: false names, classes included; unknown: something that is not there; failed: no
-            answer.
-        false: the names, with how often each was given.
-        seconds: of a diagnosis, median.
+        right, named, unknown, failed: right answers; false names, classes included; something that is not there; none.
+        false: the names, with how often each was given; seconds: of a diagnosis, median.
     """
 
     family: str
