@@ -122,7 +122,7 @@ class Program:
     def held(self) -> Integers:
         """(4,) the contact of an imposed motion, see `phnn.integrate.solve.Room`."""
         t, gyrators = self.table, range(self.table[0, GYRATORS], self.table[0, GYRATORS + 1])
-        if not (self.contact >= 0 and self.linear[self.moving]):
+        if self.contact < 0:
             return np.full(4, NONE)
         pair = [self.junctions.index(self.states[k]) for k in (self.contact, self.moving)]
         rows = [next(r for r in gyrators if t[r, :2].tolist() == ends) for ends in (pair, pair[::-1])]
@@ -248,7 +248,11 @@ class _Builder:
             rows[MODULATOR_STATES].append([*law, len(rows[SOURCES]), len(rows[SOURCES]) + len(sources)])
             rows[SOURCES] += sources
         table, given = self._absolute(rows), imposed(network)
-        places = () if given is None else map(self.states.index, (given.motion.momentum, given.motion.displacement, given.contact))
+        places = (
+            ()
+            if given is None
+            else map(self.states.index, (given.motion.momentum, given.motion.displacement, given.contact))
+        )
         return Program(
             self.names, self.constants, tuple(self.modules), self.states, junctions, leaves, table,
             self.states.index(network.output), sparsity_of(table), self.scheme, *places,

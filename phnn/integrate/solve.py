@@ -13,7 +13,7 @@ import numpy as np
 
 from phnn.integrate.compiled import inline, plain, stay_outside
 from phnn.integrate.elimination import eliminate
-from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE
+from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, make_root
 from phnn.integrate.scalar import inertia, prepare
 from phnn.integrate.step import balance
 from phnn.integrate.table_access import is_linear, junction_storage, mean_effort
@@ -62,15 +62,36 @@ def _forces(t: Any, step: Step, wx: Any, held: Any) -> None:
 
 
 @inline
-def _impose(t: Any, g: Any, a: Any, y: Any, held: Any) -> None:
-    """Set the velocity of an imposed motion to what the source gives."""
-    if held[0] >= 0:
-        total = 0.0
-        for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
-            if t[r, INTO_JUNCTION] == held[0]:
-                total += g[r] * a[t[r, FROM_PORT]]
-        y[held[0]] = 0.0
-        y[held[1]] = -total / g[held[2]]
+def _speed_at(z: Any, context: Any) -> Any:
+    t, k, p, v, theta, _ = context
+    return mean_effort(t, k, p, z, theta) - v, abs(mean_effort(t, k, p, p, theta)) + abs(v)
+
+
+@inline
+def _speed_slope(z: Any, context: Any) -> Any:
+    t, k, p, _, _, theta = context
+    return mean_effort(t, k, complex(p, 0.0), complex(z, TINY), theta).imag / TINY
+
+
+_end_of_speed = plain(make_root(_speed_at, _speed_slope))
+
+
+@inline
+def _impose(t: Any, h: Any, values: Any, perturbed: Any, held: Any) -> bool:
+    """Set the unknown of an imposed motion to what the velocity of its source makes of it; returns success."""
+    if held[0] < 0:
+        return True
+    theta, c, g, a, x, y, _, _ = values
+    given = 0.0
+    for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
+        if t[r, INTO_JUNCTION] == held[0]:
+            given -= g[r] * a[t[r, FROM_PORT]]
+    velocity, moved = given / g[held[2]], held[1]
+    y[held[0]], y[moved] = 0.0, velocity
+    if not is_linear(t, moved):
+        k = junction_storage(t, moved)
+        y[moved], _ = _end_of_speed(x[k], inertia(t, moved, c) / h, 0.0, (t, k, x[k], velocity, theta, perturbed[0]))
+    return np.isfinite(y[moved])
 
 
 @plain
@@ -257,11 +278,11 @@ def _followed(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
     solution, full Newton steps pass kinks at which a line search may stop.
     """
     stay_outside()
-    theta, c, g, a, x, y, _, _ = values
+    theta, c, _, _, x, y, _, _ = values
     own = room.own
     m = y.shape[0]
     rest_guess(t, theta, x, y)
-    _impose(t, g, a, y, room.held)
+    _impose(t, h, values, perturbed, room.held)
     done, part = 0.0, _FIRST_PART
     while done < 1.0:
         part = min(part, 1.0 - done)
@@ -308,9 +329,9 @@ def solve_many(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
     held = room.held
     if held[0] < 0:
         return _solve(t, h, values, perturbed, room)
-    _, _, g, a, _, y, _, _ = values
-    _impose(t, g, a, y, held)
     # Where nothing else moves, no equation is left.
-    solved = y.shape[0] == 2 or _solve(t, h, values, perturbed, room)
+    solved = _impose(t, h, values, perturbed, held) and (
+        values[5].shape[0] == 2 or _solve(t, h, values, perturbed, room)
+    )
     _bear(t, h, values, held)
     return solved
