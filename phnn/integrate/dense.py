@@ -188,7 +188,7 @@ def _step(step: _Step, t: float) -> Tensor:
     """The end of one step: Newton from its start and, where that fails, along growing parts of the step."""
     # Starting from x, not from an extrapolation, keeps the root that is connected with the previous state.
     root = _newton(step, step.x)
-    if root.cause and _has_one_root(step.system):
+    if root.cause:
         # Whole steps pass kinks at which a line search stops.
         root = _newton(step, step.x, damped=False)
     if not root.cause:
