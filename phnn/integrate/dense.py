@@ -188,6 +188,9 @@ def _step(step: _Step, t: float) -> Tensor:
     """The end of one step: Newton from its start and, where that fails, along growing parts of the step."""
     # Starting from x, not from an extrapolation, keeps the root that is connected with the previous state.
     root = _newton(step, step.x)
+    if root.cause:
+        # Whole steps pass kinks at which a line search stops.
+        root = _newton(step, step.x, damped=False)
     if not root.cause:
         return root.x
     done, part, guess = 0.0, 0.25, step.x
@@ -207,8 +210,8 @@ def _step(step: _Step, t: float) -> Tensor:
     return guess
 
 
-def _newton(step: _Step, guess: Tensor) -> _Root:
-    """Damped Newton for all members of a batch at once, each with its own damping."""
+def _newton(step: _Step, guess: Tensor, damped: bool = True) -> _Root:
+    """Newton's method for all members of a batch at once, each with its own damping, or with whole steps."""
     system, z = step.system, guess.clone()
     residual = step.residual(z)
     if not bool(torch.isfinite(residual).all()):
@@ -222,7 +225,11 @@ def _newton(step: _Step, guess: Tensor) -> _Root:
         moved, info = torch.linalg.solve_ex(jacobian, -residual.unsqueeze(-1))
         if bool((info > 0).any()):
             return _Root(z, "the step's Jacobian is singular")
-        following, residual_next = _line_search(step, z, moved.squeeze(-1), residual, scale)
+        if damped:
+            following, residual_next = _line_search(step, z, moved.squeeze(-1), residual, scale)
+        else:
+            following = z + moved.squeeze(-1)
+            residual_next = step.residual(following)
         if bool((following == z).all()):
             break
         z, residual = following, residual_next
@@ -230,9 +237,10 @@ def _newton(step: _Step, guess: Tensor) -> _Root:
         if bool((residual.abs() <= _TOLERANCE * scale).all()):
             break
     relative = residual.abs() / scale
-    if bool((relative > _ACCEPTED).any()):
+    # The comparison also fails for NaN.
+    if bool((bad := ~(relative <= _ACCEPTED)).any()):
         return _Root(z, f"Newton's iteration stopped at a residual of {float(relative.max()):.1e} "
-                     f"({_names(system, relative > _ACCEPTED)})")  # fmt: skip
+                     f"({_names(system, bad)})")  # fmt: skip
     if not (_has_one_root(system) or _is_connected(step, guess, z)):
         return _Root(z, "the solution is not connected to the previous state (a law falls too steeply for this step)")
     return _Root(z)

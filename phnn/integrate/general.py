@@ -84,5 +84,5 @@ def march(program: Program, theta: Array, actions: Array, h: Array, states: Arra
     shapes = ((leaves + m, CONSTANTS), len(t), actions.shape[1], n, m, (4, m), (2, n))
     values = (theta, *(np.zeros(shape) for shape in shapes))
     perturbed = (theta.astype(np.complex128), *(np.zeros(shape, np.complex128) for shape in shapes))
-    room = Room(np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7 + m, m)))
+    room = Room(np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7 + m, m)), program.held)
     return int(_compiled(t, actions, h, states, efforts, (values, perturbed), room))

@@ -78,7 +78,8 @@ class Program:
         table: for the kernel, see `phnn.integrate.tables`.
         output: index of the measured storage.
         scheme: how the steps are discretised.
-        moving, travel: indices of the momentum and the displacement of an imposed motion; -1 if no motion is imposed.
+        moving, travel, contact: indices of the momentum and the displacement of an imposed motion, and of the contact
+            through which the source moves it; -1 if no motion is imposed.
         sparsity: which inputs the equations of a step contain.
     """
 
@@ -94,6 +95,7 @@ class Program:
     scheme: Scheme = Scheme.DISCRETE_GRADIENT
     moving: int = NONE
     travel: int = NONE
+    contact: int = NONE
 
     @cached_property
     def flow(self) -> int:
@@ -115,6 +117,16 @@ class Program:
         rows = rows_of(self.table, JUNCTIONS)
         found = {int(row[OWN_STORAGE]): bool(row[IS_LINEAR]) for row in rows}
         return tuple(found.get(k, False) for k in range(len(self.states)))
+
+    @cached_property
+    def held(self) -> Integers:
+        """(4,) the contact of an imposed motion, see `phnn.integrate.solve.Room`."""
+        t, gyrators = self.table, range(self.table[0, GYRATORS], self.table[0, GYRATORS + 1])
+        if self.contact < 0:
+            return np.full(4, NONE)
+        pair = [self.junctions.index(self.states[k]) for k in (self.contact, self.moving)]
+        rows = [next(r for r in gyrators if t[r, :2].tolist() == ends) for ends in (pair, pair[::-1])]
+        return np.array(pair + rows)
 
     @cached_property
     def rules(self) -> dict[str, int]:
@@ -236,7 +248,11 @@ class _Builder:
             rows[MODULATOR_STATES].append([*law, len(rows[SOURCES]), len(rows[SOURCES]) + len(sources)])
             rows[SOURCES] += sources
         table, given = self._absolute(rows), imposed(network)
-        places = () if given is None else map(self.states.index, (given.motion.momentum, given.motion.displacement))
+        places = (
+            ()
+            if given is None
+            else map(self.states.index, (given.motion.momentum, given.motion.displacement, given.contact))
+        )
         return Program(
             self.names, self.constants, tuple(self.modules), self.states, junctions, leaves, table,
             self.states.index(network.output), sparsity_of(table), self.scheme, *places,

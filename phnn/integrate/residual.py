@@ -47,8 +47,11 @@ class Residual(NamedTuple):
     scale: Tensor
 
     def relative(self) -> Tensor:
-        """(n, N+m) residual in units of its terms; zero where a motion has died away altogether."""
-        return self.value.abs() / (self.scale + _NOTHING)
+        """(n, N+m) residuals in units of the scale of their equation: the largest sum of the absolute values of its
+        terms in any of the steps. Where a motion rests, the terms of a single step are rounding."""
+        # A step that is not finite has a residual that is not, and no scale.
+        scale = torch.nan_to_num(self.scale, nan=0.0, posinf=0.0).amax(0)
+        return self.value.abs() / (scale + _NOTHING)
 
 
 class _Steps:
@@ -205,7 +208,7 @@ def check(trajectory: Trajectory, tolerance: float = 1e-10, system: PortHamilton
     """The largest relative residual of a simulated recording.
 
     Args:
-        tolerance: accepted residual, relative to the terms of each equation.
+        tolerance: accepted residual, relative to the scale of each equation, see `Residual.relative`.
         system: the module to check against; by default one of the trajectory's own network.
 
     Raises:

@@ -1,4 +1,9 @@
-"""The unknowns of a step with several junctions: a small dense Newton iteration."""
+"""The unknowns of a step with several junctions: a small dense Newton iteration.
+
+An imposed motion is no unknown. Its contact is rigid but for rounding (`phnn.network.bondgraph.imposed`), so that the
+source gives the velocity of the moved junction and the balance there gives the force in the contact, both in closed
+form. As rows of the iteration they would be sixty decades away from the others, and at rest nothing but rounding.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +13,11 @@ import numpy as np
 
 from phnn.integrate.cache import inline, plain, stay_outside
 from phnn.integrate.elimination import eliminate
-from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE
+from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, make_root
 from phnn.integrate.scalar import inertia, prepare
 from phnn.integrate.step import balance
 from phnn.integrate.table_access import is_linear, junction_storage, mean_effort
+from phnn.integrate.tables import FROM_PORT, INTO_JUNCTION, JUNCTION_INLETS
 from phnn.integrate.terms import FORCE, SIZE, Step
 from phnn.laws.namespace import TINY
 
@@ -36,24 +42,84 @@ class Room(NamedTuple):
     Attributes:
         jacobian: (m, m); step: (m, 1).
         own: (7+m, m), rows as above.
+        held: (4,) junctions of the contact and of the imposed motion, and the rows of the table that couple the motion
+            to the contact and the contact to the motion; all -1 where no motion is imposed.
     """
 
     jacobian: Any
     step: Any
     own: Any
+    held: Any
+
+
+@inline
+def _forces(t: Any, step: Step, wx: Any, held: Any) -> None:
+    """`balance` without the equations of an imposed motion."""
+    balance(t, step, wx)
+    if held[0] >= 0:
+        step.wj[FORCE, held[0]] = 0.0
+        step.wj[FORCE, held[1]] = 0.0
+
+
+@inline
+def _speed_at(z: Any, context: Any) -> Any:
+    t, k, p, v, theta, _ = context
+    return mean_effort(t, k, p, z, theta) - v, abs(mean_effort(t, k, p, p, theta)) + abs(v)
+
+
+@inline
+def _speed_slope(z: Any, context: Any) -> Any:
+    t, k, p, _, _, theta = context
+    return mean_effort(t, k, complex(p, 0.0), complex(z, TINY), theta).imag / TINY
+
+
+_end_of_speed = plain(make_root(_speed_at, _speed_slope))
+
+
+@inline
+def _impose(t: Any, h: Any, values: Any, perturbed: Any, held: Any) -> bool:
+    """Set the unknown of an imposed motion to what the velocity of its source makes of it; returns success."""
+    if held[0] < 0:
+        return True
+    theta, c, g, a, x, y, _, _ = values
+    given = 0.0
+    for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
+        if t[r, INTO_JUNCTION] == held[0]:
+            given -= g[r] * a[t[r, FROM_PORT]]
+    velocity, moved = given / g[held[2]], held[1]
+    y[held[0]], y[moved] = 0.0, velocity
+    if not is_linear(t, moved):
+        k = junction_storage(t, moved)
+        y[moved], _ = _end_of_speed(x[k], inertia(t, moved, c) / h, 0.0, (t, k, x[k], velocity, theta, perturbed[0]))
+    return np.isfinite(y[moved])
 
 
 @plain
-def fill_jacobian(t: Any, h: Any, y: Any, perturbed: Any, jacobian: Any) -> None:
-    """(m, m) ``∂F/∂y``, a column for every perturbed unknown."""
+def _bear(t: Any, h: Any, values: Any, held: Any) -> None:
+    """Set the force in the contact to what the balance of the imposed motion needs."""
+    stay_outside()
+    theta, c, g, a, x, y, wj, wx = values
+    y[held[0]] = 0.0
+    balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
+    y[held[0]] = wj[FORCE, held[1]] / g[held[3]]
+    balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
+
+
+@plain
+def _fill_jacobian(t: Any, h: Any, y: Any, perturbed: Any, jacobian: Any, held: Any) -> None:
+    """(m, m) ``∂F/∂y``, a column for every perturbed unknown; unit columns for what is no unknown."""
     stay_outside()
     theta, c, g, a, x, ys, wj, wx = perturbed
     m = y.shape[0]
     for j in range(m):
         ys[j] = complex(y[j], 0.0)
     for i in range(m):
+        if i == held[0] or i == held[1]:
+            for j in range(m):
+                jacobian[j, i] = 1.0 if j == i else 0.0
+            continue
         ys[i] = complex(y[i], TINY)
-        balance(t, Step(theta, c, g, a, x, ys, h, wj), wx)
+        _forces(t, Step(theta, c, g, a, x, ys, h, wj), wx, held)
         ys[i] = complex(y[i], 0.0)
         for j in range(m):
             jacobian[j, i] = wj[FORCE, j].imag / TINY
@@ -81,7 +147,7 @@ def _merit(wj: Any, own: Any) -> Any:
 
 
 @plain
-def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
+def _advance(t: Any, h: Any, values: Any, own: Any, held: Any) -> bool:
     """Take the first halving of a Newton step that reduces the merit.
 
     In the variables ``c_j v̄_j`` the equations of monotone laws are strongly monotone. If no halving helps, the iterate
@@ -100,7 +166,7 @@ def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
     for _ in range(_HALVINGS):
         for j in range(m):
             y[j] = own[_BEGIN, j] + part * own[_STEP, j]
-        balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
+        _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
         if _merit(wj, own) <= (1.0 - _SUFFICIENT * part) * before:
             return True
         gain = 0.0
@@ -119,7 +185,7 @@ def _advance(t: Any, h: Any, values: Any, own: Any) -> bool:
     for j in range(m):
         shift = along / norm * own[_NORMAL, j] / own[_SCALE, j] ** 2 if separated else 0.0
         y[j] = own[_BEGIN, j] - shift
-    balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
+    _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
     return separated
 
 
@@ -147,9 +213,9 @@ def _once(t: Any, h: Any, values: Any, room: Room) -> bool:
     """
     stay_outside()
     theta, c, g, a, x, y, wj, wx = values
-    jacobian, step, own = room
+    jacobian, step, own, held = room
     m = y.shape[0]
-    balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
+    _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
     for j in range(m):
         for i in range(m):
             jacobian[j, i] = own[_LATEST + j, i]
@@ -158,7 +224,7 @@ def _once(t: Any, h: Any, values: Any, room: Room) -> bool:
     for j in range(m):
         own[_BEGIN, j] = y[j]
         y[j] += step[j, 0]
-    balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
+    _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
     found = _converged(wj, own, False)
     for j in range(0 if found else m):
         y[j] = own[_BEGIN, j]
@@ -170,13 +236,13 @@ def _newton(t: Any, h: Any, values: Any, perturbed: Any, room: Room, damped: boo
     """Newton's method from ``y``, damped by `_advance` or with whole steps."""
     stay_outside()
     theta, c, g, a, x, y, wj, wx = values
-    jacobian, step, own = room
+    jacobian, step, own, held = room
     m = y.shape[0]
     for j in range(m):
         own[_SCALE, j] = np.sqrt(inertia(t, j, c) / h)
-    balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
+    _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
     for iteration in range(_ITERATIONS if damped else _WHOLE):
-        fill_jacobian(t, h, y, perturbed, jacobian)
+        _fill_jacobian(t, h, y, perturbed, jacobian, held)
         for j in range(m):
             for i in range(m):
                 own[_LATEST + j, i] = jacobian[j, i]
@@ -187,12 +253,12 @@ def _newton(t: Any, h: Any, values: Any, perturbed: Any, room: Room, damped: boo
         for j in range(m):
             own[_STEP, j] = step[j, 0]
         if damped:
-            if not _advance(t, h, values, own):
+            if not _advance(t, h, values, own, held):
                 break
         else:
             for j in range(m):
                 y[j] += step[j, 0]
-            balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
+            _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
     return _converged(wj, own, True)
 
 
@@ -216,6 +282,7 @@ def _followed(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
     own = room.own
     m = y.shape[0]
     rest_guess(t, theta, x, y)
+    _impose(t, h, values, perturbed, room.held)
     done, part = 0.0, _FIRST_PART
     while done < 1.0:
         part = min(part, 1.0 - done)
@@ -241,6 +308,17 @@ def _followed(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
 
 
 @plain
+def _solve(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
+    """Solve from the guess in ``y``."""
+    stay_outside()
+    if room.own[_LATEST, 0] != 0.0 and _once(t, h, values, room):
+        return True
+    if _newton(t, h, values, perturbed, room, True):
+        return True
+    return _followed(t, h, values, perturbed, room)
+
+
+@plain
 def solve_many(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
     """Solve for several junctions from the guess in ``y``; the values are left at the solution.
 
@@ -248,8 +326,12 @@ def solve_many(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
         values, perturbed: as for `solve_one`.
     """
     stay_outside()
-    if room.own[_LATEST, 0] != 0.0 and _once(t, h, values, room):
-        return True
-    if _newton(t, h, values, perturbed, room, True):
-        return True
-    return _followed(t, h, values, perturbed, room)
+    held = room.held
+    if held[0] < 0:
+        return _solve(t, h, values, perturbed, room)
+    # Where nothing else moves, no equation is left.
+    solved = _impose(t, h, values, perturbed, held) and (
+        values[5].shape[0] == 2 or _solve(t, h, values, perturbed, room)
+    )
+    _bear(t, h, values, held)
+    return solved

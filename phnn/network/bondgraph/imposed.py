@@ -21,8 +21,8 @@ from phnn.network.bondgraph.description import Bond, BondGraph, C, Element, I, S
 from phnn.parameters import Parameter, constant
 
 # Compliance [m/N] of the contact and mass [kg] of a massless junction, SI of whatever domain: in sums with any quantity
-# that can be measured they are lost in rounding. Newton's method weighs the equations of a step by them: the one of the
-# contact says what the velocity is and has to come first.
+# that can be measured they are lost in rounding. `phnn.integrate.solve` therefore takes the velocity for that of the
+# source, and the force for what the balance needs.
 _RIGID, _MASSLESS = 1e-60, 1e-30
 # By the unit of an imposed flow: that of its effort, and of their integrals over time.
 _UNITS = {
