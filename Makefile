@@ -62,13 +62,14 @@ demo: $(DEV)
 	fi
 
 # As many tests at once as there are cores, one thread each, those of a file together: they share what they have made.
-# The kernels are compiled before, or every worker would compile them; and bytecode is kept whatever the surroundings
-# say, or every worker and every process that a test starts would compile all modules.
+# While a worker compiles a kernel, others wait for it. Bytecode is kept whatever the surroundings say, or every worker
+# and every process that a test starts would compile all modules.
 test: $(DEV)
+	@find phnn -name '*.py' | xargs cat | wc -l | xargs printf 'phnn: %s lines'
+	@printf ' in %s files and %s folders\n' $$(find phnn -name '*.py' | wc -l) $$(find phnn -name '*.py' -printf '%h\n' | sort -u | wc -l)
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
-	@$(BIN)/python -m phnn.warm
 	@PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 test-slow: $(DEV)

@@ -30,7 +30,6 @@ _COMMANDS = {
     "modes": "find the modes of a structure, and what moves them with amplitude",
     TRAIN: "train a neural or parametric model: phnn train folder=DIR out=DIR ...",
     "demo": "conceal an effect in simulated recordings, seal it, diagnose it",
-    "serve": "show the runs below a folder in a browser of this machine",
     "prove": "conceal many effects, seal them, diagnose them all, and count",
     "bench": "make sealed cases for any tool, let a tool answer them, score answers",
 }
@@ -173,14 +172,13 @@ def _add_own(commands: dict[str, argparse.ArgumentParser]) -> None:
     """Arguments that one command alone takes."""
     commands["template"].add_argument("--out", type=Path, metavar="FILE", help="a new file; printed if left out")
     commands["check"].add_argument("--out", type=Path, metavar="DIR", help="write check.json there, too")
+    text = "end the search after so many seconds, with the best so far"
+    commands["diagnose"].add_argument("--budget", type=_number, metavar="SECONDS", help=text)
     demo = commands["demo"]
     demo.add_argument(
         "--seed", type=_seed, metavar="N", help="which effect, how strong, what noise (drawn if left out)"
     )
     demo.add_argument("--out", type=Path, metavar="DIR", default=Path("out/demo"), help="default: %(default)s")
-    serve = commands["serve"]
-    serve.add_argument("folder", type=Path, metavar="DIR", help="folder of results, or one above several")
-    serve.add_argument("--port", type=int, default=0, metavar="N", help="default: a free one, which is printed")
     _add_export(commands["export"])
     _add_invert(commands["invert"])
     _add_plot(commands["plot"])

@@ -22,9 +22,9 @@ from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from phnn.ensemble.processes import end_with
 from phnn.errors import InputRefused, PhnnError
-from phnn.output import Place
+from phnn.parallel import end_with
+from phnn.results import Place
 
 # The process of a sweep, for those it starts.
 _PARENT = "PHNN_SWEEP"
@@ -44,7 +44,7 @@ class Sweep(Callback):
     running: ClassVar[Path | None] = None
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
-        """Refuse what the runs could not share, and compile the kernels for them."""
+        """Refuse what the runs could not share."""
         # Hydra turns errors in here into warnings: only an exit ends the sweep.
         try:
             _check(config)
@@ -53,9 +53,6 @@ class Sweep(Callback):
             sys.exit(error.exit_status)
         Sweep.running = Path(config.hydra.sweep.dir)
         os.environ[_PARENT] = str(os.getpid())
-        from phnn.warm import compile_everything
-
-        compile_everything()
 
 
 @contextmanager

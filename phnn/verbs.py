@@ -60,10 +60,14 @@ def diagnose(
     options: Options | None = None,
     progress: Progress = quiet,
     effects: Sequence[Effect] | None = None,
+    budget: float | None = None,
 ) -> Diagnosis:
     """Fit the base model, locate what it misses, name it, refit, judge and confirm.
 
         diagnosis = phnn.diagnose(phnn.read("recordings/"))
+
+    A model that cannot be fitted is no candidate, and a part that fails is left out: `Diagnosis.ended` tells what.
+    Ctrl-C ends the search with the best so far.
 
     Args:
         recorded: recordings with their identification and confirmation parts, their folder, or what `phnn.identify`
@@ -71,13 +75,16 @@ def diagnose(
         options: how hard to try; those of the identification where it has been done, defaults otherwise.
         progress: called with a line of text at every stage, for example ``print``.
         effects: the catalogue to use; all effects that can exist otherwise.
+        budget: seconds after which the search ends with the best so far; one fit of the base model and its test are
+            finished in any case.
 
     Raises:
         InputRefused: a criterion is not known, the executor does not answer, an effect to do without is not in the
-            catalogue, or recordings have several inputs or outputs; nothing has been fitted yet then.
+            catalogue, recordings have several inputs or outputs, or the budget is not positive; nothing has been fitted
+            yet then.
     """
     known = recorded if isinstance(recorded, Identified) else campaign_of(recorded)
-    return Diagnosis(**vars(run_diagnosis(known, options, progress, effects)))
+    return Diagnosis(**vars(run_diagnosis(known, options, progress, effects, budget=budget, answers=True)))
 
 
 def load(folder: str | Path) -> Model | StoredModes:

@@ -18,8 +18,7 @@ from phnn.commands.compare import compare
 from phnn.commands.terminal import console, refusals, status
 from phnn.comparison.models import Settings
 from phnn.comparison.run import show
-from phnn.configuration import checked
-from phnn.intake.settings import checked as number
+from phnn.configuration import checked, number
 from studies.comparison.rivals import register_rivals
 from studies.comparison.run import compare_on_made
 from studies.recordings import Conditions

@@ -24,10 +24,10 @@ from phnn.effects import Effect, effect
 from phnn.errors import PhnnError
 from phnn.identification.base import identify_base
 from phnn.identification.options import Options
-from phnn.output import Place
 from phnn.recall import recalling
 from phnn.recordings import Campaign, read
 from phnn.report.result import document
+from phnn.results import Place
 from studies.generator import Sealed, draw_case, make_case
 from studies.proof.cases import LEVELS, Task
 from studies.proof.grades import WRONG

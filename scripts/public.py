@@ -20,7 +20,7 @@ from omegaconf import DictConfig, OmegaConf
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
 
 from phnn.configuration import config_folder
-from phnn.output import Place
+from phnn.results import Place
 from studies.public.figures import figures
 
 

@@ -25,7 +25,7 @@ os.environ.update(ONE_THREAD)
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
     from phnn.commands.terminal import refusals
-    from phnn.output import claim
+    from phnn.results import claim
     from studies.trainers.page import RESULTS, run
 
     settings = OmegaConf.to_container(config, resolve=True)

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.output import write_atomic
 from phnn.report.formatting import number
+from phnn.results import write_atomic
 from studies.generator.actuator import TABLE, Array, simulate_all
 from studies.generator.concealed import EFFECTS, described, draw, drifts
 from studies.generator.excitation import PEAK, Excitation, chirp, sine, step

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused
-from phnn.output import Place, write_atomic
 from phnn.report.figures import Drawing
+from phnn.results import Place, write_atomic
 
 _FIGURES = "figures"
 

@@ -91,7 +91,9 @@ def diagnosis(effect: str, *names: str, seed: int = SEED) -> Diagnosis:
     chosen = [catalogue()[n] for n in names] or None
     fitted = base(effect, seed)
     with mock.patch.object(path, "identify_base", return_value=(fitted, numerical_error(fitted))):
-        return path.diagnose(campaign(effect, seed), Options(workers=2), effects=chosen)
+        found = path.diagnose(campaign(effect, seed), Options(workers=2), effects=chosen)
+    assert found.ended.warnings == (), "a part of the diagnosis has failed"
+    return found
 
 
 def recorded(

@@ -112,6 +112,7 @@ def reference(folder: Path) -> Names:
 
 _SETUPS: dict[str, Callable[[Path], Names]] = {
     "README": recordings,
+    "cluster": recordings,
     "comparison": recordings,
     "diagnose": recordings,
     "what-phnn-can-say": recordings,

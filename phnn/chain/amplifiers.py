@@ -18,7 +18,7 @@ from phnn.chain.delay import delay
 from phnn.chain.knee import banded, kneed
 from phnn.chain.lowpass import lowpass, second_order_lowpass
 from phnn.chain.rate import imposed_rate
-from phnn.integrate.compiled import entry
+from phnn.integrate.cache import entry
 from phnn.laws.namespace import absolute, exp, log1p, maximum, minimum, real, shared, where
 
 Array = NDArray[Any]

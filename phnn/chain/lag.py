@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.chain.midpoints import midpoints
-from phnn.integrate.compiled import entry
+from phnn.integrate.cache import entry
 
 Array = NDArray[Any]
 

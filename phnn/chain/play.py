@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.chain.midpoints import midpoints
-from phnn.integrate.compiled import entry
+from phnn.integrate.cache import entry
 from phnn.laws.namespace import maximum, minimum, real
 
 Array = NDArray[Any]

@@ -9,7 +9,7 @@ from typing import Any
 
 from phnn.commands.terminal import Config
 from phnn.errors import InputRefused
-from phnn.output import Origin, claim
+from phnn.results import Origin, claim
 from studies.benchmark.fingerprints.settings import TrainSettings
 from studies.benchmark.fingerprints.training import TABLE, TRAINING, VALIDATION, digest, train
 from studies.benchmark.fingerprints.validation import validated
@@ -35,7 +35,7 @@ def bench(step: str, out: Path, config: Config, options: Mapping[str, Any], over
         config: settings of ``write`` and of ``train``.
         options: ``cases``: what ``write`` has written; ``tool``: its name; ``training``: what ``train`` has written;
             ``answers``: folders with those of tools; ``first``: so many cases alone, None for all; ``limit``:
-            processor seconds that a tool has for a case, None for no limit; ``executor``: see `phnn.ensemble.executor`.
+            processor seconds that a tool has for a case, None for no limit; ``executor``: see `phnn.parallel.executor`.
 
     Raises:
         InputRefused: an option that a step does not take, or lacks.

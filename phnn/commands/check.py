@@ -6,9 +6,8 @@ from pathlib import Path
 
 from phnn.check import check as check_recordings
 from phnn.identification.prepare import prepare
-from phnn.intake.names import printable
-from phnn.output import claim
 from phnn.recordings import read
+from phnn.results import claim, printable
 
 
 def check(

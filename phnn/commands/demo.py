@@ -11,10 +11,10 @@ from phnn.commands.diagnose import diagnose_into
 from phnn.demo import EFFECTS, make, open_seal, seal
 from phnn.errors import PhnnError
 from phnn.identification.options import Options
-from phnn.output import claim
+from phnn.integrate.cache import compile_ahead
 from phnn.recordings import read
 from phnn.report.provenance import command_line, provenance
-from phnn.warm import begin_for_diagnosis
+from phnn.results import claim
 
 # Members of a class beyond which it names nothing.
 _CLASS = 3
@@ -27,7 +27,7 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any], overwrite: bool
         PhnnError: the sealed effect was neither named nor in a stated class of at most three.
     """
     chosen = secrets.randbelow(10_000) if seed is None else seed
-    begin_for_diagnosis()
+    compile_ahead()
     print(f"seed {chosen} (repeat with SEED={chosen}); one of {', '.join(EFFECTS)} is concealed", flush=True)
     with claim(out, "demo", (), ("recordings", "seal", "diagnosis"), overwrite=overwrite) as place:
         made = make(chosen)
@@ -41,6 +41,8 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any], overwrite: bool
         # The seed that was drawn, where none was given: only so the command gives the same again.
         made_of = provenance(campaign, command_line(["demo", "--seed", str(chosen), "--out", str(out)]))
         diagnosis = diagnose_into(campaign, place / "diagnosis", Options.from_config(config), result, made_of)
+    if diagnosis.ended.interruption is not None:
+        raise diagnosis.ended.interruption
     sealed = open_seal(sealed_file.path, digest)
     j = diagnosis.judgement
     claimed = j.claimed

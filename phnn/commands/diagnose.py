@@ -10,15 +10,17 @@ from rich.console import Console
 from phnn.commands.terminal import Config, doubt, status
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.diagnosis import diagnose as run_diagnosis
+from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
-from phnn.output import Place, claim, watched
+from phnn.integrate.cache import compile_ahead
 from phnn.recordings import Campaign, read
 from phnn.report import console_summary
 from phnn.report.evidence import Provenance
 from phnn.report.provenance import command_line, provenance
-from phnn.report.result import RESULTS, evidence, write_into
-from phnn.warm import compile_for_diagnosis
+from phnn.report.result import RESULTS, write_into
+from phnn.rescue import deadline
+from phnn.results import Place, claim, watched
 
 
 def diagnose(
@@ -29,25 +31,43 @@ def diagnose(
     outside: bool = False,
     overwrite: bool = False,
     typed: Sequence[str] = (),
+    budget: float | None = None,
 ) -> None:
-    """Diagnose a folder; writes ``diagnosis.json``, ``report.html``, ``model/``, ``base/`` and ``figures/``."""
+    """Diagnose a folder; writes ``diagnosis.json``, ``report.html``, ``model/``, ``base/`` and ``figures/``.
+
+    Raises:
+        KeyboardInterrupt: the search was interrupted; what it had come upon is written.
+    """
+    deadline(budget)
     options = Options.from_config(config)
     campaign = read(folder, manifest, allow_outside=outside)
     doubt(campaign)
     with claim(out, "diagnose", [folder], RESULTS, overwrite=overwrite) as place:
-        diagnose_into(campaign, place, options, out, provenance(campaign, command_line(typed), manifest))
+        made_of = provenance(campaign, command_line(typed), manifest)
+        diagnosis = diagnose_into(campaign, place, options, out, made_of, budget)
+    if diagnosis.ended.interruption is not None:
+        raise diagnosis.ended.interruption
 
 
 def diagnose_into(
-    campaign: Campaign, place: Place, options: Options, out: Path, made_of: Provenance | None = None
+    campaign: Campaign,
+    place: Place,
+    options: Options,
+    out: Path,
+    made_of: Provenance | None = None,
+    budget: float | None = None,
 ) -> Diagnosis:
     """Diagnose, write what `diagnose` writes, and print it; ``out`` is the place as the user calls it."""
+
+    def on_base(fitted: Fit) -> None:
+        save_fit(fitted, place / "base")
+
     with status() as tell, watched(place, "diagnose", tell) as progress:
-        compile_for_diagnosis(progress)
-        diagnosis = run_diagnosis(campaign, options, progress, on_base=lambda fitted: save_fit(fitted, place / "base"))
+        if compile_ahead():
+            progress("compile the simulation, once on this machine")
+        diagnosis = run_diagnosis(campaign, options, progress, on_base=on_base, budget=budget, answers=True)
         progress("write the report")
-        shown = evidence(diagnosis, made_of)
-        document = write_into(diagnosis, place, shown)
+        document, shown = write_into(diagnosis, place, made_of)
     Console().print(console_summary(document, shown))
     Console().print(f"report: {out / 'report.html'}   seed: {options.seed}")
     return diagnosis

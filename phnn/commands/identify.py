@@ -18,11 +18,11 @@ from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
+from phnn.integrate.cache import compile_ahead
 from phnn.network.roles import auxiliary
-from phnn.output import PROGRESS, Place, claim, finite, watched
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import interval
-from phnn.warm import compile_for_diagnosis
+from phnn.results import PROGRESS, Place, claim, finite, watched
 
 
 def identify(
@@ -46,7 +46,8 @@ def identify(
 def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[str, Any], Evaluation]:
     """Fit the base model and write it; its table of parameters, and its scores."""
     with status() as tell, watched(place, "identify", tell) as progress:
-        compile_for_diagnosis(progress)
+        if compile_ahead():
+            progress("compile the simulation, once on this machine")
         fitted, error = identify_base(campaign, options, progress)
         scores = score_on_all(fitted, campaign)
     save_fit(fitted, place / "base")

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from phnn.errors import InputRefused
 from phnn.inverse import Inverse, InverseOptions
 from phnn.model import Model
-from phnn.output import Place, claim
 from phnn.predictor import loaded
 from phnn.recordings.checks import like_an_actuator
 from phnn.recordings.reference import Reference, read_reference
@@ -23,6 +22,7 @@ from phnn.recordings.table import Where
 from phnn.report.figures.inverse import draw_inverse
 from phnn.report.figures.style import RC, png
 from phnn.report.formatting import quantity
+from phnn.results import Place, claim
 
 # What `phnn invert` writes into its folder.
 RESULTS = ("command.csv", "invert.json", "invert.png")

@@ -9,9 +9,9 @@ from phnn.modal.experiment import study_of
 from phnn.modal.settings import Settings
 from phnn.modal.store import channels_of, model_document
 from phnn.modal.study import study_modes
-from phnn.output import claim
 from phnn.recordings import read
 from phnn.report.modes import RESULTS, show, write_modes
+from phnn.results import claim
 
 
 def modes(

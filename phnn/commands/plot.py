@@ -14,7 +14,6 @@ from phnn.errors import InputRefused
 from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
-from phnn.output import claim
 from phnn.plot.balance import balance
 from phnn.plot.correlations import whiteness
 from phnn.plot.hysteresis import hysteresis
@@ -27,6 +26,7 @@ from phnn.report.document import Location
 from phnn.report.figures.style import svg
 from phnn.report.reading import read_document
 from phnn.report.tables import literal_text
+from phnn.results import claim
 from phnn.simulate import simulate
 
 _DIAGNOSIS = "diagnosis.json"

@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from phnn.commands.terminal import console
-from phnn.intake.names import printable
-from phnn.output import claim, unique_names
 from phnn.prediction import document
 from phnn.predictor import predictor
 from phnn.recordings import read
 from phnn.report.predicted import score_table
+from phnn.results import claim, printable, unique_names
 
 
 def predict(

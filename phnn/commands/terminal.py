@@ -11,8 +11,8 @@ from rich.console import Console
 
 from phnn.check.gain import doubts_of_units
 from phnn.errors import PhnnError
-from phnn.intake.names import printable
 from phnn.recordings import Campaign
+from phnn.results import printable
 
 Config = Mapping[str, Any]
 # A pipe has no width of its own: whole tables fit there.

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.comparison.training import Recipe, Training, train
+from phnn.configuration import check, positive
 from phnn.diagnosis.tested import score_on_all
 from phnn.errors import InputRefused
 from phnn.identification.base import Progress, identify_base, identify_bouc_wen
@@ -28,12 +29,11 @@ from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import identify_actuator
-from phnn.intake.settings import check, positive
 from phnn.learn.plant import NetworkPlant
 from phnn.models.store import save
-from phnn.output import Place, file_name, finite, same
 from phnn.recordings.digest import digest
 from phnn.recordings.recording import Campaign, Recording
+from phnn.results import Place, file_name, finite, same
 from phnn.setup import Setup
 
 Array = NDArray[np.float64]

@@ -20,10 +20,10 @@ from phnn.identification.base import Progress, quiet
 from phnn.identification.evaluate import PartScore
 from phnn.identification.prepare import single
 from phnn.identification.zero import own_zeros
-from phnn.output import Origin, claim
 from phnn.recordings import Campaign
 from phnn.report.figures.style import CATEGORIES, RC, literal, log_axis, new_figure, png, quiet_grid
 from phnn.report.formatting import markdown_table, number, percent, ratio
+from phnn.results import Origin, claim
 
 Results = Mapping[str, Result]
 

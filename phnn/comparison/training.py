@@ -33,9 +33,9 @@ from phnn.learn.trainer import Trainer
 from phnn.learn.windows import thinned
 from phnn.models.fully_neural import FullyNeural
 from phnn.models.neural_ode import NeuralODE
-from phnn.output import Place
 from phnn.recordings.digest import digest
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
+from phnn.results import Place
 
 _LINEAR = "linear"
 # Of a neural ODE: rate of the fast lag over that of the highest frequency, and what each slow lag adds to the gain.

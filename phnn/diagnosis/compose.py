@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 from phnn.criteria import Criteria
 from phnn.diagnosis.candidates import begun_again, further_candidates, is_named
@@ -26,12 +26,12 @@ from phnn.diagnosis.scored import Scored
 from phnn.diagnosis.search import Search
 from phnn.diagnosis.select import Selected
 from phnn.diagnosis.trial import Trial, class_of
-from phnn.errors import PhnnError
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
 from phnn.identification.gain import Gain
 from phnn.identification.left_out import LeftOut, leave_out
 from phnn.identification.staged import fit_identified, stated_only
+from phnn.rescue import attempt, move
 
 # A refit, its fit and what that predicts.
 _Shown = tuple[Trial, Fit, Evaluation]
@@ -105,9 +105,8 @@ def compose(
         return kept, final
     start = searched.longest or searched
     held = leave_out(final.plan, criteria.confirmation.held_out_blocks)
-    try:
-        base = _on(held, material.base)
-    except PhnnError:
+    base = attempt("fit of the base model to some recordings", partial(_on, held, material.base), None)
+    if base is None:
         return kept, final
     begun = base if not start.findings else fit_with(base, start.findings, start.model.linearised.fit.setup.values())
     if begun is None:
@@ -118,18 +117,21 @@ def compose(
     here = _still_needed(material, held, base, here, len(here.findings), record)
     again = [] if here.findings else begun_again(tried, material.base, criteria)
     for _ in range(_ROUNDS * criteria.composition.most_elements):
-        if record.decide(LEAVES, here.leaves) is not None:
+        part = f"element {len(here.findings) + 1} of the composed model"
+        grown = move(part, partial(_grow, material, held, base, here, again, record), None)
+        if grown is None:
             break
-        further = _further(material, held, here, again, record)
-        if further is None:
-            break
-        here, again = _still_needed(material, held, base, further, len(further.findings) - 1, record), []
+        here, again = grown, []
     if not here.findings or _same(here.findings, kept):
         return kept, final
-    whole = _on_all(material.base, here, final)
+    whole = move("fit of the composed model to all recordings", lambda: _on_all(material.base, here, final), None)
     if record.decide(WHOLE, WholeCase(None if whole is None else whole.cost, final.cost)) is not None or whole is None:
         return kept, final
-    found = with_nearest_laws(held, base, here.findings, here.fit, material.search, record)
+    found = move(
+        "effects that can replace learned elements",
+        lambda: with_nearest_laws(held, base, here.findings, here.fit, material.search, record),
+        here.findings,
+    )
     # A fit of the search without an element may have elements that this model lacks.
     return tuple(replace(f, others_alone=None) for f in found), whole
 
@@ -165,8 +167,20 @@ def _on(held: LeftOut, fitted: Fit) -> Fit:
     return replace(again, alternatives=fitted.alternatives)
 
 
+def _grow(
+    material: Material, held: LeftOut, base: Fit, here: _Grown, again: Sequence[Candidate], record: Record
+) -> _Grown | None:
+    """The model with one more element, and without those that it needs no more; None where nothing is to be added."""
+    if record.decide(LEAVES, here.leaves) is not None:
+        return None
+    further = _further(material, held, here, again, record)
+    return None if further is None else _still_needed(material, held, base, further, len(further.findings) - 1, record)
+
+
 def _grown(material: Material, held: LeftOut, findings: tuple[Finding, ...], fitted: Fit) -> _Grown:
     scores = held.scores(fitted)
+    if findings:
+        material.search.visit(findings, fitted)
     return _Grown(findings, fitted, scores, held.over_noise(scores), material)
 
 

@@ -42,7 +42,15 @@ from phnn.diagnosis.rules.held_out import MODEL, NAMELESS, REMAINDER, ModelCase,
 from phnn.diagnosis.rules.verdict import VERDICT, another_form_is_named
 from phnn.diagnosis.scored import Scored
 from phnn.diagnosis.select import share_of
-from phnn.diagnosis.tested import SURE, Outcome, Tested, learned_forms, score_on_all, tested_elements
+from phnn.diagnosis.tested import (
+    SURE,
+    Outcome,
+    Tested,
+    learned_forms,
+    score_on_all,
+    scored_one_by_one,
+    tested_elements,
+)
 from phnn.effects import Effect
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
@@ -94,6 +102,20 @@ def confirmed(
         judgement = _nameless(judgement, tested, criteria, record)
         after = before if judgement.final is base else after
     return replace(judgement, rules=tuple(record.asked)), before, after
+
+
+def unconfirmed(judgement: Judgement, base: Fit, campaign: Campaign) -> tuple[Judgement, Evaluation, Evaluation]:
+    """The judgement where held-out recordings could not be asked: nothing is named. The model stays only if it can be
+    simulated on all recordings that the base model can."""
+    before = scored_one_by_one(base, campaign)
+    if judgement.location is None:
+        return judgement, before, before
+    after = before if judgement.final is base else scored_one_by_one(judgement.final, campaign)
+    if len(after.parts) < len(before.parts):
+        nameless = unexplained(judgement.linearised, judgement.naming, judgement.location, judgement.tried)
+        return replace(nameless, rules=judgement.rules), before, before
+    findings = tuple(replace(f, provisional=True) for f in judgement.findings)
+    return replace(judgement, verdict="unknown", findings=findings), before, after
 
 
 def _no_surer(tested: Tested, level: float) -> Tested:

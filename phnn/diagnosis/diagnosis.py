@@ -4,29 +4,32 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 from phnn.criteria import CRITERIA, Criteria
-from phnn.diagnosis.confirm import confirmed
+from phnn.diagnosis.confirm import confirmed, unconfirmed
 from phnn.diagnosis.distil import Distilled, distil, has_grammar
 from phnn.diagnosis.distil.refitted import refitted_formula
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.following import NextExperiment
 from phnn.diagnosis.judge import Judgement, judge
+from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
+from phnn.diagnosis.name import NOT_JUDGED
 from phnn.diagnosis.propose import propose
 from phnn.diagnosis.questions import questions
 from phnn.diagnosis.retest import better_base, fit_with
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.held_out import NUMERICS, NumericsCase, numerical_limit
-from phnn.diagnosis.search import Search
-from phnn.effects import Effect, catalogue, effect, in_all_forms
+from phnn.diagnosis.scored import Scored
+from phnn.diagnosis.search import Search, Visited
+from phnn.diagnosis.trial import tie
+from phnn.effects import Effect, Scales, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
-from phnn.ensemble import Executor, executor
-from phnn.errors import PhnnError
 from phnn.identification.base import Progress, identify_base, quiet
 from phnn.identification.evaluate import Evaluation
-from phnn.identification.fit import Fit
+from phnn.identification.fit import Fit, fit
 from phnn.identification.identified import Identified, model_of
 from phnn.identification.numerics import NumericalError
 from phnn.identification.options import Options
@@ -34,7 +37,9 @@ from phnn.identification.prepare import single
 from phnn.identification.refinement import refined, with_bounded_error
 from phnn.integrate.residual import check
 from phnn.model import Model
+from phnn.parallel import Executor, executor
 from phnn.recordings.recording import Campaign
+from phnn.rescue import Ended, accounted, attempt, deadline, extra, move, needed
 from phnn.setup import Setup
 
 # How often all steps are halved where the numerical error could be taken for physics.
@@ -52,8 +57,10 @@ class Diagnosis:
     judgement: verdict, location, effects, remainder.
     before, after: scores of the base and the final model on all recordings, held-out ones among them.
     proposal: the next recording, where something is tied or has no name.
-    kernel_residual: largest relative residual that the torch module finds in the compiled simulations of both models.
+    kernel_residual: largest relative residual that the torch module finds in the compiled simulations of both models;
+        NaN where it finds a step that is not solved, which is then among the warnings.
     options, seconds: how it was made; criteria: with which thresholds.
+    ended: how the search ended, what was not tried, and what failed.
     """
 
     campaign: Campaign
@@ -67,6 +74,7 @@ class Diagnosis:
     options: Options
     seconds: float
     criteria: Criteria = CRITERIA
+    ended: Ended = field(default_factory=Ended)
 
     def __repr__(self) -> str:
         names = ", ".join(finding.effect.name for finding in self.judgement.findings) or "nothing"
@@ -116,7 +124,11 @@ def _distilled(judgement: Judgement, executor: Executor, criteria: Criteria) -> 
         alone = fit_with(judgement.linearised.fit, others, fit.setup.values()) if others else judgement.linearised.fit
         return None if alone is None else refitted_formula(fit, alone, element, executor, criteria)
 
-    return replace(judgement, findings=tuple(replace(f, description=formula(f)) if f.learned else f for f in found))
+    def described(finding: Finding) -> Finding:
+        part = f"formula of the {finding.effect.name.replace('_', ' ')}"
+        return replace(finding, description=extra(part, partial(formula, finding), None))
+
+    return replace(judgement, findings=tuple(described(f) if f.learned else f for f in found))
 
 
 def _base(
@@ -140,16 +152,20 @@ def _judged(
     """
     found = _judged_from(search, base, error)
     for _ in range(_BASES):
-        better = better_base(found[0], found[2].final)
+        better = extra("a better optimum of the base model", partial(better_base, found[0], found[2].final), None)
         if better is None:
             break
         search.progress(f"the base model itself fits better: residual {better.chi2**0.5:.3g} × noise; search again")
-        try:
-            begun = with_bounded_error(better, options.error_bound_sigma)
-        except PhnnError:
+        bounded = partial(with_bounded_error, better, options.error_bound_sigma)
+        begun = extra("finer steps of the better base model", partial(attempt, "finer steps", bounded, None), None)
+        if begun is None:
             break
         on_base(begun[0])
-        found = _judged_from(search, *begun)
+        again = _judged_from(search, *begun)
+        if again[2].final.cost > found[2].final.cost:
+            # It has ended early.
+            break
+        found = again
     return found
 
 
@@ -159,20 +175,73 @@ def _judged_from(search: Search, base: Fit, error: NumericalError) -> tuple[Fit,
     Returns:
         The base model with these steps, its numerical error, and the judgement.
     """
-    found = search.scored(base, error)
+    found = needed("test of the base model", partial(search.scored, base, error), None, ends=True)
+    if found is None:
+        return base, error, _untested(base)
     for _ in range(_REFINEMENTS):
         if found.naming.numerical <= numerical_limit(found.naming.statistic, search.criteria.selection):
             break
         search.progress(f"numerical error could score {found.naming.numerical:.2g}: finer steps")
-        finer = refined(base)
-        again = search.scored(*finer)
+        better = move("finer steps of the base model", partial(_finer, search, base), None)
+        if better is None:
+            break
+        finer, again = better
         enough = numerical_limit(again.naming.statistic, search.criteria.selection)
         if again.naming.numerical > max(enough, _HELPS * found.naming.numerical):
             # It comes from the input between the samples, which finer steps do not know better.
             break
         (base, error), found = finer, again
     search.progress(f"largest score {found.naming.statistic:.3g}: locate and name")
-    return base, error, judge(found, search)
+    judgement = move("search", partial(judge, found, search), None)
+    if judgement is None:
+        location = needed("location of the mismatch", lambda: found.remaining, None)
+        here = found.linearised
+        judgement = Judgement("unknown", here, found.naming, location, base, here, (), (), found.naming, location)
+    return base, error, judgement
+
+
+def _finer(search: Search, base: Fit) -> tuple[tuple[Fit, NumericalError], Scored]:
+    """The base model with finer steps, and its scores."""
+    finer = refined(base)
+    return finer, search.scored(*finer)
+
+
+def _untested(base: Fit) -> Judgement:
+    """The judgement where even the test of the base model failed: nothing is known of what it lacks."""
+    bare = LinearisedFit(base, (), Scales(*(float("nan"),) * 9))
+    linearised = needed("simulation of the base model", partial(prepare, base), bare)
+    return Judgement("unknown", linearised, NOT_JUDGED, None, base, linearised, remainder=NOT_JUDGED)
+
+
+def _best_so_far(judgement: Judgement, visited: Sequence[Visited]) -> Judgement:
+    """The judgement of a search that has ended early, with the best model that it came upon: no name is claimed of it.
+
+    What was fitted with coarse steps, or to some of the recordings, is simulated on all of them first.
+    """
+    base, final = judgement.linearised.fit, judgement.final
+    if judgement.location is None:
+        return judgement
+    findings = judgement.findings
+    for model in visited:
+        names = [n for n in model.fit.variables.names if n in model.fit.setup.parameters]
+        once = partial(fit, model.fit.setup, base.plan, names, base.held, 1, origin=model.fit)
+        whole = attempt("simulation of a model that the search came upon", once, None)
+        if whole is not None and whole.cost < final.cost - tie(final):
+            findings, final = model.findings, whole
+    if final is judgement.final:
+        return judgement
+    linearised = needed("simulation of the best model so far", partial(prepare, final), None)
+    if linearised is None:
+        return judgement
+    return replace(
+        judgement,
+        verdict="unknown",
+        findings=tuple(replace(f, provisional=True, others_alone=None) for f in findings),
+        final=final,
+        final_linearised=linearised,
+        remainder=NOT_JUDGED,
+        remainder_location=None,
+    )
 
 
 def _held_against_numerics(judgement: Judgement, criteria: Criteria) -> Judgement:
@@ -186,6 +255,14 @@ def _held_against_numerics(judgement: Judgement, criteria: Criteria) -> Judgemen
     return replace(judgement, verdict=verdict, rules=tuple(record.asked))
 
 
+def _kernel_residual(judgement: Judgement) -> float:
+    """The largest relative residual that the torch module finds in the simulations of both models; NaN where it is too
+    large."""
+    fits = {id(g): g for g in (judgement.linearised, judgement.final_linearised)}.values()
+    part = "check of the simulations against the equations"
+    return max((needed(part, partial(check, t), float("nan")) for g in fits for t in g.trajectories), default=0.0)
+
+
 def diagnose(
     recorded: Campaign | Identified,
     options: Options | None = None,
@@ -193,8 +270,14 @@ def diagnose(
     effects: Sequence[Effect] | None = None,
     on_base: Callable[[Fit], None] | None = None,
     learned: Sequence[Effect] | None = None,
+    budget: float | None = None,
+    answers: bool = False,
 ) -> Diagnosis:
     """Fit the base model, locate what it misses, name it, refit, judge and confirm.
+
+    Nothing that was finished is lost: a model that cannot be fitted is no candidate, a part that fails is left out, and
+    when the time is up, the best model so far is the answer. `Diagnosis.ended` tells all that.
+    One fit of the base model and its test are finished in any case.
 
     Args:
         recorded: recordings with their identification and confirmation parts, or a base model identified from them.
@@ -204,34 +287,48 @@ def diagnose(
         on_base: called with the base fit as soon as there is one, and before a search begins again from a better one,
             so that it can be kept whatever comes.
         learned: elements without a name that may be added; all that can exist otherwise.
+        budget: seconds after which the search ends with the best so far; no bound if left out.
+        answers: an interruption ends the search in the same way, and `Ended.interruption` holds it; it is raised
+            otherwise, as by a study of many diagnoses.
 
     Raises:
         InputRefused: a criterion is not known, the executor is not understood or does not answer, an effect to do
-            without is not in the catalogue, or recordings have several inputs or outputs;
+            without is not in the catalogue, recordings have several inputs or outputs, or the budget is not positive;
             nothing has been fitted yet then.
     """
-    began = time.monotonic()
+    began, until = time.monotonic(), deadline(budget)
     chosen = options or (recorded.options if isinstance(recorded, Identified) else Options())
     criteria = CRITERIA.with_values(chosen.criteria)
     refits, left_out = executor(chosen.executor), [effect(name) for name in chosen.without]
-    campaign, base, error = _base(recorded, chosen, criteria, progress)
-    catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, left_out)
-    progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
-    tell = on_base or (lambda fitted: None)
-    tell(base)
-    nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else learned
-    search = Search(
-        catalogue_, nameless, chosen.seed, max(1, chosen.max_effects), criteria, refits,
-        input_measured(campaign, base.setup), campaign.held_out_is_new, progress,
-    )  # fmt: skip
-    base, error, judgement = _judged(search, chosen, base, error, tell)
-    progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
-    judgement, before, after = confirmed(judgement, base, campaign, criteria, search.scored)
-    judgement = _held_against_numerics(_distilled(judgement, refits, criteria), criteria)
-    linearised_fits = {id(g): g for g in (judgement.linearised, judgement.final_linearised)}.values()
-    residual = max(check(t) for g in linearised_fits for t in g.trajectories)
-    proposal = propose(questions(judgement, criteria), judgement.linearised, criteria.selection.tie)
-    seconds = time.monotonic() - began
+    with accounted(until, answers=answers) as account:
+        campaign, base, error = _base(recorded, chosen, criteria, progress)
+        catalogue_ = list(effects) if effects is not None else available(campaign, base.setup, left_out)
+        progress(f"base model: residual {base.chi2**0.5:.3g} × noise; locate and name")
+        tell = on_base or (lambda fitted: None)
+        tell(base)
+        nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else learned
+        search = Search(
+            catalogue_, nameless, chosen.seed, max(1, chosen.max_effects), criteria, refits,
+            input_measured(campaign, base.setup), campaign.held_out_is_new, progress,
+        )  # fmt: skip
+        base, error, judgement = _judged(search, chosen, base, error, tell)
+        if account.ended().early:
+            judgement = _best_so_far(judgement, search.visited)
+        progress(f"verdict {judgement.verdict}; confirm on held-out recordings")
+        confirm = partial(confirmed, judgement, base, campaign, criteria, search.scored)
+        held_out = needed("test on held-out recordings", confirm, None)
+        judgement, before, after = held_out or unconfirmed(judgement, base, campaign)
+        named = needed("formulas", partial(_distilled, judgement, refits, criteria), judgement)
+        judgement = needed("numerical error", partial(_held_against_numerics, named, criteria), named)
+        residual = _kernel_residual(judgement)
+        ask = partial(_proposed, judgement, criteria)
+        proposal = extra("the next recording", ask, None)
+    seconds, ended = time.monotonic() - began, account.ended(budget)
     return Diagnosis(
-        campaign, base, error, judgement, before, after, proposal, residual, chosen, seconds, criteria
+        campaign, base, error, judgement, before, after, proposal, residual, chosen, seconds, criteria, ended
     )  # fmt: skip
+
+
+def _proposed(judgement: Judgement, criteria: Criteria) -> NextExperiment | None:
+    """The next recording, where something is tied or has no name."""
+    return propose(questions(judgement, criteria), judgement.linearised, criteria.selection.tie)

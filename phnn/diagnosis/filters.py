@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.compiled import entry
+from phnn.integrate.cache import entry
 
 Array = NDArray[np.float64]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from phnn.criteria import SELECTION, Criteria
 from phnn.diagnosis.compose import Material, compose
@@ -25,6 +26,7 @@ from phnn.diagnosis.select import Selected, exact, misplaced, select, share_of
 from phnn.diagnosis.trial import Trial
 from phnn.effects import Effect
 from phnn.identification.fit import Fit
+from phnn.rescue import extra, move, needed
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Immaterial:
 class Judgement:
     """Attributes:
     verdict: ``named``, ``equivalent``, ``unknown`` or ``none``.
-    linearised, naming, location: of the base model; location is None for ``none``.
+    linearised, naming, location: of the base model; location is None for ``none``, and where the search failed before.
     findings: elements added, in order; empty for ``none``. Of an ``unknown`` all of them are provisional.
     tried: refits of a first effect, also where none was accepted.
     final: the best model that these recordings support, whatever the verdict; the base fit for ``none``.
@@ -126,13 +128,15 @@ def judge(found: Scored, search: Search) -> Judgement:
     """
     linearised, naming, record = found.linearised, found.naming, Record()
     record.decide(BASE, BaseCase(naming.p_value, search.criteria.selection))
-    location = found.remaining
+    location = needed("location of the mismatch", lambda: found.remaining, None, ends=True)
     if location is None:
-        return Judgement("none", linearised, naming, None, linearised.fit, linearised, rules=tuple(record.asked))
-    selected, tried = select(found, search)
+        word = "unknown" if found.significant else "none"
+        return Judgement(word, linearised, naming, None, linearised.fit, linearised, rules=tuple(record.asked))
+    nothing: tuple[Selected, tuple[Trial, ...]] = Selected((), found, 1.0), ()
+    selected, tried = move("search for effects", partial(select, found, search), nothing)
     record.asked.extend(selected.rules)
     asked = _Asked(found, location, search)
-    word, also = _word(asked, selected, record)
+    word, also = needed("verdict", lambda: _word(asked, selected, record), ("unknown", location.name))
     word, model, findings = _composed(asked, selected, tried, word, record)
     return Judgement(
         word, linearised, naming, _also(location, also), model.linearised.fit, model.linearised, findings, tried,
@@ -162,7 +166,8 @@ def _word(asked: _Asked, selected: Selected, record: Record, beside: Sequence[Fi
     share = share_of(linearised.fit, final, asked.found.naming)
     alone = None
     if location.name == "mechanical" and left is not None and share < rule.explains_well:
-        alone = learn(linearised, group_of(location).kind)
+        kind = group_of(location).kind
+        alone = extra("a learned element at the location", lambda: learn(linearised, kind), None)
     case = VerdictCase(
         effects=len(selected.findings),
         members=max((len(f.alike) for f in selected.findings), default=0),
@@ -188,6 +193,23 @@ def _composed(
 ) -> tuple[str, Scored, tuple[Finding, ...]]:
     """Verdict, model and elements after composing, where the search has left something."""
     named = selected.findings if word != "unknown" else ()
+    composed = partial(_after_composing, asked, selected, tried, word, named, record)
+    word, model, findings, named = move("composition", composed, (word, selected.model, selected.findings, named))
+    names = effects_of(_of_their_own(named, record))
+    word = "equivalent" if word == "named" and len(names) < len(named) else word
+    kept = tuple(replace(f, provisional=f.effect not in names) for f in findings)
+    return word, model, kept
+
+
+def _after_composing(
+    asked: _Asked,
+    selected: Selected,
+    tried: tuple[Trial, ...],
+    word: str,
+    named: tuple[Finding, ...],
+    record: Record,
+) -> tuple[str, Scored, tuple[Finding, ...], tuple[Finding, ...]]:
+    """Verdict, model and elements after composing, and the elements whose names are claimed."""
     base = asked.found.linearised
     # Grown on some of the recordings, a model has to predict the others too.
     material = Material(base.fit, replace(asked.search, reach=base.scales))
@@ -201,15 +223,15 @@ def _composed(
         word, named = "unknown", ()
         # Whatever had a name before has to claim it anew beside what was added.
         if places := _claimed(findings, model, asked.search.criteria, record):
-            findings, model, places = _exchanged(asked, findings, model, places, record)
+            exchange = partial(_exchanged, asked, findings, model, places, record)
+            # A name that was not held against its neighbours is not claimed.
+            lost: tuple[tuple[Finding, ...], Scored, list[int]] = findings, model, []
+            findings, model, places = move("neighbours of the elements", exchange, lost)
             claimed = tuple(findings[place] for place in places)
             share = share_of(base.fit, model.linearised.fit, asked.found.naming)
             word, _ = _word(asked, Selected(claimed, model, share), record, findings)
             named = claimed if word != "unknown" else ()
-    names = effects_of(_of_their_own(named, record))
-    word = "equivalent" if word == "named" and len(names) < len(named) else word
-    kept = tuple(replace(f, provisional=f.effect not in names) for f in findings)
-    return word, model, kept
+    return word, model, findings, named
 
 
 def _exchanged(

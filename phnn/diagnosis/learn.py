@@ -17,11 +17,11 @@ from phnn.diagnosis.strengths import started
 from phnn.effects import Kind, Scales
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
-from phnn.errors import PhnnError
 from phnn.identification.fit import Fit, fit, variables_from
 from phnn.identification.problem import Problem
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.recall import recalled
+from phnn.rescue import attempt
 from phnn.setup import Setup
 
 Array = NDArray[np.float64]
@@ -42,14 +42,16 @@ def learn(linearised: LinearisedFit, kind: Kind) -> Fit | None:
     setup = learned_setup(linearised.fit.setup, kind, linearised.scales)
     if setup is None:
         return None
-    own = [n for n in setup.free if n not in linearised.fit.setup.parameters]
-    try:
-        used = touched(linearised.fit, setup, own)
-        names = [*linearised.fit.variables.names, *used]
-        setup = started(setup, linearised.plan, names, used, linearised.fit, REFITS.longest_step)
-        return fit(setup, linearised.plan, names, linearised.fit.held, 60, origin=linearised.fit)
-    except PhnnError:
-        return None
+    base, plan, template = linearised.fit, linearised.plan, setup
+    own = [n for n in template.free if n not in base.setup.parameters]
+
+    def fitted() -> Fit:
+        used = touched(base, template, own)
+        names = [*base.variables.names, *used]
+        begun = started(template, plan, names, used, base, REFITS.longest_step)
+        return fit(begun, plan, names, base.held, 60, origin=base)
+
+    return attempt(f"fit with the learned element of kind {kind.name}", fitted, None)
 
 
 def touched(base: Fit, setup: Setup, names: Sequence[str]) -> list[str]:

@@ -77,6 +77,10 @@ class Naming:
         return first_by_name(self.candidates, lambda c: c.effect)
 
 
+# Scores that nobody has computed.
+NOT_JUDGED = Naming((), float("nan"), float("nan"), float("nan"), 0.0)
+
+
 def first_by_name(ranked: Iterable[_Ranked], effect_of: Callable[[_Ranked], Effect]) -> dict[str, _Ranked]:
     """Of what has a rank and an effect, the first of every name, in order: two forms of an effect have one name."""
     found: dict[str, _Ranked] = {}

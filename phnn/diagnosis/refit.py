@@ -23,10 +23,11 @@ from phnn.diagnosis.steps import (
 )
 from phnn.diagnosis.trial import Trial, criterion
 from phnn.effects import Effect
-from phnn.ensemble import SERIAL, Executor
 from phnn.identification.fit import Fit, fit
 from phnn.identification.staged import stated_only
 from phnn.identification.subset import representative_subset
+from phnn.parallel import SERIAL, Executor
+from phnn.rescue import results
 
 # Candidates of the first round that are refitted before the next ones are compared with the best of them.
 _CHUNK = 3
@@ -55,7 +56,8 @@ def refit(
         criteria: which refits go on, and how long.
 
     Raises:
-        SolverFailed: a candidate kills every worker process that refits it.
+        SolverFailed: a candidate kills every worker process that refits it, and nobody accounts for that.
+        Stopped: the time of a search is up.
     """
     race, unknown = criteria.race, [Trial(c, None) for c in hidden]
     trials = _as_scored(base, candidates, executor, criteria) if candidates else unknown
@@ -200,5 +202,6 @@ def _fits(
     work: Callable[[Fit, Any], Fit | None], base: Fit, items: Sequence[Any], executor: Executor
 ) -> list[Fit | None]:
     """``work(base, item)`` of every item, on the very recordings of the base fit wherever it was done."""
-    fits = executor.run(partial(work, _as_sent(base, executor)), items)
+    names = [getattr(item, "candidate", item).effect.name for item in items]
+    fits = results(executor.each, partial(work, _as_sent(base, executor)), items, names)
     return [f if f is None else replace(f, plan=replace(base.plan, substeps=f.plan.substeps)) for f in fits]

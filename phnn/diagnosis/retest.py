@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from phnn.criteria import CRITERIA, REFITS, Criteria, Refits
-from phnn.diagnosis.finding import Finding, own_parameters
+from phnn.diagnosis.finding import Finding, effects_of, own_parameters
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.place import in_place
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.steps import tolerance_of
 from phnn.diagnosis.trial import Trial, class_of, fair_cost, tie
-from phnn.ensemble import Executor
-from phnn.errors import PhnnError
 from phnn.identification.fit import Fit, distinct_optima
 from phnn.identification.staged import EVALUATIONS, fit_identified, stated_only
+from phnn.parallel import Executor
+from phnn.rescue import attempt
 from phnn.setup import Setup
 from phnn.units import FORCE_UNITS
 
@@ -151,8 +151,9 @@ def fit_with(
         origin: whose initial states to start from; those of the base model otherwise.
         limits: the tolerance where much is left.
     """
-    setup = base.setup.with_values({n: values[n] for n in base.setup.free})
-    try:
+
+    def fitted() -> Fit:
+        setup = base.setup.with_values({n: values[n] for n in base.setup.free})
         for f in findings:
             setup = f.effect.add_to(setup, values)
         held, own, loose = stated_only(base.held), own_parameters(findings), limits.loose_tolerance
@@ -161,5 +162,5 @@ def fit_with(
         if left > 0 and tolerance < loose / 2.0:
             found = fit_identified(found.setup, base.plan, held, left, found, own, tolerance)
         return found
-    except PhnnError:
-        return None
+
+    return attempt(f"fit with {' and '.join(e.name for e in effects_of(findings)) or 'no element'}", fitted, None)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from phnn.criteria import CRITERIA, Criteria, Selection
 from phnn.diagnosis.finding import Finding, effects_of, own_parameters
 from phnn.diagnosis.locate import Location
-from phnn.diagnosis.name import Naming
+from phnn.diagnosis.name import Candidate, Naming
 from phnn.diagnosis.place import elsewhere, in_place, located, may_lie, of_its_kinds
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.retest import retested
@@ -17,11 +18,11 @@ from phnn.diagnosis.rules.search import DISCARD, FORM, KEEP, REFIT, STEP, STOP, 
 from phnn.diagnosis.scored import Scored, excess
 from phnn.diagnosis.search import Search
 from phnn.diagnosis.trial import Trial, class_of, criterion, tie
-from phnn.errors import PhnnError
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import numerical_error
 from phnn.identification.options import Options
 from phnn.identification.refinement import with_bounded_error
+from phnn.rescue import attempt, kept, move
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,9 @@ def _forward(base: Scored, search: Search, record: Record) -> tuple[list[Selecte
     # How many steps make up one that may be all there is in another form: more of them must leave nothing.
     enough: int | None = None
     while len(steps) <= search.max_effects and steps[-1].model.significant:
-        trials = _refitted(search, base, steps[-1])
-        tried = tried or tuple(trials)
-        step, goes_on = _next(search, base, steps[-1], trials, record)
+        nothing: tuple[tuple[Trial, ...], Selected | None, bool] = (), None, False
+        trials, step, goes_on = move(f"element {len(steps)}", partial(_step, search, base, steps[-1], record), nothing)
+        tried = tried or trials
         if step is None:
             break
         steps.append(step)
@@ -88,6 +89,16 @@ def _forward(base: Scored, search: Search, record: Record) -> tuple[list[Selecte
     if enough is not None and steps[-1].model.remaining is not None:
         del steps[enough:]
     return steps, tried
+
+
+def _step(
+    search: Search, base: Scored, last: Selected, record: Record
+) -> tuple[tuple[Trial, ...], Selected | None, bool]:
+    """What was tried for one more effect, the step with it, None where none is worth one, and whether to go on."""
+    trials = _refitted(search, base, last)
+    step, goes_on = _next(search, base, last, trials, record)
+    # Asked here, so that where it cannot be located the whole step has failed.
+    return tuple(trials), step, goes_on and step is not None and step.model.remaining is not None
 
 
 def _next(
@@ -135,7 +146,15 @@ def _refitted(search: Search, base: Scored, last: Selected) -> list[Trial]:
     search.progress(f"refit {len(able)} candidates for element {len(last.findings) + 1}")
     # Where these explain little, the base model may have taken over so much that score and place deceive: then all of
     # the catalogue is tried.
-    trials = refit(last.model.linearised.fit, able, search.executor, last.model.naming.candidates, criteria)
+
+    def keep(item: Candidate | Trial, fitted: Fit | None) -> None:
+        if fitted is not None:
+            only = Trial(item.candidate if isinstance(item, Trial) else item, fitted)
+            finding = Finding(only, (only,), (only,), last.model.naming, level=rule.level)
+            search.visit((*last.findings, finding), fitted)
+
+    with kept(keep):
+        trials = refit(last.model.linearised.fit, able, search.executor, last.model.naming.candidates, criteria)
     return in_place(_compared(trials, own_parameters(last.findings), rule), here, rule)
 
 
@@ -220,10 +239,7 @@ def exact(fitted: Fit, keep: Sequence[str], rule: Selection) -> Fit:
     bound = max(Options.error_bound_sigma, rule.numerical_share * max(excess(fitted), 0.0) ** 0.5)
     if numerical_error(fitted).sigma <= bound:
         return fitted
-    try:
-        return with_bounded_error(fitted, bound, keep)[0]
-    except PhnnError:
-        return fitted
+    return attempt("finer steps", lambda: with_bounded_error(fitted, bound, keep)[0], fitted)
 
 
 def _compared(trials: list[Trial], keep: Sequence[str], rule: Selection) -> list[Trial]:

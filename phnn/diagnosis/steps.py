@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,13 @@ from phnn.diagnosis.starts import clamped, large_starts
 from phnn.diagnosis.strengths import started
 from phnn.diagnosis.trial import Trial
 from phnn.effects import Effect
-from phnn.errors import PhnnError, SolverFailed
+from phnn.errors import SolverFailed
 from phnn.identification.fit import TOLERANCE, Fit, distinct_optima, fit, variables_from
 from phnn.identification.problem import Problem
 from phnn.identification.refinement import released
 from phnn.identification.staged import fit_identified, stated_only
 from phnn.recall import recalled
+from phnn.rescue import attempt
 from phnn.setup import Setup
 
 Array = NDArray[np.float64]
@@ -42,19 +44,22 @@ def _few_steps(
     base: Fit, effect: Effect, setup: Setup, values: Mapping[str, float], evaluations: int, limits: Refits
 ) -> Fit | None:
     """Steps with coarse sub-steps; None where the start cannot be simulated."""
-    try:
-        begun = clamped(effect, setup, values)
-        own = [n for n in effect.parameters if not begun.parameters[n].fixed]
-        names = [*base.variables.names, *own]
-        origin = None
-        if setup is base.setup:
-            begun, origin = _adjusted(base, begun, limits.longest_step)
-        plan = base.plan.coarse()
-        if effect.strengths:
-            begun = started(begun, plan, names, effect.strengths, origin, limits.longest_step)
-        return fit(begun, plan, names, base.held, evaluations, origin=origin)
-    except PhnnError:
-        return None
+    return attempt("start", partial(_steps_from, base, effect, setup, values, evaluations, limits), None)
+
+
+def _steps_from(
+    base: Fit, effect: Effect, setup: Setup, values: Mapping[str, float], evaluations: int, limits: Refits
+) -> Fit:
+    begun = clamped(effect, setup, values)
+    own = [n for n in effect.parameters if not begun.parameters[n].fixed]
+    names = [*base.variables.names, *own]
+    origin = None
+    if setup is base.setup:
+        begun, origin = _adjusted(base, begun, limits.longest_step)
+    plan = base.plan.coarse()
+    if effect.strengths:
+        begun = started(begun, plan, names, effect.strengths, origin, limits.longest_step)
+    return fit(begun, plan, names, base.held, evaluations, origin=origin)
 
 
 def _adjusted(base: Fit, begun: Setup, longest: float) -> tuple[Setup, Fit]:
@@ -125,11 +130,11 @@ def on_all_recordings(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit |
     """Further steps on all recordings from where few of them have led."""
     if trial.fit is None:
         return None
-    names, length = trial.fit.variables.names, limits.second_evaluations
-    try:
-        return fit(trial.fit.setup, base.plan.coarse(), names, base.held, length, origin=base)
-    except PhnnError:
-        return None
+    begun, length = trial.fit, limits.second_evaluations
+    plan, names = base.plan.coarse(), begun.variables.names
+    return attempt(
+        "refit on all recordings", lambda: fit(begun.setup, plan, names, base.held, length, origin=base), None
+    )
 
 
 def moving(fitted: Fit, limits: Refits = REFITS) -> bool:
@@ -143,11 +148,10 @@ def further_steps(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | Non
     found = trial.fit
     if found is None or not moving(found, limits):
         return found
-    length = limits.second_evaluations
-    try:
-        onwards = fit(found.setup, found.plan, found.variables.names, base.held, length, origin=found)
-    except PhnnError:
-        return found
+    names, length = found.variables.names, limits.second_evaluations
+    onwards = attempt(
+        "further steps", lambda: fit(found.setup, found.plan, names, base.held, length, origin=found), found
+    )
     return replace(onwards, alternatives=found.alternatives)
 
 
@@ -156,16 +160,16 @@ def finished(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
     """Carried to convergence with the sub-steps of the base fit; None where it cannot be simulated there."""
     if trial.fit is None:
         return None
-    own, held, begun = trial.candidate.effect.parameters, stated_only(base.held), trial.fit
+    return attempt("refit to the end", partial(_converged, base, trial.candidate.effect, trial.fit, limits), None)
+
+
+def _converged(base: Fit, effect: Effect, begun: Fit, limits: Refits) -> Fit:
+    own, held = effect.parameters, stated_only(base.held)
     loose, length = limits.loose_tolerance, limits.last_evaluations
-    try:
-        full = fit_identified(begun.setup, base.plan, held, length, begun, own, tolerance_of(begun, loose))
-        if tolerance_of(full, loose) < 0.5 * tolerance_of(begun, loose):
-            full = fit_identified(full.setup, base.plan, held, length, full, own, tolerance_of(full, loose))
-        full = released(full, own)
-    except PhnnError:
-        return None
-    return replace(full, alternatives=begun.alternatives)
+    full = fit_identified(begun.setup, base.plan, held, length, begun, own, tolerance_of(begun, loose))
+    if tolerance_of(full, loose) < 0.5 * tolerance_of(begun, loose):
+        full = fit_identified(full.setup, base.plan, held, length, full, own, tolerance_of(full, loose))
+    return replace(released(full, own), alternatives=begun.alternatives)
 
 
 def tolerance_of(found: Fit, loose: float) -> float:

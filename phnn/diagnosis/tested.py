@@ -24,7 +24,8 @@ from phnn.identification.evaluate import Evaluation, evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.gain import Gain, gain
 from phnn.identification.plan import Plan
-from phnn.recordings.recording import Campaign
+from phnn.recordings.recording import Campaign, Recording
+from phnn.rescue import extra, needed
 
 
 class Outcome(Enum):
@@ -95,7 +96,8 @@ class _Models:
             return base, self.before
         fitted = gone[0].others_alone if len(gone) == 1 else None
         if fitted is None:
-            fitted = without(base, others, gone[0], j.final, self.criteria)
+            part = f"held-out test without {' and '.join(f.effect.name for f in gone)}"
+            fitted = extra(part, lambda: without(base, others, gone[0], j.final, self.criteria), None)
         return None if fitted is None else (fitted, score_on_all(fitted, self.campaign))
 
     def case(self, fewer: _Shown, more: _Shown) -> ElementCase:
@@ -167,6 +169,18 @@ def learned_forms(finding: Finding, findings: Sequence[Finding], criteria: Crite
     forms = further_forms(finding, findings)
     beside = [f for f in findings if f.nameless and may_be_part_of(f.effect, finding.effect)]
     return forms if all(any(f is g for g in forms) for f in beside) else ()
+
+
+def scored_one_by_one(fitted: Fit, campaign: Campaign) -> Evaluation:
+    """As `score_on_all`, without the recordings that cannot be simulated."""
+    nothing = Evaluation({}, ())
+
+    def one(recording: Recording) -> Evaluation:
+        alone = replace(campaign, recordings=(recording,))
+        return needed(f"scores on {recording.name}", lambda: score_on_all(fitted, alone), nothing)
+
+    found = [one(r) for r in campaign.recordings]
+    return Evaluation({n: y for e in found for n, y in e.outputs.items()}, tuple(p for e in found for p in e.parts))
 
 
 def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:

@@ -16,8 +16,8 @@ from phnn.exporting.targets import TARGETS
 from phnn.intake.limits import LIMITS
 from phnn.model import Model
 from phnn.network.elements import Network
-from phnn.output import claim
 from phnn.predictor import loaded
+from phnn.results import claim
 from phnn.setup import Setup
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def write(
     program = program_of(found, wanted)  # type: ignore[arg-type]
     files = TARGETS[wanted.to](program)
     folder = Path(out)
-    with claim(folder, "export", given, tuple(files), overwrite=overwrite) as place:
+    with claim(folder, "export", given, tuple(files), overwrite=overwrite, index=False) as place:
         for name, content in files.items():
             (place / name).write(content)
     return [folder / name for name in files]

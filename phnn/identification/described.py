@@ -10,8 +10,9 @@ import numpy as np
 from phnn.errors import PhnnError
 from phnn.identification.fit import Fit, distinct_optima
 from phnn.identification.plan import Plan
-from phnn.identification.staged import check_known, fit_identified, held_at
+from phnn.identification.staged import FURTHER_STARTS, check_known, fit_identified, held_at
 from phnn.recordings.recording import Anchor
+from phnn.rescue import late
 from phnn.setup import Setup
 
 _QUICK, _FULL = 12, 60
@@ -36,15 +37,21 @@ def identify_network(setup: Setup, plan: Plan, known: Mapping[str, Anchor], star
     check_known(known, setup.parameters)
     setup = setup.with_values({n: a.value for n, a in known.items()})
     held = held_at(known)
-    tried = []
+    tried: list[Fit] = []
     for start in _starts(setup, held, starts, seed):
+        if tried and late(FURTHER_STARTS):
+            break
         try:
             tried.append(fit_identified(start, plan, held, _QUICK))
         except PhnnError as error:
             failure = error
     if not tried:
         raise PhnnError(f"no starting point of {setup.name} can be simulated ({failure}): give other starting values")
-    finished = [fit_identified(f.setup, plan, held, _FULL, f) for f in sorted(tried, key=_cost)[:_FINALISTS]]
+    finished: list[Fit] = []
+    for first in sorted(tried, key=_cost)[:_FINALISTS]:
+        if finished and late(FURTHER_STARTS):
+            break
+        finished.append(fit_identified(first.setup, plan, held, _FULL, first))
     best, alternatives = distinct_optima(finished)
     return replace(best, alternatives=alternatives)
 

@@ -14,8 +14,8 @@ from phnn.model import Model
 from phnn.models.actuator import hrc
 from phnn.models.store import save
 from phnn.network.elements import Network
-from phnn.output import Place
 from phnn.recordings import Campaign, campaign_of
+from phnn.results import Place
 from phnn.setup import Setup
 
 

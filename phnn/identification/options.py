@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from phnn.intake.settings import check, positive, whole
+from phnn.configuration import check, positive, whole
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Options:
         without: effects of the catalogue that a diagnosis must not use.
         criteria: values of `phnn.criteria.Criteria` that replace the defaults, by name.
         workers: threads of a fit.
-        executor: where the refits of a diagnosis are done, for choices see `phnn.ensemble.executor.executor`; anywhere
+        executor: where the refits of a diagnosis are done, for choices see `phnn.parallel.executor`; anywhere
             but in ``serial`` each refit has one thread.
 
     Raises:

@@ -9,6 +9,7 @@ from functools import cache
 from typing import Any
 
 from phnn.recordings.recording import Recording
+from phnn.rescue import stop_if_late
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,12 @@ class Plan:
         return min(float(r.u.min()) for r in self.recordings), max(float(r.u.max()) for r in self.recordings)
 
     def each(self, function: Callable[..., Any], *sequences: Sequence[Any]) -> list[Any]:
-        """Apply a function to every recording (and matching entries of the sequences), in threads."""
+        """Apply a function to every recording (and matching entries of the sequences), in threads.
+
+        Raises:
+            Stopped: the time of a search is up.
+        """
+        stop_if_late()
         tasks = list(zip(self.recordings, *sequences, strict=True))
         if self.workers < 2 or len(tasks) < 2:
             return [function(*task) for task in tasks]

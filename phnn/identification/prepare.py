@@ -12,12 +12,12 @@ from phnn.identification.plan import Plan
 from phnn.identification.staged import check_known, held_by_statement
 from phnn.identification.starting_points import mechanical_points
 from phnn.identification.zero import is_shared, with_unknown_gain
-from phnn.intake.names import printable
 from phnn.integrate.program import compile_network
 from phnn.models.actuator import hrc
 from phnn.models.bouc_wen import bouc_wen
 from phnn.models.network_file import load_network
 from phnn.recordings.recording import Campaign, Recording
+from phnn.results import printable
 from phnn.setup import Setup
 from phnn.simulate import check_names
 

@@ -30,6 +30,7 @@ from phnn.parameters import Parameter
 from phnn.recall import recalled
 from phnn.recordings.recording import Anchor
 from phnn.recordings.units import same_kind
+from phnn.rescue import late
 from phnn.setup import Setup
 
 # Parameters that the common factor scales: any one of them, once known, fixes it.
@@ -40,6 +41,8 @@ _FULL = 50
 _FINALISTS = 5
 # Bound on the simulations of the whole plan in a fit.
 EVALUATIONS = 60
+# What is not tried of a base model when the time of a diagnosis is up.
+FURTHER_STARTS = "further starts of the base model"
 
 
 @recalled
@@ -69,8 +72,10 @@ def identify_actuator(
         *_linear_starts(mechanical.setup, subset, hysterons, anchored, held),
         *(s for p in points for s in random_starts(p, plan, hysterons, anchored, starts, seed)),
     ]
-    tried = []
+    tried: list[Fit] = []
     for candidate in candidates:
+        if tried and late(FURTHER_STARTS):
+            break
         try:
             tried.append(fit_identified(candidate, subset, held, max_evaluations=_QUICK))
         except PhnnError:
@@ -79,8 +84,13 @@ def identify_actuator(
         raise PhnnError("no starting point of the identification could be simulated: check units and sampling")
     # The first steps say little about where a start ends: several of the best go on.
     tried.sort(key=lambda f: f.cost)
-    finished = [fit_identified(f.setup, plan, held, _FULL, f) for f in tried[:_FINALISTS]]
-    by_known_starts = _from_known_starts(plan, known, hysterons, starts, seed)
+    finished: list[Fit] = []
+    for first in tried[:_FINALISTS]:
+        if finished and late(FURTHER_STARTS):
+            break
+        finished.append(fit_identified(first.setup, plan, held, _FULL, first))
+    more = not late(FURTHER_STARTS)
+    by_known_starts = _from_known_starts(plan, known, hysterons, starts, seed) if more else None
     best, alternatives = distinct_optima([f for f in (*finished, by_known_starts) if f is not None])
     return replace(best, alternatives=alternatives)
 

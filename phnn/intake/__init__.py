@@ -1,1 +1,1 @@
-"""The intake of everything that a user names: readable files, limits, plain yaml and json, printable names."""
+"""The intake of everything that a user names: readable files, limits, plain yaml and json."""

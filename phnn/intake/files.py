@@ -11,7 +11,7 @@ from typing import BinaryIO
 
 from phnn.errors import InputRefused
 from phnn.intake.limits import LIMITS
-from phnn.intake.names import printable
+from phnn.results import printable
 
 _KINDS = (
     (stat.S_ISDIR, "a folder"),

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from phnn.integrate.compiled import inline
+from phnn.integrate.cache import inline
 from phnn.integrate.perturbed import (
     ABOVE,
     BELOW,

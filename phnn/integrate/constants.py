@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from phnn.integrate.compiled import plain, stay_outside
+from phnn.integrate.cache import plain, stay_outside
 from phnn.integrate.table_access import (
     count,
     is_linear,

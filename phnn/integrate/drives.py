@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 from phnn.integrate.affine import current_of
-from phnn.integrate.compiled import inline, plain, stay_outside
+from phnn.integrate.cache import inline, plain, stay_outside
 from phnn.integrate.constants import STIFFNESS
 from phnn.integrate.perturbed import CURVED, KIND, ONLY_LINK, STIFF, STORAGE, parameter, perturb, places_of, step_of
 from phnn.integrate.table_access import count, mean_effort, memory_decay, memory_rate, resistor_flow

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.compiled import inline, loop_entry
+from phnn.integrate.cache import inline, loop_entry
 from phnn.integrate.constants import CONSTANTS, fill_gains
 from phnn.integrate.modulator_states import advance
 from phnn.integrate.program import Program

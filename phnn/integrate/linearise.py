@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from phnn.integrate.affine import curved_leaf, plain_leaf
-from phnn.integrate.compiled import inline, plain, stay_outside
+from phnn.integrate.cache import inline, plain, stay_outside
 from phnn.integrate.constants import fill_constants, fill_gains
 from phnn.integrate.drives import memories_by
 from phnn.integrate.following import following_leaf

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.compiled import inline
+from phnn.integrate.cache import inline
 from phnn.integrate.constants import CONSTANTS
 from phnn.integrate.pattern import Pattern, Run
 from phnn.integrate.step import is_closed, leaf_closed, leaf_moved, leaf_search

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from phnn.integrate.compiled import inline, plain, stay_outside
+from phnn.integrate.cache import inline, plain, stay_outside
 from phnn.integrate.constants import HIGH, LEAK, LEAK_ONE, LEAK_TWO, LOW, ONE, RHO, STIFFNESS, TWO
 from phnn.integrate.perturbed import (
     ABOVE,

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.compiled import loop_entry, plain, stay_outside
+from phnn.integrate.cache import loop_entry, plain, stay_outside
 from phnn.integrate.constants import (
     CAPACITY,
     CONSTANTS,

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from phnn.integrate.compiled import inline
+from phnn.integrate.cache import inline
 from phnn.integrate.elimination import eliminate
 from phnn.integrate.linearise import derivatives_at
 from phnn.integrate.table_access import junction_storage

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from phnn.integrate.compiled import inline
+from phnn.integrate.cache import inline
 
 TOLERANCE = 1e-14
 # Multiple of the rounding error that terms may leave whose cancellation the equation's size does not show.

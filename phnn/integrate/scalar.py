@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from phnn.integrate.compiled import inline, plain, stay_outside
+from phnn.integrate.cache import inline, plain, stay_outside
 from phnn.integrate.constants import CAPACITY, fill_constants
 from phnn.integrate.roots import make_root
 from phnn.integrate.step import balance, inlined_balance

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from phnn.integrate.compiled import inline, plain, stay_outside
+from phnn.integrate.cache import inline, plain, stay_outside
 from phnn.integrate.elimination import eliminate
 from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE
 from phnn.integrate.scalar import inertia, prepare

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from phnn.integrate.compiled import stay_outside
+from phnn.integrate.cache import stay_outside
 from phnn.integrate.roots import NOTHING, TOLERANCE, make_root
 from phnn.laws.namespace import TINY
 

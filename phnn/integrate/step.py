@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from phnn.integrate.compiled import inline, plain, stay_outside
+from phnn.integrate.cache import inline, plain, stay_outside
 from phnn.integrate.constants import (
     HIGH,
     LEAK,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate.actions import action_derivatives, actions
-from phnn.integrate.compiled import loop_entry
+from phnn.integrate.cache import loop_entry
 from phnn.integrate.pattern import Pattern, Run, pattern_of
 from phnn.integrate.perturbed import Derivatives, new_derivatives
 from phnn.integrate.program import Program

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from phnn.integrate.compiled import inline
+from phnn.integrate.cache import inline
 from phnn.integrate.dispatch import (
     decay_table,
     factor_table,

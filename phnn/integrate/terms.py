@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from phnn.integrate.compiled import inline
+from phnn.integrate.cache import inline
 from phnn.integrate.constants import CAPACITY
 from phnn.integrate.table_access import count, is_linear, junction_storage, mean_effort, resistor_flow
 from phnn.integrate.tables import (

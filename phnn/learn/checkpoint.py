@@ -14,7 +14,7 @@ import torch
 from phnn.errors import InputRefused
 from phnn.intake.files import named_file
 from phnn.intake.limits import LIMITS
-from phnn.output import Place
+from phnn.results import Place
 
 FILE = "checkpoint.pt"
 _SCHEMA = "phnn.checkpoint/1"

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from phnn.output import Place
+from phnn.results import Place
 
 FILE = "log.csv"
 COLUMNS = ("epoch", "method", "loss", "validation", "rate", "seconds")

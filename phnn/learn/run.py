@@ -27,11 +27,11 @@ from phnn.learn.starts import plant_for
 from phnn.learn.trainer import Progress, Trainer
 from phnn.learn.windows import thinned
 from phnn.models.store import FILE, save
-from phnn.output import Origin, Place, claim, finished, sha256_of
 from phnn.recordings import Campaign, read
 from phnn.recordings.digest import digest
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import candidate_of, choose
+from phnn.results import Origin, Place, claim, finished, sha256_of
 from phnn.setup import Setup
 
 CONFIG, METRICS = "config.yaml", "metrics.json"

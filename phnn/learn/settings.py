@@ -7,11 +7,11 @@ from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from phnn.configuration import check, positive, whole
 from phnn.errors import InputRefused
 from phnn.intake.files import named_file
-from phnn.intake.settings import check, positive, whole
 from phnn.intake.yaml_file import load_yaml
-from phnn.output import same
+from phnn.results import same
 
 # Keys that say where a run lies or how long it may go on, not what it computes: they may differ when it resumes.
 FREE_TO_CHANGE = ("out", "folder", "manifest", "allow_outside", "resume", "checkpoint_every", "tensorboard", "base")

@@ -22,7 +22,7 @@ from phnn.learn.logs import Log, Row
 from phnn.learn.methods import METHODS, Method, method_of
 from phnn.learn.objective import Objective
 from phnn.learn.settings import Settings, check_same
-from phnn.output import Place
+from phnn.results import Place
 
 _MOST_FAILURES = 8
 

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.compiled import inline, loop_entry
+from phnn.integrate.cache import inline, loop_entry
 from phnn.modal.step import (
     ModeState,
     Parts,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from phnn.intake.settings import check, whole
+from phnn.configuration import check, whole
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.compiled import inline
+from phnn.integrate.cache import inline
 from phnn.integrate.elimination import eliminate
 from phnn.laws.resistor import quadratic_drag
 from phnn.laws.storage import hardening_spring_mean_effort, softening_spring_mean_effort, spring_mean_effort

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from phnn.errors import InputRefused
 from phnn.intake.limits import LIMITS
-from phnn.intake.names import printable
 from phnn.modal.confirm import Score
 from phnn.modal.elements import SLOW, SOFTENING, STATEMENTS, STOP, PortElement
 from phnn.modal.experiment import Experiment, Study
@@ -21,6 +20,7 @@ from phnn.modal.model import ModalModel
 from phnn.modal.study import Result
 from phnn.models.typed import a_count, a_list, a_name, a_number, an_object, brief
 from phnn.network.elements import Network
+from phnn.results import printable
 
 Array = NDArray[np.float64]
 

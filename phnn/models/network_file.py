@@ -26,7 +26,6 @@ from typing import Any
 from phnn.errors import InputRefused, StructureViolated
 from phnn.intake.files import named_file
 from phnn.intake.limits import LIMITS
-from phnn.intake.names import printable
 from phnn.intake.yaml_file import load_yaml
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network.bondgraph import GY, TF, Bond, BondGraph, C, I, R, Se, Sf
@@ -34,6 +33,7 @@ from phnn.network.bondgraph.description import DIRECTIONS, Element, Link
 from phnn.network.elements import Modulation, ModulatorState, Network, Ratio
 from phnn.parameters import Parameter, positive
 from phnn.recordings.values import choice, flag, keys_of, label, mapping, number, shown
+from phnn.results import printable
 
 _TOP = ("about", "junctions", "elements", "bonds", "modulations", "memories", "parameters", "output", "merge")
 _PARAMETER = ("value", "unit", "positive", "lower", "upper", "typical", "fixed", "description")

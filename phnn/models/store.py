@@ -16,13 +16,12 @@ from phnn.errors import InputRefused, PhnnError
 from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
-from phnn.intake.names import printable
 from phnn.integrate.program import compile_network
 from phnn.models.typed import a_count, a_list, a_name, a_number, a_text, an_object, brief, of_fields
 from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage
 from phnn.network.named_laws import check_laws
-from phnn.output import Place, claim
 from phnn.parameters import Parameter
+from phnn.results import Place, claim, printable
 from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Own, Setup, Source
 
 T = TypeVar("T")
@@ -70,7 +69,7 @@ def save(setup: Setup, folder: Path | Place, substeps: int = 1, inputs: tuple[fl
     if isinstance(folder, Place):
         (folder / FILE).write(data)
         return
-    with claim(folder, "save", (), (FILE,)) as place:
+    with claim(folder, "save", (), (FILE,), index=False) as place:
         (place / FILE).write(data)
 
 

@@ -9,7 +9,7 @@ from dataclasses import MISSING, fields
 from typing import Any, TypeVar
 
 from phnn.intake.limits import LIMITS
-from phnn.intake.names import printable
+from phnn.results import printable
 
 T = TypeVar("T")
 _SHOWN = 60

@@ -18,13 +18,13 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.intake.files import Source
 from phnn.intake.limits import LIMITS
-from phnn.intake.names import printable
 from phnn.recordings.hdf5_files import datasets, is_hdf5
 from phnn.recordings.iddata import FIELDS, KIND, iddata_table, is_iddata, refused_object
 from phnn.recordings.mat73_values import matlab_value, objects_of
 from phnn.recordings.mat_layout import check_layout, is_v5
 from phnn.recordings.stored import NUMBERS, Stored, lazily
 from phnn.recordings.table import Column, Table, Where
+from phnn.results import printable
 
 _SHOWN = 5
 

@@ -12,9 +12,8 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.intake.files import shown_bytes
 from phnn.intake.limits import LIMITS, available_memory
-from phnn.intake.names import printable
-from phnn.output.record import FOLDER as RECORD
 from phnn.recordings.table import Where
+from phnn.results import NOTES, printable
 
 FEWEST_SAMPLES = 50
 # Bytes that any machine has; to ask for what is available takes time.
@@ -65,7 +64,7 @@ def any_recordings(files: Sequence[Path], left: Sequence[str], folder: Path) -> 
 def no_results(folder: Path) -> None:
     """Refuse the folder of a result in the place of that of the recordings, unless it has a manifest."""
     found = next((name for name in _RESULTS if os.path.isfile(folder / name)), None)
-    if found is not None and os.path.isdir(folder / RECORD) and not os.path.lexists(folder / "recordings.yaml"):
+    if found is not None and os.path.isdir(folder / NOTES) and not os.path.lexists(folder / "recordings.yaml"):
         raise InputRefused(
             f"folder {printable(str(folder))}: holds a result of phnn ({found}): give the folder of the recordings, or "
             "describe those in this one in recordings.yaml"

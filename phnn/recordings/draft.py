@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.intake.names import printable
 from phnn.recordings import checks
 from phnn.recordings.channels import Channel, select, unused
 from phnn.recordings.clipping import not_clipped
@@ -23,6 +22,7 @@ from phnn.recordings.segments import segmented
 from phnn.recordings.sensor import Sensor, check_unit_of_limits, longest_free
 from phnn.recordings.table import Table, Where
 from phnn.recordings.units import known_unit
+from phnn.results import printable
 from phnn.signals.noise import FROM_PERIODS, WHITE, NoiseFloor, noise_floor
 
 FURTHER = ("current", "charge", "force", "temperature")

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from phnn.errors import InputRefused
 from phnn.intake.files import Source, list_folder, named_file
-from phnn.intake.names import printable
 from phnn.recordings import checks
 from phnn.recordings.array_files import read_hdf5, read_mat, read_npy, read_npz
 from phnn.recordings.json_files import NoRecording, read_json
@@ -18,6 +17,7 @@ from phnn.recordings.table import Table
 from phnn.recordings.tdms_files import read_tdms
 from phnn.recordings.text_files import looks_like_numbers, read_text
 from phnn.recordings.units import parse_name
+from phnn.results import printable
 
 Reader = Callable[[Source], Table]
 READERS: Mapping[str, Reader] = {

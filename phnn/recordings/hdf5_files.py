@@ -15,8 +15,8 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.intake.files import OUTSIDE, Source
 from phnn.intake.limits import LIMITS
-from phnn.intake.names import printable
 from phnn.recordings.stored import Stored
+from phnn.results import printable
 
 # Bytes of an HDF5 superblock up to the length of the file, whatever its version.
 _SUPERBLOCK = 52

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.intake.names import printable
 from phnn.recordings.table import Table, Where
 from phnn.recordings.units import parse_name, suits
+from phnn.results import printable
 
 KIND = "iddata"
 # A structure with these fields is one; further fields may be absent.

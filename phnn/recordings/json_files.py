@@ -22,9 +22,9 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.intake.files import Source, shown_bytes
 from phnn.intake.limits import LIMITS
-from phnn.intake.names import printable
 from phnn.recordings.lines import read_content
 from phnn.recordings.table import Table, Where
+from phnn.results import printable
 
 # A text takes at most so many times its size while it is read: itself, its bytes, and 8 bytes for each "0,".
 _TIMES = 8

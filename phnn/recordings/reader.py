@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused
-from phnn.intake.names import printable
 from phnn.recordings import checks
 from phnn.recordings.adapters import described, given
 from phnn.recordings.array_files import read_axes
@@ -18,6 +17,7 @@ from phnn.recordings.manifest import Entry, Manifest, load_manifest, manifest_of
 from phnn.recordings.partition import candidate_of, divide, whole_parts
 from phnn.recordings.recording import IN_MEMORY, Campaign, Part, Recording, is_actuator
 from phnn.recordings.table import Table, beside
+from phnn.results import printable
 from phnn.signals.pooling import pooled
 
 # A manifest of an object in memory: its second argument.

@@ -13,9 +13,9 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake.files import Source
-from phnn.intake.names import printable
 from phnn.recordings.lines import Lines
 from phnn.recordings.table import REMEDY_COMMA, Table, Where
+from phnn.results import printable
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.intake.names import printable
 from phnn.recordings import checks
 from phnn.recordings.channels import Channel
 from phnn.recordings.manifest import Entry
 from phnn.recordings.table import Table, Where
+from phnn.results import printable
 
 # A step of time longer than this many usual ones begins a new recording.
 _JUMP = 1.5

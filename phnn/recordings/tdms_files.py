@@ -11,8 +11,8 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.intake.files import Source
 from phnn.intake.limits import LIMITS
-from phnn.intake.names import printable
 from phnn.recordings.table import Table, Where
+from phnn.results import printable
 
 # Bytes before the content of a segment, and the flag of its first byte order.
 _LEAD_IN, _BIG_ENDIAN, _UNCLOSED = 28, 1 << 6, b"\xff" * 8

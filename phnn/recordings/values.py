@@ -8,7 +8,7 @@ from typing import Any
 
 from phnn.errors import InputRefused, meant
 from phnn.intake.limits import LIMITS
-from phnn.intake.names import printable
+from phnn.results import printable
 
 # Beyond, squares and products of two values are no numbers any more, or nothing.
 _LARGEST, _SMALLEST = 1e150, 1e-150

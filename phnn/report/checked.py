@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from matplotlib import rc_context
 
 from phnn.check import Checked
-from phnn.output import Place
 from phnn.recordings.describe import facts
 from phnn.recordings.recording import Recording
 from phnn.report.figures.recorded import draw_recorded
 from phnn.report.figures.style import RC, Drawing, png
 from phnn.report.plain import plain_page
+from phnn.results import Place
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,15 @@ from phnn.report.domain_words import in_own_words
 from phnn.report.evidence import Evidence
 from phnn.report.formatting import Unit, display_unit, interval, listing, p_value, percent, ratio, with_error, words
 from phnn.report.reading import read_document
-from phnn.report.verdicts import equivalence_sentence, headline, no_proposal_sentence, remainder_sentence, tied
+from phnn.report.verdicts import (
+    ended_sentence,
+    equivalence_sentence,
+    headline,
+    lost_sentence,
+    no_proposal_sentence,
+    remainder_sentence,
+    tied,
+)
 
 _STYLES = {"named": "bold green", "equivalent": "bold yellow", "unknown": "bold magenta", "none": "bold cyan"}
 _MOST_ROWS = 12
@@ -87,6 +95,8 @@ def console_summary(document: Mapping[str, Any], evidence: Evidence) -> Renderab
     chance = f"  {p_value(content.p_value)}" if content.p_value is not None else ""
     verdict = Text.assemble("verdict: ", (content.verdict, _STYLES[content.verdict]), chance)
     parts: list[RenderableType] = [Text(headline(content, evidence.verdict_sentence), style="bold"), verdict]
+    parts += [Text(line, style="bold") for line in (ended_sentence(content),) if line]
+    parts += [Text(f"warning: {lost_sentence(part)}") for part in content.warnings]
     for missing in content.missing:
         parts += _missing_lines(missing)
     parts += _location_line(content)

@@ -127,6 +127,35 @@ class NoiseRow:
 
 
 @dataclass(frozen=True)
+class Lost:
+    """A part that failed, and how often.
+
+    Attributes:
+        part: what was to be done; candidate: the effect that was refitted, if one was; why: the error in words.
+    """
+
+    part: str
+    candidate: str
+    why: str
+    times: int = 1
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How the search ended.
+
+    Attributes:
+        why: ``nothing left``, ``seconds``, ``interrupted`` or ``failure``; budget: seconds that there were.
+        not_tried: moves that were given up or not begun; failed: models that were no candidates.
+    """
+
+    why: str = "nothing left"
+    budget: float | None = None
+    not_tried: tuple[str, ...] = ()
+    failed: tuple[Lost, ...] = ()
+
+
+@dataclass(frozen=True)
 class Document:
     """A diagnosis as a reader needs it."""
 
@@ -148,6 +177,8 @@ class Document:
     output_unit: str
     immaterial: Immaterial | None = None
     noise: tuple[NoiseRow, ...] = ()
+    ended: Ending = Ending()
+    warnings: tuple[Lost, ...] = ()
 
     @property
     def has_after(self) -> bool:

@@ -10,8 +10,8 @@ from phnn.check import check
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.following import NextExperiment
 from phnn.diagnosis.questions import tied_members
-from phnn.output import Place
 from phnn.report.formatting import listing
+from phnn.results import Place
 from phnn.setup import Setup
 
 WAVEFORM = "next_experiment.csv"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from phnn.output import file_name
-from phnn.report.document import Document
+from phnn.report.document import Document, FitRow
 from phnn.report.evidence import Evidence, Trace
 from phnn.report.figures import (
     RC,
@@ -27,6 +27,8 @@ from phnn.report.formatting import listing, words
 from phnn.report.plots import plots
 from phnn.report.shares import Shares
 from phnn.report.view import view_of
+from phnn.rescue import needed
+from phnn.results import file_name
 
 _MOST_DRAWN = 12  # recordings of each kind that get a figure of their own; the table has them all
 
@@ -58,11 +60,19 @@ class _Counter:
     def __init__(self) -> None:
         self.count = 0
 
-    def drawing(self, stem: str, title: str, alt: str, figure: Figure, traces: str = "") -> Drawing:
-        """Number a figure; one of a whole recording has plots in place of an SVG, which would be ten times as large."""
+    def drawing(
+        self, stem: str, title: str, alt: str, draw: Callable[[], Figure], shown: Callable[[], str] | None = None
+    ) -> Drawing | None:
+        """Draw and number a figure; one of a whole recording has plots in place of an SVG, which would be ten times as
+        large. None where it cannot be drawn."""
         self.count += 1
         name = file_name(f"{self.count:02d}-{stem}", ".png")
-        return Drawing(name, title, alt, png(figure), b"" if traces else svg(figure), traces)
+
+        def drawn() -> Drawing:
+            figure, traces = draw(), "" if shown is None else shown()
+            return Drawing(name, title, alt, png(figure), b"" if traces else svg(figure), traces)
+
+        return needed(f"figure {name}", drawn, None)
 
 
 def _worst_first(traces: Sequence[Trace], document: Document) -> list[Trace]:
@@ -77,15 +87,27 @@ def _recordings(
     traces: Sequence[Trace], kind: str, document: Document, counter: _Counter
 ) -> tuple[tuple[Drawing, ...], int]:
     chosen = _worst_first(traces, document)[:_MOST_DRAWN]
-    drawings: list[Drawing] = []
-    figure = None
+    drawings: list[Drawing | None] = []
+    units = document.input_unit, document.output_unit
+    figures: list[Figure | None] = [None]
+
+    def draw(trace: Trace, fit: FitRow | None) -> Figure:
+        # One figure serves all; what failed half way is not used again.
+        reused, figures[0] = figures[0], None
+        figure = draw_recording(trace, fit, *units, reused=reused)
+        figures[0] = figure
+        return figure
+
+    def shown(trace: Trace, fit: FitRow | None) -> str:
+        return plots(view_of(trace, *units), fit)
+
     for trace in chosen:
         fit = document.fit(trace.name)
-        figure = draw_recording(trace, fit, document.input_unit, document.output_unit, reused=figure)
         alt = f"{trace.name}: measured and modelled output in time and as a loop, error in time, spectrum of the error"
-        shown = plots(view_of(trace, document.input_unit, document.output_unit), fit)
-        drawings.append(counter.drawing(f"{kind}-{trace.name}", trace.name, alt, figure, shown))
-    return tuple(drawings), len(traces) - len(chosen)
+        stem, both = f"{kind}-{trace.name}", (trace, fit)
+        drawings.append(counter.drawing(stem, trace.name, alt, partial(draw, *both), partial(shown, *both)))
+    able = tuple(d for d in drawings if d is not None)
+    return able, len(traces) - len(able)
 
 
 def draw_gallery(document: Document, evidence: Evidence, shares: Sequence[Shares]) -> Gallery:
@@ -96,25 +118,27 @@ def draw_gallery(document: Document, evidence: Evidence, shares: Sequence[Shares
         locations = picture = overview = ledger = None
         if location is not None and any(score is not None for _, score in location.scores):
             alt = f"Scores of the locations; best: {words(location.name)}"
-            locations = counter.drawing("locations", "Which location explains it", alt, draw_locations(location))
+            locations = counter.drawing(
+                "locations", "Which location explains it", alt, partial(draw_locations, location)
+            )
         if curves:
             alt = f"Learned curves: {listing(curve.title for curve in curves)}"
-            picture = counter.drawing("picture", "What happens there", alt, draw_picture(curves))
+            picture = counter.drawing("picture", "What happens there", alt, partial(draw_picture, curves))
         ratios = [s.residual_over_noise for row in document.fits for s in (row.before, row.after)]
         if len(document.fits) > 1 and any(ratio is not None for ratio in ratios):
             alt = "Residual over noise of every recording, before and after; held-out recordings on top"
-            overview = counter.drawing("overview", "Before and after", alt, draw_overview(document.fits))
+            overview = counter.drawing("overview", "Before and after", alt, partial(draw_overview, document.fits))
         held_out, left = _recordings([t for t in evidence.traces if t.held_out], "held-out", document, counter)
         others, more = _recordings([t for t in evidence.traces if not t.held_out], "identification", document, counter)
         if shares:
             alt = "Shares of the supplied energy: dissipated by each element, stored, and the work of the missing force"
-            ledger = counter.drawing("ledger", "Energy", alt, draw_ledger(shares))
+            ledger = counter.drawing("ledger", "Energy", alt, partial(draw_ledger, shares))
         fingerprints = tuple(
             counter.drawing(
                 f"fingerprint-{s.effect}",
                 words(s.effect),
                 f"What the base model and the final model leave against the {s.seen.x_label}",
-                draw_fingerprint(s.seen),
+                partial(draw_fingerprint, s.seen),
             )
             if s.seen is not None
             else None

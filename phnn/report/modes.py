@@ -19,11 +19,11 @@ from phnn.modal.judge import EQUIVALENT, NAMED, NONE, UNKNOWN
 from phnn.modal.store import channels_of, model_document, study_document
 from phnn.modal.study import Result
 from phnn.models.store import FILE
-from phnn.output import Place
 from phnn.report.figures.modes import draw_left, draw_resonance, resonance_title
 from phnn.report.figures.style import RC, Drawing, png
 from phnn.report.formatting import DASH, display_unit, plain, short, words
 from phnn.report.plain import plain_page
+from phnn.results import Place
 
 Array = NDArray[np.float64]
 

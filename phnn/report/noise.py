@@ -21,10 +21,11 @@ Array = NDArray[np.float64]
 
 
 def noise_statements(diagnosis: Diagnosis) -> dict[str, NoiseStatement]:
-    """Return the noise by recording, held-out ones included: it decides nothing."""
-    j = diagnosis.judgement
+    """Return the noise by recording, held-out ones included: it decides nothing. Recordings that could not be simulated
+    have none."""
+    j, outputs = diagnosis.judgement, diagnosis.after.outputs
     complete = j.remainder is None or j.remainder.p_value >= SIGNIFICANT or j.remainder_immaterial is not None
-    return statements(diagnosis.campaign.recordings, diagnosis.after.outputs, j.final.setup, complete)
+    return statements([r for r in diagnosis.campaign.recordings if r.name in outputs], outputs, j.final.setup, complete)
 
 
 def statements(

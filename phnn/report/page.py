@@ -93,6 +93,7 @@ def _environment() -> Environment:
         passivity=verdicts.passive_sentence,
         heading=verdicts.missing_title,
         gained=verdicts.held_out_sentence,
+        lost=verdicts.lost_sentence,
     )
     return environment
 
@@ -117,6 +118,7 @@ def render_page(
             unsupplied=unsupplied,
             base_note=base_note(shares),
             headline=verdicts.headline(document, evidence.verdict_sentence),
+            ended_sentence=verdicts.ended_sentence(document),
             test_sentence=verdicts.test_sentence(document),
             remainder_sentence=verdicts.remainder_sentence(document.remainder, document.immaterial is not None),
             no_proposal=verdicts.no_proposal_sentence(document, evidence.no_proposal),

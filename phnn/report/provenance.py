@@ -7,11 +7,10 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from phnn.intake.names import printable
-from phnn.output import sha256_of
 from phnn.recordings import Campaign
 from phnn.recordings.digest import digest
 from phnn.report.evidence import FileHash, Provenance
+from phnn.results import printable, sha256_of
 
 _MANIFEST = "recordings.yaml"
 

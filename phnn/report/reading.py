@@ -9,10 +9,12 @@ from phnn.errors import InputRefused
 from phnn.report.document import (
     VERDICTS,
     Document,
+    Ending,
     FitRow,
     HeldOut,
     Immaterial,
     Location,
+    Lost,
     Missing,
     MissingParameter,
     NextExperiment,
@@ -170,6 +172,26 @@ def _groups(value: Mapping[str, Any]) -> tuple[tuple[str, ...], ...]:
     return groups or tuple(g for g in (_texts(value.get("separates")),) if g)
 
 
+def lost_parts(value: Any) -> tuple[Lost, ...]:
+    """Parts that failed."""
+    entries = [_mapping(item) for item in value] if isinstance(value, Sequence) and not isinstance(value, str) else []
+    return tuple(
+        Lost(
+            _text(e.get("part")),
+            _text(e.get("candidate")),
+            f"{_text(e.get('error'))}: {_text(e.get('message'))}",
+            int(finite(e.get("times")) or 1),
+        )
+        for e in entries
+    )
+
+
+def _ended(value: Any) -> Ending:
+    entry = _mapping(value)
+    why, budget = _text(entry.get("why")), finite(entry.get("budget"))
+    return Ending(why or "nothing left", budget, _texts(entry.get("not_tried")), lost_parts(entry.get("failed")))
+
+
 def read_document(document: Mapping[str, Any]) -> Document:
     """The document as values.
 
@@ -202,4 +224,6 @@ def read_document(document: Mapping[str, Any]) -> Document:
         output_unit=_text(units.get("output")) or "m",
         immaterial=_immaterial(test.get("immaterial")),
         noise=noise,
+        ended=_ended(document.get("ended")),
+        warnings=lost_parts(document.get("warnings")),
     )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -27,7 +29,6 @@ from phnn.diagnosis.symptoms import symptoms
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.network.roles import auxiliary
-from phnn.output import PROGRESS, Place, claim, finite
 from phnn.report.anchored import forces_known
 from phnn.report.evidence import Curve, Evidence, LedgerRow, ParameterRow, Provenance, RuleRow, Trace
 from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
@@ -40,6 +41,8 @@ from phnn.report.sentence import sentence
 from phnn.report.symptoms import symptom_sentences
 from phnn.report.tried import tried_rows
 from phnn.report.write import write_report
+from phnn.rescue import Failure, accounted, documents, needed
+from phnn.results import PROGRESS, Place, claim, finite
 from phnn.units import FORCE_UNITS
 
 SCHEMA = "phnn.diagnosis/1"
@@ -60,55 +63,91 @@ def write(diagnosis: Diagnosis, out: Path | str, overwrite: bool = False) -> dic
             results, or cannot be written to.
     """
     with claim(Path(out), "diagnose", diagnosis.campaign.inputs, RESULTS, overwrite=overwrite) as place:
-        return write_into(diagnosis, place)
+        return write_into(diagnosis, place)[0]
 
 
-def write_into(diagnosis: Diagnosis, place: Place, shown: Evidence | None = None) -> dict[str, Any]:
-    """The same into a folder that is claimed already.
+def write_into(
+    diagnosis: Diagnosis, place: Place, made_of: Provenance | None = None
+) -> tuple[dict[str, Any], Evidence]:
+    """The same into a folder that is claimed already; returns the document, and what the report shows besides.
+
+    A part of the report that fails is left out of it, and is among the warnings of the document.
 
     Args:
-        shown: the evidence, where the caller has it already.
+        made_of: how the run was started and what it read; hashed now if left out.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted; all but the part at work is written.
     """
-    plan = diagnosis.base.plan
-    save_fit(diagnosis.base, place / "base")
-    save_fit(diagnosis.judgement.final, place / "model")
-    content = document(diagnosis)
-    (place / "diagnosis.json").write_json(content)
-    inputs = plan.recordings[0].units.input
-    write_waveform(diagnosis.proposal, diagnosis.base.setup, inputs, place / WAVEFORM)
-    write_report(content, shown or evidence(diagnosis), place)
-    return content
+    with accounted(answers=True) as account:
+        save_fit(diagnosis.base, place / "base")
+        save_fit(diagnosis.judgement.final, place / "model")
+        content = document(diagnosis)
+        (place / "diagnosis.json").write_json(content)
+        inputs = diagnosis.base.plan.recordings[0].units.input
+        following = partial(write_waveform, diagnosis.proposal, diagnosis.base.setup, inputs, place / WAVEFORM)
+        needed("waveform of the next recording", following, None)
+        shown = evidence(diagnosis, made_of)
+        write_report(content, shown, place)
+        if account.warnings:
+            content |= _told(diagnosis, account.warnings)
+            (place / "diagnosis.json").write_json(content)
+    if account.interruption is not None:
+        raise account.interruption
+    return content, shown
+
+
+def _told(diagnosis: Diagnosis, further: Sequence[Failure] = ()) -> dict[str, Any]:
+    """How the search ended, and what failed."""
+    ended = diagnosis.ended
+    return {
+        "ended": {
+            "why": ended.why,
+            "budget": ended.budget,
+            "not_tried": list(ended.not_tried),
+            "failed": documents(ended.failed),
+        },
+        "warnings": documents((*ended.warnings, *further)),
+    }
 
 
 def document(diagnosis: Diagnosis) -> dict[str, Any]:
-    """``diagnosis.json`` as a mapping; numbers that are not finite become null."""
-    j = diagnosis.judgement
-    names, noise = {p.name: p.use for p in diagnosis.before.parts}, noise_statements(diagnosis)
-    content = {
-        "schema": SCHEMA,
-        "verdict": j.verdict,
-        "test": _test(j),
-        "missing": missing_entries(diagnosis),
-        "remainder": _remainder(j, diagnosis.criteria.selection.level),
-        "location": _location(diagnosis),
-        "noise": {r.name: noise[r.name].document() | {"found": r.noise_found} for r in diagnosis.campaign.recordings},
-        "noise_floor": {r.name: r.noise for r in diagnosis.campaign.recordings},
-        "numerical_error_sigma": diagnosis.error.sigma,
-        "kernel_residual": diagnosis.kernel_residual,
-        "units": diagnosis.campaign.recordings[0].units._asdict(),
-        "fit": {
-            "before": diagnosis.before.table(),
-            "after": diagnosis.after.table() if j.final is not diagnosis.base else {},
-            "held_out": [n for n, use in names.items() if use == "confirmation"],
-        },
-        "next_experiment": next_experiment(diagnosis.proposal),
-        "versions": {"python": python_version()} | {name: version(name) for name in _PACKAGES},
-        "rules": [r.document() for r in j.rules],
-        "criteria": diagnosis.criteria.changed(),
-        "seed": diagnosis.options.seed,
-        "seconds": round(diagnosis.seconds, 2),
+    """``diagnosis.json`` as a mapping; numbers that are not finite become null, and so do parts that fail."""
+    j, campaign = diagnosis.judgement, diagnosis.campaign
+    parts: dict[str, Callable[[], Any]] = {
+        "test": lambda: _test(j),
+        "missing": lambda: missing_entries(diagnosis),
+        "remainder": lambda: _remainder(j, diagnosis.criteria.selection.level),
+        "location": lambda: _location(diagnosis),
+        "noise": lambda: _noise(diagnosis),
+        "noise_floor": lambda: {r.name: r.noise for r in campaign.recordings},
+        "numerical_error_sigma": lambda: diagnosis.error.sigma,
+        "kernel_residual": lambda: diagnosis.kernel_residual,
+        "units": lambda: campaign.recordings[0].units._asdict(),
+        "fit": lambda: _fit(diagnosis),
+        "next_experiment": lambda: next_experiment(diagnosis.proposal),
+        "versions": lambda: {"python": python_version()} | {name: version(name) for name in _PACKAGES},
+        "rules": lambda: [r.document() for r in j.rules],
+        "criteria": lambda: diagnosis.criteria.changed(),
     }
-    return finite(content)
+    content: dict[str, Any] = {"schema": SCHEMA, "verdict": j.verdict}
+    content |= {name: needed(f"{name} of diagnosis.json", made, None) for name, made in parts.items()}
+    content |= {"seed": diagnosis.options.seed, "seconds": round(diagnosis.seconds, 2)}
+    whole: dict[str, Any] = finite(content | _told(diagnosis))
+    return whole
+
+
+def _noise(diagnosis: Diagnosis) -> dict[str, Any]:
+    known = {r.name: r for r in diagnosis.campaign.recordings}
+    return {n: s.document() | {"found": known[n].noise_found} for n, s in noise_statements(diagnosis).items()}
+
+
+def _fit(diagnosis: Diagnosis) -> dict[str, Any]:
+    return {
+        "before": diagnosis.before.table(),
+        "after": diagnosis.after.table() if diagnosis.judgement.final is not diagnosis.base else {},
+        "held_out": [p.name for p in diagnosis.before.parts if p.use == "confirmation"],
+    }
 
 
 def _test(j: Judgement) -> dict[str, Any]:
@@ -134,7 +173,8 @@ def _remainder(j: Judgement, level: float) -> dict[str, Any]:
     if j.remainder is None:
         return {"verdict": "none", "residual_over_noise": over, "p_value": j.naming.p_value, "location": None}
     small = j.remainder_immaterial
-    found = j.remainder.p_value < level and small is None
+    # Nobody has scored what the best model of a search that ended early leaves.
+    found = not j.remainder.p_value >= level and small is None
     where = j.remainder_location.name if found and j.remainder_location else None
     left = {
         "verdict": "unknown" if found else "none",
@@ -164,11 +204,30 @@ def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
 
 
 def evidence(diagnosis: Diagnosis, made_of: Provenance | None = None) -> Evidence:
-    """Traces, curves and tables of the report.
+    """Traces, curves and tables of the report; a part that fails is empty.
 
     Args:
         made_of: how the run was started and what it read; hashed now if left out.
     """
+    j = diagnosis.judgement
+    return Evidence(
+        traces=needed("traces of the recordings", lambda: tuple(_traces(diagnosis)), ()),
+        curves=needed("curves at the location", lambda: _curves(diagnosis), ()),
+        parameters=needed("table of parameters", lambda: tuple(_parameters(diagnosis)), ()),
+        candidates=needed("table of candidates", lambda: tuple(tried_rows(diagnosis)), ()),
+        ledger=needed("energy ledger", lambda: tuple(_ledger(j)), ()),
+        notes=needed("notes", lambda: (*doubts_of_units(diagnosis.campaign), *diagnosis.campaign.notes), ()),
+        verdict_sentence=needed("sentence of the verdict", lambda: sentence(diagnosis), ""),
+        no_proposal=needed("reason why nothing is proposed", lambda: no_proposal(diagnosis), ""),
+        supports=needed("support of the elements", lambda: supports(diagnosis), ()),
+        symptoms=needed("symptoms", lambda: _symptoms(diagnosis), ()),
+        rules=tuple(_rule(r) for r in j.rules),
+        methods=needed("methods", lambda: methods(diagnosis), None),
+        provenance=made_of or needed("provenance", lambda: provenance(diagnosis.campaign), None),
+    )
+
+
+def _curves(diagnosis: Diagnosis) -> tuple[Curve, ...]:
     j = diagnosis.judgement
     curves = []
     left = j.remainder_location if j.remainder_immaterial is None else None
@@ -178,21 +237,7 @@ def evidence(diagnosis: Diagnosis, made_of: Provenance | None = None) -> Evidenc
             free = is_effort(where) and not forces_known(diagnosis)
             curves.append(_curve(found, linearised is not j.linearised, free))
     curves[1:1] = [_curve(law, False) for law in _learned_laws(j)]
-    return Evidence(
-        traces=tuple(_traces(diagnosis)),
-        curves=tuple(curves[:2] if j.findings else curves[:1]),
-        parameters=tuple(_parameters(diagnosis)),
-        candidates=tuple(tried_rows(j, diagnosis.criteria.selection.level)),
-        ledger=tuple(_ledger(j)),
-        notes=(*doubts_of_units(diagnosis.campaign), *diagnosis.campaign.notes),
-        verdict_sentence=sentence(diagnosis),
-        no_proposal=no_proposal(diagnosis),
-        supports=supports(diagnosis),
-        symptoms=_symptoms(diagnosis),
-        rules=tuple(_rule(r) for r in j.rules),
-        methods=methods(diagnosis),
-        provenance=made_of or provenance(diagnosis.campaign),
-    )
+    return tuple(curves[:2] if j.findings else curves[:1])
 
 
 def _learned_laws(j: Judgement) -> list[Picture]:
@@ -228,7 +273,7 @@ def _traces(diagnosis: Diagnosis) -> list[Trace]:
     found = []
     for r in diagnosis.campaign.recordings:
         for part in r.parts:
-            if part.use == "nuisance":
+            if part.use == "nuisance" or r.name not in diagnosis.before.outputs:
                 continue
             rows = slice(part.first, part.last)
             before, after = diagnosis.before.outputs[r.name][rows], diagnosis.after.outputs[r.name][rows]

@@ -48,6 +48,8 @@ def sentence(diagnosis: Diagnosis) -> str:
         if bare:
             stands = f"fits by {percent(mean_fit(diagnosis.before, 'identification'), 2)} %. {floorless(bare)}"
         return f"These recordings show nothing that is missing: the base model {stands}"
+    if j.verdict == "unknown" and diagnosis.ended.early and not j.findings:
+        return f"{_unfinished(j)} {_nearest(j)}{change}"
     if j.verdict == "unknown":
         return f"{unknown_statement(j)} {_nearest(j)}{change}"
     claimed = j.claimed
@@ -146,6 +148,16 @@ def unknown_statement(judgement: Judgement) -> str:
         return f"{real} No effect or learned element describes it, so the model is still the base model."
     listed = " and ".join(held) if len(held) < 3 else f"{', '.join(held[:-1])} and {held[-1]}"
     return f"{real} No name for it is proven. The model describes it by {listed}."
+
+
+def _unfinished(judgement: Judgement) -> str:
+    """State what is known after a search that has ended before it accepted an element."""
+    stands = "The model is still the base model."
+    if not judgement.naming.p_value < 1.0:
+        return f"Whether something is missing is not known, because the test of the base model failed. {stands}"
+    where = judgement.location
+    place = "" if where is None else f" at the {where.name} location ({where.detail})"
+    return f"Something is missing{place}. The search ended before it accepted an element. {stands}"
 
 
 def _element(finding: Finding) -> str:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from phnn.diagnosis.judge import Judgement
+from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.trial import tie
 from phnn.report.evidence import CandidateRow
 
 
-def tried_rows(j: Judgement, level: float) -> list[CandidateRow]:
-    """Every effect with its score, its refit and its outcome; a p-value below ``level`` is significant."""
+def tried_rows(diagnosis: Diagnosis) -> list[CandidateRow]:
+    """Every effect with its score, its refit and its outcome."""
+    j, level = diagnosis.judgement, diagnosis.criteria.selection.level
+    ended = diagnosis.ended
+    failed = {f.candidate: f"no candidate: {f.error}: {f.message}" for f in (*ended.failed, *ended.warnings)}
     refits = {t.candidate.effect.name: t for t in j.tried if t.fit is not None}
     added = {f.effect.name for f in j.findings}
     members = {t.candidate.effect.name for f in j.findings for t in f.members} - added
@@ -26,6 +29,10 @@ def tried_rows(j: Judgement, level: float) -> list[CandidateRow]:
             return "explains as much as the one added"
         if j.immaterial is not None and name == j.immaterial.candidate:
             return "significant, but immaterial"
+        if name not in refits and name in failed:
+            return failed[name]
+        if name not in refits and diagnosis.ended.early and not j.tried and c.p_value < level:
+            return "not refitted to the end: the search ended early"
         if name not in refits:
             return "not significant" if c.p_value >= level else "others score higher: not refitted"
         # With its strength at zero it is the base model, so that it cannot fit worse.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from phnn.report.document import Document, Missing, Remainder
+from phnn.report.document import Document, Lost, Missing, Remainder
 from phnn.report.formatting import at_floor, chance, finite, listing, number, p_value, quantity, ratio, words
 
 VERDICT_WORDS = {
@@ -16,6 +16,27 @@ VERDICT_WORDS = {
 def headline(document: Document, sentence: str) -> str:
     """The verdict in a sentence: the one supplied, or the general one."""
     return sentence.strip() or VERDICT_WORDS[document.verdict]
+
+
+def ended_sentence(document: Document) -> str:
+    """Say how a search ended that did not come to its end; empty for one that did."""
+    ended, best = document.ended, "The answer is the best that was finished until then."
+    left = f" Not tried, or not to the end: {listing(ended.not_tried)}." if ended.not_tried else ""
+    if ended.why == "seconds":
+        size = "" if ended.budget is None else f" of {number(ended.budget)} s"
+        return f"The search ended early, because its time{size} was used up. {best}{left}"
+    if ended.why == "interrupted":
+        return f"The search was interrupted. {best}{left}"
+    if ended.why == "failure":
+        return f"The search ended early, because a part of it failed. {best}{left}"
+    return ""
+
+
+def lost_sentence(lost: Lost) -> str:
+    """State a part that failed."""
+    what = f"{lost.part} of {words(lost.candidate)}" if lost.candidate else lost.part
+    often = f" ({lost.times} times)" if lost.times > 1 else ""
+    return f"{what[:1].upper()}{what[1:]} failed{often}: {lost.why.rstrip('.')}."
 
 
 def test_sentence(document: Document) -> str:

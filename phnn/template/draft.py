@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from phnn.errors import InputRefused
-from phnn.intake.names import printable
-from phnn.output import write_new
+from phnn.errors import InputRefused, OutputRefused
 from phnn.recordings import checks, read
 from phnn.recordings.folder import READERS, Files
 from phnn.recordings.manifest import DEFAULT_SETUP, Entry, Manifest
+from phnn.results import printable, refusal
 from phnn.template.roles import layout_of
 from phnn.template.text import Found, manifest_text
 
@@ -49,9 +48,24 @@ def write_template(folder: Path, out: Path, outside: bool = False) -> None:
     """Write that text into a new file, which may lie in the folder of the recordings.
 
     Raises:
-        InputRefused: as `template`; or something has that name already.
+        InputRefused: as `template`; or there is a file, folder or link of that name, or the new one cannot be written.
+        OutputFailed: the disk is full.
     """
-    write_new(out, template(folder, outside).encode())
+    content = template(folder, outside).encode()
+    try:
+        # Exclusive: nothing is replaced, and no link is followed.
+        file = out.open("xb")
+    except FileExistsError as error:
+        raise OutputRefused(f"{out}: is there already and stays as it is: name a new file for --out") from error
+    except (OSError, ValueError) as error:
+        cause = getattr(error, "strerror", None) or str(error)
+        raise OutputRefused(f"{out}: cannot be written ({cause}): name a file in a folder that exists") from error
+    try:
+        with file:
+            file.write(content)
+    except OSError as error:
+        out.unlink(missing_ok=True)
+        raise refusal(out, error) from error
 
 
 def _found(files: Files, name: str) -> Found:

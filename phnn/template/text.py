@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from phnn.intake.names import message
+from phnn.intake.limits import LIMITS
 from phnn.recordings.manifest import DEFAULT_SETUP, TOP_KEYS
 from phnn.recordings.table import Table
+from phnn.results import message
 from phnn.template.roles import INPUT, OUTPUT, TIME, Layout, Role, known_unit, unstated
 from phnn.units import quantity
 
@@ -177,7 +178,7 @@ def _not_used(found: Sequence[Found], left: Sequence[str]) -> list[str]:
 
 def _comment(text: str) -> str:
     """A text that ends with the line of a comment, whatever it holds."""
-    return "".join(c if c.isprintable() else _escape(c) for c in message(text))
+    return "".join(c if c.isprintable() else _escape(c) for c in message(text, LIMITS.message_characters))
 
 
 def _quoted(text: str) -> str:

@@ -24,7 +24,7 @@ from phnn.effects import catalogue
 from phnn.effects.kinds import LOCATIONS
 from phnn.errors import InputRefused, meant
 from phnn.intake.files import named_file
-from phnn.output import Place
+from phnn.results import Place
 from studies.benchmark.folders import OUTPUT, document_of
 
 Array = NDArray[np.float64]

@@ -24,12 +24,12 @@ import pandas as pd
 from omegaconf import OmegaConf
 
 import phnn
-from phnn.ensemble import executor
 from phnn.errors import InputRefused
 from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
-from phnn.output import Place, write_atomic
+from phnn.parallel import executor
+from phnn.results import Place, write_atomic
 from studies.benchmark.cases import Entry, entries
 from studies.benchmark.settings import Settings
 from studies.generator import Sealed, make_case, open_seal, write_seal
@@ -50,7 +50,7 @@ def write_benchmark(settings: Settings, place: Place, where: str, say: Say) -> s
     A case whose seal lies there is not made again.
 
     Args:
-        place: claimed for it; where: see `phnn.ensemble.executor`; say: called with a line of progress.
+        place: claimed for it; where: see `phnn.parallel.executor`; say: called with a line of progress.
     """
     found = entries(settings)
     for name in (_CASES, _SEALED):

@@ -12,12 +12,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from phnn.ensemble import executor
 from phnn.errors import InputRefused, SolverFailed
 from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
-from phnn.output import Place
+from phnn.parallel import executor
+from phnn.results import Place
 from studies.benchmark.answer import FILE, Answer, read_answer, write_answer
 from studies.benchmark.folders import card_of, case_folder, digest_of, opened
 from studies.benchmark.page import page
@@ -43,7 +43,7 @@ def answer_all(
     Args:
         folder: of the benchmark; name: of the tool.
         place: claimed for the answers.
-        where: see `phnn.ensemble.executor`; say: called with a line of progress.
+        where: see `phnn.parallel.executor`; say: called with a line of progress.
         first: so many cases alone; all if left out.
         training: see `studies.benchmark.tools.tool`.
         limit: processor seconds of one case, after which the tool has no answer to it; None for as many as it takes.
@@ -52,6 +52,7 @@ def answer_all(
         InputRefused: no benchmark, no such tool, or an executor that cannot keep a limit.
     """
     card = card_of(folder)
+    (place / "answers").own_folder()
     (place / _TOOL).write_json({"tool": name, "seed": _SEED, "sha256": card["sha256"], "limit": limit})
     todo = [c for c in card["cases"][:first] if not (place / "answers" / c / FILE).path.exists()]
     work = partial(_answered, folder, partial(tool, name, training), place, limit)

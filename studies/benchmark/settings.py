@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from phnn.configuration import check, whole
 from phnn.errors import InputRefused
-from phnn.intake.settings import check, whole
 
 # Kinds of cases. A background is physics that acts beside what is concealed and leaves less than the noise.
 GROUPS = ("none", "same", "other", "outside", "pair", "background")

@@ -19,9 +19,9 @@ from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.solvers import solver_for
 from phnn.learn.starts import typical_states
 from phnn.models.store import load
-from phnn.output import claim
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table, number, percent, ratio
+from phnn.results import claim
 from studies.comparison.cycles import CycleErrors, cycle_errors
 from studies.comparison.rivals import HEADS
 from studies.comparison.supply import Response, of_plant, of_setup, supply

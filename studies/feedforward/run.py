@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 
 from phnn.identification.base import Progress, quiet
 from phnn.identification.options import Options
-from phnn.output import Place, claim
 from phnn.recordings import read
 from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, RC, new_figure, png, quiet_grid
 from phnn.report.formatting import markdown_table
+from phnn.results import Place, claim
 from studies.feedforward.tracking import (
     COMMANDS,
     HEADS,

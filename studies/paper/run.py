@@ -12,8 +12,8 @@ from rich.table import Table
 from phnn.identification.base import Progress, quiet
 from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
-from phnn.output import Place, claim
 from phnn.recordings import Campaign, read
+from phnn.results import Place, claim
 from studies.paper.document import cells, document, heads, markdown, table_csv
 from studies.paper.figures import draw_all
 from studies.paper.table import REFITTED, Comparison, compare

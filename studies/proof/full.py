@@ -10,9 +10,9 @@ from typing import Any
 from phnn.diagnosis.diagnosis import diagnose
 from phnn.identification.options import Options
 from phnn.models.store import load
-from phnn.output import Place, finite
 from phnn.recordings import read
 from phnn.report.result import write_into
+from phnn.results import Place, finite
 
 
 def diagnose_folder(

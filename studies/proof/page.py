@@ -8,9 +8,9 @@ from dataclasses import asdict
 import numpy as np
 import pandas as pd
 
-from phnn.output import Place
 from phnn.report.formatting import DASH, number
 from phnn.report.plain import plain_page
+from phnn.results import Place
 from studies.proof.figures import draw_all
 from studies.proof.grades import WRONG
 from studies.proof.nulls import counts

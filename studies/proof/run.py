@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from phnn.effects import catalogue
-from phnn.ensemble import executor
 from phnn.errors import OutputFailed, OutputRefused, PhnnError
-from phnn.output import Origin, Place, claim, write_atomic
+from phnn.parallel import executor
+from phnn.results import Origin, Place, claim, write_atomic
 from studies.generator import Sealed, make_case, open_seal, write_seal
 from studies.proof.cases import Task, tasks
 from studies.proof.fast import score_folder
@@ -70,7 +70,7 @@ def prove(settings: Settings, place: Place, say: Say) -> tuple[list[Outcome], st
         PhnnError: a seal was changed during the diagnosis.
     """
     room, todo = Room(place), tasks(settings)
-    for name in ("recordings", "sealed"):
+    for name in ("recordings", "sealed", "answers"):
         (place / name).own_folder()
     _all(partial(_sealed, room), [t for t in todo if not room.seal(t).exists()], settings, say, "sealed")
     digest = _digest(room, todo)

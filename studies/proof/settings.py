@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from phnn.configuration import check, whole
 from phnn.errors import InputRefused
-from phnn.intake.settings import check, whole
 from studies.generator.conditions import PLAIN, Conditions
 from studies.generator.families import asked
 from studies.proof.families import family
@@ -38,7 +38,7 @@ class Settings:
         noise: family of all cases but the nulls by family, see `generator.families`; empty for that of the seed.
         background, hysterons, wrong_order, anchor_error, base: of all cases, see `studies.generator.Conditions`.
         fast_plan, plan, null_plan: sets of recordings of the two tiers and of the nulls by family.
-        executor: where cases are worked on, see `phnn.ensemble.executor.executor`.
+        executor: where cases are worked on, see `phnn.parallel.executor`.
         starts: starting points of a fit; max_effects: how many effects a diagnosis may name.
         keep: whether recordings and whole reports are kept.
     """

@@ -14,9 +14,9 @@ import numpy as np
 from phnn.comparison.models import Result, Settings
 from phnn.comparison.run import compare
 from phnn.identification.base import Progress, quiet
-from phnn.output import Place
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import markdown_table, ratio
+from phnn.results import Place
 from studies.comparison.rivals import HEADS
 from studies.comparison.uses import CONFIRMATION, OUTSIDE, USES, over_noise, uses
 from studies.generator.excitation import Excitation, sine

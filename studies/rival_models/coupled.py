@@ -13,9 +13,9 @@ from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import Progress, quiet
 from phnn.identification.identified import identify
 from phnn.model import Model
-from phnn.output import Place
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import markdown_table
+from phnn.results import Place
 from studies.comparison.rivals import HEADS
 from studies.generator.excitation import PEAK
 from studies.recordings import comparison_plan

@@ -13,9 +13,9 @@ import numpy as np
 from phnn.comparison.models import Settings
 from phnn.errors import InputRefused, OutputFailed, SolverFailed
 from phnn.identification.base import Progress, quiet
-from phnn.output import Place
 from phnn.recordings import Campaign
 from phnn.report.formatting import DASH, markdown_table
+from phnn.results import Place
 from studies.comparison.rivals import HEADS
 from studies.generator.excitation import PEAK
 from studies.rival_models.compiled_stepper import compiled_stepper

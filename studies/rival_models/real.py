@@ -24,10 +24,10 @@ from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import Progress, identify_base, quiet
 from phnn.identification.evaluate import PartScore, score_part
 from phnn.identification.zero import own_zeros
-from phnn.output import Place
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table, ratio
 from phnn.report.result import document
+from phnn.results import Place
 from studies.comparison.rivals import HEADS
 from studies.rival_models.contest import cell
 from studies.rival_models.names import NAMES, rival

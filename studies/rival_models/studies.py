@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from phnn.comparison.models import Settings
-from phnn.configuration import checked
+from phnn.configuration import check, checked, number, positive, whole
 from phnn.errors import InputRefused
 from phnn.identification.base import Progress, quiet
-from phnn.intake.settings import check, positive, whole
-from phnn.intake.settings import checked as number
-from phnn.output import Place
+from phnn.results import Place
 from studies.comparison.rivals import register_rivals
 from studies.rival_models.contest import scarcity, truths
 from studies.rival_models.coupled import loops

@@ -20,7 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from phnn.errors import InputRefused
-from phnn.output import write_atomic
+from phnn.results import write_atomic
 from studies.generator.actuator import simulate_all
 from studies.generator.base import draw_base
 from studies.generator.excitation import PEAK, Excitation

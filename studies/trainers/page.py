@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from phnn.errors import InputRefused
 from phnn.identification.base import Progress
-from phnn.output import Place
 from phnn.report.figures.style import CATEGORIES, RC, literal, new_figure, png, quiet_grid
 from phnn.report.formatting import markdown_table
+from phnn.results import Place
 from studies.results import write_results
 from studies.trainers.run import Case, Outcome, Way, compare_trainers, plain
 

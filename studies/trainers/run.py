@@ -24,8 +24,8 @@ from phnn.learn.settings import Settings
 from phnn.learn.solvers import compiled, solver_for
 from phnn.learn.starts import plant_for
 from phnn.learn.windows import thinned
-from phnn.output import Place, write_atomic
 from phnn.recordings import Campaign, read
+from phnn.results import Place, write_atomic
 from studies.comparison.uses import CONFIRMATION, OUTSIDE, uses
 from studies.generator.actuator import TABLE, simulate_all
 from studies.generator.base import with_hysterons

@@ -15,7 +15,7 @@ import pytest
 
 from phnn.cli import main
 from phnn.models.store import save
-from phnn.output import claim
+from phnn.results import claim
 
 MARK = "INCOMPLETE.txt"
 SAMPLES = 15_000
@@ -79,8 +79,8 @@ def predict(home: Path, model: str, out: Path) -> int:
 
 
 def seen(folder: Path) -> dict[str, bytes]:
-    """Content of all files but phnn's own notes."""
-    found = (p for p in sorted(folder.rglob("*")) if p.is_file() and ".phnn" not in p.parts)
+    """Content of all files but phnn's own notes and index."""
+    found = (p for p in sorted(folder.rglob("*")) if p.is_file() and ".phnn" not in p.parts and p.name != "index.html")
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in found}
 
 

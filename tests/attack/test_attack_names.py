@@ -12,9 +12,9 @@ from attack_tools import Attack, csv, often, put, quick
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phnn.intake.names import printable
 from phnn.models.actuator import hrc
 from phnn.models.store import FILE, save
+from phnn.results import printable
 from phnn.setup import Setup
 
 NAMES: dict[str, str] = {

@@ -17,10 +17,10 @@ from phnn.diagnosis.search import Search
 from phnn.diagnosis.select import select
 from phnn.diagnosis.trial import tie
 from phnn.effects import effect
-from phnn.ensemble import SERIAL
 from phnn.identification.fit import Fit, fit
 from phnn.identification.numerics import numerical_error
 from phnn.identification.options import Options
+from phnn.parallel import SERIAL
 from phnn.units import FORCE_UNITS
 
 

@@ -153,7 +153,7 @@ def test_each_process_solves_with_the_law_that_it_registered(tmp_path: Path) -> 
 
 def test_worker_processes_know_the_law(tmp_path: Path) -> None:
     ask = """
-from phnn.ensemble.processes import Processes
+from phnn.parallel import executor
 
 def newest(_):
     from phnn.laws import RESISTOR_LAWS
@@ -161,7 +161,7 @@ def newest(_):
     name, law = list(RESISTOR_LAWS.items())[-1]
     return name, float(law.flow(1.0, 0.0, 2.0))
 
-print(*(result for _, result in Processes(1).each(newest, [0])))
+print(*(result for _, result in executor("processes:1").each(newest, [0])))
 """
     assert _printed(_LAW.format(factor=3.0, inner=2.0) + ask, tmp_path) == ["('own_damper', 12.0)"]
 

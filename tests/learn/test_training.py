@@ -20,7 +20,7 @@ from phnn.learn.plant import Plant
 from phnn.learn.settings import Settings
 from phnn.learn.solvers import Torchdiffeq, averaged, compiled
 from phnn.learn.trainer import Progress, Trainer
-from phnn.output import Place
+from phnn.results import Place
 
 KINDS: dict[str, tuple[Callable[[], Plant], int]] = {
     "neural": (lambda: example.neural(3), 3), "fully_neural": (example.fully_neural, 0),

@@ -60,6 +60,6 @@ def test_evidence_is_that_of_the_effect_and_no_recording_is_proposed_against_it(
     (support,) = supports(found)
     assert support.effect == "coulomb_friction in another form"
     assert support.expected == effect("coulomb_friction").fingerprint
-    outcomes = {row.effect: row.outcome for row in tried_rows(found.judgement, 0.01)}
+    outcomes = {row.effect: row.outcome for row in tried_rows(found)}
     assert outcomes["coulomb_friction"].startswith("can nearly replace the learned element")
     assert tied_members(found.judgement) == ()

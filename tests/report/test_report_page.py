@@ -19,8 +19,8 @@ from report_example import NOISE, make_document, make_evidence, make_trace
 from report_html import Page
 
 from phnn.errors import InputRefused, OutputFailed
-from phnn.output import Place, claim, file_name
 from phnn.report import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace, write_report
+from phnn.results import Place, claim, file_name
 
 VERDICTS = ("named", "equivalent", "unknown", "none")
 EMPTY = Evidence((), (), (), (), (), (), "")

@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from report_example import NOISE, make_document, make_evidence, make_trace
 
-from phnn.output import Place
 from phnn.report import write_report
 from phnn.report.document import FitRow, Score
 from phnn.report.plots import POINTS, binned, packed, plots, samples_per_bin
 from phnn.report.view import view_of
+from phnn.results import Place
 
 _LARGEST = 5_000_000  # bytes of a page of thirteen recordings
 

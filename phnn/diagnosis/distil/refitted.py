@@ -13,8 +13,8 @@ from phnn.diagnosis.rival import refitted_rival
 from phnn.diagnosis.trial import Trial, simplest_first, tie
 from phnn.effects import Effect
 from phnn.effects.formulas import formulas_for
-from phnn.ensemble import SERIAL, Executor
 from phnn.identification.fit import Fit
+from phnn.parallel import SERIAL, Executor
 from phnn.units import quantity
 
 # Of a null that nobody asks for: formulas are ranked, not tested.

@@ -9,9 +9,9 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake.limits import LIMITS
-from phnn.intake.names import printable
 from phnn.recordings.adapters.given import Given, plain, where_of
 from phnn.recordings.table import Table
+from phnn.results import printable
 
 _MODULE = "nonlinear_benchmarks.utilities"
 

@@ -8,7 +8,6 @@ from typing import Any
 
 from phnn.errors import InputRefused
 from phnn.intake.limits import LIMITS
-from phnn.intake.names import printable
 from phnn.recordings.adapters.arrays import given_arrays, is_arrays, is_numbers
 from phnn.recordings.adapters.benchmark import given_benchmark, is_benchmark
 from phnn.recordings.adapters.frames import given_frame, is_frame
@@ -16,6 +15,7 @@ from phnn.recordings.adapters.given import Given
 from phnn.recordings.adapters.labelled import given_labelled, is_labelled
 from phnn.recordings.manifest import Manifest
 from phnn.recordings.recording import is_actuator
+from phnn.results import printable
 
 _ACCEPTED = (
     "a folder, a pandas DataFrame, an xarray Dataset or DataArray, an Input_output_data of nonlinear_benchmarks or its "

@@ -9,11 +9,11 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake.limits import LIMITS
-from phnn.intake.names import printable
 from phnn.recordings.adapters.given import Given, given_of, seconds, where_of
 from phnn.recordings.table import Table
 from phnn.recordings.units import parse_name
 from phnn.recordings.values import mapping
+from phnn.results import printable
 
 
 def is_frame(data: object) -> bool:

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from phnn.intake.names import printable
 from phnn.recordings.table import Table, Where
 from phnn.recordings.values import choice, number
+from phnn.results import printable
 
 USES = ("identification", "confirmation")
 

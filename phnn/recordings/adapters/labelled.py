@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.intake.names import printable
 from phnn.recordings.adapters.given import Given, given_of, seconds, where_of
 from phnn.recordings.table import Table
 from phnn.recordings.units import parse_name
+from phnn.results import printable
 
 _TIMES = ("time", "t")
 

@@ -20,13 +20,13 @@ from typing import Any
 
 import pandas as pd
 
-from phnn.ensemble import executor
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification.fit import Fit
 from phnn.intake.files import named_file
-from phnn.output import Place
+from phnn.parallel import executor
 from phnn.recordings import Recording
 from phnn.recordings.excitation import excitation_of
+from phnn.results import Place
 from studies.benchmark.fingerprints.actuators import Actuator, simulated
 from studies.benchmark.fingerprints.cases import Drawn, drawn
 from studies.benchmark.fingerprints.features import features, names
@@ -53,8 +53,9 @@ def train(seed: int, size: int, place: Place, where: str, say: Say) -> pd.DataFr
     Args:
         seed: every case follows from it and its number; size: number of cases.
         place: claimed for the table.
-        where: see `phnn.ensemble.executor`; say: called with a line of progress.
+        where: see `phnn.parallel.executor`; say: called with a line of progress.
     """
+    (place / _ROWS).own_folder()
     todo = [n for n in range(size) if not (place / _ROWS / f"{n:05d}.json").path.exists()]
     for count, _ in enumerate(executor(where).each(partial(_made, place, seed), todo), start=1):
         say(f"trained {count} of {len(todo)}")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter, lfilter_zi
 
-from phnn.integrate.compiled import entry
+from phnn.integrate.cache import entry
 
 Array = NDArray[np.float64]
 

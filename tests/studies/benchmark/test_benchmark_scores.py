@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.stats import multinomial
 
 from phnn.errors import InputRefused
-from phnn.output import claim
+from phnn.results import claim
 from studies.benchmark.answer import FILE, Answer, read_answer, write_answer
 from studies.benchmark.cases import Entry
 from studies.benchmark.page import page

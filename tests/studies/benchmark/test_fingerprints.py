@@ -17,7 +17,7 @@ from phnn.cli import main
 from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.fit import Fit
 from phnn.models.actuator import hrc
-from phnn.output import claim
+from phnn.results import claim
 from studies.benchmark.cases import entries
 from studies.benchmark.fingerprints import classifier, cycles, jumps, training
 from studies.benchmark.fingerprints.actuators import Actuator, simulated, template

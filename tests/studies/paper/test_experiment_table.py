@@ -13,8 +13,8 @@ import pytest
 from phnn.diagnosis.tested import score_on_all
 from phnn.identification.fit import Fit, fit
 from phnn.models.bouc_wen import bouc_wen
-from phnn.output import finite
 from phnn.report.figures import Drawing
+from phnn.results import finite
 from studies.paper.document import cells, document, heads, markdown, table_csv
 from studies.paper.figures import draw_all, panels, responses
 from studies.paper.published import TABLE_3

@@ -10,7 +10,7 @@ import pytest
 
 from phnn.configuration import compose
 from phnn.errors import InputRefused, PhnnError
-from phnn.output import Place
+from phnn.results import Place
 from studies.proof import run
 from studies.proof.cases import tasks
 from studies.proof.families import family

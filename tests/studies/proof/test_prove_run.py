@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from phnn.configuration import compose
-from phnn.ensemble import Executor
 from phnn.errors import InputRefused, PhnnError
-from phnn.output import Place
+from phnn.parallel import Executor
+from phnn.results import Place
 from studies.generator import open_seal
 from studies.proof import run
 from studies.proof.cases import tasks

@@ -15,8 +15,8 @@ from phnn.comparison import models
 from phnn.comparison.models import Settings
 from phnn.configuration import compose
 from phnn.errors import InputRefused
-from phnn.output import Place
 from phnn.recordings import Part, Start, read
+from phnn.results import Place
 from studies.comparison.rivals import register_rivals
 from studies.generator.excitation import sine
 from studies.rival_models.contest import COUNTS, Row, held_out, scarcity_page, truths, truths_page

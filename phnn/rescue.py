@@ -1,0 +1,337 @@
+"""Work in parts, of which one that fails, or comes too late, is left out and told; what was finished stays.
+
+| call | of what | left out where |
+|---|---|---|
+| `attempt` | one model: a start, a refit, a model without an element | it cannot be simulated, or its fit raises |
+| `move` | a move of the search | it fails, which ends the search; time is up; the user interrupts |
+| `extra` | what an answer can do without: a formula, the next recording | it fails; time is up; the user interrupts |
+| `needed` | what every answer has: scores, tables, figures; time is no matter | it fails; the user interrupts |
+
+Each returns what stands in place of the result. Without `accounted` around them they only call the function, and
+`attempt` passes over models that cannot be simulated. What cannot be written (`phnn.errors.OutputRefused`,
+`phnn.errors.OutputFailed`) is never passed over. With ``PHNN_DEBUG`` set nothing is passed over but models that cannot
+be simulated.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from phnn.errors import InputRefused, OutputFailed, OutputRefused, PhnnError
+
+T = TypeVar("T")
+
+_STRICT = "PHNN_DEBUG"
+_PACKAGE = Path(__file__).resolve().parent
+NOTHING_LEFT, SECONDS, INTERRUPTED, FAILURE = "nothing left", "seconds", "interrupted", "failure"
+
+
+class Stopped(BaseException):
+    """The time is up. It passes all handlers of errors, so that a whole move is given up."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A part that failed.
+
+    Attributes:
+        part: what was to be done; candidate: name of the effect that was refitted, if one was.
+        error: type of the exception; message: its text; where: file, line and function of the package.
+    """
+
+    part: str
+    candidate: str
+    error: str
+    message: str
+    where: str
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a search ended, and what is missing in its answer.
+
+    Attributes:
+        why: ``nothing left``, ``seconds``, ``interrupted`` or ``failure``.
+        not_tried: moves that were given up or not begun.
+        failed: models that could not be simulated or fitted; they were no candidates.
+        warnings: parts that failed otherwise, or that the answer lacks.
+        budget: seconds that there were; None without a bound.
+        interruption: what interrupted it, to be raised again when the answer is written.
+    """
+
+    why: str = NOTHING_LEFT
+    not_tried: tuple[str, ...] = ()
+    failed: tuple[Failure, ...] = ()
+    warnings: tuple[Failure, ...] = ()
+    budget: float | None = None
+    interruption: KeyboardInterrupt | None = field(default=None, compare=False)
+
+    @property
+    def early(self) -> bool:
+        """Whether something was left to try."""
+        return self.why != NOTHING_LEFT
+
+
+class Account:
+    """What has failed and what was not tried so far.
+
+    Attributes:
+        until: time of day [s since the epoch] at which moves are given up.
+        answers: an interruption ends the search with an answer; otherwise it ends everything.
+        stopped: why no further move is begun; empty while they are.
+    """
+
+    def __init__(self, until: float = float("inf"), checked: bool = False, answers: bool = False) -> None:
+        self.until = until
+        self.answers = answers
+        self.stopped = ""
+        self.interruption: KeyboardInterrupt | None = None
+        self.failed: list[Failure] = []
+        self.warnings: list[Failure] = []
+        self.not_tried: list[str] = []
+        self.keep: Callable[[Any, Any], None] = lambda item, result: None
+        self.checked = checked
+        self._lost = False
+
+    def ended(self, budget: float | None = None) -> Ended:
+        """All of it."""
+        why = self.stopped or (FAILURE if self._lost else NOTHING_LEFT)
+        left, bad, warnings = tuple(dict.fromkeys(self.not_tried)), tuple(self.failed), tuple(self.warnings)
+        return Ended(why, left, bad, warnings, budget, self.interruption)
+
+    def run(self, part: str, work: Callable[[], T], otherwise: T, checked: bool, ends: bool) -> T:
+        """The result of a part; ``otherwise`` where it failed or was stopped.
+
+        Args:
+            checked: it may be stopped when the time is up.
+            ends: its failure ends the search.
+        """
+        before, self.checked = self.checked, checked
+        try:
+            return work()
+        except Stopped:
+            self.stopped = self.stopped or SECONDS
+            self.not_tried.append(part)
+        except KeyboardInterrupt as interruption:
+            if self.interruption is not None or not self.answers:
+                raise
+            self.interruption = interruption.with_traceback(None)
+            self.stopped = self.stopped or INTERRUPTED
+            self.not_tried.append(part)
+        except (OutputRefused, OutputFailed):
+            raise
+        except Exception as error:
+            if _strict():
+                raise
+            self.warnings.append(_failure(part, error))
+            self._lost |= ends
+        finally:
+            self.checked = before
+        return otherwise
+
+
+_ACCOUNT: ContextVar[Account | None] = ContextVar("account", default=None)
+
+
+@contextmanager
+def accounted(until: float = float("inf"), checked: bool = False, answers: bool = False) -> Iterator[Account]:
+    """Keep an account of all parts until the end of the block.
+
+    Args:
+        until: time of day [s since the epoch] at which moves are given up.
+        checked: the block itself is part of a move.
+        answers: an interruption ends the search with an answer; otherwise it ends everything.
+    """
+    account = Account(until, checked, answers)
+    token = _ACCOUNT.set(account)
+    try:
+        yield account
+    finally:
+        _ACCOUNT.reset(token)
+
+
+def deadline(budget: float | None) -> float:
+    """The time of day [s since the epoch] at which a budget of seconds is used up.
+
+    Raises:
+        InputRefused: it is no positive number.
+    """
+    if budget is not None and not budget > 0.0:
+        raise InputRefused(f"budget: {budget:g} s: give a positive number of seconds")
+    return float("inf") if budget is None else time.time() + budget
+
+
+def stop_if_late() -> None:
+    """Give up the present move where its time is up; called before all recordings are simulated.
+
+    Raises:
+        Stopped: it is.
+    """
+    account = _ACCOUNT.get()
+    if account is not None and account.checked and not account.stopped and time.time() > account.until:
+        raise Stopped
+
+
+def late(part: str) -> bool:
+    """Whether the time is up, so that a part is not begun and all moves after it neither."""
+    account = _ACCOUNT.get()
+    if account is None or time.time() <= account.until:
+        return False
+    account.stopped = account.stopped or SECONDS
+    account.not_tried.append(part)
+    return True
+
+
+def attempt(part: str, work: Callable[[], T], otherwise: T) -> T:
+    """What one model gives; ``otherwise`` where it cannot be simulated, or its fit raises."""
+    account = _ACCOUNT.get()
+    try:
+        return work()
+    except PhnnError as error:
+        if account is not None:
+            account.failed.append(_failure(part, error))
+    except Exception as error:
+        if account is None or _strict():
+            raise
+        account.warnings.append(_failure(part, error))
+    return otherwise
+
+
+def move(part: str, work: Callable[[], T], otherwise: T) -> T:
+    """What a move of the search gives; ``otherwise`` where it fails, or time is up."""
+    return _unless_stopped(part, work, otherwise, ends=True)
+
+
+def extra(part: str, work: Callable[[], T], otherwise: T) -> T:
+    """What a part gives that an answer can do without; ``otherwise`` where it fails, or time is up."""
+    return _unless_stopped(part, work, otherwise, ends=False)
+
+
+def _unless_stopped(part: str, work: Callable[[], T], otherwise: T, ends: bool) -> T:
+    account = _ACCOUNT.get()
+    if account is None:
+        return work()
+    if account.stopped:
+        account.not_tried.append(part)
+        return otherwise
+    return account.run(part, work, otherwise, checked=True, ends=ends)
+
+
+def needed(part: str, work: Callable[[], T], otherwise: T, ends: bool = False) -> T:
+    """What a part of every answer gives; ``otherwise`` where it fails.
+
+    Args:
+        ends: its failure ends the search.
+    """
+    account = _ACCOUNT.get()
+    return work() if account is None else account.run(part, work, otherwise, checked=False, ends=ends)
+
+
+@contextmanager
+def kept(keep: Callable[[Any, Any], None]) -> Iterator[None]:
+    """Hand every result of `results` over as soon as it is there, with its item."""
+    account = _ACCOUNT.get()
+    if account is None:
+        yield
+        return
+    before, account.keep = account.keep, keep
+    try:
+        yield
+    finally:
+        account.keep = before
+
+
+class _Result(NamedTuple):
+    """What became of an item, wherever it was at work."""
+
+    result: Any
+    stopped: bool
+    failed: Sequence[Failure]
+    warnings: Sequence[Failure]
+
+
+def results(
+    each: Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[tuple[int, Any]]],
+    work: Callable[[Any], Any],
+    items: Sequence[Any],
+    names: Sequence[str],
+) -> list[Any]:
+    """``work(item)`` of every item, done by an executor; None where an item failed.
+
+    Args:
+        each: of the executor, see `phnn.parallel.Executor.each`.
+        work: on one item.
+        items: candidates; names: of their effects.
+
+    Raises:
+        Stopped: the time is up; what was finished has been kept.
+    """
+    found: list[Any] = [None] * len(items)
+    account = _ACCOUNT.get()
+    if account is None:
+        for index, result in each(work, items):
+            found[index] = result
+        return found
+    until = account.until if account.checked and not account.stopped else float("inf")
+    try:
+        for index, answer in each(partial(_alone, work, until), items):
+            named = {"candidate": names[index]}
+            account.failed += [Failure(**(vars(f) | named)) for f in answer.failed]
+            account.warnings += [Failure(**(vars(f) | named)) for f in answer.warnings]
+            if answer.stopped:
+                raise Stopped
+            found[index] = answer.result
+            account.keep(items[index], answer.result)
+    except PhnnError as error:
+        # Workers that were killed; all other items are done.
+        account.failed.append(_failure("refit", error))
+    return found
+
+
+def _alone(work: Callable[[Any], Any], until: float, item: Any) -> _Result:
+    """One item, accounted for by itself: it may be at work in another process."""
+    with accounted(until, checked=True) as account:
+        try:
+            result, stopped = attempt("refit", partial(work, item), None), False
+        except Stopped:
+            result, stopped = None, True
+    return _Result(result, stopped, account.failed, account.warnings)
+
+
+def warnings() -> tuple[Failure, ...]:
+    """Parts that have failed so far."""
+    account = _ACCOUNT.get()
+    return () if account is None else tuple(account.warnings)
+
+
+def documents(failures: Sequence[Failure]) -> list[Mapping[str, Any]]:
+    """Failures for a json file, equal ones once with their number."""
+    count: dict[tuple[str, ...], int] = {}
+    for f in failures:
+        key = (f.part, f.candidate, f.error, f.message, f.where)
+        count[key] = count.get(key, 0) + 1
+    names = ("part", "candidate", "error", "message", "where")
+    return [dict(zip(names, key, strict=True)) | {"times": n} for key, n in count.items()]
+
+
+def _strict() -> bool:
+    return bool(os.environ.get(_STRICT))
+
+
+def _failure(part: str, error: Exception) -> Failure:
+    """What is told of an exception; its frames, which hold all recordings, are let go."""
+    frames = traceback.extract_tb(error.__traceback__)
+    passed = [f for f in frames if Path(f.filename) != Path(__file__)]
+    last = [*passed, *(f for f in passed if Path(f.filename).resolve().is_relative_to(_PACKAGE))][-1]
+    place = Path(last.filename)
+    place = place.resolve().relative_to(_PACKAGE.parent) if place.resolve().is_relative_to(_PACKAGE) else place
+    return Failure(part, "", type(error).__name__, str(error), f"{place.as_posix()}:{last.lineno} {last.name}")

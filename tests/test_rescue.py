@@ -1,0 +1,368 @@
+"""Nothing finished is ever lost: failures, a budget and an interruption at any place leave a written answer."""
+
+from __future__ import annotations
+
+import json
+import random
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+from unittest import mock
+
+import campaigns
+import numpy as np
+import pytest
+
+import phnn
+from phnn.cli import main
+from phnn.commands import diagnose as command
+from phnn.diagnosis import confirm, linearised_fit, propose, retest, scored, select, steps, tested
+from phnn.diagnosis import diagnosis as path
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.effects import catalogue
+from phnn.effects.learned import learned_elements
+from phnn.errors import OutputFailed, SolverFailed
+from phnn.identification import evaluate as evaluation
+from phnn.identification import left_out, problem
+from phnn.identification.numerics import NumericalError, numerical_error
+from phnn.identification.options import Options
+from phnn.parallel import executor
+from phnn.report import gallery, page, result
+from phnn.report.result import write
+from phnn.rescue import accounted, attempt, extra, kept, move, needed, results, stop_if_late
+
+# Functions of numbers and pictures that a diagnosis calls after its base fit, in the modules that call them. For an
+# optimiser and for scores, a simulation that does not solve a step is an answer like others: it is no failure there.
+SIMULATIONS = [(problem, "simulate"), (linearised_fit, "simulate"), (evaluation, "simulate"), (steps, "started")]
+PLACES: list[tuple[ModuleType, str]] = [
+    *SIMULATIONS, (steps, "fit"), (steps, "fit_identified"), (retest, "fit_identified"), (scored, "score"),
+    (scored, "responses"), (scored, "locate"), (scored, "prepare"), (select, "class_of"), (select, "numerical_error"),
+    (left_out, "evaluate"), (tested, "evaluate"), (tested, "gain"), (confirm, "tested_elements"), (path, "distil"),
+    (path, "check"), (path, "questions"), (propose, "menu"), (result, "account"), (result, "picture"),
+    (result, "sentence"), (result, "missing_entries"), (result, "methods"), (gallery, "draw_recording"),
+    (gallery, "draw_overview"), (gallery, "plots"), (page, "table_links"),
+]  # fmt: skip
+ERRORS: list[Callable[[str], Exception]] = [SolverFailed, FloatingPointError, ValueError, np.linalg.LinAlgError]
+TOLD = "raised on purpose"
+
+
+class Case(NamedTuple):
+    """Recordings with an effect, and what there is to explain them with."""
+
+    effect: str
+    names: tuple[str, ...]
+    learned: tuple[str, ...]
+
+
+QUICK = Case("creep", ("creep", "extra_hysteron"), ())
+# Nothing of the catalogue explains drag: the model is composed of what has no name, and a formula describes that.
+COMPOSED = Case("quadratic_drag", ("sensor_drift",), ("learned_damper",))
+
+
+@pytest.fixture(autouse=True)
+def _small_pictures() -> Iterator[None]:
+    """A figure is drawn, and not rendered: that takes most of the time of a report."""
+    with mock.patch.object(gallery, "png", return_value=b""), mock.patch.object(gallery, "svg", return_value=b""):
+        yield
+
+
+@cache
+def base(effect: str) -> tuple[Any, NumericalError]:
+    fitted = campaigns.base(effect)
+    return fitted, numerical_error(fitted)
+
+
+def diagnosed(case: Case, out: Path | None = None, budget: float | None = None) -> Diagnosis:
+    """A diagnosis from a base model that is fitted once, written where a folder is given."""
+    effects, campaign = [catalogue()[n] for n in case.names], campaigns.campaign(case.effect)
+    setup = base(case.effect)[0].setup
+    learned = path._possible(campaign, setup, [e for n, e in learned_elements().items() if n in case.learned])
+    with mock.patch.object(path, "identify_base", return_value=base(case.effect)):
+        found = path.diagnose(
+            campaign, Options(workers=1), effects=effects, learned=learned, budget=budget, answers=True
+        )
+    if out is not None:
+        write(found, out)
+    return found
+
+
+@contextmanager
+def counted(on_call: Callable[[str, int], None]) -> Iterator[Counter[str]]:
+    """Count the calls of all places by name; each is announced before it is made."""
+    count: Counter[str] = Counter()
+
+    def watched(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*args: Any, **kwargs: Any) -> Any:
+            count[name] += 1
+            on_call(name, count[name])
+            return function(*args, **kwargs)
+
+        return call
+
+    with ExitStack() as stack:
+        for module, name in PLACES:
+            place = f"{module.__name__}.{name}"
+            stack.enter_context(mock.patch.object(module, name, watched(place, getattr(module, name))))
+        yield count
+
+
+@cache
+def clean(case: Case, folder: Path) -> tuple[Diagnosis, Counter[str]]:
+    """A run in which nothing fails, and how often each place was called."""
+    with counted(lambda name, call: None) as count:
+        found = diagnosed(case, folder / "clean")
+    return found, count
+
+
+def chosen(number: int, count: Counter[str]) -> tuple[str, int, Exception]:
+    """A place, a call of it, and what it raises."""
+    draw = random.Random(number)
+    name = draw.choice(sorted(count))
+    kinds = ERRORS[1:] if any(name == f"{m.__name__}.{n}" for m, n in SIMULATIONS) else ERRORS
+    return name, draw.randint(1, count[name]), kinds[number % len(kinds)](TOLD)
+
+
+def assert_answered(out: Path, found: Diagnosis) -> dict[str, Any]:
+    """All of an answer is there, its model is no worse than the base model; returns the document."""
+    content: dict[str, Any] = json.loads((out / "diagnosis.json").read_text())
+    assert content["verdict"] == found.verdict
+    assert "</html>" in (out / "report.html").read_text()
+    assert not (out / "INCOMPLETE.txt").exists()
+    t = np.arange(200) * 1e-4
+    for name in ("base", "model"):
+        assert np.isfinite(phnn.load(out / name).simulate(t, 50.0 * np.sin(600.0 * t))).all()  # type: ignore[union-attr]
+    assert found.judgement.final.cost <= found.judgement.linearised.fit.cost * (1.0 + 1e-9)
+    before, after = (e.over_noise("identification") for e in (found.before, found.after))
+    assert after <= before * (1.0 + 1e-6)
+    return content
+
+
+def failing(case: Case, number: int, folder: Path) -> None:
+    """One failure at a random place after the base fit: there is an answer, and it tells the failure."""
+    _, count = clean(case, folder)
+    name, when, error = chosen(number, count)
+
+    def on_call(called: str, call: int) -> None:
+        if (called, call) == (name, when):
+            raise error
+
+    out = folder / f"{case.effect}-{number}"
+    with counted(on_call):
+        found = diagnosed(case, out)
+    content = assert_answered(out, found)
+    told = [*content["warnings"], *content["ended"]["failed"]]
+    assert [t for t in told if TOLD in t["message"] and t["error"] == type(error).__name__], (name, when, told)
+    assert TOLD in (out / "report.html").read_text(), (name, when)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("rescue")
+
+
+def test_a_clean_run_has_no_warnings_and_nothing_left(folder: Path) -> None:
+    found, count = clean(QUICK, folder)
+    content = assert_answered(folder / "clean", found)
+    assert content["warnings"] == []
+    assert content["ended"] == {"why": "nothing left", "budget": None, "not_tried": [], "failed": []}
+    assert found.verdict == "named"
+    assert {"phnn.diagnosis.steps.fit", "phnn.report.gallery.draw_recording"} <= set(count)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_a_failure_leaves_an_answer(number: int, folder: Path) -> None:
+    failing(QUICK, number, folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(3, 11))
+def test_failures_anywhere_leave_an_answer(number: int, folder: Path) -> None:
+    failing(QUICK, number, folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(9))
+def test_failures_anywhere_in_a_composition_leave_an_answer(
+    number: int, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    failing(COMPOSED, number, _composed_folder(tmp_path_factory))
+
+
+@cache
+def _composed_folder(factory: pytest.TempPathFactory) -> Path:
+    return factory.mktemp("composed")
+
+
+@contextmanager
+def _on_the_command_line(case: Case) -> Iterator[None]:
+    """What `diagnosed` sets, for a command."""
+    effects = [catalogue()[n] for n in case.names]
+    with (
+        mock.patch.object(path, "identify_base", return_value=base(case.effect)),
+        mock.patch.object(path, "available", return_value=effects),
+        mock.patch.object(path, "learned_elements", return_value={}),
+        mock.patch.object(command, "compile_ahead", return_value=False),
+    ):
+        yield
+
+
+def test_a_budget_ends_the_search_with_the_best_so_far(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    with _on_the_command_line(QUICK):
+        arguments = [str(campaigns.concealed("creep")[0]), "--out", str(out)]
+        assert main(["diagnose", *arguments, "--budget", "0.5"]) == 0
+        assert main(["diagnose", *arguments, "--budget", "0"]) == 2
+    streams = capsys.readouterr()
+    content = json.loads((out / "diagnosis.json").read_text())
+    assert content["verdict"] == "unknown"
+    assert (content["ended"]["why"], content["ended"]["budget"]) == ("seconds", 0.5)
+    assert "element 1" in content["ended"]["not_tried"]
+    assert content["warnings"] == []
+    for shown in (" ".join(streams.out.split()), (out / "report.html").read_text()):
+        assert "time of 0.5 s was used up" in shown
+        assert "The search ended before it accepted an element." in shown
+    assert "budget: 0 s: give a positive number of seconds" in streams.err
+    assert (out / "model").is_dir()
+
+
+def test_an_interrupted_search_leaves_its_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def on_call(name: str, call: int) -> None:
+        if (name, call) == ("phnn.diagnosis.scored.score", 2):
+            # Candidates are refitted, and none is accepted yet.
+            raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    with _on_the_command_line(QUICK), counted(on_call):
+        assert main(["diagnose", str(campaigns.concealed("creep")[0]), "--out", str(out)]) == 130
+    content = json.loads((out / "diagnosis.json").read_text())
+    assert content["ended"]["why"] == "interrupted"
+    assert not (out / "INCOMPLETE.txt").exists()
+    # The best refit is the model, and its name is not claimed.
+    assert [(m["effect"], m["status"], m["nearest"]) for m in content["missing"]] == [
+        ("unknown", "provisional", "creep")
+    ]
+    assert content["remainder"]["verdict"] == "unknown"
+    assert content["remainder"]["p_value"] is None
+    ends = [content["fit"][when]["step_75V"]["residual_over_noise"] for when in ("before", "after")]
+    assert ends[0] > 6.0
+    assert ends[1] < 1.2
+    assert "The search was interrupted." in (out / "report.html").read_text()
+    assert "interrupted; what was finished is in" in capsys.readouterr().err
+
+
+def test_a_second_interruption_ends_at_once(tmp_path: Path) -> None:
+    def on_call(name: str, call: int) -> None:
+        if name in ("phnn.diagnosis.scored.score", "phnn.diagnosis.tested.evaluate") and (name, call) != (SCORE, 1):
+            raise KeyboardInterrupt
+
+    with counted(on_call), pytest.raises(KeyboardInterrupt):
+        diagnosed(QUICK)
+
+
+SCORE = "phnn.diagnosis.scored.score"
+
+
+def test_a_failure_of_the_test_itself_is_no_verdict_on_the_base_model(tmp_path: Path) -> None:
+    with mock.patch.object(scored, "prepare", side_effect=FloatingPointError(TOLD)):
+        found = diagnosed(QUICK, tmp_path / "out")
+    content = assert_answered(tmp_path / "out", found)
+    assert content["verdict"] == "unknown"
+    assert content["test"]["p_value"] is None
+    assert "Whether something is missing is not known" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_recording_that_cannot_be_simulated_does_not_take_the_others_with_it(tmp_path: Path) -> None:
+    simulate = evaluation.simulate
+
+    def failing_at_one(setup: Any, recording: Any, *args: Any, **kwargs: Any) -> Any:
+        if recording.name == "sine_010Hz_50V":
+            raise SolverFailed(TOLD)
+        return simulate(setup, recording, *args, **kwargs)
+
+    with mock.patch.object(evaluation, "simulate", failing_at_one):
+        found = diagnosed(QUICK, tmp_path / "out", budget=1e-6)
+    content = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert set(content["fit"]["before"]) == {"sine_010Hz_75V", "sine_100Hz_75V", "step_75V"}
+    assert [w["part"] for w in content["warnings"]] == ["test on held-out recordings", "scores on sine_010Hz_50V"]
+    assert found.verdict == "unknown"
+
+
+def _fails() -> float:
+    raise FloatingPointError(TOLD)
+
+
+def test_failures_are_told_with_their_place() -> None:
+    with accounted() as account:
+        assert needed("scores", _fails, 1.0) == 1.0
+        assert extra("formula", _fails, 2.0) == 2.0
+        assert account.ended().why == "nothing left"
+        assert move("element 1", _fails, 3.0) == 3.0
+    ended = account.ended()
+    assert ended.why == "failure"
+    assert [w.part for w in ended.warnings] == ["scores", "formula", "element 1"]
+    assert {(w.error, w.message) for w in ended.warnings} == {("FloatingPointError", TOLD)}
+    assert all(w.where.endswith("_fails") for w in ended.warnings)
+
+
+@pytest.mark.parametrize("call", [attempt, move, extra, needed])
+def test_failures_show_themselves_on_request(call: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PHNN_DEBUG", "1")
+    with accounted(), pytest.raises(FloatingPointError):
+        call("part", _fails, None)
+
+
+@pytest.mark.parametrize("call", [attempt, move, extra, needed])
+def test_nothing_is_passed_over_where_nobody_accounts_for_it(call: Callable[..., Any]) -> None:
+    with pytest.raises(FloatingPointError):
+        call("part", _fails, None)
+
+
+def test_what_cannot_be_written_is_no_part_that_is_left_out() -> None:
+    def full() -> None:
+        raise OutputFailed("no space left")
+
+    with accounted(), pytest.raises(OutputFailed):
+        needed("report", full, None)
+
+
+def test_no_move_begins_after_the_time_and_what_every_answer_needs_does() -> None:
+    def late() -> str:
+        stop_if_late()
+        return "done"
+
+    with accounted(until=0.0) as account:
+        assert needed("scores", late, "") == "done"
+        assert move("element 1", late, "") == ""
+        assert move("element 2", _fails, 2.0) == 2.0
+        assert needed("scores", late, "") == "done"
+    assert account.ended().not_tried == ("element 1", "element 2")
+    assert account.ended().why == "seconds"
+    assert account.ended().warnings == ()
+
+
+def _late_or_failing(item: str) -> str:
+    if item == "late":
+        stop_if_late()
+    if item == "failing":
+        raise SolverFailed(TOLD)
+    return item.upper()
+
+
+@pytest.mark.parametrize("where", ["serial", "threads:2", pytest.param("processes:2", marks=pytest.mark.slow)])
+def test_refits_elsewhere_fail_and_stop_alone(where: str) -> None:
+    there, items = executor(where), ["a", "failing", "b"]
+    seen: list[str] = []
+    with accounted(until=time.time() - 1.0) as account:
+        assert needed("refits", lambda: results(there.each, _late_or_failing, items, items), []) == ["A", None, "B"]
+        with kept(lambda item, result: seen.append(result)):
+            assert (
+                move("refits", lambda: results(there.each, _late_or_failing, ["a", "late"], ["x", "y"]), None) is None
+            )
+    assert [(f.candidate, f.message) for f in account.failed] == [("failing", TOLD)]
+    assert account.stopped == "seconds"
+    assert seen in (["A"], [])
