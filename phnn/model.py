@@ -19,7 +19,7 @@ from phnn.signals.sampling import check_samples, series
 from phnn.simulate import Trajectory, simulate
 
 if TYPE_CHECKING:
-    from phnn.inverse.result import Inverse
+    from phnn.inverse.invert import Inverse
     from phnn.network.system import PortHamiltonianSystem
 
 # A command may leave the recorded range by this share of it before that is told.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from phnn.errors import InputRefused
-from phnn.network.bondgraph.imposed import integral_unit
+from phnn.network.bondgraph.description import integral_unit
 from phnn.parameters import as_table, constant
 from phnn.recordings.recording import Recording
 from phnn.setup import Block, Setup

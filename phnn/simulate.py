@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.chain import REMEMBERING
-from phnn.chain.rate import rate
+from phnn.chain.amplifiers import rate
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel
 from phnn.integrate.cycle import steady_cycle

@@ -4,7 +4,6 @@ Blocks take complex parameters and signals, so that complex steps through them a
 """
 
 from phnn.chain.amplifiers import AMPLIFIERS
-from phnn.chain.sensors import LINEAR, REMEMBERING, SENSORS
-from phnn.chain.sources import SOURCES
+from phnn.chain.sensors import LINEAR, REMEMBERING, SENSORS, SOURCES
 
 __all__ = ["AMPLIFIERS", "LINEAR", "REMEMBERING", "SENSORS", "SOURCES"]

@@ -1,25 +1,167 @@
-"""Sensor blocks: from the network's output to the recorded output.
+"""Sensor blocks: from the network's output to the recorded output. Sources: inputs of further ports over time.
 
 A block takes samples (N, …) of its input, their times (N,) or (N, 1) [s] and its parameters, and gives the samples of
 its output. It acts on every column alike: with ``q + i·1e-140 q'`` in the columns come the directional derivatives.
+`DOMAINS` has the admissible values of the parameters of blocks and sources, in the order of each kind.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from math import factorial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
-from phnn.chain.knee import bent, kneed
-from phnn.chain.lag import lag
-from phnn.chain.play import play
-from phnn.chain.rate import rate
-from phnn.chain.time import clock, drifting_gain
-from phnn.laws.namespace import absolute
+from phnn.chain.amplifiers import bent, kneed, rate
+from phnn.domain import ANY, NONNEGATIVE, POSITIVE, Domain
+from phnn.integrate.cache import entry
+from phnn.laws.namespace import absolute, maximum, minimum, real
 
 Array = NDArray[Any]
+
+
+def midpoints(y: Array, t: Array) -> Array:
+    """(N−1, …) values halfway between samples (N, …), by the cubics through the four nearest samples.
+
+    The error is of fourth order in the intervals; fewer than four samples are joined by straight lines.
+
+    Args:
+        t: (N,) times of the samples, as far apart as they like.
+    """
+    n = y.shape[0]
+    if n < 4:
+        return np.asarray(0.5 * (y[1:] + y[:-1]))
+    return np.asarray(_midpoints(y.reshape(n, -1), t).reshape(n - 1, *y.shape[1:]))
+
+
+def _midpoints_loop(y: Any, t: Any) -> Any:
+    n = y.shape[0]
+    out = np.empty((n - 1, y.shape[1]), y.dtype)
+    weights = np.empty(4)
+    for i in range(n - 1):
+        first = min(max(i - 1, 0), n - 4)
+        middle = 0.5 * (t[i] + t[i + 1])
+        for k in range(4):
+            weights[k] = 1.0
+            for j in range(4):
+                if j != k:
+                    weights[k] *= (middle - t[first + j]) / (t[first + k] - t[first + j])
+        for c in range(y.shape[1]):
+            out[i, c] = (
+                weights[0] * y[first, c]
+                + weights[1] * y[first + 1, c]
+                + weights[2] * y[first + 2, c]
+                + weights[3] * y[first + 3, c]
+            )
+    return out
+
+
+_midpoints = entry(_midpoints_loop)
+
+
+# Below this ratio of interval to time constant the closed forms cancel; the series has converged after these terms.
+_SERIES, _TERMS = 0.5, 16
+# Coefficients of the series of the second moment, the last one first.
+_POWERS = np.array([(-1.0) ** j * 2.0 / factorial(j + 3) for j in reversed(range(_TERMS))])
+
+
+def lag(y: Array, t: Array, tau: Any) -> Array:
+    """``τ ẏ' + y' = y``, exact for parabolas through samples and midpoints; in equilibrium at the first sample."""
+    times, columns = t.ravel(), y.reshape(y.shape[0], -1)
+    if np.iscomplexobj(tau):
+        columns = columns.astype(complex)
+    return np.asarray(_lagged(columns, midpoints(columns, times), times, tau, _POWERS).reshape(y.shape))
+
+
+def _lagged_loop(y: Any, middle: Any, t: Any, tau: Any, powers: Any) -> Any:
+    """The filter, step by step; the weights follow from ``∫₀¹ z e^{−z(1−s)} sᵏ ds`` for k = 0, 1, 2."""
+    out = np.empty(y.shape, y.dtype)
+    out[0] = y[0]
+    for n in range(y.shape[0] - 1):
+        z = (t[n + 1] - t[n]) / tau
+        if z.real < _SERIES:
+            second = 0.0 * z
+            for power in powers:
+                second = second * z + power
+            second = second * z
+            first = 0.5 * z * (1.0 - second)
+            zeroth = z * (1.0 - first)
+        else:
+            zeroth = 1.0 - np.exp(-z)
+            first = 1.0 - zeroth / z
+            second = 1.0 - 2.0 * first / z
+        # Of the parabola's values at 0, ½ and 1.
+        before, between, after = zeroth - 3.0 * first + 2.0 * second, 4.0 * (first - second), 2.0 * second - first
+        for k in range(y.shape[1]):
+            driven = before * y[n, k] + between * middle[n, k] + after * y[n + 1, k]
+            out[n + 1, k] = (1.0 - zeroth) * out[n, k] + driven
+    return out
+
+
+_lagged = entry(_lagged_loop)
+
+
+def play(y: Array, t: Array, width: Any) -> Array:
+    """The play operator of half-width ``δ``: ``w`` rests while ``|y − w| < δ`` and is carried along at the edges.
+
+    It starts centred at the first sample. A reversal between two samples is that of the parabola through them and
+    their midpoint, or plateaus would come out too low.
+    """
+    columns = y.reshape(y.shape[0], -1)
+    zero = 0.0 * (width + columns[0, 0])
+    found = _played(columns + zero, midpoints(columns, t.ravel()) + zero, width + zero)
+    return np.asarray(found.reshape(y.shape))
+
+
+def _play_loop(y: Any, middle: Any, width: Any) -> Any:
+    out = np.empty_like(y)
+    for k in range(y.shape[1]):
+        state = y[0, k]
+        out[0, k] = state
+        for n in range(middle.shape[0]):
+            linear = 4.0 * middle[n, k] - 3.0 * y[n, k] - y[n + 1, k]
+            square = 2.0 * (y[n, k] + y[n + 1, k]) - 4.0 * middle[n, k]
+            # The parabola has its vertex at −linear/(2 square), if that is inside the interval.
+            if real(linear) * real(square) < 0.0 and abs(real(linear)) < 2.0 * abs(real(square)):
+                turn = y[n, k] - 0.25 * linear * linear / square
+                state = maximum(minimum(state, turn + width), turn - width)
+            state = maximum(minimum(state, y[n + 1, k] + width), y[n + 1, k] - width)
+            out[n + 1, k] = state
+    return out
+
+
+_played = entry(_play_loop)
+
+
+def clock(y: Array, t: Array, change: Any, scale: Any) -> Array:
+    """``y((1 − c s) t)``, ``y`` the cubic spline through the samples: a sensor whose clock runs fast for ``c s > 0``.
+
+    A slow clock asks for what comes after the last sample. The spline goes on for one interval, and is held from there.
+    Both numbers may take a complex step, and so may the samples.
+    """
+    times = t.reshape(t.shape[0])
+    if times.size < 2:
+        return np.asarray(y + 0.0 * change * scale)
+    late = times * (change * scale)
+    last = 2.0 * times[-1] - times[-2]
+    wanted, spline = times - np.real(late), CubicSpline(times, np.real(y))
+    at, follows = np.minimum(wanted, last), wanted <= last
+    found = spline(at)
+    if np.iscomplexobj(y):
+        # A spline of its own, so that the real part is the same with a complex step and without.
+        found = found + 1j * CubicSpline(times, np.imag(y))(at)
+    if np.iscomplexobj(late):
+        found = found - 1j * (follows * np.imag(late)).reshape(-1, *[1] * (y.ndim - 1)) * spline(at, 1)
+    return np.asarray(found)
+
+
+def drifting_gain(y: Array, t: Array, slope: Any, bend: Any, duration: Any) -> Array:
+    """``y (1 + a₁ s + a₂ s²)``, ``s = min(t/T, 1)``: nothing says how a gain goes on drifting after the time T."""
+    s = np.minimum(t / duration, 1.0).reshape(-1, *[1] * (y.ndim - 1))
+    return np.asarray(y * (1.0 + s * (slope + s * bend)))
 
 
 def drift(y: Array, t: Array, rate: Any) -> Array:
@@ -43,12 +185,12 @@ def rectification(y: Array, t: Array) -> Array:
 
 
 def knee(y: Array, t: Array, share: Any, level: Any) -> Array:
-    """`phnn.chain.knee.kneed`: less gain beyond a level on one side."""
+    """`phnn.chain.amplifiers.kneed`: less gain beyond a level on one side."""
     return kneed(y, share, level)
 
 
 def cubic(y: Array, t: Array, square: Any, cube: Any, level: Any) -> Array:
-    """`phnn.chain.knee.bent`: a characteristic that is a cubic within a level and straight beyond it."""
+    """`phnn.chain.amplifiers.bent`: a characteristic that is a cubic within a level and straight beyond it."""
     return bent(y, square, cube, level)
 
 
@@ -69,3 +211,38 @@ REMEMBERING = ("lag", "play", "clock", "rate")
 """Blocks whose output depends on what was between the samples."""
 LINEAR = ("lag", "rate", "clock", "drifting_gain")
 """Blocks whose output is linear in their input, so that changes of it pass like the signal itself."""
+
+
+def tone(t: Array, cosine: Any, sine: Any, frequency: Any) -> Array:
+    """``A_c cos 2πft + A_s sin 2πft``."""
+    phase = 2.0 * np.pi * frequency * t
+    return np.asarray(cosine * np.cos(phase) + sine * np.sin(phase))
+
+
+SOURCES: dict[str, Callable[..., Array]] = {"tone": tone}
+
+
+DOMAINS: Mapping[str, tuple[Domain, ...]] = {
+    "lowpass": (POSITIVE,),
+    "second_order_lowpass": (POSITIVE, POSITIVE),
+    "saturation": (POSITIVE,),
+    "soft_saturation": (POSITIVE, POSITIVE),
+    "bouc_wen": (POSITIVE, ANY, ANY, ANY),
+    "delay": (NONNEGATIVE,),
+    "slew_limit": (POSITIVE,),
+    "offset": (ANY,),
+    "drift": (ANY,),
+    "lag": (POSITIVE,),
+    "polynomial": (ANY, ANY),
+    "rectification": (),
+    "rate": (),
+    "zero": (ANY,),
+    "gain": (POSITIVE,),
+    "play": (NONNEGATIVE,),
+    "knee": (ANY, ANY),
+    "dead_band": (ANY, NONNEGATIVE),
+    "cubic": (ANY, ANY, POSITIVE),
+    "clock": (ANY, POSITIVE),
+    "drifting_gain": (ANY, ANY, POSITIVE),
+    "tone": (ANY, ANY, NONNEGATIVE),
+}

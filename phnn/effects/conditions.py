@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from phnn.network.bondgraph.imposed import effort_unit
+from phnn.network.bondgraph.description import effort_unit
 from phnn.network.roles import hysterons
 from phnn.setup import Setup
 

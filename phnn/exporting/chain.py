@@ -12,10 +12,15 @@ from collections.abc import Callable
 import numpy as np
 
 from phnn.chain import AMPLIFIERS, SENSORS, SOURCES
-from phnn.chain.amplifiers import slew_step
-from phnn.chain.bouc_wen import bouc_wen_step
-from phnn.chain.delay import parabola
-from phnn.chain.lowpass import first_order_step, first_order_weights, second_order_step, second_order_weights
+from phnn.chain.amplifiers import (
+    bouc_wen_step,
+    first_order_step,
+    first_order_weights,
+    parabola,
+    second_order_step,
+    second_order_weights,
+    slew_step,
+)
 from phnn.exporting.elements import Elements, refuse
 from phnn.setup import Block, Setup, Source
 

@@ -1,7 +1,7 @@
 """The unknowns of a step with several junctions: a small dense Newton iteration.
 
-An imposed motion is no unknown. Its contact is rigid but for rounding (`phnn.network.bondgraph.imposed`), so that the
-source gives the velocity of the moved junction and the balance there gives the force in the contact, both in closed
+An imposed motion is no unknown. Its contact is rigid but for rounding (`phnn.network.bondgraph.description`), so that
+the source gives the velocity of the moved junction and the balance there gives the force in the contact, both in closed
 form. As rows of the iteration they would be sixty decades away from the others, and at rest nothing but rounding.
 """
 

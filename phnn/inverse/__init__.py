@@ -5,11 +5,9 @@
 
 An actuator whose measured displacement belongs to the mass that the voltage pushes is differentially flat: the motion
 alone says which voltage it takes (`phnn.inverse.flat`). Blocks of the measuring chain are inverted one by one. What
-this leaves, on the complete model, is removed by iteration (`phnn.inverse.iteration`).
+this leaves, on the complete model, is removed by iteration (`phnn.inverse.invert`).
 """
 
-from phnn.inverse.iteration import invert
-from phnn.inverse.options import InverseOptions
-from phnn.inverse.result import Inverse
+from phnn.inverse.invert import Inverse, InverseOptions, invert
 
 __all__ = ["Inverse", "InverseOptions", "invert"]

@@ -30,8 +30,7 @@ from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium, equilibrium_slope
-from phnn.inverse.elementwise import Solved, solve_rising
-from phnn.inverse.path import Path
+from phnn.inverse.blocks import Path, Solved, solve_rising
 from phnn.laws import PORT_LAWS
 from phnn.network.elements import Network, Port, Storage
 from phnn.network.roles import motions

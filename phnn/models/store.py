@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from phnn.chain.domains import DOMAINS
+from phnn.chain.sensors import DOMAINS
 from phnn.errors import InputRefused, PhnnError
 from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json

@@ -4,7 +4,7 @@ A *motion* is a displacement and the momentum that moves it: ``q̇ = ∂H/∂p``
 derivative is the velocity of one inertia alone, with ratio one, is the displacement of that inertia.
 
 A motion is *imposed* where a port gives its velocity and the effort at that port is measured, see
-`phnn.network.bondgraph.imposed`; it then counts as the measured one.
+`phnn.network.bondgraph.description`; it then counts as the measured one.
 """
 
 from __future__ import annotations

@@ -11,8 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from phnn.chain.amplifiers import AMPLIFIERS, bouc_wen, delay, offset, saturation, slew_limit, soft_saturation
-from phnn.chain.lowpass import lowpass, second_order_lowpass
+from phnn.chain.amplifiers import (
+    AMPLIFIERS,
+    bouc_wen,
+    delay,
+    lowpass,
+    offset,
+    saturation,
+    second_order_lowpass,
+    slew_limit,
+    soft_saturation,
+)
 from phnn.laws.namespace import TINY
 from phnn.models.bouc_wen import TABLE_2
 from phnn.signals.reconstruct import mean_input

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from phnn.chain.midpoints import midpoints
-from phnn.chain.sensors import LINEAR, SENSORS, drift, lag, play, polynomial, rate, rectification
+from phnn.chain.sensors import LINEAR, SENSORS, drift, lag, midpoints, play, polynomial, rate, rectification
 from phnn.laws.namespace import TINY
 
 T = np.arange(601) * 1e-3

@@ -9,9 +9,8 @@ import phnn
 from phnn.configuration import config_folder
 from phnn.errors import InputRefused
 from phnn.inverse import Inverse
-from phnn.inverse.elementwise import solve_rising
-from phnn.inverse.reference import led_in, smoothed
-from phnn.inverse.result import stretches
+from phnn.inverse.blocks import solve_rising
+from phnn.inverse.invert import led_in, smoothed, stretches
 from phnn.model import Model
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.network_file import load_network

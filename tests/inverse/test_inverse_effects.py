@@ -9,9 +9,8 @@ from effect_homes import EFFECTS, FORMULAS, LEARNED, home, point
 from phnn.chain import AMPLIFIERS, SENSORS
 from phnn.effects import Effect, in_all_forms
 from phnn.errors import InputRefused
-from phnn.inverse import amplifier, sensor
-from phnn.inverse.iteration import invert
-from phnn.inverse.options import InverseOptions
+from phnn.inverse import blocks
+from phnn.inverse.invert import InverseOptions, invert
 from phnn.model import Model
 
 RATE, FREQUENCY = 20_000.0, 100.0
@@ -56,5 +55,5 @@ def test_a_strong_effect_changes_the_voltage() -> None:
 
 
 def test_every_block_of_the_chain_has_an_inverse_or_is_refused() -> None:
-    assert set(AMPLIFIERS) - set(amplifier.STATIC) - set(amplifier._INVERSES) == {"rate"}
-    assert set(SENSORS) - set(sensor.STATIC) - set(sensor._INVERSES) == {"rate"}
+    assert set(AMPLIFIERS) - set(blocks.STATIC_AMPLIFIERS) - set(blocks._AMPLIFIER_INVERSES) == {"rate"}
+    assert set(SENSORS) - set(blocks.STATIC_SENSORS) - set(blocks._SENSOR_INVERSES) == {"rate"}

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from phnn.chain.rate import imposed_rate
+from phnn.chain.amplifiers import imposed_rate
 from phnn.derivatives import output_derivatives
 from phnn.errors import InputRefused, StructureViolated
 from phnn.integrate.ode import odeint

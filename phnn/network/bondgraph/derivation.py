@@ -1,36 +1,429 @@
-"""From a bond graph to its port-Hamiltonian network."""
+"""From a bond graph to its port-Hamiltonian network.
+
+First it is decided who imposes what: integral causality for storages, the fitting one for resistors; what cannot be is
+refused with its remedy. Then storages that are not independent become one. At last every coefficient of the solved
+equations becomes a number or one named parameter. Storages become one in two cases, with the stiffness ``κ`` of a
+linear storage, ``H = κ x²/2``:
+
+* proportional rates, ``ẋ_a = ρ ẋ_b`` (springs side by side; the paper's ``Q̇_C = α q̇``): from ``x_a = ρ x_b`` follows
+  the energy ``H_b(x) + H_a(ρ x)`` of one state, for linear ones ``κ = κ_b + ρ² κ_a``. Both are taken to have been
+  uncharged together, so a graph in which they start otherwise (two tanks that fill each other) sets ``merge`` to false.
+* proportional co-energies, ``e_a = ρ e_b`` (masses on one shaft, capacitors side by side), where one storage has
+  derivative causality: the state is ``x = x_b + ρ x_a`` and ``1/κ = 1/κ_b + ρ²/κ_a``, for linear storages only.
+
+In both only the total acts on anything outside, so that no recording can tell the two parameters apart: the network
+keeps the one of the storage that remains, with the total as its value, and `Merge` says what it is made of.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+from sympy import Expr, lambdify
+
 from phnn.errors import StructureViolated
-from phnn.network.bondgraph.assemble import assemble
-from phnn.network.bondgraph.causality import (
-    Branch,
-    branch,
-    causal,
-    check_sources,
-    dependence,
-    resistors_of,
-    stores_of,
+from phnn.laws import RESISTOR_LAWS
+from phnn.network.bondgraph.description import BondGraph, C, I, R, Se, Sf, sensed_source, with_contact
+from phnn.network.bondgraph.equations import (
+    Field,
+    Form,
+    Solution,
+    Variable,
+    answer,
+    argument,
+    coenergy,
+    junction_equations,
+    plus,
+    rate,
+    result,
+    solve,
+    source,
+    times,
 )
-from phnn.network.bondgraph.description import BondGraph, C, I
-from phnn.network.bondgraph.equations import Field, Form, Solution, Variable
-from phnn.network.bondgraph.imposed import sensed_source, with_contact
-from phnn.network.bondgraph.merging import (
-    Merge,
-    absorbed,
-    check_dependent,
-    is_linear,
-    merged_linear,
-    merged_nonlinear,
-)
-from phnn.network.bondgraph.structure import coenergy, junction_equations, rate
-from phnn.network.elements import Network
-from phnn.parameters import Parameter
+from phnn.network.elements import Coupling, Network, Port, Ratio, Resistor, Storage
+from phnn.parameters import Parameter, constant
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A resistor in the network: what its law takes, by co-energies, and whether its declared direction was turned."""
+
+    takes: Form
+    inverted: bool
+
+
+def stores_of(graph: BondGraph) -> list[C | I]:
+    """The storages in the order of the graph."""
+    return [e for e in graph.elements if isinstance(e, C | I)]
+
+
+def resistors_of(graph: BondGraph) -> list[R]:
+    """The resistors in the order of the graph."""
+    return [e for e in graph.elements if isinstance(e, R)]
+
+
+def sources_of(graph: BondGraph) -> list[Se | Sf]:
+    """The sources in the order of the graph."""
+    return [e for e in graph.elements if isinstance(e, Se | Sf)]
+
+
+def is_invertible(resistor: R) -> bool:
+    """Whether the law can be read in the other direction."""
+    return bool(resistor.law == "linear")
+
+
+def causal(graph: BondGraph, field: Field, equations: Sequence[Form], stores: Iterable[str]) -> Solution:
+    """The equations solved for rates, source answers and arguments of laws, as far as they let themselves be solved."""
+    either = [r.name for r in resistors_of(graph) if is_invertible(r)]
+    strict = [r.name for r in resistors_of(graph) if not is_invertible(r)]
+    inner = dict.fromkeys(v for form in equations for v in form if v.role == "inner")
+    order = [
+        *inner,
+        *map(rate, names := list(stores)),
+        *(answer(s.name) for s in sources_of(graph)),
+        *map(argument, strict),
+        *map(argument, either),
+        *map(result, either),
+        *map(result, strict),
+        *map(coenergy, names),
+        *(source(s.name) for s in sources_of(graph)),
+    ]
+    return solve(field, equations, order)
+
+
+def check_sources(graph: BondGraph, solution: Solution) -> None:
+    """Refuse sources that contradict each other or feed one another past every storage."""
+    for element in sources_of(graph):
+        name = element.name
+        others = _names(solution.of(source(name)), "input") if solution.determined(source(name)) else []
+        if others:
+            raise StructureViolated(
+                f"the sources {', '.join([name, *others])} contradict each other: put a storage between, or remove one"
+            )
+        if solution.determined(source(name)) or not solution.of(answer(name)):
+            raise StructureViolated(
+                f"no storage takes what the source {name} gives: join its junction with the rest or remove it"
+            )
+        fed = _names(solution.of(answer(name)), "input")
+        if fed:
+            raise StructureViolated(
+                f"the sources {', '.join(dict.fromkeys([name, *fed]))} feed each other without a storage between: "
+                "add the storage that takes up the difference, or remove one source"
+            )
+
+
+def branch(graph: BondGraph, solution: Solution, resistor: R) -> Branch:
+    """How a resistor acts; of a power-conserving structure every rate follows once all resistors and sources do.
+
+    Raises:
+        StructureViolated: its law is declared in the wrong direction, it belongs to an algebraic loop, a source drives
+            it directly, or nothing acts on it.
+    """
+    name = resistor.name
+    takes, gives = solution.determined(argument(name)), solution.determined(result(name))
+    if takes == gives:
+        _refuse_loop(_ambiguous(graph, solution))
+    form = solution.of(result(name) if gives else argument(name))
+    if not form:
+        raise StructureViolated(f"no storage acts on the resistor {name}: join its junction with the rest or remove it")
+    if gives and not is_invertible(resistor):
+        _refuse_direction(resistor, form)
+    fellows = _names(form, "argument", "result")
+    if fellows:
+        _refuse_loop([name, *fellows])
+    driving = _names(form, "input")
+    if driving:
+        raise StructureViolated(
+            f"the source {', '.join(driving)} drives the resistor {name} directly, so that the input would not enter "
+            "affinely: put a storage between them (a small capacitance or inertia), or use the other kind of source"
+        )
+    return Branch(form, gives)
+
+
+def _ambiguous(graph: BondGraph, solution: Solution) -> list[str]:
+    """Resistors of which the structure fixes both variables or neither: they fix each other."""
+    names = [r.name for r in resistors_of(graph)]
+    return [n for n in names if solution.determined(argument(n)) == solution.determined(result(n))]
+
+
+def _refuse_loop(names: list[str]) -> None:
+    raise StructureViolated(
+        f"algebraic loop among the resistors {', '.join(dict.fromkeys(names))}: combine them in one law, "
+        "or put a small storage between them"
+    )
+
+
+def _refuse_direction(resistor: R, form: Form) -> None:
+    has, given, other = (
+        ("f = φ(e)", "flow", "resistance") if resistor.direction == "conductance" else
+        ("e = φ(f)", "effort", "conductance")
+    )  # fmt: skip
+    by = ", ".join(v.of for v in form)
+    raise StructureViolated(
+        f"the resistor {resistor.name} has the law {has}, but its {given} is imposed by {by}: give its inverse law "
+        f"with the direction {other}, or hang it where its argument is imposed"
+    )
+
+
+def _names(form: Form, *roles: str) -> list[str]:
+    return [v.of for v in form if v.role in roles]
+
+
+def dependence(solution: Solution, name: str) -> Form | None:
+    """What fixes the co-energy of a storage from outside; None where it has integral causality."""
+    variable: Variable = coenergy(name)
+    return solution.of(variable) if solution.determined(variable) else None
+
+
+_LINEAR = ("capacitor", "spring")
+
+
+@dataclass(frozen=True)
+class Merge:
+    """One storage that went into another.
+
+    Attributes:
+        kept, gone: names of the storages.
+        ratio: ``ρ`` as text.
+        parameter: the parameter of the kept storage, now that of both; None where the laws are not linear.
+        statement: what became of the two, for a person.
+    """
+
+    kept: str
+    gone: str
+    ratio: str
+    parameter: str | None
+    statement: str
+
+
+def is_linear(store: C | I) -> bool:
+    """Whether the energy is quadratic."""
+    return isinstance(store.law, str) and store.law in _LINEAR
+
+
+def value_of(ratio: Expr, parameters: Mapping[str, Parameter]) -> float:
+    """A ratio at the present values of its parameters."""
+    symbols = sorted(ratio.free_symbols, key=str)
+    return float(lambdify(symbols, ratio)(*(parameters[str(s)].value for s in symbols)))
+
+
+def merged_linear(
+    kept: C | I, gone: C | I, ratio: Expr, parameters: Mapping[str, Parameter], name: str, compliant: bool
+) -> tuple[C | I, Parameter, Merge]:
+    """The kept storage and its parameter, now of both.
+
+    Args:
+        name: what that parameter is called.
+        compliant: add ``ρ²/κ_a`` to ``1/κ_b`` (proportional co-energies) rather than ``ρ² κ_a`` to ``κ_b``.
+    """
+    own, other = kept.parameters[0], gone.parameters[0]
+    # What adds up is κ or 1/κ, which a law's parameter is or is the inverse of.
+    inverse = [(s.law == "spring") == compliant for s in (kept, gone)]
+    parts = [
+        1.0 / parameters[n].value if i else parameters[n].value for n, i in zip((own, other), inverse, strict=True)
+    ]
+    total = parts[0] + value_of(ratio, parameters) ** 2 * parts[1]
+    value = 1.0 / total if inverse[0] else total
+    square = str(ratio**2).replace("**", "^")
+    added = f"{square}/{other}" if inverse[1] else other if square == "1" else f"{square}*{other}"
+    formula = f"1/{name} stands for 1/{own} + {added}" if inverse[0] else f"{name} stands for {own} + {added}"
+    was = parameters[own]
+    present = replace(
+        was, name=name, value=value, lower=min(was.lower, value), upper=max(was.upper, value),
+        fixed=was.fixed and parameters[other].fixed, description=f"{was.description or own}; {formula}",
+    )  # fmt: skip
+    relation = f"e({gone.name}) = {ratio}*e({kept.name})" if compliant else f"{gone.name} = {ratio}*{kept.name}"
+    statement = (
+        f"{gone.name} is merged into {kept.name}, because {relation}: {formula}; only this total acts, so it is what "
+        f"can be estimated, and {other} is no parameter of the network"
+    )
+    return replace(kept, parameters=(name,)), present, Merge(kept.name, gone.name, str(ratio), name, statement)
+
+
+def merged_nonlinear(kept: C | I, gone: C | I, ratio: Expr, parameters: Mapping[str, Parameter]) -> tuple[C | I, Merge]:
+    """The kept storage with the energy ``H_b(x) + H_a(ρ x)``, a torch module with both laws' parameters as its own.
+
+    Raises:
+        StructureViolated: the ratio is a parameter that may be estimated, which the module would not follow.
+    """
+    moving = [str(s) for s in sorted(ratio.free_symbols, key=str) if not parameters[str(s)].fixed]
+    if moving:
+        raise StructureViolated(
+            f"{gone.name} = {ratio}*{kept.name} have laws that are not linear, so their energies are added at a fixed "
+            f"ratio: make {', '.join(moving)} fixed, or set merge to false, which keeps both as states"
+        )
+    from phnn.network.bondgraph.sum_of_energies import SumOfEnergies
+
+    law = SumOfEnergies([(s.law, r, [parameters[n].value for n in s.parameters]) for s, r in (
+        (kept, 1.0), (gone, value_of(ratio, parameters))
+    )])  # fmt: skip
+    statement = (
+        f"{gone.name} is merged into {kept.name}, because {gone.name} = {ratio}*{kept.name}: the energies are added in "
+        f"a torch module, which holds the parameters {', '.join(kept.parameters + gone.parameters) or 'of both'}"
+    )
+    return replace(kept, law=law, parameters=()), Merge(kept.name, gone.name, str(ratio), None, statement)
+
+
+def check_dependent(store: C | I, form: Form, stores: Mapping[str, C | I]) -> C | I:
+    """The storage that a storage with derivative causality can be merged with.
+
+    Raises:
+        StructureViolated: a source fixes it, several storages do, or a law is not linear.
+    """
+    what = "effort" if isinstance(store, C) else "flow"
+    fixing = [v.of for v in form if v.role == "input"]
+    if fixing:
+        raise StructureViolated(
+            f"the source {', '.join(fixing)} fixes the {what} of the storage {store.name}: put a small storage of the "
+            "other kind between them, use the other kind of source, or leave the storage out"
+        )
+    others = [v.of for v in form]
+    remedy = "put a resistor, or a small storage of the other kind, between them"
+    if len(others) != 1:
+        by = f"{', '.join(others)} together fix" if others else "the junctions fix at zero"
+        raise StructureViolated(f"{by} the {what} of the storage {store.name}: {remedy}")
+    other = stores[others[0]]
+    for each in (store, other):
+        if not is_linear(each):
+            raise StructureViolated(
+                f"the storages {store.name} and {other.name} fix each other's {what}, and the law of {each.name} is "
+                f"not linear: {remedy}"
+            )
+    return other
+
+
+def absorbed(field: Field, equations: list[Form], gone: str, kept: str, ratio: Any) -> list[Form]:
+    """The equations with ``e_gone = ρ e_kept`` inserted and ``ẋ = ẋ_kept + ρ ẋ_gone`` for the rate of the kept one."""
+    inner = {rate(n): Variable("inner", f"rate {n} within {kept}, {len(equations)}") for n in (gone, kept)}
+
+    def insert(form: Form) -> Form:
+        parts = [
+            {coenergy(kept): ratio * c} if v == coenergy(gone) else {inner.get(v, v): c} for v, c in form.items()
+        ]  # fmt: skip
+        return {v: c for v, c in plus(*parts).items() if c}
+
+    total = {inner[rate(kept)]: field.number(1), inner[rate(gone)]: ratio}
+    return [*map(insert, equations), plus({rate(kept): field.number(1)}, times(field.number(-1), total))]
+
+
+# φ = ε/(R · 1): the law "maxwell" with a constant of one is the inverse of "linear", and R stays the parameter.
+_INVERSE, _ONE = "maxwell", "one"
+
+
+def assemble(
+    graph: BondGraph,
+    field: Field,
+    stores: Sequence[C | I],
+    parameters: Mapping[str, Parameter],
+    rates: Mapping[str, Form],
+    branches: Mapping[str, Branch],
+) -> Network:
+    """The network of ``ẋ_k = Σ_l J_kl e_l − Σ_r b_rk φ_r + Σ_p g_kp ψ_p(u_p)`` with ``ε_r = Σ_k b_rk e_k``.
+
+    The entries of ``J`` are read above the diagonal, those of ``b`` from what the laws take: the junctions conserve
+    power, so that the rest repeats them.
+
+    Raises:
+        StructureViolated: an entry that is neither a number nor plus or minus one parameter.
+    """
+    names = [s.name for s in stores]
+    couplings = []
+    for i, k in enumerate(names):
+        for m in names[i + 1 :]:
+            if coefficient := rates[k].get(coenergy(m)):
+                sign, ratio = _signed(field.expression(coefficient), f"between the storages {k} and {m}")
+                # A number carries its sign; a name's sign is who is named first.
+                couplings.append(Coupling(k, m, ratio) if sign > 0 else Coupling(m, k, ratio))
+    one = constant(_unused(_ONE, parameters), 1.0, "1", f"makes the law {_INVERSE} the inverse of linear")
+    parameters = {**parameters, one.name: one}
+    resistors = tuple(_resistor(r, branches[r.name], field, names, parameters, one.name) for r in resistors_of(graph))
+    ports = tuple(_port(s, rates, field, names) for s in sources_of(graph))
+    used: list[Ratio] = [n for s in stores for n in s.parameters]
+    used += [n for r in resistors for n in (*r.parameters, *r.on.values())]
+    used += [n for p in ports for n in (*p.parameters, *p.on.values())] + [c.ratio for c in couplings]
+    used += [n for m in graph.modulations for n in m.parameters] + [n for m in graph.memories for n in m.parameters]
+    table = {n: p for n, p in parameters.items() if n in used}
+    storages = tuple(Storage(s.name, s.law, s.parameters, s.unit) for s in stores)
+    return Network(storages, resistors, tuple(couplings), ports, table, graph.output, graph.modulations, graph.memories)
+
+
+def _unused(name: str, taken: Mapping[str, Parameter]) -> str:
+    return _unused(name + "_", taken) if name in taken else name
+
+
+def _resistor(
+    resistor: R, acts: Branch, field: Field, names: Sequence[str], parameters: Mapping[str, Parameter], one: str
+) -> Resistor:
+    where = f"at the resistor {resistor.name}"
+    law, given = (_INVERSE, (*resistor.parameters, one)) if acts.inverted else (resistor.law, resistor.parameters)
+    takes = {n: field.expression(c) for n in names if (c := acts.takes.get(coenergy(n)))}
+    turned = {n: -c for n, c in takes.items()}
+    # φ(−ε) = −φ(ε): an odd law may as well look from the other side.
+    if _minuses(turned) < _minuses(takes) and _is_odd(resistor.law, [parameters[n].value for n in resistor.parameters]):
+        takes = turned
+    return Resistor(resistor.name, law, {n: _positive(c, where) for n, c in takes.items()}, given, resistor.reads)
+
+
+def _port(element: Se | Sf, rates: Mapping[str, Form], field: Field, names: Sequence[str]) -> Port:
+    where = f"at the source {element.name}"
+    on = {n: _positive(field.expression(c), where) for n in names if (c := rates[n].get(source(element.name)))}
+    return Port(element.name, on, element.law, element.parameters, element.unit)
+
+
+def _minuses(coefficients: Mapping[str, Expr]) -> tuple[int, bool]:
+    """How many named ratios have a minus, which cannot stay, and whether the first entry has one."""
+    minus = [_is_negative(c) for c in coefficients.values()]
+    named = [not c.is_number for c in coefficients.values()]
+    return sum(m and n for m, n in zip(minus, named, strict=True)), minus[0]
+
+
+def _is_negative(coefficient: Expr) -> bool:
+    return bool(coefficient.could_extract_minus_sign())
+
+
+def _is_odd(law: Any, values: Sequence[float]) -> bool:
+    """Whether ``φ(−ε) = −φ(ε)``, tried over many magnitudes; not known of a torch module."""
+    if not isinstance(law, str) or law not in RESISTOR_LAWS:
+        return False
+    flow = RESISTOR_LAWS[law].flow
+    efforts = np.logspace(-9.0, 9.0, 91)
+    return bool(np.array_equal(flow(-efforts, 0.0, *values), -flow(efforts, 0.0, *values)))
+
+
+def _signed(coefficient: Expr, where: str) -> tuple[int, Ratio]:
+    """Sign and parameter of ``±name``; a number is (1, number).
+
+    Raises:
+        StructureViolated: anything else, with the product that arises.
+    """
+    if coefficient.is_number:
+        return 1, float(coefficient)
+    sign = -1 if _is_negative(coefficient) else 1
+    name = sign * coefficient
+    if not name.is_Symbol:
+        raise StructureViolated(
+            f"the ratio {coefficient} arises {where}: introduce a parameter for it and use that in one transformer or "
+            "gyrator, for a network takes a number or a single parameter"
+        )
+    return sign, str(name)
+
+
+def _positive(coefficient: Expr, where: str) -> Ratio:
+    """A number or a name.
+
+    Raises:
+        StructureViolated: as `_signed`, or minus a parameter.
+    """
+    sign, ratio = _signed(coefficient, where)
+    if sign < 0:
+        raise StructureViolated(
+            f"the ratio {coefficient} arises {where}, where a minus has no place: turn its sign or the start "
+            "and end of its bonds round, or give the negative ratio a parameter of its own"
+        )
+    return ratio
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,5 @@
-"""The linear equations of a junction structure, and their solution by elimination in an order of preference.
+"""The junction structure of a bond graph as linear equations between rates, co-energies, law variables and sources, and
+their solution by elimination in an order of preference.
 
 Every variable of power is a column. The equations are brought to reduced row echelon form with the columns in an order
 that says what should follow from what: in each row the leftmost variable, the pivot, is expressed by variables further
@@ -16,6 +17,7 @@ from typing import Any, NamedTuple
 from sympy import QQ, Expr, Symbol
 from sympy.polys.matrices import DomainMatrix
 
+from phnn.network.bondgraph.description import GY, Bond, BondGraph, C, Element, I, Link, R, Se
 from phnn.network.elements import Ratio
 
 
@@ -106,3 +108,100 @@ def plus(*forms: Form) -> dict[Variable, Any]:
 def times(factor: Any, form: Form) -> dict[Variable, Any]:
     """A linear form times an element of the field."""
     return {variable: factor * coefficient for variable, coefficient in form.items()}
+
+
+def rate(name: str) -> Variable:
+    """``ẋ`` of a storage: flow of a C, effort of an I."""
+    return Variable("rate", name)
+
+
+def coenergy(name: str) -> Variable:
+    """``H'(x)`` of a storage: effort of a C, flow of an I."""
+    return Variable("coenergy", name)
+
+
+def argument(name: str) -> Variable:
+    """What a resistor's law takes in its declared direction."""
+    return Variable("argument", name)
+
+
+def result(name: str) -> Variable:
+    """What a resistor's law gives in its declared direction."""
+    return Variable("result", name)
+
+
+def source(name: str) -> Variable:
+    """``ψ(u)`` of a source."""
+    return Variable("input", name)
+
+
+def answer(name: str) -> Variable:
+    """What a source does not impose: flow of an Se, effort of an Sf."""
+    return Variable("answer", name)
+
+
+@dataclass(frozen=True)
+class _End:
+    """One end of a bond at a junction: its effort, its flow, and 1 where power comes in."""
+
+    effort: Form
+    flow: Form
+    inwards: int
+
+
+def junction_equations(graph: BondGraph, field: Field) -> list[Form]:
+    """Linear forms that are zero: what the 0- and 1-junctions say about everything that is attached to them."""
+    ends: dict[str, list[_End]] = {name: [] for name in graph.junctions}
+    for element in graph.elements:
+        ends[element.junction].append(_element_end(element, field))
+    for i, bond in enumerate(graph.bonds):
+        for name, end in zip((bond.start, bond.end), _bond_ends(bond, str(i), field), strict=True):
+            ends[name].append(end)
+    equations: list[Form] = []
+    for name, kind in graph.junctions.items():
+        attached = ends[name]
+        common = [end.effort if kind == 0 else end.flow for end in attached]
+        summed = [end.flow if kind == 0 else end.effort for end in attached]
+        minus = field.number(-1)
+        equations += [plus(common[0], times(minus, other)) for other in common[1:]]
+        equations.append(
+            plus(*(form if end.inwards > 0 else times(minus, form) for form, end in zip(summed, attached, strict=True)))
+        )
+    return [form for form in equations if form]
+
+
+def inner_variables(graph: BondGraph) -> list[Variable]:
+    """The variables of the bonds between junctions."""
+    return [Variable("inner", f"{i}{side}") for i in range(len(graph.bonds)) for side in "ab"]
+
+
+def _element_end(element: Element, field: Field) -> _End:
+    one = field.number(1)
+
+    def alone(variable: Variable) -> dict[Variable, Any]:
+        return {variable: one}
+
+    name = element.name
+    if isinstance(element, C):
+        return _End(alone(coenergy(name)), alone(rate(name)), -1)
+    if isinstance(element, I):
+        return _End(alone(rate(name)), alone(coenergy(name)), -1)
+    if isinstance(element, R):
+        ends = alone(argument(name)), alone(result(name))
+        effort, flow = ends if element.direction == "conductance" else ends[::-1]
+        return _End(effort, flow, -1)
+    imposed = {source(name): field.number(element.sign)}
+    if isinstance(element, Se):
+        return _End(imposed, alone(answer(name)), 1)
+    return _End(alone(answer(name)), imposed, 1)
+
+
+def _bond_ends(bond: Link, key: str, field: Field) -> tuple[_End, _End]:
+    a, b = Variable("inner", f"{key}a"), Variable("inner", f"{key}b")
+    one = field.number(1)
+    ratio = one if isinstance(bond, Bond) else field.number(bond.ratio)
+    if isinstance(bond, GY):
+        # a is the flow at the start, b the flow at the end.
+        return _End({b: ratio}, {a: one}, -1), _End({a: ratio}, {b: one}, 1)
+    # a is the flow at the start, b the effort at the end.
+    return _End({b: ratio}, {a: one}, -1), _End({b: one}, {a: ratio}, 1)

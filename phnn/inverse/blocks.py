@@ -1,0 +1,320 @@
+"""Blocks of the measuring chain backwards: the command that makes an amplifier block give a voltage, and the
+displacement that makes a sensor block report an output.
+
+Signals stand at the nodes of the sub-steps, equally far apart. Derivatives are central differences, an error of second
+order in the step, which the iteration on the complete model removes. Amplifier blocks (``V`` their voltage):
+
+=======================  ===========================================================================================
+static blocks            the block's own characteristic, solved for its argument
+``lowpass``              ``u = V + τ V̇``
+``second_order_lowpass`` ``u = V + 2ζ τ V̇ + τ² V̈``
+``delay``                ``u(t) = V(t + τ)``, held at the end
+``slew_limit``           ``u = V`` where ``|V̇| ≤ S``; elsewhere out of reach
+``bouc_wen``             ``u = V``; the iteration finds the rest
+=======================  ===========================================================================================
+
+Sensor blocks (``y`` their output):
+
+=======================  ===========================================================================================
+static blocks            the block's own characteristic, solved for its argument
+``lag``                  ``q = y + τ ẏ``
+``clock``                ``q((1 − c s) t) = y(t)``, held at the end
+``rectification``        ``q = y``, for outputs that are not negative
+``play``                 ``q = y + δ s``, where ``s`` is the direction of motion. It changes sign while ``|ẏ|`` is below
+                         a fiftieth of its largest value, for no mass crosses the play at once
+=======================  ===========================================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from phnn.chain import AMPLIFIERS, SENSORS
+from phnn.errors import InputRefused
+from phnn.setup import Block, Setup
+from phnn.signals.long_spline import spline
+
+Array = NDArray[np.float64]
+
+
+class Signal(NamedTuple):
+    """Attributes:
+    values: (M,) of the signal.
+    lost: (M,) bool: what was asked for lies out of reach there.
+    causes: why, in words, for messages.
+    """
+
+    values: Array
+    lost: NDArray[np.bool_]
+    causes: tuple[str, ...] = ()
+
+    def then(self, values: Array, lost: NDArray[np.bool_] | None = None, cause: str = "") -> Signal:
+        """The signal behind one more stage, which may lose samples for a cause of its own."""
+        if lost is None or not lost.any():
+            return Signal(values, self.lost, self.causes)
+        return Signal(values, self.lost | lost, (*self.causes, cause))
+
+
+def reachable(values: Array) -> Signal:
+    """A signal of which nothing is lost."""
+    return Signal(values, np.zeros(values.size, dtype=bool))
+
+
+# Degree of the spline: its second derivative is a cubic spline.
+_DEGREE = 5
+
+
+@dataclass(frozen=True)
+class Path:
+    """A motion at ``n + 1`` nodes, equally far apart.
+
+    Attributes:
+        times: (n+1,) [s], from zero; h: their interval [s].
+        q, velocity, acceleration: (n+1,) displacement [m] and its derivatives.
+        node_velocity: (n+1,) the velocity whose trapezoidal sum is the displacement up to fourth order in ``h``,
+            ``q̇ − h² q⃛/12``: the step moves a displacement by the mean of the velocities at its ends.
+    """
+
+    times: Array
+    h: float
+    q: Array
+    velocity: Array
+    acceleration: Array
+    node_velocity: Array
+
+
+def smallest_count() -> int:
+    """The fewest samples that a spline can be put through."""
+    return _DEGREE + 1
+
+
+def path_through(samples: Array, dt: float, substeps: int) -> Path:
+    """The quintic spline through samples, on the sub-steps of a simulation.
+
+    Args:
+        samples: (N,) displacement [m]; dt: their interval [s].
+        substeps: steps in an interval.
+    """
+    # In units of the interval, so that the equations of the spline are well scaled.
+    curve = make_interp_spline(np.arange(samples.size), samples, k=_DEGREE)
+    places = np.arange((samples.size - 1) * substeps + 1) / substeps
+    h = dt / substeps
+    q, v, a, jerk = (np.asarray(curve(places, nu)) / dt**nu for nu in range(4))
+    times: Array = h * np.arange(places.size, dtype=np.float64)
+    return Path(times, h, q, v, a, v - h * h / 12.0 * jerk)
+
+
+def derivative(samples: Array, dt: float) -> Array:
+    """(N,) rate of samples by the same spline."""
+    places = np.arange(samples.size)
+    return np.asarray(make_interp_spline(places, samples, k=_DEGREE)(places, 1)) / dt
+
+
+# The bracket begins at this share of the largest target and doubles, up to this many times that target: a
+# characteristic that needs ten times its input to reach a value is taken to end before it.
+_FIRST, _FURTHEST = 1e-3, 10.0
+# Halvings of the bracket: after 60 it is as narrow as rounding.
+_HALVINGS = 60
+
+
+class Solved(NamedTuple):
+    """Attributes:
+    x: (N,) arguments; at values out of reach, where the characteristic comes closest.
+    missed: (N,) by how much the characteristic falls short of the value; zero where it is reached.
+    """
+
+    x: Array
+    missed: Array
+
+
+def solve_rising(function: Callable[[Array], Array], target: Array) -> Solved:
+    """Solve ``f(x) = target`` elementwise for an ``f`` that rises, or rests, from zero on to both sides.
+
+    Args:
+        function: (N,) values of (N,) arguments, elementwise.
+        target: (N,) values that are wanted.
+    """
+    at_zero = function(np.zeros_like(target))
+    reach = max(float(np.abs(target).max(initial=0.0)), float(np.abs(at_zero).max(initial=0.0)), np.finfo(float).tiny)
+    upwards = target >= at_zero
+    side = np.where(upwards, 1.0, -1.0)
+    near, far = np.zeros_like(target), np.full_like(target, _FIRST * reach)
+    short = _short(function, side, far, target)
+    while short.any() and float(far.max()) < _FURTHEST * reach:
+        near, far = np.where(short, far, near), np.where(short, np.minimum(2.0 * far, _FURTHEST * reach), far)
+        short = _short(function, side, far, target)
+    # A characteristic that ends gives what it has, with the least argument that gives it.
+    wanted = np.where(short, function(side * far), target)
+    missed = np.where(short, target - wanted, 0.0)
+    near = np.where(short, 0.0, near)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (near + far)
+        below = _short(function, side, middle, wanted)
+        near, far = np.where(below, middle, near), np.where(below, far, middle)
+    return Solved(side * far, missed)
+
+
+def _short(function: Callable[[Array], Array], side: Array, size: Array, target: Array) -> NDArray[np.bool_]:
+    """Where the characteristic has not yet come as far as the target."""
+    return np.asarray(side * (function(side * size) - target) < 0.0)
+
+
+# Blocks whose output at an instant is a function of the input at that instant.
+STATIC_AMPLIFIERS = ("saturation", "soft_saturation", "gain", "offset", "knee", "dead_band")
+# Share of a limit by which a signal may exceed it in rounding; share of a signal's range that counts as reached.
+_ROUNDING, _REACHED = 1e-9, 1e-6
+
+
+def command(setup: Setup, voltage: Signal, h: float) -> Signal:
+    """The command at the nodes that makes the amplifier give a voltage at its end.
+
+    Args:
+        voltage: at the nodes; h: their interval [s].
+
+    Raises:
+        InputRefused: a block that has no inverse; names it.
+    """
+    for block in reversed(setup.amplifier):
+        values = [setup.parameters[name].value for name in block.parameters]
+        if block.kind in STATIC_AMPLIFIERS:
+            voltage = _static_amplifier(block, voltage, values)
+        elif block.kind in _AMPLIFIER_INVERSES:
+            voltage = _AMPLIFIER_INVERSES[block.kind](voltage, h, *values)
+        else:
+            raise InputRefused(
+                f"the amplifier block {block.kind} has no inverse: give a model whose input is a voltage or a force"
+            )
+    return voltage
+
+
+def command_at_rest(setup: Setup, voltage: float) -> float:
+    """The constant command under which the amplifier gives a constant voltage."""
+    at_rest = Signal(np.full(2, voltage), np.zeros(2, dtype=bool))
+    return float(command(setup, at_rest, 1.0).values[0])
+
+
+def _static_amplifier(block: Block, voltage: Signal, values: list[float]) -> Signal:
+    def characteristic(u: Array) -> Array:
+        return np.asarray(AMPLIFIERS[block.kind](u[:, None], np.ones(1), 0.0, *values))[:, 0]
+
+    found = solve_rising(characteristic, voltage.values)
+    lost = np.abs(found.missed) > _REACHED * np.abs(voltage.values).max(initial=0.0)
+    return voltage.then(found.x, lost, f"the amplifier's {block.kind.replace('_', ' ')}")
+
+
+def _lowpass(voltage: Signal, h: float, tau: float) -> Signal:
+    return voltage.then(voltage.values + tau * _rate(voltage.values, h))
+
+
+def _second_order(voltage: Signal, h: float, tau: float, zeta: float) -> Signal:
+    rate = _rate(voltage.values, h)
+    return voltage.then(voltage.values + 2.0 * zeta * tau * rate + tau * tau * _rate(rate, h))
+
+
+def _delay(voltage: Signal, h: float, tau: float) -> Signal:
+    last = voltage.values.size - 1.0
+    places = np.minimum(np.arange(voltage.values.size) + tau / h, last)
+    return voltage.then(np.asarray(spline(voltage.values)(places)))
+
+
+def _slew_limit(voltage: Signal, h: float, limit: float) -> Signal:
+    fast = np.abs(np.diff(voltage.values)) > limit * h * (1.0 + _ROUNDING)
+    lost = np.append(fast, False) | np.insert(fast, 0, False)
+    return voltage.then(voltage.values, lost, "the amplifier's slew limit")
+
+
+def _bouc_wen(voltage: Signal, h: float, *values: float) -> Signal:
+    return voltage
+
+
+def _rate(values: Array, h: float) -> Array:
+    return np.asarray(np.gradient(values, h, edge_order=2 if values.size > 2 else 1))
+
+
+_AMPLIFIER_INVERSES: dict[str, Callable[..., Any]] = {
+    "lowpass": _lowpass,
+    "second_order_lowpass": _second_order,
+    "delay": _delay,
+    "slew_limit": _slew_limit,
+    "bouc_wen": _bouc_wen,
+}
+
+
+# Blocks whose output at an instant is a function of the input at that instant, and of time.
+STATIC_SENSORS = ("drift", "polynomial", "zero", "knee", "cubic", "drifting_gain")
+# Share of the largest speed below which a play is crossed.
+_CROSSING = 0.02
+# Share of the range of an output that may lie below zero and still count as none: rounding, and corrections.
+_BELOW = 1e-3
+
+
+def displacement(setup: Setup, output: Signal, dt: float, strict: bool = True) -> Signal:
+    """The displacement at the samples that makes the sensor report an output.
+
+    Args:
+        output: at the samples; dt: their interval [s].
+        strict: refuse an output that a block cannot report, where a corrected one is taken as near as it can be.
+
+    Raises:
+        InputRefused: a block that has no inverse, or an output that it cannot report; names it.
+    """
+    t: Array = dt * np.arange(output.values.size, dtype=np.float64)
+    for block in reversed(setup.sensor):
+        values = [setup.parameters[name].value for name in block.parameters]
+        if block.kind in STATIC_SENSORS:
+            output = _static_sensor(block.kind, output, t, values)
+        elif block.kind in _SENSOR_INVERSES:
+            if strict and block.kind == "rectification":
+                _check_sign(output.values, t)
+            output = output.then(_SENSOR_INVERSES[block.kind](output.values, t, *values))
+        else:
+            raise InputRefused(f"the sensor block {block.kind} has no inverse: give a model without it")
+    return output
+
+
+def _static_sensor(kind: str, output: Signal, t: Array, values: list[float]) -> Signal:
+    found = solve_rising(lambda q: np.asarray(SENSORS[kind](q, t, *values)), output.values)
+    lost = np.abs(found.missed) > _REACHED * np.abs(output.values).max(initial=0.0)
+    return output.then(found.x, lost, f"the sensor's {kind.replace('_', ' ')}")
+
+
+def _lag(y: Array, t: Array, tau: float) -> Array:
+    return y + tau * derivative(y, t[1] - t[0])
+
+
+def _clock(y: Array, t: Array, change: float, scale: float) -> Array:
+    places = np.minimum(np.arange(y.size) / (1.0 - change * scale), y.size - 1.0)
+    return np.asarray(spline(y)(places))
+
+
+def _check_sign(y: Array, t: Array) -> None:
+    if y.min() < -_BELOW * np.ptp(y):
+        worst = int(np.argmin(y))
+        raise InputRefused(
+            f"the model's sensor reports |q|, and the reference is {y[worst]:.4g} m at t = {t[worst]:.6g} s: give a "
+            "reference that is not negative"
+        )
+
+
+def _rectification(y: Array, t: Array) -> Array:
+    return np.maximum(y, 0.0)
+
+
+def _play(y: Array, t: Array, width: float) -> Array:
+    rate = derivative(y, t[1] - t[0])
+    slow = _CROSSING * np.abs(rate).max()
+    return y + width * rate / np.sqrt(rate**2 + slow**2) if slow > 0.0 else y
+
+
+_SENSOR_INVERSES: dict[str, Callable[..., Any]] = {
+    "lag": _lag,
+    "clock": _clock,
+    "rectification": _rectification,
+    "play": _play,
+}
