@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from phnn.integrate import sweep
 from phnn.integrate.cycle import cycle_derivative, without_impulse
+from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium_derivative, equilibrium_slope
 from phnn.integrate.sweep import Integrated, Perturbed
 from phnn.laws import FACTOR_LAWS, PORT_LAWS
 from phnn.laws.namespace import TINY
+from phnn.models.actuator import hrc
 from phnn.passage import measured_changes, place_of, sensed, source_input
 from phnn.recordings.driving import input_before, made_periodic
 from phnn.setup import Block
@@ -197,3 +199,13 @@ def _action(trajectory: Trajectory, place: int, change: Array) -> Array:
     slope = PORT_LAWS[port.law].slope(trajectory.u[:, place], *(network.parameters[n].value for n in port.parameters))
     out[:, place] = slope * change
     return out
+
+
+def compile_all() -> None:
+    """Compile the forward sensitivities, with arguments of the types that all networks have."""
+    network, steps = hrc(1), 4
+    program = compile_network(network)
+    states, efforts, u = (np.zeros((steps + more, n)) for more, n in ((1, 3), (0, 3), (0, len(network.ports))))
+    integrated = Integrated(program, program.theta(network), states, efforts, u, np.full(steps, 1e-5))
+    active, none = sweep.by_parameters(np.array([0]), steps), np.zeros(0, dtype=np.int64)
+    sweep.sensitivities(integrated, active, np.zeros((3, 1)), none, np.arange(steps + 1))

@@ -1,8 +1,8 @@
 """Vary every criterion by half and double: ``python scripts/criteria.py --seed 1 --cases 2 --minutes 8 [--out DIR]``.
 
-Sealed cases of every kind are diagnosed with the default criteria and with each criterion changed alone. Fits and
-scores that a change does not reach are recalled, so that a change costs only what depends on it. Writes
-``criteria.json`` and ``criteria.md``; cases that were finished in the time that was given are counted.
+Sealed cases of every kind are diagnosed with the default criteria and with each criterion changed alone, each
+time anew. Writes ``criteria.json`` and ``criteria.md``; cases that were finished in the time that was given are
+counted.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from phnn.effects import Effect, effect
 from phnn.errors import PhnnError
 from phnn.identification.base import identify_base
 from phnn.identification.options import Options
-from phnn.recall import recalling
 from phnn.recordings import Campaign, read
 from phnn.report.result import document
 from phnn.results import Place
@@ -64,11 +63,10 @@ def vary(seed: int, stratum: str, number: int, plan: str, until: float) -> list[
     """All runs of one case; none where the time does not last for them."""
     task = Task(FULL, stratum, number, seed + number, plan)
     rows: list[Row] = []
-    with TemporaryDirectory() as folder, recalling():
+    with TemporaryDirectory() as folder:
         sealed = make_case(draw_case(task.seed, stratum, plan, levels=LEVELS), Path(folder))
         campaign = read(Path(folder))
         base, _ = identify_base(campaign, Options(workers=1))
-        # One list for all runs: effects are recalled by identity.
         effects = available(campaign, base.setup, [effect(n) for n in containing(sealed.withheld)])
         for name, criteria in variants().items():
             if time.monotonic() > until:

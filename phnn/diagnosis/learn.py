@@ -20,7 +20,6 @@ from phnn.effects.places import attached
 from phnn.identification.fit import Fit, fit, variables_from
 from phnn.identification.problem import Problem
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
-from phnn.recall import recalled
 from phnn.rescue import attempt
 from phnn.setup import Setup
 
@@ -36,7 +35,6 @@ def learned_setup(setup: Setup, kind: Kind, scales: Scales) -> Setup | None:
     return replace(element.add_to(setup, element.grid(scales)[0]), name=f"{setup.name}+learned")
 
 
-@recalled
 def learn(linearised: LinearisedFit, kind: Kind) -> Fit | None:
     """Fit the learned element together with the base parameters; None where the location has no passive one-port."""
     setup = learned_setup(linearised.fit.setup, kind, linearised.scales)

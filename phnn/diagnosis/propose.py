@@ -35,7 +35,6 @@ from phnn.diagnosis.rival import Bench, Predicted, Rival
 from phnn.diagnosis.trial import tie
 from phnn.errors import PhnnError
 from phnn.identification.nuisances import without_nuisances
-from phnn.recall import recalled
 from phnn.setup import Own
 
 Array = NDArray[np.float64]
@@ -45,7 +44,6 @@ _NOTHING = 1e-3
 REPEATED = math.sqrt(2.0)
 
 
-@recalled
 def propose(
     questions: Sequence[Question], linearised: LinearisedFit, variances: float = SELECTION.tie
 ) -> NextExperiment | None:

@@ -13,7 +13,6 @@ from phnn.diagnosis.name import Naming, score
 from phnn.effects import Effect, Scales
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import NumericalError
-from phnn.recall import recalled
 
 # Level of a whole search, spent once; the default of the criterion `level`. Hypotheses are tested in order: the base
 # model is complete, the model with the best element is complete, and so on. The first that is not rejected ends the
@@ -72,7 +71,6 @@ def scored(
     return Scored(linearised, generic, naming, criteria)
 
 
-@recalled
 def _scores(
     fitted: Fit,
     effects: tuple[Effect, ...],

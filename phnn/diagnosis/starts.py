@@ -16,7 +16,6 @@ from phnn.criteria import REFITS, Refits
 from phnn.diagnosis.linearised_fit import LinearisedFit, direction
 from phnn.effects import Effect
 from phnn.errors import PhnnError
-from phnn.recall import recalled
 from phnn.setup import Setup
 
 Array = NDArray[np.float64]
@@ -30,7 +29,6 @@ def has_large_starts(effect: Effect) -> bool:
     return effect.strength is not None and effect.searched is None
 
 
-@recalled
 def large_starts(linearised: LinearisedFit, effect: Effect, limits: Refits = REFITS) -> list[dict[str, float]]:
     """Values of the effect's parameters, the most promising shape and sign first.
 

@@ -21,7 +21,6 @@ from phnn.identification.fit import TOLERANCE, Fit, distinct_optima, fit, variab
 from phnn.identification.problem import Problem
 from phnn.identification.refinement import released
 from phnn.identification.staged import fit_identified, stated_only
-from phnn.recall import recalled
 from phnn.rescue import attempt
 from phnn.setup import Setup
 
@@ -39,7 +38,6 @@ def first_steps(base: Fit, candidate: Candidate, limits: Refits = REFITS) -> Fit
     return _few_steps(base, candidate.effect, *start, limits.first_evaluations, limits)
 
 
-@recalled
 def _few_steps(
     base: Fit, effect: Effect, setup: Setup, values: Mapping[str, float], evaluations: int, limits: Refits
 ) -> Fit | None:
@@ -125,7 +123,6 @@ def from_large_starts(linearised: LinearisedFit, base: Fit, trial: Trial, limits
     return min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
 
 
-@recalled
 def on_all_recordings(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
     """Further steps on all recordings from where few of them have led."""
     if trial.fit is None:
@@ -142,7 +139,6 @@ def moving(fitted: Fit, limits: Refits = REFITS) -> bool:
     return fitted.evaluations in (limits.first_evaluations, limits.second_evaluations)
 
 
-@recalled
 def further_steps(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
     """Further steps from where it is, unless it has converged."""
     found = trial.fit
@@ -155,7 +151,6 @@ def further_steps(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | Non
     return replace(onwards, alternatives=found.alternatives)
 
 
-@recalled
 def finished(base: Fit, trial: Trial, limits: Refits = REFITS) -> Fit | None:
     """Carried to convergence with the sub-steps of the base fit; None where it cannot be simulated there."""
     if trial.fit is None:

@@ -11,9 +11,8 @@ from phnn.diagnosis.character import character_of, forgetting, in_words, memory_
 from phnn.diagnosis.dictionary import FORCE, OUTPUT, PARAMETER, VOLTAGE, Group
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location, group_of
-from phnn.diagnosis.picture import Picture, learned_picture, picture
+from phnn.diagnosis.picture import Picture, picture
 from phnn.diagnosis.vocabulary import vocabulary_of
-from phnn.setup import Setup
 from phnn.units import quantity
 
 Array = NDArray[np.float64]
@@ -28,12 +27,6 @@ _ACTS = {
 _LENGTHS = {"µm": 1e-6, "nm": 1e-9}
 # Share of the work done either way that must be left over for a force to be called dissipative, or active.
 _LOSSY = 0.2
-
-
-def learned_in_words(linearised: LinearisedFit, location: Location, learned: Setup) -> str:
-    """The learned one-port: what kind of element, odd or even, from where on, how long it remembers."""
-    drawn = learned_picture(linearised, location, learned)
-    return f"The learned one-port is {group_of(location).kind.one_port}. {_curve_in_words(drawn)}"
 
 
 def fitted_in_words(linearised: LinearisedFit, location: Location) -> str:

@@ -15,7 +15,6 @@ from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
 from phnn.identification.start import estimated_start
 from phnn.identification.variables import Variables
-from phnn.recall import recalled
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Part, Recording
 from phnn.setup import NOTHING, Setup
@@ -60,7 +59,6 @@ class Evaluation:
         return float(np.sqrt(np.mean(np.square(found)))) if found else float("nan")
 
 
-@recalled
 def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluation:
     """Simulate all recordings of a plan and score their parts.
 

@@ -17,7 +17,6 @@ from phnn.identification.censoring import beyond_limit
 from phnn.identification.fit import Fit
 from phnn.identification.nuisances import without_nuisances
 from phnn.identification.plan import Plan
-from phnn.recall import recalled
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from phnn.simulate import simulate
@@ -70,7 +69,6 @@ def substeps_for(setup: Setup, plan: Plan, bound: float, initial: Mapping[str, A
     return replace(plan, substeps=chosen)
 
 
-@recalled
 def numerical_error(fit: Fit) -> NumericalError:
     """Error of solver and reconstruction at a fit."""
     plan = fit.plan

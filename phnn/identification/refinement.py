@@ -15,11 +15,9 @@ from phnn.identification.problem import Problem
 from phnn.identification.staged import fit_identified, stated_only
 from phnn.identification.stalled import resumed
 from phnn.identification.variables import Variables
-from phnn.recall import recalled
 from phnn.setup import Setup
 
 
-@recalled
 def with_bounded_error(first: Fit, bound: float, keep: Sequence[str] = ()) -> tuple[Fit, NumericalError]:
     """Refit with sub-steps for a bound, again where the fit has moved enough to need finer ones.
 
@@ -77,7 +75,6 @@ def _coarse_cost(setup: Setup, plan: Plan) -> float:
     return float(residual @ residual)
 
 
-@recalled
 def refined(fitted: Fit) -> tuple[Fit, NumericalError]:
     """The same fit with all sub-steps doubled."""
     doubled = {r.name: 2 * fitted.plan.steps_of(r) for r in fitted.plan.recordings}

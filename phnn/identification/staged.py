@@ -27,7 +27,6 @@ from phnn.identification.subset import representative_subset
 from phnn.identification.variables import starts_unknown
 from phnn.models.actuator import hrc
 from phnn.parameters import Parameter
-from phnn.recall import recalled
 from phnn.recordings.recording import Anchor
 from phnn.recordings.units import same_kind
 from phnn.rescue import late
@@ -45,7 +44,6 @@ EVALUATIONS = 60
 FURTHER_STARTS = "further starts of the base model"
 
 
-@recalled
 def identify_actuator(
     plan: Plan, known: Mapping[str, Anchor], hysterons: int, starts: int, seed: int, setup: Setup | None = None
 ) -> Fit:
@@ -154,7 +152,6 @@ def stated_only(held: Mapping[str, str]) -> dict[str, str]:
     return {n: why for n, why in held.items() if not why.endswith(_UNIDENTIFIED)}
 
 
-@recalled
 def fit_identified(
     setup: Setup,
     plan: Plan,

@@ -187,25 +187,11 @@ def compile_ahead() -> bool:
     # Another process knows nothing of laws that were registered in this one.
     if not registered_outside():
         # -P: a folder of recordings may hold modules, which are not to be imported.
-        command = [sys.executable, "-P", "-c", f"from {__name__} import compile_derivatives as c; c()"]
+        command = [sys.executable, "-P", "-c", "from phnn.derivatives import compile_all; compile_all()"]
         with suppress(OSError):
             silent = subprocess.DEVNULL
             atexit.register(subprocess.Popen(command, stdin=silent, stdout=silent, stderr=silent).kill)
     return True
-
-
-def compile_derivatives() -> None:
-    """Compile the forward sensitivities, with arguments of the types that all networks have."""
-    from phnn.integrate import sweep
-    from phnn.integrate.program import compile_network
-    from phnn.models.actuator import hrc
-
-    network, steps = hrc(1), 4
-    program = compile_network(network)
-    states, efforts, u = (np.zeros((steps + more, n)) for more, n in ((1, 3), (0, 3), (0, len(network.ports))))
-    integrated = sweep.Integrated(program, program.theta(network), states, efforts, u, np.full(steps, 1e-5))
-    active, none = sweep.by_parameters(np.array([0]), steps), np.zeros(0, dtype=np.int64)
-    sweep.sensitivities(integrated, active, np.zeros((3, 1)), none, np.arange(steps + 1))
 
 
 def _called_by_compiled(dispatcher: Any) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -62,8 +61,3 @@ def set_aside(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[li
     """
     chosen = [r for r in recordings if r.mask("identification").any()]
     return [r for r in chosen if r.name not in names], [r for r in chosen if r.name in names]
-
-
-def as_validation(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """The same recordings, scored under a use of their own."""
-    return tuple(replace(r, parts=tuple(replace(p, use="validation") for p in r.parts)) for r in recordings)

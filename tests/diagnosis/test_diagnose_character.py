@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import campaigns
 import numpy as np
 import pytest
@@ -11,7 +9,7 @@ import pytest
 from phnn.diagnosis.character import character_of, forgetting, in_words, memory_in_words, shape_of, without_line
 from phnn.diagnosis.learn import learned_force, learned_setup
 from phnn.diagnosis.locate import locate
-from phnn.diagnosis.words import fitted_in_words, learned_in_words
+from phnn.diagnosis.words import fitted_in_words
 from phnn.effects import kinds
 
 X = np.linspace(-90.0, 90.0, 241)
@@ -76,11 +74,6 @@ def test_the_law_of_a_learned_spring_and_of_a_memory() -> None:
     spring = spring.with_values(strengths | {"k_R3": 2e4})
     q = np.linspace(-1.0, 1.0, 241) * scales.displacement
     assert learned_force(base, spring, q, 1.0) == pytest.approx(-2e4 * np.maximum(q - gap, 0.0), abs=1e-9)
-    where = replace(locate(linearised, campaigns.generic("none")), name="mechanical", detail="elastic", group=0)
-    words = learned_in_words(linearised, where, spring)
-    assert "a spring: conservative" in words
-    onset = float(words.partition("sets in at ")[2].partition(" µm")[0])
-    assert onset == pytest.approx(1e6 * gap, rel=0.03)
     memory = learned_setup(base, kinds.MEMORY, scales)
     assert memory is not None
     k = memory.parameters["k_M2"].value

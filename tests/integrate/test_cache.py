@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import phnn
-from phnn.derivatives import output_derivatives
+from phnn.derivatives import compile_all, output_derivatives
 from phnn.integrate import cache, sweep
 from phnn.models.actuator import hrc
 from phnn.models.neural import LearnedLaws, neural_hrc
@@ -32,8 +32,9 @@ f = compiled(double)
 print(f(21.0), sum(f.stats.cache_hits.values()))
 """
 _KERNEL = """
-from phnn.integrate import cache, sweep
-cache.compile_derivatives()
+from phnn.derivatives import compile_all
+from phnn.integrate import sweep
+compile_all()
 print(sum(sweep._sensitivities.stats.cache_misses.values()))
 """
 
@@ -122,7 +123,7 @@ def test_an_edited_callee_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyP
     "network", [hrc(2), neural_hrc(1, LearnedLaws(3)), hrcl(1).network()], ids=["hrc", "neural", "hrcl"]
 )
 def test_derivatives_are_compiled_ahead_for_all_networks(network: Network) -> None:
-    cache.compile_derivatives()
+    compile_all()
     known = list(sweep._sensitivities.signatures)
     t = np.arange(21) * 1e-4
     recording = campaigns.recorded(Setup(network), "sine", t, 5.0 * np.sin(300.0 * t), 1e-9, 0)

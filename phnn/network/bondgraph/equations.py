@@ -170,11 +170,6 @@ def junction_equations(graph: BondGraph, field: Field) -> list[Form]:
     return [form for form in equations if form]
 
 
-def inner_variables(graph: BondGraph) -> list[Variable]:
-    """The variables of the bonds between junctions."""
-    return [Variable("inner", f"{i}{side}") for i in range(len(graph.bonds)) for side in "ab"]
-
-
 def _element_end(element: Element, field: Field) -> _End:
     one = field.number(1)
 
