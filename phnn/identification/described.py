@@ -37,7 +37,7 @@ def identify_network(setup: Setup, plan: Plan, known: Mapping[str, Anchor], star
     check_known(known, setup.parameters)
     setup = setup.with_values({n: a.value for n, a in known.items()})
     held = held_at(known)
-    tried = []
+    tried: list[Fit] = []
     for start in _starts(setup, held, starts, seed):
         if tried and late(FURTHER_STARTS):
             break

@@ -72,7 +72,7 @@ def identify_actuator(
         *_linear_starts(mechanical.setup, subset, hysterons, anchored, held),
         *(s for p in points for s in random_starts(p, plan, hysterons, anchored, starts, seed)),
     ]
-    tried = []
+    tried: list[Fit] = []
     for candidate in candidates:
         if tried and late(FURTHER_STARTS):
             break
