@@ -30,14 +30,17 @@ from studies.rivals import needed
 
 Array = NDArray[np.float64]
 Support = tuple[int, ...]
+# Blocks that estimate coefficients, and blocks that judge them.
+Fold = tuple[Sequence[int], Sequence[int]]
 
 # Stepwise: effects at most; tries that are refitted; points of an effect's grid that are tried; simulations of a try
 # and of a refit.
 _MOST, _REFITTED, _POINTS, _TRY, _REFIT = 3, 4, 3, 6, 30
-# SINDy: blocks of a recording at most, and their fewest samples; draws of the ensemble; thresholds, between these
-# shares of the target's length, but at least so many standard deviations; the ridge; terms of a forward regression.
-_BLOCKS, _SAMPLES, _DRAWS, _THRESHOLDS, _FIRST, _LAST, _DEVIATIONS, _RIDGE, _FORWARD = (
-    6, 250, 30, 8, 0.05, 0.9, 4.0, 1e-3, 6,
+# SINDy: blocks of a recording at most, and their fewest samples; folds; draws of the ensemble; thresholds, between
+# these shares of the target's length, but at least so many standard deviations; the ridge; terms of a forward
+# regression.
+_BLOCKS, _SAMPLES, _FOLDS, _DRAWS, _THRESHOLDS, _FIRST, _LAST, _DEVIATIONS, _RIDGE, _FORWARD = (
+    6, 250, 5, 30, 8, 0.05, 0.9, 4.0, 1e-3, 6,
 )  # fmt: skip
 # Share of the best gain that a support with fewer effects may have; gain [units of χ²] below which there is none; χ²
 # over the number of samples above which the base leaves more than noise.
@@ -128,16 +131,18 @@ def sindy(folder: Path, seed: int) -> Answer:
     candidates, columns = library(linearised, available(base.campaign, base.fit.setup))
     effects = [c.effect.canonical for c in candidates]
     grams, sizes = _grams(linearised, columns)
-    every = range(len(grams))
-    support = _fewest(grams, every, every, effects)
+    every = list(range(len(grams)))
+    # Folds of blocks in turn: none is judged by what estimated it.
+    folds = [([k for k in every if k % _FOLDS != f], every[f::_FOLDS]) for f in range(min(_FOLDS, len(grams)))]
+    support = _fewest(grams, every, folds, effects)
     excess = float(sum(g[-1, -1] for g in grams)) - linearised.residual.size
-    gain = _gain(grams, every, every, support)
+    gain = _gain(grams, folds, support)
     drawn, rng = Counter[str](), np.random.default_rng(seed)
     for _ in range(_DRAWS if support else 0):
         taken = rng.integers(len(grams), size=len(grams)).tolist()
         tested = [k for k in every if k not in taken]
         if tested:
-            drawn.update({effects[k] for k in _fewest(grams, taken, tested, effects)})
+            drawn.update({effects[k] for k in _fewest(grams, taken, [(taken, tested)], effects)})
     chosen = {effects[k] for k in support}
     share = {n: 0.5 * (n in chosen) + 0.5 * drawn[n] / _DRAWS for n in chosen | set(drawn)}
     if not support and excess + linearised.residual.size <= _NOISE * linearised.residual.size:
@@ -176,19 +181,20 @@ def _coefficients(grams: Sequence[Array], blocks: Iterable[int], support: Suppor
     return np.asarray(np.linalg.solve(total[np.ix_(chosen, chosen)] + 1e-9 * np.eye(len(chosen)), total[chosen, -1]))
 
 
-def _gain(grams: Sequence[Array], taken: Iterable[int], tested: Iterable[int], support: Support) -> float:
-    """Return by how much χ² falls in some blocks where other blocks have estimated the coefficients of a support."""
-    beta, chosen = _coefficients(grams, taken, support), list(support)
-    total = sum((grams[k] for k in tested), start=np.zeros_like(grams[0]))
-    return float(2.0 * beta @ total[chosen, -1] - beta @ total[np.ix_(chosen, chosen)] @ beta)
+def _gain(grams: Sequence[Array], folds: Sequence[Fold], support: Support) -> float:
+    """Return by how much χ² falls in the tested blocks where the taken ones have estimated the coefficients."""
+    chosen, total = list(support), 0.0
+    for taken, tested in folds:
+        beta = _coefficients(grams, taken, support)
+        held = sum((grams[k] for k in tested), start=np.zeros_like(grams[0]))
+        total += float(2.0 * beta @ held[chosen, -1] - beta @ held[np.ix_(chosen, chosen)] @ beta)
+    return total
 
 
-def _fewest(grams: Sequence[Array], taken: Sequence[int], tested: Sequence[int], effects: Sequence[str]) -> Support:
-    """Return, of the supports that gain nearly as much as the best, that with the fewest effects, then terms.
-
-    Empty where none gains more than chance would.
-    """
-    gains = {s: _gain(grams, taken, tested, s) for s in _supports(grams, taken)}
+def _fewest(grams: Sequence[Array], blocks: Sequence[int], folds: Sequence[Fold], effects: Sequence[str]) -> Support:
+    """Return, of the supports that some blocks propose and that gain nearly as much as the best in left-out blocks,
+    that with the fewest effects, then terms; empty where none gains more than chance would."""
+    gains = {s: _gain(grams, folds, s) for s in _supports(grams, blocks)}
     best = max(gains.values(), default=0.0)
     near = [s for s, gain in gains.items() if gain >= _NEARLY * best] if best >= _CHANCE else []
     return min(near, key=lambda s: (len({effects[k] for k in s}), len(s), -gains[s]), default=())

@@ -66,14 +66,13 @@ def test_sindy_selects_the_terms_that_act() -> None:
     assert len(grams) == 16
     every = list(range(16))
     assert (3, 8) in _supports(grams, every)
-    assert _fewest(grams, every, every, effects) == (3, 8)
-    # Estimated on some blocks and judged by others.
-    assert _fewest(grams, every[:8], every[8:], effects) == (3, 8)
+    assert _fewest(grams, every, [(every[:8], every[8:])], effects) == (3, 8)
 
 
 def test_sindy_selects_nothing_in_noise() -> None:
     grams, effects = regression(2, {})
-    assert _fewest(grams, list(range(16)), list(range(16)), effects) == ()
+    every = list(range(16))
+    assert _fewest(grams, every, [(every[:8], every[8:])], effects) == ()
 
 
 def sine_case(folder: Path, effect: str) -> Path:
