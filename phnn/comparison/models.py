@@ -232,10 +232,9 @@ class Bench:
         substeps = self.result("phs").substeps
         return replace(identification_plan(self.campaign, self.settings.options.workers), substeps=dict(substeps))
 
-    def facts(self, model: str, parameters: int, times: Mapping[str, float]) -> dict[str, Any]:
+    def facts(self, model: str, own: Mapping[str, Any]) -> dict[str, Any]:
         """Return what there is to say of a model of phnn."""
-        kind, seed = MODELS[model], self.settings.options.seed
-        return {"kind": kind.words, "parameters": parameters, "gradient": kind.how, "seed": seed, **times}
+        return {"kind": MODELS[model].words, "gradient": MODELS[model].how, "seed": self.settings.options.seed, **own}
 
 
 def _keep(result: Result, place: Place, made_with: Mapping[str, Any]) -> None:
@@ -279,49 +278,42 @@ def _kept(folder: Path, made_with: Mapping[str, Any]) -> Result | None:
     return found
 
 
-@dataclass(frozen=True)
-class _Clock:
-    """Seconds since it was made, as they pass and of the processor."""
+def _since(elapsed: float, processor: float) -> dict[str, float]:
+    """Return the seconds since two readings of the clocks, those that passed and those of the processor."""
+    passed, used = time.monotonic() - elapsed, time.process_time() - processor
+    return {"seconds": round(passed, 1), "processor_seconds": round(used, 2)}
 
-    elapsed: float = field(default_factory=time.monotonic)
-    processor: float = field(default_factory=time.process_time)
 
-    @property
-    def facts(self) -> dict[str, float]:
-        """Both, as facts of a result."""
-        return {
-            "seconds": round(time.monotonic() - self.elapsed, 1),
-            "processor_seconds": round(time.process_time() - self.processor, 2),
-        }
+def _now() -> tuple[float, float]:
+    return time.monotonic(), time.process_time()
 
 
 def _phs(bench: Bench, model: str) -> Result:
-    clock = _Clock()
+    began = _now()
     actuator = {"model": "piezo_actuator", "hysterons": bench.campaign.setup.get("hysterons", 2)}
     fitted, _ = identify_base(replace(bench.campaign, setup=actuator), bench.settings.options, bench.progress)
-    return _identified(bench, model, fitted, clock)
+    return _identified(bench, model, fitted, _since(*began))
 
 
 def _bouc_wen(bench: Bench, model: str) -> Result:
-    plan, clock = bench.plan(), _Clock()
+    plan, began = bench.plan(), _now()
     fitted = identify_bouc_wen(plan, bench.campaign, bench.settings.options, bench.progress)
-    return _identified(bench, model, fitted, clock)
+    return _identified(bench, model, fitted, _since(*began))
 
 
 def _linear(bench: Bench, model: str) -> Result:
-    plan, clock = bench.plan(), _Clock()
+    plan, began = bench.plan(), _now()
     bench.progress("identify linear")
     known = {n: a for n, a in bench.campaign.known.items() if n in _MECHANICAL}
     fitted = identify_actuator(plan, known, 0, 1, bench.settings.options.seed)
-    return _identified(bench, model, fitted, clock)
+    return _identified(bench, model, fitted, _since(*began))
 
 
-def _identified(bench: Bench, model: str, fitted: Fit, clock: _Clock) -> Result:
+def _identified(bench: Bench, model: str, fitted: Fit, times: Mapping[str, float]) -> Result:
     """Score and save a parametric model."""
-    times = clock.facts
     scores = score_on_all(fitted, bench.campaign)
     save_fit(fitted, bench.home(model))
-    facts = bench.facts(model, len(fitted.variables.names), times)
+    facts = bench.facts(model, {"parameters": len(fitted.variables.names), **times})
     return Result(model, scores, facts, dict(fitted.plan.substeps))
 
 
@@ -335,23 +327,20 @@ def _trained(bench: Bench, model: str) -> Result:
         hysterons = int(bench.campaign.setup.get("hysterons", 2))
         recipe = replace(recipe, model={**recipe.model, "hysterons": hysterons})
     training = Training(model, recipe, bench.campaign, bench.home(model), options.seed, bench.settings.resume)
-    found = train(training, substeps, base, bench.progress)
-    if isinstance(found.plant, NetworkPlant):
-        save(Setup(found.plant.network, name=model), bench.home(model), substeps)
-    facts = bench.facts(model, found.parameters, {"seconds": round(found.seconds, 1)})
-    return Result(
-        model, found.evaluation, facts | {"loss_by_stage": found.losses, "stopped_by": list(found.validation)}
-    )
+    plant, scores, facts = train(training, substeps, base, bench.progress)
+    if isinstance(plant, NetworkPlant):
+        save(Setup(plant.network, name=model), bench.home(model), substeps)
+    return Result(model, scores, bench.facts(model, facts))
 
 
 def _rival(bench: Bench, model: str) -> Result:
     """Fit and score a registered rival."""
-    clock, (fit, _), settings = _Clock(), _RIVALS[model], bench.settings
+    began, (fit, _), settings = _now(), _RIVALS[model], bench.settings
     bench.progress(f"fit {model}, {settings.budget:g} s of the processor")
     given, own = fit(bench.campaign, settings.options.seed, settings.budget)
     facts = {
         "kind": "rival", "parameters": "", "gradient": "", "seed": settings.options.seed, "budget": settings.budget,
-        **clock.facts, **own,
+        **_since(*began), **own,
     }  # fmt: skip
     outputs = {r.name: _with_zero(r, _checked(model, r, given)) for r in bench.campaign.recordings}
     parts = tuple(

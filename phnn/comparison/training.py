@@ -11,8 +11,9 @@ References: Paduart et al. 2010; Schoukens & Ljung 2019 (best linear approximati
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -89,28 +90,9 @@ class Training:
     resume: bool
 
 
-@dataclass(frozen=True)
-class Trained:
-    """A neural model after its training.
-
-    Attributes:
-        plant: the model.
-        evaluation: on all recordings, at the samples they were recorded with.
-        parameters: numbers that were trained, of the model alone.
-        seconds: of training.
-        losses: mean square of the residual over noise on the recordings that stopped the training, by stage.
-        validation: names of those recordings.
-    """
-
-    plant: Plant
-    evaluation: Evaluation
-    parameters: int
-    seconds: float
-    losses: dict[str, float]
-    validation: tuple[str, ...]
-
-
-def train(training: Training, substeps: int, base: Path | None, progress: Progress) -> Trained:
+def train(
+    training: Training, substeps: int, base: Path | None, progress: Progress
+) -> tuple[Plant, Evaluation, dict[str, Any]]:
     """Train one model, stage by stage; a stage that was finished before is read back from its checkpoint.
 
     Args:
@@ -118,6 +100,11 @@ def train(training: Training, substeps: int, base: Path | None, progress: Progre
         substeps: steps a sample interval when it is scored; training takes those of its stages.
         base: identified model to start from.
         progress: told one line an epoch.
+
+    Returns:
+        The model; its scores on all recordings, at the samples they were recorded with; and facts: numbers that were
+        trained, seconds, the mean square of the residual over noise on the recordings that stopped each stage, and the
+        names of those.
 
     Raises:
         InputRefused: settings that cannot be used, or other than those of the training that lies there.
@@ -133,15 +120,16 @@ def train(training: Training, substeps: int, base: Path | None, progress: Progre
     for stage in recipe.stages:
         settings = _settings(training, stage)
         objective = Objective(plant, solver, used, settings.window, settings.substeps, settings.continuity)
-        told = _told(progress, f"train {training.name}, {stage}")
-        validate = _validation(plant, solver, held, settings.substeps) if held else None
+        told = partial(_told, progress, f"train {training.name}, {stage}")
+        validate = partial(_loss, plant, solver, held, settings.substeps) if held else None
         found = Trainer(objective, validate, settings, place / stage, told, digest(campaign)).run()
         seconds, losses[stage] = seconds + found.seconds, found.best
     progress(f"score {training.name}")
     scores = evaluate(plant, solver, campaign.recordings, substeps, {})
     count = sum(p.numel() for p in plant.trained())
     (place / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
-    return Trained(plant, scores, count, seconds, losses, aside)
+    facts = {"parameters": count, "seconds": round(seconds, 1), "loss_by_stage": losses, "stopped_by": list(aside)}
+    return plant, scores, facts
 
 
 def started_plant(recipe: Recipe, campaign: Campaign, seed: int, base: Path | None = None) -> Plant:
@@ -175,12 +163,12 @@ def _settings(training: Training, stage: str) -> Settings:
     return Settings.from_config(none | dict(given) | own)
 
 
-def _validation(plant: Plant, solver: Solver, held: Sequence[Recording], substeps: int) -> Callable[[], float]:
-    return lambda: float(whole(plant, solver, held, substeps)())
+def _loss(plant: Plant, solver: Solver, held: Sequence[Recording], substeps: int) -> float:
+    return float(whole(plant, solver, held, substeps)())
 
 
-def _told(progress: Progress, what: str) -> Progress:
-    return lambda line: progress(f"{what}: {line}")
+def _told(progress: Progress, what: str, line: str) -> None:
+    progress(f"{what}: {line}")
 
 
 def _thinned(recordings: Sequence[Recording], recipe: Recipe, plant: Plant) -> list[Recording]:

@@ -40,7 +40,7 @@ RUNS: dict[str, tuple[list[str], list[str] | None]] = {
         ],
         None,
     ),
-    "compare": (["compare", "gentle", "--out", "OUT", "starts=1", "inputs=20", "models=[phs,bouc_wen,linear]"], None),
+    "compare": (["compare", "gentle", "--out", "OUT", "starts=1", "models=[phs,bouc_wen,linear]"], None),
     "prove": (
         [
             str(ROOT / "scripts" / "prove.py"), "out=OUT", "fast_none=1", "fast_weak=1", "only=[fast_none,fast_weak]",

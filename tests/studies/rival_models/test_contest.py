@@ -192,7 +192,7 @@ def test_no_passive_model_diverges_with_a_compliant_load(tmp_path: Path) -> None
 def test_one_recording_is_enough_for_a_network_that_is_the_truth(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("<!-- begin scarcity -->\n<!-- end scarcity -->\n")
-    small = ["seeds=[1]", "compare.models=[phs,linear]", "compare.starts=2", "compare.inputs=2"]
+    small = ["seeds=[1]", "compare.models=[phs,linear]", "compare.starts=2"]
     script("study=scarcity", f"out={tmp_path / 'out'}", f"page={page}", *small)
     rows = [[cell.strip() for cell in line.split("|")] for line in page.read_text().splitlines()]
     needed = {row[1]: row[-2] for row in rows if len(row) > 3}
