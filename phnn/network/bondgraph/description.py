@@ -161,7 +161,7 @@ class BondGraph:
         parameters: by name.
         output: the storage whose energy variable is measured; or a source of flow at a 1-junction, which imposes a
             motion and whose effort is measured (`phnn.network.bondgraph.description`).
-        merge: whether storages with proportional rates become one (see `phnn.network.bondgraph.merging`).
+        merge: whether storages with proportional rates become one (see `phnn.network.bondgraph.derivation`).
         modulations: ratios of transformers and gyrators that follow a storage or a memory.
         memories: modulator states, slow states that laws and ratios may read, the last ones of the network.
 
