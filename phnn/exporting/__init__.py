@@ -1,7 +1,7 @@
 """Models as programs for controllers and simulators: C, Python, MATLAB, and functional mock-up units.
 
 A program takes the steps of `phnn.simulate`. Laws and blocks are translated from their own source texts
-(`phnn.exporting.sources`), so that there is no second description of any of them.
+(`phnn.exporting.laws`), so that there is no second description of any of them.
 """
 
 from __future__ import annotations

@@ -9,13 +9,10 @@ import numpy as np
 
 from phnn.errors import SolverFailed
 from phnn.exporting import solvers
-from phnn.exporting.balance import Balance
 from phnn.exporting.chain import Chain
-from phnn.exporting.drives import drives
-from phnn.exporting.elements import Elements, refuse
-from phnn.exporting.names import Names, one_line, prefix
-from phnn.exporting.program import Program, function
-from phnn.exporting.rest import Rest
+from phnn.exporting.laws import Elements, refuse
+from phnn.exporting.program import Names, Program, function, one_line, prefix
+from phnn.exporting.step import Balance, Rest, drives
 from phnn.integrate.compilable import obstacle
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium

@@ -5,9 +5,17 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterable
 
-from phnn.exporting.names import RESERVED, one_line
-from phnn.exporting.program import Constant, Field, Function, Program, called
-from phnn.exporting.words import constants_about, header
+from phnn.exporting.program import (
+    RESERVED,
+    Constant,
+    Field,
+    Function,
+    Program,
+    called,
+    constants_about,
+    header,
+    one_line,
+)
 
 _FUNCTIONS = {"absolute": "fabs", "isfinite": "isfinite"}
 _OPERATORS: dict[type, tuple[str, int]] = {

@@ -21,7 +21,7 @@ from phnn.chain.amplifiers import (
     second_order_weights,
     slew_step,
 )
-from phnn.exporting.elements import Elements, refuse
+from phnn.exporting.laws import Elements, refuse
 from phnn.setup import Block, Setup, Source
 
 _STATIC_AMPLIFIERS = ("saturation", "soft_saturation", "offset", "gain", "knee", "dead_band")

@@ -21,8 +21,7 @@ from xml.sax.saxutils import quoteattr
 
 from phnn.errors import OutputFailed
 from phnn.exporting.c import c_header, c_source
-from phnn.exporting.program import Program
-from phnn.exporting.words import header
+from phnn.exporting.program import Program, header
 
 _FLAGS = ("-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden")
 _TIME_LIMIT = 120

@@ -6,17 +6,121 @@ Printers turn it into C, Python and MATLAB. A function is a syntax tree of Pytho
     numbers, names, entries of arrays, fields ``s.x`` of the state, calls of other functions of the program and of
     those in `INTRINSICS`
 
-so that laws and blocks of the package, which are written in it, are translated and never written a second time.
+so that laws and blocks of the package, which are written in it, are translated and never written a second time. Here
+are also the identifiers that every target language takes, and the texts that exported files of every language share.
 """
 
 from __future__ import annotations
 
 import ast
+import keyword
 import math
+import re
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 from phnn.errors import InputRefused
+
+# Words that some target language, or its library, keeps for itself.
+_WORDS = """
+auto break case char const continue default do double else enum extern float for goto if inline int long register
+restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+and as assert async await class def del elif except finally from global import in is lambda nonlocal not or pass
+raise try with yield None True False end elseif function otherwise parfor persistent spmd
+s y u h main self math
+"""
+RESERVED = frozenset(_WORDS.split())
+# Names of files that a compiler or an interpreter would find in place of its own, or that a target writes besides.
+_HEADERS = """
+assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic stdbool
+stddef stdint stdio stdlib stdnoreturn string tgmath threads time uchar wchar wctype fmi2
+"""
+_FILES = frozenset(_HEADERS.split()) | sys.stdlib_module_names | frozenset(w.lower() for w in keyword.kwlist)
+# Longest identifier: MATLAB takes 63 characters, with what is put before and behind it.
+_LONGEST = 40
+
+
+class Names:
+    """Gives every name of a model an identifier of letters, digits and underscores, each once."""
+
+    def __init__(self) -> None:
+        self._given: dict[str, str] = {}
+
+    def of(self, name: str) -> str:
+        """The identifier of a name; the same every time."""
+        if name not in self._given:
+            plain = identifier(name)
+            taken = set(self._given.values())
+            numbered = (f"{plain}_{i}" for i in range(2, len(taken) + 3))
+            self._given[name] = next(n for n in (plain, *numbered) if n not in taken)
+        return self._given[name]
+
+
+def identifier(name: str) -> str:
+    """A name with what no identifier may hold replaced by underscores."""
+    plain = re.sub(r"[^A-Za-z0-9]+", "_", name)[:_LONGEST].strip("_") or "x"
+    return f"x_{plain}" if plain[0].isdigit() else plain
+
+
+def prefix(name: str, title: str) -> str:
+    """The name of files and the prefix of what is public: the given one, or that of the model.
+
+    Raises:
+        InputRefused: the given name is a word of a target language or the name of one of its own files.
+    """
+    plain = identifier(name or title)
+    # Letters of both cases name the same file on some machines.
+    if plain not in RESERVED and plain.lower() not in _FILES:
+        return plain
+    if name:
+        raise InputRefused(
+            f"name: {name!r} is a word of C, Python or MATLAB or a file of theirs: choose another, such as "
+            f"{plain}_model"
+        )
+    return f"{plain}_model"
+
+
+def one_line(text: str) -> str:
+    """Text for a comment: one line that ends no comment of any language."""
+    plain = " ".join("".join(c for c in text if c.isprintable()).split())
+    return plain.replace("/*", "/ *").replace("*/", "* /").replace('"""', "'''")
+
+
+_HOLD = {
+    "linear": "the input runs straight from the last value to the given one",
+    "zero_order": "the input has the given value since the last call",
+}
+
+
+def header(program: Program) -> str:
+    """What an exported file is, in a few lines of text."""
+    inputs = ", ".join(f"{n} [{unit}]" for n, unit in program.inputs)
+    name, unit = program.output
+    text = (
+        f"{program.title}: exported by phnn.\n\n"
+        f"Input: {inputs}. Output: what is measured of {name} [{unit}], SI.\n"
+        f"A call of step advances the model by DT = {program.dt:g} s in {program.substeps} power-preserving step(s);\n"
+        f"{_HOLD[program.hold]}. The output is that at the end of DT.\n"
+        f"{_begin(program)}"
+    )
+    # In a text of Python it would begin an escape.
+    return text.replace("\\", "/")
+
+
+def _begin(program: Program) -> str:
+    if program.from_rest:
+        return "init begins in the equilibrium under a constant input, in which hysterons are empty."
+    return "init begins in the state of rest that was computed at the export; its input only fills the amplifier."
+
+
+def constants_about(program: Program) -> list[str]:
+    """What the constants are."""
+    return [
+        "Parameters P_ in SI units, and constants D_ that follow from them and from the step H.",
+        "Whoever changes a parameter or the step exports the model again.",
+    ]
+
 
 # What every target language offers under some name.
 INTRINSICS = frozenset(

@@ -1,18 +1,19 @@
-"""Write a model as files of a target."""
+"""Write a model as files of a target: names and contents, by target."""
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from phnn.errors import InputRefused
 from phnn.exporting.build import HOLDS, Hold, build
+from phnn.exporting.c import c_header, c_source
+from phnn.exporting.languages import python
 from phnn.exporting.program import Program
-from phnn.exporting.targets import TARGETS
 from phnn.intake.limits import LIMITS
 from phnn.model import Model
 from phnn.network.elements import Network
@@ -22,6 +23,42 @@ from phnn.setup import Setup
 
 if TYPE_CHECKING:
     from phnn.modal.store import StoredModes
+
+
+Files = Mapping[str, bytes]
+
+
+def c_files(program: Program) -> Files:
+    """A header and a source of C99."""
+    return {f"{program.name}.h": c_header(program).encode(), f"{program.name}.c": c_source(program).encode()}
+
+
+def python_files(program: Program) -> Files:
+    """One module."""
+    return {f"{program.name}.py": python(program).encode()}
+
+
+def matlab_files(program: Program) -> Files:
+    """Functions that initialise and step, and one for a MATLAB Function block of Simulink."""
+    from phnn.exporting.languages import matlab
+
+    return {name: text.encode() for name, text in matlab(program).items()}
+
+
+def fmu_files(program: Program) -> Files:
+    """A functional mock-up unit."""
+    from phnn.exporting.fmu import fmu
+
+    return {f"{program.name}.fmu": fmu(program)}
+
+
+TARGETS: dict[str, Callable[[Program], Files]] = {
+    "c": c_files,
+    "fmu": fmu_files,
+    "python": python_files,
+    "matlab": matlab_files,
+}
+
 
 # Sample time [s] where none is given: 10 kHz, a common rate of controllers of piezo stages.
 SAMPLE_TIME = 1e-4

@@ -13,9 +13,8 @@ import phnn
 from phnn import cli
 from phnn.effects import effect
 from phnn.errors import InputRefused
-from phnn.exporting.names import Names, identifier
-from phnn.exporting.program import Program
-from phnn.exporting.sources import Sources
+from phnn.exporting.laws import Sources
+from phnn.exporting.program import Names, Program, identifier
 from phnn.models.store import save
 from phnn.recordings.recording import unrecorded
 from phnn.simulate import simulate

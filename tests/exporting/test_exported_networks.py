@@ -9,7 +9,7 @@ import pytest
 from solve_paths import case_of, networks
 
 from phnn.exporting.build import build
-from phnn.exporting.python import python
+from phnn.exporting.languages import python
 from phnn.integrate import kernel
 from phnn.integrate.compilable import can_compile
 from phnn.integrate.program import compile_network

@@ -1,4 +1,8 @@
-"""Laws and blocks of the package as functions of an exported program, read from their own source texts."""
+"""Laws and blocks as functions and expressions of an exported program, read from their own source texts.
+
+`refuse_beyond` holds the subset of Python that is translated: statements, expressions and operators. All else is
+refused by name.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +11,131 @@ import copy
 import inspect
 import math
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from phnn.exporting.program import INTRINSICS, Function, made
-from phnn.exporting.subset import refuse_beyond, refused
-from phnn.laws import namespace
+from phnn.errors import InputRefused
+from phnn.exporting.program import INTRINSICS, STATE, Function, Names, Program, function, made, one_line
+from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, namespace
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
+from phnn.parameters import Parameter
+
+_STATEMENTS = (ast.Assign, ast.AugAssign, ast.If, ast.For, ast.Break, ast.Return, ast.Expr)
+_EXPRESSIONS = (
+    ast.Constant, ast.Name, ast.Attribute, ast.Subscript, ast.UnaryOp, ast.BinOp, ast.Compare, ast.BoolOp, ast.Call,
+    ast.Tuple,
+)  # fmt: skip
+_OPERATORS = (
+    ast.Add, ast.Sub, ast.Mult, ast.Div, ast.USub, ast.Not, ast.And, ast.Or, ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq,
+    ast.NotEq,
+)  # fmt: skip
+_KNOWN = (*_STATEMENTS, *_EXPRESSIONS, *_OPERATORS, ast.Load, ast.Store)
+# What is joined by `and` and `or`: of numbers, Python gives one of them where other languages give a truth value.
+_TRUTHS = (ast.Compare, ast.BoolOp, ast.UnaryOp, ast.Name, ast.Call)
+_ARGUMENTS = dict.fromkeys(INTRINSICS, 1) | {"maximum": 2, "minimum": 2, "where": 3}
+# Longest piece of source in a message.
+_SHOWN = 60
+
+
+def refused(what: str, cause: str) -> InputRefused:
+    """What is raised for a law that has no translation."""
+    return InputRefused(
+        f"{what}: cannot be exported: {cause}: write its law as a plain function of phnn.laws.namespace, or export a "
+        "model without it"
+    )
+
+
+def refuse_beyond(tree: ast.FunctionDef, what: str, functions: Mapping[str, Function]) -> None:
+    """Refuse what the printers do not know.
+
+    Args:
+        tree: a definition whose names are resolved.
+        what: the element whose law it is.
+        functions: those of the program, whose numbers of arguments are compared.
+
+    Raises:
+        InputRefused: names the element and the construct.
+    """
+    given = tree.args
+    if given.posonlyargs or given.kwonlyargs or given.vararg or given.kwarg:
+        raise refused(what, f"{tree.name} has arguments that are not plain ones, {ast.unparse(given)!r}")
+    tuples = {id(t) for s in tree.body for node in ast.walk(s) for t in _tuples(node)}
+    # No printer shows texts that stand alone.
+    spoken = [s for s in tree.body if not (isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant))]
+    for statement in spoken:
+        for node in ast.walk(statement):
+            if not isinstance(node, _KNOWN) or _is_beyond(node, tuples, functions):
+                raise refused(what, f"its source has what is not translated, {_shown(node)!r}")
+
+
+def _shown(node: ast.AST) -> str:
+    text = ast.unparse(node) if isinstance(node, ast.expr | ast.stmt) else type(node).__name__
+    return (text or type(node).__name__)[:_SHOWN]
+
+
+def _tuples(node: ast.AST) -> list[ast.AST]:
+    """Tuples where a statement may have them: several targets, and the values of these or of a function."""
+    if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple):
+        return [node.value]
+    if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Tuple):
+        return []
+    return [node.targets[0], node.value]
+
+
+def _is_beyond(node: ast.AST, tuples: set[int], functions: Mapping[str, Function]) -> bool:
+    """Whether a node of a known kind is used in a way that is not translated."""
+    if isinstance(node, ast.Constant):
+        return isinstance(node.value, bool) or not (
+            isinstance(node.value, int | float) and math.isfinite(float(node.value))
+        )
+    if isinstance(node, ast.Tuple):
+        return id(node) not in tuples
+    if isinstance(node, ast.Attribute):
+        return not (isinstance(node.value, ast.Name) and node.value.id == STATE)
+    if isinstance(node, ast.BoolOp):
+        return not all(isinstance(v, _TRUTHS) for v in node.values)
+    if isinstance(node, ast.Subscript):
+        return not isinstance(node.slice, ast.Constant | ast.Name | ast.BinOp)
+    if isinstance(node, ast.Call):
+        return _is_unknown_call(node, functions)
+    return _is_unknown_statement(node, functions)
+
+
+def _is_unknown_call(node: ast.Call, functions: Mapping[str, Function]) -> bool:
+    if not isinstance(node.func, ast.Name) or node.keywords:
+        return True
+    name, count = node.func.id, len(node.args)
+    if name in functions:
+        return count != len(functions[name].arguments)
+    return count != _ARGUMENTS.get(name, count)
+
+
+def _is_unknown_statement(node: ast.AST, functions: Mapping[str, Function]) -> bool:
+    if isinstance(node, ast.For):
+        ranged = isinstance(node.iter, ast.Call) and isinstance(node.iter.func, ast.Name)
+        return bool(node.orelse) or not isinstance(node.target, ast.Name) or not ranged or node.iter.func.id != "range"  # type: ignore[attr-defined]
+    if isinstance(node, ast.Return):
+        return node.value is None
+    if isinstance(node, ast.Expr):
+        return not isinstance(node.value, ast.Call)
+    if not isinstance(node, ast.Assign):
+        return False
+    target, value = node.targets[0], node.value
+    if len(node.targets) > 1:
+        return True
+    if not isinstance(target, ast.Tuple):
+        return False
+    if isinstance(value, ast.Tuple):
+        return len(value.elts) != len(target.elts)
+    called = value.func.id if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) else ""
+    return called not in functions or functions[called].returns != len(target.elts)
+
 
 # Functions that are known to every target, by the objects that the package's sources name.
-_KNOWN: dict[Any, str] = {getattr(namespace, n): n for n in INTRINSICS if hasattr(namespace, n)}
-_KNOWN |= {
+_FUNCTIONS_OF_NUMBERS: dict[Any, str] = {getattr(namespace, n): n for n in INTRINSICS if hasattr(namespace, n)}
+_FUNCTIONS_OF_NUMBERS |= {
     np.exp: "exp", np.sqrt: "sqrt", np.log: "log", np.log1p: "log1p", np.tanh: "tanh", np.sin: "sin", np.cos: "cos",
     np.sign: "sign", np.minimum: "minimum", np.maximum: "maximum", np.isfinite: "isfinite", np.where: "where",
     math.exp: "exp", math.sqrt: "sqrt", math.log: "log", abs: "absolute", max: "maximum", min: "minimum",
@@ -184,8 +301,8 @@ class _Simplified(ast.NodeTransformer):
             raise refused(self.what, f"its source calls with named arguments, {ast.unparse(node)!r}")
         if function is namespace.reciprocal:
             return ast.BinOp(ast.Constant(1.0), ast.Div(), self.visit(node.args[0]))
-        if function in _KNOWN:
-            name = _KNOWN[function]
+        if function in _FUNCTIONS_OF_NUMBERS:
+            name = _FUNCTIONS_OF_NUMBERS[function]
         elif inspect.isfunction(function):
             own = function.__module__ == self.module
             renamed, suffix = (self.renamed, self.suffix) if own else ({}, "")
@@ -277,3 +394,108 @@ def _whole(node: ast.AST) -> int | None:
 
 def _names(node: ast.AST) -> set[str]:
     return {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
+
+
+class Elements:
+    """Expressions of laws and parameters; what they name is added to the program.
+
+    Args:
+        program: to be filled.
+        parameters: of the setup, by name.
+    """
+
+    def __init__(self, program: Program, parameters: Mapping[str, Parameter]) -> None:
+        self.program, self.parameters = program, parameters
+        self.sources = Sources(program.functions)
+        self.names, self.states, self.tables = Names(), Names(), Names()
+
+    def parameter(self, name: str) -> str:
+        """The constant of a parameter."""
+        p = self.parameters[name]
+        about = one_line(f"{name}: {p.description or 'parameter'} [{p.unit}]")
+        return self.program.constant(f"P_{self.names.of(name)}", p.value, about)
+
+    def derived(self, name: str, value: float, about: str) -> str:
+        """A constant that follows from parameters and the step."""
+        return self.program.constant(f"D_{name}", value, about)
+
+    def values(self, names: Sequence[str]) -> list[float]:
+        """Values of parameters."""
+        return [self.parameters[n].value for n in names]
+
+    def call(self, source: Callable[..., Any], what: str, *arguments: str) -> str:
+        """A call of one of the package's functions."""
+        return f"{self.sources.name_of(source, what)}({', '.join(arguments)})"
+
+    def law(self, law: Any, part: str, what: str, leading: Sequence[str], names: Sequence[str]) -> str:
+        """A call of a part of a registered law, such as ``mean_effort``, with the constants of its parameters."""
+        return self.call(getattr(law, part), what, *leading, *(self.parameter(n) for n in names))
+
+    def mean_effort(self, storage: Any, a: str, b: str) -> str:
+        """``(H(b) − H(a))/(b − a)`` of a storage."""
+        what = f"storage {storage.name}"
+        if isinstance(storage.law, str):
+            return self.law(STORAGE_LAWS[storage.law], "mean_effort", what, (a, b), storage.parameters)
+        return f"{self._sum_over_units(WIDE_STORAGES, storage, what, ('a', 'b'))}({a}, {b})"
+
+    def flow(self, resistor: Any, effort: str, q: str) -> str:
+        """``φ(ε, q)`` of a resistor."""
+        what = f"resistor {resistor.name}"
+        if isinstance(resistor.law, str):
+            return self.law(RESISTOR_LAWS[resistor.law], "flow", what, (effort, q), resistor.parameters)
+        return f"{self._sum_over_units(WIDE_RESISTORS, resistor, what, ('effort',))}({effort})"
+
+    def thresholds(self, resistor: Any, q: str) -> str:
+        """``(ρ, lo, hi)(q)`` of a piecewise linear resistor."""
+        what = f"resistor {resistor.name}"
+        return self.law(RESISTOR_LAWS[resistor.law], "thresholds", what, (q,), resistor.parameters)
+
+    def action(self, port: Any, u: str) -> str:
+        """``ψ(u)`` of a port."""
+        if port.law == "linear":
+            return u
+        return self.law(PORT_LAWS[port.law], "action", f"port {port.name}", (u,), port.parameters)
+
+    def factor(self, modulation: Any, q: str) -> str:
+        """``f(q)`` of a modulation."""
+        what = f"modulation of {modulation.ratio}"
+        return self.law(FACTOR_LAWS[modulation.law], "factor", what, (q,), modulation.parameters)
+
+    def memory(self, memory: Any, part: str, *leading: str) -> str:
+        """``rate`` or ``decay`` of a modulator state."""
+        return self.law(MEMORY_LAWS[memory.law], part, f"memory {memory.name}", leading, memory.parameters)
+
+    def _sum_over_units(self, known: Mapping[str, Any], element: Any, what: str, arguments: tuple[str, ...]) -> str:
+        """A function of a law that is a sum over units, with its weights in a table; returns its name."""
+        law = known[element.law.law]
+        name = f"law_{self.tables.of(what)}"
+        if name in self.program.functions:
+            return name
+        weights = [float(w) for w in element.law.weights().detach().tolist()]
+        head, units = weights[: law.head], weights[law.head :]
+        rows = tuple(tuple(units[i : i + law.per_unit]) for i in range(0, len(units), law.per_unit))
+        table = f"W_{self.tables.of(what)}"
+        self.program.table(table, rows, one_line(f"weights of {what}, a row for each unit"))
+        given = [self.derived(f"{name}_{i}", w, one_line(f"weight of {what}")) for i, w in enumerate(head)]
+        entries = [f"{table}[i][{j}]" for j in range(law.per_unit)]
+        lines = [
+            "total = 0.0",
+            f"for i in range({len(rows)}):",
+            f"    total = total + {self.call(law.unit, what, *arguments, *entries)}",
+            f"return {self.call(law.combine, what, *arguments, 'total', *given)}",
+        ]
+        self._add(name, arguments, lines, f"law of {what}")
+        return name
+
+    def _add(self, name: str, arguments: tuple[str, ...], lines: list[str], about: str) -> None:
+        known = self.program.functions
+        known[name] = self.plain(name, arguments, lines, one_line(about))
+
+    def plain(self, name: str, arguments: tuple[str, ...], lines: list[str], about: str) -> Function:
+        """A function that does not know the state."""
+        return function(name, arguments, lines, self.program.functions, about, of_state=False)
+
+
+def refuse(what: str, cause: str, remedy: str) -> InputRefused:
+    """What cannot be exported, why, and what to do."""
+    return InputRefused(f"{what}: cannot be exported: {cause}: {remedy}")

@@ -1,14 +1,18 @@
-"""The equations of one step as a function of an exported program, unrolled for one network.
+"""The equations of one step as functions of an exported program, unrolled for one network.
 
 They are those of `phnn.integrate.step`: the same junctions, reducible storages and rules. Every sum is written out, so
-that the function reads like the model.
+that the function reads like the model. The state of rest is that of `phnn.integrate.rest`: nothing flows, storages with
+resistors are empty, and those without hold what displacements ``y`` of the junctions carry into them, so that no force
+is left on any junction.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-from phnn.exporting.elements import Elements
+from phnn.exporting import solvers
+from phnn.exporting.laws import Elements
+from phnn.exporting.program import function
 from phnn.integrate.partition import (
     is_leak,
     is_linear,
@@ -18,10 +22,175 @@ from phnn.integrate.partition import (
     rule_of,
 )
 from phnn.integrate.scheme import Scheme
-from phnn.integrate.tables import EXACT, LOSSLESS
+from phnn.integrate.tables import EXACT, LOSSLESS, RADAU
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
-from phnn.network.elements import Network, Ratio, Resistor, Storage
+from phnn.network.elements import ModulatorState, Network, Ratio, Resistor, Storage
+
+
+def drives(balance: Balance, memory: ModulatorState) -> list[str]:
+    """Terms of the mean drive: powers of resistors, efforts of storages, actions of ports.
+
+    Of a reducible storage all resistors drive the modulator state or none does, see `phnn.integrate.compilable`.
+    """
+    network = balance.network
+    resistors, ports = {r.name: r for r in network.resistors}, [p.name for p in network.ports]
+    terms: list[str] = []
+    emptied: set[str] = set()
+    for name in network.drives_of(memory):
+        if name in network.storage_names:
+            terms.append(balance.mean(name))
+        elif name in ports:
+            terms.append(balance.action(name))
+        elif set(resistors[name].on) <= set(balance.junctions):
+            terms.append(balance.power(name))
+        else:
+            (storage,) = resistors[name].on
+            if storage not in emptied:
+                terms.append(_dissipated(balance, storage))
+            emptied.add(storage)
+    return terms
+
+
+def _dissipated(balance: Balance, name: str) -> str:
+    """``i ē − ΔH/h``: what the resistors of a reducible storage take."""
+    x, end = balance.x(name), balance.end(name)
+    stored = balance.e.mean_effort(balance.storage(name), x, end)
+    return f"({balance.current(name)} * {balance.mean(name)} - {stored} * ({end} - {x}) / H)"
+
+
+# The displacement at which a slope is taken, as a share of that which a storage's unit effort needs.
+_SHARE = 1e-3
+
+
+class Rest:
+    """Writes the lines of ``rest_balance(s)``, which fills ``force`` and ``size`` at the displacements ``y``."""
+
+    def __init__(self, balance: Balance) -> None:
+        self.b, self.e, self.network = balance, balance.e, balance.network
+        self.lossless = [n for n in balance.reducible if balance.rules[n] == LOSSLESS]
+
+    @property
+    def follows_input(self) -> bool:
+        """Whether displacements of the junctions say all about rest."""
+        inside = any({to, of} <= set(self.b.junctions) for to, of, _ in self.b.couplings)
+        beside = any(name in self.b.reducible for p in self.network.ports for name in p.on)
+        return bool(self.b.junctions) and not inside and not beside and all(f > 0.0 for f in self.floors())
+
+    def floors(self) -> list[float]:
+        """Stiffness that acts on every junction near zero."""
+        total = dict.fromkeys(self.b.junctions, 0.0)
+        for name in self.lossless:
+            for other, ratio, _ in self.b.links(name):
+                factor = self.e.parameters[ratio].value if isinstance(ratio, str) else float(ratio)
+                total[other] += factor * factor * self._slope(name)
+        return [float(value) for value in total.values()]
+
+    def _slope(self, name: str) -> float:
+        storage = self.b.storage(name)
+        if not isinstance(storage.law, str):
+            return 1.0
+        law, values = STORAGE_LAWS[storage.law], self.e.values(storage.parameters)
+        ends = [float(law.mean_effort(x, x, *values)) for x in (-_SHARE, _SHARE)]
+        return (ends[1] - ends[0]) / (2.0 * _SHARE)
+
+    def write(self) -> list[str]:
+        """The lines of the function; states are left at those of the displacements."""
+        lines = self._states()
+        modulated = dict.fromkeys(m.ratio for m in self.network.modulations)
+        lines += [f"{self.b.ratio(r)} = {self.e.parameter(r)}" for r in modulated]
+        for m in self.network.modulations:
+            name = self.b.ratio(m.ratio)
+            read = "0.0" if m.by in self.b.junctions else self.b.x(m.by)
+            lines.append(f"{name} = {name} * {self.e.factor(m, read)}")
+        for j in range(len(self.b.junctions)):
+            lines += [f"s.force[{j}] = 0.0", f"s.size[{j}] = 0.0"]
+        for name in self.lossless:
+            effort = self.e.mean_effort(self.b.storage(name), self.b.x(name), self.b.x(name))
+            lines.append(f"effort = {effort}")
+            for other, ratio, sign in self.b.links(name):
+                lines += self._added(other, scaled(sign, self.b.ratio(ratio), "effort"))
+        for p in self.network.ports:
+            for name, ratio in p.on.items():
+                if name in self.b.junctions:
+                    lines += self._added(name, scaled(-1, self.b.ratio(ratio), self.b.action(p.name)))
+        return lines
+
+    def _added(self, junction: str, term: str) -> list[str]:
+        j = self.b.junctions.index(junction)
+        return [
+            f"term = {term}",
+            f"s.force[{j}] = s.force[{j}] + term",
+            f"s.size[{j}] = s.size[{j}] + absolute(term)",
+        ]
+
+    def _states(self) -> list[str]:
+        lines = [f"{self.b.x(name)} = 0.0" for name in self.network.storage_names if name not in self.lossless]
+        for name in self.lossless:
+            terms = []
+            for other, ratio, sign in self.b.links(name):
+                plain = self.e.parameter(ratio) if isinstance(ratio, str) else repr(float(ratio))
+                terms.append(scaled(sign, plain, f"s.y[{self.b.junctions.index(other)}]"))
+            lines.append(f"{self.b.x(name)} = {' + '.join(terms) or '0.0'}")
+        for memory in self.network.memories:
+            drive = " + ".join(self._drives(self.network.drives_of(memory))) or "0.0"
+            rate, decay = self.e.memory(memory, "rate", "0.0", drive), self.e.memory(memory, "decay")
+            lines.append(f"{self.b.x(memory.name)} = {rate} / {decay}")
+        return lines
+
+    def _drives(self, names: tuple[str, ...]) -> list[str]:
+        ports = [p.name for p in self.network.ports]
+        efforts = [self.e.mean_effort(self.b.storage(n), self.b.x(n), self.b.x(n)) for n in names if n in self.lossless]
+        return efforts + [self.b.action(n) for n in names if n in ports]
+
+
+def searched(balance: Balance, name: str) -> str:
+    """End state and mean effort of a reducible storage, as an expression with two values."""
+    key, e = balance.e.states.of(name), balance.e
+    x, current, storage = balance.x(name), balance.current(name), balance.storage(name)
+    lost = _lost(balance, name)
+    renamed, what, suffix = {"lost": lost, "H": "H"}, f"storage {name}", f"_{key}"
+    if balance.rules[name] == RADAU:
+        value = e.sources.name_of(solvers.first_stage_value, what, renamed, "", suffix)
+        first = e.sources.name_of(solvers.first_root, what, renamed | {"value": value}, "", suffix)
+        renamed = renamed | {"first_stage": first}
+        value = e.sources.name_of(solvers.second_stage_value, what, renamed, "", suffix)
+        stages = e.sources.name_of(solvers.radau, what, renamed | {"value": value}, "", suffix)
+        balance.lines.append(f"one_{key}, two_{key} = {stages}(s, {x}, {current})")
+        return f"two_{key}, {balance.stiffness(name)} * (0.75 * one_{key} + 0.25 * two_{key})"
+    mean = f"effort_{key}"
+    e.program.functions[mean] = e.plain(
+        mean, ("a", "b"), [f"return {e.mean_effort(storage, 'a', 'b')}"], f"Mean effort of {name} between two states"
+    )
+    renamed = renamed | {"mean_effort": mean}
+    value = e.sources.name_of(solvers.gradient_value, what, renamed, "", suffix)
+    end = e.sources.name_of(solvers.gradient, what, renamed | {"value": value}, "", suffix)
+    balance.lines.append(f"two_{key} = {end}(s, {x}, {current})")
+    return f"two_{key}, {e.mean_effort(storage, x, f'two_{key}')}"
+
+
+def _lost(balance: Balance, name: str) -> str:
+    """The function of the flow into a storage's resistors, at its state or at its mean effort; returns its name."""
+    key, e = balance.e.states.of(name), balance.e
+    at_state = balance.rules[name] == RADAU
+    effort = f"{balance.stiffness(name)} * state" if at_state else "state"
+    lines, total = [f"effort = {effort}"], []
+    for r in (balance.network.resistors[k] for k in resistors_of(balance.network, name)):
+        read = "0.0"
+        if r.modulated_by is not None:
+            read = e.program.state(f"read_{e.names.of(r.name)}", f"what {r.name} reads")
+            balance.lines.append(f"{read} = {balance.reading(r.modulated_by)}")
+        if isinstance(r.on[name], str) and r.on[name] in balance.modulated:
+            ratio = e.program.state(f"gain_{e.names.of(r.name)}", f"ratio of {r.name}")
+            balance.lines.append(f"{ratio} = {balance.ratio(r.on[name])}")
+        else:
+            ratio = balance.ratio(r.on[name])
+        total.append(scaled(1, ratio, e.flow(r, scaled(1, ratio, "effort"), read)))
+    lines.append(f"return {' + '.join(total)}")
+    found = f"lost_into_{key}"
+    about = f"Flow into the resistors of {name} {'at its state' if at_state else 'at its mean effort'}"
+    e.program.functions[found] = function(found, ("state",), lines, e.program.functions, about)
+    return found
 
 
 class Balance:
@@ -221,7 +390,6 @@ class Balance:
         if rule == EXACT:
             return self._exact(name)
         # It needs the balance's expressions.
-        from phnn.exporting.searched import searched
 
         return searched(self, name)
 
