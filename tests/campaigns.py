@@ -17,10 +17,10 @@ from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.locate import Responses, responses
 from phnn.effects import catalogue
 from phnn.identification.fit import Fit
-from phnn.identification.numerics import numerical_error
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
+from phnn.identification.refinement import numerical_error
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import Campaign, read

@@ -37,7 +37,7 @@ ARGUMENTS: dict[str, Callable[[], dict[str, Any]]] = {
     "cantilever": lambda: {"modes": 2, "length": 0.1, "rigidity": 0.5, "mass": 0.01},
     "driven_beam": lambda: {
         "actuator": phnn.models.from_paper(),
-        "beam": importlib.import_module("phnn.models.beam").cantilever(2, 0.1, 0.5, 0.01),
+        "beam": importlib.import_module("phnn.models.variants").cantilever(2, 0.1, 0.5, 0.01),
         "stiffness": 1e5,
     },
 }

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 from sphinx.application import Sphinx
 
-from phnn.check.abilities import _QUESTIONS
+from phnn.check.checked import _QUESTIONS
 from phnn.report.figures import RC
 from phnn.report.figures.style import AFTER, INK
 from phnn.signals.noise import LONG_REST

@@ -1,26 +1,205 @@
-"""Everything that is to be said about a campaign's recordings, in words and as data."""
+"""All that is to be said of a campaign's recordings, in words and as data: what they can and cannot show, and what to
+record next.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from phnn.check.abilities import Ability, abilities
 from phnn.check.consistency import contaminated
-from phnn.check.finding import WARNING, Finding
-from phnn.check.gain import odd_units
-from phnn.check.mains import mains
-from phnn.check.noise import stated_noise
-from phnn.check.quality import drift, limits, quantisation
-from phnn.check.timing import lead
+from phnn.check.quality import (
+    WARNING,
+    Finding,
+    comes_back,
+    drift,
+    lead,
+    limits,
+    mains,
+    odd_units,
+    quantisation,
+    stated_noise,
+)
 from phnn.recordings.describe import describe
-from phnn.recordings.excitation import excitation_of
-from phnn.recordings.recording import Campaign
+from phnn.recordings.excitation import Excitation, excitation_of
+from phnn.recordings.recording import ACTUATOR, Campaign, Recording
+from phnn.signals.breaks import find_jumps
+from phnn.signals.noise import LONG_REST, longest_hold
 from phnn.signals.noise_statement import NoiseStatement
+from phnn.units import duration
+
+# Amplitudes and frequencies that count as different; a hold that counts as long, in shortest periods.
+_AMPLITUDES, _FREQUENCIES, _HOLD = 1.4, 8.0, 3.0
+# Content of a periodic input, in multiples of its fundamental, above which it is a multisine.
+_LINES = 30.0
+# A jump of the input over its range that is a step; samples at rest before a recording that begins with one.
+_STEP, _BEFORE = 0.2, 4
+
+
+@dataclass(frozen=True)
+class Ability:
+    """Attributes:
+    shows: what could be told; able: whether these recordings tell; record: what to record where they do not.
+    """
+
+    shows: str
+    able: bool
+    record: str
+
+
+@dataclass(frozen=True)
+class _Set:
+    """What the recordings for identification offer."""
+
+    recordings: Sequence[Recording]
+    excitations: Sequence[Excitation]
+    voltage: str
+
+    @property
+    def lows(self) -> list[float]:
+        """Lowest frequency [Hz] of every excitation that has one."""
+        return [e.low_Hz for e in self.excitations if e.low_Hz > 0.0]
+
+    def amplitudes(self) -> bool:
+        """Several amplitudes at about one frequency, or noise, which has them all."""
+        moving = [e for e in self.excitations if e.amplitude > 0.0]
+        many = any(e.kind in ("broadband", "periodic") for e in moving)
+        return many or any(
+            a.amplitude > _AMPLITUDES * b.amplitude and _near(a, b) for a in moving for b in moving if a is not b
+        )
+
+    def frequencies(self) -> bool:
+        """Frequencies over almost a decade."""
+        highs = [e.high_Hz for e in self.excitations if e.high_Hz > 0.0]
+        return bool(self.lows) and max(highs) > _FREQUENCIES * min(self.lows)
+
+    def hold(self) -> bool:
+        """A hold or rest that is long against the shortest period."""
+        longest = max((_hold(r) for r in self.recordings), default=0.0)
+        return longest > (_HOLD / max(self.lows) if self.lows else 0.0)
+
+    def returns(self) -> bool:
+        """A rest at the end, at the input of the beginning."""
+        return any(
+            e.span[1] < 0.9 * r.t.size and comes_back(r.drive)
+            for r, e in zip(self.recordings, self.excitations, strict=True)
+        )
+
+    def broad(self) -> bool:
+        """A step, a sweep, noise or a multisine: content above the sines."""
+        wide = [e for e in self.excitations if e.kind == "periodic" and e.high_Hz > _LINES * e.low_Hz]
+        kinds = any(e.kind in ("steps", "chirp", "broadband") for e in self.excitations)
+        return bool(wide) or kinds or any(_steps(r) for r in self.recordings)
+
+    def port(self) -> bool:
+        """What goes into the actuator was measured: its voltage at the terminals, its current or its charge."""
+        return self.voltage == "terminals" or any({"current", "charge"} & set(r.channels) for r in self.recordings)
+
+    def repeats(self) -> bool:
+        """Two periods of something, or a rest: the noise is known from repetition."""
+        again = any(e.period is not None and e.cycles >= 2.0 for e in self.excitations)
+        return again or any(_hold(r) > 0.0 for r in self.recordings)
+
+    def words(self) -> dict[str, str]:
+        """What the texts below are filled with: the input's name, and a rest that is long enough to show the noise."""
+        volts = all(r.units.input == "V" for r in self.recordings)
+        interval = max((r.dt for r in self.recordings), default=0.0)
+        rest = f"{LONG_REST} samples ({duration(LONG_REST * interval)})"
+        return {"input": "voltage" if volts else "input", "rest": rest}
+
+
+@dataclass(frozen=True)
+class _Question:
+    """What recordings may show.
+
+    Attributes:
+        actuator: in the words of a piezo actuator; other: of any other system, empty where it is no question there.
+        test: whether they show it; record: what to record where they do not.
+    """
+
+    actuator: str
+    other: str
+    test: Callable[[_Set], bool]
+    record: str
+
+
+_QUESTIONS = (
+    _Question(
+        "what depends on the amplitude: bent springs, stops, saturation, friction against hysteresis",
+        "what depends on the amplitude: laws that are not linear, limits, thresholds",
+        _Set.amplitudes, "the same sine at a third and at two thirds of the amplitude",
+    ),
+    _Question(
+        "what depends on the rate: lags, delays, drag, thresholds that follow the rate",
+        "what depends on the rate: lags, delays, losses that are not linear",
+        _Set.frequencies, "the same amplitude at a tenth or at ten times the frequency",
+    ),
+    _Question(
+        "slow memory: creep, leakage, self-heating",
+        "slow memory: what leaks, warms up or settles slowly",
+        _Set.hold, "a step to a constant {input}, held ten times as long as the slowest period",
+    ),
+    _Question(
+        "a drifting sensor against creep",
+        "a drifting sensor against slow memory",
+        _Set.returns, "a rest at zero {input} after the excitation, as long as the excitation itself",
+    ),
+    _Question(
+        "resonances, and a second mode",
+        "resonances, and further modes",
+        _Set.broad, "a sweep or a step, sampled at least ten times as fast as the resonance",
+    ),
+    _Question(
+        "the amplifier against the actuator", "",
+        _Set.port, "the voltage at the actuator's terminals, its current or its charge",
+    ),
+    _Question(
+        "the noise, from what repeats or rests",
+        "the noise, from what repeats or rests",
+        _Set.repeats, "three periods or more of every sine, or a rest of {rest} before each recording",
+    ),
+)  # fmt: skip
+
+
+def abilities(campaign: Campaign, excitations: Mapping[Recording, Excitation]) -> list[Ability]:
+    """Every question that recordings may answer, in the order in which they are worth asking, in the words of the
+    system: a network of the user's own is asked for nothing that only an actuator has."""
+    chosen = [r for r in campaign.recordings if r.mask("identification").any()]
+    actuator = "network" not in campaign.setup and all(r.units == ACTUATOR for r in chosen)
+    offered = _Set(chosen, [excitations[r] for r in chosen], campaign.voltage)
+    words = offered.words()
+    return [
+        Ability(shows, q.test(offered), q.record.format(**words))
+        for q in _QUESTIONS
+        if (shows := q.actuator if actuator else q.other)
+    ]
+
+
+def _near(a: Excitation, b: Excitation) -> bool:
+    """Whether two excitations share a frequency; steps share all."""
+    if "steps" in (a.kind, b.kind):
+        return a.kind == b.kind
+    return min(a.high_Hz, b.high_Hz) >= 0.7 * max(a.low_Hz, b.low_Hz)
+
+
+def _steps(recording: Recording) -> bool:
+    """Whether an input jumps somewhere, at the first sample perhaps, by a good part of its range."""
+    u = recording.drive
+    if recording.start.state == "rest" and not recording.further:
+        u = np.append([recording.start.input_before] * _BEFORE, u)
+    jumps = find_jumps(u)
+    return bool(np.any(np.abs(u[jumps] - u[jumps - 1]) > _STEP * np.ptp(u)))
+
+
+def _hold(recording: Recording) -> float:
+    """Duration [s] of the longest stretch of constant input."""
+    first, last = longest_hold(recording.drive)
+    return (last - first) * recording.dt if last - first > 0.02 * recording.u.size else 0.0
+
 
 _NUMBER = re.compile(r"[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?: [nµmkM]?(?:m|V|s|N|A|Hz|rad)\b)?")
 # Names in a line before only their number is said; check.json has all.

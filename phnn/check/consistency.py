@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from phnn.check.finding import WARNING, Finding
+from phnn.check.quality import WARNING, Finding
 from phnn.recordings.excitation import Excitation
 from phnn.recordings.recording import Recording
 

@@ -1,14 +1,277 @@
-"""The quality of a recorded output: its steps, its limits, and whether it returns to its start."""
+"""What is to be said of one recording: the quality of its output, its gain, mains pickup, timing and noise.
+
+The output has steps, limits, and a start to which it may return. A gain that differs from other recordings by a factor
+of a thousand, or a stroke that no actuator has, tells of a wrong unit. Mains pickup is tones at 50 or 60 Hz and their
+multiples that nothing drives. Channels are shifted where an output comes before its input.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
-from phnn.check.finding import NOTE, WARNING, Finding
+import numpy as np
+from numpy.typing import NDArray
+
 from phnn.recordings.excitation import Excitation
-from phnn.recordings.recording import Recording
+from phnn.recordings.recording import Campaign, Recording, dominant_frequency
+from phnn.signals.least_squares import residual
+from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
 from phnn.signals.quantisation import quantisation_step
 from phnn.units import quantity
+
+NOTE, WARNING = "note", "warning"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Attributes:
+    kind: ``quantisation``, ``limits``, ``drift``, ``mains``, ``lead``, ``units`` or ``contaminated``.
+    severity: ``note``, or ``warning`` where it may mislead a diagnosis.
+    text: one sentence for a person, with what to do about a warning.
+    values: its numbers, SI.
+    """
+
+    kind: str
+    severity: str
+    text: str
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+# Units differ by powers of a thousand; a gain is suspicious within this factor of one.
+_STEP, _WITHIN = 1000.0, 2.5
+# Recordings of one kind that tell what the gain usually is, and within which factor of each other they lie.
+_FEWEST, _ALIKE = 3, 30.0
+# A recording has a gain if its input moves by this share of the largest one, and its output by so many noise floors.
+_MOVES, _SEEN = 0.01, 20.0
+# A fast recording may have a small gain: up to this factor of the fastest usual one, it may not.
+_FAST = 2.0
+# Stroke per volt, from a tube scanner of a tenth of a nanometre to a bender, with a decade beyond both; a command in
+# front of an amplifier may be smaller by its gain.
+_LEAST, _MOST, _AMPLIFIED = 1e-11, 1e-4, 1e-2
+
+
+def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
+    """By recording: doubts about the units of its input or output."""
+    found: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
+    kinds: dict[tuple[str, ...], list[Recording]] = {}
+    for r in campaign.recordings:
+        if np.isfinite(r.y).all():
+            kinds.setdefault((r.measures, r.units.input, r.units.output), []).append(r)
+    for some in kinds.values():
+        largest = max(float(np.ptp(r.u)) for r in some)
+        moving = {r.name: r for r in some if _has_gain(r, largest)}
+        for name, finding in (*_against_others(moving), *_absolute(moving, campaign.voltage)):
+            found[name].append(finding)
+    return found
+
+
+def doubts_of_units(campaign: Campaign) -> tuple[str, ...]:
+    """What `phnn check` warns of in the units of a campaign, a sentence each."""
+    return tuple(f"{name}: {f.text}." for name, findings in odd_units(campaign).items() for f in findings)
+
+
+def _has_gain(r: Recording, largest: float) -> bool:
+    floor = r.noise if r.noise_found and np.isfinite(r.noise) else 0.0
+    moves, seen = float(np.ptp(r.u)), float(np.ptp(r.y))
+    return moves > _MOVES * largest and moves > 0.0 and seen > _SEEN * floor and seen > 0.0
+
+
+def _gain(r: Recording) -> float:
+    return float(np.ptp(r.y) / np.ptp(r.u))
+
+
+def _against_others(moving: Mapping[str, Recording]) -> list[tuple[str, Finding]]:
+    """Gains about 10³ or 10⁻³ times that of most others."""
+    gains = {name: _gain(r) for name, r in moving.items()}
+    usual = float(np.median(list(gains.values()))) if gains else 1.0
+    alike = [name for name, g in gains.items() if max(g / usual, usual / g) < _ALIKE]
+    if len(alike) < max(_FEWEST, len(moving) // 2 + 1):
+        return []
+    fastest = max(dominant_frequency(moving[name]) for name in alike)
+    found = []
+    for name, gain in gains.items():
+        ratio = gain / usual
+        slow = ratio > 1.0 or dominant_frequency(moving[name]) <= _FAST * fastest
+        if slow and (finding := _finding(ratio, alike)):
+            found.append((name, finding))
+    return found
+
+
+def _finding(ratio: float, alike: Sequence[str]) -> Finding | None:
+    size = max(ratio, 1.0 / ratio)
+    power = round(float(np.log(size) / np.log(_STEP)))
+    if power < 1 or max(size / _STEP**power, _STEP**power / size) > _WITHIN:
+        return None
+    text = (
+        f"output over input is {ratio:.3g} times that of the {len(alike)} others: a column has probably another unit "
+        f"than is stated (nm, µm, mm; V, kV); correct it in recordings.yaml, columns"
+    )
+    return Finding("units", WARNING, text, {"gain_over_others": ratio})
+
+
+def _absolute(moving: Mapping[str, Recording], voltage: str) -> list[tuple[str, Finding]]:
+    """Strokes per volt far beyond those of actuators that are sold."""
+    most = _AMPLIFIED if voltage == "command" else _MOST
+    found = []
+    for name, r in moving.items():
+        gain = _gain(r)
+        if (r.units.input, r.units.output) == ("V", "m") and not _LEAST <= gain <= most:
+            text = (
+                f"output over input is {gain:.2g} m/V, piezo actuators have {_LEAST:g} to {most:g} m/V: compare the "
+                f"units and names of its columns with what was recorded"
+            )
+            found.append((name, Finding("units", WARNING, text, {"gain": gain})))
+    return found
+
+
+Array = NDArray[np.float64]
+
+_MAINS, _MULTIPLES = (50.0, 60.0), (1, 2, 3)
+# Power of a tone over the median around it: of some hundred thousand bins of noise one comes that far.
+_STANDS_OUT = 20.0
+# Bins of the neighbourhood on either side, of the tone itself, and the least periods that tell it from slow changes.
+_AROUND, _ITSELF, _PERIODS = 25, 3, 8.0
+
+
+def mains(recording: Recording, excitation: Excitation) -> list[Finding]:
+    """The multiples of a mains frequency that stand out of an output's spectrum, but not out of its input's.
+
+    Hann window; the amplitude of a tone is that of a sine of the same power.
+    """
+    duration = recording.t.size * recording.dt
+    lines = [base * n for base in _MAINS for n in _MULTIPLES]
+    asked = [f for f in lines if _shown(recording, f, duration) and not _driven(excitation, f, duration)]
+    if not asked:
+        return []
+    output, drive = _spectrum(recording.y), _spectrum(recording.drive)
+    found = {f: a for f in asked if (a := _amplitude(output, drive, f * duration, recording.t.size)) > 0.0}
+    if not found:
+        return []
+    said = ", ".join(f"{f:g} Hz ({quantity(a, recording.units.output)})" for f, a in found.items())
+    text = f"tones of the mains in the output at {said}: look for a ground loop, or shield the sensor"
+    return [Finding("mains", WARNING, text, {f"amplitude_{f:g}Hz": a for f, a in found.items()})]
+
+
+def _shown(recording: Recording, frequency: float, duration: float) -> bool:
+    """Whether a recording is long enough, and sampled fast enough, to show a tone."""
+    return frequency * duration >= _PERIODS and frequency <= 0.45 / recording.dt
+
+
+def _driven(excitation: Excitation, frequency: float, duration: float) -> bool:
+    """Whether a harmonic of what drives the recording lies within its resolution of the frequency."""
+    if excitation.kind not in ("sine", "periodic"):
+        return False
+    return abs(frequency - excitation.low_Hz * round(frequency / excitation.low_Hz)) * duration < _ITSELF
+
+
+def _spectrum(x: Array) -> Array:
+    """Power by bins, through a Hann window."""
+    return np.asarray(np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size))) ** 2)
+
+
+def _amplitude(output: Array, drive: Array, place: float, samples: int) -> float:
+    """Amplitude of a tone in the output's spectrum; 0 where there is none, or where the input could have caused it."""
+    stands_out, power = _over_neighbours(output, round(place))
+    if stands_out < _STANDS_OUT or _over_neighbours(drive, round(place))[0] > 0.1 * stands_out:
+        return 0.0
+    # A sine of amplitude a has the power (a n/4)² in the middle bin of a Hann window, a quarter of it on either side.
+    return float(np.sqrt(power / 1.5)) * 4.0 / samples
+
+
+def _over_neighbours(spectrum: Array, middle: int) -> tuple[float, float]:
+    """Power at a bin over the median around it, and the power in its three bins together."""
+    own = slice(max(middle - 1, 0), middle + 2)
+    below = spectrum[max(middle - _AROUND, 1) : max(middle - _ITSELF, 1)]
+    around = np.concatenate([below, spectrum[middle + _ITSELF + 1 : middle + _AROUND + 1]])
+    peak = float(spectrum[own].max(initial=0.0))
+    return peak / max(float(np.median(around)) if around.size else 0.0, 1e-300), float(spectrum[own].sum())
+
+
+# Samples by which an output must lead before a channel is called shifted, and times the uncertainty of the phase.
+_SAMPLES, _SURE_OF_SHIFT = 0.5, 4.0
+
+
+def lead(recording: Recording, excitation: Excitation) -> list[Finding]:
+    """Whether the output leads the input at the fundamental: no causal actuator of positive static gain does.
+
+    With the complex amplitudes ``U`` and ``Y`` at ``f`` the lead is ``arg(Y/U) / 2πf``. Hysteresis, damping and every
+    lag of amplifier or sensor make it negative; above a resonance it is negative still. Nothing is said where further
+    inputs have their part in the output.
+    """
+    if excitation.kind not in ("sine", "periodic") or excitation.cycles < 1.0 or recording.further:
+        return []
+    first, last = excitation.span
+    # Whole periods only, without the first one where there are more: it carries what the start left.
+    period = 1.0 / (excitation.low_Hz * recording.dt)
+    count = int(excitation.cycles) - (1 if excitation.cycles >= 2.0 else 0)
+    chosen = slice(max(last - round(count * period), first), last)
+    phase = 2.0 * np.pi * excitation.low_Hz * recording.t[chosen]
+    basis = np.column_stack([np.cos(phase), -np.sin(phase), np.ones(phase.size)])
+    weights, *_ = np.linalg.lstsq(basis, np.column_stack([recording.u[chosen], recording.y[chosen]]), rcond=None)
+    u, y = (complex(w[0], w[1]) for w in weights.T)
+    angle = float(np.angle(y / u))
+    uncertain = recording.noise * float(np.sqrt(2.0 / phase.size)) / max(abs(y), 1e-300)
+    seconds = angle / (2.0 * np.pi * excitation.low_Hz)
+    if not (0.0 < angle < 0.5 * np.pi and angle > _SURE_OF_SHIFT * uncertain and seconds > _SAMPLES * recording.dt):
+        return []
+    text = (
+        f"the output leads the input by {seconds:.3g} s ({seconds / recording.dt:.2g} samples) at "
+        f"{excitation.low_Hz:.4g} Hz, as no actuator does: the channels are shifted; sample them "
+        f"together, or correct the shift"
+    )
+    return [Finding("lead", WARNING, text, {"lead_s": seconds})]
+
+
+# Harmonics of the drive in which periods may differ because of the transient.
+_SETTLING = 3
+# By how much of a period a recording may miss a whole number of them; harmonics that give the speed.
+_WHOLE, _HARMONICS = 0.02, 20
+
+
+def stated_noise(recording: Recording, excitation: Excitation) -> NoiseStatement:
+    """Of one recording; the first period is left out, for it holds a transient."""
+    return noise_statement(
+        recording.noise, recording.noise_source, recording.units.output, _between_periods(recording, excitation)
+    )
+
+
+def _between_periods(r: Recording, excitation: Excitation) -> Sample | None:
+    """Two periods against each other, without what changes slowly; None without two periodic ones."""
+    if r.period is None or not np.isfinite(r.noise):
+        return None
+    first, last = excitation.span
+    size = r.period / r.dt
+    skip = 0 if r.start.state == "periodic" else 1
+    whole = int((last - first) / size + _WHOLE) - skip
+    if whole < 2:
+        return None
+    start, lag = first + round(skip * size), round(whole // 2 * size)
+    late = whole // 2 * size - lag
+    y = r.y[start : min(last, r.y.size)]
+    harmonics = min(_HARMONICS, int(0.4 * size))
+    smooth = y - residual(y, lambda rows: _waves(rows, size, harmonics))
+    speed = np.gradient(smooth, r.dt)
+    count = y.size - lag
+    # Offset, trend, amplitude, what settles, and the fraction of a sample by which the periods miss each other.
+    shapes = [np.arange(float(count)), smooth[:count]]
+    if abs(late) > 1e-9:
+        shapes += [speed[:count], np.gradient(speed, r.dt)[:count]]
+    slow = [shape / np.sqrt(np.mean(shape**2)) for shape in shapes]
+    changed = residual(
+        y[lag:] - y[:count],
+        lambda rows: np.column_stack([*(shape[rows] for shape in slow), _waves(rows, size, min(_SETTLING, harmonics))]),
+    )
+    return Sample(
+        changed / np.sqrt(2.0), r.dt, speed[:count], quantisation_step(r.y), above=(_SETTLING + 1.5) / r.period
+    )
+
+
+def _waves(rows: slice, size: float, harmonics: int) -> Array:
+    """(n, 1 + 2 K) a constant, cosines and sines of the first harmonics of ``size`` samples, at some samples."""
+    phase = 2.0 * np.pi / size * np.outer(np.arange(rows.start, rows.stop), np.arange(1, harmonics + 1))
+    return np.column_stack([np.ones(phase.shape[0]), np.cos(phase), np.sin(phase)])
+
 
 # Steps of a share of the noise are not worth a word; steps of several times the noise hide it, whose own deviation
 # would be step/√12.

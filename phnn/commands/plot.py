@@ -15,12 +15,9 @@ from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
 from phnn.plot.balance import balance
-from phnn.plot.correlations import whiteness
-from phnn.plot.hysteresis import hysteresis
-from phnn.plot.locations import Locations
-from phnn.plot.outputs import outputs
+from phnn.plot.frequency import response, whiteness
 from phnn.plot.panels import MOST, Plot, chosen, model_of, network_model
-from phnn.plot.response import response
+from phnn.plot.signals import Locations, hysteresis, outputs
 from phnn.recordings import Campaign, read
 from phnn.report.document import Location
 from phnn.report.figures.style import svg

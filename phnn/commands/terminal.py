@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
-from phnn.check.gain import doubts_of_units
+from phnn.check.quality import doubts_of_units
 from phnn.errors import PhnnError
 from phnn.recordings import Campaign
 from phnn.results import printable

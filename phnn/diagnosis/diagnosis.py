@@ -31,10 +31,9 @@ from phnn.identification.base import Progress, identify_base, quiet
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit, fit
 from phnn.identification.identified import Identified, model_of
-from phnn.identification.numerics import NumericalError
 from phnn.identification.options import Options
 from phnn.identification.prepare import single
-from phnn.identification.refinement import refined, with_bounded_error
+from phnn.identification.refinement import NumericalError, refined, with_bounded_error
 from phnn.integrate.residual import check
 from phnn.model import Model
 from phnn.parallel import Executor, executor

@@ -12,7 +12,7 @@ from phnn.diagnosis.locate import Location, Responses, locate, responses
 from phnn.diagnosis.name import Naming, score
 from phnn.effects import Effect, Scales
 from phnn.identification.fit import Fit
-from phnn.identification.numerics import NumericalError
+from phnn.identification.refinement import NumericalError
 
 # Level of a whole search, spent once; the default of the criterion `level`. Hypotheses are tested in order: the base
 # model is complete, the model with the best element is complete, and so on. The first that is not rejected ends the

@@ -11,7 +11,7 @@ from phnn.diagnosis.scored import Scored, scored
 from phnn.effects import Effect, Scales
 from phnn.identification.base import Progress, quiet
 from phnn.identification.fit import Fit
-from phnn.identification.numerics import NumericalError
+from phnn.identification.refinement import NumericalError
 from phnn.parallel import SERIAL, Executor
 
 # Models that a search has come upon and that are kept for its end, the best ones.

@@ -19,9 +19,8 @@ from phnn.diagnosis.scored import Scored, excess
 from phnn.diagnosis.search import Search
 from phnn.diagnosis.trial import Trial, class_of, criterion, tie
 from phnn.identification.fit import Fit
-from phnn.identification.numerics import numerical_error
 from phnn.identification.options import Options
-from phnn.identification.refinement import with_bounded_error
+from phnn.identification.refinement import numerical_error, with_bounded_error
 from phnn.rescue import attempt, kept, move
 
 

@@ -16,7 +16,7 @@ from phnn.exporting.step import Balance, Rest, drives
 from phnn.integrate.compilable import obstacle
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
-from phnn.laws.memory import advanced
+from phnn.laws.other import advanced
 from phnn.network.elements import ModulatorState
 from phnn.setup import Setup
 

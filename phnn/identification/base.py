@@ -7,12 +7,11 @@ from dataclasses import replace
 
 from phnn.identification.described import identify_network
 from phnn.identification.fit import Fit
-from phnn.identification.numerics import NumericalError
 from phnn.identification.options import Options
 from phnn.identification.order import hysterons_needed
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import Prepared, prepare
-from phnn.identification.refinement import with_bounded_error
+from phnn.identification.refinement import NumericalError, with_bounded_error
 from phnn.identification.staged import fit_identified, held_by_statement, identify_actuator
 from phnn.identification.starting_points import mechanical_points
 from phnn.identification.zero import is_shared, with_own_zeros, with_shared_zero

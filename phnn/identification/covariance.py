@@ -4,18 +4,28 @@ An estimate errs by ``C Jᵀ n`` with ``C = (JᵀJ)⁻¹``, the Jacobian ``J`` a
 ``Q = J T`` with ``T Tᵀ = C`` its covariance is ``T M Tᵀ`` with the covariance ``M = Qᵀ E[n nᵀ] Q``, to which every
 recording adds three parts:
 
-1. stationary noise with the spectrum ``S`` that repetitions show: ``Σ_f S(f) Q̂*(f) Q̂(f)``. Blocks of scores would need
-   no spectrum, but twenty of them cover too seldom where the noise is coloured: a block cuts the correlation at its
-   ends, and what a fit has taken out of the residual of a block is missing in its score;
-2. noise of uneven size, such as jitter of the sampling instants: ``Σ_i (u_i − ū) q_i q_iᵀ`` with
-   ``u_i = r_i²/(1 − h_i)²``, the sample ``r_i`` of the residual and its leverage ``h_i = |q_i|²``: the estimator of
-   White (1980) in place of the mean variance, with the correction HC3 of MacKinnon & White (1985);
-3. lines of the residual that noise does not explain. They repeat with the drive, so that the model misses them, and
-   the fit has moved the estimates to take up what it could of their cause. Each line counts as a disturbance of
-   unknown phase with the power ``|r̂(f)|²/(1 − h(f))²``: HC3 again, which corrects for the share that the fit took up.
+1. stationary noise with the spectrum ``S`` that repetitions show: ``Σ_f S(f) Q̂*(f) Q̂(f)``. Blocks of scores would
+need no spectrum, but twenty of them cover too seldom where the noise is coloured: a block cuts the correlation at its
+ends, and what a fit has taken out of the residual of a block is missing in its score; 2. noise of uneven size, such as
+jitter of the sampling instants: ``Σ_i (u_i − ū) q_i q_iᵀ`` with ``u_i = r_i²/(1 − h_i)²``, the sample ``r_i`` of the
+residual and its leverage ``h_i = |q_i|²``: the estimator of White (1980) in place of the mean variance, with the
+correction HC3 of MacKinnon & White (1985); 3. lines of the residual that noise does not explain. They repeat with the
+drive, so that the model misses them, and the fit has moved the estimates to take up what it could of their cause. Each
+line counts as a disturbance of unknown phase with the power ``|r̂(f)|²/(1 − h(f))²``: HC3 again, which corrects for the
+share that the fit took up.
 
 The sum is an estimate itself. Its degrees of freedom follow from the variance of parts 2 and 3 (Satterthwaite 1946);
 intervals take the quantile of Student's t from them. The averaged spectrum of part 1 counts as known.
+
+Anchors bring uncertainty into a fit. It holds an anchor ``a`` at its stated value and minimises ``½|r(z, a)|²`` over
+``z`` alone. At the optimum ``Jᵀr = 0`` with ``J = ∂r/∂z``, so that by the implicit function theorem (Gauss–Newton,
+without second derivatives)
+
+    dz/da = −(JᵀJ)⁻¹ Jᵀ ∂r/∂a
+
+and an anchor of variance ``s²`` adds ``(dz/da) s² (dz/da)ᵀ`` to the covariance of ``z``. No table of exponents is
+needed: where voltage and displacement leave one factor open, this gives ``d ln k / d ln m = 1`` by itself, and ratios
+such as ``k/m`` keep their standard error.
 """
 
 from __future__ import annotations
@@ -27,10 +37,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.criteria import NOISE
+from phnn.derivatives import output_derivatives
+from phnn.identification.censoring import beyond_limit
+from phnn.identification.evaluate import with_instants
+from phnn.identification.nuisances import without_nuisances
+from phnn.identification.problem import Problem
 from phnn.identification.residual_noise import noise_spectra
+from phnn.identification.start import likely_start
+from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Recording
+from phnn.setup import Setup
+from phnn.simulate import Trajectory, simulate
 
 Array = NDArray[np.float64]
+
+
+def held_anchors(problem: Problem) -> dict[str, float]:
+    """Standard deviations [SI] of the anchors that a problem's setup has and does not estimate; exact ones left out."""
+    names = problem.template.parameters
+    estimated = problem.variables.names
+    return {n: s for n, s in problem.plan.anchors.items() if s > 0.0 and n in names and n not in estimated}
+
+
+def residual_by_anchors(problem: Problem, z: Array, names: tuple[str, ...]) -> Array:
+    """(N, A) derivatives of the weighted residual by A held parameters [1/SI unit], initial states unchanged."""
+    own = problem.template.own
+
+    def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
+        hidden = beyond_limit(recording, trajectory.y, mask, own)
+        changes = without_nuisances(output_derivatives(trajectory, names), mask, recording, own, hidden)
+        return np.asarray(changes / -recording.noise)
+
+    return np.concatenate(problem.plan.each(one, problem.trajectories(z), problem.masks))
+
+
+def estimates_by_anchors(bread: Array, jacobian: Array, columns: Array) -> Array:
+    """(K, A) derivatives of the estimates ``z`` by the anchors, ``−B Jᵀ ∂r/∂a`` with ``B = (JᵀJ)⁻¹``."""
+    return np.asarray(-bread @ (jacobian.T @ columns))
+
 
 # Directions whose information is this share of the best one's are known no better than that.
 _RANK = 1e-14
@@ -141,3 +185,25 @@ def _lines(residual: Array, basis: Array, root: Array, density: Array, bounded: 
     middle = (shown.conj().T @ (excess[:, None] * shown)).real
     # The variance of an exponential variable is half of its second moment.
     return _Share(middle, 0.5 * excess**2 @ np.abs(shown @ root.T) ** 4)
+
+
+def output_spread(setup: Setup, recording: Recording, substeps: int) -> Array | None:
+    """(N,) standard error of a prediction by the unknown instants of the input's jumps; None where it has none.
+
+    Without a recorded output each jump may lie anywhere in its sample interval.
+    """
+    unknown = unknown_instants(recording)
+    if not unknown.size:
+        return None
+    begun = likely_start(setup, recording, substeps)
+    timed, covariance = with_instants(setup, recording, substeps, begun)
+    if covariance.size:
+        columns = output_derivatives(simulate(setup, timed, substeps, initial=begun), (), instants=True)
+        return np.asarray(np.sqrt(np.einsum("ng,gh,nh->n", columns, covariance, columns)))
+    total = np.zeros(recording.t.size)
+    for g, assumed in enumerate(unknown):
+        # Over a whole interval the output is not linear in the instant: its ends are compared.
+        first, last = (np.where(np.arange(unknown.size) == g, end, unknown) for end in (0.0, 1.0))
+        ends = [simulate(setup, replace(recording, instants=at), substeps, initial=begun).y for at in (first, last)]
+        total += (ends[1] - ends[0]) ** 2 * (1.0 / 12.0 + (assumed - 0.5) ** 2)
+    return np.sqrt(total)

@@ -13,8 +13,14 @@ from scipy.optimize import least_squares
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from phnn.identification.anchors import estimates_by_anchors, held_anchors, residual_by_anchors
-from phnn.identification.covariance import Scatter, bread, scatter
+from phnn.identification.covariance import (
+    Scatter,
+    bread,
+    estimates_by_anchors,
+    held_anchors,
+    residual_by_anchors,
+    scatter,
+)
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
 from phnn.identification.variables import Variables, variables_of
@@ -97,7 +103,7 @@ class Fit:
         standard errors, is the same in every repetition and is not corrected.
         """
         # Its module measures fits.
-        from phnn.identification.numerics import numerical_error
+        from phnn.identification.refinement import numerical_error
 
         if not self.z.size or self.use != "identification":
             return np.zeros(self.z.size)

@@ -8,8 +8,7 @@ from typing import Any
 from phnn.integrate.dispatch import SCALARS, STORAGE_SCALARS
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
-from phnn.network.elements import Network, WithLaw
-from phnn.network.named_laws import fault_of_laws
+from phnn.network.elements import Network, WithLaw, fault_of_laws
 
 # For each kind of element: the laws with a few parameters, and the torch modules that pass their weights to the kernel.
 LAWS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {

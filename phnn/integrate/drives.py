@@ -32,8 +32,8 @@ from phnn.integrate.tables import (
     STORAGES,
 )
 from phnn.integrate.terms import FLOW, branch_effort, junction_flows, leaf_current, read
-from phnn.laws.memory import advanced
 from phnn.laws.namespace import TINY
+from phnn.laws.other import advanced
 
 
 @inline

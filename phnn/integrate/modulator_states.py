@@ -28,7 +28,7 @@ from phnn.integrate.tables import (
     STORAGES,
 )
 from phnn.integrate.terms import EFFORT, FLOW, NEXT, Step, branch_effort, leaf_current, read
-from phnn.laws.memory import advanced
+from phnn.laws.other import advanced
 
 
 @inline

@@ -1,6 +1,6 @@
 """Scalar constitutive laws of storages, resistors, ports and modulator states."""
 
-from phnn.laws import factor, memory, port, resistor, resistor_damper, storage
+from phnn.laws import other, resistor, storage
 from phnn.laws.law import (
     FACTOR_LAWS,
     MEMORY_LAWS,
@@ -30,11 +30,8 @@ __all__ = [
     "PortLaw",
     "ResistorLaw",
     "StorageLaw",
-    "factor",
-    "memory",
-    "port",
+    "other",
     "register",
     "resistor",
-    "resistor_damper",
     "storage",
 ]

@@ -18,8 +18,7 @@ from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
 from phnn.integrate.program import compile_network
 from phnn.models.typed import a_count, a_list, a_name, a_number, a_text, an_object, brief, of_fields
-from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage
-from phnn.network.named_laws import check_laws
+from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage, check_laws
 from phnn.parameters import Parameter
 from phnn.results import Place, claim, printable
 from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Own, Setup, Source

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from phnn.laws import MEMORY_LAWS
-from phnn.laws.memory import advanced, average
+from phnn.laws.other import advanced, average
 
 if TYPE_CHECKING:
     from phnn.network.system import PortHamiltonianSystem

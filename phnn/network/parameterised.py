@@ -11,9 +11,8 @@ from phnn.laws import FACTOR_LAWS
 from phnn.laws.diverged import check_weights
 from phnn.network.bounded import BoundedParameters
 from phnn.network.checks import check_module, check_name
-from phnn.network.elements import Network
+from phnn.network.elements import Network, check_laws
 from phnn.network.evaluation import Present, present_of
-from phnn.network.named_laws import check_laws
 
 
 class ParameterisedNetwork(nn.Module):

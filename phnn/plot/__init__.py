@@ -10,10 +10,7 @@ files.
 from __future__ import annotations
 
 from phnn.plot.balance import energy
-from phnn.plot.correlations import residuals
-from phnn.plot.hysteresis import loops
-from phnn.plot.locations import location
-from phnn.plot.outputs import compare
-from phnn.plot.response import bode
+from phnn.plot.frequency import bode, residuals
+from phnn.plot.signals import compare, location, loops
 
 __all__ = ["bode", "compare", "energy", "location", "loops", "residuals"]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from phnn.check.gain import doubts_of_units
+from phnn.check.quality import doubts_of_units
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.judge import Judgement
 from phnn.diagnosis.ledger import account

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phnn.check import check
-from phnn.check.finding import Finding
+from phnn.check.quality import Finding
 from phnn.cli import main
 from phnn.models.network_file import load_network
 from phnn.models.store import save

@@ -19,7 +19,7 @@ from phnn.diagnosis.name import Candidate, score, tail
 from phnn.diagnosis.search import Search
 from phnn.diagnosis.trial import Trial, class_of
 from phnn.effects import catalogue
-from phnn.identification.numerics import numerical_error
+from phnn.identification.refinement import numerical_error
 from phnn.models.actuator import hrc
 from phnn.setup import NOTHING, Own, Setup
 

@@ -18,8 +18,8 @@ from phnn.diagnosis.select import select
 from phnn.diagnosis.trial import tie
 from phnn.effects import effect
 from phnn.identification.fit import Fit, fit
-from phnn.identification.numerics import numerical_error
 from phnn.identification.options import Options
+from phnn.identification.refinement import numerical_error
 from phnn.parallel import SERIAL
 from phnn.units import FORCE_UNITS
 

@@ -24,9 +24,9 @@ from phnn.diagnosis.trial import Trial
 from phnn.effects import Scales, catalogue, effect
 from phnn.errors import InputRefused
 from phnn.identification.fit import Fit
-from phnn.identification.numerics import numerical_error
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
+from phnn.identification.refinement import numerical_error
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.parallel import SERIAL, Executor, executor

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from phnn.effects import Effect, catalogue, in_all_forms
 from phnn.effects.places import attached, place_of
 from phnn.models.network_file import load_network
-from phnn.network.relabel import relabelled
+from phnn.network.elements import relabelled
 from phnn.network.roles import Motion, motions
 from phnn.setup import Setup
 

@@ -23,11 +23,9 @@ from phnn.effects.places import attached
 from phnn.identification.fit import Fit, fit
 from phnn.identification.plan import Plan
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
-from phnn.models.beam import cantilever, driven_beam
 from phnn.models.bouc_wen import bouc_wen
 from phnn.models.network_file import load_network
-from phnn.models.thermal import thermal_hrc
-from phnn.models.variants import hrcl, hrlc
+from phnn.models.variants import cantilever, driven_beam, hrcl, hrlc, thermal_hrc
 from phnn.network import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 from phnn.recordings.recording import Campaign, Recording

@@ -14,10 +14,10 @@ from phnn.errors import InputRefused
 from phnn.identification.base import identify_base, identify_bouc_wen
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
-from phnn.identification.numerics import MAX_SUBSTEPS, NumericalError, numerical_error, substeps_for
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
+from phnn.identification.refinement import MAX_SUBSTEPS, NumericalError, numerical_error, substeps_for
 from phnn.identification.staged import identify_actuator
 from phnn.identification.starting_points import falls_throughout
 from phnn.models.actuator import hrc

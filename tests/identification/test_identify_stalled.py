@@ -5,8 +5,8 @@ from __future__ import annotations
 import campaigns
 
 from phnn.identification.fit import fit
+from phnn.identification.refinement import resumed
 from phnn.identification.staged import fit_identified
-from phnn.identification.stalled import resumed
 
 
 def test_a_fit_that_rests_too_early_goes_on() -> None:

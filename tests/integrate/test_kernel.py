@@ -25,8 +25,7 @@ from phnn.integrate.program import Program, compile_network
 from phnn.integrate.residual import check, power_balance
 from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import TABLE_1, from_paper, hrc
-from phnn.models.thermal import thermal_hrc
-from phnn.models.variants import hrlc
+from phnn.models.variants import hrlc, thermal_hrc
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Setup

@@ -13,8 +13,8 @@ from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium, equilibrium_derivative, equilibrium_slope
 from phnn.integrate.steady import steady_derivative, steady_slope, steady_state
 from phnn.models.actuator import from_paper, hrc
-from phnn.models.beam import cantilever, driven_beam
 from phnn.models.network_file import load_network
+from phnn.models.variants import cantilever, driven_beam
 from phnn.network import Network, PortHamiltonianSystem
 
 VOLTAGES = (3.0, 40.0)

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from phnn.laws import MEMORY_LAWS, MemoryLaw
-from phnn.laws.memory import advanced, average
+from phnn.laws.other import advanced, average
 
 POINTS = np.array([-2.3, -0.71, -0.0021, 0.0017, 0.83, 1.9])
 every = pytest.mark.parametrize("law", MEMORY_LAWS.values(), ids=MEMORY_LAWS.keys())

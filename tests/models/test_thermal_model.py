@@ -18,10 +18,10 @@ from phnn.models.actuator import hrc
 from phnn.models.network_file import load_graph, load_network
 from phnn.models.network_text import as_yaml
 from phnn.models.store import load, save
-from phnn.models.thermal import thermal_hrc
+from phnn.models.variants import thermal_hrc
 from phnn.network import Modulation, ModulatorState, Network, Port, Resistor, Storage
 from phnn.network.bondgraph import BondGraph, C
-from phnn.network.interconnect import interconnect, renamed
+from phnn.network.elements import interconnect, renamed
 from phnn.parameters import Parameter, as_table, constant, positive
 from phnn.setup import Setup
 from phnn.simulate import simulate

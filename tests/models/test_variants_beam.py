@@ -15,7 +15,7 @@ from scipy.linalg import eigh
 
 from phnn.errors import InputRefused
 from phnn.models.actuator import TABLE_1, hrc
-from phnn.models.beam import cantilever, deflection, driven_beam, mode_shapes, wave_numbers
+from phnn.models.variants import cantilever, deflection, driven_beam, mode_shapes, wave_numbers
 from phnn.network import Network, PortHamiltonianSystem
 
 torch.set_num_threads(1)

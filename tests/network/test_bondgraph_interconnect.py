@@ -14,7 +14,7 @@ from networks import random_network
 from phnn.errors import InputRefused, StructureViolated
 from phnn.models.actuator import hrc
 from phnn.network import Network, Port, PortHamiltonianSystem, Resistor, Storage
-from phnn.network.interconnect import interconnect, renamed
+from phnn.network.elements import interconnect, renamed
 from phnn.parameters import positive
 
 torch.set_num_threads(1)

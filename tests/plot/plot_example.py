@@ -13,11 +13,8 @@ import numpy as np
 import phnn
 from phnn.models.actuator import hrc
 from phnn.plot.balance import balance
-from phnn.plot.correlations import whiteness
-from phnn.plot.hysteresis import hysteresis
-from phnn.plot.locations import located
-from phnn.plot.outputs import outputs
-from phnn.plot.response import response
+from phnn.plot.frequency import response, whiteness
+from phnn.plot.signals import hysteresis, located, outputs
 from phnn.recordings.recording import Campaign, Part, Recording, Start, unrecorded
 from phnn.setup import Setup
 from phnn.simulate import simulate

@@ -13,7 +13,7 @@ from plot_example import MODEL, campaign
 import phnn
 from phnn.cli import main
 from phnn.models.store import save
-from phnn.plot.locations import located
+from phnn.plot.signals import located
 from phnn.report.result import write
 
 

@@ -11,8 +11,7 @@ from plot_example import LINEAR, MODEL, NOISE, VALUES, WRONG, T, campaign, campa
 import phnn
 from phnn.parameters import as_table, constant
 from phnn.plot.balance import balance
-from phnn.plot.correlations import whiteness
-from phnn.plot.response import response
+from phnn.plot.frequency import response, whiteness
 from phnn.setup import Block
 from phnn.signals.whiteness import correlation, cross_deviation, own_deviation
 

@@ -29,7 +29,7 @@ from plot_example import (
 )
 
 import phnn
-from phnn.plot.hysteresis import hysteresis
+from phnn.plot.signals import hysteresis
 from phnn.report.figures.style import svg
 
 # Columns of words.

@@ -15,7 +15,7 @@ from phnn.errors import InputRefused
 from phnn.recordings import Campaign, read
 from phnn.recordings.manifest import TOP_KEYS
 from phnn.template import template, write_template
-from phnn.template.text import _WANTED
+from phnn.template.draft import _WANTED
 
 
 def written(folder: Path, tmp_path: Path) -> tuple[str, Campaign]:

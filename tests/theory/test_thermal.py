@@ -21,7 +21,7 @@ from phnn.integrate.dense import solve_dense
 from phnn.integrate.residual import check, power_balance
 from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import hrc
-from phnn.models.thermal import thermal_hrc
+from phnn.models.variants import thermal_hrc
 from phnn.network import ModulatorState, Network, PortHamiltonianSystem
 from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_rate
 from phnn.network.modulator_states import between, drives

@@ -8,7 +8,7 @@ import torch
 from junctions import march
 from numpy.typing import NDArray
 
-from phnn.models.thermal import thermal_hrc
+from phnn.models.variants import thermal_hrc
 from phnn.simulate import Trajectory
 
 torch.set_num_threads(1)

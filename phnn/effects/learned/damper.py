@@ -6,7 +6,7 @@ import numpy as np
 
 from phnn.effects import Effect, Parts, Placed, Scales, constant, has_motion, kinds
 from phnn.effects.learned.strengths import Within, sized, starts, stiffness_of, strengths
-from phnn.laws.resistor_damper import SMOOTHED
+from phnn.laws.resistor import SMOOTHED
 from phnn.network.elements import Resistor
 from phnn.setup import Setup
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from phnn.network.elements import Network
-from phnn.network.relabel import relabelled
+from phnn.network.elements import Network, relabelled
 from phnn.network.roles import Motion, drive_ratio, hysterons, measured_displacement, motions
 from phnn.setup import Block, Setup, Source
 

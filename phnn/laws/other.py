@@ -1,12 +1,36 @@
-"""Laws of modulator states: how slow states follow their drives, and which of them hold heat."""
+"""Laws of ratios, modulator states and ports: how a transformer's ratio follows a state, how slow states follow their
+drives and which of them hold heat, and how an input enters the network.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
-from phnn.laws.law import Heat, MemoryLaw, register
+from phnn.domain import ANY, POSITIVE
+from phnn.laws.law import FactorLaw, Heat, MemoryLaw, PortLaw, register
 from phnn.laws.leaf import relaxation
 from phnn.laws.namespace import absolute, log1p, maximum, reciprocal, shared
+
+
+def affine(q: Any, kappa: Any, q0: Any) -> Any:
+    """``1 + κ q/q₀``."""
+    return 1.0 + kappa * q / q0
+
+
+def declining(z: Any, delta: Any) -> Any:
+    """``1 − δ z``."""
+    return 1.0 - delta * z
+
+
+def cubic(q: Any, kappa_1: Any, kappa_2: Any, kappa_3: Any, q0: Any) -> Any:
+    """``1 + κ₁ s + κ₂ s² + κ₃ s³``, ``s = q/q₀``."""
+    s = q / q0
+    return 1.0 + s * (kappa_1 + s * (kappa_2 + s * kappa_3))
+
+
+register(FactorLaw("affine", affine, (0.3, 0.9), (ANY, POSITIVE)))
+register(FactorLaw("declining", declining, (0.3,), (ANY,)))
+register(FactorLaw("cubic", cubic, (0.3, -0.2, 0.1, 0.9), (ANY, ANY, ANY, POSITIVE)))
 
 
 @shared
@@ -78,3 +102,56 @@ _HEAT = Heat(thermal_energy, thermal_entropy, thermal_flow, thermal_ambient)
 register(MemoryLaw("thermal", thermal_rate, thermal_decay, (0.6, 1.7, 295.0, 293.0), _HEAT))
 register(MemoryLaw("relaxing", relaxing_rate, relaxing_decay, (0.8,)))
 register(MemoryLaw("exceeding", exceeding_rate, exceeding_decay, (0.8, 0.5)))
+
+
+def linear_action(u: Any) -> Any:
+    """``ψ(u) = u``."""
+    return u
+
+
+def linear_slope(u: Any) -> Any:
+    """``ψ'(u) = 1``."""
+    return 1.0 + 0.0 * u
+
+
+def electrostrictive_action(u: Any, epsilon: Any) -> Any:
+    """``ψ(u) = u + ε u²/2``, from the co-energy ``α q (V + ε V²/2)``."""
+    return u + 0.5 * epsilon * u * u
+
+
+def electrostrictive_slope(u: Any, epsilon: Any) -> Any:
+    """``ψ'(u) = 1 + ε u``."""
+    return 1.0 + epsilon * u
+
+
+def polynomial_action(u: Any, a_1: Any, a_2: Any, u0: Any) -> Any:
+    """``ψ(u) = u (1 + a₁ s/2 + a₂ s²/3)``, ``s = u/u₀``: the ratio follows the input, ``ψ' = 1 + a₁ s + a₂ s²``."""
+    s = u / u0
+    return u * (1.0 + s * (0.5 * a_1 + s * a_2 / 3.0))
+
+
+def polynomial_slope(u: Any, a_1: Any, a_2: Any, u0: Any) -> Any:
+    """``ψ'(u) = 1 + a₁ s + a₂ s²``."""
+    s = u / u0
+    return 1.0 + s * (a_1 + s * a_2)
+
+
+def electrostrictive_polynomial_action(u: Any, epsilon: Any, a_1: Any, a_2: Any, u0: Any) -> Any:
+    """Both what electrostriction and what a polynomial add to ``u``."""
+    return electrostrictive_action(u, epsilon) + (polynomial_action(u, a_1, a_2, u0) - u)
+
+
+def electrostrictive_polynomial_slope(u: Any, epsilon: Any, a_1: Any, a_2: Any, u0: Any) -> Any:
+    """``ψ'(u) = 1 + ε u + a₁ s + a₂ s²``."""
+    return epsilon * u + polynomial_slope(u, a_1, a_2, u0)
+
+
+register(PortLaw("linear", linear_action, linear_slope, ()))
+register(PortLaw("electrostriction", electrostrictive_action, electrostrictive_slope, (0.2,), (ANY,)))
+register(PortLaw("polynomial", polynomial_action, polynomial_slope, (0.2, -0.1, 0.9), (ANY, ANY, POSITIVE)))
+register(
+    PortLaw(
+        "electrostrictive_polynomial", electrostrictive_polynomial_action, electrostrictive_polynomial_slope,
+        (0.3, 0.2, -0.1, 0.9), (ANY, ANY, ANY, POSITIVE),
+    )
+)  # fmt: skip

@@ -1,0 +1,399 @@
+"""Plots of signals: measured and simulated outputs over time, hysteresis loops, and locations.
+
+`compare` draws outputs with the residual below, `loops` output over input by frequency, and `location` the share of the
+explainable residual that each location predicts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.errors import InputRefused
+from phnn.model import Model
+from phnn.plot.panels import MOST, Panels, chosen, column, grid, hide_unused, predictions, scaled, under_each_other
+from phnn.prediction import Predicted
+from phnn.recordings import Campaign, campaign_of
+from phnn.report.document import Location
+from phnn.report.figures.locations import height_of, locations_into
+from phnn.report.figures.style import AFTER, FAINT, INK, MEASURED, RC, literal, quiet_grid, say
+from phnn.report.formatting import DASH, finite, percent
+from phnn.report.reduction import envelope, telling_stretch
+from phnn.units import prefixed, quantity
+
+if TYPE_CHECKING:
+    from phnn.modal.store import StoredModes
+
+
+# The band of the residual's panel, in standard deviations of the noise.
+_BAND = 2.0
+# Share of the samples whose residuals fill the panel: a single jump must not flatten all others.
+_USUAL = 99.5
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Predicted recordings.
+
+    Attributes:
+        found: one for each pair of panels.
+    """
+
+    found: tuple[Predicted, ...]
+
+    def draw(self, axes: Any = None) -> Panels:
+        """(R, 2) axes: output and residual of each recording."""
+        count = len(self.found)
+        columns = min(2, count)
+        with rc_context(RC):
+            if axes is not None:
+                pairs = grid(axes, count, 2, 0.0, 0.0)
+            else:
+                pairs = _pairs(count, columns)
+            for (above, below), one in zip(pairs, self.found, strict=True):
+                _draw(above, below, one)
+        return pairs
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Samples of all recordings; ``shown_1`` is 1 for those that are drawn."""
+        return {"": under_each_other(_table(one) for one in self.found)}
+
+
+def compare(
+    model: Model | StoredModes | Diagnosis | str | Path,
+    campaign: Campaign | str | Path,
+    *,
+    recordings: Sequence[str] | None = None,
+    axes: Any = None,
+) -> Panels:
+    """Draw measured and simulated outputs with fit % and RMSE, and the residuals with ± 2 deviations of the noise.
+
+        axes = phnn.plot.compare("out/model", phnn.read("recordings/"))
+
+    Of a recording with many cycles those are shown where the residual is largest. Samples that give zero and initial
+    state are shaded: they are not scored.
+
+    Args:
+        model: a model, a diagnosis (its final model), or the folder of either.
+        campaign: recordings with outputs.
+        recordings: names of those to draw; the first twelve if left out.
+        axes: (R, 2) axes to draw into.
+
+    Returns:
+        (R, 2) axes: output above and residual below, for each recording.
+
+    Raises:
+        InputRefused: there is no such model or recording, or another number of axes.
+        SolverFailed: a step has no solution.
+    """
+    return outputs(model, campaign, recordings).draw(axes)
+
+
+def outputs(model: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None = None) -> Outputs:
+    """What `compare` draws."""
+    return Outputs(predictions(model, campaign, recordings))
+
+
+def _pairs(count: int, columns: int) -> Panels:
+    """(R, 2) axes of a new figure, pairs above each other."""
+    rows = -(-count // columns)
+    width = 10.1 if columns > 1 else 7.2
+    panels = grid(None, 2 * rows, columns, width, 3.7 * rows, height_ratios=[2.3, 1.0] * rows)
+    places = [(2 * (i // columns), i % columns) for i in range(rows * columns)]
+    pairs = np.array([[panels[row, place], panels[row + 1, place]] for row, place in places], dtype=object)
+    hide_unused(pairs, 2 * count)
+    return pairs[:count]
+
+
+def _shown(one: Predicted) -> slice:
+    """The samples that are drawn."""
+    scored = np.zeros(one.y.size, dtype=bool)
+    scored[one.scored] = True
+    return telling_stretch(one.recording.u, one.recording.y - one.y, scored)
+
+
+def _draw(above: Axes, below: Axes, one: Predicted) -> None:
+    r, part = one.recording, _shown(one)
+    error = r.y - one.y
+    time = scaled("time", "s", r.t[part])
+    out = scaled("displacement" if r.units.output == "m" else "output", r.units.output, r.y[part])
+    usual = max(float(np.percentile(np.abs(error[part]), _USUAL)), _BAND * r.noise if r.noise_found else 0.0)
+    left = scaled("residual", r.units.output, usual)
+    for y, colour, name, width in ((r.y, MEASURED, "measured", 4.0), (one.y, AFTER, _legend(one), 1.2)):
+        index = envelope(y[part])
+        above.plot(time(r.t[part][index]), out(y[part][index]), color=colour, label=name, linewidth=width)
+    index = envelope(error[part])
+    below.plot(time(r.t[part][index]), left(error[part][index]), color=AFTER, linewidth=0.8)
+    if r.noise_found:
+        for edge in (-_BAND, _BAND):
+            below.axhline(
+                float(left(edge * r.noise)), color=INK, linewidth=0.9, dashes=(4, 2),
+                label="± 2 × noise" if edge > 0.0 else None,
+            )  # fmt: skip
+        below.legend(loc="upper right", borderaxespad=0.1)
+    _shade(below, one, part, time.size)
+    above.set_title(_title(one, part))
+    above.set_ylabel(out.label)
+    low, high = above.get_ylim()
+    above.set_ylim(low, high + 0.2 * (high - low))
+    above.legend(loc="upper left", ncols=2, borderaxespad=0.1)
+    reach = float(left(usual)) or 1.0
+    # Room for the legend above what is usual.
+    below.set_ylim(-1.4 * reach, 2.1 * reach)
+    below.set_ylabel(left.label)
+    below.set_xlabel(time.label)
+    for axes in (above, below):
+        axes.margins(x=0.01)
+        axes.set_xlim(*(float(time(t)) for t in r.t[part][[0, -1]]))
+        quiet_grid(axes)
+
+
+def _shade(axes: Axes, one: Predicted, part: slice, size: float) -> None:
+    """Shade the samples before the scored ones."""
+    first = one.scored.start
+    if part.start < first < part.stop:
+        edges = one.recording.t[[part.start, first]] / size
+        axes.axvspan(edges[0], edges[1], color=FAINT, alpha=0.6, linewidth=0, zorder=0)
+
+
+def _legend(one: Predicted) -> str:
+    scores = one.document("")
+    rmse = finite(scores["rmse"])
+    size = DASH if rmse is None else quantity(rmse, one.recording.units.output)
+    return f"simulated: fit {percent(scores['fit_percent'], 2)} %, RMSE {size}"
+
+
+def _title(one: Predicted, part: slice) -> str:
+    r = one.recording
+    use = ", held out" if one.held_out or r.mask("confirmation").any() else ""
+    if part == slice(0, r.t.size):
+        return literal(r.name, 40) + use
+    size, unit = prefixed(float(r.t[-1]), "s")
+    first, last, whole = (f"{t / size:.3g}" for t in (r.t[part.start], r.t[part.stop - 1], r.t[-1]))
+    return f"{literal(r.name, 30)}{use}: {first} to {last} of {whole} {unit}"
+
+
+def _table(one: Predicted) -> pd.DataFrame:
+    r, shown = one.recording, np.zeros(one.y.size, dtype=np.int64)
+    shown[_shown(one)] = 1
+    unit = r.units.output
+    return pd.DataFrame(
+        {
+            "recording": r.name,
+            "time_s": r.t,
+            column("input", r.units.input): r.u,
+            column("measured", unit): r.y,
+            column("simulated", unit): one.y,
+            column("residual", unit): r.y - one.y,
+            column("noise", unit): r.noise if r.noise_found else np.nan,
+            "shown_1": shown,
+        }
+    )
+
+
+# Frequencies that differ by less than this share have one panel.
+_ALIKE = 0.005
+
+
+@dataclass(frozen=True)
+class Loops:
+    """Recordings of each panel.
+
+    Attributes:
+        found: by the panel's title; those of one frequency, the largest first.
+    """
+
+    found: dict[str, tuple[Predicted, ...]]
+
+    def draw(self, axes: Any = None) -> Panels:
+        """(F,) axes, one for each frequency."""
+        count = len(self.found)
+        columns = min(3, count)
+        rows = -(-count // columns)
+        with rc_context(RC):
+            if axes is None:
+                panels = grid(None, rows, columns, 3.6 * columns + (1.4 if columns == 1 else 0.2), 3.2 * rows)
+                hide_unused(panels, count)
+                panels = panels.reshape(-1)[:count]
+            else:
+                panels = grid(axes, 1, count, 0.0, 0.0)[0]
+            for one, (title, some) in zip(panels, self.found.items(), strict=True):
+                _draw_loops(one, title, some)
+        return panels
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """The loops that are drawn."""
+        return {"": under_each_other(_loop_table(one) for some in self.found.values() for one in some)}
+
+
+def loops(
+    model: Model | StoredModes | Diagnosis | str | Path,
+    campaign: Campaign | str | Path,
+    *,
+    recordings: Sequence[str] | None = None,
+    axes: Any = None,
+) -> Panels:
+    """Draw hysteresis loops, the output over the input in the last period, measured and simulated.
+
+        axes = phnn.plot.loops(diagnosis.model, campaign)
+
+    Recordings of one frequency share a panel.
+
+    Args:
+        model: a model, a diagnosis (its final model), or the folder of either.
+        campaign: recordings with outputs, some of which repeat.
+        recordings: names of those to draw, also some that do not repeat: these are drawn as a whole. The first twelve
+            that repeat if left out.
+        axes: one for each frequency to draw into.
+
+    Returns:
+        (F,) axes, from the lowest frequency to the highest.
+
+    Raises:
+        InputRefused: there is no such model or recording, nothing repeats, or another number of axes.
+        SolverFailed: a step has no solution.
+    """
+    return hysteresis(model, campaign, recordings).draw(axes)
+
+
+def hysteresis(model: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None = None) -> Loops:
+    """What `loops` draws."""
+    campaign = campaign_of(campaign)
+    if recordings is None:
+        recordings = [r.name for r in campaign.recordings if r.period is not None and np.isfinite(r.y).any()][:MOST]
+        if not recordings:
+            names = ", ".join(r.name for r in chosen(campaign, None).recordings)
+            raise InputRefused(
+                f"no recording repeats, so that there is no loop: name some of {names} to draw as a whole"
+            )
+    found = sorted(predictions(model, campaign, recordings), key=_order)
+    panels: dict[str, list[Predicted]] = {}
+    last = None
+    for one in found:
+        period = one.recording.period
+        if last is None or period is None or abs(period / last - 1.0) > _ALIKE:
+            last, title = period, literal(one.recording.name, 34) if period is None else quantity(1.0 / period, "Hz")
+            while title in panels:
+                # Another panel whose shortened name or rounded frequency is the same.
+                title += "′"
+            panels[title] = []
+        panels[title].append(one)
+    return Loops({title: tuple(some) for title, some in panels.items()})
+
+
+def _order(one: Predicted) -> tuple[float, float]:
+    """Lowest frequency first, what does not repeat last; large loops before small ones, which they would hide."""
+    period = one.recording.period
+    return (np.inf if period is None else 1.0 / period, -float(np.ptp(one.recording.u)))
+
+
+def _draw_loops(axes: Axes, title: str, some: Sequence[Predicted]) -> None:
+    r = some[0].recording
+    into = scaled("voltage" if r.units.input == "V" else "input", r.units.input, *(one.recording.u for one in some))
+    out = scaled(
+        "displacement" if r.units.output == "m" else "output", r.units.output, *(one.recording.y for one in some)
+    )
+    for number, one in enumerate(some):
+        rows, u = one.recording.last_periods(1.0), one.recording.u
+        for y, colour, name, width in ((one.recording.y, MEASURED, "measured", 4.0), (one.y, AFTER, "simulated", 1.2)):
+            index = envelope(y[rows])
+            axes.plot(
+                into(u[rows][index]), out(y[rows][index]), color=colour, linewidth=width,
+                label=name if number == 0 else None, zorder=2.0 if name == "measured" else 3.0,
+            )  # fmt: skip
+    axes.set_title(title)
+    axes.set_xlabel(into.label)
+    axes.set_ylabel(out.label)
+    axes.legend(loc="best")
+    quiet_grid(axes)
+
+
+def _loop_table(one: Predicted) -> pd.DataFrame:
+    r, rows = one.recording, one.recording.last_periods(1.0)
+    return pd.DataFrame(
+        {
+            "recording": r.name,
+            "frequency_Hz": np.nan if r.period is None else 1.0 / r.period,
+            "time_s": r.t[rows],
+            column("input", r.units.input): r.u[rows],
+            column("measured", r.units.output): r.y[rows],
+            column("simulated", r.units.output): one.y[rows],
+        }
+    )
+
+
+_NOTHING = "The residual as a whole is not significant: there is nothing to locate."
+
+
+@dataclass(frozen=True)
+class Locations:
+    """Attributes:
+    found: where the mismatch is; None where there is none.
+    """
+
+    found: Location | None
+
+    def draw(self, axes: Any = None) -> Axes:
+        """Draw the bars, or a sentence where nothing is located."""
+        with rc_context(RC):
+            height = 2.0 if self.found is None else height_of(self.found)
+            panel: Axes = grid(axes, 1, 1, 7.2, height)[0, 0]
+            if self.found is None:
+                say(panel, _NOTHING)
+                panel.set_xlabel("share of the explainable residual (1)")
+            else:
+                locations_into(panel, self.found)
+        return panel
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Locations, their shares, and which is best or tied with the best."""
+        scores = self.found.scores if self.found is not None else ()
+        rows = [(name, score, _rank(self.found, name)) for name, score in scores]
+        return {"": pd.DataFrame(rows, columns=["location", "share_of_explainable_residual_1", "rank"])}
+
+
+def location(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes:
+    """Draw the share of the explainable residual that each location predicts on recordings left out.
+
+        ax = phnn.plot.location(diagnosis)
+
+    Args:
+        diagnosis: a finished diagnosis.
+        ax: axes to draw into.
+
+    Returns:
+        The axes; they hold a sentence where the diagnosis has located nothing.
+    """
+    return located(diagnosis).draw(ax)
+
+
+def located(diagnosis: Diagnosis) -> Locations:
+    """What `location` draws.
+
+    Raises:
+        InputRefused: it is no diagnosis.
+    """
+    if not hasattr(diagnosis, "judgement"):
+        raise InputRefused(
+            f"a {type(diagnosis).__name__} has no locations: give a diagnosis, what phnn.diagnose(folder) returns"
+        )
+    judged = diagnosis.judgement
+    if judged.location is None:
+        return Locations(None)
+    name, *tied = judged.places
+    scores = tuple(sorted(judged.location.scores.items(), key=lambda item: -item[1]))
+    return Locations(Location(name, judged.detail, tuple(tied), scores, (), (), ()))
+
+
+def _rank(found: Location | None, name: str) -> str:
+    if found is None or name not in (found.name, *found.tied):
+        return ""
+    return "best" if name == found.name else "tied"
