@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -15,11 +13,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recordings_example import output, refused, sine, write
+from recordings_example import output, refused, sine
 
 from phnn.recordings import read
-from phnn.recordings.reader import READERS
-from phnn.recordings.text_files import read_text
 from phnn.recordings.units import QUANTITIES, accepted, by_pint, find_unit, known_unit, parse_name, suits, to_si
 
 STATED = "columns: {time: {column: 0, unit: s}, voltage: {column: 1, unit: V}, displacement: {column: 2, unit: m}}\n"
@@ -197,98 +193,6 @@ def made() -> np.ndarray:
     return np.column_stack([t, u, output(u)])
 
 
-NAMES = ("time_s", "voltage_V", "displacement_m")
-
-
-def _text(separator: str) -> Callable[[Path], None]:
-    def save(path: Path) -> None:
-        np.savetxt(path, made(), delimiter=separator, header=separator.join(NAMES), comments="", fmt="%.17g")
-
-    return save
-
-
-def _mat(path: Path) -> None:
-    import scipy.io
-
-    scipy.io.savemat(path, dict(zip(NAMES, made().T, strict=True)))
-
-
-def _hdf5(path: Path) -> None:
-    import h5py
-
-    with h5py.File(path, "w") as file:
-        for name, column in zip(NAMES, made().T, strict=True):
-            file[name] = column
-
-
-def _npy(path: Path) -> None:
-    fields = np.dtype([(name, float) for name in NAMES])
-    np.save(path, np.array([tuple(row) for row in made()], dtype=fields))
-
-
-def _npz(path: Path) -> None:
-    np.savez(path, **dict(zip(NAMES, made().T, strict=True)))
-
-
-def _tdms(path: Path) -> None:
-    nptdms = pytest.importorskip("nptdms")
-    with nptdms.TdmsWriter(path) as writer:
-        writer.write_segment([nptdms.ChannelObject("run", n, c) for n, c in zip(NAMES, made().T, strict=True)])
-
-
-def _json(path: Path) -> None:
-    path.write_text(json.dumps(dict(zip(NAMES, made().T.tolist(), strict=True))))
-
-
-WRITERS: dict[str, Callable[[Path], None]] = {
-    ".csv": _text(","),
-    ".tsv": _text("\t"),
-    ".dat": _text(" "),
-    ".txt": _text(" "),
-    ".asc": _text(";"),
-    ".lvm": _text("\t"),
-    ".mat": _mat,
-    ".h5": _hdf5,
-    ".hdf5": _hdf5,
-    ".npy": _npy,
-    ".npz": _npz,
-    ".tdms": _tdms,
-    ".json": _json,
-}
-
-
-@pytest.mark.parametrize("suffix", READERS)
-def test_every_format_gives_the_same_recording(tmp_path: Path, suffix: str) -> None:
-    WRITERS[suffix](tmp_path / f"a{suffix}")
-    recorded(tmp_path)
-
-
-@pytest.mark.parametrize("suffix", [s for s, reader in READERS.items() if reader is not read_text])
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.95])
-def test_a_truncated_file_is_refused(tmp_path: Path, suffix: str, share: float) -> None:
-    path = tmp_path / f"a{suffix}"
-    WRITERS[suffix](path)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: int(share * len(whole))])
-    refused(tmp_path, path.name)
-
-
-def test_tdms_waveforms_bring_time_and_units(tmp_path: Path) -> None:
-    nptdms = pytest.importorskip("nptdms")
-    t, u, y = made().T
-    waveform = {"wf_increment": float(t[1]), "wf_start_offset": 0.0, "wf_samples": t.size}
-    channels = [
-        nptdms.ChannelObject("run", "Voltage", u, {**waveform, "unit_string": "V"}),
-        nptdms.ChannelObject("run", "Displacement", 1e6 * y, {**waveform, "unit_string": "\u00b5m"}),
-    ]
-    with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
-        writer.write_segment(channels)
-    r = read(tmp_path).recordings[0]
-    assert r.dt == pytest.approx(t[1])
-    np.testing.assert_array_equal(r.u, u)
-    np.testing.assert_allclose(r.y, y, rtol=1e-14)
-
-
 def test_tdms_without_its_package_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.tdms").write_bytes(b"TDSm")
     monkeypatch.setitem(sys.modules, "nptdms", None)
@@ -305,69 +209,6 @@ def test_datasets_of_a_group_by_name(tmp_path: Path) -> None:
         STATED + "recordings: [{file: a.h5, variables: {time: scope.T, voltage: scope.V1, displacement: scope.V2}}]"
     )
     recorded(tmp_path)
-
-
-@pytest.mark.parametrize("transposed", [False, True])
-def test_npy(tmp_path: Path, transposed: bool) -> None:
-    np.save(tmp_path / "a.npy", made().T if transposed else made())
-    (tmp_path / "recordings.yaml").write_text(STATED)
-    recorded(tmp_path)
-
-
-@pytest.mark.parametrize("row_vectors", [False, True])
-def test_mat_v5_by_name(tmp_path: Path, row_vectors: bool) -> None:
-    import scipy.io
-
-    names = ("time_s", "voltage_V", "displacement_m")
-    columns = {n: (c[None, :] if row_vectors else c[:, None]) for n, c in zip(names, made().T, strict=True)}
-    scipy.io.savemat(tmp_path / "a.mat", columns)
-    recorded(tmp_path)
-
-
-def test_mat_v5_structure(tmp_path: Path) -> None:
-    import scipy.io
-
-    t, u, y = made().T
-    scipy.io.savemat(tmp_path / "a.mat", {"run": {"t": t, "both": np.column_stack([u, y])}})
-    (tmp_path / "recordings.yaml").write_text(
-        STATED
-        + "recordings: [{file: a.mat, variables: {time: run.t, voltage: 'run.both[0]', displacement: 'run.both[1]'}}]"
-    )
-    recorded(tmp_path)
-
-
-def test_mat_v73(tmp_path: Path) -> None:
-    import h5py
-
-    with h5py.File(tmp_path / "a.mat", "w") as file:
-        for name, column in zip(("T", "V1", "V2"), made().T, strict=True):
-            file[name] = column[None, :]
-    (tmp_path / "recordings.yaml").write_text(
-        STATED + "recordings: [{file: a.mat, variables: {time: T, voltage: V1, displacement: V2}}]"
-    )
-    recorded(tmp_path)
-
-
-@pytest.mark.parametrize("header", ["", "time_s voltage_V displacement_m\n", "# time_s voltage_V displacement_m\n"])
-def test_white_space_text(tmp_path: Path, header: str) -> None:
-    rows = "\n".join("  ".join(repr(float(v)) for v in row) for row in made())
-    (tmp_path / "a.txt").write_text(header + rows)
-    if not header:
-        (tmp_path / "recordings.yaml").write_text(STATED)
-    recorded(tmp_path)
-
-
-def test_csv_without_header_by_index(tmp_path: Path) -> None:
-    np.savetxt(tmp_path / "a.csv", made(), delimiter=",", fmt="%.17g")
-    (tmp_path / "recordings.yaml").write_text(STATED)
-    recorded(tmp_path)
-
-
-def test_csv_with_mark_comment_and_latin_micro(tmp_path: Path) -> None:
-    t, u, y = made().T
-    path = write(tmp_path / "a.csv", t, u, 1e6 * y, header="# bench 3\ntime_s,voltage_V,displacement_\u00b5m")
-    path.write_bytes(path.read_text().encode("latin-1"))
-    np.testing.assert_allclose(read(tmp_path).recordings[0].y, y, rtol=1e-14)
 
 
 HEADERS = {
@@ -402,37 +243,9 @@ def test_text_as_instruments_write_it(tmp_path: Path, header: str, separator: st
     np.testing.assert_allclose(r.y, y, rtol=1e-14)
 
 
-def test_whole_numbers_between_semicolons(tmp_path: Path) -> None:
-    rows = "\n".join(f"{i};{i % 70};{i * i % 90}" for i in range(200))
-    (tmp_path / "a.csv").write_text("time_ms;voltage_mV;displacement_nm\n" + rows)
-    r = read(tmp_path).recordings[0]
-    assert r.dt == pytest.approx(1e-3)
-    np.testing.assert_allclose(r.u, 1e-3 * (np.arange(200) % 70))
-
-
-def test_empty_cells_are_missing_samples(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.csv", *made().T)
-    lines = path.read_text().splitlines()
-    lines[9] = lines[9].rsplit(",", 1)[0] + ","
-    path.write_text("\n".join(lines))
-    refused(tmp_path, "a.csv", "row 9 (line 10)", "NaN")
-
-
-def test_unequal_variables(tmp_path: Path) -> None:
-    import scipy.io
-
-    scipy.io.savemat(tmp_path / "a.mat", {"voltage_V": np.arange(90.0), "displacement_m": np.arange(91.0)})
-    refused(tmp_path, "a.mat", "unequal", "voltage_V", "90", "91")
-
-
 def test_array_of_another_shape(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.zeros((100, 3, 2)))
     refused(tmp_path, "a.npy", "(100, 3, 2)", "(samples, columns)")
-
-
-def test_pickled_arrays_are_not_loaded(tmp_path: Path) -> None:
-    np.save(tmp_path / "a.npy", np.array([{"x": 1}], dtype=object), allow_pickle=True)
-    refused(tmp_path, "a.npy", "not a readable .npy file")
 
 
 def test_prediction_needs_no_output(tmp_path: Path) -> None:
