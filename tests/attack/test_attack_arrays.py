@@ -138,16 +138,9 @@ TABLES = {
     "a soft link inside.h5": lambda: hdf5(lambda f: (columns(f), f.__setitem__("voltage_2", h5py.SoftLink("/time_s")))),
 }
 GOOD = (
-    "an unused array.npz",
-    "scalars.npz",
-    "null datasets.h5",
-    "references.h5",
-    "enums.h5",
-    "an unused petabyte.h5",
-    "a circle.h5",
-    "a dangling link.h5",
-    "a soft link inside.h5",
-)
+    "an unused array.npz", "scalars.npz", "null datasets.h5", "references.h5", "enums.h5", "an unused petabyte.h5",
+    "a circle.h5", "a dangling link.h5", "a soft link inside.h5",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("case", TABLES)
@@ -200,17 +193,9 @@ def waveform(**properties: object) -> bytes:
 
 
 PROPERTIES = {
-    "a text": "soon",
-    "negative": -1.0,
-    "NaN": float("nan"),
-    "infinite": float("inf"),
-    "zero": 0.0,
-    "tiny": 1e-320,
-    "huge": 1e300,
-    "a flag": True,
-    "a whole number": 1,
-    "right": 1e-3,
-}
+    "a text": "soon", "negative": -1.0, "NaN": float("nan"), "infinite": float("inf"), "zero": 0.0, "tiny": 1e-320,
+    "huge": 1e300, "a flag": True, "a whole number": 1, "right": 1e-3,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", PROPERTIES)

@@ -29,24 +29,17 @@ def _saved(content: Any) -> bytes:
 
 STATE = {"schema": "phnn.checkpoint/1", "random": torch.get_rng_state()}
 CHECKPOINTS = {
-    "empty": b"",
-    "a text": b"checkpoint",
-    "zeros": bytes(4096),
-    "a list": _saved([1, 2]),
-    "no schema": _saved({"random": 1}),
-    "another schema": _saved({**STATE, "schema": "x"}),
+    "empty": b"", "a text": b"checkpoint", "zeros": bytes(4096), "a list": _saved([1, 2]),
+    "no schema": _saved({"random": 1}), "another schema": _saved({**STATE, "schema": "x"}),
     "no random state": _saved({"schema": STATE["schema"]}),
     "a random state that is none": _saved({**STATE, "random": 3}),
     "an empty one": _saved({**STATE, "random": torch.zeros(0)}),
-    "of another type": _saved({**STATE, "random": torch.zeros(5056)}),
-    "no keys": _saved(STATE),
+    "of another type": _saved({**STATE, "random": torch.zeros(5056)}), "no keys": _saved(STATE),
     "a pickle": pickle.dumps(_Runs()),
     "a pickle in a zip": zipped({"archive/data.pkl": pickle.dumps(_Runs()), "archive/version": b"3"}),
-    "an empty zip": zipped({}),
-    "a zip bomb": zipped({"archive/data.pkl": b"\x80\x02}", "archive/version": b"3"}),
-    "a tensor that is not there": _saved(STATE)[:-800],
-    "a numpy array": _saved({**STATE, "x": np.zeros(3)}),
-}
+    "an empty zip": zipped({}), "a zip bomb": zipped({"archive/data.pkl": b"\x80\x02}", "archive/version": b"3"}),
+    "a tensor that is not there": _saved(STATE)[:-800], "a numpy array": _saved({**STATE, "x": np.zeros(3)}),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", CHECKPOINTS)

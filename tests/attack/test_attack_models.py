@@ -118,24 +118,17 @@ WRONG: dict[str, tuple[tuple[str | int, ...], Any]] = {
     "nothing as resistors": (("resistors",), None),
 }
 LEARNED: dict[str, tuple[tuple[str | int, ...], Any]] = {
-    "a billion units": (("units",), 10**9),
-    "minus one": (("units",), -1),
-    "another number": (("units",), 3),
-    "a text": (("units",), "2"),
-    "an unknown kind": (("kind",), "active"),
-    "a kind that is a list": (("kind",), ["convex"]),
-    "no state": (("state",), None),
-    "a negative scale": (("state", "scale"), -1.0),
-    "no scale": (("state", "scale"), 0.0),
-    "a scale of NaN": (("state", "scale"), float("nan")),
-    "a weight beyond use": (("state", "gains"), [1e9, 1e9]),
+    "a billion units": (("units",), 10**9), "minus one": (("units",), -1), "another number": (("units",), 3),
+    "a text": (("units",), "2"), "an unknown kind": (("kind",), "active"),
+    "a kind that is a list": (("kind",), ["convex"]), "no state": (("state",), None),
+    "a negative scale": (("state", "scale"), -1.0), "no scale": (("state", "scale"), 0.0),
+    "a scale of NaN": (("state", "scale"), float("nan")), "a weight beyond use": (("state", "gains"), [1e9, 1e9]),
     "a weight of NaN": (("state", "gains"), [float("nan"), 1.0]),
     "weights of another shape": (("state", "gains"), [1.0]),
-    "ragged weights": (("state", "gains"), [[1.0], [1.0, 2.0]]),
-    "a text as weights": (("state", "gains"), "abc"),
+    "ragged weights": (("state", "gains"), [[1.0], [1.0, 2.0]]), "a text as weights": (("state", "gains"), "abc"),
     "weights of 400 digits": (("state", "gains"), [10**400, 1.0]),
     "nested weights": (("state", "gains"), [[[[[[1.0]]]]]]),
-}
+}  # fmt: skip
 SIGNED = {"damping": "conductance", "monotone": "flow", "convex": "typical"}
 
 
@@ -197,28 +190,15 @@ def test_a_wrong_learned_law_is_refused(law: str, case: str, attack: Attack, goo
 
 
 TEXTS = {
-    "empty": "",
-    "a number": "3",
-    "a list": "[]",
-    "a text": '"model"',
-    "deep": "[" * 100_000,
-    "deep and closed": "[" * 900 + "]" * 900,
-    "deep objects": '{"a":' * 5000 + "1" + "}" * 5000,
-    "a key twice": '{"schema": "phnn.model/1", "schema": "phnn.model/1"}',
-    "not UTF-8": b'{"schema": "\xff"}',
-    "UTF-16": '{"schema": 1}'.encode("utf-16"),
-    "NUL": b"\0" * 100,
-    "cut": '{"schema": "phnn',
-    "NaN": '{"schema": NaN}',
-    "a comment": "// model\n{}",
-    "too large": b" " * (16 * 2**20 + 1),
-    "a huge text": '{"schema": "' + "x" * 10**6 + '"}',
-    "many keys": json.dumps({f"k{i}": i for i in range(50_000)}),
-    "long digits": "1" * 100_000,
-    "a surrogate": '{"schema": "\\ud800"}',
-    "an exponent": '{"schema": 1e99999}',
+    "empty": "", "a number": "3", "a list": "[]", "a text": '"model"', "deep": "[" * 100_000,
+    "deep and closed": "[" * 900 + "]" * 900, "deep objects": '{"a":' * 5000 + "1" + "}" * 5000,
+    "a key twice": '{"schema": "phnn.model/1", "schema": "phnn.model/1"}', "not UTF-8": b'{"schema": "\xff"}',
+    "UTF-16": '{"schema": 1}'.encode("utf-16"), "NUL": b"\0" * 100, "cut": '{"schema": "phnn',
+    "NaN": '{"schema": NaN}', "a comment": "// model\n{}", "too large": b" " * (16 * 2**20 + 1),
+    "a huge text": '{"schema": "' + "x" * 10**6 + '"}', "many keys": json.dumps({f"k{i}": i for i in range(50_000)}),
+    "long digits": "1" * 100_000, "a surrogate": '{"schema": "\\ud800"}', "an exponent": '{"schema": 1e99999}',
     "only a schema": '{"schema": "phnn.model/1"}',
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("text", TEXTS)

@@ -123,27 +123,15 @@ def unreadable(path: Path) -> None:
 
 
 KINDS: dict[str, Callable[[Path], object]] = {
-    "a pipe": fifo,
-    "a socket": bound,
-    "a folder": Path.mkdir,
-    "a link to nothing": link("nowhere.csv"),
-    "a link to itself": link("a.csv"),
-    "a link to zeros": link("/dev/zero"),
-    "a link to a terminal": link("/dev/tty"),
-    "a link to standard input": link("/dev/stdin"),
-    "a link to memory": link("/proc/self/mem"),
-    "a link to the environment": link("/proc/self/environ"),
-    "a link to passwords": link("/etc/passwd"),
-    "a link to a folder": link("/etc"),
-    "a link outside": link("../outside.csv"),
-    "an absolute link": link("/etc/hostname"),
-    "a link upwards": link(".."),
-    "20 GB of nothing": sparse(20 * 10**9),
-    "1 GB of nothing": sparse(10**9),
-    "100 MB of nothing": sparse(10**8),
-    "an exabyte": sparse(2**43),
+    "a pipe": fifo, "a socket": bound, "a folder": Path.mkdir, "a link to nothing": link("nowhere.csv"),
+    "a link to itself": link("a.csv"), "a link to zeros": link("/dev/zero"), "a link to a terminal": link("/dev/tty"),
+    "a link to standard input": link("/dev/stdin"), "a link to memory": link("/proc/self/mem"),
+    "a link to the environment": link("/proc/self/environ"), "a link to passwords": link("/etc/passwd"),
+    "a link to a folder": link("/etc"), "a link outside": link("../outside.csv"),
+    "an absolute link": link("/etc/hostname"), "a link upwards": link(".."), "20 GB of nothing": sparse(20 * 10**9),
+    "1 GB of nothing": sparse(10**9), "100 MB of nothing": sparse(10**8), "an exabyte": sparse(2**43),
     "no permission": unreadable,
-}
+}  # fmt: skip
 SUFFIXES = quick([".csv", ".h5"], ".txt", ".npy", ".npz", ".mat", ".tdms")
 
 
@@ -194,25 +182,11 @@ def test_kinds_of_other_files(what: str, kind: str, attack: Attack, good: Path, 
 
 
 PATHS = (
-    "../outside.csv",
-    "/etc/passwd",
-    "../../../../../../etc/passwd",
-    "sub/../../outside.csv",
-    "./../outside.csv",
-    "/dev/zero",
-    "/proc/self/environ",
-    "..",
-    ".",
-    "/",
-    "~/x.csv",
-    "a.csv/../../outside.csv",
-    "nowhere/../a.csv",
-    "x" * 300 + ".csv",
-    "y/" * 3000 + "a.csv",
-    "\\\\server\\share.csv",
-    "file:///etc/passwd",
+    "../outside.csv", "/etc/passwd", "../../../../../../etc/passwd", "sub/../../outside.csv", "./../outside.csv",
+    "/dev/zero", "/proc/self/environ", "..", ".", "/", "~/x.csv", "a.csv/../../outside.csv", "nowhere/../a.csv",
+    "x" * 300 + ".csv", "y/" * 3000 + "a.csv", "\\\\server\\share.csv", "file:///etc/passwd",
     "http://example.org/a.csv",
-)
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("path", PATHS)

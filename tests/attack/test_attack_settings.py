@@ -12,14 +12,8 @@ from phnn.intake.limits import LIMITS, Limits, available_memory
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "limits.md"
 COUNTS = (
-    "starts=1001",
-    "workers=257",
-    "workers=0",
-    "starts=1e9",
-    "starts=" + "9" * 400,
-    "seed=" + "9" * 400,
-    "seed=-1",
-)
+    "starts=1001", "workers=257", "workers=0", "starts=1e9", "starts=" + "9" * 400, "seed=" + "9" * 400, "seed=-1",
+)  # fmt: skip
 TRAINING = ("substeps=1025", "model.hysterons=21", "model.hysterons=-1", "model.hysterons=two", "model.width=4097",
             "model.width=[1]", "model.spring_width=1e9", "seed=" + "9" * 30, "stride=0", "folder=/dev/zero",
             "manifest=/dev/zero", "manifest=/etc/passwd", "base=/dev/zero", "base=/etc/passwd")  # fmt: skip

@@ -13,37 +13,15 @@ from hypothesis import strategies as st
 
 ROWS = csv().splitlines()
 NUMBERS = {
-    "NaN": "nan",
-    "infinite": "inf",
-    "400 digits": "9" * 400,
-    "a huge exponent": "1e999999999",
-    "a tiny one": "1e-999999999",
-    "denormal": "1e-320",
-    "huge": "1e308",
-    "hexadecimal": "0x1p3",
-    "an underscore": "1_000",
-    "a fraction": "1/2",
-    "a date": "2001-12-14",
-    "code": "__import__('os').system('touch ran')",
-    "a formula": "=cmd|'/c calc'!A0",
-    "a quote": '"',
-    "two quotes": '""',
-    "empty": "",
-    "blank": " ",
-    "a percent sign": "50%",
-    "Arabic digits": "\u0661\u0662",
-    "full-width digits": "\uff11",
-    "a minus sign": "\u22125",
-    "complex": "1j",
-    "a flag": "True",
-    "NUL": "\0",
-    "an escape code": "\x1b[31m5",
-    "a carriage return": "1\r2",
-    "a form feed": "1\f2",
-    "a line separator": "1\u20282",
-    "a long text": "x" * 90_000,
-    "a surrogate": "\ud800",
-}
+    "NaN": "nan", "infinite": "inf", "400 digits": "9" * 400, "a huge exponent": "1e999999999",
+    "a tiny one": "1e-999999999", "denormal": "1e-320", "huge": "1e308", "hexadecimal": "0x1p3",
+    "an underscore": "1_000", "a fraction": "1/2", "a date": "2001-12-14",
+    "code": "__import__('os').system('touch ran')", "a formula": "=cmd|'/c calc'!A0", "a quote": '"',
+    "two quotes": '""', "empty": "", "blank": " ", "a percent sign": "50%", "Arabic digits": "\u0661\u0662",
+    "full-width digits": "\uff11", "a minus sign": "\u22125", "complex": "1j", "a flag": "True", "NUL": "\0",
+    "an escape code": "\x1b[31m5", "a carriage return": "1\r2", "a form feed": "1\f2", "a line separator": "1\u20282",
+    "a long text": "x" * 90_000, "a surrogate": "\ud800",
+}  # fmt: skip
 COLUMN = {"time": 0, "voltage": 1, "displacement": 2}
 
 

@@ -64,23 +64,16 @@ def _tdms(file: io.BytesIO) -> None:
 STRUCTURED = np.array([tuple(row) for row in np.column_stack([*COLUMNS.values()])], dtype=[(n, "f8") for n in NAMES])
 INSTRUMENT = "Oscilloscope 7\nDate: 1 May\n\n" + "\t".join(n.split("_")[0] for n in NAMES) + "\ns\tV\tum"
 FILES: dict[str, bytes] = {
-    ".csv": table(",", ".", ",".join(NAMES), "%r"),
-    "fixed.csv": table(",", ".", ",".join(NAMES), "%.9e"),
-    "comma.csv": table(";", ",", ";".join(NAMES)),
-    ".tsv": table("\t", ".", "\t".join(NAMES)),
-    ".dat": table(" ", ".", "# " + " ".join(NAMES)),
-    ".asc": table(";", ".", ";".join(NAMES), end="\r\n"),
-    ".lvm": table("\t", ",", "\t".join(NAMES)),
-    ".txt": table("\t", ".", INSTRUMENT),
-    ".npy": binary(lambda f: np.save(f, STRUCTURED)),
-    ".npz": binary(lambda f: np.savez(f, **COLUMNS)),
+    ".csv": table(",", ".", ",".join(NAMES), "%r"), "fixed.csv": table(",", ".", ",".join(NAMES), "%.9e"),
+    "comma.csv": table(";", ",", ";".join(NAMES)), ".tsv": table("\t", ".", "\t".join(NAMES)),
+    ".dat": table(" ", ".", "# " + " ".join(NAMES)), ".asc": table(";", ".", ";".join(NAMES), end="\r\n"),
+    ".lvm": table("\t", ",", "\t".join(NAMES)), ".txt": table("\t", ".", INSTRUMENT),
+    ".npy": binary(lambda f: np.save(f, STRUCTURED)), ".npz": binary(lambda f: np.savez(f, **COLUMNS)),
     ".mat": binary(lambda f: scipy.io.savemat(f, COLUMNS)),
-    "small.mat": binary(lambda f: scipy.io.savemat(f, COLUMNS, do_compression=True)),
-    ".h5": binary(_hdf5),
-    ".hdf5": binary(_hdf5),
-    ".json": json.dumps({name: values.tolist() for name, values in COLUMNS.items()}).encode(),
+    "small.mat": binary(lambda f: scipy.io.savemat(f, COLUMNS, do_compression=True)), ".h5": binary(_hdf5),
+    ".hdf5": binary(_hdf5), ".json": json.dumps({name: values.tolist() for name, values in COLUMNS.items()}).encode(),
     "records.json": json.dumps([dict(zip(NAMES, row, strict=True)) for row in STRUCTURED.tolist()]).encode(),
-}
+}  # fmt: skip
 if importlib.util.find_spec("nptdms") is not None:
     FILES[".tdms"] = binary(_tdms)
 TEXT = [name for name in FILES if name.endswith((".csv", ".txt"))]

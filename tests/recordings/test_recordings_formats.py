@@ -61,40 +61,17 @@ def test_round_trip_with_random_units(
     np.testing.assert_allclose(r.channels["temperature"], channels["temperature"][0], rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("unit", "value", "expected", "si"),
-    [
-        ("min", 2.0, 120.0, "s"),
-        ("kV", 1.5, 1500.0, "V"),
-        ("nm", 3.0, 3e-9, "m"),
-        ("micron", 3.0, 3e-6, "m"),
-        ("\u00b5m", 3.0, 3e-6, "m"),
-        ("in", 1.0, 0.0254, "m"),
-        ("degC", 20.0, 293.15, "K"),
-        ("\u00b0F", 212.0, 373.15, "K"),
-        ("nC", 1.0, 1e-9, "C"),
-        ("lbf", 1.0, 4.4482216152605, "N"),
-        ("lbf/in", 2.0, 2 * 4.4482216152605 / 0.0254, "N/m"),
-        ("Nm", 2.0, 2.0, "N·m"),
-        ("mN.m", 2.0, 2e-3, "N·m"),
-        ("N s/m", 2.0, 2.0, "N·s/m"),
-        ("m3/s", 2.0, 2.0, "m³/s"),
-        ("m³/h", 3600.0, 1.0, "m³/s"),
-        ("L/min", 60.0, 1e-3, "m³/s"),
-        ("mm/s^2", 2.0, 2e-3, "m/s²"),
-        ("m s-2", 2.0, 2.0, "m/s²"),
-        ("V/(m s)", 2.0, 2.0, "V/m/s"),
-        ("rad", 2.0, 2.0, "rad"),
-        ("deg/s", 180.0, np.pi, "rad/s"),
-        ("rpm", 60.0, 2 * np.pi, "rad/s"),
-        ("kHz", 1.0, 1e3, "Hz"),
-        ("bar", 1.0, 1e5, "Pa"),
-        ("%", 50.0, 0.5, "1"),
-        ("mV/V", 2.0, 2e-3, "1"),
-        ("1", 2.0, 2.0, "1"),
-        ("1/s", 2.0, 2.0, "1/s"),
-    ],
-)
+@pytest.mark.parametrize(("unit", "value", "expected", "si"), [
+    ("min", 2.0, 120.0, "s"), ("kV", 1.5, 1500.0, "V"), ("nm", 3.0, 3e-9, "m"), ("micron", 3.0, 3e-6, "m"),
+    ("\u00b5m", 3.0, 3e-6, "m"), ("in", 1.0, 0.0254, "m"), ("degC", 20.0, 293.15, "K"),
+    ("\u00b0F", 212.0, 373.15, "K"), ("nC", 1.0, 1e-9, "C"), ("lbf", 1.0, 4.4482216152605, "N"),
+    ("lbf/in", 2.0, 2 * 4.4482216152605 / 0.0254, "N/m"), ("Nm", 2.0, 2.0, "N·m"), ("mN.m", 2.0, 2e-3, "N·m"),
+    ("N s/m", 2.0, 2.0, "N·s/m"), ("m3/s", 2.0, 2.0, "m³/s"), ("m³/h", 3600.0, 1.0, "m³/s"),
+    ("L/min", 60.0, 1e-3, "m³/s"), ("mm/s^2", 2.0, 2e-3, "m/s²"), ("m s-2", 2.0, 2.0, "m/s²"),
+    ("V/(m s)", 2.0, 2.0, "V/m/s"), ("rad", 2.0, 2.0, "rad"), ("deg/s", 180.0, np.pi, "rad/s"),
+    ("rpm", 60.0, 2 * np.pi, "rad/s"), ("kHz", 1.0, 1e3, "Hz"), ("bar", 1.0, 1e5, "Pa"), ("%", 50.0, 0.5, "1"),
+    ("mV/V", 2.0, 2e-3, "1"), ("1", 2.0, 2.0, "1"), ("1/s", 2.0, 2.0, "1/s"),
+])  # fmt: skip
 def test_units(unit: str, value: float, expected: float, si: str) -> None:
     assert to_si(np.array([value]), unit)[0] == pytest.approx(expected, rel=1e-13)
     assert known_unit(unit).si == si
@@ -154,19 +131,11 @@ def test_common_units_need_no_definitions() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-@pytest.mark.parametrize(
-    ("name", "parsed"),
-    [
-        ("displacement_um", ("displacement", "um")),
-        ("displacement_\u00b5m", ("displacement", "um")),
-        ("displacement_\u03bcm", ("displacement", "um")),
-        ("Voltage (mV)", ("voltage", "mV")),
-        ("temperature_\u00b0C", ("temperature", "degC")),
-        ("time", ("time", None)),
-        ("position_um", None),
-        ("u[V", None),
-    ],
-)
+@pytest.mark.parametrize(("name", "parsed"), [
+    ("displacement_um", ("displacement", "um")), ("displacement_\u00b5m", ("displacement", "um")),
+    ("displacement_\u03bcm", ("displacement", "um")), ("Voltage (mV)", ("voltage", "mV")),
+    ("temperature_\u00b0C", ("temperature", "degC")), ("time", ("time", None)), ("position_um", None), ("u[V", None),
+])  # fmt: skip
 def test_names(name: str, parsed: tuple[str, str | None] | None) -> None:
     assert parse_name(name) == parsed
 

@@ -110,34 +110,27 @@ def test_undescribed_numbers_are_left_alone_with_the_reason(tmp_path: Path) -> N
     refused(tmp_path, "no recordings", "loops.dat", "recordings.yaml")
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("sampel_rate_hz: 3", ("'sampel_rate_hz'", "did you mean sample_rate_hz?", "voltage")),
-        ("recordings: [{file: loops.dat, usage: confirmation}]", ("recordings[0]", "'usage'", "use")),
-        ("recordings: [{file: gone.dat}]", ("recordings[0]", "gone.dat")),
-        ("recordings: [{name: x}]", ("recordings[0]", "no `file`")),
-        ("recordings: []", ("must be a list",)),
-        ("setup: {model: magnet}", ("'magnet'", "piezo_actuator", "hrc", "linear", "bouc_wen")),
-        ("setup: {model: hrc, hysterons: 1.5}", ("hysterons", "1.5")),
-        ("setup: {network: gone.yaml}", ("gone.yaml", "network file")),
-        ("voltage: battery", ("'battery'", "command", "terminals")),
-        ("known: {m: heavy}", ("known: m",)),
-        ("known: {m: {value: 1, std: -1}}", ("negative",)),
-        ("start: {state: moving}", ("'moving'", "rest", "unknown", "periodic")),
-        ("start: {state: unknown, input_before: 3}", ("input_before", "rest")),
-        ("input: spline", ("'spline'", "band_limited")),
-        ("periodic: maybe", ("'maybe'", "true")),
-        ("sample_rate_hz: -3", ("sample_rate_hz", "-3")),
-        ("columns: {voltage: {column: 0, unit: um}}", ("voltage cannot be in um",)),
-        ("columns: {volts: {column: 0, unit: V}}", ("'volts'", "voltage")),
-        ("columns: {voltage: {column: -1, unit: V}}", ("-1",)),
-        ("recordings: [{file: loops.dat, slice: [5, 3]}]", ("slice", "[5, 3]")),
-        ("recordings: [{file: loops.dat, use: training}]", ("'training'", "identification")),
-        ("a: [1, 2", ("not readable as yaml", "line")),
-        ("- 1\n- 2", ("keys and values",)),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    ("sampel_rate_hz: 3", ("'sampel_rate_hz'", "did you mean sample_rate_hz?", "voltage")),
+    ("recordings: [{file: loops.dat, usage: confirmation}]", ("recordings[0]", "'usage'", "use")),
+    ("recordings: [{file: gone.dat}]", ("recordings[0]", "gone.dat")),
+    ("recordings: [{name: x}]", ("recordings[0]", "no `file`")), ("recordings: []", ("must be a list",)),
+    ("setup: {model: magnet}", ("'magnet'", "piezo_actuator", "hrc", "linear", "bouc_wen")),
+    ("setup: {model: hrc, hysterons: 1.5}", ("hysterons", "1.5")),
+    ("setup: {network: gone.yaml}", ("gone.yaml", "network file")),
+    ("voltage: battery", ("'battery'", "command", "terminals")), ("known: {m: heavy}", ("known: m",)),
+    ("known: {m: {value: 1, std: -1}}", ("negative",)),
+    ("start: {state: moving}", ("'moving'", "rest", "unknown", "periodic")),
+    ("start: {state: unknown, input_before: 3}", ("input_before", "rest")),
+    ("input: spline", ("'spline'", "band_limited")), ("periodic: maybe", ("'maybe'", "true")),
+    ("sample_rate_hz: -3", ("sample_rate_hz", "-3")),
+    ("columns: {voltage: {column: 0, unit: um}}", ("voltage cannot be in um",)),
+    ("columns: {volts: {column: 0, unit: V}}", ("'volts'", "voltage")),
+    ("columns: {voltage: {column: -1, unit: V}}", ("-1",)),
+    ("recordings: [{file: loops.dat, slice: [5, 3]}]", ("slice", "[5, 3]")),
+    ("recordings: [{file: loops.dat, use: training}]", ("'training'", "identification")),
+    ("a: [1, 2", ("not readable as yaml", "line")), ("- 1\n- 2", ("keys and values",)),
+])  # fmt: skip
 def test_refused(tmp_path: Path, text: str, words: tuple[str, ...]) -> None:
     loops(tmp_path)
     manifest(tmp_path, text)

@@ -57,27 +57,18 @@ def test_nothing_said_is_a_plain_sensor(tmp_path: Path) -> None:
     assert read(tmp_path).recordings[0].sensor == PLAIN
 
 
-@pytest.mark.parametrize(
-    ("said", "words"),
-    [
-        ("{saturates: [0, 10]}", ("has no unit", "10 V")),
-        ("{saturates: [0 m]}", ("no pair of limits", "[0 V, 10 V]")),
-        ("{saturates: [null, null]}", ("no pair of limits",)),
-        ("{saturates: 10 m}", ("no pair of limits",)),
-        ("{saturates: [10 um, -10 um]}", ("lower limit first",)),
-        ("{saturates: [0 V, 1 m]}", ("in one unit",)),
-        ("{saturates: [0 V, 10 V]}", ("units of m", "give them in the unit of the output")),
-        ("{saturates: [.nan, 1 m]}", ("no number with a unit", "nan")),
-        ("{saturates: [nan m, 1 m]}", ("no number with a unit",)),
-        ("{saturates: [0 m**99999, 1 m]}", ("no number with a unit",)),
-        ("{lag: 2}", ("has no unit", "2 ms")),
-        ("{lag: 2 V}", ("no time constant",)),
-        ("{lag: -2 ms}", ("no time constant",)),
-        ("{rectified: 1}", ("neither true nor false",)),
-        ("{saturate: [0 m, 1 m]}", ("did you mean saturates?",)),
-        ("yes please", ("expected keys and values",)),
-    ],
-)
+@pytest.mark.parametrize(("said", "words"), [
+    ("{saturates: [0, 10]}", ("has no unit", "10 V")), ("{saturates: [0 m]}", ("no pair of limits", "[0 V, 10 V]")),
+    ("{saturates: [null, null]}", ("no pair of limits",)), ("{saturates: 10 m}", ("no pair of limits",)),
+    ("{saturates: [10 um, -10 um]}", ("lower limit first",)), ("{saturates: [0 V, 1 m]}", ("in one unit",)),
+    ("{saturates: [0 V, 10 V]}", ("units of m", "give them in the unit of the output")),
+    ("{saturates: [.nan, 1 m]}", ("no number with a unit", "nan")),
+    ("{saturates: [nan m, 1 m]}", ("no number with a unit",)),
+    ("{saturates: [0 m**99999, 1 m]}", ("no number with a unit",)), ("{lag: 2}", ("has no unit", "2 ms")),
+    ("{lag: 2 V}", ("no time constant",)), ("{lag: -2 ms}", ("no time constant",)),
+    ("{rectified: 1}", ("neither true nor false",)), ("{saturate: [0 m, 1 m]}", ("did you mean saturates?",)),
+    ("yes please", ("expected keys and values",)),
+])  # fmt: skip
 def test_what_is_not_understood_is_refused(tmp_path: Path, said: str, words: tuple[str, ...]) -> None:
     clipped(tmp_path, f"sensor: {said}\n")
     refused(tmp_path, "sensor", *words)

@@ -34,21 +34,15 @@ def test_period_of_periodic_inputs(samples: float, cycles: float, phase: float, 
     assert found == pytest.approx(samples, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("kind", "u"),
-    [
-        ("sine", sine(5.0, 10.0, cycles=3)[1]),
-        ("sine", sine(5.0, 10.0, cycles=1.3)[1]),
-        ("periodic", np.abs(np.arange(900) % 300 - 150.0)),
-        ("periodic", np.where(np.arange(1000) % 200 < 60, 5.0, 0.0)),
-        ("steps", np.where(np.arange(1000) > 30, 5.0, 0.0)),
-        ("steps", np.interp(np.arange(1000), [100, 120, 700, 720], [0.0, 5.0, 5.0, 2.0])),
-        ("chirp", chirp(np.arange(5000) / 1000.0, 1.0, 5.0, 40.0)),
-        ("broadband", np.random.default_rng(0).normal(size=4000)),
-        ("broadband", np.exp(-np.arange(4000) / 900.0) * np.sin(np.arange(4000) / 25.0)),
-        ("constant", np.ones(100)),
-    ],
-)
+@pytest.mark.parametrize(("kind", "u"), [
+    ("sine", sine(5.0, 10.0, cycles=3)[1]), ("sine", sine(5.0, 10.0, cycles=1.3)[1]),
+    ("periodic", np.abs(np.arange(900) % 300 - 150.0)), ("periodic", np.where(np.arange(1000) % 200 < 60, 5.0, 0.0)),
+    ("steps", np.where(np.arange(1000) > 30, 5.0, 0.0)),
+    ("steps", np.interp(np.arange(1000), [100, 120, 700, 720], [0.0, 5.0, 5.0, 2.0])),
+    ("chirp", chirp(np.arange(5000) / 1000.0, 1.0, 5.0, 40.0)),
+    ("broadband", np.random.default_rng(0).normal(size=4000)),
+    ("broadband", np.exp(-np.arange(4000) / 900.0) * np.sin(np.arange(4000) / 25.0)), ("constant", np.ones(100)),
+])  # fmt: skip
 def test_kinds(kind: str, u: np.ndarray) -> None:
     assert excitation_of(u, 1e-3).kind == kind
 
