@@ -10,7 +10,6 @@ from recordings_example import output, refused, sine, write
 
 from phnn.recordings import read
 from phnn.recordings.describe import describe
-from phnn.recordings.sensor import PLAIN
 
 LIMIT = 2e-5
 
@@ -49,12 +48,6 @@ def test_every_recording_may_have_a_sensor_of_its_own(tmp_path: Path) -> None:
     a, b = read(tmp_path).recordings
     assert a.sensor.lag == 2e-3
     assert b.sensor.rectified and b.sensor.derivative and b.sensor.lag == 0.0
-
-
-def test_nothing_said_is_a_plain_sensor(tmp_path: Path) -> None:
-    t, u = sine(10.0, 75.0)
-    write(tmp_path / "a.csv", t, u, output(u))
-    assert read(tmp_path).recordings[0].sensor == PLAIN
 
 
 @pytest.mark.parametrize(("said", "words"), [
