@@ -38,35 +38,28 @@ WHOLE: list[str | bytes] = [
 ]  # fmt: skip
 
 
-def bomb(levels: int, width: int = 9, form: str = "list") -> str:
+# The anchor at the bottom, and what stands for many aliases of the one below.
+FORMS = {
+    "list": ("x", lambda many: f"[{', '.join(many)}]"),
+    "mapping": ("{k: 1}", lambda many: f"{{{', '.join(f'k{j}: {alias}' for j, alias in enumerate(many))}}}"),
+    "merged": ("{k: 1}", lambda many: f"{{<<: [{', '.join(many)}]}}"),
+}
+
+
+def bomb(levels: int, form: str, width: int = 9) -> str:
     """Aliases of aliases: ``width ** levels`` values when written out."""
-    last = "x" if form == "list" else "{k: 1}"
-    lines = [f"a0: &a0 {last}"]
-    for i in range(1, levels + 1):
-        many = ", ".join([f"*a{i - 1}"] * width)
-        if form == "list":
-            lines.append(f"a{i}: &a{i} [{many}]")
-        elif form == "mapping":
-            lines.append(f"a{i}: &a{i} {{" + ", ".join(f"k{j}: *a{i - 1}" for j in range(width)) + "}")
-        else:
-            lines.append(f"a{i}: &a{i} {{<<: [{many}]}}")
-    return "\n".join([*lines, f"recordings: *a{levels}"])
+    last, several = FORMS[form]
+    lines = [f"a{i}: &a{i} {several([f'*a{i - 1}'] * width)}" for i in range(1, levels + 1)]
+    return "\n".join([f"a0: &a0 {last}", *lines, f"recordings: *a{levels}"])
 
 
-@pytest.mark.parametrize("key", KEYS)
-def test_any_value_under_any_key(key: str, attack: Attack, good: Path) -> None:
+@pytest.mark.parametrize("entry", [
+    *(f"{key}: VALUE\n" for key in KEYS), "recordings: [{file: VALUE}]\n",
+    *(f"recordings: [{{file: a.csv, {key}: VALUE}}]\n" for key in EACH[1:]),
+])  # fmt: skip
+def test_any_value_under_any_key(entry: str, attack: Attack, good: Path) -> None:
     def one(value: str) -> None:
-        put(good / "recordings.yaml", f"{key}: {value}\n")
-        attack(good)
-
-    each(VALUES, one)
-
-
-@pytest.mark.parametrize("key", EACH)
-def test_any_value_in_a_recording(key: str, attack: Attack, good: Path) -> None:
-    def one(value: str) -> None:
-        said = f"{key}: {value}"
-        put(good / "recordings.yaml", f"recordings: [{{{said if key == 'file' else f'file: a.csv, {said}'}}}]\n")
+        put(good / "recordings.yaml", entry.replace("VALUE", value))
         attack(good)
 
     each(VALUES, one)
@@ -80,7 +73,7 @@ def test_any_text_as_a_manifest(text: int, attack: Attack, good: Path) -> None:
 
 @pytest.mark.parametrize(("levels", "form"), [*itertools.product((2, 9, 30), ("list", "mapping", "merged"))])
 def test_aliases_of_aliases(levels: int, form: str, attack: Attack, good: Path) -> None:
-    put(good / "recordings.yaml", bomb(levels, form=form))
+    put(good / "recordings.yaml", bomb(levels, form))
     assert attack(good).refused
 
 

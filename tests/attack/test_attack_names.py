@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 from collections.abc import Callable, Iterator
@@ -60,13 +61,8 @@ def fifo(path: Path) -> None:
 
 
 def bound(path: Path) -> None:
-    with socket.socket(socket.AF_UNIX) as s:
-        here = os.getcwd()
-        os.chdir(path.parent)
-        try:
-            s.bind(path.name)
-        finally:
-            os.chdir(here)
+    with socket.socket(socket.AF_UNIX) as s, contextlib.chdir(path.parent):
+        s.bind(path.name)
 
 
 def sparse(size: int) -> Callable[[Path], None]:
@@ -124,19 +120,15 @@ def test_kinds_of_files(kind: str, suffix: str, attack: Attack, tmp_path: Path) 
 def test_kinds_of_other_files(what: str, kind: str, attack: Attack, good: Path, tmp_path: Path) -> None:
     beside = tmp_path / "beside"
     beside.mkdir()
-    if what == "manifest":
-        KINDS[kind](good / "recordings.yaml")
-        outcome = attack(good)
-    elif what == "--manifest":
-        KINDS[kind](beside / "m.yaml")
-        outcome = attack(good, manifest=beside / "m.yaml")
-    elif what == "network":
-        KINDS[kind](good / "net.yaml")
+    if what == "network":
         put(good / "recordings.yaml", "setup: {network: net.yaml}")
-        outcome = attack(good)
-    else:
-        KINDS[kind](beside / FILE)
+    places = {"manifest": good / "recordings.yaml", "network": good / "net.yaml", "model": beside / FILE}
+    path = places.get(what, beside / "m.yaml")
+    KINDS[kind](path)
+    if what == "model":
         outcome = attack(good, "predict", model=beside)
+    else:
+        outcome = attack(good, manifest=path if what == "--manifest" else None)
     assert outcome.refused
     # A manifest that the user names may lie anywhere, and is quoted where it is wrong.
     assert what == "--manifest" or "root:" not in outcome.err

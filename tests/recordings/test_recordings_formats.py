@@ -82,37 +82,11 @@ def test_a_prefix_is_exactly_a_power_of_ten(unit: str) -> None:
     assert known_unit(unit).factor == float({"u": "1e-6", "m": "1e-3", "n": "1e-9", "k": "1e3"}[unit[0]])
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        *(
-            "m**9999999",
-            "m**9**9",
-            "m^99",
-            "m" * 10**6,
-            "(" * 10**5,
-            "m*" * 10**5,
-            "m" + "/s" * 10**5,
-            "m e9",
-            "1e999 m",
-        ),
-        *(
-            "__import__('os')",
-            "m.__class__",
-            "lambda: 1",
-            "0/0",
-            "1/0",
-            "m/0",
-            "V\nm",
-            "V\x00",
-            "\x1b[31m",
-            "",
-            " ",
-            "m m_",
-        ),
-        *("dB", "dBm", "monitor", "V V V V V V V V V V V V V V V V V V V V V V", "c", "k", "e", "nan", "inf", "m³²"),
-    ],
-)
+@pytest.mark.parametrize("text", [
+    "m**9999999", "m**9**9", "m^99", "m" * 10**6, "(" * 10**5, "m*" * 10**5, "m" + "/s" * 10**5, "m e9", "1e999 m",
+    "__import__('os')", "m.__class__", "lambda: 1", "0/0", "1/0", "m/0", "V\nm", "V\x00", "\x1b[31m", "", " ", "m m_",
+    "dB", "dBm", "monitor", "V" + 21 * " V", "c", "k", "e", "nan", "inf", "m³²",
+], ids=repr)  # fmt: skip
 def test_texts_that_are_no_units_are_refused_at_once(text: str) -> None:
     start = time.perf_counter()
     assert find_unit(text) is None
@@ -146,16 +120,6 @@ def test_every_quantity_has_a_unit() -> None:
             assert suits(quantity, unit)
 
 
-def recorded(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    t, u = sine(10.0, 75.0)
-    y = output(u)
-    r = read(folder).recordings[0]
-    np.testing.assert_allclose(r.t, t, atol=1e-12)
-    np.testing.assert_array_equal(r.u, u)
-    np.testing.assert_array_equal(r.y, y)
-    return t, u, y
-
-
 @cache
 def made() -> np.ndarray:
     t, u = sine(10.0, 75.0)
@@ -177,20 +141,18 @@ def test_datasets_of_a_group_by_name(tmp_path: Path) -> None:
     (tmp_path / "recordings.yaml").write_text(
         STATED + "recordings: [{file: a.h5, variables: {time: scope.T, voltage: scope.V1, displacement: scope.V2}}]"
     )
-    recorded(tmp_path)
+    np.testing.assert_array_equal(read(tmp_path).recordings[0].y, made()[:, 2])
 
 
+# A semicolon stands for the separator, an exclamation mark for the decimal sign.
 HEADERS = {
-    "names with units": ("{s}".join(["time_s", "voltage_V", "displacement_um"]),),
-    "units in brackets": ("{s}".join(["Time (s)", "Voltage (V)", "Displacement [\u00b5m]"]),),
-    "a row of units": ("{s}".join(["Time", "Voltage", "Displacement"]), "{s}".join(["(s)", "(V)", "(um)"])),
-    "units in words": ("{s}".join(["time", "voltage", "displacement"]), "{s}".join(["second", "Volt", "um"]), ""),
-    "a block above": (
-        "Instrument{s}Scope 7", "Sample interval{s}0{d}000125", "Comment{s}", "",
-        "{s}".join(["time_s", "voltage_V", "displacement_um"]),
-    ),
-    "marked": ("# bench 3, second floor", "% " + "{s}".join(["time_s", "voltage_V", "displacement_um"])),
-}  # fmt: skip
+    "names with units": "time_s;voltage_V;displacement_um",
+    "units in brackets": "Time (s);Voltage (V);Displacement [\u00b5m]",
+    "a row of units": "Time;Voltage;Displacement\n(s);(V);(um)",
+    "units in words": "time;voltage;displacement\nsecond;Volt;um\n",
+    "a block above": "Instrument;Scope 7\nSample interval;0!000125\nComment;\n\ntime_s;voltage_V;displacement_um",
+    "marked": "# bench 3, second floor\n% time_s;voltage_V;displacement_um",
+}
 
 
 @pytest.mark.parametrize("header", HEADERS)
@@ -203,7 +165,7 @@ def test_text_as_instruments_write_it(tmp_path: Path, header: str, separator: st
     cells = [
         [quote + f"{v:.17g}".replace(".", decimal) + quote for v in row] for row in zip(t, u, 1e6 * y, strict=True)
     ]
-    above = [line.format(s=separator, d=decimal) for line in HEADERS[header]]
+    above = HEADERS[header].replace(";", separator).replace("!", decimal).split("\n")
     text = "\r\n".join([*above, *(separator.join(row) for row in cells)]) + "\r\n"
     (tmp_path / "a.csv").write_bytes(text.encode(encoding))
     r = read(tmp_path).recordings[0]
@@ -218,10 +180,7 @@ def test_array_of_another_shape(tmp_path: Path) -> None:
 
 
 def test_prediction_needs_no_output(tmp_path: Path) -> None:
-    t, u, _ = made().T
-    rows = "\n".join(f"{a!r},{b!r}" for a, b in zip(t.tolist(), u.tolist(), strict=True))
-    (tmp_path / "a.csv").write_text("time_s,voltage_V\n" + rows)
-    refused(tmp_path, "no displacement column")
+    np.savetxt(tmp_path / "a.csv", made()[:, :2], delimiter=",", header="time_s,voltage_V", comments="", fmt="%.17g")
     r = read(tmp_path, need_output=False).recordings[0]
     assert np.isnan(r.y).all()
-    np.testing.assert_array_equal(r.u, u)
+    np.testing.assert_array_equal(r.u, made()[:, 1])
