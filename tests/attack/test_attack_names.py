@@ -1,10 +1,13 @@
-"""Hostile names and kinds of files: pipes, devices, links, names that are no text, folders that cannot be read."""
+"""Hostile names, kinds of files, paths and settings: nothing outside is opened, nothing runs without bound."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import socket
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -13,6 +16,8 @@ from attack_tools import Attack, csv, often, put, quick
 from hypothesis import given
 from hypothesis import strategies as st
 
+from phnn.cli import main
+from phnn.intake.limits import LIMITS, Limits, available_memory
 from phnn.models.actuator import hrc
 from phnn.models.store import FILE, save
 from phnn.results import printable
@@ -216,3 +221,105 @@ def test_a_printed_name_is_one_line_of_utf8(name: str) -> None:
     assert len(shown.splitlines()) <= 1
     assert not any(ord(c) < 32 or 127 <= ord(c) < 160 for c in shown)
     assert name.isprintable() <= (shown == name)
+
+
+ROOT = Path(__file__).resolve().parents[2]
+HOSTILE = {
+    "a path upwards": "recordings: [{file: ../secret.csv}]",
+    "an absolute path": "recordings: [{file: SECRET}]",
+    "a link": "recordings: [{file: link.csv}]",
+    "a link among folders": "recordings: [{file: away/secret.csv}]",
+    "a network": "setup: {network: ../../secret.yaml}\nrecordings: [{file: a.csv}]",
+    "an absolute network": "setup: {network: SECRET}\nrecordings: [{file: a.csv}]",
+    "several files": "axes: [time]\nrecordings: [{file: [a.csv, ../secret.csv]}]",
+    "an interpolation": "recordings: [{file: '${oc.env:HOME}/secret.csv'}]",
+    "a tag": "recordings: [{file: !!python/object/apply:open [SECRET]}]",
+    "a home": "recordings: [{file: ~/secret.csv}]",
+    "a list": "files: SECRET",
+}
+# Runs both commands on every folder and prints each file that is opened meanwhile.
+WATCHED = """
+import json, sys
+import phnn.commands.check, phnn.commands.identify
+from phnn.cli import main
+seen, case = [], [""]
+sys.addaudithook(lambda event, args: seen.append((case[0], str(args[0]))) if event == "open" and case[0] else None)
+for folder in json.loads(sys.argv[1]):
+    for command in ("check", "identify"):
+        case[0] = folder
+        main([command, folder, "--out", folder + "-out"])
+        case[0] = ""
+print(json.dumps(seen), file=open(sys.argv[2], "w"))
+"""
+
+
+@pytest.mark.slow
+def test_nothing_outside_is_opened(tmp_path: Path) -> None:
+    folders = []
+    (tmp_path / "outside").mkdir()
+    for name in ("secret.csv", "outside/secret.csv"):
+        (tmp_path / name).write_text(csv())
+    (tmp_path / "secret.yaml").write_text("{}")
+    for number, manifest in enumerate(HOSTILE.values()):
+        folder = tmp_path / "in" / f"{number}"
+        folder.mkdir(parents=True)
+        (folder / "a.csv").write_text(csv())
+        (folder / "link.csv").symlink_to(tmp_path / "secret.csv")
+        (folder / "away").symlink_to(tmp_path / "outside")
+        (folder / "recordings.yaml").write_text(manifest.replace("SECRET", str(tmp_path / "secret.csv")))
+        folders.append(str(folder))
+    (tmp_path / "in" / "secret.csv").write_text(csv())
+    home = {"HOME": str(tmp_path), "PHNN_CACHE_DIR": os.environ.get("PHNN_CACHE_DIR", str(Path.home() / ".cache"))}
+    command = [sys.executable, "-c", WATCHED, json.dumps(folders), str(tmp_path / "seen.json")]
+    done = subprocess.run(
+        command, env=os.environ | home | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=True
+    )
+    assert done.stderr.count("phnn: ") >= len(HOSTILE), done.stderr
+    opened = json.loads((tmp_path / "seen.json").read_text())
+    assert len(opened) > len(HOSTILE)
+    # Installed code, what it compiled, and what the system tells of itself.
+    allowed = [sys.prefix, sys.base_prefix, str(ROOT), home["PHNN_CACHE_DIR"], "/dev/null", "/proc", "/sys/fs/cgroup"]
+    allowed += [str(Path(p).resolve()) for p in sys.path if p]
+    strange = []
+    for folder, path in opened:
+        real = os.path.realpath(path)
+        inside = any(real == a or real.startswith(a + os.sep) for a in (*allowed, folder, folder + "-out"))
+        if not inside and not path.isdigit():
+            strange.append((folder, path))
+    assert not strange
+
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "limits.md"
+COUNTS = (
+    "starts=1001", "workers=257", "workers=0", "starts=1e9", "starts=" + "9" * 400, "seed=" + "9" * 400, "seed=-1",
+)  # fmt: skip
+TRAINING = ("substeps=1025", "model.hysterons=21", "model.hysterons=-1", "model.hysterons=two", "model.width=4097",
+            "model.width=[1]", "model.spring_width=1e9", "seed=" + "9" * 30, "stride=0", "folder=/dev/zero",
+            "manifest=/dev/zero", "manifest=/etc/passwd", "base=/dev/zero", "base=/etc/passwd")  # fmt: skip
+
+
+@pytest.mark.parametrize("setting", COUNTS)
+@pytest.mark.parametrize("command", ["identify", "diagnose", "compare"])
+def test_counts_beyond_the_limits(command: str, setting: str, attack: Attack, good: Path) -> None:
+    assert attack(good, command, more=(setting,)).refused
+
+
+@pytest.mark.parametrize("setting", TRAINING)
+def test_training_beyond_the_limits(
+    setting: str, good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["train", f"folder={good}", f"out={tmp_path / 'out'}", setting]) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert "internal error" not in message
+
+
+def test_every_limit_stands_in_the_documentation() -> None:
+    text = DOCUMENT.read_text(encoding="utf-8")
+    for name, value, unit, reason in LIMITS.table():
+        assert f"| `{name}` | {value:,} | {unit} | {reason} |" in text
+
+
+def test_limits_are_positive_and_memory_is_known() -> None:
+    assert all(value > 0 for _, value, _, _ in Limits().table())
+    assert 0 < LIMITS.memory_for_a_file() < available_memory()

@@ -1,4 +1,4 @@
-"""The manifest: what it may say, and what is refused."""
+"""The manifest: what it may say of files, segments and the sensor, and what is refused."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recordings_example import output, refused, sine, write_sine
+from recordings_example import output, refused, sine, write, write_sine
 
 from phnn.recordings import read
+from phnn.recordings.describe import describe
 
 COLUMNS = "columns: {voltage: {column: 0, unit: V}, displacement: {column: 1, unit: um}}\nsample_rate_hz: 4000\n"
 
@@ -225,3 +226,140 @@ def test_column_index_in_a_mat_file(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "a.mat", {"V1": np.arange(100.0)})
     manifest(tmp_path, COLUMNS)
     refused(tmp_path, "a.mat", "column 0", "variables", "V1")
+
+
+def three() -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    drives = [sine(10.0, amplitude) for amplitude in (75.0, 50.0, 25.0)]
+    return [(t, u, output(u, seed=i)) for i, (t, u) in enumerate(drives)]
+
+
+def joined(path: Path, restart: bool) -> None:
+    """The three after one another: time begins anew with each, or goes on after a pause."""
+    pauses = np.zeros(3) if restart else 2.0 * np.arange(3)
+    write(
+        path,
+        *(
+            np.concatenate(c)
+            for c in zip(*((t + p, u, y) for (t, u, y), p in zip(three(), pauses, strict=True)), strict=True)
+        ),
+    )
+
+
+@pytest.mark.parametrize("restart", [True, False])
+def test_jumps_of_time_separate_segments(tmp_path: Path, restart: bool) -> None:
+    joined(tmp_path / "a.csv", restart)
+    refused(tmp_path, "a.csv", "row 1201", "segments: true")
+    (tmp_path / "recordings.yaml").write_text("segments: true")
+    campaign = read(tmp_path)
+    assert [r.name for r in campaign.recordings] == ["a_1", "a_2", "a_3"]
+    for r, (_, u, y) in zip(campaign.recordings, three(), strict=True):
+        np.testing.assert_array_equal(r.u, u)
+        np.testing.assert_array_equal(r.y, y)
+        assert (r.source, r.start.state) == ("a.csv", "rest")
+
+
+def test_segments_of_a_number_of_samples_within_a_slice(tmp_path: Path) -> None:
+    rows = np.concatenate([np.column_stack(columns) for columns in three()])
+    np.save(tmp_path / "a.npy", rows)
+    said = (
+        "columns: {voltage: {column: 1, unit: V}, displacement: {column: 2, unit: m}}\nsample_rate_hz: 4000\n"
+        "recordings: [{file: a.npy, name: run, slice: [1200, 3600], segments: SIZE}]"
+    )
+    (tmp_path / "recordings.yaml").write_text(said.replace("SIZE", "1200"))
+    campaign = read(tmp_path)
+    assert [r.name for r in campaign.recordings] == ["run_1", "run_2"]
+    np.testing.assert_array_equal(campaign.recordings[0].u, three()[1][1])
+    (tmp_path / "recordings.yaml").write_text(said.replace("SIZE", "1000"))
+    refused(tmp_path, "a.npy", "2400 samples", "segments of 1000", "slice")
+    (tmp_path / "recordings.yaml").write_text(said.replace("SIZE", "true"))
+    refused(tmp_path, "a.npy", "no time column", "segments: 8192")
+    (tmp_path / "recordings.yaml").write_text(said.replace("SIZE", "-3"))
+    refused(tmp_path, "recordings[0]: segments", "-3", "number of samples")
+
+
+def test_extremes_in_pairs_are_taken_by_their_means(tmp_path: Path) -> None:
+    t, u, y = three()[0]
+    spread = 3e-8 * np.tile([-1.0, 1.0], t.size)
+    write(tmp_path / "a.csv", np.repeat(t, 2), np.repeat(u, 2), np.repeat(y, 2) + spread)
+    campaign = read(tmp_path)
+    r = campaign.recordings[0]
+    np.testing.assert_allclose(r.t, t, atol=1e-12)
+    np.testing.assert_array_equal(r.u, u)
+    np.testing.assert_allclose(r.y, y, atol=1e-20)
+    assert any("least and largest" in note for note in campaign.notes)
+
+
+def test_one_repeated_time_is_no_pair(tmp_path: Path) -> None:
+    t, u, y = three()[0]
+    write(tmp_path / "a.csv", np.insert(t, 300, t[300]), np.insert(u, 300, u[300]), np.insert(y, 300, y[300]))
+    refused(tmp_path, "a.csv", "row 302", "two rows with one time")
+
+
+def test_a_record_that_begins_before_its_trigger_is_at_rest(tmp_path: Path) -> None:
+    t, u, y = three()[0]
+    quiet = np.arange(-100, 0) * t[1]
+    write(
+        tmp_path / "a.csv",
+        np.concatenate([quiet, t]),
+        np.concatenate([np.zeros(100), u]),
+        np.concatenate([np.full(100, 1.2345e-6), y]),
+    )
+    r = read(tmp_path).recordings[0]
+    assert r.start.state == "rest"
+    assert r.t[0] == 0.0 and r.t.size == t.size + 100
+
+
+LIMIT = 2e-5
+
+
+def clipped(folder: Path, manifest: str = "") -> None:
+    t, u = sine(10.0, 75.0)
+    write(folder / "a.csv", t, u, np.clip(output(u), -LIMIT, LIMIT))
+    if manifest:
+        (folder / "recordings.yaml").write_text(manifest)
+
+
+def test_a_clipped_output_is_refused_unless_the_sensor_is_known_to_saturate(tmp_path: Path) -> None:
+    clipped(tmp_path)
+    refused(tmp_path, "clipped", "saturates")
+    clipped(tmp_path, "sensor: {saturates: [-20 um, 20 um]}\n")
+    campaign = read(tmp_path)
+    (r,) = campaign.recordings
+    assert r.sensor.saturates == pytest.approx((-LIMIT, LIMIT))
+    assert set(np.unique(r.sensor.at_limit(r.y))) == {-1, 0, 1}
+    assert 30e-9 < r.noise < 80e-9
+    assert "saturates at -20 µm and 20 µm" in describe(campaign)
+
+
+def test_a_limit_on_one_side_leaves_the_other_one_clipped(tmp_path: Path) -> None:
+    clipped(tmp_path, "sensor: {saturates: [null, 20 um]}\n")
+    refused(tmp_path, "clipped", "smallest")
+
+
+def test_every_recording_may_have_a_sensor_of_its_own(tmp_path: Path) -> None:
+    for name in "ab":
+        t, u = sine(10.0, 75.0)
+        write(tmp_path / f"{name}.csv", t, u, output(u))
+    (tmp_path / "recordings.yaml").write_text(
+        "sensor: {lag: 2 ms}\nrecordings: [a.csv, {file: b.csv, sensor: {rectified: true, derivative: true}}]\n"
+    )
+    a, b = read(tmp_path).recordings
+    assert a.sensor.lag == 2e-3
+    assert b.sensor.rectified and b.sensor.derivative and b.sensor.lag == 0.0
+
+
+@pytest.mark.parametrize(("said", "words"), [
+    ("{saturates: [0, 10]}", ("has no unit", "10 V")), ("{saturates: [0 m]}", ("no pair of limits", "[0 V, 10 V]")),
+    ("{saturates: [null, null]}", ("no pair of limits",)), ("{saturates: 10 m}", ("no pair of limits",)),
+    ("{saturates: [10 um, -10 um]}", ("lower limit first",)), ("{saturates: [0 V, 1 m]}", ("in one unit",)),
+    ("{saturates: [0 V, 10 V]}", ("units of m", "give them in the unit of the output")),
+    ("{saturates: [.nan, 1 m]}", ("no number with a unit", "nan")),
+    ("{saturates: [nan m, 1 m]}", ("no number with a unit",)),
+    ("{saturates: [0 m**99999, 1 m]}", ("no number with a unit",)), ("{lag: 2}", ("has no unit", "2 ms")),
+    ("{lag: 2 V}", ("no time constant",)), ("{lag: -2 ms}", ("no time constant",)),
+    ("{rectified: 1}", ("neither true nor false",)), ("{saturate: [0 m, 1 m]}", ("did you mean saturates?",)),
+    ("yes please", ("expected keys and values",)),
+])  # fmt: skip
+def test_what_is_not_understood_is_refused(tmp_path: Path, said: str, words: tuple[str, ...]) -> None:
+    clipped(tmp_path, f"sensor: {said}\n")
+    refused(tmp_path, "sensor", *words)
