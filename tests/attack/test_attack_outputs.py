@@ -20,7 +20,6 @@ from phnn.cli import main
 from phnn.models.store import save
 from phnn.results import claim
 
-ROOT = Path(__file__).resolve().parents[2]
 MARK = "INCOMPLETE.txt"
 # Of recordings whose predictions fill a small disk.
 SAMPLES = 15_000
@@ -112,23 +111,6 @@ def test_a_folder_without_rights_is_met_before_the_work(place: Path, capsys: pyt
     assert "choose another folder" in capsys.readouterr().err
 
 
-def command(place: Path, out: Path) -> list[str]:
-    return [sys.executable, "-m", "phnn.cli", "predict", str(place / "model"), str(place / "rec"), "--out", str(out)]
-
-
-@pytest.mark.slow
-def test_poor_surroundings_are_enough(place: Path) -> None:
-    """No letters but ascii, no home, no temporary folder, and nobody who reads the output."""
-    poor = {"LANG": "C", "PYTHONIOENCODING": "ascii", "HOME": "/nonexistent", "TMPDIR": "/nonexistent"}
-    given = os.environ | {"PYTHONPATH": str(ROOT)} | poor
-    given.setdefault("PHNN_CACHE_DIR", str(Path.home() / ".cache"))
-    for ending in ("", " >&-"):
-        words = " ".join(f"'{a}'" for a in command(place, place / "out"))
-        done = subprocess.run(["sh", "-c", words + ending], env=given, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        assert len(seen(place / "out")) == 3
-
-
 def mount(*arguments: str) -> bool:
     """Whether a file system could be mounted; that needs rights."""
     return (
@@ -187,25 +169,6 @@ def test_a_disk_without_room_is_met_before_the_work(
     assert predict(home, out) == 2
     assert "MiB of disk are free" in told(capsys)
     assert not out.exists() or not seen(out)
-
-
-def test_a_disk_that_fills_up_loses_nothing(
-    home: Path, disk: Callable[[str], Path], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out, wanted = disk("size=1m"), seen(home / "of_model")
-    capsys.readouterr()
-    with monkeypatch.context() as m:
-        m.setattr(sys.modules[claim.__module__], "_LEAST_FREE", 0)
-        assert predict(home, out) == 1
-    assert "the disk is full" in told(capsys)
-    left = seen(out)
-    assert MARK in left
-    # What is there is whole.
-    assert all(left[name] == wanted[name] for name in left if name != MARK)
-    assert not list(out.rglob("*.part"))
-    disk("size=64m")
-    assert predict(home, out) == 0
-    assert seen(out) == wanted
 
 
 def test_earlier_results_stay_whole_on_a_disk_that_fills_up(
