@@ -28,38 +28,6 @@ def manifest(folder: Path, text: str) -> Path:
     return path
 
 
-def test_the_contract_example(tmp_path: Path) -> None:
-    import scipy.io
-
-    u, y = loops(tmp_path)
-    scipy.io.savemat(tmp_path / "sweep.mat", {"V1": u[None, :], "V2": 1e6 * y[None, :], "note": "x"})
-    manifest(
-        tmp_path,
-        "setup: {model: piezo_actuator, hysterons: 3}\n"
-        "known: {m: {value: 1.11e-3, std: 1e-5}}\n"
-        "voltage: terminals\n" + COLUMNS + "recordings:\n"
-        "  - {file: loops.dat, name: loops, use: identification, periodic: false,"
-        " start: {state: rest, input_before: 0.0}}\n"
-        "  - {file: sweep.mat, variables: {voltage: V1, displacement: V2}, slice: [100, 3000], use: confirmation,"
-        " input: band_limited}\n",
-    )
-    campaign = read(tmp_path)
-    first, second = campaign.recordings
-    assert dict(campaign.setup) == {"model": "piezo_actuator", "hysterons": 3}
-    assert campaign.known["m"].value == 1.11e-3
-    assert campaign.known["m"].std == 1e-5
-    assert campaign.voltage == "terminals"
-    assert (first.name, second.name) == ("loops", "sweep")
-    assert first.period is None
-    assert first.parts[0].use == "identification"
-    assert np.allclose(second.u, u[100:3000])
-    assert np.allclose(second.y, y[100:3000], rtol=1e-12)
-    assert second.t[0] == 0.0
-    assert second.interpolation == "band_limited"
-    assert [p.use for p in second.parts] == ["nuisance", "confirmation"]
-    assert first.dt == pytest.approx(1 / 4000)
-
-
 def test_entries_override_common_keys(tmp_path: Path) -> None:
     u, y = loops(tmp_path)
     loops(tmp_path, "b.dat")
@@ -161,14 +129,6 @@ def test_a_force_drives_other_systems(tmp_path: Path) -> None:
     assert np.ptp(read(tmp_path).recordings[0].u) == pytest.approx(0.02, rel=1e-3)
 
 
-def test_a_known_value_may_have_a_unit(tmp_path: Path) -> None:
-    write_sine(tmp_path, "a", 10.0, 60.0)
-    manifest(tmp_path, "known: {m: {value: 1.06, std: 0.01, unit: g}, k: {value: 90, unit: N/mm}}\n")
-    known = read(tmp_path).known
-    assert (known["m"].value, known["m"].std, known["m"].unit) == (pytest.approx(1.06e-3), pytest.approx(1e-5), "kg")
-    assert known["k"].value == pytest.approx(9e4)
-
-
 @pytest.mark.parametrize("unit", ["grams of lead", "", "degC"])
 def test_a_known_value_in_no_unit_is_refused(unit: str, tmp_path: Path) -> None:
     write_sine(tmp_path, "a", 10.0, 60.0)
@@ -231,31 +191,6 @@ def test_column_index_in_a_mat_file(tmp_path: Path) -> None:
 def three() -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     drives = [sine(10.0, amplitude) for amplitude in (75.0, 50.0, 25.0)]
     return [(t, u, output(u, seed=i)) for i, (t, u) in enumerate(drives)]
-
-
-def joined(path: Path, restart: bool) -> None:
-    """The three after one another: time begins anew with each, or goes on after a pause."""
-    pauses = np.zeros(3) if restart else 2.0 * np.arange(3)
-    write(
-        path,
-        *(
-            np.concatenate(c)
-            for c in zip(*((t + p, u, y) for (t, u, y), p in zip(three(), pauses, strict=True)), strict=True)
-        ),
-    )
-
-
-@pytest.mark.parametrize("restart", [True, False])
-def test_jumps_of_time_separate_segments(tmp_path: Path, restart: bool) -> None:
-    joined(tmp_path / "a.csv", restart)
-    refused(tmp_path, "a.csv", "row 1201", "segments: true")
-    (tmp_path / "recordings.yaml").write_text("segments: true")
-    campaign = read(tmp_path)
-    assert [r.name for r in campaign.recordings] == ["a_1", "a_2", "a_3"]
-    for r, (_, u, y) in zip(campaign.recordings, three(), strict=True):
-        np.testing.assert_array_equal(r.u, u)
-        np.testing.assert_array_equal(r.y, y)
-        assert (r.source, r.start.state) == ("a.csv", "rest")
 
 
 def test_segments_of_a_number_of_samples_within_a_slice(tmp_path: Path) -> None:
