@@ -59,15 +59,10 @@ def test_every_command_refuses_in_the_same_words(
 
 
 @pytest.mark.parametrize("command", ["identify", "diagnose", "compare"])
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ("beginnings=3", ("beginnings", "starts")),
-        ("starts=0", ("starts", "1 or more")),
-        ("seed=later", ("seed", "whole number")),
-        ("error_bound_sigma=0", ("error_bound_sigma", "positive")),
-    ],
-)
+@pytest.mark.parametrize(("setting", "words"), [
+    ("beginnings=3", ("beginnings", "starts")), ("starts=0", ("starts", "1 or more")),
+    ("seed=later", ("seed", "whole number")), ("error_bound_sigma=0", ("error_bound_sigma", "positive")),
+])  # fmt: skip
 def test_unknown_and_impossible_settings(
     command: str, setting: str, words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -224,12 +224,9 @@ def test_properties_of_a_waveform(case: str, unit: object, attack: Attack, folde
 
 
 FILES = {
-    ".npy": npy(RECORD),
-    ".npz": npz(**COLUMNS),
-    ".mat": mat(**COLUMNS),
-    ".h5": hdf5(columns),
+    ".npy": npy(RECORD), ".npz": npz(**COLUMNS), ".mat": mat(**COLUMNS), ".h5": hdf5(columns),
     ".tdms": waveform(wf_increment=1e-3),
-}
+}  # fmt: skip
 
 
 @often(120)

@@ -85,12 +85,9 @@ WRONG: dict[str, list[Any]] = {
     "resistors": [None],
 }  # fmt: skip
 LEARNED: dict[str, list[Any]] = {
-    "units": [10**9, -1, 3, "2"],
-    "kind": ["active", ["convex"]],
-    "state": [None],
-    "state.scale": [-1.0, 0.0, NAN],
+    "units": [10**9, -1, 3, "2"], "kind": ["active", ["convex"]], "state": [None], "state.scale": [-1.0, 0.0, NAN],
     "state.gains": [[1e9, 1e9], [NAN, 1.0], [1.0], [[1.0], [1.0, 2.0]], "abc", [10**400, 1.0], [[[[[[1.0]]]]]]],
-}
+}  # fmt: skip
 SIGNED = {"damping": "conductance", "monotone": "flow", "convex": "typical"}
 
 

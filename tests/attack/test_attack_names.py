@@ -225,18 +225,15 @@ def test_a_printed_name_is_one_line_of_utf8(name: str) -> None:
 
 ROOT = Path(__file__).resolve().parents[2]
 HOSTILE = {
-    "a path upwards": "recordings: [{file: ../secret.csv}]",
-    "an absolute path": "recordings: [{file: SECRET}]",
-    "a link": "recordings: [{file: link.csv}]",
-    "a link among folders": "recordings: [{file: away/secret.csv}]",
+    "a path upwards": "recordings: [{file: ../secret.csv}]", "an absolute path": "recordings: [{file: SECRET}]",
+    "a link": "recordings: [{file: link.csv}]", "a link among folders": "recordings: [{file: away/secret.csv}]",
     "a network": "setup: {network: ../../secret.yaml}\nrecordings: [{file: a.csv}]",
     "an absolute network": "setup: {network: SECRET}\nrecordings: [{file: a.csv}]",
     "several files": "axes: [time]\nrecordings: [{file: [a.csv, ../secret.csv]}]",
     "an interpolation": "recordings: [{file: '${oc.env:HOME}/secret.csv'}]",
     "a tag": "recordings: [{file: !!python/object/apply:open [SECRET]}]",
-    "a home": "recordings: [{file: ~/secret.csv}]",
-    "a list": "files: SECRET",
-}
+    "a home": "recordings: [{file: ~/secret.csv}]", "a list": "files: SECRET",
+}  # fmt: skip
 # Runs both commands on every folder and prints each file that is opened meanwhile.
 WATCHED = """
 import json, sys

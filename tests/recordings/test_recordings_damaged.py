@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from recordings_example import output, refused, sine
+from recordings_example import output, sine
 
 from phnn.errors import InputRefused
 from phnn.recordings import read
@@ -187,22 +187,6 @@ def test_every_format_makes_the_campaign_that_its_csv_twin_makes(tmp_path: Path)
 
 
 @pytest.mark.parametrize("name", TEXT)
-def test_columns_in_any_order_are_told_by_their_names(name: str, tmp_path: Path) -> None:
-    text = FILES[name].decode()
-    separator = {"comma.csv": ";", ".txt": "\t"}.get(name, ",")
-    rng = np.random.default_rng(5)
-    for _ in range(5):
-        order = rng.permutation(3)
-        lines = [line.split(separator) for line in text.splitlines()]
-        mixed = [
-            separator.join(cells[i] for i in order) if len(cells) == 3 else separator.join(cells) for cells in lines
-        ]
-        found = outcome(tmp_path, name, "\n".join(mixed).encode())
-        assert not isinstance(found, str), found
-        assert agrees(found, Damaged(b"", "columns in another order"))
-
-
-@pytest.mark.parametrize("name", TEXT)
 def test_a_unit_is_the_one_that_is_written_or_refused(name: str, tmp_path: Path) -> None:
     text = FILES[name].decode()
     for unit in (*DISPLACEMENT, *NO_DISPLACEMENT):
@@ -239,12 +223,6 @@ def test_a_row_that_breaks_off_is_left_out_and_told_of(tmp_path: Path) -> None:
     assert read(tmp_path).recordings[0].u.size == T.size
 
 
-def test_columns_that_nothing_names_are_refused(tmp_path: Path) -> None:
-    text = FILES[".csv"].decode().replace(",", " ", 3)
-    (tmp_path / "a.csv").write_text(text)
-    refused(tmp_path, "a.csv", "no voltage column")
-
-
 def test_what_a_crash_has_left_of_a_tdms_file_is_read(tmp_path: Path) -> None:
     pytest.importorskip("nptdms")
     raw = bytearray(FILES[".tdms"])
@@ -259,13 +237,6 @@ def test_zeros_behind_an_hdf5_file_are_no_damage(tmp_path: Path) -> None:
     found = outcome(tmp_path, ".h5", FILES[".h5"] + bytes(500))
     assert not isinstance(found, str), found
     assert agrees(found, Damaged(b"", "padded"))
-
-
-def test_dates_and_fields_of_several_numbers_are_refused(tmp_path: Path) -> None:
-    for kind, words in (("datetime64[ms]", "datetime64"), ("(2,)f8", "of shape")):
-        kinds = [("time_s", kind), ("voltage_V", "f8"), ("displacement_um", "f8")]
-        np.save(tmp_path / "a.npy", np.zeros(60, dtype=kinds))
-        refused(tmp_path, "a.npy", "time_s", words)
 
 
 def test_a_step_to_zero_is_no_wrong_unit(tmp_path: Path) -> None:

@@ -143,14 +143,11 @@ def test_fields_are_still_found_by_name(tmp_path: Path, write: Writer) -> None:
 
 
 @versions
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"Ts": np.empty((0, 0))}, ("neither Ts nor SamplingInstants", "set data.Ts")),
-        ({"Domain": "Frequency"}, ("frequency domain",)),
-        ({"InputData": U[:-1, None]}, (f"{U.size - 1} samples of the input, {U.size} of the output",)),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"Ts": np.empty((0, 0))}, ("neither Ts nor SamplingInstants", "set data.Ts")),
+    ({"Domain": "Frequency"}, ("frequency domain",)),
+    ({"InputData": U[:-1, None]}, (f"{U.size - 1} samples of the input, {U.size} of the output",)),
+])  # fmt: skip
 def test_refusals(tmp_path: Path, write: Writer, changes: dict[str, Any], words: tuple[str, ...]) -> None:
     write(tmp_path / "a.mat", fields(**changes))
     refused(tmp_path, "a.mat", *words)

@@ -224,12 +224,6 @@ def test_extremes_in_pairs_are_taken_by_their_means(tmp_path: Path) -> None:
     assert any("least and largest" in note for note in campaign.notes)
 
 
-def test_one_repeated_time_is_no_pair(tmp_path: Path) -> None:
-    t, u, y = three()[0]
-    write(tmp_path / "a.csv", np.insert(t, 300, t[300]), np.insert(u, 300, u[300]), np.insert(y, 300, y[300]))
-    refused(tmp_path, "a.csv", "row 302", "two rows with one time")
-
-
 def test_a_record_that_begins_before_its_trigger_is_at_rest(tmp_path: Path) -> None:
     t, u, y = three()[0]
     quiet = np.arange(-100, 0) * t[1]
