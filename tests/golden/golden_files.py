@@ -243,18 +243,16 @@ def _(home: Path) -> None:
     (home / "a.csv").write_text("\n".join(lines) + "\n")
 
 
-@made("csv that breaks off")
-def _(home: Path) -> None:
-    text(home / "a.csv", signals(13), form="{:.9e}")
-    content = (home / "a.csv").read_bytes()
-    (home / "a.csv").write_bytes(content[:-9])
+def _cut(last: int) -> Writer:
+    def write(home: Path) -> None:
+        text(home / "a.csv", signals(13), form="{:.9e}")
+        (home / "a.csv").write_bytes((home / "a.csv").read_bytes()[:-last])
+
+    return write
 
 
-@made("csv without a last line end")
-def _(home: Path) -> None:
-    text(home / "a.csv", signals(13), form="{:.9e}")
-    (home / "a.csv").write_bytes((home / "a.csv").read_bytes().rstrip())
-
+FILES["csv that breaks off"] = _cut(9)
+FILES["csv without a last line end"] = _cut(1)
 
 # --- Binary formats ---------------------------------------------------------------------------------------------------
 
@@ -374,19 +372,15 @@ FILES["tdms with increments"] = _tdms(
 FILES["tdms of other lengths"] = _tdms(voltage_V=(u, {}), displacement_m=(y[:-7], {}))
 
 
-@made("npz")
-def _(home: Path) -> None:
-    np.savez_compressed(home / "a.npz", **dict(zip(_HEADER, signals(49), strict=True)))
+FILES["npz"] = lambda home: np.savez_compressed(home / "a.npz", **dict(zip(_HEADER, signals(49), strict=True)))
+FILES["npy of objects"] = lambda home: np.save(home / "a.npy", np.array([{"u": 1.0}, None], dtype=object))
 
 
 @made("npz in single precision, Fortran order")
 def _(home: Path) -> None:
     np.savez(home / "a.npz", all=np.asfortranarray(np.column_stack(signals(50)).astype(np.float32)))
-    manifest(
-        home,
-        'sample_rate_hz: 4000\nvariables: {voltage: {column: "all[1]", unit: V}, displacement: {column: "all[2]", '
-        "unit: m}}\n",
-    )
+    said = 'voltage: {column: "all[1]", unit: V}, displacement: {column: "all[2]", unit: m}'
+    manifest(home, f"sample_rate_hz: 4000\nvariables: {{{said}}}\n")
 
 
 @made("npy with three axes")
@@ -398,11 +392,6 @@ def _(home: Path) -> None:
         "sample_rate_hz: 4000\naxes: [time, channel, realisation]\ncolumns: {voltage: {column: 0, unit: V}, "
         "displacement: {column: 1, unit: m}}\nrecordings: [a.npy]\n",
     )
-
-
-@made("npy of objects")
-def _(home: Path) -> None:
-    np.save(home / "a.npy", np.array([{"u": 1.0}, None], dtype=object), allow_pickle=True)
 
 
 def _json(content: Any) -> Writer:

@@ -163,13 +163,8 @@ def with_value(value: str) -> str:
 
 def with_record(value: str) -> str:
     """The records, one on each line, with another 8th voltage."""
-    return (
-        "[\n"
-        + ",\n".join(json.dumps({**r, "voltage_V": "@"} if i == 7 else r) for i, r in enumerate(RECORDS)).replace(
-            '"@"', value
-        )
-        + "\n]"
-    )
+    rows = [json.dumps({**r, "voltage_V": "@"} if i == 7 else r) for i, r in enumerate(RECORDS)]
+    return ("[\n" + ",\n".join(rows) + "\n]").replace('"@"', value)
 
 
 @pytest.mark.parametrize(
