@@ -101,11 +101,9 @@ def test_nothing_of_the_environment_reaches_an_answer(
 ) -> None:
     monkeypatch.setenv("PHNN_SECRET", "swordfish")
     for text in (
-        "recordings: [{file: a.csv, name: '${oc.env:PHNN_SECRET}'}]",
-        "voltage: ${oc.env:PHNN_SECRET}",
-        "known: {'${oc.env:PHNN_SECRET}': 1}",
-        "setup: {network: '${oc.env:PHNN_SECRET}.yaml'}",
-    ):
+        "recordings: [{file: a.csv, name: '${oc.env:PHNN_SECRET}'}]", "voltage: ${oc.env:PHNN_SECRET}",
+        "known: {'${oc.env:PHNN_SECRET}': 1}", "setup: {network: '${oc.env:PHNN_SECRET}.yaml'}",
+    ):  # fmt: skip
         put(good / "recordings.yaml", text)
         outcome = attack(good)
         assert outcome.refused

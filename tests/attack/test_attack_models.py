@@ -157,36 +157,26 @@ def test_a_wrong_learned_law_is_refused(
     assert predicted(attack, good, content).refused
 
 
-TEXTS = {
-    "empty": "", "a number": "3", "a list": "[]", "a text": '"model"', "deep": "[" * 100_000,
-    "deep and closed": "[" * 900 + "]" * 900, "deep objects": '{"a":' * 5000 + "1" + "}" * 5000,
-    "a key twice": '{"schema": "phnn.model/1", "schema": "phnn.model/1"}', "not UTF-8": b'{"schema": "\xff"}',
-    "UTF-16": '{"schema": 1}'.encode("utf-16"), "NUL": b"\0" * 100, "cut": '{"schema": "phnn',
-    "NaN": '{"schema": NaN}', "a comment": "// model\n{}", "too large": b" " * (16 * 2**20 + 1),
-    "a huge text": '{"schema": "' + "x" * 10**6 + '"}', "many keys": json.dumps({f"k{i}": i for i in range(50_000)}),
-    "long digits": "1" * 100_000, "a surrogate": '{"schema": "\\ud800"}', "an exponent": '{"schema": 1e99999}',
-    "only a schema": '{"schema": "phnn.model/1"}',
-}  # fmt: skip
+TEXTS: list[str | bytes] = [
+    "", "3", "[]", '"model"', "[" * 100_000, "[" * 900 + "]" * 900, '{"a":' * 5000 + "1" + "}" * 5000,
+    '{"schema": "phnn.model/1", "schema": "phnn.model/1"}', b'{"schema": "\xff"}', '{"schema": 1}'.encode("utf-16"),
+    b"\0" * 100, '{"schema": "phnn', '{"schema": NaN}', "// model\n{}", b" " * (16 * 2**20 + 1),
+    '{"schema": "' + "x" * 10**6 + '"}', json.dumps({f"k{i}": i for i in range(50_000)}), "1" * 100_000,
+    '{"schema": "\\ud800"}', '{"schema": 1e99999}', '{"schema": "phnn.model/1"}',
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("text", TEXTS)
-def test_a_text_that_is_no_model(text: str, attack: Attack, good: Path) -> None:
+@pytest.mark.parametrize("text", range(len(TEXTS)))
+def test_a_text_that_is_no_model(text: int, attack: Attack, good: Path) -> None:
     assert predicted(attack, good, TEXTS[text]).refused
 
 
 VALUES = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(-3, 3),
-    st.floats(),
-    st.text(max_size=4),
-    st.just([]),
-    st.just({}),
-    st.sampled_from(
-        ["q", "p", "Q_1", "b", "m", "alpha", "capacitor", "linear", "dead_zone", "voltage", "V", 1e-300, 1e300, -1e9]
-    ),
+    st.none(), st.booleans(), st.integers(-3, 3), st.floats(), st.text(max_size=4), st.just([]), st.just({}),
     st.lists(st.sampled_from(["q", "p", "b", 1.0]), max_size=3),
-)
+    st.sampled_from(["q", "p", "Q_1", "b", "m", "alpha", "capacitor", "linear", "dead_zone", "voltage", "V"]),
+    st.sampled_from([1e-300, 1e300, -1e9]),
+)  # fmt: skip
 
 
 def places(content: Any, at: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
