@@ -1,4 +1,4 @@
-"""Ninety small recordings as users bring them, good and bad: each is written into an empty folder by a function."""
+"""Small recordings as users bring them, good and bad: each is written into an empty folder by a function."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Writer = Callable[[Path], None]
+Writer = Callable[[Path], object]
 
 SAMPLES, STEP = 240, 2.5e-4
 FILES: dict[str, Writer] = {}
+_NAMES = ("b", "a", "c10", "c9")
 _HEADER = ("time_s", "voltage_V", "displacement_m")
 _STATED = "columns: {time: {column: 0, unit: s}, voltage: {column: 1, unit: V}, displacement: {column: 2, unit: m}}\n"
 NETWORK = """\
@@ -89,11 +90,12 @@ def as_text(
     form: str = "{:.12g}",
     encoding: str = "utf-8",
     said: str = "",
+    above: str = "",
 ) -> Writer:
     """Return a writer of columns as `text`, with a manifest where something is said."""
 
     def write(home: Path) -> None:
-        text(home / file, columns, header, separator, decimal, end, form, encoding=encoding)
+        text(home / file, columns, header, separator, decimal, end, form, above, encoding)
         if said:
             manifest(home, said)
 
@@ -133,15 +135,106 @@ def _scaled(seed: int, *factors: float) -> list[Array]:
 _dialects()
 
 
-@made("csv, names and units in two rows")
-def _(home: Path) -> None:
-    text(home / "a.csv", _scaled(7, 1e3, 1.0, 1e6), ("Time,Voltage,Displacement\n(ms)", "(V)", "(um)"))
+def _several(*writers: Writer, said: str = "", **others: str) -> Writer:
+    """Return a writer of several files, texts among them by their names without dots, and a manifest."""
+
+    def write(home: Path) -> None:
+        for writer in writers:
+            writer(home)
+        for name, content in others.items():
+            (home / name.replace("__", ".")).write_text(content, "utf-8")
+        if said:
+            manifest(home, said)
+
+    return write
 
 
-@made("csv below what an instrument writes")
-def _(home: Path) -> None:
+def _tables() -> None:
+    """Tables of text as instruments and people write them."""
+    names = ("Time,Voltage,Displacement\n(ms)", "(V)", "(um)")
+    FILES["csv, names and units in two rows"] = as_text("a.csv", _scaled(7, 1e3, 1.0, 1e6), names)
     above = "Instrument: Interferometer 7, serial: 12\nDate: 2024-05-01 12:30:00\nRange: 10 V\n\n"
-    text(home / "a.csv", signals(8), above=above)
+    FILES["csv below what an instrument writes"] = as_text("a.csv", signals(8), above=above)
+    quoted = [f'"{n}"' for n in _HEADER]
+    FILES["csv, cells in quotes with decimal commas"] = as_text("a.csv", signals(11), quoted, form='"{:.12g}"')
+    FILES["csv, exponents of three digits and a plus sign"] = as_text("a.csv", signals(12), form="{:+.9E}")
+    t, u, y = signals(14)
+    FILES["csv with further channels"] = as_text(
+        "a.csv", (t, u, y, 1e3 * 1e-6 * u, 21.5 + 40.0 * t, 12.0 + 0.01 * u),
+        (*_HEADER, "current_mA", "temperature_degC", "force_N"),
+    )  # fmt: skip
+    t, u, y = signals(15)
+    FILES["csv, columns in another order"] = as_text("a.csv", (y, t, u), ("displacement_m", "time_s", "voltage_V"))
+    rate = "sample_rate_hz: 4000\n"
+    FILES["csv without time, at a stated rate"] = as_text("a.csv", signals(16)[1:], _HEADER[1:], said=rate)
+    FILES["csv without time"] = as_text("a.csv", signals(16)[1:], _HEADER[1:])
+    t, u, y = signals(17)
+    FILES["csv, time since an epoch, rounded"] = as_text("a.csv", (1.7e9 + np.round(t, 6), u, y), form="{:.17g}")
+    t = signals(18, 480)[0]
+    u = 50.0 * np.sin(2.0 * np.pi * 50.0 * t)
+    y = 5e-7 * u + 3e-8 * np.random.default_rng(18).standard_normal(t.size)
+    FILES["csv, a period that repeats"] = as_text("a.csv", (t, u, y), said="start: periodic\n")
+    t, _, y = signals(19)
+    u = 20.0 * (np.floor(t / 0.01 + 1e-6) % 3)
+    said = "input: zero_order\nstart: {state: rest, input_before: 0.0}\n"
+    FILES["csv, a held input with jumps"] = as_text("a.csv", (t, u, y), said=said)
+    said = "recordings:\n  - {file: a.csv, jumps_at_s: [0.0202], rise_time_s: 1.0e-4}\n"
+    FILES["csv, jumps at stated times"] = as_text("a.csv", (t, 20.0 * (t > 0.0202), y), said=said)
+    FILES["csv, segments of equal length"] = as_text(
+        "a.csv", signals(20)[1:], _HEADER[1:], said="sample_rate_hz: 4000\nsegments: 80\n"
+    )
+    t, u, y = signals(21)
+    columns = (np.where(t < 0.03, t, t + 7.0), u, y)
+    FILES["csv, segments by jumps of time"] = as_text("a.csv", columns, said="segments: true\n")
+    said = (
+        "recordings:\n  - {file: a.csv, name: first half, slice: [0, 120], use: identification}\n"
+        "  - {file: a.csv, name: second half, slice: [120, 240], use: confirmation, start: unknown}\n"
+    )
+    FILES["csv, slices with uses and names"] = as_text("a.csv", signals(22), said=said)
+
+
+def _folders() -> None:
+    """Several files in a folder, and what a manifest says of them."""
+    some = (as_text(f"{n}.csv", _scaled(23 + k, 1.0, 1 + 0.1 * k, 1 + 0.1 * k)) for k, n in enumerate(_NAMES))
+    said = "recordings: [b.csv, {file: a.csv, use: confirmation}, c10.csv]\n"
+    FILES["several files, one held out"] = _several(*some, said=said, notes__md="# What was done\n")
+    some = (
+        as_text(f"run{n}.csv", _scaled(27 + k, 1.0, 1.0 - 0.2 * k, 1.0 - 0.2 * k)) for k, n in enumerate((10, 9, 1))
+    )
+    FILES["several files without a manifest"] = _several(
+        *some, readme__txt="Recorded on Tuesday.\n", settings__json='{"gain": 3, "operator": "me"}'
+    )
+    t, u, y = signals(30)
+    FILES["two files beside each other"] = _several(
+        as_text("u.csv", (t, u), _HEADER[:2]), as_text("y.csv", (y,), _HEADER[2:]),
+        said="recordings: [{file: [u.csv, y.csv], name: both}]\n",
+    )  # fmt: skip
+    t, u, y = signals(31)
+    said = (
+        "setup: {model: piezo_actuator, hysterons: 1}\nvoltage: terminals\n"
+        "known: {m: {value: 1.2, std: 0.1, unit: g}}\n"
+        "sensor: {saturates: [-20 um, 25 um], lag: 0.1 ms}\noffset: shared\ninput: band_limited\n"
+    )
+    FILES["known values, terminals and a sensor"] = as_text("a.csv", (t, u, np.clip(y, -2e-5, 2.5e-5)), said=said)
+    t, u, y = signals(32)
+    said = "setup: linear\nsensor: {rectified: true}\n"
+    FILES["a sensor that knows no sign"] = as_text("a.csv", (t, u, np.abs(y)), said=said)
+    t, u, y = signals(33)
+    names = ("time_s", "push_N", "pull_N", "x_m", "v")
+    FILES["a network with two inputs"] = _several(
+        as_text("a.csv", (t, 0.1 * u, 0.02 * u[::-1], y, 0.1 * y), names), rig__yaml=NETWORK,
+        said="setup: {network: rig.yaml}\ncolumns: {time: {column: time_s, unit: s}, input: {column: push_N, unit: N, "
+        "gain: unknown}}\nports: {pull: {column: pull_N, unit: N}}\noutputs: {q: {column: x_m, unit: m}}\n",
+    )  # fmt: skip
+    FILES["imposed units of a network"] = _several(
+        as_text("a.csv", _scaled(34, 1.0, 1.0, 1e6), ("a", "b", "c")), rig__yaml=NETWORK,
+        said="setup: {network: rig.yaml}\ncolumns: {time: {column: a, unit: s}, input: {column: b, unit: lbf, "
+        "scale: -0.5}, output: {column: c, unit: um}}\nstart: unknown\ninput: linear\n",
+    )  # fmt: skip
+
+
+_tables()
+_folders()
 
 
 @made("csv of two tables")
@@ -150,205 +243,50 @@ def _(home: Path) -> None:
     (home / "a.csv").write_text("\n".join(lines) + "\n")
 
 
-@made("csv, cells in quotes with decimal commas")
-def _(home: Path) -> None:
-    text(home / "a.csv", signals(11), [f'"{n}"' for n in _HEADER], form='"{:.12g}"', decimal=".")
+def _cut(last: int) -> Writer:
+    def write(home: Path) -> None:
+        text(home / "a.csv", signals(13), form="{:.9e}")
+        (home / "a.csv").write_bytes((home / "a.csv").read_bytes()[:-last])
+
+    return write
 
 
-@made("csv, exponents of three digits and a plus sign")
-def _(home: Path) -> None:
-    text(home / "a.csv", signals(12), form="{:+.9E}")
-
-
-@made("csv that breaks off")
-def _(home: Path) -> None:
-    text(home / "a.csv", signals(13), form="{:.9e}")
-    content = (home / "a.csv").read_bytes()
-    (home / "a.csv").write_bytes(content[:-9])
-
-
-@made("csv without a last line end")
-def _(home: Path) -> None:
-    text(home / "a.csv", signals(13), form="{:.9e}")
-    (home / "a.csv").write_bytes((home / "a.csv").read_bytes().rstrip())
-
-
-@made("csv with further channels")
-def _(home: Path) -> None:
-    t, u, y = signals(14)
-    columns = (t, u, y, 1e3 * 1e-6 * u, 21.5 + 40.0 * t, 12.0 + 0.01 * u)
-    text(home / "a.csv", columns, (*_HEADER, "current_mA", "temperature_degC", "force_N"))
-
-
-@made("csv, columns in another order")
-def _(home: Path) -> None:
-    t, u, y = signals(15)
-    text(home / "a.csv", (y, t, u), ("displacement_m", "time_s", "voltage_V"))
-
-
-@made("csv without time, at a stated rate")
-def _(home: Path) -> None:
-    text(home / "a.csv", signals(16)[1:], _HEADER[1:])
-    manifest(home, "sample_rate_hz: 4000\n")
-
-
-@made("csv without time")
-def _(home: Path) -> None:
-    text(home / "a.csv", signals(16)[1:], _HEADER[1:])
-
-
-@made("csv, time since an epoch, rounded")
-def _(home: Path) -> None:
-    t, u, y = signals(17)
-    text(home / "a.csv", (1.7e9 + np.round(t, 6), u, y), form="{:.17g}")
-
-
-@made("csv, a period that repeats")
-def _(home: Path) -> None:
-    t, u, _ = signals(18, 480)
-    u = 50.0 * np.sin(2.0 * np.pi * 50.0 * t)
-    text(home / "a.csv", (t, u, 5e-7 * u + 3e-8 * np.random.default_rng(18).standard_normal(t.size)))
-    manifest(home, "start: periodic\n")
-
-
-@made("csv, a held input with jumps")
-def _(home: Path) -> None:
-    t, _, y = signals(19)
-    u = 20.0 * (np.floor(t / 0.01 + 1e-6) % 3)
-    text(home / "a.csv", (t, u, y))
-    manifest(home, "input: zero_order\nstart: {state: rest, input_before: 0.0}\n")
-
-
-@made("csv, jumps at stated times")
-def _(home: Path) -> None:
-    t, _, y = signals(19)
-    text(home / "a.csv", (t, 20.0 * (t > 0.0202), y))
-    manifest(home, "recordings:\n  - {file: a.csv, jumps_at_s: [0.0202], rise_time_s: 1.0e-4}\n")
-
-
-@made("csv, segments of equal length")
-def _(home: Path) -> None:
-    text(home / "a.csv", signals(20)[1:], _HEADER[1:])
-    manifest(home, "sample_rate_hz: 4000\nsegments: 80\n")
-
-
-@made("csv, segments by jumps of time")
-def _(home: Path) -> None:
-    t, u, y = signals(21)
-    text(home / "a.csv", (np.where(t < 0.03, t, t + 7.0), u, y))
-    manifest(home, "segments: true\n")
-
-
-@made("csv, slices with uses and names")
-def _(home: Path) -> None:
-    text(home / "a.csv", signals(22))
-    manifest(
-        home,
-        "recordings:\n  - {file: a.csv, name: first half, slice: [0, 120], use: identification}\n"
-        "  - {file: a.csv, name: second half, slice: [120, 240], use: confirmation, start: unknown}\n",
-    )
-
-
-@made("several files, one held out")
-def _(home: Path) -> None:
-    for k, name in enumerate(("b", "a", "c10", "c9")):
-        text(home / f"{name}.csv", _scaled(23 + k, 1.0, 1.0 + 0.1 * k, 1.0 + 0.1 * k))
-    (home / "notes.md").write_text("# What was done\n")
-    manifest(home, "recordings: [b.csv, {file: a.csv, use: confirmation}, c10.csv]\n")
-
-
-@made("several files without a manifest")
-def _(home: Path) -> None:
-    for k, name in enumerate(("run10", "run9", "run1")):
-        text(home / f"{name}.csv", _scaled(27 + k, 1.0, 1.0 - 0.2 * k, 1.0 - 0.2 * k))
-    (home / "readme.txt").write_text("Recorded on Tuesday.\n")
-    (home / "settings.json").write_text('{"gain": 3, "operator": "me"}')
-
-
-@made("two files beside each other")
-def _(home: Path) -> None:
-    t, u, y = signals(30)
-    text(home / "u.csv", (t, u), _HEADER[:2])
-    text(home / "y.csv", (y,), _HEADER[2:])
-    manifest(home, "recordings: [{file: [u.csv, y.csv], name: both}]\n")
-
-
-@made("known values, terminals and a sensor")
-def _(home: Path) -> None:
-    t, u, y = signals(31)
-    text(home / "a.csv", (t, u, np.clip(y, -2e-5, 2.5e-5)))
-    manifest(
-        home,
-        "setup: {model: piezo_actuator, hysterons: 1}\nvoltage: terminals\n"
-        "known: {m: {value: 1.2, std: 0.1, unit: g}}\n"
-        "sensor: {saturates: [-20 um, 25 um], lag: 0.1 ms}\noffset: shared\ninput: band_limited\n",
-    )
-
-
-@made("a sensor that knows no sign")
-def _(home: Path) -> None:
-    t, u, y = signals(32)
-    text(home / "a.csv", (t, u, np.abs(y)))
-    manifest(home, "setup: linear\nsensor: {rectified: true}\n")
-
-
-@made("a network with two inputs")
-def _(home: Path) -> None:
-    t, u, y = signals(33)
-    text(home / "a.csv", (t, 0.1 * u, 0.02 * u[::-1], y, 0.1 * y), ("time_s", "push_N", "pull_N", "x_m", "v"))
-    (home / "rig.yaml").write_text(NETWORK, "utf-8")
-    manifest(
-        home,
-        "setup: {network: rig.yaml}\ncolumns: {time: {column: time_s, unit: s}, input: {column: push_N, unit: N, gain: "
-        "unknown}}\nports: {pull: {column: pull_N, unit: N}}\noutputs: {q: {column: x_m, unit: m}}\n",
-    )
-
-
-@made("imposed units of a network")
-def _(home: Path) -> None:
-    text(home / "a.csv", _scaled(34, 1.0, 1.0, 1e6), ("a", "b", "c"))
-    (home / "rig.yaml").write_text(NETWORK, "utf-8")
-    manifest(
-        home,
-        "setup: {network: rig.yaml}\ncolumns: {time: {column: a, unit: s}, input: {column: b, unit: lbf, scale: -0.5}, "
-        "output: {column: c, unit: um}}\nstart: unknown\ninput: linear\n",
-    )
-
+FILES["csv that breaks off"] = _cut(9)
+FILES["csv without a last line end"] = _cut(1)
 
 # --- Binary formats ---------------------------------------------------------------------------------------------------
 
 
-@made("mat of version 5, rows and columns")
-def _(home: Path) -> None:
-    import scipy.io
+def _mat(content: Mapping[str, Any], said: str = "", packed: bool = False) -> Writer:
+    """Return a writer of a .mat file of version 5."""
 
-    t, u, y = signals(40)
-    scipy.io.savemat(home / "a.mat", {"time_s": t, "voltage_V": u[:, None], "displacement_m": y[None, :]})
+    def write(home: Path) -> None:
+        import scipy.io
 
+        scipy.io.savemat(home / "a.mat", dict(content), do_compression=packed)
+        if said:
+            manifest(home, said)
 
-@made("mat of version 5, a matrix and a scalar rate")
-def _(home: Path) -> None:
-    import scipy.io
-
-    scipy.io.savemat(home / "a.mat", {"data": np.column_stack(signals(41)), "fs": 4000.0}, do_compression=True)
-    manifest(
-        home,
-        'variables: {time: {column: "data[0]", unit: s}, voltage: {column: "data[1]", unit: V}, '
-        'displacement: {column: "data[2]", unit: m}}\n',
-    )
+    return write
 
 
-@made("mat of version 5, a structure")
-def _(home: Path) -> None:
-    import scipy.io
+def _places(where: str, *names: str) -> str:
+    """Return a manifest that names the variables of time, voltage and displacement in SI units."""
+    quantities = zip(("time", "voltage", "displacement"), names, "sVm", strict=True)
+    columns = (f'{quantity}: {{column: "{name}", unit: {unit}}}' for quantity, name, unit in quantities)
+    return f"{where}: {{{', '.join(columns)}}}\n"
 
-    t, u, y = signals(42)
-    scipy.io.savemat(home / "a.mat", {"run": {"t": t, "log": {"u": u.astype(np.float32), "x": y}}})
-    manifest(
-        home,
-        "variables: {time: {column: run.t, unit: s}, voltage: {column: run.log.u, unit: V}, "
-        "displacement: {column: run.log.x, unit: m}}\n",
-    )
+
+t, u, y = signals(40)
+FILES["mat of version 5, rows and columns"] = _mat(dict(zip(_HEADER, (t, u[:, None], y[None, :]), strict=True)))
+FILES["mat of version 5, a matrix and a scalar rate"] = _mat(
+    {"data": np.column_stack(signals(41)), "fs": 4000.0}, _places("variables", "data[0]", "data[1]", "data[2]"), True
+)
+t, u, y = signals(42)
+FILES["mat of version 5, a structure"] = _mat(
+    {"run": {"t": t, "log": {"u": u.astype(np.float32), "x": y}}},
+    _places("variables", "run.t", "run.log.u", "run.log.x"),
+)
 
 
 def _iddata(**changes: Any) -> dict[str, Any]:
@@ -368,18 +306,8 @@ def _iddata(**changes: Any) -> dict[str, Any]:
     } | changes  # fmt: skip
 
 
-@made("mat of version 5, iddata")
-def _(home: Path) -> None:
-    import scipy.io
-
-    scipy.io.savemat(home / "a.mat", {"data": _iddata()})
-
-
-@made("mat of version 5, iddata in frequencies")
-def _(home: Path) -> None:
-    import scipy.io
-
-    scipy.io.savemat(home / "a.mat", {"data": _iddata(Domain="Frequency")})
+FILES["mat of version 5, iddata"] = _mat({"data": _iddata()})
+FILES["mat of version 5, iddata in frequencies"] = _mat({"data": _iddata(Domain="Frequency")})
 
 
 @made("mat of version 7.3")
@@ -401,11 +329,7 @@ def _(home: Path) -> None:
         group.attrs["MATLAB_class"] = np.bytes_("struct")
         for name, values in zip("tux", signals(45), strict=True):
             group[name] = values[:, None]
-    manifest(
-        home,
-        "variables: {time: {column: run.t, unit: s}, voltage: {column: run.u, unit: V}, "
-        "displacement: {column: run.x, unit: m}}\n",
-    )
+    manifest(home, _places("variables", "run.t", "run.u", "run.x"))
 
 
 @made("hdf5 with groups and units")
@@ -416,10 +340,7 @@ def _(home: Path) -> None:
         for name, unit, values in zip(("time", "voltage", "displacement"), "sVm", signals(46), strict=True):
             made_ = file.create_dataset(f"daq/{name}", data=values, compression="gzip")
             made_.attrs["unit"] = unit
-    places = {
-        q: f"{{column: daq/{q}, unit: {u}}}" for q, u in zip(("time", "voltage", "displacement"), "sVm", strict=True)
-    }
-    manifest(home, f"variables: {{{', '.join(f'{q}: {place}' for q, place in places.items())}}}\n")
+    manifest(home, _places("variables", "daq/time", "daq/voltage", "daq/displacement"))
 
 
 @made("hdf5, flat, chunked")
@@ -431,43 +352,35 @@ def _(home: Path) -> None:
             file.create_dataset(name, data=values, chunks=(50,), dtype=">f8")
 
 
-@made("tdms with increments")
-def _(home: Path) -> None:
-    from nptdms import ChannelObject, TdmsWriter
+def _tdms(**channels: tuple[Array, dict[str, Any]]) -> Writer:
+    """Return a writer of a .tdms file of channels with properties."""
 
-    _, u, y = signals(48)
-    said = {"wf_increment": STEP, "wf_start_offset": 0.0}
-    with TdmsWriter(home / "a.tdms") as writer:
-        writer.write_segment(
-            [
-                ChannelObject("daq", "voltage", u, {**said, "unit_string": "V"}),
-                ChannelObject("daq", "displacement", 1e6 * y, {**said, "unit_string": "um"}),
-            ]
-        )
+    def write(home: Path) -> None:
+        from nptdms import ChannelObject, TdmsWriter
+
+        with TdmsWriter(home / "a.tdms") as writer:
+            writer.write_segment([ChannelObject("g", name, *channel) for name, channel in channels.items()])
+
+    return write
 
 
-@made("tdms of other lengths")
-def _(home: Path) -> None:
-    from nptdms import ChannelObject, TdmsWriter
+t, u, y = signals(48)
+_SAID = {"wf_increment": STEP, "wf_start_offset": 0.0}
+FILES["tdms with increments"] = _tdms(
+    voltage=(u, {**_SAID, "unit_string": "V"}), displacement=(1e6 * y, {**_SAID, "unit_string": "um"})
+)
+FILES["tdms of other lengths"] = _tdms(voltage_V=(u, {}), displacement_m=(y[:-7], {}))
 
-    _, u, y = signals(48)
-    with TdmsWriter(home / "a.tdms") as writer:
-        writer.write_segment([ChannelObject("g", "voltage_V", u), ChannelObject("g", "displacement_m", y[:-7])])
 
-
-@made("npz")
-def _(home: Path) -> None:
-    np.savez_compressed(home / "a.npz", **dict(zip(_HEADER, signals(49), strict=True)))
+FILES["npz"] = lambda home: np.savez_compressed(home / "a.npz", **dict(zip(_HEADER, signals(49), strict=True)))
+FILES["npy of objects"] = lambda home: np.save(home / "a.npy", np.array([{"u": 1.0}, None], dtype=object))
 
 
 @made("npz in single precision, Fortran order")
 def _(home: Path) -> None:
     np.savez(home / "a.npz", all=np.asfortranarray(np.column_stack(signals(50)).astype(np.float32)))
-    manifest(
-        home,
-        'sample_rate_hz: 4000\nvariables: {voltage: {column: "all[1]", unit: V}, displacement: {column: "all[2]", '
-        "unit: m}}\n",
-    )
+    said = 'voltage: {column: "all[1]", unit: V}, displacement: {column: "all[2]", unit: m}'
+    manifest(home, f"sample_rate_hz: 4000\nvariables: {{{said}}}\n")
 
 
 @made("npy with three axes")
@@ -481,33 +394,16 @@ def _(home: Path) -> None:
     )
 
 
-@made("npy of objects")
-def _(home: Path) -> None:
-    np.save(home / "a.npy", np.array([{"u": 1.0}, None], dtype=object), allow_pickle=True)
+def _json(content: Any) -> Writer:
+    return lambda home: (home / "a.json").write_text(json.dumps(content))
 
 
-@made("json of columns")
-def _(home: Path) -> None:
-    content = {n: x.tolist() for n, x in zip(_HEADER, signals(52), strict=True)}
-    (home / "a.json").write_text(json.dumps({"instrument": "laser", "data": content}))
-
-
-@made("json of columns at the top")
-def _(home: Path) -> None:
-    (home / "a.json").write_text(json.dumps({n: x.tolist() for n, x in zip(_HEADER, signals(52), strict=True)}))
-
-
-@made("json of rows")
-def _(home: Path) -> None:
-    rows = [dict(zip(_HEADER, row, strict=True)) for row in np.column_stack(signals(53)).tolist()]
-    (home / "a.json").write_text(json.dumps(rows, indent=1))
-
-
-@made("json with null")
-def _(home: Path) -> None:
-    content = {n: x.tolist() for n, x in zip(_HEADER, signals(54), strict=True)}
-    content["displacement_m"][100] = None
-    (home / "a.json").write_text(json.dumps(content))
+t, u, y = (x.tolist() for x in signals(52))
+FILES["json of columns"] = _json({"instrument": "laser", "data": dict(zip(_HEADER, (t, u, y), strict=True))})
+FILES["json of columns at the top"] = _json(dict(zip(_HEADER, (t, u, y), strict=True)))
+FILES["json of rows"] = _json([dict(zip(_HEADER, r, strict=True)) for r in np.column_stack(signals(53)).tolist()])
+t, u, y = (x.tolist() for x in signals(54))
+FILES["json with null"] = _json(dict(zip(_HEADER, (t, u, [*y[:100], None, *y[101:]]), strict=True)))
 
 
 # --- Files that are refused -------------------------------------------------------------------------------------------
@@ -570,24 +466,16 @@ FILES["no output"] = as_text("a.csv", (t, u), _HEADER[:2])
 FILES["no input"] = as_text("a.csv", (t, y), (_HEADER[0], _HEADER[2]))
 
 
-@made("an empty folder")
-def _(home: Path) -> None:
-    pass
+def _bytes(file: str, content: bytes) -> Writer:
+    return lambda home: (home / file).write_bytes(content)
 
 
-@made("an empty file")
-def _(home: Path) -> None:
-    (home / "a.csv").write_bytes(b"")
-
-
-@made("bytes of no format")
-def _(home: Path) -> None:
-    (home / "a.csv").write_bytes(np.random.default_rng(63).integers(0, 256, 5000, dtype=np.uint8).tobytes())
-
-
-@made("prose")
-def _(home: Path) -> None:
-    (home / "a.csv").write_text("On Tuesday we measured the stage, and it moved.\n" * 20)
+FILES["an empty folder"] = lambda home: None
+FILES["an empty file"] = _bytes("a.csv", b"")
+FILES["bytes of no format"] = _bytes("a.csv", np.random.default_rng(63).integers(0, 256, 5000, np.uint8).tobytes())
+FILES["prose"] = _bytes("a.csv", b"On Tuesday we measured the stage, and it moved.\n" * 20)
+FILES["an hdf5 file that is none"] = _bytes("a.h5", b"\x89HDF\r\n\x1a\n" + struct.pack("<40d", *range(40)))
+FILES["an npz file that is none"] = _bytes("a.npz", b"PK\x03\x04" + bytes(200))
 
 
 @made("an unknown format")
@@ -602,16 +490,6 @@ def _(home: Path) -> None:
 
     scipy.io.savemat(home / "a.mat", dict(zip(_HEADER, signals(64), strict=True)))
     (home / "a.mat").write_bytes((home / "a.mat").read_bytes()[:3000])
-
-
-@made("an hdf5 file that is none")
-def _(home: Path) -> None:
-    (home / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + struct.pack("<40d", *range(40)))
-
-
-@made("an npz file that is none")
-def _(home: Path) -> None:
-    (home / "a.npz").write_bytes(b"PK\x03\x04" + bytes(200))
 
 
 # --- Objects in memory ------------------------------------------------------------------------------------------------

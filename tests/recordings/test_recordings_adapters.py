@@ -124,11 +124,6 @@ def test_it_is_read_as_its_csv(columns: dict[str, Columns], as_csv: Campaign, gi
     assert {r.name: r.parts for r in found.recordings} == {r.name: r.parts for r in as_csv.recordings}
 
 
-def test_one_frame_is_one_recording(columns: dict[str, Columns], tmp_path: Path) -> None:
-    made.write(tmp_path / "recording.csv", *columns["low"].values(), header=",".join(columns["low"]))
-    _as_read(phnn.read(pd.DataFrame(columns["low"])), phnn.read(tmp_path))
-
-
 def test_a_manifest_says_of_objects_what_it_says_of_files(columns: dict[str, Columns], folder: Path) -> None:
     said = {
         "known": {"m": 1.0e-3},

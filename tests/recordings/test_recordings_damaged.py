@@ -13,10 +13,11 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from recordings_example import output, refused, sine
+from recordings_example import output, sine
 
 from phnn.errors import InputRefused
 from phnn.recordings import read
+from phnn.recordings.reader import READERS
 
 T, U = sine(10.0, 75.0, samples=120)
 # As numbers of a file: s, V and um.
@@ -33,10 +34,11 @@ NO_DISPLACEMENT = ("V", "kg", "xm", "Um", "umm", "s", "mN", "in", "u", "?", "µ"
 LARGEST_DISPLACEMENT = 1e-2
 
 
-def table(separator: str, decimal: str, head: str, form: str = "%r") -> bytes:
-    """Rows of text under a head."""
-    rows = [separator.join(form % float(v) for v in row).replace(".", decimal) for row in zip(*COLUMNS.values())]  # noqa: B905
-    return f"{head}\n{chr(10).join(rows)}\n".encode()
+def table(separator: str, decimal: str, head: str, form: str = "%.17g", end: str = "\n") -> bytes:
+    """Return rows of text under a head."""
+    samples = np.column_stack([*COLUMNS.values()]).tolist()
+    rows = (separator.join(form % v for v in row).replace(".", decimal) for row in samples)
+    return end.join([head, *rows, ""]).encode()
 
 
 def binary(save: Callable[[io.BytesIO], object]) -> bytes:
@@ -59,29 +61,21 @@ def _tdms(file: io.BytesIO) -> None:
         writer.write_segment([ChannelObject("g", name, values) for name, values in COLUMNS.items()])
 
 
-def _structured() -> np.ndarray:
-    return np.array(list(zip(*COLUMNS.values())), dtype=[(n, "f8") for n in NAMES])  # noqa: B905
-
-
+STRUCTURED = np.array([tuple(row) for row in np.column_stack([*COLUMNS.values()])], dtype=[(n, "f8") for n in NAMES])
 INSTRUMENT = "Oscilloscope 7\nDate: 1 May\n\n" + "\t".join(n.split("_")[0] for n in NAMES) + "\ns\tV\tum"
 FILES: dict[str, bytes] = {
-    ".csv": table(",", ".", ",".join(NAMES)),
-    "fixed.csv": table(",", ".", ",".join(NAMES), "%.9e"),
-    "comma.csv": table(";", ",", ";".join(NAMES)),
-    ".txt": table("\t", ".", INSTRUMENT),
-    ".npy": binary(lambda f: np.save(f, _structured())),
-    ".npz": binary(lambda f: np.savez(f, **COLUMNS)),
+    ".csv": table(",", ".", ",".join(NAMES), "%r"), "fixed.csv": table(",", ".", ",".join(NAMES), "%.9e"),
+    "comma.csv": table(";", ",", ";".join(NAMES)), ".tsv": table("\t", ".", "\t".join(NAMES)),
+    ".dat": table(" ", ".", "# " + " ".join(NAMES)), ".asc": table(";", ".", ";".join(NAMES), end="\r\n"),
+    ".lvm": table("\t", ",", "\t".join(NAMES)), ".txt": table("\t", ".", INSTRUMENT),
+    ".npy": binary(lambda f: np.save(f, STRUCTURED)), ".npz": binary(lambda f: np.savez(f, **COLUMNS)),
     ".mat": binary(lambda f: scipy.io.savemat(f, COLUMNS)),
-    "small.mat": binary(lambda f: scipy.io.savemat(f, COLUMNS, do_compression=True)),
-    ".h5": binary(_hdf5),
-    ".json": json.dumps({name: values.tolist() for name, values in COLUMNS.items()}).encode(),
-    "records.json": json.dumps([dict(zip(NAMES, r)) for r in _structured().tolist()]).encode(),  # noqa: B905
-}
+    "small.mat": binary(lambda f: scipy.io.savemat(f, COLUMNS, do_compression=True)), ".h5": binary(_hdf5),
+    ".hdf5": binary(_hdf5), ".json": json.dumps({name: values.tolist() for name, values in COLUMNS.items()}).encode(),
+    "records.json": json.dumps([dict(zip(NAMES, row, strict=True)) for row in STRUCTURED.tolist()]).encode(),
+}  # fmt: skip
 if importlib.util.find_spec("nptdms") is not None:
     FILES[".tdms"] = binary(_tdms)
-JSON = [name for name in FILES if name.endswith(".json")]
-# A seed says which of these is damaged.
-OTHERS = [name for name in FILES if name not in JSON]
 TEXT = [name for name in FILES if name.endswith((".csv", ".txt"))]
 
 
@@ -100,38 +94,17 @@ class Damaged:
     shorter: bool = False
 
 
-def cut(raw: bytes, rng: np.random.Generator) -> Damaged:
-    keep = int(rng.integers(len(raw)))
-    return Damaged(raw[:keep], f"cut after {keep} bytes", shorter=True)
-
-
-def overwritten(raw: bytes, rng: np.random.Generator) -> Damaged:
-    size, first = int(rng.integers(1, 65)), int(rng.integers(len(raw)))
-    noise = rng.bytes(size) if rng.random() < 0.7 else bytes(size)
-    return Damaged((raw[:first] + noise + raw[first + size :])[: len(raw)], f"{size} bytes at {first}", _covered(size))
-
-
-def inserted(raw: bytes, rng: np.random.Generator) -> Damaged:
-    size, first = 8 * int(rng.integers(1, 9)), int(rng.integers(len(raw)))
-    return Damaged(raw[:first] + rng.bytes(size) + raw[first:], f"{size} bytes inserted at {first}", _covered(size))
-
-
-def removed(raw: bytes, rng: np.random.Generator) -> Damaged:
-    size, first = 8 * int(rng.integers(1, 9)), int(rng.integers(len(raw)))
-    return Damaged(raw[:first] + raw[first + size :], f"{size} bytes removed at {first}", _covered(size))
-
-
-def repeated(raw: bytes, rng: np.random.Generator) -> Damaged:
-    size, first = 8 * int(rng.integers(1, 65)), int(rng.integers(len(raw)))
-    piece = raw[first : first + size]
-    return Damaged(raw[:first] + piece + raw[first:], f"{size} bytes twice at {first}", _covered(size))
-
-
-def _covered(size: int) -> int:
-    return size // SHORTEST + BESIDE
-
-
-DAMAGES = (cut, overwritten, inserted, removed, repeated)
+def damaged(raw: bytes, rng: np.random.Generator) -> Damaged:
+    """Return a file that ends early, or one with a place that was overwritten, inserted, removed or repeated."""
+    first, size = int(rng.integers(len(raw))), 8 * int(rng.integers(1, 9))
+    before, piece, behind, noise = raw[:first], raw[first : first + size], raw[first + size :], rng.bytes(size)
+    changed = {
+        "cut": before, "noise over": before + noise[: len(piece)] + behind, "removed": before + behind,
+        "zeros over": before + bytes(len(piece)) + behind, "noise before": before + noise + piece + behind,
+        "twice": before + piece + piece + behind, "a byte over": before + noise[:1] + raw[first + 1 :],
+    }  # fmt: skip
+    kind = str(rng.choice(list(changed)))
+    return Damaged(changed[kind], f"{size} bytes at {first}: {kind}", size // SHORTEST + BESIDE, kind == "cut")
 
 
 @dataclass(frozen=True)
@@ -172,37 +145,37 @@ def agrees(found: Seen, damaged: Damaged) -> bool:
     return int(others.sum()) <= damaged.rows
 
 
-def run(folder: Path, seeds: range, names: list[str]) -> None:
-    """Damage a file in a way that the seed says, and read it."""
-    wrong, right = [], 0
+@pytest.mark.parametrize("seeds", [range(300), pytest.param(range(300, 3300), marks=pytest.mark.slow)])
+def test_a_damaged_file_is_refused_or_read_as_it_stands(tmp_path: Path, seeds: range) -> None:
+    wrong, right, names = [], 0, list(FILES)
     for seed in seeds:
-        rng = np.random.default_rng(seed)
-        name, damage = names[seed % len(names)], DAMAGES[int(rng.integers(len(DAMAGES)))]
-        damaged = damage(FILES[name], rng)
-        found = outcome(folder, name, damaged.raw)
-        if not isinstance(found, str):
-            right += 1
-            if not agrees(found, damaged):
-                wrong.append(f"seed {seed}: {name}, {damaged.what}")
+        name = names[seed % len(names)]
+        touched = damaged(FILES[name], np.random.default_rng(seed))
+        found = outcome(tmp_path, name, touched.raw)
+        right += isinstance(found, Seen)
+        if isinstance(found, Seen) and not agrees(found, touched):
+            wrong.append(f"seed {seed}: {name}, {touched.what}")
     assert not wrong, wrong
     # Some were read, so that the comparison has compared something.
     assert right > len(seeds) // 100
 
 
-def test_every_format_is_read_undamaged(tmp_path: Path) -> None:
-    for name, raw in FILES.items():
-        found = outcome(tmp_path, name, raw)
-        assert not isinstance(found, str), (name, found)
-        assert agrees(found, Damaged(raw, "nothing"))
+@pytest.mark.parametrize(
+    "name", [n for n in FILES if n not in TEXT and not n.endswith((".tsv", ".dat", ".asc", ".lvm"))]
+)
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.95])
+def test_a_truncated_file_is_refused(tmp_path: Path, name: str, share: float) -> None:
+    assert isinstance(outcome(tmp_path, name, FILES[name][: int(share * len(FILES[name]))]), str)
 
 
 def test_every_format_makes_the_campaign_that_its_csv_twin_makes(tmp_path: Path) -> None:
     # A diagnosis follows from the campaign and a seed alone.
+    assert {Path(f"a{name}").suffix for name in FILES} >= set(READERS) - {".tdms"}
     twins = {}
     for name in (n for n in FILES if n != "fixed.csv"):
-        (tmp_path / f"a{name}").write_bytes(FILES[name])
+        found = outcome(tmp_path, name, FILES[name])
+        assert isinstance(found, Seen) and agrees(found, Damaged(b"", "nothing")), (name, found)
         twins[name] = read(tmp_path)
-        (tmp_path / f"a{name}").unlink()
     one = twins.pop(".csv")
     for name, twin in twins.items():
         assert (twin.setup, twin.known, twin.voltage) == (one.setup, one.known, one.voltage)
@@ -211,40 +184,6 @@ def test_every_format_makes_the_campaign_that_its_csv_twin_makes(tmp_path: Path)
             if field.name not in ("name", "source", "parts"):
                 np.testing.assert_equal(getattr(b, field.name), getattr(a, field.name), f"{name}: {field.name}")
         assert [(p.first, p.last, p.use) for p in b.parts] == [(p.first, p.last, p.use) for p in a.parts]
-
-
-def test_damaged_files(tmp_path: Path) -> None:
-    run(tmp_path, range(200), OTHERS)
-
-
-@pytest.mark.slow
-def test_many_damaged_files(tmp_path: Path) -> None:
-    run(tmp_path, range(200, 2200), OTHERS)
-
-
-def test_damaged_json(tmp_path: Path) -> None:
-    run(tmp_path, range(100), JSON)
-
-
-@pytest.mark.slow
-def test_much_damaged_json(tmp_path: Path) -> None:
-    run(tmp_path, range(100, 1100), JSON)
-
-
-@pytest.mark.parametrize("name", TEXT)
-def test_columns_in_any_order_are_told_by_their_names(name: str, tmp_path: Path) -> None:
-    text = FILES[name].decode()
-    separator = {"comma.csv": ";", ".txt": "\t"}.get(name, ",")
-    rng = np.random.default_rng(5)
-    for _ in range(5):
-        order = rng.permutation(3)
-        lines = [line.split(separator) for line in text.splitlines()]
-        mixed = [
-            separator.join(cells[i] for i in order) if len(cells) == 3 else separator.join(cells) for cells in lines
-        ]
-        found = outcome(tmp_path, name, "\n".join(mixed).encode())
-        assert not isinstance(found, str), found
-        assert agrees(found, Damaged(b"", "columns in another order"))
 
 
 @pytest.mark.parametrize("name", TEXT)
@@ -284,12 +223,6 @@ def test_a_row_that_breaks_off_is_left_out_and_told_of(tmp_path: Path) -> None:
     assert read(tmp_path).recordings[0].u.size == T.size
 
 
-def test_columns_that_nothing_names_are_refused(tmp_path: Path) -> None:
-    text = FILES[".csv"].decode().replace(",", " ", 3)
-    (tmp_path / "a.csv").write_text(text)
-    refused(tmp_path, "a.csv", "no voltage column")
-
-
 def test_what_a_crash_has_left_of_a_tdms_file_is_read(tmp_path: Path) -> None:
     pytest.importorskip("nptdms")
     raw = bytearray(FILES[".tdms"])
@@ -304,14 +237,6 @@ def test_zeros_behind_an_hdf5_file_are_no_damage(tmp_path: Path) -> None:
     found = outcome(tmp_path, ".h5", FILES[".h5"] + bytes(500))
     assert not isinstance(found, str), found
     assert agrees(found, Damaged(b"", "padded"))
-
-
-def test_dates_and_fields_of_several_numbers_are_refused(tmp_path: Path) -> None:
-    values = list(zip(*COLUMNS.values()))  # noqa: B905
-    for kind, words in (("datetime64[ms]", "datetime64"), ("(2,)f8", "of shape")):
-        array = np.zeros(len(values), dtype=[("time_s", kind), ("voltage_V", "f8"), ("displacement_um", "f8")])
-        np.save(tmp_path / "a.npy", array)
-        refused(tmp_path, "a.npy", "time_s", words)
 
 
 def test_a_step_to_zero_is_no_wrong_unit(tmp_path: Path) -> None:

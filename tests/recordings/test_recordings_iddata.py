@@ -143,14 +143,11 @@ def test_fields_are_still_found_by_name(tmp_path: Path, write: Writer) -> None:
 
 
 @versions
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"Ts": np.empty((0, 0))}, ("neither Ts nor SamplingInstants", "set data.Ts")),
-        ({"Domain": "Frequency"}, ("frequency domain",)),
-        ({"InputData": U[:-1, None]}, (f"{U.size - 1} samples of the input, {U.size} of the output",)),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"Ts": np.empty((0, 0))}, ("neither Ts nor SamplingInstants", "set data.Ts")),
+    ({"Domain": "Frequency"}, ("frequency domain",)),
+    ({"InputData": U[:-1, None]}, (f"{U.size - 1} samples of the input, {U.size} of the output",)),
+])  # fmt: skip
 def test_refusals(tmp_path: Path, write: Writer, changes: dict[str, Any], words: tuple[str, ...]) -> None:
     write(tmp_path / "a.mat", fields(**changes))
     refused(tmp_path, "a.mat", *words)
@@ -177,13 +174,3 @@ def test_an_object_of_version_73_is_refused_with_the_line_that_converts_it(tmp_p
         made.attrs["MATLAB_class"] = np.bytes_("iddata")
         made.attrs["MATLAB_object_decode"] = 3
     refused(tmp_path, "a.mat: z is an iddata object", "s = get(z); save('z.mat', 's')")
-
-
-def test_a_csv_as_the_example_of_psj_lib_writes_it(tmp_path: Path) -> None:
-    # The library has no file format of its own: its recorder hands out lists, and its example writes these columns.
-    lines = [f"{t:.6f},{1e6 * y:.3f},{u:.3f}" for t, u, y in zip(T, U, Y, strict=True)]
-    (tmp_path / "recorder_data.csv").write_text("Time (s),Position (\u00b5m),Voltage (V)\n" + "\n".join(lines) + "\n")
-    (tmp_path / "recordings.yaml").write_text(template(tmp_path))
-    (found,) = read(tmp_path).recordings
-    np.testing.assert_allclose(found.u, U, atol=5e-4)
-    np.testing.assert_allclose(found.y, Y, atol=5e-10)

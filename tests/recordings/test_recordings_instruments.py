@@ -53,11 +53,6 @@ def test_tables_below_headers_of_their_own_are_recordings(
     assert any("3 tables" in note for note in campaign.notes)
 
 
-def test_one_table_below_a_header_is_one_recording(tmp_path: Path) -> None:
-    (recording,) = read(written(tmp_path, table())).recordings
-    assert recording.name == "a" and recording.t.size == T.size
-
-
 def test_a_slice_lies_in_one_of_several_tables(tmp_path: Path) -> None:
     written(tmp_path, table(1) + table(2))
     (tmp_path / "recordings.yaml").write_text(f"recordings: [{{file: a.csv, slice: [{T.size}, {2 * T.size}]}}]")
@@ -168,13 +163,8 @@ def with_value(value: str) -> str:
 
 def with_record(value: str) -> str:
     """The records, one on each line, with another 8th voltage."""
-    return (
-        "[\n"
-        + ",\n".join(json.dumps({**r, "voltage_V": "@"} if i == 7 else r) for i, r in enumerate(RECORDS)).replace(
-            '"@"', value
-        )
-        + "\n]"
-    )
+    rows = [json.dumps({**r, "voltage_V": "@"} if i == 7 else r) for i, r in enumerate(RECORDS)]
+    return ("[\n" + ",\n".join(rows) + "\n]").replace('"@"', value)
 
 
 @pytest.mark.parametrize(

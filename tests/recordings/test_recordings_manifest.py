@@ -1,4 +1,4 @@
-"""The manifest: what it may say, and what is refused."""
+"""The manifest: what it may say of files, segments and the sensor, and what is refused."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recordings_example import output, refused, sine, write_sine
+from recordings_example import output, refused, sine, write, write_sine
 
 from phnn.recordings import read
+from phnn.recordings.describe import describe
 
 COLUMNS = "columns: {voltage: {column: 0, unit: V}, displacement: {column: 1, unit: um}}\nsample_rate_hz: 4000\n"
 
@@ -27,38 +28,6 @@ def manifest(folder: Path, text: str) -> Path:
     return path
 
 
-def test_the_contract_example(tmp_path: Path) -> None:
-    import scipy.io
-
-    u, y = loops(tmp_path)
-    scipy.io.savemat(tmp_path / "sweep.mat", {"V1": u[None, :], "V2": 1e6 * y[None, :], "note": "x"})
-    manifest(
-        tmp_path,
-        "setup: {model: piezo_actuator, hysterons: 3}\n"
-        "known: {m: {value: 1.11e-3, std: 1e-5}}\n"
-        "voltage: terminals\n" + COLUMNS + "recordings:\n"
-        "  - {file: loops.dat, name: loops, use: identification, periodic: false,"
-        " start: {state: rest, input_before: 0.0}}\n"
-        "  - {file: sweep.mat, variables: {voltage: V1, displacement: V2}, slice: [100, 3000], use: confirmation,"
-        " input: band_limited}\n",
-    )
-    campaign = read(tmp_path)
-    first, second = campaign.recordings
-    assert dict(campaign.setup) == {"model": "piezo_actuator", "hysterons": 3}
-    assert campaign.known["m"].value == 1.11e-3
-    assert campaign.known["m"].std == 1e-5
-    assert campaign.voltage == "terminals"
-    assert (first.name, second.name) == ("loops", "sweep")
-    assert first.period is None
-    assert first.parts[0].use == "identification"
-    assert np.allclose(second.u, u[100:3000])
-    assert np.allclose(second.y, y[100:3000], rtol=1e-12)
-    assert second.t[0] == 0.0
-    assert second.interpolation == "band_limited"
-    assert [p.use for p in second.parts] == ["nuisance", "confirmation"]
-    assert first.dt == pytest.approx(1 / 4000)
-
-
 def test_entries_override_common_keys(tmp_path: Path) -> None:
     u, y = loops(tmp_path)
     loops(tmp_path, "b.dat")
@@ -73,19 +42,6 @@ def test_entries_override_common_keys(tmp_path: Path) -> None:
     assert np.allclose(a.y, 1e-3 * y, atol=1e-15)
     assert np.allclose(b.y, y)
     assert np.allclose(a.u, u)
-
-
-def test_scale(tmp_path: Path) -> None:
-    u, _ = loops(tmp_path)
-    manifest(tmp_path, COLUMNS.replace("unit: V", "unit: V, scale: 20"))
-    assert np.allclose(read(tmp_path).recordings[0].u, 20.0 * u)
-
-
-def test_manifest_elsewhere(tmp_path: Path) -> None:
-    data, other = tmp_path / "data", tmp_path / "other"
-    data.mkdir(), other.mkdir()
-    loops(data)
-    assert read(data, manifest(other, COLUMNS)).recordings[0].name == "loops"
 
 
 def test_absent_manifest(tmp_path: Path) -> None:
@@ -110,34 +66,27 @@ def test_undescribed_numbers_are_left_alone_with_the_reason(tmp_path: Path) -> N
     refused(tmp_path, "no recordings", "loops.dat", "recordings.yaml")
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("sampel_rate_hz: 3", ("'sampel_rate_hz'", "did you mean sample_rate_hz?", "voltage")),
-        ("recordings: [{file: loops.dat, usage: confirmation}]", ("recordings[0]", "'usage'", "use")),
-        ("recordings: [{file: gone.dat}]", ("recordings[0]", "gone.dat")),
-        ("recordings: [{name: x}]", ("recordings[0]", "no `file`")),
-        ("recordings: []", ("must be a list",)),
-        ("setup: {model: magnet}", ("'magnet'", "piezo_actuator", "hrc", "linear", "bouc_wen")),
-        ("setup: {model: hrc, hysterons: 1.5}", ("hysterons", "1.5")),
-        ("setup: {network: gone.yaml}", ("gone.yaml", "network file")),
-        ("voltage: battery", ("'battery'", "command", "terminals")),
-        ("known: {m: heavy}", ("known: m",)),
-        ("known: {m: {value: 1, std: -1}}", ("negative",)),
-        ("start: {state: moving}", ("'moving'", "rest", "unknown", "periodic")),
-        ("start: {state: unknown, input_before: 3}", ("input_before", "rest")),
-        ("input: spline", ("'spline'", "band_limited")),
-        ("periodic: maybe", ("'maybe'", "true")),
-        ("sample_rate_hz: -3", ("sample_rate_hz", "-3")),
-        ("columns: {voltage: {column: 0, unit: um}}", ("voltage cannot be in um",)),
-        ("columns: {volts: {column: 0, unit: V}}", ("'volts'", "voltage")),
-        ("columns: {voltage: {column: -1, unit: V}}", ("-1",)),
-        ("recordings: [{file: loops.dat, slice: [5, 3]}]", ("slice", "[5, 3]")),
-        ("recordings: [{file: loops.dat, use: training}]", ("'training'", "identification")),
-        ("a: [1, 2", ("not readable as yaml", "line")),
-        ("- 1\n- 2", ("keys and values",)),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+
+    ("recordings: [{file: loops.dat, usage: confirmation}]", ("recordings[0]", "'usage'", "use")),
+
+    ("recordings: [{name: x}]", ("recordings[0]", "no `file`")), ("recordings: []", ("must be a list",)),
+
+    ("setup: {model: hrc, hysterons: 1.5}", ("hysterons", "1.5")),
+    ("setup: {network: gone.yaml}", ("gone.yaml", "network file")),
+    ("voltage: battery", ("'battery'", "command", "terminals")), ("known: {m: heavy}", ("known: m",)),
+    ("known: {m: {value: 1, std: -1}}", ("negative",)),
+    ("start: {state: moving}", ("'moving'", "rest", "unknown", "periodic")),
+    ("start: {state: unknown, input_before: 3}", ("input_before", "rest")),
+    ("input: spline", ("'spline'", "band_limited")), ("periodic: maybe", ("'maybe'", "true")),
+    ("sample_rate_hz: -3", ("sample_rate_hz", "-3")),
+    ("columns: {voltage: {column: 0, unit: um}}", ("voltage cannot be in um",)),
+    ("columns: {volts: {column: 0, unit: V}}", ("'volts'", "voltage")),
+    ("columns: {voltage: {column: -1, unit: V}}", ("-1",)),
+    ("recordings: [{file: loops.dat, slice: [5, 3]}]", ("slice", "[5, 3]")),
+    ("recordings: [{file: loops.dat, use: training}]", ("'training'", "identification")),
+    ("a: [1, 2", ("not readable as yaml", "line")), ("- 1\n- 2", ("keys and values",)),
+])  # fmt: skip
 def test_refused(tmp_path: Path, text: str, words: tuple[str, ...]) -> None:
     loops(tmp_path)
     manifest(tmp_path, text)
@@ -162,28 +111,6 @@ def test_entries_that_do_not_fit_the_file(tmp_path: Path, entry: str, words: tup
     refused(tmp_path, *words)
 
 
-def test_column_index_in_a_mat_file(tmp_path: Path) -> None:
-    import scipy.io
-
-    scipy.io.savemat(tmp_path / "a.mat", {"V1": np.arange(100.0)})
-    manifest(tmp_path, COLUMNS)
-    refused(tmp_path, "a.mat", "column 0", "variables", "V1")
-
-
-def test_variable_without_a_unit(tmp_path: Path) -> None:
-    import scipy.io
-
-    scipy.io.savemat(tmp_path / "a.mat", {"V1": np.arange(100.0), "V2": np.arange(100.0) ** 2})
-    manifest(tmp_path, "sample_rate_hz: 1\nrecordings: [{file: a.mat, variables: {voltage: V1, displacement: V2}}]")
-    refused(tmp_path, "V1", "no unit", "columns: {voltage: {unit: ...}}")
-
-
-def test_contradicting_units(tmp_path: Path) -> None:
-    write_sine(tmp_path, "a", 1.0, 10.0)
-    manifest(tmp_path, "columns: {displacement: {unit: nm}}")
-    refused(tmp_path, "displacement_m", "says m", "says nm")
-
-
 def test_start_defaults(tmp_path: Path) -> None:
     write_sine(tmp_path, "zero", 1.0, 10.0)
     text = (tmp_path / "zero.csv").read_text().splitlines()
@@ -200,14 +127,6 @@ def test_a_force_drives_other_systems(tmp_path: Path) -> None:
     refused(tmp_path, "no voltage column")
     manifest(tmp_path, "setup: {model: linear}")
     assert np.ptp(read(tmp_path).recordings[0].u) == pytest.approx(0.02, rel=1e-3)
-
-
-def test_a_known_value_may_have_a_unit(tmp_path: Path) -> None:
-    write_sine(tmp_path, "a", 10.0, 60.0)
-    manifest(tmp_path, "known: {m: {value: 1.06, std: 0.01, unit: g}, k: {value: 90, unit: N/mm}}\n")
-    known = read(tmp_path).known
-    assert (known["m"].value, known["m"].std, known["m"].unit) == (pytest.approx(1.06e-3), pytest.approx(1e-5), "kg")
-    assert known["k"].value == pytest.approx(9e4)
 
 
 @pytest.mark.parametrize("unit", ["grams of lead", "", "degC"])
@@ -259,3 +178,117 @@ def test_the_folder_of_a_result_is_refused(tmp_path: Path) -> None:
     write_sine(tmp_path, "a", 10.0, 60.0)
     manifest(tmp_path, "voltage: command\n")
     assert len(read(tmp_path).recordings) == 1
+
+
+def test_column_index_in_a_mat_file(tmp_path: Path) -> None:
+    import scipy.io
+
+    scipy.io.savemat(tmp_path / "a.mat", {"V1": np.arange(100.0)})
+    manifest(tmp_path, COLUMNS)
+    refused(tmp_path, "a.mat", "column 0", "variables", "V1")
+
+
+def three() -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    drives = [sine(10.0, amplitude) for amplitude in (75.0, 50.0, 25.0)]
+    return [(t, u, output(u, seed=i)) for i, (t, u) in enumerate(drives)]
+
+
+def test_segments_of_a_number_of_samples_within_a_slice(tmp_path: Path) -> None:
+    rows = np.concatenate([np.column_stack(columns) for columns in three()])
+    np.save(tmp_path / "a.npy", rows)
+    said = (
+        "columns: {voltage: {column: 1, unit: V}, displacement: {column: 2, unit: m}}\nsample_rate_hz: 4000\n"
+        "recordings: [{file: a.npy, name: run, slice: [1200, 3600], segments: SIZE}]"
+    )
+    (tmp_path / "recordings.yaml").write_text(said.replace("SIZE", "1200"))
+    campaign = read(tmp_path)
+    assert [r.name for r in campaign.recordings] == ["run_1", "run_2"]
+    np.testing.assert_array_equal(campaign.recordings[0].u, three()[1][1])
+    (tmp_path / "recordings.yaml").write_text(said.replace("SIZE", "1000"))
+    refused(tmp_path, "a.npy", "2400 samples", "segments of 1000", "slice")
+    (tmp_path / "recordings.yaml").write_text(said.replace("SIZE", "true"))
+    refused(tmp_path, "a.npy", "no time column", "segments: 8192")
+    (tmp_path / "recordings.yaml").write_text(said.replace("SIZE", "-3"))
+    refused(tmp_path, "recordings[0]: segments", "-3", "number of samples")
+
+
+def test_extremes_in_pairs_are_taken_by_their_means(tmp_path: Path) -> None:
+    t, u, y = three()[0]
+    spread = 3e-8 * np.tile([-1.0, 1.0], t.size)
+    write(tmp_path / "a.csv", np.repeat(t, 2), np.repeat(u, 2), np.repeat(y, 2) + spread)
+    campaign = read(tmp_path)
+    r = campaign.recordings[0]
+    np.testing.assert_allclose(r.t, t, atol=1e-12)
+    np.testing.assert_array_equal(r.u, u)
+    np.testing.assert_allclose(r.y, y, atol=1e-20)
+    assert any("least and largest" in note for note in campaign.notes)
+
+
+def test_a_record_that_begins_before_its_trigger_is_at_rest(tmp_path: Path) -> None:
+    t, u, y = three()[0]
+    quiet = np.arange(-100, 0) * t[1]
+    write(
+        tmp_path / "a.csv",
+        np.concatenate([quiet, t]),
+        np.concatenate([np.zeros(100), u]),
+        np.concatenate([np.full(100, 1.2345e-6), y]),
+    )
+    r = read(tmp_path).recordings[0]
+    assert r.start.state == "rest"
+    assert r.t[0] == 0.0 and r.t.size == t.size + 100
+
+
+LIMIT = 2e-5
+
+
+def clipped(folder: Path, manifest: str = "") -> None:
+    t, u = sine(10.0, 75.0)
+    write(folder / "a.csv", t, u, np.clip(output(u), -LIMIT, LIMIT))
+    if manifest:
+        (folder / "recordings.yaml").write_text(manifest)
+
+
+def test_a_clipped_output_is_refused_unless_the_sensor_is_known_to_saturate(tmp_path: Path) -> None:
+    clipped(tmp_path)
+    refused(tmp_path, "clipped", "saturates")
+    clipped(tmp_path, "sensor: {saturates: [-20 um, 20 um]}\n")
+    campaign = read(tmp_path)
+    (r,) = campaign.recordings
+    assert r.sensor.saturates == pytest.approx((-LIMIT, LIMIT))
+    assert set(np.unique(r.sensor.at_limit(r.y))) == {-1, 0, 1}
+    assert 30e-9 < r.noise < 80e-9
+    assert "saturates at -20 µm and 20 µm" in describe(campaign)
+
+
+def test_a_limit_on_one_side_leaves_the_other_one_clipped(tmp_path: Path) -> None:
+    clipped(tmp_path, "sensor: {saturates: [null, 20 um]}\n")
+    refused(tmp_path, "clipped", "smallest")
+
+
+def test_every_recording_may_have_a_sensor_of_its_own(tmp_path: Path) -> None:
+    for name in "ab":
+        t, u = sine(10.0, 75.0)
+        write(tmp_path / f"{name}.csv", t, u, output(u))
+    (tmp_path / "recordings.yaml").write_text(
+        "sensor: {lag: 2 ms}\nrecordings: [a.csv, {file: b.csv, sensor: {rectified: true, derivative: true}}]\n"
+    )
+    a, b = read(tmp_path).recordings
+    assert a.sensor.lag == 2e-3
+    assert b.sensor.rectified and b.sensor.derivative and b.sensor.lag == 0.0
+
+
+@pytest.mark.parametrize(("said", "words"), [
+    ("{saturates: [0, 10]}", ("has no unit", "10 V")), ("{saturates: [0 m]}", ("no pair of limits", "[0 V, 10 V]")),
+    ("{saturates: [null, null]}", ("no pair of limits",)), ("{saturates: 10 m}", ("no pair of limits",)),
+    ("{saturates: [10 um, -10 um]}", ("lower limit first",)), ("{saturates: [0 V, 1 m]}", ("in one unit",)),
+    ("{saturates: [0 V, 10 V]}", ("units of m", "give them in the unit of the output")),
+    ("{saturates: [.nan, 1 m]}", ("no number with a unit", "nan")),
+    ("{saturates: [nan m, 1 m]}", ("no number with a unit",)),
+    ("{saturates: [0 m**99999, 1 m]}", ("no number with a unit",)), ("{lag: 2}", ("has no unit", "2 ms")),
+    ("{lag: 2 V}", ("no time constant",)), ("{lag: -2 ms}", ("no time constant",)),
+    ("{rectified: 1}", ("neither true nor false",)), ("{saturate: [0 m, 1 m]}", ("did you mean saturates?",)),
+    ("yes please", ("expected keys and values",)),
+])  # fmt: skip
+def test_what_is_not_understood_is_refused(tmp_path: Path, said: str, words: tuple[str, ...]) -> None:
+    clipped(tmp_path, f"sensor: {said}\n")
+    refused(tmp_path, "sensor", *words)

@@ -52,17 +52,11 @@ def test_a_folder_that_needs_no_manifest_gets_one(folder: Path, tmp_path: Path) 
     assert "guessed: the" not in text
 
 
-@pytest.mark.parametrize(
-    ("header", "order", "separator"),
-    [
-        ("", (0, 1, 2), ","),
-        ("Time [ms];Vin;Sensor (um)", (0, 1, 2), ";"),
-        ("displacement,voltage,t", (2, 1, 0), ","),
-        ("# t u y", (0, 1, 2), " "),
-        ("sample,zeit,Spannung [V],Weg [um]", (3, 0, 1, 2), ","),
-        ("time,voltage,displacement,temperature", (0, 1, 2, 3), ","),
-    ],
-)
+@pytest.mark.parametrize(("header", "order", "separator"), [
+    ("", (0, 1, 2), ","), ("Time [ms];Vin;Sensor (um)", (0, 1, 2), ";"), ("displacement,voltage,t", (2, 1, 0), ","),
+    ("# t u y", (0, 1, 2), " "), ("sample,zeit,Spannung [V],Weg [um]", (3, 0, 1, 2), ","),
+    ("time,voltage,displacement,temperature", (0, 1, 2, 3), ","),
+])  # fmt: skip
 def test_columns_are_found_by_name_unit_or_place(
     header: str, order: tuple[int, ...], separator: str, folder: Path, tmp_path: Path
 ) -> None:
