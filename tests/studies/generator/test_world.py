@@ -18,16 +18,6 @@ STIFFNESS = TABLE["k"] + TABLE["alpha"] ** 2 * (1 / TABLE["C_1"] + 1 / TABLE["C_
 HALF_WIDTHS = 0.5 * (TABLE["d_1"] + TABLE["d_2"])
 
 
-def test_held_step_without_slip_rests_at_the_static_gain() -> None:
-    # Far inside the dead zones the hysterons are capacitors: q = α V / (k + α² Σ 1/C), see eq. (12).
-    short = step(amplitude=10.0, before=0.02, hold=0.05, after=0.02)
-    q = simulate(TABLE, short)
-    held = np.searchsorted(short.t, 0.069)
-    assert q[held] == pytest.approx(TABLE["alpha"] * 10.0 / STIFFNESS, rel=1e-6)
-    assert np.all(q[short.t < 0.02] == 0.0)
-    assert q[-1] == pytest.approx(0.0, abs=1e-12)
-
-
 def test_slipped_hysterons_hold_half_their_widths() -> None:
     # Eq. (12) with e_i = d_i/2, the voltage raised slowly. (A sudden step would not do: its overshoot takes the
     # hysterons past the edge and back.)
@@ -182,23 +172,6 @@ def test_limits_of_effects(effect: dict[str, float], same: dict[str, float]) -> 
     assert np.max(np.abs(difference)) < 2e-9
 
 
-def test_a_saturation_without_an_edge_is_a_hyperbolic_tangent() -> None:
-    hold = step(amplitude=60.0, before=0.01, hold=0.1, after=0.01)
-    at = round(0.1 / hold.dt)
-    rounded = simulate({**UNSLIPPED, "V_max": 80.0, "s_V": 1.0}, hold)[at]
-    assert rounded / simulate(UNSLIPPED, hold)[at] == pytest.approx(80.0 * math.tanh(0.75) / 60.0, rel=1e-6)
-
-
-def test_bristles_shorter_than_the_motion_are_dry_friction() -> None:
-    drive = sine(50.0, periods=2, samples=1000)
-    plain, bristles, dry = (
-        simulate({**TABLE, **v}, drive) for v in ({}, {"F_l": 0.02, "z_l": 1e-8}, {"F_c": 0.02, "v_s": 1e-5})
-    )
-    later = slice(250, None)  # at first the bristles still have to bend
-    assert np.max(np.abs(dry - plain)[later]) > 3e-7
-    assert np.max(np.abs(bristles - dry)[later]) < 6e-8
-
-
 def test_samples_on_a_jump_see_the_later_voltage_and_the_earlier_state() -> None:
     pieces = (Piece(0.0, 0.01), Piece(0.01, 0.02, level=5.0))
     drive = Excitation("jump", pieces, 0.001, 20)
@@ -215,13 +188,6 @@ def test_delay_turns_the_phase_and_a_lag_lowers_the_gain_too() -> None:
     )
     assert late / plain == pytest.approx(np.exp(-1j * omega * tau), rel=1e-5)
     assert lagging / plain == pytest.approx(1.0 / (1.0 + 1j * omega * tau), rel=1e-5)
-
-
-def test_delayed_steps_are_the_step_later() -> None:
-    whole = 4  # samples
-    drive = step(before=0.01, hold=0.03, after=0.02)
-    late = simulate({**TABLE, "tau_d": whole * drive.dt}, drive)
-    np.testing.assert_allclose(late[whole:], simulate(TABLE, drive)[:-whole], atol=1e-11)
 
 
 def test_slew_limit_makes_a_triangle_of_a_steep_sine_and_leaves_a_flat_one() -> None:
