@@ -61,15 +61,6 @@ def test_parametric_values_are_found_in_a_few_steps() -> None:
     assert found["d_1"].value == pytest.approx(values["d_1"], rel=0.02)
 
 
-def test_damping_is_all_the_state_there_is() -> None:
-    objective = Objective(example.neural(3), compiled, example.recordings())
-    method = GaussNewton(objective)
-    method(0)
-    other = GaussNewton(objective)
-    other.load_state_dict(method.state_dict())
-    assert other.damping == method.damping != GaussNewton(objective).damping
-
-
 def test_what_it_cannot_do_is_refused() -> None:
     plant = example.neural(3)
     for objective in (

@@ -20,13 +20,10 @@ from phnn import cli
 from phnn.configuration import compose_groups
 from phnn.errors import InputRefused
 from phnn.learn import Settings, train
-from phnn.learn.characteristic import inverse, thresholds
 from phnn.learn.run import validation_names
 from phnn.learn.settings import settings_in
-from phnn.models.actuator import hrc
-from phnn.models.store import load, save
+from phnn.models.store import load
 from phnn.recordings import read
-from phnn.setup import Setup
 from phnn.simulate import simulate
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -154,29 +151,6 @@ def without_times(text: str) -> object:
     if not text.startswith("{"):
         return [line.rpartition(",")[0] for line in text.splitlines()]
     return {k: v for k, v in json.loads(text).items() if k not in ("seconds", "gradient_seconds")}
-
-
-@pytest.mark.slow
-def test_a_neural_hysteron_learns_a_dead_zone_it_was_told_wrong(tmp_path: Path) -> None:
-    folder = written(tmp_path / "recordings")
-    # It starts from a dead zone much too narrow, of another slope, and from other values beside it.
-    wrong = example.VALUES | {"d_1": 5.0, "rho_1": 3e-3, "k": 2.1e4, "C_1": 5.5e-7}
-    save(Setup(hrc(1, wrong)), tmp_path / "base")
-    overrides = ("model.hysterons=1", "model.width=8", "tensorboard=false", "substeps=2", "gauss_newton=60")
-    content = train(settings_of(folder, tmp_path / "out", f"base={tmp_path / 'base'}", *overrides))
-    assert content["held_out_over_noise"] < 1.3
-    assert content["passivity"]["violations"] == 0
-    setup, substeps = load(tmp_path / "out" / "model")
-    law, half = setup.network.resistors[0].law, 0.5 * example.VALUES["d_1"]
-    fastest = max(read(folder).recordings, key=lambda r: 1.0 / r.dt)
-    states = simulate(setup, fastest, substeps).states
-    visited = torch.from_numpy(states[:, 0] / setup.values()["C_1"])
-    largest = 0.9 * float(law(visited).detach().abs().max())
-    for found in thresholds(law, largest, 3.0 * half):
-        assert abs(found) == pytest.approx(half, rel=0.01)
-    flows = np.linspace(0.05, 1.0, 20) * largest
-    exact = flows / example.VALUES["rho_1"] + half
-    assert np.abs(inverse(law, flows, 4.0 * half) - exact).max() < 0.03 * half
 
 
 def test_settings_of_an_earlier_run_are_read_as_plain_values(tmp_path: Path) -> None:

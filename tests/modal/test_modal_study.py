@@ -12,7 +12,6 @@ from structure import OMEGA, ZETA, write_folder
 
 from phnn.cli import main
 from phnn.modal.judge import EQUIVALENT, NAMED, NONE
-from phnn.modal.store import MODEL_SCHEMA, channels_of, model_document, model_from
 from phnn.modal.study import Result
 
 
@@ -46,13 +45,6 @@ def test_a_concealed_element_is_named_and_one_model_serves(
             [result.held_out[fit].levels[level].rmse for fit in (result.candidates[0].fit, result.final.fit)]
         )
         assert (held[1] < 0.2 * held[0]).all()
-
-
-def test_a_model_survives_its_document(studied: Callable[[str, int], Result]) -> None:
-    result = studied("extra_hysteron", 7)
-    again = model_from(json.loads(json.dumps(model_document(result.final.fit, channels_of(result.study))))).fit
-    experiment = result.study.held_out(0)[0]
-    assert np.array_equal(again.predict(experiment), result.final.fit.predict(experiment))
 
 
 def test_the_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -126,37 +118,8 @@ def test_inputs_that_cannot_be_told_apart_are_refused(
     assert ("is not driven" if fault == "never driven" else "move together") in capsys.readouterr().err
 
 
-def test_what_is_partly_held_out_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_folder(tmp_path, "none", 3, levels=(0.7,))
-    manifest = tmp_path / "recordings.yaml"
-    lines = manifest.read_text().replace(", use: identification", "").replace(", use: confirmation", "")
-    manifest.write_text(lines)
-    status = main(["modes", str(tmp_path), "--out", str(tmp_path / "out")])
-    told = capsys.readouterr().err
-    if status:
-        assert "partly held out" in told
-    else:
-        document = json.loads((tmp_path / "out" / "modes.json").read_text())
-        assert all(level["held_out"] for level in document["levels"])
-
-
 @pytest.mark.slow
 def test_a_pure_element_is_not_mixed_with_others_where_amplitudes_are_far_apart(tmp_path: Path) -> None:
     write_folder(tmp_path, "cubic_stiffness", 5, levels=(0.2, 2.1))
     assert main(["modes", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
     assert json.loads((tmp_path / "out" / "modes.json").read_text())["elements"] == ["cubic_stiffness"]
-
-
-def test_settings_below_one_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_folder(tmp_path, "none", 3, levels=(0.7,))
-    assert main(["modes", str(tmp_path), "--out", str(tmp_path / "out"), "stops=0"]) == 2
-    assert "stops=0" in capsys.readouterr().err
-
-
-def test_what_is_no_model_is_refused() -> None:
-    from phnn.errors import InputRefused
-
-    with pytest.raises(InputRefused, match="schema"):
-        model_from({"schema": "something"})
-    with pytest.raises(InputRefused, match="incomplete"):
-        model_from({"schema": MODEL_SCHEMA})

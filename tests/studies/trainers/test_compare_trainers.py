@@ -38,12 +38,6 @@ def test_times_are_multiples_of_the_first_trainer() -> None:
     assert rows[2].endswith("| 6 | 7 | 30 | 2000 | > 30, stopped |")
 
 
-def test_curves_are_written_and_drawn() -> None:
-    lines = curves(OUTCOMES).splitlines()
-    assert lines[0] == "case,trainer,seconds,loss"
-    assert "dead,adjoint,6.0000,1" in lines
-    (axes,) = figure(OUTCOMES, CASES, WAYS).axes
-    assert [line.get_label() for line in axes.lines[:3]] == [w.words for w in WAYS.values()]
 
 
 @pytest.mark.parametrize(
