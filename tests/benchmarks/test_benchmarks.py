@@ -78,15 +78,6 @@ def test_derivatives_of_the_reference_are_those_of_its_rates() -> None:
         assert (ends[0] - ends[1]) / 2e-6 == pytest.approx(by[:, k], rel=1e-5, abs=1e-6 * np.abs(by).max())
 
 
-def test_reference_derivatives_are_differences_of_the_reference(truth: tuple[np.ndarray, np.ndarray]) -> None:
-    begin = case.sine(100.0, 101)
-    for name in ("C_1", "d_2"):
-        factor = np.where(np.array(case.NAMES) == name, np.exp(1e-4), 1.0)
-        up, down = (reference.solved(begin, case.TRUTH * factor**s, 1e-9)[0] for s in (1.0, -1.0))
-        by = truth[1][0, :101, case.NAMES.index(name)]
-        assert (up - down) / 2e-4 == pytest.approx(by, abs=1e-4 * np.abs(by).max())
-
-
 def test_scipy_solves_the_same_case(truth: tuple[np.ndarray, np.ndarray]) -> None:
     for path in (peers_scipy.radau, peers_scipy.lsoda, peers_scipy.lsoda_on_samples):
         found = path(RISE[0], case.TRUTH, 1e-8)
@@ -179,18 +170,3 @@ def test_growth_has_the_gradient_of_all_parameters() -> None:
     assert np.count_nonzero(derivatives) == 10
     assert derivatives == pytest.approx(2.0 * growth.gradient_solve(network, 50)())
     assert growth.forward_solve(network, 50, recordings=2)().shape == (2, 50)
-
-
-def test_rules_for_a_leaf_are_compared_on_the_same_steps() -> None:
-    exact, quick = (leaves.Run(line, 1, RISE) for line in (leaves.RULES[0], leaves.QUICK))
-    midpoint = leaves.Run(leaves.RULES[2], 1, RISE)
-    for run in (exact, quick, midpoint):
-        run.march()
-    np.testing.assert_allclose(exact.march(), quick.march(), rtol=1e-9, atol=1e-15)
-    apart = np.abs(midpoint.march() - exact.march()).max()
-    assert 0.0 < apart < 1e-2 * np.abs(exact.march()).max()
-    # Two rules that know nothing of each other lose the same energy.
-    assert leaves.dissipated(midpoint.trajectories[0]) == pytest.approx(
-        leaves.dissipated(exact.trajectories[0]), rel=1e-2
-    )
-    assert leaves.dissipated(exact.trajectories[0]) > 0.0

@@ -152,16 +152,6 @@ def test_a_stopped_comparison_keeps_what_was_finished(
         compare(campaign, tmp_path, example.settings("models=[phs,linear]"))
 
 
-@pytest.mark.slow
-def test_beginning_anew_fits_every_model_once(campaign: Campaign, tmp_path: Path) -> None:
-    said: list[str] = []
-    for times in (1, 2):
-        compare(campaign, tmp_path, example.settings("models=[bouc_wen,linear]", "resume=false"), said.append)
-        assert [line.split()[1] for line in said if line.startswith("identify")] == [
-            "piezo_actuator", "bouc_wen", "linear",
-        ] * times  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("override", "words"),
     [

@@ -11,8 +11,6 @@ import torch
 
 from phnn.comparison.training import _stride, _thinned, begin_linear
 from phnn.learn.plant import LatentPlant
-from phnn.learn.score import evaluate
-from phnn.learn.solvers import Solver, Torchdiffeq, averaged
 from phnn.learn.starts import scales_of, unfitted
 from phnn.models.actuator import hrc
 from phnn.models.fully_neural import FullyNeural
@@ -40,21 +38,6 @@ def test_a_fully_neural_model_begins_with_the_modes_of_linear_hysterons(campaign
     sizes = [np.sort(np.abs(v.detach().numpy())) for v in (found, wanted)]
     ratio = sizes[0] / sizes[1]
     assert np.all(np.abs(np.log(ratio)) < 0.3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["fully_neural", "neural_ode"])
-def test_it_follows_the_voltage_from_the_first_step(kind: str, campaign: Campaign) -> None:
-    core: FullyNeural | NeuralODE
-    scales = scales_of(campaign.recordings)
-    core = FullyNeural(scales, 4, 16) if kind == "fully_neural" else NeuralODE(scales, 4, 16)
-    plant = LatentPlant(core)
-    solver: Solver = averaged if kind == "fully_neural" else Torchdiffeq(plant, "rk4", adjoint=False)
-    before = evaluate(plant, solver, campaign.recordings, 1, {}).parts
-    begin_linear(core, campaign, 0)
-    after = evaluate(plant, solver, campaign.recordings, 1, {}).parts
-    assert all(b.fit_percent < 30.0 for b in before)
-    assert all(a.fit_percent > 55.0 for a in after)
 
 
 def test_a_thinned_recording_keeps_its_weight(campaign: Campaign) -> None:

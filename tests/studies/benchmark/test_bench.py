@@ -9,7 +9,6 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
@@ -19,7 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from phnn.errors import InputRefused, SolverFailed
+from phnn.errors import SolverFailed
 from phnn.recordings import read
 from studies.benchmark import bench
 from studies.benchmark.bench import (
@@ -33,7 +32,6 @@ from studies.benchmark.bench import (
     card_of,
     digest_of,
     entries,
-    limited,
     opened,
 )
 from studies.benchmark.score import scores_of
@@ -238,15 +236,6 @@ def test_a_tool_has_no_answer_after_the_limit(
     assert json.loads((tmp_path / "a" / "tool.json").read_text())["limit"] == 0.2
     # With more time the case may have an answer: the same folder does not take both.
     assert answered(folder, tmp_path / "a", "--first", 1, "--limit", 5) == 2
-
-
-def test_a_thread_cannot_keep_a_limit() -> None:
-    def inside() -> None:
-        with limited(1.0):
-            pass
-
-    with ThreadPoolExecutor(1) as pool, pytest.raises(InputRefused, match="--executor processes"):
-        pool.submit(inside).result()
 
 
 @pytest.mark.parametrize(

@@ -107,14 +107,6 @@ def test_the_brier_score_counts_everything_that_may_be_missing() -> None:
     assert score(BESIDE, Answer({"creep": 1.0, "delay": 0.7}), "background").brier == 0.0
 
 
-def test_places_count_as_the_first_and_as_one_of_three() -> None:
-    places = ("sensor", "mechanical", "coupling")
-    assert score(TRUE, Answer({}, places=places[1:])).placed
-    found = score(TRUE, Answer({}, places=places))
-    assert (found.placed, found.placed_within) == (False, True)
-    assert not score(TRUE, Answer({}, places=("sensor",))).placed_within
-
-
 def test_a_prediction_is_scored_without_its_zero() -> None:
     y = 1e-6 * np.sin(T)
     noise = np.random.default_rng(0).normal(0.0, 1e-7, T.size)
@@ -186,15 +178,6 @@ def test_a_tool_without_an_answer_is_right_in_nothing() -> None:
     right = score(TRUE, Answer({"creep": 0.9}))
     assert calibration_error([right, found]) == pytest.approx(0.1)
     assert summary([right, found])["without an answer"] == 1.0
-
-
-def test_the_page_tells_wrong_answers_first() -> None:
-    right, silent = score(TRUE, Answer({"creep": 0.9})), score(TRUE, Answer({"delay": 0.6}))
-    lines = page({"mine": [right, silent], "other": [silent, right]}).splitlines()
-    assert lines[0] == "## Wrong answers of mine"
-    (wrong,) = (line for line in lines if line.endswith("| delay |"))
-    assert wrong.startswith(f"| {silent.case} | same |")
-    assert any(line.startswith("| other | +0 (") for line in lines)
 
 
 def test_balanced_accuracy_weighs_each_kind_alike() -> None:

@@ -20,7 +20,7 @@ from studies.benchmark.tools.common import Candidate
 from studies.benchmark.tools.lfr import Evidence, group_lasso, orthonormal, read_off
 from studies.benchmark.tools.lisdd import autoregression, clean, f_test, whitened, winners
 from studies.benchmark.tools.selection import _fewest, _grams, _supports
-from studies.generator import draw_case, generate, make_case
+from studies.generator import generate
 
 RNG = np.random.default_rng
 
@@ -29,19 +29,6 @@ def test_every_tool_can_be_had_and_others_are_refused() -> None:
     assert all(callable(tool(name)) for name in TOOLS)
     with pytest.raises(InputRefused, match=r"nothing is called 'stepwize' .did you mean stepwise\?"):
         tool("stepwize")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in TOOLS if name.startswith("phnn_")])
-def test_a_diagnosis_without_a_part_answers(name: str, tmp_path: Path) -> None:
-    case = draw_case(6, "same", "one_exam", (8.0, 12.0))
-    make_case(case, tmp_path / "case")
-    # The same recordings serve as the examination.
-    shutil.copytree(tmp_path / "case", tmp_path / "copy")
-    shutil.move(tmp_path / "copy", tmp_path / "case" / "exam")
-    found = tool(name)(tmp_path / "case", 0)
-    assert found.claims
-    assert sum(found.probabilities.values()) <= 1.0 + 1e-9
 
 
 def regression(seed: int, coefficients: dict[int, float]) -> tuple[list[np.ndarray], list[str]]:

@@ -94,15 +94,6 @@ def test_nothing_concealed_leaves_the_base_model(tmp_path: Path) -> None:
     assert (sealed.strength_over_noise, sealed.delta) == (0.0, 0.0)
 
 
-def test_nothing_takes_the_place_of_what_is_withheld() -> None:
-    for seed, choice in enumerate(choices("outside")):
-        case = draw_case(seed, "outside", "short")
-        assert (case.effects, case.withheld, case.form) == (choice.effects, choice.withheld, choice.form)
-        assert case.withheld == (case.effects if case.form == "canonical" else ())
-        assert all(other.withheld == case.withheld for other in case.choices)
-        assert (case.effects[0] in LISTED) == bool(case.withheld)
-
-
 @pytest.mark.parametrize(
     ("arguments", "needle"),
     [
@@ -160,14 +151,6 @@ def test_every_hysteron_of_a_base_slips(count: int) -> None:
         assert all(charge / stated[f"C_{i + 1}"] > 0.5 * stated[f"d_{i + 1}"] for i in range(count))
 
 
-def test_one_hysteron_is_the_actuator_without_the_second() -> None:
-    base = draw_case(2, "none", "few", conditions=Conditions(hysterons=1)).base
-    drive = sine(50.0, periods=1, samples=300)
-    # A second hysteron that slips freely at once has no voltage either.
-    free = {**base, "C_2": 5e-7, "rho_2": 10.0, "d_2": 0.0}
-    assert np.max(np.abs(simulate(base, drive) - simulate(free, drive))) < 2e-8
-
-
 def test_numbers_of_hysterons_are_drawn_and_stated_wrongly_on_request() -> None:
     drawn = [draw_case(s, "none", "few", conditions=Conditions(hysterons=0, wrong_order=True)) for s in range(200)]
     assert {c.hysterons for c in drawn} == {1, 2, 3, 4}
@@ -216,21 +199,6 @@ def test_the_background_is_small_and_acts_in_the_recordings(tmp_path: Path, brie
         for e, q in zip(case.recordings, outputs, strict=True)
     ]
     assert np.sqrt(np.mean([np.var(e) for e in errors])) == pytest.approx(sealed.noise_total, rel=0.02)
-
-
-def test_what_is_concealed_is_no_background(tmp_path: Path, brief: str) -> None:
-    case = draw_case(0, "same", brief, conditions=Conditions(background=True))
-    assert case.effects == ("creep",)
-    sealed = make_case(replace(case, targets=(3.0,)), tmp_path)
-    assert sealed.effects == ("creep",)
-    assert sealed.background_effects == ("hysteresis_asymmetry",)
-    assert set(sealed.parameters) == {"k_s", "tau_s"}
-    # What the effect leaves is measured beyond the background.
-    assert sealed.strength_over_noise == pytest.approx(3.0, rel=0.1)
-    outputs = simulate_all({**case.base, **sealed.background, **sealed.parameters}, case.recordings)
-    table = pd.read_csv(tmp_path / f"{case.recordings[0].name}.csv")
-    error = table["displacement_um"].to_numpy() * 1e-6 - outputs[0]
-    assert error.std() == pytest.approx(math.hypot(sealed.noise, sealed.quantisation / 12**0.5), rel=0.05)
 
 
 def base(family: str, seed: int = 0) -> dict[str, float]:

@@ -53,18 +53,6 @@ def test_pieces_follow_each_other_and_their_borders_lie_between_samples(kind: st
 
 @settings(deadline=None)
 @given(SEEDS)
-def test_steps_and_stairs_jump_and_rest_in_between(seed: int) -> None:
-    for kind, jumps in (("step", [60.0, -60.0]), ("stair", [20.0, 20.0, 20.0, -30.0, 20.0, -40.0, 30.0, -40.0])):
-        drive = made(kind, seed)
-        np.testing.assert_allclose(np.diff(sides(drive), axis=1).ravel(), jumps)
-        moves = np.flatnonzero(np.diff(drive.voltage(drive.t)))
-        # The sample before a jump has the old voltage, the one behind it the new one: the instant lies between them.
-        assert np.all(moves * DT < borders(drive))
-        assert np.all(borders(drive) <= (moves + 1) * DT)
-
-
-@settings(deadline=None)
-@given(SEEDS)
 def test_a_triangle_has_its_frequency_and_its_height_at_every_corner(seed: int) -> None:
     drive = made("triangle", seed)
     frequency = float(drive.name.split("_")[1].rstrip("Hz"))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import runpy
 import subprocess
@@ -31,7 +29,6 @@ from studies.paper import (
     draw_all,
     panels,
     responses,
-    table_csv,
 )
 from studies.recordings import Conditions, paper_plan, write_recordings
 
@@ -154,17 +151,6 @@ def test_fit_percentage_is_that_of_matlab() -> None:
             spread = sum((a - mean) ** 2 for a in measured.tolist())
             assert score.fit_percent == pytest.approx(100.0 * (1.0 - (squares / spread) ** 0.5), rel=1e-9)
             assert score.rmse == pytest.approx((squares / len(measured)) ** 0.5, rel=1e-9)
-
-
-def test_csv_has_every_score() -> None:
-    rows = comparison().rows()
-    found = list(csv.DictReader(io.StringIO(table_csv(rows))))
-    assert len(found) == 2 * len(rows)
-    for line in found:
-        row = next(r for r in rows if r.name == line["recording"])
-        assert float(line["fit_percent"]) == row.scores[line["model"]].fit_percent
-        assert row.printed is not None
-        assert float(line["paper_rmse_m"]) == row.printed.of(line["model"])[1]
 
 
 def test_figures_are_those_of_the_paper() -> None:

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.linalg import expm
 
-from phnn.comparison.models import Settings
-from phnn.configuration import compose
 from phnn.errors import InputRefused, OutputFailed, SolverFailed
 from phnn.model import Model
 from phnn.models.actuator import hrc
@@ -26,7 +21,6 @@ from studies.rival_models.runs import (
     closed_path,
     drawn_drive,
     drawn_loops,
-    long_page,
     long_run,
 )
 
@@ -140,14 +134,6 @@ def test_drift_is_the_difference_of_two_periods() -> None:
     assert found.drift > DRIFTED
 
 
-def test_motion_that_grows_without_drive_is_gained() -> None:
-    found = long_run(Lag(1.0005), SILENT, GAIN, SAMPLES)
-    # A rest of 300 samples: the last quarter is 225 samples behind the first.
-    rest = SAMPLES - 2200
-    assert found.motion == pytest.approx(1.0005 ** (0.75 * rest))
-    assert found.gained and not found.diverged
-
-
 def test_a_model_that_leaves_the_range_has_diverged() -> None:
     found = long_run(Lag(1.01), SILENT, GAIN, SAMPLES)
     assert found.diverged and not found.gained and np.isnan(found.motion) and np.isnan(found.drift)
@@ -177,20 +163,3 @@ def test_short_runs_are_refused() -> None:
     for samples, drives, needle in ((19_999, 1, "samples"), (20_000, 0, "drives")):
         with pytest.raises(InputRefused, match=needle):
             Runs(samples, drives)
-
-
-def test_the_page_counts_runs() -> None:
-    def row(model: str, samples: int, **more: Any) -> dict[str, Any]:
-        good = {"seed": 0, "model": model, "dt_s": 1e-4, "why": "", "samples": samples, "diverged": False}
-        return good | {"drift": 1e-12, "late": 1e-13, "motion": 0.0, "gained": False, "seconds": 0.02} | more
-
-    nan = float("nan")
-    lost = {"dt_s": 2e-4, "diverged": True, "drift": nan, "late": nan, "motion": nan, "seconds": 0.01}
-    moved = {"dt_s": 2e-4, "drift": 0.5, "late": 0.2, "motion": 2.0, "gained": True}
-    rows = [row("phs", 20_000), row("phs", 20_000), row("narx", 1234, **lost), row("narx", 20_000, **moved)]
-    rows += [{"seed": 0, "model": "gru", "dt_s": nan, "why": "no"}]
-    settings = Settings.from_config(compose("compare", ["models=[phs]"]))
-    lines = long_page(pd.DataFrame(rows), settings, "9 processor seconds", Runs(20_000, 2)).splitlines()
-    assert "| PHS | 0.1 | 2 | 0 | – | 0 | 1e-12 | 1e-13 | 0 | 0 | 0.04 | 1 |" in lines
-    assert "| NARX | 0.2 | 2 | 1 | 1,234 | 1 | 0.5 | 0.2 | 1 | 2 | 0.03 | 1 |" in lines
-    assert "| GRU | – | 0 | 0 | – | 0 | – | – | 0 | – | 0 | – |" in lines
