@@ -36,7 +36,6 @@ from studies.benchmark.bench import (
 )
 from studies.benchmark.score import scores_of
 from studies.generator import draw_case, make_case
-from studies.generator.effects import LISTED
 
 SMALL = {"none": 9, "same": 9, "other": 4, "outside": 4, "pair": 4, "background": 4}
 ROOT = Path(__file__).resolve().parents[3]
@@ -82,11 +81,6 @@ def test_strengths_plans_and_noises_take_turns() -> None:
 
 def others(group: str, seed: int) -> list[Entry]:
     return [e for e in entries(Settings(seed=seed, **SMALL)) if e.group == group]
-
-
-def test_each_effect_has_its_turn() -> None:
-    found = [e.case().effects for e in entries(Settings(seed=5, same=len(LISTED))) if e.group == "same"]
-    assert len(set(found)) == len(LISTED)
 
 
 def test_strength_is_what_can_be_seen(tmp_path: Path) -> None:
