@@ -127,8 +127,6 @@ def test_emps(tmp_path: Path) -> None:
     assert found["coulomb friction"]["decision"] == "withdrawn"
 
 
-
-
 ROOT = Path(__file__).parents[3]
 Script = Callable[..., int]
 
